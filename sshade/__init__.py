@@ -1,0 +1,18 @@
+"""SShaDe: deform a large mesh through a small proxy and local reference frames.
+
+F. Maggioli, D. Baieri, Z. Laehner, S. Melzi, "SShaDe: scalable shape
+deformation via local representations".
+"""
+
+from sshade.errors import InputError
+from sshade.mesh import Mesh
+from sshade.task import DeformationResult, DeformationTask, Handles, Method
+
+__all__ = [
+    "DeformationResult",
+    "DeformationTask",
+    "Handles",
+    "InputError",
+    "Mesh",
+    "Method",
+]

@@ -1,0 +1,246 @@
+"""Triangle meshes: validated once, read-only, with the facts that the method asks for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from sshade.errors import InputError
+
+
+class Topology(NamedTuple):
+    """What a remeshing must keep: Euler characteristic, components, boundary loops."""
+
+    euler: int
+    components: int
+    boundary_loops: int
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A triangle mesh.
+
+    Parameters
+    ----------
+    V : (n, 3) float64
+        Vertex positions, in the unit of length of the file they come from.
+    F : (m, 3) int
+        Corner ids of each triangle, counter-clockwise seen from outside.
+
+    Both are copied where needed and made read-only. Every vertex is used by a
+    triangle, and no triangle repeats a vertex. Manifoldness, orientation and
+    the number of components are properties here, not requirements: whoever
+    needs them calls :meth:`require_manifold` or :meth:`require_one_component`.
+
+    Raises
+    ------
+    InputError
+        On a wrong shape, no faces, NaN or infinite positions, faces out of
+        range, repeated-index faces, or unreferenced vertices.
+    """
+
+    V: np.ndarray
+    F: np.ndarray
+
+    def __post_init__(self) -> None:
+        V, F = _as_vertices(self.V), _as_faces(self.F)
+        if len(V) == 0 or len(F) == 0:
+            raise InputError(
+                f"the mesh has {len(V)} vertices and {len(F)} faces; it needs at least one triangle"
+            )
+        if not np.isfinite(V).all():
+            bad = int(np.flatnonzero(~np.isfinite(V).all(axis=1))[0])
+            raise InputError(f"vertex {bad} has a NaN or infinite coordinate")
+        if F.min() < 0 or F.max() >= len(V):
+            bad = int(np.flatnonzero(((F < 0) | (F >= len(V))).any(axis=1))[0])
+            raise InputError(
+                f"face {bad} refers to vertices {F[bad].tolist()}, but the ids go from 0 to {len(V) - 1}"
+            )
+        repeated = (F[:, 0] == F[:, 1]) | (F[:, 1] == F[:, 2]) | (F[:, 2] == F[:, 0])
+        if repeated.any():
+            bad = int(np.flatnonzero(repeated)[0])
+            raise InputError(
+                f"{int(repeated.sum())} faces repeat a vertex (the first is face {bad}: {F[bad].tolist()}); "
+                "remove them, or pass --repair"
+            )
+        used = np.zeros(len(V), dtype=bool)
+        used[F] = True
+        if not used.all():
+            raise InputError(
+                f"{int((~used).sum())} vertices belong to no face (the first is {int(np.argmin(used))}); "
+                "remove them, or pass --repair"
+            )
+        object.__setattr__(self, "V", _read_only(V, self.V))
+        object.__setattr__(self, "F", _read_only(F, self.F))
+
+    @property
+    def n(self) -> int:
+        """Number of vertices."""
+        return len(self.V)
+
+    @property
+    def m(self) -> int:
+        """Number of faces."""
+        return len(self.F)
+
+    @cached_property
+    def diagonal(self) -> float:
+        """Length of the bounding box's diagonal: the scale of every relative tolerance."""
+        return float(np.linalg.norm(np.ptp(self.V, axis=0)))
+
+    @cached_property
+    def face_normals(self) -> np.ndarray:
+        """(m, 3) unit normals; zero on zero-area faces."""
+        cross = self._cross
+        length = np.linalg.norm(cross, axis=1, keepdims=True)
+        return np.divide(cross, length, out=np.zeros_like(cross), where=length > 0)
+
+    @cached_property
+    def face_areas(self) -> np.ndarray:
+        """(m,) triangle areas."""
+        return 0.5 * np.linalg.norm(self._cross, axis=1)
+
+    @property
+    def area(self) -> float:
+        """Total surface area."""
+        return float(self.face_areas.sum())
+
+    @cached_property
+    def volume(self) -> float:
+        """Signed enclosed volume; meaningful on closed, consistently oriented meshes only."""
+        # Moments about the centre of the box: far from the origin the sum would cancel.
+        centre = 0.5 * (self.V.min(axis=0) + self.V.max(axis=0))
+        a, b, c = (self.V[self.F[:, i]] - centre for i in range(3))
+        return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+
+    @cached_property
+    def edges(self) -> np.ndarray:
+        """(e, 2) undirected edges, smaller id first, in lexicographic order."""
+        keys = np.unique(self._edge_keys)
+        return np.stack([keys // self.n, keys % self.n], axis=1)
+
+    @cached_property
+    def boundary_edges(self) -> np.ndarray:
+        """(b, 2) edges with exactly one incident face."""
+        keys, counts = np.unique(self._edge_keys, return_counts=True)
+        keys = keys[counts == 1]
+        return np.stack([keys // self.n, keys % self.n], axis=1)
+
+    @property
+    def is_closed(self) -> bool:
+        """Every edge has two faces or more."""
+        return len(self.boundary_edges) == 0
+
+    @cached_property
+    def component(self) -> np.ndarray:
+        """(n,) id of the connected component of each vertex."""
+        return _components(self.n, self.edges)[1]
+
+    @cached_property
+    def is_manifold(self) -> bool:
+        """Each edge has at most two faces and the faces of each vertex form one fan."""
+        import igl
+
+        F = np.ascontiguousarray(self.F, dtype=np.int64)
+        edge_manifold = igl.is_edge_manifold(F)
+        edge_manifold = edge_manifold[0] if isinstance(edge_manifold, tuple) else edge_manifold
+        return bool(edge_manifold) and bool(np.all(igl.is_vertex_manifold(F)))
+
+    @cached_property
+    def is_oriented(self) -> bool:
+        """No two faces run through an edge in the same direction."""
+        i, j = self.F.ravel(), self.F[:, [1, 2, 0]].ravel()
+        directed = np.sort(i * self.n + j)
+        return not bool((directed[1:] == directed[:-1]).any())
+
+    @cached_property
+    def topology(self) -> Topology:
+        """Euler characteristic, number of components, number of boundary loops."""
+        boundary = self.boundary_edges
+        ids, compact = np.unique(boundary, return_inverse=True)
+        loops = _components(len(ids), compact.reshape(-1, 2))[0] if len(boundary) else 0
+        return Topology(
+            euler=self.n - len(self.edges) + self.m,
+            components=int(self.component.max()) + 1,
+            boundary_loops=loops,
+        )
+
+    def require_manifold(self) -> None:
+        """Raise InputError unless the mesh is manifold and consistently oriented."""
+        if not self.is_manifold:
+            keys, counts = np.unique(self._edge_keys, return_counts=True)
+            if (counts > 2).any():
+                key = int(keys[np.argmax(counts)])
+                raise InputError(
+                    f"the mesh is not manifold: edge ({key // self.n}, {key % self.n}) has {int(counts.max())} "
+                    "faces, and at most two are supported; split the mesh there"
+                )
+            import igl
+
+            bad = int(np.argmin(igl.is_vertex_manifold(np.ascontiguousarray(self.F, dtype=np.int64))))
+            raise InputError(
+                f"the mesh is not manifold: the faces at vertex {bad} form more than one fan; "
+                "duplicate the vertex, one copy per fan"
+            )
+        if not self.is_oriented:
+            raise InputError(
+                "the faces are not consistently oriented (two neighbours run through their edge in the "
+                "same direction); flip them to agree, e.g. with trimesh.repair.fix_winding"
+            )
+
+    def require_one_component(self) -> None:
+        """Raise InputError unless the mesh is connected."""
+        count = self.topology.components
+        if count > 1:
+            sizes = np.sort(np.bincount(self.component))[::-1]
+            raise InputError(
+                f"the mesh has {count} components (the largest have {sizes[:3].tolist()} vertices); "
+                "only one is supported: deform them one by one, or weld coincident vertices with --repair"
+            )
+
+    @cached_property
+    def _cross(self) -> np.ndarray:
+        a = self.V[self.F[:, 0]]
+        return np.cross(self.V[self.F[:, 1]] - a, self.V[self.F[:, 2]] - a)
+
+    @property
+    def _edge_keys(self) -> np.ndarray:
+        """(3m,) one integer per side of each face, equal for the two directions."""
+        i, j = self.F.ravel(), self.F[:, [1, 2, 0]].ravel()
+        return np.minimum(i, j) * self.n + np.maximum(i, j)
+
+
+def _components(n: int, edges: np.ndarray) -> tuple[int, np.ndarray]:
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_array((np.ones(len(edges), dtype=np.int8), (edges[:, 0], edges[:, 1])), shape=(n, n))
+    return connected_components(graph.tocsr(), directed=False)
+
+
+def _as_vertices(V: np.ndarray) -> np.ndarray:
+    V = np.ascontiguousarray(V, dtype=np.float64)
+    if V.ndim != 2 or V.shape[1] != 3:
+        raise InputError(f"vertices must be an (n, 3) array, not one of shape {V.shape}")
+    return V
+
+
+def _as_faces(F: np.ndarray) -> np.ndarray:
+    F = np.asarray(F)
+    if F.ndim != 2 or F.shape[1] != 3:
+        raise InputError(f"faces must be an (m, 3) array of triangles, not one of shape {F.shape}")
+    if not np.issubdtype(F.dtype, np.integer):
+        raise InputError(f"faces must be integers, not {F.dtype}")
+    return np.ascontiguousarray(F, dtype=np.int64)
+
+
+def _read_only(array: np.ndarray, original: object) -> np.ndarray:
+    if not array.flags.writeable:
+        return array
+    if array is original or np.may_share_memory(array, np.asarray(original)):
+        array = array.copy()
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,153 @@
+"""Reading and writing meshes; the order of vertices and faces is kept exactly."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from sshade.errors import InputError
+from sshade.files import replacing
+from sshade.mesh import Mesh
+
+#: Formats read and written, by suffix.
+SUFFIXES = (".ply", ".obj", ".off", ".stl")
+
+
+def read_mesh(path: str | os.PathLike[str]) -> Mesh:
+    """Read a triangle mesh.
+
+    Parameters
+    ----------
+    path : path
+        A .ply, .obj, .off or .stl file. Polygons with more corners are
+        fanned into triangles by the reader; vertices are not merged.
+
+    Raises
+    ------
+    InputError
+        When the file is missing, unreadable, empty, of another format, or
+        holds no valid :class:`Mesh`.
+    """
+    V, F = read_arrays(path)
+    try:
+        return Mesh(V, F)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def read_arrays(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and faces of a mesh file as they stand there, without validation."""
+    path = Path(path)
+    _check_suffix(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file")
+    if path.stat().st_size == 0:
+        raise InputError(f"{path}: the file is empty")
+    import trimesh
+
+    try:
+        loaded = trimesh.load(path, process=False, maintain_order=True)
+    except Exception as error:  # any reader failure is the file's fault, and becomes one sentence
+        raise InputError(f"{path}: not a readable {path.suffix[1:].upper()} file ({error})") from error
+    if not isinstance(loaded, trimesh.Trimesh):
+        geometry = getattr(loaded, "geometry", None)
+        if geometry is not None and len(geometry) > 1:
+            raise InputError(f"{path}: the file holds {len(geometry)} meshes; give one mesh a file")
+        if not geometry or not isinstance(next(iter(geometry.values())), trimesh.Trimesh):
+            raise InputError(f"{path}: the file holds no triangles")
+        loaded = next(iter(geometry.values()))
+    return np.asarray(loaded.vertices, dtype=np.float64), np.asarray(loaded.faces, dtype=np.int64)
+
+
+def write_mesh(path: str | os.PathLike[str], V: np.ndarray, F: np.ndarray) -> None:
+    """Write a triangle mesh; PLY is binary with float64 positions.
+
+    The file appears whole or not at all.
+
+    Parameters
+    ----------
+    path : path
+        Its suffix picks the format: .ply, .obj, .off or .stl.
+    V : (n, 3) float64
+    F : (m, 3) int
+
+    Raises
+    ------
+    InputError
+        On an unknown suffix or a folder that does not exist.
+    """
+    path = Path(path)
+    check_output(path)
+    with replacing(path) as temporary:
+        if path.suffix.lower() == ".ply":
+            _write_ply(temporary, V, F)
+        else:
+            import trimesh
+
+            trimesh.Trimesh(V, F, process=False).export(temporary, **_EXPORT.get(path.suffix.lower(), {}))
+
+
+_EXPORT = {".obj": {"digits": 17, "include_normals": False}, ".off": {"digits": 17}}
+
+
+def check_output(path: str | os.PathLike[str]) -> None:
+    """Raise InputError if a mesh could not be written to `path`; call it before long work."""
+    path = Path(path)
+    _check_suffix(path)
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: the folder {path.parent} does not exist")
+    if not os.access(path.parent, os.W_OK):
+        raise InputError(f"{path}: the folder {path.parent} is not writable")
+
+
+def repair(V: np.ndarray, F: np.ndarray) -> tuple[Mesh, np.ndarray]:
+    """Weld coincident vertices and drop what no mesh needs.
+
+    Vertices at exactly the same position become one (an unwelded soup becomes
+    a surface), then repeated-index faces and duplicates of faces go, then
+    vertices without a face.
+
+    Returns
+    -------
+    mesh : Mesh
+    vertex : (n,) int
+        For each input vertex its vertex in `mesh`, -1 where it has none.
+    """
+    V = np.asarray(V, dtype=np.float64)
+    F = np.asarray(F, dtype=np.int64)
+    if len(F) and (F.min() < 0 or F.max() >= len(V)):
+        raise InputError(f"faces refer to vertices outside 0..{len(V) - 1}; no repair can mend that")
+    _, first, weld = np.unique(V, axis=0, return_index=True, return_inverse=True)
+    weld = first[weld.ravel()]
+    F = weld[F]
+    F = F[(F[:, 0] != F[:, 1]) & (F[:, 1] != F[:, 2]) & (F[:, 2] != F[:, 0])]
+    _, keep = np.unique(np.sort(F, axis=1), axis=0, return_index=True)
+    F = F[np.sort(keep)]
+    used = np.zeros(len(V), dtype=bool)
+    used[F] = True
+    new_id = np.where(used, np.cumsum(used) - 1, -1)
+    return Mesh(V[used], new_id[F]), new_id[weld]
+
+
+def _check_suffix(path: Path) -> None:
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError(f"{path}: unknown mesh format {path.suffix!r}; use one of {', '.join(SUFFIXES)}")
+
+
+def _write_ply(path: Path, V: np.ndarray, F: np.ndarray) -> None:
+    header = (
+        "ply\nformat binary_little_endian 1.0\n"
+        f"element vertex {len(V)}\n"
+        "property double x\nproperty double y\nproperty double z\n"
+        f"element face {len(F)}\n"
+        "property list uchar int vertex_indices\nend_header\n"
+    )
+    faces = np.empty(len(F), dtype=[("count", "u1"), ("corners", "<i4", 3)])
+    faces["count"] = 3
+    faces["corners"] = F
+    with path.open("wb") as file:
+        file.write(header.encode("ascii"))
+        file.write(np.ascontiguousarray(V, dtype="<f8").tobytes())
+        file.write(faces.tobytes())

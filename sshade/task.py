@@ -1,0 +1,330 @@
+"""What goes into a deformation method and what comes out of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from sshade.errors import InputError
+from sshade.mesh import Mesh
+
+#: Two targets of one vertex that differ by more than this (x diagonal) contradict each other.
+SAME_TARGET = 1e-9
+
+
+class Progress(Protocol):
+    """Receives the advance of a long computation: stage, steps done, steps in all, a short note."""
+
+    def __call__(self, stage: str, done: int, total: int, note: str = "") -> None: ...
+
+
+def silent(stage: str, done: int, total: int, note: str = "") -> None:
+    """Show nothing: the default progress callback."""
+
+
+@dataclass(frozen=True, eq=False)
+class Handles:
+    """Vertices with prescribed positions.
+
+    Parameters
+    ----------
+    index : (k,) int
+        Vertex ids, each at most once after construction. A repeated id with
+        equal targets is kept once; with different ones it is an error.
+    target : (k, 3) float64
+        Prescribed positions, in the mesh's unit of length.
+    dynamic : (k,) bool, optional
+        True where the handle moves; by default everywhere.
+    group : (k,) int, optional
+        Which landmark each handle belongs to; by default all to one.
+    snap_distance : (k,) float64, optional
+        Distance from each stored position to its vertex, set by :meth:`from_positions`.
+    merged : int
+        How many handles were dropped because another of their landmark took the same vertex.
+
+    Raises
+    ------
+    InputError
+        On wrong shapes, fewer targets than handles, non-finite targets, or
+        contradictory targets on one vertex.
+    """
+
+    index: np.ndarray
+    target: np.ndarray
+    dynamic: np.ndarray | None = None
+    group: np.ndarray | None = None
+    snap_distance: np.ndarray | None = None
+    merged: int = 0
+
+    def __post_init__(self) -> None:
+        index = np.asarray(self.index)
+        if index.ndim != 1 or (index.size and not np.issubdtype(index.dtype, np.integer)):
+            raise InputError(f"handle ids must be a list of integers, not {index.dtype} of shape {index.shape}")
+        index = index.astype(np.int64)
+        k = len(index)
+        if k == 0:
+            raise InputError("there are no handles; at least one vertex needs a prescribed position")
+        target = np.asarray(self.target, dtype=np.float64)
+        if target.shape != (k, 3):
+            raise InputError(f"{k} handles need targets of shape ({k}, 3), not {target.shape}")
+        if not np.isfinite(target).all():
+            bad = int(np.flatnonzero(~np.isfinite(target).all(axis=1))[0])
+            raise InputError(f"the target of handle {bad} (vertex {index[bad]}) is NaN or infinite")
+        if index.min() < 0:
+            raise InputError(f"handle id {index.min()} is negative")
+        fields = {
+            "index": index,
+            "target": target,
+            "dynamic": _per_handle(self.dynamic, True, bool, k, "dynamic"),
+            "group": _per_handle(self.group, 0, np.int64, k, "group"),
+            "snap_distance": _per_handle(self.snap_distance, 0.0, np.float64, k, "snap_distance"),
+        }
+        first = _first_of_each(index, target)
+        for name, values in fields.items():
+            values = np.array(values[first])
+            values.setflags(write=False)
+            object.__setattr__(self, name, values)
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    @classmethod
+    def from_positions(
+        cls,
+        mesh: Mesh,
+        source: np.ndarray,
+        target: np.ndarray,
+        *,
+        dynamic: np.ndarray | bool = True,
+        group: np.ndarray | None = None,
+        raw: bool = False,
+    ) -> Handles:
+        """Snap handles given by position to the nearest vertices of a mesh.
+
+        The stored positions need not be vertices of `mesh`, so a target is
+        corrected for the offset: a static handle stays where its vertex is; a
+        dynamic one goes to ``t_i + R (p_i - s_i)``, with s_i and t_i the stored
+        positions, p_i the vertex, and R the rotation that best carries the
+        sources of its group to their targets (Kabsch). Handles of a group that
+        share a vertex are merged: the mean of their targets.
+
+        Parameters
+        ----------
+        mesh : Mesh
+        source, target : (k, 3) float64
+            Positions at rest and prescribed, in the mesh's coordinates.
+        dynamic : (k,) bool or bool
+        group : (k,) int, optional
+        raw : bool
+            Keep the stored targets as they are.
+
+        Raises
+        ------
+        InputError
+            When counts differ, a position is not finite, or one vertex gets
+            different targets from two groups.
+        """
+        from scipy.spatial import cKDTree
+
+        source = np.asarray(source, dtype=np.float64).reshape(-1, 3)
+        target = np.asarray(target, dtype=np.float64).reshape(-1, 3)
+        k = len(source)
+        if len(target) != k:
+            raise InputError(f"{k} handles have {len(target)} targets; each needs one")
+        if k == 0:
+            raise InputError("there are no handles; at least one vertex needs a prescribed position")
+        if not (np.isfinite(source).all() and np.isfinite(target).all()):
+            raise InputError("a handle has a NaN or infinite position")
+        dynamic = np.broadcast_to(np.asarray(dynamic, dtype=bool), (k,))
+        group = _per_handle(group, 0, np.int64, k, "group")
+
+        distance, index = cKDTree(mesh.V).query(source)
+        moved = target.copy()
+        if not raw:
+            moved[~dynamic] = mesh.V[index[~dynamic]]
+            for g in np.unique(group[dynamic]):
+                of_group = dynamic & (group == g)
+                R, _ = rigid_motion(source[of_group], target[of_group])
+                moved[of_group] += (mesh.V[index[of_group]] - source[of_group]) @ R.T
+
+        # One row per (group, vertex); the constructor sees to equal vertices of different groups.
+        pairs, inverse, count = np.unique(
+            np.stack([group, index], axis=1), axis=0, return_inverse=True, return_counts=True
+        )
+        inverse = inverse.ravel()
+        mean = np.stack([np.bincount(inverse, moved[:, c]) for c in range(3)], axis=1) / count[:, None]
+        single = count[inverse] == 1
+        mean[inverse[single]] = moved[single]
+        farthest = np.zeros(len(pairs))
+        np.maximum.at(farthest, inverse, distance)
+        any_dynamic = np.zeros(len(pairs), dtype=bool)
+        np.logical_or.at(any_dynamic, inverse, dynamic)
+        return cls(
+            index=pairs[:, 1],
+            target=mean,
+            dynamic=any_dynamic,
+            group=pairs[:, 0],
+            snap_distance=farthest,
+            merged=k - len(pairs),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class DeformationTask:
+    """One deformation problem: a rest mesh and handles.
+
+    Parameters
+    ----------
+    name : str
+    mesh : Mesh
+        Rest shape M.
+    handles : Handles
+    truth : (n, 3) float64, optional
+        The true deformed positions, where they are known.
+    meta : mapping
+        Flat facts for the row of a table (subject, pose, ...).
+
+    Raises
+    ------
+    InputError
+        When a handle is no vertex of the mesh, a component has no handle, or
+        `truth` has another shape than the vertices.
+    """
+
+    name: str
+    mesh: Mesh
+    handles: Handles
+    truth: np.ndarray | None = None
+    meta: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        mesh, index = self.mesh, self.handles.index
+        if index.max() >= mesh.n:
+            raise InputError(f"handle id {index.max()} is out of range: the mesh has {mesh.n} vertices")
+        held = np.zeros(mesh.topology.components, dtype=bool)
+        held[mesh.component[index]] = True
+        if not held.all():
+            raise InputError(
+                f"{int((~held).sum())} of the mesh's {len(held)} components have no handle; "
+                "every component needs at least one"
+            )
+        if self.truth is not None and np.shape(self.truth) != mesh.V.shape:
+            raise InputError(f"the truth has shape {np.shape(self.truth)}, the mesh {mesh.V.shape}")
+
+
+@dataclass(frozen=True, eq=False)
+class DeformationResult:
+    """Deformed vertices and how they came about.
+
+    Parameters
+    ----------
+    vertices : (n, 3) float64
+        M', in the numbering of the task's mesh.
+    iterations : int
+        Steps of the iterative part; the mean over samplings where there are several.
+    converged : bool or None
+        Whether the stopping rule was met; None for methods without one.
+    seconds : mapping
+        Wall-clock time of each stage.
+    extra : mapping
+        Further flat facts for the row (last residual, counts, engine, ...).
+
+    Raises
+    ------
+    FloatingPointError
+        When a position is not finite: the method failed on this input.
+    """
+
+    vertices: np.ndarray
+    iterations: float
+    converged: bool | None
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    extra: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.vertices).all():
+            count = int((~np.isfinite(self.vertices).all(axis=1)).sum())
+            raise FloatingPointError(
+                f"{count} deformed vertices are not finite; zero-area triangles in the rest mesh do this"
+            )
+
+
+class Method(Protocol):
+    """A deformation method: a function of a task; its parameters are keyword-only with defaults."""
+
+    def __call__(
+        self, task: DeformationTask, *, seed: int, progress: Progress = silent
+    ) -> DeformationResult: ...
+
+
+def rigid_motion(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation R and translation t minimising ``sum |R s_i + t - t_i|^2`` (Kabsch).
+
+    Parameters
+    ----------
+    source, target : (k, 3) float64
+        One point is enough; where the points leave the rotation open, the
+        smallest one that fits is taken.
+
+    Returns
+    -------
+    R : (3, 3) float64, det 1
+    t : (3,) float64
+
+    References
+    ----------
+    W. Kabsch, "A solution for the best rotation to relate two sets of vectors", 1976.
+    """
+    cs, ct = source.mean(axis=0), target.mean(axis=0)
+    a, b = source - cs, target - ct
+    U, s, Vt = np.linalg.svd(b.T @ a)
+    rank = int((s > 1e-12 * s[0]).sum()) if s[0] > 0 else 0
+    if rank == 0:
+        R = np.eye(3)
+    elif rank == 1:
+        R = _smallest_rotation(Vt[0], U[:, 0])
+    else:
+        R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    return R, ct - R @ cs
+
+
+def _smallest_rotation(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Rotate unit vector a onto unit vector b about their common normal."""
+    from scipy.spatial.transform import Rotation
+
+    axis = np.cross(a, b)
+    sine, cosine = np.linalg.norm(axis), float(a @ b)
+    if sine < 1e-15:
+        if cosine > 0:
+            return np.eye(3)
+        axis = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
+        sine = np.linalg.norm(axis)
+        return Rotation.from_rotvec(np.pi * axis / sine).as_matrix()
+    return Rotation.from_rotvec(np.arctan2(sine, cosine) * axis / sine).as_matrix()
+
+
+def _per_handle(values: Any, default: Any, dtype: Any, k: int, name: str) -> np.ndarray:
+    if values is None:
+        return np.full(k, default, dtype=dtype)
+    values = np.asarray(values, dtype=dtype)
+    if values.shape != (k,):
+        raise InputError(f"{k} handles need `{name}` of shape ({k},), not {values.shape}")
+    return values
+
+
+def _first_of_each(index: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Positions of the first occurrence of every id, in input order; targets must agree."""
+    _, first, inverse = np.unique(index, return_index=True, return_inverse=True)
+    if len(first) < len(index):
+        scale = np.linalg.norm(np.ptp(target, axis=0))
+        gap = np.linalg.norm(target - target[first[inverse.ravel()]], axis=1)
+        if (gap > SAME_TARGET * scale).any():
+            bad = int(np.argmax(gap))
+            raise InputError(
+                f"vertex {index[bad]} has contradictory targets, {gap[bad]:.3g} apart; "
+                "give each handle vertex one target"
+            )
+    return np.sort(first)
