@@ -55,7 +55,7 @@ class Mesh:
             bad = int(np.flatnonzero(~np.isfinite(V).all(axis=1))[0])
             raise InputError(f"vertex {bad} has a NaN or infinite coordinate")
         if F.min() < 0 or F.max() >= len(V):
-            bad = int(np.flatnonzero(((F < 0) | (F >= len(V))).any(axis=1))[0])
+            bad = int(np.flatnonzero(((F < 0) | (len(V) <= F)).any(axis=1))[0])
             raise InputError(
                 f"face {bad} refers to vertices {F[bad].tolist()}, but the ids go from 0 to {len(V) - 1}"
             )
@@ -173,10 +173,10 @@ class Mesh:
         if not self.is_manifold:
             keys, counts = np.unique(self._edge_keys, return_counts=True)
             if (counts > 2).any():
-                key = int(keys[np.argmax(counts)])
+                i, j = divmod(int(keys[np.argmax(counts)]), self.n)
                 raise InputError(
-                    f"the mesh is not manifold: edge ({key // self.n}, {key % self.n}) has {int(counts.max())} "
-                    "faces, and at most two are supported; split the mesh there"
+                    f"the mesh is not manifold: edge ({i}, {j}) has {int(counts.max())} faces, "
+                    "and at most two are supported; split the mesh there"
                 )
             import igl
 

@@ -62,7 +62,9 @@ class Handles:
     def __post_init__(self) -> None:
         index = np.asarray(self.index)
         if index.ndim != 1 or (index.size and not np.issubdtype(index.dtype, np.integer)):
-            raise InputError(f"handle ids must be a list of integers, not {index.dtype} of shape {index.shape}")
+            raise InputError(
+                f"handle ids must be a list of integers, not {index.dtype} of shape {index.shape}"
+            )
         index = index.astype(np.int64)
         k = len(index)
         if k == 0:

@@ -1,0 +1,14 @@
+"""The rest shape with its handles moved: what doing nothing costs."""
+
+from __future__ import annotations
+
+from sshade.coarse import initial_guess
+from sshade.task import DeformationResult, DeformationTask, Progress, silent
+
+
+def identity(task: DeformationTask, *, seed: int = 0, progress: Progress = silent) -> DeformationResult:
+    """Put each handle on its target and leave every other vertex where it is.
+
+    A floor for the tables: exact handles, nothing else. `seed` and `progress` are unused.
+    """
+    return DeformationResult(vertices=initial_guess(task, "rest"), iterations=0, converged=None)
