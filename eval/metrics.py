@@ -1,0 +1,185 @@
+"""The quality metrics: pure functions of a task and of the deformed vertices.
+
+M is the rest mesh and M' the deformed one, of the same connectivity. A metric
+returns one number, NaN where it is not available (volume of an open mesh).
+Errors follow the paper, which follows D. Baieri, F. Maggioli, Z. Laehner,
+S. Melzi, E. Rodola, "Implicit-ARAP", 2024: relative area and volume error, mean
+edge-length change over the longest edge, mean face-angle change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from eval.intersections import new_self_intersections
+from sshade.mesh import Mesh
+from sshade.task import DeformationTask
+
+
+@dataclass(frozen=True)
+class Metric:
+    """One number about a deformation.
+
+    Parameters
+    ----------
+    name : str
+        Its column in a row is ``metric.<name>``.
+    unit : str
+        ``%``, ``deg`` or ``count``.
+    better : {"lower"}
+        Which way is better.
+    equation : str
+        The definition in one line, for the legend of a table.
+    function : callable
+        ``(task, vertices (n, 3) float64) -> float``, NaN where not available.
+    """
+
+    name: str
+    unit: str
+    better: Literal["lower"]
+    equation: str
+    function: Callable[[DeformationTask, np.ndarray], float]
+
+
+def volume(task: DeformationTask, vertices: np.ndarray) -> float:
+    """Relative change of the enclosed volume in percent; NaN unless M is closed and oriented."""
+    rest = task.mesh
+    if not (rest.is_closed and rest.is_oriented) or rest.volume == 0:
+        return np.nan
+    return 100 * abs(Mesh(vertices, rest.F).volume - rest.volume) / abs(rest.volume)
+
+
+def area(task: DeformationTask, vertices: np.ndarray) -> float:
+    """Relative change of the total surface area in percent."""
+    rest = task.mesh
+    return 100 * abs(Mesh(vertices, rest.F).area - rest.area) / rest.area
+
+
+def edge(task: DeformationTask, vertices: np.ndarray) -> float:
+    """Mean absolute change of an edge's length over the longest rest edge, in percent (EL)."""
+    rest = task.mesh
+    before = edge_lengths(rest.V, rest.edges)
+    return 100 * float(np.abs(edge_lengths(vertices, rest.edges) - before).mean()) / float(before.max())
+
+
+def angle(task: DeformationTask, vertices: np.ndarray) -> float:
+    """Mean absolute change of a corner's angle in degrees (FA, as the paper's table prints it)."""
+    rest = task.mesh
+    return float(np.degrees(np.abs(corner_angles(vertices, rest.F) - corner_angles(rest.V, rest.F)).mean()))
+
+
+def angle_relative(task: DeformationTask, vertices: np.ndarray) -> float:
+    """Mean of a corner's angle change over its rest angle, in percent: the paper's formula.
+
+    Rest faces of no area have an angle of zero to divide by: they are left out
+    here and counted by :func:`zero_area_faces`. NaN if no face is left.
+    """
+    rest = task.mesh
+    F = rest.F[rest.face_areas > 0]
+    before = corner_angles(rest.V, F)
+    # A needle's corner can round to zero although the area does not.
+    usable = before > 0
+    if not usable.any():
+        return np.nan
+    change = np.abs(corner_angles(vertices, F) - before)
+    return 100 * float((change[usable] / before[usable]).mean())
+
+
+def zero_area_faces(task: DeformationTask, vertices: np.ndarray) -> float:
+    """How many rest faces :func:`angle_relative` leaves out."""
+    return float((task.mesh.face_areas == 0).sum())
+
+
+def handle(task: DeformationTask, vertices: np.ndarray) -> float:
+    """Mean distance of the handle vertices to their targets over M's diagonal, in percent."""
+    gap = np.linalg.norm(vertices[task.handles.index] - task.handles.target, axis=1)
+    return 100 * float(gap.mean()) / task.mesh.diagonal
+
+
+def flips(task: DeformationTask, vertices: np.ndarray) -> float:
+    """Faces whose normal opposes the mean of their edge-neighbours' in M' and did not in M."""
+    rest = task.mesh
+    return float((opposes_neighbours(Mesh(vertices, rest.F)) & ~opposes_neighbours(rest)).sum())
+
+
+def self_intersections(task: DeformationTask, vertices: np.ndarray) -> float:
+    """Faces that intersect others in M' and did not in M; see :mod:`eval.intersections`."""
+    return float(new_self_intersections(task.mesh, vertices))
+
+
+def edge_lengths(V: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """(e,) lengths of the edges (e, 2)."""
+    return np.linalg.norm(V[edges[:, 0]] - V[edges[:, 1]], axis=1)
+
+
+def corner_angles(V: np.ndarray, F: np.ndarray) -> np.ndarray:
+    """(m, 3) angle at each corner in radians, zero where an edge has no length.
+
+    atan2 of cross and dot product: unlike arccos it keeps its digits at 0 and pi.
+    """
+    angles = np.empty(F.shape)
+    for i in range(3):
+        a = V[F[:, (i + 1) % 3]] - V[F[:, i]]
+        b = V[F[:, (i + 2) % 3]] - V[F[:, i]]
+        angles[:, i] = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ij,ij->i", a, b))
+    return angles
+
+
+def opposes_neighbours(mesh: Mesh) -> np.ndarray:
+    """(m,) bool: the face's normal has a negative product with the sum of its edge-neighbours' normals."""
+    i, j = mesh.F, mesh.F[:, [1, 2, 0]]
+    keys = np.minimum(i, j) * mesh.n + np.maximum(i, j)
+    _, edge_of = np.unique(keys.ravel(), return_inverse=True)
+    edge_of = edge_of.reshape(-1, 3)
+    normals = mesh.face_normals
+    around = np.empty_like(normals)
+    for c in range(3):
+        at_edge = sum(np.bincount(edge_of[:, k], normals[:, c], edge_of.max() + 1) for k in range(3))
+        # The sum at an edge holds the face itself, once for each of its three edges.
+        around[:, c] = at_edge[edge_of].sum(axis=1) - 3 * normals[:, c]
+    # On a fold the sum can cancel to rounding noise, which is no direction.
+    return np.einsum("ij,ij->i", normals, around) < -1e-9
+
+
+METRICS: dict[str, Metric] = {
+    metric.name: metric
+    for metric in (
+        Metric("volume", "%", "lower", "|V_M - V_M'| / V_M (closed meshes only)", volume),
+        Metric("area", "%", "lower", "|A_M - A_M'| / A_M", area),
+        Metric("edge", "%", "lower", "mean over edges of |length change| / longest rest edge", edge),
+        Metric("angle", "deg", "lower", "mean over corners of |angle change|", angle),
+        Metric(
+            "angle_relative", "%", "lower", "mean over corners of |angle change| / rest angle", angle_relative
+        ),
+        Metric(
+            "zero_area_faces", "count", "lower", "rest faces that angle_relative leaves out", zero_area_faces
+        ),
+        Metric("handle", "%", "lower", "mean distance of handles to targets / diagonal", handle),
+        Metric("flips", "count", "lower", "faces that oppose their neighbours in M' and not in M", flips),
+        Metric(
+            "self_intersections",
+            "count",
+            "lower",
+            "faces that intersect others in M' and not in M",
+            self_intersections,
+        ),
+    )
+}
+
+
+def measure(task: DeformationTask, vertices: np.ndarray) -> dict[str, float | None]:
+    """Every metric of the registry, None where it is not available.
+
+    Parameters
+    ----------
+    task : DeformationTask
+    vertices : (n, 3) float
+        M', in the numbering of the task's mesh.
+    """
+    vertices = np.ascontiguousarray(vertices, dtype=np.float64)
+    values = {name: float(metric.function(task, vertices)) for name, metric in METRICS.items()}
+    return {name: value if np.isfinite(value) else None for name, value in values.items()}
