@@ -6,13 +6,17 @@ deformation via local representations".
 
 from sshade.errors import InputError
 from sshade.mesh import Mesh
+from sshade.pipeline import Binding, bind, deform
 from sshade.task import DeformationResult, DeformationTask, Handles, Method
 
 __all__ = [
+    "Binding",
     "DeformationResult",
     "DeformationTask",
     "Handles",
     "InputError",
     "Mesh",
     "Method",
+    "bind",
+    "deform",
 ]
