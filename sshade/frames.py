@@ -119,7 +119,11 @@ class TriangleFrames:
     @classmethod
     def at_rest(cls, proxy: Mesh, function: str | np.ndarray = "extent") -> TriangleFrames:
         """Frames of a rest proxy for a frame function; see :func:`frame_values`."""
-        values = frame_values(proxy, function)
+        return cls.of_values(proxy, frame_values(proxy, function))
+
+    @classmethod
+    def of_values(cls, proxy: Mesh, values: np.ndarray) -> TriangleFrames:
+        """Frames of a rest proxy for the (l, 3) corner values of f."""
         L, origin, degenerate = _frames(proxy.V, proxy.F, values)
         return cls(proxy.F, values, L, origin, degenerate)
 

@@ -247,8 +247,9 @@ def _implicit_arap_frame(points: np.ndarray, mesh: Mesh):
         R, t, error = dR @ R, dR @ t + dt, refined
     if error >= ON_SURFACE:
         raise InputError(
-            f"its points lie {error:.3f} from the mesh in the mean, of a half-extent of {HALF_EXTENT}, in the "
-            f"best of 24 axis orientations (at most {ON_SURFACE} is accepted); is this the mesh they were made for?"
+            f"its points lie {error:.3f} from the mesh in the mean, of a half-extent of {HALF_EXTENT}, in "
+            f"the best of 24 axis orientations (at most {ON_SURFACE} is accepted); "
+            "is this the mesh they were made for?"
         )
     return lambda x: (x @ R.T + t) / scale + centre
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
 from typing import Literal
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -69,6 +70,48 @@ class Binding:
         if NV.shape != self.proxy.V.shape:
             raise InputError(f"the proxy has vertices of shape {self.proxy.V.shape}, not {NV.shape}")
         return self.frames.decode(self.local, self.projection.face, NV)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write what :meth:`load` needs besides the mesh, as an .npz."""
+        with open(path, "wb") as file:
+            np.savez(
+                file,
+                vertices=len(self.local),
+                samples=self.remesh.samples,
+                faces=self.remesh.faces,
+                region=self.remesh.region,
+                distance=self.remesh.distance,
+                face=self.projection.face,
+                barycentric=self.projection.barycentric,
+                to_proxy=self.projection.distance,
+                values=self.frames.values,
+            )
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], mesh: Mesh) -> Binding:
+        """Read a binding written by :meth:`save`, for the mesh that it was made of.
+
+        Raises
+        ------
+        InputError
+            When the file is unreadable, incomplete, or of a mesh with other counts.
+        """
+        try:
+            with np.load(path) as data:
+                arrays = {name: data[name] for name in data.files}
+            if arrays["vertices"] != mesh.n or arrays["samples"].max() >= mesh.n:
+                raise InputError(
+                    f"{path}: the map is of a mesh with {arrays['vertices']} vertices, this one has {mesh.n}"
+                )
+            remeshed = Remesh(*(arrays[name] for name in ("samples", "faces", "region", "distance")))
+            on_proxy = Projection(*(arrays[name] for name in ("face", "barycentric", "to_proxy")))
+            proxy = proxy_mesh(mesh, remeshed)
+            frames = TriangleFrames.of_values(proxy, arrays["values"])
+        except (OSError, KeyError, ValueError, EOFError, BadZipFile) as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(f"{path}: not a map written by `sshade remesh` ({error})") from error
+        return cls(remeshed, proxy, on_proxy, frames, frames.encode(mesh.V, on_proxy.face), {})
 
 
 def bind(

@@ -1,0 +1,193 @@
+"""The command ``sshade``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from sshade.console import progress_bar, run_command
+from sshade.errors import InputError
+from sshade.files import replacing
+from sshade.meshio import SUFFIXES, check_output, read_arrays, read_mesh, repair, write_mesh
+
+#: Proxy vertices by default; the paper's number.
+VERTICES = 6000
+
+DEFORM = """\
+Deform a mesh so that its handles reach their targets.
+
+HANDLES is a .json file of this project or a .yaml file of Implicit-ARAP. In JSON:
+
+  {"handles": [
+    {"landmark": "foot", "kind": "static",  "vertices": [12, 13, 14]},
+    {"landmark": "hand", "kind": "dynamic", "source": [[x, y, z], ...],
+                                            "target": [[x, y, z], ...]}]}
+
+Handles are vertex ids, or positions on the mesh (snapped to the nearest vertices).
+The mesh must be manifold and of one component; boundary is fine. The output has the
+vertices and faces of the input, in the same order.
+
+example:
+  sshade deform body.ply pose.json -o posed.ply
+"""
+
+REMESH = """\
+Write a proxy of a mesh to edit by hand or in any other program, and the map that
+carries the edit back:
+
+  sshade remesh body.ply -o proxy.ply --map map.npz
+  ... move vertices of proxy.ply, keeping their order ...
+  sshade carry body.ply map.npz edited.ply -o posed.ply
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; return the exit code."""
+    arguments = _parser().parse_args(argv)
+    return run_command(lambda: arguments.run(arguments))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="sshade", description="Deform large meshes through a small proxy (SShaDe)."
+    )
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    raw = argparse.RawDescriptionHelpFormatter
+    formats = ", ".join(SUFFIXES)
+
+    deform = commands.add_parser(
+        "deform", help="move handles, and the mesh with them", description=DEFORM, formatter_class=raw
+    )
+    deform.add_argument("mesh", type=Path, metavar="MESH", help=f"rest shape ({formats})")
+    deform.add_argument("handles", type=Path, metavar="HANDLES", help="handle file (.json, .yaml)")
+    deform.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="mesh to write")
+    _add_vertices(deform)
+    deform.add_argument(
+        "--samplings", type=int, default=5, metavar="K", help="proxies averaged (default: 5, as the paper)"
+    )
+    deform.add_argument("--workers", type=int, metavar="W", help="threads (default: one a processor)")
+    deform.add_argument("--raw", action="store_true", help="take targets as they are, not moved by the snap")
+    deform.add_argument(
+        "--repair",
+        action="store_true",
+        help="deform a copy with coincident vertices welded and unused ones dropped; "
+        "the output still has the input's vertices",
+    )
+    deform.set_defaults(run=_deform)
+
+    remesh = commands.add_parser(
+        "remesh", help="write a proxy and its map", description=REMESH, formatter_class=raw
+    )
+    remesh.add_argument("mesh", type=Path, metavar="MESH", help=f"mesh to sample ({formats})")
+    remesh.add_argument("-o", "--output", type=Path, required=True, metavar="N", help="proxy to write")
+    remesh.add_argument("--map", type=Path, required=True, metavar="MAP", help=".npz map to write")
+    _add_vertices(remesh)
+    remesh.set_defaults(run=_remesh)
+
+    carry = commands.add_parser(
+        "carry", help="carry an edited proxy back to the mesh", description=REMESH, formatter_class=raw
+    )
+    carry.add_argument("mesh", type=Path, metavar="MESH", help="the mesh that was remeshed")
+    carry.add_argument("map", type=Path, metavar="MAP", help="the .npz of `sshade remesh`")
+    carry.add_argument("edited", type=Path, metavar="EDITED", help="the proxy with vertices moved")
+    carry.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="mesh to write")
+    carry.set_defaults(run=_carry)
+    return parser
+
+
+def _add_vertices(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--vertices",
+        type=int,
+        metavar="N",
+        help=f"proxy vertices (default: {VERTICES}, or a quarter of the mesh's where that is less)",
+    )
+    parser.add_argument("--seed", type=int, default=0, metavar="S", help="seed of the sampling (default: 0)")
+
+
+def _proxy_vertices(asked: int | None, n: int, handles: int = 0) -> int:
+    """The default leaves a small mesh a proxy that is worth the name, with room for the handles."""
+    return asked if asked is not None else min(n, max(min(VERTICES, n // 4), handles + 4))
+
+
+def _deform(arguments: argparse.Namespace) -> int:
+    from sshade.handlesio import read_handles
+    from sshade.pipeline import deform
+    from sshade.task import DeformationTask
+
+    check_output(arguments.output)
+    if arguments.repair:
+        V, F = read_arrays(arguments.mesh)
+        mesh, vertex = repair(V, F)
+    else:
+        mesh = read_mesh(arguments.mesh)
+        V, F, vertex = mesh.V, mesh.F, np.arange(mesh.n)
+    handles = read_handles(arguments.handles, mesh, raw=arguments.raw)
+    task = DeformationTask(arguments.mesh.stem, mesh, handles)
+    vertices = _proxy_vertices(arguments.vertices, mesh.n, len(handles))
+    begin = perf_counter()
+    with progress_bar() as progress:
+        result = deform(
+            task,
+            vertices=vertices,
+            samplings=arguments.samplings,
+            workers=arguments.workers,
+            seed=arguments.seed,
+            progress=progress,
+        )
+    seconds = perf_counter() - begin
+    moved = np.where((vertex >= 0)[:, None], result.vertices[vertex], V)
+    write_mesh(arguments.output, moved, F)
+    error = np.linalg.norm(result.vertices[handles.index] - handles.target, axis=1).mean() / mesh.diagonal
+    _say(
+        f"{arguments.output}: {len(V)} vertices, {len(handles)} handles reached to {100 * error:.2g} % of the "
+        f"diagonal, {arguments.samplings} proxies of {result.extra['proxy_vertices']:.0f} vertices, "
+        f"{seconds:.2f} s"
+    )
+    if result.converged is False:
+        _say(
+            f"note: the proxies' iterations stopped at {result.iterations:.0f} in the mean, "
+            f"with a residual of {result.extra['residual']:.1e}"
+        )
+    return 0
+
+
+def _remesh(arguments: argparse.Namespace) -> int:
+    from sshade.pipeline import bind
+
+    check_output(arguments.output)
+    if arguments.map.suffix != ".npz" or not arguments.map.parent.is_dir():
+        raise InputError(f"{arguments.map}: the map must be an .npz file in a folder that exists")
+    mesh = read_mesh(arguments.mesh)
+    binding = bind(mesh, _proxy_vertices(arguments.vertices, mesh.n), seed=arguments.seed)
+    with replacing(arguments.map) as temporary:
+        binding.save(temporary)
+    write_mesh(arguments.output, binding.proxy.V, binding.proxy.F)
+    _say(f"{arguments.output}: {binding.proxy.n} vertices, {binding.proxy.m} faces; map in {arguments.map}")
+    return 0
+
+
+def _carry(arguments: argparse.Namespace) -> int:
+    from sshade.pipeline import Binding
+
+    check_output(arguments.output)
+    mesh = read_mesh(arguments.mesh)
+    binding = Binding.load(arguments.map, mesh)
+    edited, _ = read_arrays(arguments.edited)
+    if not np.isfinite(edited).all():
+        raise InputError(f"{arguments.edited}: a vertex has a NaN or infinite coordinate")
+    V, degenerate = binding.carry(edited)
+    write_mesh(arguments.output, V, mesh.F)
+    _say(f"{arguments.output}: {mesh.n} vertices carried by {binding.proxy.n}")
+    if degenerate:
+        _say(f"note: {degenerate} proxy triangles have no area; they turn with their neighbours")
+    return 0
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr)  # noqa: T201
