@@ -169,10 +169,10 @@ def _mark_intersecting(V, F, normals, order, boxes, leaves, leaf_size, tolerance
 
 @njit(cache=True, nogil=True)
 def _boxes_overlap(a, b, tolerance):
+    apart = False
     for c in range(3):
-        if a[c] > b[c + 3] + tolerance or b[c] > a[c + 3] + tolerance:
-            return False
-    return True
+        apart = apart or a[c] > b[c + 3] + tolerance or b[c] > a[c + 3] + tolerance
+    return not apart
 
 
 @njit(cache=True, nogil=True)

@@ -1,0 +1,214 @@
+"""``python -m eval``: the Hydra program that runs methods on tasks.
+
+Exit codes: 0 if no run failed, 1 if one did or left its committed band, 2 for a
+mistake in the configuration, told in one sentence.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import sys
+from contextlib import nullcontext
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import hydra
+from hydra.core.hydra_config import HydraConfig
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import HydraException
+from hydra.experimental.callback import Callback
+from hydra.types import RunMode
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from eval.check import out_of_band
+from eval.metrics import METRICS
+from eval.run import Outcome, run
+from eval.store import Row, read_row, run_folders
+from eval.targets import instantiate
+from sshade.console import progress_bar
+from sshade.errors import InputError
+from sshade.task import DeformationTask, silent
+
+
+class RunFailed(Exception):
+    """A run failed or left its band; its row tells more."""
+
+
+@dataclass
+class Sweep:
+    """What this process knows of the sweep under way."""
+
+    folder: Path
+    total: int
+    begin: str
+    done: int = 0
+    failed: int = 0
+
+
+_sweep: Sweep | None = None
+
+#: Errors of the runs in this process; None in a launcher's worker, where they must be raised.
+_errors: list[Exception] | None = None
+
+
+class SweepStart(Callback):
+    """Notes where a sweep writes and how many runs it has; Hydra calls it from the configuration."""
+
+    def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
+        """Count the runs as the basic sweeper does: the product of the swept values."""
+        global _sweep
+        params = [f"{name}={values}" for name, values in (config.hydra.sweeper.params or {}).items()]
+        overrides = OverridesParser.create().parse_overrides([*params, *config.hydra.overrides.task])
+        counts = {
+            override.get_key_element(): len(list(override.sweep_string_iterator()))
+            if override.is_sweep_override()
+            else 1
+            for override in overrides
+        }
+        total = 1
+        for count in counts.values():
+            total *= count
+        begin = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+        _sweep = Sweep(Path(config.hydra.sweep.dir), total, begin)
+
+
+def main() -> int:
+    """Entry point; see the module."""
+    global _errors, _sweep
+    _errors, _sweep = [], None
+    # Hydra would print a traceback and exit with 1 on its own: let errors come through instead.
+    os.environ["HYDRA_FULL_ERROR"] = "1"
+    try:
+        _app()
+    except (RunFailed, InputError) as error:
+        _errors.append(error)
+    except (HydraException, OmegaConfBaseException) as error:
+        _errors.append(InputError(_one_line(error)))
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)  # noqa: T201
+        return 130
+    mistakes = [error for error in _errors if isinstance(error, InputError)]
+    if mistakes:
+        print(f"error: {mistakes[0]}", file=sys.stderr)  # noqa: T201
+        return 2
+    if _sweep is not None:
+        print(_summary(_sweep))  # noqa: T201
+    return 1 if _errors else 0
+
+
+@hydra.main(version_base="1.3", config_path="pkg://conf", config_name="config")
+def _app(config: DictConfig) -> None:
+    try:
+        _job(config)
+    except (RunFailed, InputError) as error:
+        # What is raised in this process, Hydra announces with the job's overrides; once is enough.
+        if _errors is None:
+            raise
+        _errors.append(error)
+
+
+def _job(config: DictConfig) -> None:
+    """One run of a composed configuration; raises RunFailed if its row is bad."""
+    hydra_config = HydraConfig.get()
+    single = hydra_config.mode == RunMode.RUN
+    plain = OmegaConf.to_container(config, resolve=True)
+    if not isinstance(plain["seed"], int) or plain["seed"] < 0:
+        raise InputError(f"seed={plain['seed']!r} is no seed; it takes a whole number from 0")
+    task = _load_task(json.dumps(plain["dataset"]))
+    with progress_bar() if single else nullcontext(silent) as progress:
+        outcome = run(
+            task,
+            plain["method"],
+            name=plain["label"],
+            root=Path(plain["paths"]["runs"], plain["run"]["experiment"]),
+            seed=plain["seed"],
+            source=_source(plain["dataset"]),
+            force=plain["run"]["force"],
+            jobs=plain["run"]["jobs"] or (1 if single else _jobs(hydra_config.launcher)),
+            progress=progress,
+        )
+    problems = out_of_band(outcome.row, plain["bands"]) if plain.get("bands") else []
+    if outcome.failed:
+        problems = [outcome.row["reason"]]
+    print(_report(outcome) if single else _line(outcome, problems), flush=True)  # noqa: T201
+    if problems:
+        raise RunFailed("; ".join(problems))
+
+
+@lru_cache(maxsize=1)
+def _load_task(dataset: str) -> DeformationTask:
+    """The task of a dataset's configuration (as JSON: it is the cache's key)."""
+    config = json.loads(dataset)
+    root = config.get("root")
+    if root is not None and not Path(root).exists():
+        hint = f"; make it with: {config['build']}" if config.get("build") else ""
+        raise InputError(f"the dataset folder {root} does not exist{hint}")
+    return instantiate(_source(config))
+
+
+def _source(dataset: dict[str, Any]) -> dict[str, Any]:
+    """A dataset's configuration without the hint on how to build it."""
+    return {name: value for name, value in dataset.items() if name != "build"}
+
+
+def _jobs(launcher: DictConfig) -> int:
+    """Runs at once, from the settings that launchers have; -1 means every core."""
+    jobs = launcher.get("n_jobs") or launcher.get("array_parallelism") or 1
+    return jobs if jobs > 0 else os.cpu_count() or 1
+
+
+def _report(outcome: Outcome) -> str:
+    """A single run in a few lines."""
+    row = outcome.row
+    lines = [f"{row['method.name']} on {row['task.name']}: {_status(outcome)}"]
+    for name, metric in METRICS.items():
+        if f"metric.{name}" in row:
+            value = row[f"metric.{name}"]
+            lines.append(f"  {name:<20} {'n/a' if value is None else f'{value:.4g} {metric.unit}'}")
+    return "\n".join([*lines, f"  {outcome.folder}"])
+
+
+def _line(outcome: Outcome, problems: list[str]) -> str:
+    """A sweep's run in one line, with the counts so far where the sweep runs in this process."""
+    row = outcome.row
+    text = f"{row['method.name']} {row['task.name']} seed {row['seed']}: {_status(outcome)}"
+    if problems and not outcome.failed:
+        text += f" - {'; '.join(problems)}"
+    if _sweep is not None:
+        _sweep.done += 1
+        _sweep.failed += bool(problems)
+        text += f" [{_sweep.done} done, {_sweep.failed} failed, {_sweep.total - _sweep.done} remaining]"
+    return text
+
+
+def _status(outcome: Outcome) -> str:
+    row = outcome.row
+    if row.get("seconds.total") is None:
+        return f"{row['status']} ({row['reason']})"
+    text = f"{row['status']}, {row['seconds.total']:.2f} s, {row['iterations']:g} iterations"
+    return f"{text}, already there" if outcome.reused else text
+
+
+def _summary(sweep: Sweep) -> str:
+    """Counts over the rows that the sweep wrote, by whichever process."""
+    rows: list[Row] = [row for folder in run_folders(sweep.folder) if (row := read_row(folder))]
+    new = [row["status"] for row in rows if row["date"] >= sweep.begin]
+    counts = ", ".join(f"{new.count(status)} {status}" for status in sorted(set(new)))
+    return (
+        f"{sweep.total} runs: {len(new)} new{f' ({counts})' if counts else ''}, {sweep.total - len(new)} kept"
+    )
+
+
+def _one_line(error: Exception) -> str:
+    """Hydra's message in one sentence: without its search path and its hints for debugging."""
+    text = str(error).split("Config search path")[0]
+    if isinstance(error.__cause__, OmegaConfBaseException):
+        text += f" {error.__cause__}"
+    text = re.sub(r"\s+", " ", re.sub(r"(full_key|object_type|reference_type)[:=].*", "", text))
+    return text.strip()

@@ -1,0 +1,168 @@
+"""The store of runs: one folder a run with ``row.json`` and the deformed vertices; rows as CSV.
+
+A row is a flat mapping from ``task.* method.* seed status reason iterations
+converged metric.* seconds.* peak_mib env.* schema key`` to a number, a string, a
+bool or None.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sshade.errors import InputError
+from sshade.files import replacing
+
+Row = dict[str, Any]
+
+#: Raised when the meaning of a column changes; part of every key.
+SCHEMA = 1
+
+#: What became of a run. The first two are valid results.
+STATUSES = ("ok", "not_converged", "timeout", "failed", "skipped")
+VALID = ("ok", "not_converged")
+
+_GROUPS = ("task.", "method.", "seed", "status", "reason", "iterations", "converged")
+_LATER_GROUPS = ("metric.", "extra.", "seconds.", "peak_mib", "env.", "date", "schema", "key")
+_TEXT_COLUMNS = ("reason", "key", "task.checksum", "method.hash", "env.commit")
+
+
+def run_folder(root: str | os.PathLike[str], row: Row) -> Path:
+    """``root/<method>/<task>/seed_<seed>_<key>``, with names made safe for any file system."""
+    safe = [re.sub(r"[^\w.+=-]+", "_", str(row[name])) for name in ("method.name", "task.name")]
+    return Path(root, *safe, f"seed_{row['seed']}_{row['key'][:12]}")
+
+
+def write_run(folder: str | os.PathLike[str], row: Row, vertices: np.ndarray | None = None) -> None:
+    """Write a run: the vertices first, so that a folder with a row is complete.
+
+    Parameters
+    ----------
+    folder : path
+        Made if missing.
+    row : mapping
+    vertices : (n, 3) float64, optional
+        Stored as float32: enough to recompute a metric to about 1e-7.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    if vertices is None:
+        (folder / "vertices.npy").unlink(missing_ok=True)
+    else:
+        with replacing(folder / "vertices.npy") as temporary:
+            np.save(temporary, np.asarray(vertices, dtype=np.float32))
+    with replacing(folder / "row.json") as temporary:
+        temporary.write_text(json.dumps(ordered(row), indent=1) + "\n")
+
+
+def read_row(folder: str | os.PathLike[str]) -> Row | None:
+    """The row of a run folder, or None where none was completed."""
+    path = Path(folder, "row.json")
+    if not path.is_file():
+        return None
+    try:
+        return json.loads(path.read_text())
+    except ValueError as error:
+        raise InputError(f"{path}: not a row ({error}); remove the folder to run it again") from error
+
+
+def read_vertices(folder: str | os.PathLike[str]) -> np.ndarray:
+    """(n, 3) float64: the deformed vertices of a run folder."""
+    path = Path(folder, "vertices.npy")
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; the run left no vertices")
+    return np.load(path).astype(np.float64)
+
+
+def run_folders(root: str | os.PathLike[str]) -> list[Path]:
+    """Folders under `root` that hold a row, sorted."""
+    return sorted(path.parent for path in Path(root).rglob("row.json"))
+
+
+def newest(rows: Iterable[Row]) -> list[Row]:
+    """One row for each (method, its parameters, task, seed): the latest one, in a fixed order."""
+    kept: dict[tuple, Row] = {}
+    for row in sorted(rows, key=lambda row: (row["date"], row["key"])):
+        kept[row["method.name"], row["method.hash"], row["task.name"], row["seed"]] = row
+    return [kept[identity] for identity in sorted(kept)]
+
+
+def ordered(row: Mapping[str, Any]) -> Row:
+    """The same row with its columns in the fixed order."""
+    return {name: row[name] for name in columns([row])}
+
+
+def columns(rows: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Every column of the rows: group by group, alphabetical within a group."""
+    groups = (*_GROUPS, *_LATER_GROUPS)
+
+    def place(name: str) -> tuple[int, str]:
+        for i, group in enumerate(groups):
+            if name == group or (group.endswith(".") and name.startswith(group)):
+                return i, name
+        return len(groups), name
+
+    return sorted({name for row in rows for name in row}, key=place)
+
+
+def write_csv(path: str | os.PathLike[str], rows: list[Row]) -> None:
+    """Write rows as CSV; the same rows give the same bytes."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    names = columns(rows)
+    writer.writerow(names)
+    writer.writerows([[_cell(row.get(name)) for name in names] for row in rows])
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as temporary:
+        temporary.write_text(text.getvalue())
+
+
+def read_csv(path: str | os.PathLike[str]) -> list[Row]:
+    """Read rows back; an empty cell is None.
+
+    Raises
+    ------
+    InputError
+        When the file is missing or holds no rows.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; `python -m eval.collect` makes it from runs")
+    with path.open(newline="") as file:
+        rows = [{name: _value(name, cell) for name, cell in line.items()} for line in csv.DictReader(file)]
+    if not rows or "status" not in rows[0]:
+        raise InputError(f"{path}: holds no rows of runs")
+    return rows
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return repr(value) if isinstance(value, float) else str(value)
+
+
+def _value(name: str, cell: str) -> Any:
+    if cell == "":
+        return None
+    # A hash such as 12e4567890123456 is no number.
+    if name in _TEXT_COLUMNS or name.startswith("env.version."):
+        return cell
+    if cell in ("true", "false"):
+        return cell == "true"
+    for kind in (int, float):
+        try:
+            return kind(cell)
+        except ValueError:
+            continue
+    return cell

@@ -1,0 +1,134 @@
+"""Functions named in a configuration: ``_target_``, ``_partial_`` and parameters.
+
+The same convention as Hydra's ``instantiate``, so a configuration works with
+either. This one checks names and simple types of the parameters first, tells a
+name that does not exist (the configuration is wrong) from a library that is not
+installed (the method is to be skipped), and needs no Hydra, so that figures can
+load the task of a row.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import types
+import typing
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+from sshade.errors import InputError
+
+#: Keys of a method's configuration that are not for its function.
+OWN_KEYS = ("_target_", "_partial_", "warm_up")
+
+
+def instantiate(config: Mapping[str, Any]) -> Any:
+    """Call the function of a configuration, or bind its parameters if ``_partial_`` is true.
+
+    Parameters
+    ----------
+    config : mapping
+        Plain values; a value that is itself a mapping with ``_target_`` is instantiated first.
+
+    Raises
+    ------
+    InputError
+        When the function does not exist or does not take the parameters.
+    ImportError
+        When a library that the function's module imports is not installed.
+    """
+    function = locate(config["_target_"])
+    parameters = {
+        name: instantiate(value) if isinstance(value, Mapping) and "_target_" in value else value
+        for name, value in config.items()
+        if name not in OWN_KEYS
+    }
+    check_parameters(function, parameters, config["_target_"])
+    return partial(function, **parameters) if config.get("_partial_") else function(**parameters)
+
+
+def locate(target: str) -> Callable[..., Any]:
+    """The function of a dotted name such as "baselines.arap.arap"."""
+    module_name, _, name = target.rpartition(".")
+    if not module_name:
+        raise InputError(f"_target_ {target!r} is no function; write package.module.function")
+    try:
+        module = importlib.import_module(module_name)
+    except ModuleNotFoundError as error:
+        missing = error.name or ""
+        if module_name == missing or module_name.startswith(f"{missing}."):
+            raise InputError(f"_target_ {target!r}: there is no module {missing!r}") from error
+        raise
+    function = getattr(module, name, None)
+    if not callable(function):
+        raise InputError(f"_target_ {target!r}: module {module_name!r} has no function {name!r}")
+    return function
+
+
+def target_modules(config: Mapping[str, Any]) -> list[str]:
+    """Modules of the functions in a configuration, nested ones included."""
+    modules = {config["_target_"].rpartition(".")[0]} if "_target_" in config else set()
+    for value in config.values():
+        if isinstance(value, Mapping):
+            modules.update(target_modules(value))
+    return sorted(modules)
+
+
+def settings(config: Mapping[str, Any]) -> dict[str, Any]:
+    """A configuration without what does not change the result (``warm_up``, ``_partial_``), nested too."""
+    return {
+        name: settings(value) if isinstance(value, Mapping) else value
+        for name, value in config.items()
+        if name not in ("warm_up", "_partial_")
+    }
+
+
+def flat(config: Mapping[str, Any], prefix: str) -> dict[str, Any]:
+    """Nested settings as ``prefix.name`` columns; lists become text."""
+    columns: dict[str, Any] = {}
+    for name, value in config.items():
+        label = f"{prefix}.{'target' if name == '_target_' else name}"
+        if isinstance(value, Mapping):
+            columns.update(flat(value, label))
+        else:
+            columns[label] = str(value) if isinstance(value, list) else value
+    return columns
+
+
+def check_parameters(function: Callable[..., Any], parameters: Mapping[str, Any], target: str) -> None:
+    """Raise InputError on a parameter that the function does not have, or a value of another simple type."""
+    signature = inspect.signature(function).parameters
+    takes_any = any(p.kind is p.VAR_KEYWORD for p in signature.values())
+    unknown = [name for name in parameters if name not in signature and not takes_any]
+    if unknown:
+        raise InputError(
+            f"{target} has no parameter {unknown[0]!r}; it has {', '.join(signature) or 'no parameters'}"
+        )
+    try:
+        hints = typing.get_type_hints(function)
+    except NameError:  # a hint that is imported for type checkers only: nothing to check against
+        return
+    for name, value in parameters.items():
+        if name in hints and not _fits(value, hints[name]):
+            choices = _choices(hints[name])
+            wanted = f"one of {', '.join(choices)}" if choices else inspect.formatannotation(hints[name])
+            raise InputError(f"{target}: {name}={value!r} does not fit; it takes {wanted}")
+
+
+def _fits(value: Any, hint: Any) -> bool:
+    """Whether a plain value satisfies a hint; hints other than simple types are not judged."""
+    origin = typing.get_origin(hint)
+    if origin in (typing.Union, types.UnionType):
+        return any(_fits(value, part) for part in typing.get_args(hint))
+    if origin is typing.Literal:
+        return value in typing.get_args(hint)
+    if hint in (bool, str, types.NoneType):
+        return isinstance(value, hint)
+    if hint in (int, float):
+        return isinstance(value, (int, hint)) and not isinstance(value, bool)
+    return True
+
+
+def _choices(hint: Any) -> list[str]:
+    return [repr(choice) for choice in typing.get_args(hint) if typing.get_origin(hint) is typing.Literal]

@@ -1,0 +1,84 @@
+"""Small deformation tasks with known answers, for the tests of `eval` and of the methods' contract."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eval.warmup import icosphere
+from sshade.mesh import Mesh
+from sshade.task import DeformationResult, DeformationTask, Handles, silent
+
+
+def box(nx: int = 2, ny: int = 2, nz: int = 2, *, size=(1.0, 1.0, 1.0)) -> Mesh:
+    """Closed box surface of nx x ny x nz cells, each square split in two, faces outwards."""
+    counts = (nx, ny, nz)
+    points: dict[tuple[int, int, int], int] = {}
+    faces = []
+
+    def vertex(point: tuple[int, int, int]) -> int:
+        return points.setdefault(point, len(points))
+
+    for axis in range(3):
+        u, v = (axis + 1) % 3, (axis + 2) % 3
+        for level, outward in ((0, False), (counts[axis], True)):
+            for i in range(counts[u]):
+                for j in range(counts[v]):
+                    corners = []
+                    for di, dj in ((0, 0), (1, 0), (1, 1), (0, 1)):
+                        point = [0, 0, 0]
+                        point[axis], point[u], point[v] = level, i + di, j + dj
+                        corners.append(vertex(tuple(point)))
+                    a, b, c, d = corners
+                    both = [(a, b, c), (a, c, d)]
+                    faces += both if outward else [face[::-1] for face in both]
+    V = np.array(list(points), dtype=float) / counts * size
+    return Mesh(V, np.array(faces))
+
+
+def bumpy_sphere(level: int = 3) -> Mesh:
+    """Closed surface without symmetry."""
+    mesh = icosphere(level)
+    V = mesh.V * (1 + 0.2 * np.sin(3 * mesh.V[:, :1]) + 0.1 * np.cos(5 * mesh.V[:, 1:2] + mesh.V[:, 2:]))
+    return Mesh(V * [1.0, 1.3, 2.0], mesh.F)
+
+
+def ends_task(mesh: Mesh, *, angle: float = 30.0, lift: float = 0.1, name: str = "ends") -> DeformationTask:
+    """Hold the lowest tenth along z, turn the highest tenth about z by `angle` degrees and lift it."""
+    z = mesh.V[:, 2]
+    low, high = z.min() + 0.1 * np.ptp(z), z.max() - 0.1 * np.ptp(z)
+    static, dynamic = np.flatnonzero(z <= low), np.flatnonzero(z >= high)
+    cos, sin = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
+    handles = Handles(
+        index=np.concatenate([static, dynamic]),
+        target=np.concatenate([mesh.V[static], mesh.V[dynamic] @ turn.T + [0, 0, lift]]),
+        dynamic=np.repeat([False, True], [len(static), len(dynamic)]),
+        group=np.repeat([0, 1], [len(static), len(dynamic)]),
+    )
+    return DeformationTask(name=name, mesh=mesh, handles=handles, meta={"angle": angle})
+
+
+def bumpy_task(*, level: int = 3, angle: float = 30.0) -> DeformationTask:
+    """What ``dataset=bumpy`` loads."""
+    return ends_task(bumpy_sphere(level), angle=angle, name=f"bumpy_{angle:g}")
+
+
+def failing(task, *, seed: int, progress=silent) -> DeformationResult:
+    """A method that raises."""
+    raise ArithmeticError("this method\nalways fails")
+
+
+def missing_extra(task, *, seed: int, progress=silent) -> DeformationResult:
+    """A method whose extra is not installed."""
+    raise ImportError("torch is not installed; pip install sshade[torch]")
+
+
+def stretching(task, *, factor: float = 2.0, seed: int, progress=silent) -> DeformationResult:
+    """A method that scales; it never converges."""
+    return DeformationResult(
+        vertices=task.mesh.V * factor,
+        iterations=7,
+        converged=False,
+        seconds={"solve": 0.5},
+        extra={"residual": np.float64(np.inf), "engine": "none", "rotations": np.zeros((2, 3, 3))},
+    )
