@@ -1,0 +1,48 @@
+# make tables   the main job: builds a small DeFAUST, runs the methods, writes results/
+# make test     lint, architecture rules, tests, the small benchmark
+# The first use of either makes .venv and installs; PYTHON=... picks another interpreter.
+
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+READY  := $(VENV)/.installed
+QUICK  := data/defaust_20k
+CI     := data/defaust_5k
+
+.PHONY: tables test ci-benchmark clean
+
+tables: $(READY) $(QUICK)/dataset.json
+	$(BIN)/python -m eval -m experiment=quick dataset.root=$(QUICK)
+	$(BIN)/python -m eval.collect quick
+	$(BIN)/python -m eval.tables results/rows/quick.csv
+	$(BIN)/python -m eval.figures quick
+	@echo "tables in results/tables, the picture in results/figures"
+
+test: $(READY)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports
+	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(MAKE) --no-print-directory ci-benchmark
+
+ci-benchmark: $(READY) $(CI)/dataset.json
+	$(BIN)/python -m eval -m experiment=ci dataset.root=$(CI)
+
+$(QUICK)/dataset.json: $(READY)
+	$(BIN)/defaust build source=synthetic out=$(QUICK) subjects=[0,1] target_vertices=20000
+
+$(CI)/dataset.json: $(READY)
+	$(BIN)/defaust build source=synthetic out=$(CI) subjects=[0] target_vertices=5000
+
+$(READY): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+	  || { echo "Python 3.11 or newer is needed: make PYTHON=/path/to/python3.11 ..."; exit 2; }
+	@$(PYTHON) -c 'import ctypes; ctypes.CDLL("libGL.so.1")' 2>/dev/null \
+	  || { echo "pymeshlab needs the system library libGL.so.1 (Debian, Ubuntu: apt install libgl1)"; exit 2; }
+	@begin=$$(date +%s); \
+	  $(PYTHON) -m venv $(VENV) \
+	  && $(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[fast,figures,test]' \
+	  && touch $@ && echo "installed into $(VENV) in $$(( $$(date +%s) - begin )) s"
+
+clean:
+	rm -rf $(VENV) data results/runs
