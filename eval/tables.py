@@ -1,0 +1,300 @@
+"""Tables from rows: ``python -m eval.tables [ROWS.csv ...]`` writes CSV, Markdown and LaTeX.
+
+A table is a pure function of rows: one line a method, means over its valid
+runs in the paper's order of columns.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from eval.metrics import METRICS
+from eval.store import VALID, Row, read_csv
+from sshade.console import run_command
+from sshade.errors import InputError
+from sshade.files import replacing
+
+
+@dataclass(frozen=True)
+class Column:
+    """One number of a table: its heading, its unit, the row's column, and the decimals it is printed with."""
+
+    heading: str
+    unit: str
+    source: str
+    decimals: int
+    ranked: bool = True
+
+    def text(self, mean: float) -> str:
+        """The number as printed; times keep three digits, from milliseconds to hours."""
+        decimals = self.decimals
+        if self.unit == "s":
+            decimals = next((d for bound, d in ((100, 0), (10, 1), (1, 2)) if mean >= bound), 3)
+        return f"{mean:.{decimals}f}"
+
+
+COLUMNS = (
+    Column("volume", "%", "metric.volume", 2),
+    Column("area", "%", "metric.area", 2),
+    Column("EL", "%", "metric.edge", 2),
+    Column("FA", "deg", "metric.angle", 3),
+    Column("handle", "%", "metric.handle", 3),
+    Column("iterations", "", "iterations", 0, ranked=False),
+    Column("time", "s", "seconds.total", 2),
+)
+
+
+@dataclass(frozen=True)
+class Line:
+    """A method's line.
+
+    Parameters
+    ----------
+    method : str
+    valid, runs : int
+        Runs with a result, and all runs.
+    converged : str
+        "5/8" runs met the stopping rule; "-" for methods without one.
+    means : dict
+        Heading -> mean over the valid runs, None where it is not available for all of them.
+    """
+
+    method: str
+    valid: int
+    runs: int
+    complete: bool
+    outcome: str
+    converged: str
+    means: dict[str, float | None]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Lines, the columns they share, and the sentences that belong under them."""
+
+    title: str
+    columns: tuple[Column, ...]
+    lines: list[Line]
+    notes: list[str]
+
+
+def make_table(rows: list[Row], *, title: str, with_time: bool = True) -> Table:
+    """Gather rows into a table.
+
+    Parameters
+    ----------
+    rows : list of rows
+        Of one experiment; a method's rows must come from one configuration.
+    title : str
+    with_time : bool
+        False leaves the times out, which is the way to join rows of several machines.
+
+    Raises
+    ------
+    InputError
+        When a method's rows have different configurations, or times come from
+        different machines or from runs that shared a machine.
+    """
+    if with_time:
+        _check_times(rows)
+    columns = tuple(column for column in COLUMNS if with_time or column.unit != "s")
+    names = sorted({row["method.name"] for row in rows}, key=lambda name: (name.startswith("sshade"), name))
+    cases = {_case(row) for row in rows}
+    lines = [
+        _line(name, [row for row in rows if row["method.name"] == name], cases, columns) for name in names
+    ]
+    return Table(title, columns, lines, _notes(rows))
+
+
+def ranks(table: Table, column: Column) -> dict[str, int]:
+    """Method -> 1 (best) or 2 (second best), by the printed numbers, so that equal ones share a rank.
+
+    Only methods with a result for every case compete.
+    """
+    if not column.ranked:
+        return {}
+    printed = {
+        line.method: column.text(line.means[column.heading])
+        for line in table.lines
+        if line.means[column.heading] is not None and line.complete
+    }
+    order = sorted(set(printed.values()), key=float)
+    return {method: order.index(text) + 1 for method, text in printed.items() if text in order[:2]}
+
+
+def to_csv(table: Table) -> str:
+    """Numbers to six digits, without marks."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    headings = [f"{c.heading} [{c.unit}]" if c.unit else c.heading for c in table.columns]
+    writer.writerow(["method", "runs", "valid", "converged", *headings])
+    for line in table.lines:
+        means = [line.means[c.heading] for c in table.columns]
+        numbers = ["" if mean is None else format(mean, ".6g") for mean in means]
+        writer.writerow([line.method, line.runs, line.valid, line.converged, *numbers])
+    return text.getvalue()
+
+
+def to_markdown(table: Table) -> str:
+    """Best in bold, second best underlined."""
+    marks = {0: "{}", 1: "**{}**", 2: "<u>{}</u>"}
+    headings = [
+        "method",
+        "runs",
+        *(f"{c.heading} ({c.unit})" if c.unit else c.heading for c in table.columns),
+    ]
+    body = _cells(table, marks, not_available="n/a")
+    out = [f"### {table.title}", "", f"| {' | '.join(headings)} |"]
+    out.append("|" + "|".join([" --- ", *([" ---: "] * (len(headings) - 1))]) + "|")
+    out += [f"| {' | '.join(cells)} |" for cells in body]
+    out += ["", *(f"- {note}" for note in table.notes)]
+    return "\n".join(out) + "\n"
+
+
+def to_latex(table: Table) -> str:
+    """A booktabs tabular; best in bold, second best underlined, notes as comments."""
+    marks = {0: "{}", 1: "\\textbf{{{}}}", 2: "\\underline{{{}}}"}
+    units = {"%": " (\\%)", "deg": " ($^\\circ$)", "s": " (s)", "": ""}
+    headings = ["method", "runs", *(c.heading + units[c.unit] for c in table.columns)]
+    body = _cells(table, marks, not_available="--", escape=_escape)
+    out = [f"% {table.title}", *(f"% {note}" for note in table.notes)]
+    out += [f"\\begin{{tabular}}{{l{'r' * (len(headings) - 1)}}}", "\\toprule"]
+    out += [" & ".join(headings) + " \\\\", "\\midrule"]
+    out += [" & ".join(cells) + " \\\\" for cells in body]
+    out += ["\\bottomrule", "\\end{tabular}"]
+    return "\n".join(out) + "\n"
+
+
+FORMATS: dict[str, Callable[[Table], str]] = {"csv": to_csv, "md": to_markdown, "tex": to_latex}
+
+
+def _check_times(rows: list[Row]) -> None:
+    timed = [row for row in rows if row["status"] in VALID]
+    machines = sorted({row["env.machine"] for row in timed})
+    if len(machines) > 1:
+        raise InputError(
+            f"the rows come from {len(machines)} machines ({'; '.join(machines)}), whose times do not "
+            "compare: make one table for each, or leave the times out with --no-time"
+        )
+    shared = sum(1 for row in timed if row["env.concurrent"])
+    if shared:
+        raise InputError(
+            f"{shared} of {len(timed)} rows come from runs that shared the machine with others, "
+            "so their times do not compare: run them one at a time, or leave the times out with --no-time"
+        )
+
+
+def _case(row: Row) -> tuple[str, int]:
+    return row["task.name"], row["seed"]
+
+
+def _line(name: str, rows: list[Row], cases: set[tuple[str, int]], columns: tuple[Column, ...]) -> Line:
+    if len({row["method.hash"] for row in rows}) > 1:
+        raise InputError(
+            f"method {name!r} has rows of different parameters: give each its own label=..., "
+            "or remove the old runs"
+        )
+    valid = [row for row in rows if row["status"] in VALID]
+    means: dict[str, float | None] = {}
+    for column in columns:
+        values = [row.get(column.source) for row in valid]
+        usable = bool(values) and None not in values
+        means[column.heading] = sum(values) / len(values) if usable else None
+    rule = [row["converged"] for row in valid if row["converged"] is not None]
+    return Line(
+        method=name,
+        valid=len(valid),
+        runs=len(rows),
+        complete={_case(row) for row in valid} == cases,
+        outcome="ok" if valid else rows[0]["status"],
+        converged=f"{sum(rule)}/{len(rule)}" if rule else "-",
+        means=means,
+    )
+
+
+def _notes(rows: list[Row]) -> list[str]:
+    """Cases, machine, failures and legend."""
+    cases = {row["task.name"]: row["task.vertices"] for row in rows}
+    low, high = min(cases.values()), max(cases.values())
+    size = f"{low:,}" if low == high else f"{low:,} to {high:,}"
+    notes = [f"{len(cases)} cases of {size} vertices; means over the runs with a result."]
+    machines = sorted({row["env.machine"] for row in rows})
+    notes.append(f"Machine: {'; '.join(machines)}.")
+    for status in ("failed", "timeout", "skipped"):
+        by_method: dict[str, list[str]] = {}
+        for row in rows:
+            if row["status"] == status:
+                by_method.setdefault(row["method.name"], []).append(row["reason"])
+        notes += [
+            f"{name}: {len(reasons)} {status} ({sorted(set(reasons))[0]})"
+            for name, reasons in sorted(by_method.items())
+        ]
+    notes.append(
+        "Best in bold, second best underlined, among methods with a result for every case. "
+        "In brackets after the iterations: runs that converged; the others stopped at the cutoff."
+    )
+    shown = [c.source.removeprefix("metric.") for c in COLUMNS if c.source.startswith("metric.")]
+    headings = {c.source.removeprefix("metric."): c.heading for c in COLUMNS}
+    legend = "; ".join(f"{headings[name]}: {METRICS[name].equation}" for name in shown)
+    return [*notes, f"{legend}. Lower is better."]
+
+
+def _cells(
+    table: Table,
+    marks: dict[int, str],
+    *,
+    not_available: str,
+    escape: Callable[[str], str] = str,
+) -> list[list[str]]:
+    by_column = {column.heading: ranks(table, column) for column in table.columns}
+    body = []
+    for line in table.lines:
+        cells = [
+            escape(line.method),
+            str(line.runs) if line.valid == line.runs else f"{line.valid}/{line.runs}",
+        ]
+        for column in table.columns:
+            mean = line.means[column.heading]
+            if mean is None:
+                cells.append(not_available if line.valid else line.outcome)
+                continue
+            text = marks[by_column[column.heading].get(line.method, 0)].format(column.text(mean))
+            if column.source == "iterations" and line.converged != "-":
+                text += f" ({line.converged})"
+            cells.append(text)
+        body.append(cells)
+    return body
+
+
+def _escape(text: str) -> str:
+    return "".join(f"\\{c}" if c in "&%$#_{}" else c for c in text)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Command line of ``python -m eval.tables``."""
+    parser = argparse.ArgumentParser(prog="python -m eval.tables", description=__doc__)
+    parser.add_argument("rows", nargs="*", type=Path, help="default: every CSV in results/rows")
+    parser.add_argument("-o", "--out", type=Path, default=Path("results/tables"))
+    parser.add_argument("--no-time", action="store_true", help="leave the times out")
+    options = parser.parse_args(arguments)
+    paths = options.rows or sorted(Path("results/rows").glob("*.csv"))
+    if not paths:
+        raise InputError("results/rows holds no rows; `python -m eval.collect` makes them from runs")
+    options.out.mkdir(parents=True, exist_ok=True)
+    for path in paths:
+        table = make_table(read_csv(path), title=path.stem, with_time=not options.no_time)
+        for suffix, write in FORMATS.items():
+            with replacing(options.out / f"{path.stem}.{suffix}") as temporary:
+                temporary.write_text(write(table))
+        print(to_markdown(table))  # noqa: T201
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(run_command(main))
