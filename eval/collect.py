@@ -1,4 +1,4 @@
-"""Gather the rows of runs: ``python -m eval.collect [RUNS/EXPERIMENT ...]`` writes one CSV an experiment."""
+"""Gather the rows of runs: ``python -m eval.collect [EXPERIMENT ...]`` writes one CSV an experiment."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from eval.store import Row, newest, read_row, run_folders, write_csv
+from eval.store import FOLDER_HELP, RUNS, Row, experiment_folder, newest, read_row, run_folders, write_csv
 from sshade.console import run_command
 from sshade.errors import InputError
 
@@ -28,12 +28,13 @@ def collect(folder: Path) -> list[Row]:
 def main(arguments: list[str] | None = None) -> int:
     """Command line of ``python -m eval.collect``."""
     parser = argparse.ArgumentParser(prog="python -m eval.collect", description=__doc__)
-    parser.add_argument("folders", nargs="*", type=Path, help="default: every folder in results/runs")
+    parser.add_argument("folders", nargs="*", type=Path, help=f"{FOLDER_HELP} (default: all)")
     parser.add_argument("-o", "--out", type=Path, default=Path("results/rows"))
     options = parser.parse_args(arguments)
-    folders = options.folders or sorted(path for path in Path("results/runs").glob("*") if path.is_dir())
+    folders = [experiment_folder(folder) for folder in options.folders]
+    folders = folders or sorted(path for path in RUNS.glob("*") if path.is_dir())
     if not folders:
-        raise InputError("results/runs holds no experiment; name the folders of runs to collect")
+        raise InputError(f"{RUNS} holds no experiment; name the folders of runs to collect")
     for folder in folders:
         rows = collect(folder)
         path = options.out / f"{folder.name}.csv"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import math
 from collections.abc import Callable, Mapping
@@ -128,7 +129,7 @@ def _identity(
     row |= flat(plain, "method")
     row |= _task_facts(task)
     if source is not None:
-        row |= flat(source, "task.source")
+        row["task.source"] = json.dumps(source)
     found = dependencies(*target_modules(method))
     row["method.sources"] = source_hash(found.sources)
     row |= {f"env.version.{library}": version for library, version in found.versions.items()}

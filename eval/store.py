@@ -26,19 +26,38 @@ Row = dict[str, Any]
 #: Raised when the meaning of a column changes; part of every key.
 SCHEMA = 1
 
+#: Where the runs lie by default: one folder an experiment.
+RUNS = Path("results/runs")
+FOLDER_HELP = "name of an experiment in results/runs, or a folder of runs"
+
 #: What became of a run. The first two are valid results.
 STATUSES = ("ok", "not_converged", "timeout", "failed", "skipped")
 VALID = ("ok", "not_converged")
 
 _GROUPS = ("task.", "method.", "seed", "status", "reason", "iterations", "converged")
 _LATER_GROUPS = ("metric.", "extra.", "seconds.", "peak_mib", "env.", "date", "schema", "key")
-_TEXT_COLUMNS = ("reason", "key", "task.checksum", "method.hash", "env.commit")
+_TEXT_COLUMNS = ("reason", "key", "task.checksum", "task.source", "method.hash", "env.commit")
 
 
 def run_folder(root: str | os.PathLike[str], row: Row) -> Path:
     """``root/<method>/<task>/seed_<seed>_<key>``, with names made safe for any file system."""
     safe = [re.sub(r"[^\w.+=-]+", "_", str(row[name])) for name in ("method.name", "task.name")]
     return Path(root, *safe, f"seed_{row['seed']}_{row['key'][:12]}")
+
+
+def experiment_folder(name: Path) -> Path:
+    """A folder of runs, given as such or by the name of its experiment.
+
+    Raises
+    ------
+    InputError
+        When there is neither.
+    """
+    for folder in (name, RUNS / name):
+        # A folder such as "quick" beside the command may be anything; one with runs is meant.
+        if folder.is_dir() and next(folder.rglob("row.json"), None) is not None:
+            return folder
+    raise InputError(f"no runs in {name} or {RUNS / name}; `python -m eval -m experiment=...` makes them")
 
 
 def write_run(folder: str | os.PathLike[str], row: Row, vertices: np.ndarray | None = None) -> None:
