@@ -13,9 +13,9 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from sshade.coarse import libigl_arap
 from sshade.errors import InputError
 from sshade.frames import TriangleFrames
+from sshade.local_global import local_global
 from sshade.mesh import Mesh
 from sshade.projection import Projection, project_to_fans, project_to_surface
 from sshade.remesh import Remesh, proxy_mesh, remesh
@@ -192,7 +192,8 @@ def deform(
     samplings : int
         k, the number of different proxies whose results are averaged; the paper's is 5.
     coarse : Method, optional
-        Deforms the proxy; by default spokes-and-rims ARAP on libigl.
+        Deforms the proxy; by default :func:`sshade.local_global.local_global`,
+        accelerated spokes-and-rims ARAP.
     frame_function : {"extent", "best", "x", "y", "z"} or (n,) float64
         f, whose gradient directs the frames; see :func:`sshade.frames.frame_values`.
     projection : {"fan", "surface"}
@@ -233,7 +234,7 @@ def deform(
         _one_sampling,
         task,
         vertices=vertices,
-        coarse=coarse or libigl_arap,
+        coarse=coarse or local_global,
         frame_function=frame_function,
         projection=projection,
         handle_mode=handle_mode,
