@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import hydra
+from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
@@ -64,7 +65,8 @@ class SweepStart(Callback):
         """Count the runs as the basic sweeper does: the product of the swept values."""
         global _sweep
         params = [f"{name}={values}" for name, values in (config.hydra.sweeper.params or {}).items()]
-        overrides = OverridesParser.create().parse_overrides([*params, *config.hydra.overrides.task])
+        loader = GlobalHydra.instance().config_loader()  # it resolves glob(*)
+        overrides = OverridesParser.create(config_loader=loader).parse_overrides([*params, *config.hydra.overrides.task])
         counts = {
             override.get_key_element(): len(list(override.sweep_string_iterator()))
             if override.is_sweep_override()
