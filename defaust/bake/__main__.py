@@ -1,0 +1,194 @@
+"""``python -m defaust.bake --mpfb2 DIR --out FILE``: make the asset of the synthetic bodies."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import logging
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from defaust.bake.landmarks import find_landmarks
+from defaust.bake.morphs import (
+    BONES,
+    BaseMesh,
+    Shape,
+    morph,
+    read_base,
+    read_joints,
+    read_parents,
+    read_weights,
+)
+from defaust.bake.poses import POSES, make_pose
+from defaust.bake.template import (
+    carry,
+    fill,
+    make_template,
+    neighbour_average,
+    outer_skin,
+    quantise_weights,
+    smooth_weights,
+)
+from defaust.synthetic import QUANTUM, Bodies
+from sshade import InputError, Mesh
+from sshade.console import run_command
+from sshade.files import replacing
+
+log = logging.getLogger("defaust.bake")
+
+SEED = 0
+#: Adults of both genders, all ages, builds and origins; statures 1.5 to 1.85 m.
+SUBJECTS = (
+    Shape(1.0, 0.50, 0.55, 0.50, 0.50, 0.60, (0.2, 0.2, 0.6)),
+    Shape(0.0, 0.50, 0.50, 0.45, 0.50, 0.60, (0.3, 0.3, 0.4)),
+    Shape(1.0, 0.60, 0.85, 0.60, 0.56, 0.70, (0.8, 0.1, 0.1)),
+    Shape(0.0, 0.62, 0.40, 0.75, 0.46, 0.45, (0.1, 0.1, 0.8)),
+    Shape(1.0, 0.75, 0.40, 0.85, 0.48, 0.40, (0.1, 0.5, 0.4)),
+    Shape(0.0, 0.55, 0.70, 0.35, 0.55, 0.70, (0.7, 0.2, 0.1)),
+    Shape(1.0, 0.90, 0.30, 0.45, 0.45, 0.40, (0.3, 0.1, 0.6)),
+    Shape(0.0, 0.85, 0.35, 0.60, 0.44, 0.45, (0.1, 0.8, 0.1)),
+    Shape(0.7, 0.52, 0.60, 0.30, 0.58, 0.65, (0.2, 0.6, 0.2)),
+    Shape(0.3, 0.58, 0.45, 0.90, 0.52, 0.50, (0.4, 0.3, 0.3)),
+)
+
+
+def bake(root: Path) -> dict[str, np.ndarray]:
+    """Arrays of the asset, made from the folder of MPFB2's data.
+
+    Raises
+    ------
+    InputError
+        When a subject intersects itself at rest, or in a pose however much it is shrunk.
+    """
+    base = read_base(root)
+    body = base.F.max() + 1
+    neutral = morph(root, base, Shape())
+    skin = base.F[outer_skin(neutral[:body], base.F)]
+    T, TF = make_template(neutral[:body], skin)
+    matrix, distance = carry(neutral[:body], skin, T)
+    on_skin = distance < 1e-6
+    log.info("template: %d vertices, %d of them fill holes", len(T), int((~on_skin).sum()))
+
+    joint_ids = read_joints(root, base)
+    steps, joints = [], []
+    for shape in SUBJECTS:
+        V = morph(root, base, shape)
+        shaped = T + fill(matrix @ (V - neutral)[:body], on_skin, T, TF)
+        floor = np.array([0.0, shaped[:, 1].min(), 0.0])
+        steps.append(_untangle(shaped - floor, TF))
+        joints.append([V[joint_ids[bone][0]].mean(axis=0) - floor for bone in BONES])
+    W = fill(matrix @ read_weights(root, len(base.V))[:body], on_skin, T, TF)
+    bone, weight = quantise_weights(smooth_weights(W, TF))
+
+    mean = np.round(np.mean(steps, axis=0)).astype(np.int32)
+    landmarks = find_landmarks(
+        T,
+        TF,
+        heads={name: neutral[head].mean(axis=0) for name, (head, _) in joint_ids.items()},
+        tails={name: neutral[tail].mean(axis=0) for name, (_, tail) in joint_ids.items()},
+    )
+    arrays = {
+        "mean": mean,
+        "offset": (np.array(steps) - mean).astype(np.int16),
+        "faces": TF.astype(np.uint16),
+        "joints": np.array(joints, dtype=np.float32),
+        "parents": read_parents(root).astype(np.int8),
+        "bones": np.array(BONES),
+        "bone": bone,
+        "weight": weight,
+        "rotations": np.zeros((len(SUBJECTS), len(POSES), len(BONES), 3), dtype=np.float32),
+        "shifts": np.zeros((len(SUBJECTS), len(POSES), 3), dtype=np.float32),
+        "pose_names": np.array(list(POSES)),
+        "landmarks": np.array(list(landmarks.values()), dtype=np.uint16),
+        "landmark_names": np.array(list(landmarks)),
+    }
+    _find_poses(arrays)
+    return arrays
+
+
+def _untangle(V: np.ndarray, F: np.ndarray) -> np.ndarray:
+    """Positions in units of QUANTUM, smoothed where the surface intersects itself.
+
+    The targets press the little toes together.
+    """
+    average = neighbour_average(len(V), F)
+    for step in range(60):
+        rounded = np.round(V / QUANTUM).astype(np.int64)
+        tangled = self_intersections(QUANTUM * rounded, F)
+        if not tangled.any():
+            log.info("untangled in %d steps", step)
+            return rounded
+        near = np.zeros(len(V))
+        near[F[tangled]] = 1.0
+        near = np.minimum(1.0, near + average @ near)[:, None]
+        V = V + 0.3 * near * (average @ V - V)
+    raise InputError("a shape still intersects itself after 60 smoothing steps; change it")
+
+
+def _find_poses(arrays: dict[str, np.ndarray]) -> None:
+    """Fill in rotations and shifts, shrinking a pose until the skinned body does not intersect itself."""
+    bodies = Bodies.from_arrays(arrays)
+    for s in range(len(SUBJECTS)):
+        at_rest = int(self_intersections(bodies.rest[s], bodies.faces).sum())
+        if at_rest:
+            raise InputError(f"subject {s} has {at_rest} self-intersecting faces at rest; change its shape")
+        for k, name in enumerate(POSES):
+            for factor in np.linspace(1.0, 0.5, 26):
+                rotations, shift = make_pose(
+                    name, joints=bodies.joints[s], parents=bodies.parents, seed=[SEED, s, k], factor=factor
+                )
+                if name == "bend_twist":
+                    shift[1] = -bodies.pose(s, rotations=rotations, shift=shift)[:, 1].min()
+                # What is stored is what is tested.
+                arrays["rotations"][s, k], arrays["shifts"][s, k] = rotations, shift
+                V = bodies.pose(
+                    s,
+                    rotations=arrays["rotations"][s, k].astype(np.float64),
+                    shift=arrays["shifts"][s, k].astype(np.float64),
+                )
+                if not self_intersections(V, bodies.faces).any():
+                    break
+            else:
+                raise InputError(f"subject {s} intersects itself in {name} even at half the angles")
+            rest, posed = Mesh(bodies.rest[s], bodies.faces), Mesh(V, bodies.faces)
+            log.info(
+                "subject %d %-10s factor %.2f volume %+.1f %%",
+                s, name, factor, 100 * (posed.volume / rest.volume - 1),
+            )  # fmt: skip
+
+
+def self_intersections(V: np.ndarray, F: np.ndarray) -> np.ndarray:
+    """(m,) which faces intersect another one (the filter of pymeshlab)."""
+    import pymeshlab
+
+    meshes = pymeshlab.MeshSet()
+    meshes.add_mesh(pymeshlab.Mesh(V, F))
+    meshes.compute_selection_by_self_intersections_per_face()
+    return meshes.current_mesh().face_selection_array()
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Parse the command line, bake, and write the asset."""
+    parser = argparse.ArgumentParser(prog="python -m defaust.bake", description=__doc__)
+    parser.add_argument("--mpfb2", type=Path, required=True, help="folder with 3dobjs, rigs and targets")
+    parser.add_argument("--out", type=Path, required=True, help="the .npz to write")
+    args = parser.parse_args(argv)
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+
+    def work() -> int:
+        if not (args.mpfb2 / "3dobjs" / "base.obj").is_file():
+            raise InputError(f"{args.mpfb2}: no 3dobjs/base.obj there; give the folder of MPFB2's data")
+        arrays = bake(args.mpfb2)
+        with replacing(args.out) as temporary:
+            np.savez_compressed(temporary, **arrays)
+        data = args.out.read_bytes()
+        log.info("%s: %d bytes, sha256 %s", args.out, len(data), hashlib.sha256(data).hexdigest())
+        return 0
+
+    return run_command(work)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,124 @@
+"""The four target poses, as rotations of the bones about world axes."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from defaust.bake.morphs import BONES
+from defaust.skinning import apply_motions, bone_motions
+
+#: Rotation vectors in degrees. x bends forward where positive, y turns to the
+#: left, z raises the left arm. A name without side stands for both: the right
+#: one gets the mirror image.
+POSES: dict[str, dict[str, tuple[float, float, float]]] = {
+    "arms_up": {
+        "clavicle": (0, 0, 14),
+        "upperarm": (-8, 0, 72),
+        "lowerarm": (-6, 0, 16),
+        "head": (-6, 0, 0),
+    },
+    "leg_lift": {
+        "thigh_l": (-56, 0, 6),
+        "calf_l": (58, 0, 0),
+        "upperarm": (10, 0, 22),
+        "lowerarm": (-16, 0, 8),
+        "spine_02": (3, 0, 0),
+    },
+    "squat": {
+        "pelvis": (18, 0, 0),
+        "spine_02": (10, 0, 0),
+        "neck_01": (-14, 0, 0),
+        "upperarm": (-52, -18, 0),
+        "lowerarm": (-14, 0, 0),
+    },
+    "bend_twist": {
+        "spine_01": (12, 10, 0),
+        "spine_02": (12, 10, 0),
+        "spine_03": (10, 12, 0),
+        "neck_01": (-8, 10, 0),
+        "upperarm_l": (-48, 0, 20),
+        "lowerarm_l": (-28, 0, 0),
+        "upperarm_r": (18, 0, 18),
+        "lowerarm_r": (-30, 0, 0),
+        "thigh_l": (-34, 0, 6),
+        "calf_l": (36, 0, 0),
+        "thigh_r": (8, 0, -4),
+        "calf_r": (16, 0, 0),
+    },
+}
+JITTER = 3.0
+#: The whole body's motion in bend_twist: rotation in degrees, and shift in metres.
+TURN = Rotation.from_euler("yxz", (125.0, 14.0, 10.0), degrees=True).as_rotvec()
+TURN_SHIFT = np.array([0.55, 0.0, 0.35])
+#: How far the pelvis goes down and back in the squat, relative to the leg's length.
+SQUAT_SHIFT = np.array([0.0, -0.22, -0.13])
+
+
+def make_pose(
+    name: str, *, joints: np.ndarray, parents: np.ndarray, seed: list[int], factor: float = 1.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rotations and shift of one pose of one subject.
+
+    Parameters
+    ----------
+    name : str
+        One of :data:`POSES`.
+    joints : (b, 3) float64
+    parents : (b,) int
+    seed : list of int
+        Of the jitter that makes subjects differ.
+    factor : float
+        Shrinks every angle but the turn of the whole body; 1 is the full pose.
+
+    Returns
+    -------
+    rotations : (b, 3) float64, radians
+    shift : (3,) float64, metres
+    """
+    rng = np.random.default_rng(seed)
+    rotations = np.zeros((len(BONES), 3))
+    for bone, angles in _both_sides(POSES[name]).items():
+        rotations[BONES.index(bone)] = factor * np.radians(np.array(angles) + JITTER * rng.normal(size=3))
+    shift = np.zeros(3)
+    if name == "squat":
+        leg = joints[BONES.index("thigh_l"), 1] - joints[BONES.index("foot_l"), 1]
+        shift = factor * leg * SQUAT_SHIFT
+        for side in "lr":
+            _plant(rotations, joints, parents=parents, shift=shift, side=side)
+    elif name == "bend_twist":
+        rotations[0] = TURN
+        shift = TURN_SHIFT.copy()
+    return rotations, shift
+
+
+def _plant(
+    rotations: np.ndarray, joints: np.ndarray, *, parents: np.ndarray, shift: np.ndarray, side: str
+) -> None:
+    """Set the leg's rotations so that its foot stays exactly where it is at rest."""
+    thigh, calf, foot = (BONES.index(f"{bone}_{side}") for bone in ("thigh", "calf", "foot"))
+    outward = 1.0 if side == "l" else -1.0
+    start = np.radians([-75.0, outward * 8.0, outward * 10.0, 80.0])
+
+    def place(x: np.ndarray) -> np.ndarray:
+        rotations[thigh], rotations[calf] = x[:3], (x[3], 0.0, 0.0)
+        motions = bone_motions(joints, parents, rotations)
+        ankle = apply_motions(motions[[calf]], joints[[foot]])[0] + shift - joints[foot]
+        # The ankle leaves one degree of freedom open: stay near the start.
+        return np.concatenate([1e3 * ankle, 0.1 * (x - start)])
+
+    place(least_squares(place, start).x)
+    # The chain's rotation undone, the foot keeps its rest orientation.
+    real = bone_motions(joints, parents, rotations)[calf, :4]
+    rotations[foot] = Rotation.from_quat(real, scalar_first=True).inv().as_rotvec()
+
+
+def _both_sides(pose: dict[str, tuple[float, float, float]]) -> dict[str, tuple[float, float, float]]:
+    full = {}
+    for bone, (x, y, z) in pose.items():
+        if bone in BONES:
+            full[bone] = (x, y, z)
+        else:
+            full[f"{bone}_l"], full[f"{bone}_r"] = (x, y, z), (x, -y, -z)
+    return full

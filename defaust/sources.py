@@ -1,0 +1,66 @@
+"""What a source of registered shapes offers to the build."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from sshade import Mesh
+
+
+@dataclass(frozen=True)
+class SourcePose:
+    """One target pose of a subject.
+
+    Parameters
+    ----------
+    name : str
+        What the source calls it.
+    landmarks : tuple of str
+        Landmarks that carry handles in this pose.
+    aligned : bool
+        False where the pose is turned or moved as a whole against the rest pose.
+    """
+
+    name: str
+    landmarks: tuple[str, ...]
+    aligned: bool = True
+
+
+class Source(Protocol):
+    """Subjects with a rest pose and target poses in vertex correspondence.
+
+    A source is built with plain parameters and pickles, because subjects are
+    built in worker processes. Whatever it returns depends on nothing but its
+    parameters and its data.
+    """
+
+    @property
+    def name(self) -> str:
+        """Short identifier, e.g. ``synthetic``."""
+
+    @property
+    def provenance(self) -> Mapping[str, Any]:
+        """Flat facts for the dataset card: ``title``, ``origin``, ``licence``, ``citation``, ``limits``,
+        ``axes``, ``unit`` and checksums of the data; text, numbers or lists of text."""
+
+    @property
+    def subjects(self) -> tuple[int, ...]:
+        """Numbers of the subjects."""
+
+    @property
+    def landmark_names(self) -> tuple[str, ...]:
+        """Every landmark that some pose uses, in the order of their ids."""
+
+    def landmark_vertices(self, subject: int) -> Mapping[str, int]:
+        """Vertex of each landmark on the subject's registered meshes."""
+
+    def poses(self, subject: int) -> tuple[SourcePose, ...]:
+        """Target poses; pose k of the dataset is the k-th of them, counted from 1."""
+
+    def rest(self, subject: int) -> Mesh:
+        """Registered rest mesh: closed, manifold, one component."""
+
+    def posed(self, subject: int, pose: SourcePose) -> Mesh:
+        """Registered mesh in a target pose, with the faces of the rest mesh."""
