@@ -1,0 +1,37 @@
+"""What all tests share: reproducible property tests, and a few meshes that are built once."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import settings
+from shapes import bumpy, double_torus, icosphere, jittered, strip, torus, tube
+
+from sshade.mesh import Mesh
+
+settings.register_profile("reproducible", derandomize=True, deadline=None, database=None, max_examples=25)
+settings.load_profile("reproducible")
+
+
+@pytest.fixture(scope="session")
+def body() -> Mesh:
+    """Closed, no symmetry, 642 vertices."""
+    return bumpy(3)
+
+
+@pytest.fixture(scope="session")
+def small_body() -> Mesh:
+    """Closed, no symmetry, 162 vertices."""
+    return bumpy(2)
+
+
+@pytest.fixture(scope="session")
+def zoo() -> dict[str, Mesh]:
+    """One mesh of each topology the method promises to keep."""
+    return {
+        "sphere": icosphere(3),
+        "bumpy": bumpy(3),
+        "torus": torus(),
+        "double torus": double_torus(),
+        "tube": tube(),
+        "strip": jittered(strip(30, 6), 0.1),
+    }

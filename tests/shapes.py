@@ -1,0 +1,130 @@
+"""Small meshes for the tests, each with a known topology and no file behind it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sshade.mesh import Mesh
+
+
+def tetrahedron() -> Mesh:
+    V = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    return Mesh(V, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]))
+
+
+def icosphere(level: int) -> Mesh:
+    """Unit sphere of 10 x 4^level + 2 vertices."""
+    p = (1 + 5**0.5) / 2
+    V = [[-1, p, 0], [1, p, 0], [-1, -p, 0], [1, -p, 0], [0, -1, p], [0, 1, p]]
+    V += [[0, -1, -p], [0, 1, -p], [p, 0, -1], [p, 0, 1], [-p, 0, -1], [-p, 0, 1]]
+    F = [[0, 11, 5], [0, 5, 1], [0, 1, 7], [0, 7, 10], [0, 10, 11], [1, 5, 9], [5, 11, 4]]
+    F += [[11, 10, 2], [10, 7, 6], [7, 1, 8], [3, 9, 4], [3, 4, 2], [3, 2, 6], [3, 6, 8]]
+    F += [[3, 8, 9], [4, 9, 5], [2, 4, 11], [6, 2, 10], [8, 6, 7], [9, 8, 1]]
+    mesh = Mesh(np.array(V, dtype=float), np.array(F))
+    for _ in range(level):
+        mesh = subdivided(mesh)
+    return Mesh(mesh.V / np.linalg.norm(mesh.V, axis=1, keepdims=True), mesh.F)
+
+
+def subdivided(mesh: Mesh) -> Mesh:
+    """Every triangle cut into four at its edges' midpoints."""
+    edges = mesh.edges
+    midpoint = {(int(i), int(j)): mesh.n + e for e, (i, j) in enumerate(edges)}
+    faces = []
+    for a, b, c in mesh.F.tolist():
+        ab, bc, ca = (midpoint[min(i, j), max(i, j)] for i, j in ((a, b), (b, c), (c, a)))
+        faces += [(a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca)]
+    return Mesh(np.concatenate([mesh.V, mesh.V[edges].mean(axis=1)]), np.array(faces))
+
+
+def quads(nu: int, nv: int, *, wrap_u: bool = False, wrap_v: bool = False) -> np.ndarray:
+    """Faces of a lattice of nu x nv vertices, each square cut along the same diagonal."""
+    faces = []
+    for i in range(nu if wrap_u else nu - 1):
+        for j in range(nv if wrap_v else nv - 1):
+            a, b = i * nv + j, (i + 1) % nu * nv + j
+            c, d = (i + 1) % nu * nv + (j + 1) % nv, i * nv + (j + 1) % nv
+            faces += [(a, b, c), (a, c, d)]
+    return np.array(faces)
+
+
+def strip(length: int, width: int) -> Mesh:
+    """Flat regular grid of length x width unit squares: a disc with many equal distances."""
+    x, y = np.meshgrid(np.arange(length + 1.0), np.arange(width + 1.0), indexing="ij")
+    V = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+    return Mesh(V, quads(length + 1, width + 1))
+
+
+def torus(nu: int = 24, nv: int = 12, *, radius: float = 1.0, tube: float = 0.4) -> Mesh:
+    u, v = (2 * np.pi * a.ravel() for a in np.meshgrid(np.arange(nu) / nu, np.arange(nv) / nv, indexing="ij"))
+    ring = radius + tube * np.cos(v)
+    V = np.stack([ring * np.cos(u), ring * np.sin(u), tube * np.sin(v)], axis=1)
+    return Mesh(V, quads(nu, nv, wrap_u=True, wrap_v=True))
+
+
+def tube(around: int = 16, along: int = 30, *, length: float = 6.0) -> Mesh:
+    """Open cylinder of radius 1: two boundary loops."""
+    u, z = (a.ravel() for a in np.meshgrid(np.arange(around) / around, np.arange(along) / (along - 1)))
+    V = np.stack([np.cos(2 * np.pi * u), np.sin(2 * np.pi * u), length * z], axis=1)
+    F = quads(along, around, wrap_v=True)
+    return Mesh(V, F[:, ::-1])
+
+
+def block(solid: np.ndarray, *, cells: int = 1) -> Mesh:
+    """Surface of a solid made of unit cubes, each cut into cells^3; faces outwards.
+
+    Cubes that touch along an edge or at a corner only make it non-manifold.
+    """
+    solid = np.kron(np.asarray(solid, dtype=np.int8), np.ones((cells,) * 3, dtype=np.int8)).astype(bool)
+    filled = np.pad(solid, 1)
+    ids: dict[tuple[int, ...], int] = {}
+    faces = []
+    for axis in range(3):
+        u, v = np.eye(3, dtype=int)[[(axis + 1) % 3, (axis + 2) % 3]]
+        step = np.eye(3, dtype=int)[axis]
+        for cell in np.argwhere(filled):
+            for side in (0, 1):
+                if filled[tuple(cell + (2 * side - 1) * step)]:
+                    continue
+                corner = cell + side * step
+                ring = [
+                    ids.setdefault(tuple(p), len(ids))
+                    for p in (corner, corner + u, corner + u + v, corner + v)
+                ]
+                a, b, c, d = ring if side else ring[::-1]
+                faces += [(a, b, c), (a, c, d)]
+    return Mesh(np.array(list(ids), dtype=float) / cells, np.array(faces))
+
+
+def double_torus(*, cells: int = 2) -> Mesh:
+    """A plate with two square holes, jittered: genus 2."""
+    solid = np.ones((5, 3, 1))
+    solid[1, 1], solid[3, 1] = 0, 0
+    return jittered(block(solid, cells=cells), 0.05 / cells)
+
+
+def jittered(mesh: Mesh, amount: float, *, seed: int = 0) -> Mesh:
+    """Every coordinate moved by up to `amount`: no two distances are equal any more."""
+    rng = np.random.default_rng(seed)
+    return Mesh(mesh.V + rng.uniform(-amount, amount, mesh.V.shape), mesh.F)
+
+
+def bumpy(level: int = 3) -> Mesh:
+    """Closed surface without any symmetry, longest along z, then y."""
+    mesh = icosphere(level)
+    x, y, z = mesh.V.T
+    radius = 1 + 0.2 * np.sin(3 * x + 1) + 0.1 * np.cos(5 * y + z) + 0.1 * np.sin(2 * z - 4 * x * y)
+    return Mesh(mesh.V * radius[:, None] * [1.0, 1.3, 2.0], mesh.F)
+
+
+def bent(V: np.ndarray, amount: float = 0.3) -> np.ndarray:
+    """A smooth non-rigid motion of space, for deforming proxies without a solver."""
+    x, y, z = V.T
+    return np.stack([x + amount * z**2, y + amount * np.sin(x), z + 0.5 * amount * x * y], axis=1)
+
+
+def rotation(seed: int = 0) -> np.ndarray:
+    """A rotation in general position."""
+    Q, R = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    Q = Q * np.sign(np.diag(R))
+    return Q * np.linalg.det(Q)

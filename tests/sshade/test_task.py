@@ -1,0 +1,229 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+from shapes import icosphere, rotation, tetrahedron
+
+from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh
+from sshade.task import rigid_motion
+
+
+def test_defaults_are_dynamic_and_of_one_group():
+    handles = Handles([4, 2], [[0, 0, 0], [1, 1, 1]])
+    assert len(handles) == 2
+    assert handles.index.tolist() == [4, 2]
+    assert handles.dynamic.tolist() == [True, True] and handles.group.tolist() == [0, 0]
+    assert handles.snap_distance.tolist() == [0.0, 0.0] and handles.merged == 0
+    assert handles.index.dtype == np.int64 and handles.target.dtype == np.float64
+
+
+def test_arrays_are_read_only_copies():
+    index, target = np.array([1, 2]), np.zeros((2, 3))
+    handles = Handles(index, target)
+    index[0], target[0] = 9, 9.0
+    assert handles.index.tolist() == [1, 2] and not handles.target.any()
+    for name in ("index", "target", "dynamic", "group", "snap_distance"):
+        assert not getattr(handles, name).flags.writeable
+
+
+def test_repeated_ids_with_one_target_are_kept_once_in_order():
+    target = np.array([[1.0, 2, 3], [4, 5, 6], [1, 2, 3], [7, 8, 9]])
+    handles = Handles([8, 3, 8, 5], target, dynamic=[True, False, True, True], group=[0, 1, 2, 3])
+    assert handles.index.tolist() == [8, 3, 5]
+    assert np.array_equal(handles.target, target[[0, 1, 3]])
+    assert handles.dynamic.tolist() == [True, False, True] and handles.group.tolist() == [0, 1, 3]
+
+
+def test_contradictory_targets_on_one_vertex_are_refused():
+    with pytest.raises(InputError, match="vertex 8 has contradictory targets, 0.5 apart"):
+        Handles([8, 3, 8], [[0, 0, 0], [9, 9, 9], [0, 0.5, 0]])
+
+
+def test_targets_that_differ_by_rounding_do_not_contradict():
+    assert len(Handles([1, 1, 2], [[1, 0, 0], [1 + 1e-15, 0, 0], [0, 1, 0]])) == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"index": [], "target": np.zeros((0, 3))}, "no handles"),
+        ({"index": [[0, 1]], "target": np.zeros((2, 3))}, "list of integers"),
+        ({"index": [0.0, 1.0], "target": np.zeros((2, 3))}, "integers, not float64"),
+        ({"index": [0, 1, 2], "target": np.zeros((2, 3))}, r"3 handles need targets of shape \(3, 3\)"),
+        ({"index": [0, 1], "target": np.zeros((2, 2))}, r"targets of shape \(2, 3\), not \(2, 2\)"),
+        ({"index": [5, 6], "target": [[0, 0, 0], [np.nan, 0, 0]]}, r"handle 1 \(vertex 6\) is NaN"),
+        ({"index": [0, -2], "target": np.zeros((2, 3))}, "-2 is negative"),
+        ({"index": [0, 1], "target": np.eye(3)[:2], "dynamic": [True]}, "`dynamic` of shape"),
+        ({"index": [0, 1], "target": np.eye(3)[:2], "group": [1, 2, 3]}, "`group` of shape"),
+        ({"index": [0, 1], "target": np.eye(3)[:2], "snap_distance": [[0, 0]]}, "`snap_distance` of shape"),
+    ],
+)
+def test_inconsistent_handles_are_refused(arguments, words):
+    with pytest.raises(InputError, match=words):
+        Handles(**arguments)
+
+
+def test_static_handles_snap_to_their_vertex_and_stay_there(body):
+    source = body.V[[10, 20, 30]] + 1e-3
+    handles = Handles.from_positions(body, source, source + 5.0, dynamic=False)
+    assert sorted(handles.index) == [10, 20, 30]
+    assert np.array_equal(handles.target, body.V[handles.index])
+    assert not handles.dynamic.any()
+    assert handles.snap_distance == pytest.approx(1e-3 * np.sqrt(3))
+
+
+def test_dynamic_handles_carry_the_snap_offset_turned_by_their_groups_rotation(body):
+    ids = np.arange(40, 48)
+    turns = [rotation(3), rotation(4)]
+    source = body.V[ids] + np.random.default_rng(0).normal(scale=1e-3, size=(8, 3))
+    target = np.concatenate([source[:4] @ turns[0].T + [1, 0, 0], source[4:] @ turns[1].T - [0, 1, 0]])
+    handles = Handles.from_positions(body, source, target, group=np.repeat([7, 2], 4))
+    # Each group moves rigidly, so that its vertices move by the same motion as its positions.
+    expected = {int(v): body.V[v] @ turns[0].T + [1, 0, 0] for v in ids[:4]}
+    expected |= {int(v): body.V[v] @ turns[1].T - [0, 1, 0] for v in ids[4:]}
+    assert set(handles.index.tolist()) == set(expected)
+    for vertex, target, group in zip(handles.index, handles.target, handles.group, strict=True):
+        assert np.allclose(target, expected[int(vertex)], rtol=0, atol=1e-12 * body.diagonal)
+        assert group == (7 if vertex < 44 else 2)
+
+
+def test_the_dynamic_rule_holds_for_targets_that_are_no_rigid_motion(body):
+    rng = np.random.default_rng(1)
+    ids = np.array([5, 100, 200, 300])
+    source = body.V[ids] + rng.normal(scale=1e-3, size=(4, 3))
+    target = rng.normal(size=(4, 3))
+    centred_s, centred_t = source - source.mean(axis=0), target - target.mean(axis=0)
+    R = Rotation.align_vectors(centred_t, centred_s)[0].as_matrix()
+    handles = Handles.from_positions(body, source, target)
+    order = np.argsort(ids)
+    expected = target + (body.V[ids] - source) @ R.T
+    assert handles.index.tolist() == ids[order].tolist()
+    assert np.allclose(handles.target, expected[order], rtol=0, atol=1e-12)
+
+
+def test_raw_keeps_the_stored_targets(body):
+    source = body.V[[3, 9, 27]] + 1e-3
+    target = np.random.default_rng(2).normal(size=(3, 3))
+    handles = Handles.from_positions(body, source, target, raw=True, dynamic=[True, False, True])
+    assert handles.index.tolist() == [3, 9, 27]
+    assert np.array_equal(handles.target, target)
+    assert handles.dynamic.tolist() == [True, False, True]
+
+
+def test_handles_of_a_group_on_one_vertex_are_merged_to_their_mean():
+    mesh = tetrahedron()
+    source = np.array([[0.9, 0, 0], [1.1, 0, 0], [0, 1, 0]])
+    handles = Handles.from_positions(mesh, source, source + [0, 0, 2], group=[4, 4, 4])
+    assert handles.index.tolist() == [1, 2] and handles.merged == 1
+    assert np.allclose(handles.target, [[1, 0, 2], [0, 1, 2]], rtol=0, atol=1e-14)
+    assert handles.snap_distance == pytest.approx([0.1, 0.0])
+    raw = Handles.from_positions(mesh, source, [[1, 0, 0], [3, 0, 0], [0, 0, 9]], raw=True)
+    assert raw.target.tolist() == [[2, 0, 0], [0, 0, 9]]
+
+
+def test_two_groups_on_one_vertex_must_agree():
+    mesh = tetrahedron()
+    source = np.array([[1.0, 0, 0], [1, 0, 0]])
+    with pytest.raises(InputError, match="vertex 1 has contradictory targets"):
+        Handles.from_positions(mesh, source, [[2, 0, 0], [3, 0, 0]], group=[0, 1])
+    agreeing = Handles.from_positions(mesh, source, [[2, 0, 0], [2, 0, 0]], group=[0, 1])
+    assert agreeing.index.tolist() == [1] and agreeing.target.tolist() == [[2, 0, 0]]
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "words"),
+    [
+        (np.zeros((3, 3)), np.zeros((2, 3)), "3 handles have 2 targets"),
+        (np.zeros((0, 3)), np.zeros((0, 3)), "no handles"),
+        ([[np.inf, 0, 0]], [[0, 0, 0]], "NaN or infinite"),
+        ([[0, 0, 0]], [[0, np.nan, 0]], "NaN or infinite"),
+    ],
+)
+def test_unusable_positions_are_refused(source, target, words):
+    with pytest.raises(InputError, match=words):
+        Handles.from_positions(tetrahedron(), source, target)
+
+
+def test_a_task_refuses_handles_out_of_range():
+    with pytest.raises(InputError, match="id 4 is out of range: the mesh has 4 vertices"):
+        DeformationTask("t", tetrahedron(), Handles([0, 4], np.eye(3)[:2]))
+
+
+def test_a_task_refuses_components_without_handles():
+    a = tetrahedron()
+    mesh = Mesh(np.concatenate([a.V, a.V + 3, a.V + 6]), np.concatenate([a.F, a.F + 4, a.F + 8]))
+    with pytest.raises(InputError, match="2 of the mesh's 3 components have no handle"):
+        DeformationTask("t", mesh, Handles([5], [[0, 0, 0]]))
+    DeformationTask("t", mesh, Handles([0, 5, 9], np.eye(3)))
+
+
+def test_a_task_refuses_a_truth_of_another_shape():
+    with pytest.raises(InputError, match=r"truth has shape \(3, 3\), the mesh \(4, 3\)"):
+        DeformationTask("t", tetrahedron(), Handles([0], [[0, 0, 0]]), truth=np.eye(3))
+
+
+def test_a_result_with_positions_that_are_not_finite_is_a_failure():
+    V = np.zeros((4, 3))
+    V[2, 0], V[3, 1] = np.nan, np.inf
+    with pytest.raises(FloatingPointError, match="2 deformed vertices are not finite"):
+        DeformationResult(V, iterations=1, converged=True)
+
+
+def proper(R: np.ndarray) -> bool:
+    return np.allclose(R @ R.T, np.eye(3), atol=1e-13) and np.linalg.det(R) > 0
+
+
+@given(seed=st.integers(0, 10_000), count=st.integers(3, 8))
+def test_kabsch_equals_scipys_alignment(seed, count):
+    rng = np.random.default_rng(seed)
+    source, target = rng.normal(size=(2, count, 3))
+    R, t = rigid_motion(source, target)
+    assert proper(R)
+    reference = Rotation.align_vectors(target - target.mean(axis=0), source - source.mean(axis=0))[0]
+    gap = np.linalg.norm(source @ R.T + t - target)
+    best = np.linalg.norm(
+        (source - source.mean(axis=0)) @ reference.as_matrix().T + target.mean(axis=0) - target
+    )
+    assert gap <= best * (1 + 1e-12)
+    assert np.allclose(R, reference.as_matrix(), atol=1e-6)
+
+
+@given(seed=st.integers(0, 10_000))
+def test_kabsch_recovers_a_rigid_motion_also_of_flat_points(seed):
+    rng = np.random.default_rng(seed)
+    for source in (rng.normal(size=(6, 3)), rng.normal(size=(6, 3)) * [1, 1, 0]):
+        turn, shift = rotation(seed), rng.normal(size=3)
+        R, t = rigid_motion(source, source @ turn.T + shift)
+        assert np.allclose(R, turn, atol=1e-9) and np.allclose(t, shift, atol=1e-9)
+
+
+def test_kabsch_answers_a_reflection_with_a_rotation():
+    source = icosphere(0).V * [1.0, 2.0, 3.0]
+    R, _ = rigid_motion(source, source * [-1, 1, 1])
+    assert proper(R)
+    # The smallest direction is given up: the other two stay in place.
+    assert np.allclose(R, np.eye(3), atol=1e-12)
+
+
+def test_kabsch_of_points_on_a_line_is_the_smallest_rotation():
+    line = np.linspace(-1, 1, 5)[:, None]
+    for a, b in ([[1, 0, 0], [0, 1, 0]], [[0, 0, 1], [0.6, 0, 0.8]]):
+        a, b = np.array(a, dtype=float), np.array(b, dtype=float)
+        R, t = rigid_motion(line * a + 2, line * b - 1)
+        assert proper(R) and np.allclose(R @ a, b, atol=1e-13)
+        assert Rotation.from_matrix(R).magnitude() == pytest.approx(np.arccos(a @ b))
+        assert np.allclose((line * a + 2) @ R.T + t, line * b - 1, atol=1e-13)
+    same, _ = rigid_motion(line * [0.0, 0.6, 0.8], line * [0.0, 0.6, 0.8])
+    assert np.allclose(same, np.eye(3), atol=1e-13)
+    turned, _ = rigid_motion(line * [0.0, 0.6, 0.8], -line * [0.0, 0.6, 0.8])
+    assert proper(turned) and np.allclose(turned @ [0, 0.6, 0.8], [0, -0.6, -0.8], atol=1e-13)
+
+
+def test_kabsch_of_one_point_or_one_place_is_a_translation():
+    R, t = rigid_motion(np.array([[1.0, 2, 3]]), np.array([[4.0, 4, 4]]))
+    assert np.array_equal(R, np.eye(3)) and np.array_equal(t, [3, 2, 1])
+    R, t = rigid_motion(np.ones((4, 3)), np.arange(12.0).reshape(4, 3))
+    assert np.array_equal(R, np.eye(3)) and np.allclose(t, np.arange(12.0).reshape(4, 3).mean(axis=0) - 1)
