@@ -16,10 +16,10 @@ from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array
 
 from sshade.anderson import Anderson, largest_move
 from sshade.coarse import Energy, Start, initial_guess
+from sshade.cotangents import corner_vectors, edge_weights, half_cotangents, laplacian_matrix
 from sshade.errors import InputError
 from sshade.linalg import Engine, factor
 from sshade.mesh import Mesh
@@ -95,8 +95,8 @@ class LocalGlobal:
             raise InputError(f"unknown energy {energy!r}; use 'spokes' or 'spokes_and_rims'")
         index = _checked(mesh, index)
         h = half_cotangents(mesh)
-        edges, weights = _edge_weights(mesh, h)
-        laplacian = _laplacian(mesh.n, edges, weights)
+        edges, weights = edge_weights(mesh, h)
+        laplacian = laplacian_matrix(mesh.n, edges, weights)
         held = np.zeros(mesh.n, dtype=bool)
         held[index] = True
         free = np.flatnonzero(~held)
@@ -114,7 +114,7 @@ class LocalGlobal:
             corners, H = edges, weights[:, None]
             Y = (weights[:, None] * (mesh.V[edges[:, 0]] - mesh.V[edges[:, 1]]))[:, None]
         else:
-            corners, H, Y = mesh.F, h, _corner_vectors(mesh, h)
+            corners, H, Y = mesh.F, h, corner_vectors(mesh, h)
         near = np.argsort(position[corners].min(axis=1), kind="stable")
         self._corners = np.ascontiguousarray(position[corners[near]])
         self._Y, self._H = np.ascontiguousarray(Y[near]), np.ascontiguousarray(H[near])
@@ -308,57 +308,6 @@ def local_global(
         seconds={"precompute": precomputed - begin, "solve": perf_counter() - precomputed},
         extra={**extra, "engine": solver.engine},
     )
-
-
-def half_cotangents(mesh: Mesh) -> np.ndarray:
-    """Half the cotangent of the angle opposite each triangle's edges 01, 12, 20.
-
-    Returns
-    -------
-    (m, 3) float64
-
-    Raises
-    ------
-    FloatingPointError
-        When triangles have no area.
-    """
-    double_area = 2.0 * mesh.face_areas
-    A, B, C = (mesh.V[mesh.F[:, c]] for c in range(3))
-    dots = np.stack(
-        [((p - r) * (q - r)).sum(axis=1) for p, q, r in ((A, B, C), (B, C, A), (C, A, B))], axis=1
-    )
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        h = 0.5 * dots / double_area[:, None]
-    bad = int((~np.isfinite(h)).any(axis=1).sum())
-    if bad:
-        raise FloatingPointError(
-            f"{bad} triangles of the rest mesh have no area, so their cotangent weights are infinite; "
-            "remesh or remove them"
-        )
-    return h
-
-
-def _corner_vectors(mesh: Mesh, h: np.ndarray) -> np.ndarray:
-    """(m, 2, 3) sums over the edges kl at corner k of h_kl (p_k - p_l), for the first two corners."""
-    A, B, C = (mesh.V[mesh.F[:, c]] for c in range(3))
-    first = h[:, :1] * (A - B) + h[:, 2:] * (A - C)
-    second = h[:, :1] * (B - A) + h[:, 1:2] * (B - C)
-    return np.stack([first, second], axis=1)
-
-
-def _edge_weights(mesh: Mesh, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Undirected edges (e, 2) and the sum (e,) of h over the triangles at each."""
-    i, j = mesh.F.ravel(), mesh.F[:, [1, 2, 0]].ravel()
-    keys, inverse = np.unique(np.minimum(i, j) * mesh.n + np.maximum(i, j), return_inverse=True)
-    return np.stack([keys // mesh.n, keys % mesh.n], axis=1), np.bincount(inverse.ravel(), h.ravel())
-
-
-def _laplacian(n: int, edges: np.ndarray, weights: np.ndarray):
-    i, j = edges[:, 0], edges[:, 1]
-    rows, columns = np.concatenate([i, j, i, j]), np.concatenate([j, i, i, j])
-    return coo_array(
-        (np.concatenate([-weights, -weights, weights, weights]), (rows, columns)), shape=(n, n)
-    ).tocsr()
 
 
 def _checked(mesh: Mesh, index: np.ndarray) -> np.ndarray:
