@@ -36,10 +36,11 @@ def box(nx: int = 2, ny: int = 2, nz: int = 2, *, size=(1.0, 1.0, 1.0)) -> Mesh:
 
 
 def bumpy_sphere(level: int = 3) -> Mesh:
-    """Closed surface without symmetry."""
+    """Closed surface without symmetry: no two of its edges tie in length."""
     mesh = icosphere(level)
-    V = mesh.V * (1 + 0.2 * np.sin(3 * mesh.V[:, :1]) + 0.1 * np.cos(5 * mesh.V[:, 1:2] + mesh.V[:, 2:]))
-    return Mesh(V * [1.0, 1.3, 2.0], mesh.F)
+    x, y, z = mesh.V.T
+    radius = 1 + 0.2 * np.sin(3 * x) + 0.1 * np.cos(5 * y + z) + 0.05 * np.sin(4 * z + x + 1)
+    return Mesh(mesh.V * radius[:, None] * [1.0, 1.3, 2.0], mesh.F)
 
 
 def ends_task(mesh: Mesh, *, angle: float = 30.0, lift: float = 0.1, name: str = "ends") -> DeformationTask:

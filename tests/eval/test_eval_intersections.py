@@ -1,0 +1,166 @@
+"""The intersection kernel against cases with known answers, linear programming, and pymeshlab."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from eval_cases import box, bumpy_sphere
+from scipy.optimize import linprog
+
+import eval.intersections as module
+from eval.intersections import intersecting_faces, new_self_intersections
+from eval.warmup import icosphere
+from sshade.mesh import Mesh
+
+
+def pymeshlab_faces(V, F):
+    import pymeshlab
+
+    meshes = pymeshlab.MeshSet()
+    meshes.add_mesh(pymeshlab.Mesh(V, F.astype(np.int32)))
+    meshes.compute_selection_by_self_intersections_per_face()
+    return meshes.current_mesh().face_selection_array()
+
+
+def dented(level):
+    """A sphere whose one side is pushed out through the other."""
+    mesh = icosphere(level)
+    V = mesh.V.copy()
+    V[:, 0] *= 1 - 1.6 * np.exp(-8 * (V[:, 1] ** 2 + V[:, 2] ** 2))
+    return V, mesh.F
+
+
+def noisy(level):
+    mesh = bumpy_sphere(level)
+    return mesh.V + np.random.default_rng(0).normal(0, 0.5 * 2.0**-level, mesh.V.shape), mesh.F
+
+
+def two_spheres(level):
+    mesh = icosphere(level)
+    return np.concatenate([mesh.V, mesh.V * 0.9 + [0.7, 0.1, 0.2]]), np.concatenate([mesh.F, mesh.F + mesh.n])
+
+
+@pytest.mark.parametrize("make", [dented, noisy, two_spheres])
+@pytest.mark.parametrize("level", [2, 4])
+def test_agrees_with_pymeshlab(make, level):
+    V, F = make(level)
+    found = intersecting_faces(V, F)
+    assert found.any() and not found.all()
+    np.testing.assert_array_equal(found, pymeshlab_faces(V, F))
+
+
+def test_agrees_with_linear_programming_on_loose_triangles():
+    rng = np.random.default_rng(1)
+    corners = rng.uniform(size=(40, 1, 3)) + rng.normal(0, 0.2, (40, 3, 3))
+    found = intersecting_faces(corners.reshape(-1, 3), np.arange(120).reshape(-1, 3))
+    expected = np.zeros(40, dtype=bool)
+    for i in range(40):
+        for j in range(i + 1, 40):
+            # Two convex combinations of the corners that are one point.
+            equal = np.vstack([np.hstack([corners[i].T, -corners[j].T]), np.repeat(np.eye(2), 3, axis=1)])
+            meets = linprog(np.zeros(6), A_eq=equal, b_eq=[0, 0, 0, 1, 1]).status == 0
+            expected[[i, j]] |= meets
+    assert expected.any() and not expected.all()
+    np.testing.assert_array_equal(found, expected)
+
+
+CASES = {
+    # name: (vertices, faces, whether they intersect)
+    "pierced": ([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0.5, 0.5, -1], [0.5, 0.6, 1], [0.6, 0.5, 1]], None, True),
+    "apart": ([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, 0, 1], [2, 0, 1], [0, 2, 1]], None, False),
+    "touching at a point": (
+        [[0, 0, 0], [2, 0, 0], [0, 2, 0], [0.5, 0.5, 0], [1, 0, 1], [0, 1, 1]],
+        None,
+        True,
+    ),
+    "coplanar, overlapping": (
+        [[0, 0, 0], [2, 0, 0], [0, 2, 0], [0.5, 0.5, 0], [3, 0, 0], [3, 3, 0]],
+        None,
+        True,
+    ),
+    "coplanar, one in the other": (
+        [[0, 0, 0], [9, 0, 0], [0, 9, 0], [1, 1, 0], [2, 1, 0], [1, 2, 0]],
+        None,
+        True,
+    ),
+    "coplanar, apart": ([[0, 0, 0], [2, 0, 0], [0, 2, 0], [2, 2, 0], [3, 2, 0], [2, 3, 0]], None, False),
+    "common corner, apart": (
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [-1, 0, 1], [0, -1, 1]],
+        [[0, 1, 2], [0, 3, 4]],
+        False,
+    ),
+    "common corner, opposite edge pierces": (
+        [[0, 0, 0], [2, 0, 0], [0, 2, 0], [1, 0.5, -1], [1, 0.5, 1]],
+        [[0, 1, 2], [0, 3, 4]],
+        True,
+    ),
+    "common corner, coplanar neighbours of a fan": (
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [-1, -1, 0]],
+        [[0, 1, 2], [0, 3, 4]],
+        False,
+    ),
+    "common corner, coplanar, overlapping": (
+        [[0, 0, 0], [2, 0, 0], [0, 2, 0], [1, 0.1, 0], [0.1, 1, 0]],
+        [[0, 1, 2], [0, 3, 4]],
+        True,
+    ),
+    "common corner, coplanar, same sector the other way round": (
+        [[0, 0, 0], [2, 0, 0], [0, 2, 0], [3, 0, 0], [0, 3, 0]],
+        [[0, 1, 2], [0, 4, 3]],
+        True,
+    ),
+    "common edge, unfolded": (
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.5, -1, 0]],
+        [[0, 1, 2], [1, 0, 3]],
+        False,
+    ),
+    "common edge, folded up": (
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.2, 0.5, 0.1]],
+        [[0, 1, 2], [1, 0, 3]],
+        False,
+    ),
+    "common edge, folded flat": (
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.2, 0.5, 0]],
+        [[0, 1, 2], [1, 0, 3]],
+        True,
+    ),
+    "twice the same": ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 1]], True),
+    "a needle has no plane": (
+        [[0, 0, 0], [2, 0, 0], [0, 2, 0], [0.5, 0.5, -1], [0.5, 0.5, 0.5], [0.5, 0.5, 1]],
+        None,
+        False,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("turn", range(3))
+def test_pairs_of_known_answer(name, turn):
+    V, F, expected = CASES[name]
+    F = np.roll(np.array([[0, 1, 2], [3, 4, 5]] if F is None else F), turn, axis=1)
+    V = np.array(V, dtype=float)
+    for order in ([0, 1], [1, 0]):
+        for flipped in (F, F[:, ::-1], np.stack([F[0], F[1, ::-1]])):
+            assert intersecting_faces(V, flipped[order]).tolist() == [expected] * 2
+
+
+def test_flat_faces_of_a_box_do_not_intersect():
+    mesh = box(5, 4, 3, size=(1.0, 0.7, 0.3))
+    # Coplanar neighbours after a rotation: coplanar only up to rounding.
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    assert not intersecting_faces(mesh.V @ turn.T + 5, mesh.F).any()
+
+
+def test_only_new_intersections_count_and_the_rest_mesh_is_tested_once(monkeypatch):
+    V, F = dented(3)
+    worse = V.copy()
+    worse[:, 2] *= 1 - 1.6 * np.exp(-8 * (V[:, 0] ** 2 + V[:, 1] ** 2))
+    rest = Mesh(V, F)
+    expected = int((intersecting_faces(worse, F) & ~intersecting_faces(V, F)).sum())
+    tested = []
+    real = module.intersecting_faces
+    monkeypatch.setattr(module, "intersecting_faces", lambda V, F: (tested.append(1), real(V, F))[1])
+    monkeypatch.setattr(module, "_rest_results", {})
+    assert new_self_intersections(rest, V) == 0
+    assert new_self_intersections(Mesh(V.copy(), F), worse) == expected > 0
+    assert len(tested) == 3

@@ -1,0 +1,139 @@
+"""Metrics: hand-computed values, invariances, and other libraries as oracles."""
+
+from __future__ import annotations
+
+import igl
+import numpy as np
+import pytest
+import trimesh
+from eval_cases import box, bumpy_sphere, ends_task
+from scipy.spatial.transform import Rotation
+
+from eval.metrics import METRICS, corner_angles, measure, opposes_neighbours
+from sshade.mesh import Mesh
+from sshade.task import DeformationTask, Handles
+
+
+def held(mesh: Mesh, *, index=(0,), target=None) -> DeformationTask:
+    index = np.array(index)
+    return DeformationTask(
+        "t", mesh, Handles(index=index, target=mesh.V[index] if target is None else target)
+    )
+
+
+@pytest.fixture
+def cube():
+    return box(1, 1, 1)
+
+
+def test_unit_cube_stretched_to_twice_its_height(cube):
+    found = measure(held(cube), cube.V * [1, 1, 2])
+    assert found["volume"] == pytest.approx(100.0)
+    assert found["area"] == pytest.approx(100 * (10 - 6) / 6)
+    # 18 edges: 4 upright ones grow by 1, 4 diagonals of the sides from sqrt 2, the longest, to sqrt 5.
+    assert found["edge"] == pytest.approx(100 * (4 * 1 + 4 * (5**0.5 - 2**0.5)) / 18 / 2**0.5)
+    # 36 corners: on the 8 triangles of the sides two of 45 degrees become atan 2 and atan 1/2.
+    change = np.degrees(np.arctan(2)) - 45
+    assert found["angle"] == pytest.approx(16 * change / 36)
+    assert found["angle_relative"] == pytest.approx(100 * 16 * change / 45 / 36)
+    assert found["flips"] == found["self_intersections"] == found["zero_area_faces"] == 0
+
+
+def test_cube_turned_inside_out_keeps_its_volume_error_honest(cube):
+    # Signed volume: -1 instead of 1 is an error of 200 %, not of 0.
+    assert measure(held(cube), -cube.V)["volume"] == pytest.approx(200.0)
+
+
+def test_bent_strip_changes_nothing_inside_and_has_no_volume():
+    flat = np.array([[x, y, 0.0] for x in (0, 1, 2) for y in (0, 1)])
+    strip = Mesh(flat, np.array([[0, 2, 3], [0, 3, 1], [2, 4, 5], [2, 5, 3]]))
+    bent = flat.copy()
+    bent[4:] = [[1, 0, 1], [1, 1, 1]]
+    found = measure(held(strip, index=[4, 5], target=bent[4:] + [0, 0.3, 0.4]), bent)
+    assert found["volume"] is None
+    for name in ("area", "edge", "angle", "angle_relative", "flips", "self_intersections"):
+        assert found[name] == pytest.approx(0, abs=1e-12)
+    assert found["handle"] == pytest.approx(100 * 0.5 / 5**0.5)
+
+
+def test_zero_area_rest_faces_are_left_out_and_counted():
+    V = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 0, 0], [3, 0, 0], [0, 0, 1]])
+    F = np.array([[0, 1, 2], [0, 3, 4], [0, 2, 5], [3, 4, 5]])
+    moved = V.copy()
+    moved[2] = [0, 2, 0]
+    mesh = Mesh(V, F)
+    found = measure(held(mesh), moved)
+    assert found["zero_area_faces"] == 1
+    full = np.abs(corner_angles(moved, F) - corner_angles(V, F))[[0, 2, 3]]
+    assert found["angle_relative"] == pytest.approx(100 * (full / corner_angles(V, F)[[0, 2, 3]]).mean())
+
+
+def test_an_ear_folded_over_is_one_flip():
+    V = np.array([[0.0, 0, 0], [4, 0, 0], [2, 3, 0], [2, -1, 0], [4, 3, 0], [0, 3, 0]])
+    F = np.array([[0, 1, 2], [1, 0, 3], [2, 1, 4], [0, 2, 5]])
+    mesh = Mesh(V, F)
+    folded = V.copy()
+    folded[3] = [2, 1, 0]
+    assert measure(held(mesh), folded)["flips"] == 1
+    # What was folded at rest does not count.
+    assert measure(held(Mesh(folded, F)), folded)["flips"] == 0
+    assert opposes_neighbours(Mesh(folded, F)).tolist() == [False, True, False, False]
+
+
+def test_rest_shape_has_no_error():
+    task = ends_task(bumpy_sphere(2), angle=0, lift=0)
+    assert set(measure(task, task.mesh.V).values()) == {0.0}
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_invariant_under_rigid_motion_scale_and_renumbering(seed):
+    rng = np.random.default_rng(seed)
+    task = ends_task(bumpy_sphere(2))
+    mesh, handles = task.mesh, task.handles
+    vertices = mesh.V + rng.normal(0, 0.15, mesh.V.shape)
+    turn, shift, scale = Rotation.random(rng=rng).as_matrix(), rng.normal(size=3), 37.0
+    new_id = rng.permutation(mesh.n)
+    old_id = np.argsort(new_id)
+
+    def moved(X):
+        return scale * X @ turn.T + shift
+
+    other = DeformationTask(
+        "other",
+        Mesh(moved(mesh.V)[old_id], new_id[mesh.F][rng.permutation(mesh.m)]),
+        Handles(index=new_id[handles.index], target=moved(handles.target)),
+    )
+    expected = measure(task, vertices)
+    found = measure(other, moved(vertices)[old_id])
+    # The diagonal of the box turns with the axes; handle is the one metric that is relative to it.
+    expected["handle"] *= scale * mesh.diagonal / other.mesh.diagonal
+    assert found == pytest.approx(expected, rel=1e-9)
+    assert expected["self_intersections"] > 0
+
+
+def test_against_trimesh_and_igl():
+    task = ends_task(bumpy_sphere(3))
+    V, F = task.mesh.V, np.array(task.mesh.F)
+    vertices = V * [1.1, 0.8, 1.05] + 0.05 * np.sin(7 * V[:, [1, 2, 0]])
+    before, after = (trimesh.Trimesh(X, F, process=False) for X in (V, vertices))
+    found = measure(task, vertices)
+    assert found["volume"] == pytest.approx(100 * abs(after.volume / before.volume - 1), rel=1e-9)
+    assert found["area"] == pytest.approx(100 * abs(after.area / before.area - 1), rel=1e-9)
+    angles = [igl.internal_angles(np.array(X), F) for X in (V, vertices)]
+    change = np.abs(angles[1] - angles[0])
+    assert found["angle"] == pytest.approx(np.degrees(change.mean()), rel=1e-9)
+    assert found["angle_relative"] == pytest.approx(100 * (change / angles[0]).mean(), rel=1e-9)
+
+
+def test_angles_keep_their_digits_at_a_needle():
+    needle = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1e-9, 0]])
+    assert corner_angles(needle, np.array([[0, 1, 2]]))[0, 0] == pytest.approx(1e-9, rel=1e-6)
+
+
+def test_registry_describes_every_metric():
+    for name, metric in METRICS.items():
+        assert metric.name == name
+        assert metric.unit in ("%", "deg", "count")
+        assert metric.better == "lower"
+        assert metric.equation
+        assert metric.function.__doc__
