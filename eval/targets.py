@@ -50,9 +50,7 @@ def instantiate(config: Mapping[str, Any]) -> Any:
 
 def locate(target: str) -> Callable[..., Any]:
     """The function of a dotted name such as "baselines.arap.arap"."""
-    module_name, _, name = target.rpartition(".")
-    if not module_name:
-        raise InputError(f"_target_ {target!r} is no function; write package.module.function")
+    module_name, name = _split(target)
     try:
         module = importlib.import_module(module_name)
     except ModuleNotFoundError as error:
@@ -68,7 +66,7 @@ def locate(target: str) -> Callable[..., Any]:
 
 def target_modules(config: Mapping[str, Any]) -> list[str]:
     """Modules of the functions in a configuration, nested ones included."""
-    modules = {config["_target_"].rpartition(".")[0]} if "_target_" in config else set()
+    modules = {_split(config["_target_"])[0]} if "_target_" in config else set()
     for value in config.values():
         if isinstance(value, Mapping):
             modules.update(target_modules(value))
@@ -94,6 +92,13 @@ def flat(config: Mapping[str, Any], prefix: str) -> dict[str, Any]:
         else:
             columns[label] = str(value) if isinstance(value, list) else value
     return columns
+
+
+def _split(target: str) -> tuple[str, str]:
+    module, _, name = target.rpartition(".")
+    if not module:
+        raise InputError(f"_target_ {target!r} is no function; write package.module.function")
+    return module, name
 
 
 def check_parameters(function: Callable[..., Any], parameters: Mapping[str, Any], target: str) -> None:

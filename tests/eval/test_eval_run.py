@@ -1,0 +1,245 @@
+"""One run, one row: clock, statuses, keys, the store."""
+
+from __future__ import annotations
+
+import json
+from time import sleep
+
+import numpy as np
+import pytest
+from eval_cases import bumpy_task
+
+import eval.run as run_module
+from eval import provenance
+from eval.collect import collect
+from eval.collect import main as collect_main
+from eval.metrics import METRICS, measure
+from eval.run import run
+from eval.store import newest, read_csv, read_row, read_vertices, run_folders, write_csv, write_run
+from sshade.errors import InputError
+from sshade.task import DeformationResult, silent
+
+ARAP = {"_target_": "baselines.arap.arap", "max_iterations": 5, "warm_up": {"max_iterations": 1}}
+STRETCHING = {"_target_": "eval_cases.stretching", "factor": 2.0}
+
+
+@pytest.fixture
+def task():
+    return bumpy_task(level=2)
+
+
+def test_a_row_holds_everything(task, tmp_path):
+    source = {"_target_": "eval_cases.bumpy_task", "level": 2}
+    outcome = run(task, ARAP, name="arap", root=tmp_path, seed=4, source=source)
+    row = read_row(outcome.folder)
+    assert row == outcome.row
+    assert not outcome.reused and not outcome.failed
+    assert row["status"] == "not_converged" and row["converged"] is False and row["iterations"] == 5
+    assert row["method.name"] == "arap" and row["method.max_iterations"] == 5 and row["seed"] == 4
+    assert row["method.target"] == "baselines.arap.arap"
+    assert not any(column.startswith("method.warm_up") for column in row)
+    assert row["task.name"] == "bumpy_30" and row["task.vertices"] == 162 and row["task.meta.angle"] == 30
+    assert json.loads(row["task.source"]) == source
+    assert {f"metric.{name}" for name in METRICS} <= set(row)
+    assert row["seconds.total"] >= row["seconds.solve"] > 0
+    assert row["extra.engine"] == "libigl" and row["env.version.libigl"] == provenance.version_of("libigl")
+    assert row["env.machine"] and row["env.cores"] >= 1 and row["env.concurrent"] is False
+    assert row["peak_mib"] is None
+    json.loads((outcome.folder / "row.json").read_text(), parse_constant=pytest.fail)
+
+
+def test_stored_vertices_give_the_metrics_again(task, tmp_path):
+    outcome = run(task, ARAP, name="arap", root=tmp_path)
+    again = measure(task, read_vertices(outcome.folder))
+    for name in ("volume", "area", "edge", "angle"):
+        assert again[name] == pytest.approx(outcome.row[f"metric.{name}"], rel=1e-4)
+
+
+def test_scalars_of_a_method_reach_the_row_and_infinities_do_not(task, tmp_path):
+    row = run(task, STRETCHING, name="s", root=tmp_path).row
+    assert row["extra.residual"] is None and row["extra.engine"] == "none"
+    assert "extra.rotations" not in row
+    assert row["metric.volume"] == pytest.approx(700)
+
+
+def test_the_clock_runs_around_the_method_only(task, tmp_path, monkeypatch):
+    def slow_measure(task, vertices):
+        sleep(0.2)
+        return {}
+
+    monkeypatch.setattr(run_module, "measure", slow_measure)
+    monkeypatch.setattr(run_module, "warm_up", lambda *args, **kwargs: sleep(0.2))
+    assert run(task, STRETCHING, name="s", root=tmp_path).row["seconds.total"] < 0.1
+
+
+def test_a_method_that_raises_leaves_a_row_without_vertices_and_is_run_again(task, tmp_path):
+    method = {"_target_": "eval_cases.failing"}
+    first = run(task, method, name="f", root=tmp_path)
+    assert first.failed and first.row["status"] == "failed"
+    assert first.row["reason"] == "ArithmeticError: this method always fails"
+    assert not (first.folder / "vertices.npy").exists()
+    assert not run(task, method, name="f", root=tmp_path).reused
+
+
+def test_a_missing_extra_is_skipped_with_its_name(task, tmp_path):
+    outcome = run(task, {"_target_": "eval_cases.missing_extra"}, name="m", root=tmp_path)
+    assert outcome.row["status"] == "skipped" and "sshade[torch]" in outcome.row["reason"]
+    assert not outcome.failed
+
+
+def test_a_missing_library_at_import_is_skipped_too(task, tmp_path, monkeypatch):
+    (tmp_path / "needs_extra.py").write_text("import a_library_that_is_not_there\ndef method(task): ...\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    row = run(task, {"_target_": "needs_extra.method"}, name="m", root=tmp_path / "runs").row
+    assert row["status"] == "skipped" and "a_library_that_is_not_there" in row["reason"]
+    assert row["env.version.a_library_that_is_not_there"] == "absent"
+
+
+def test_vertices_of_another_shape_are_a_failure(task, tmp_path, monkeypatch):
+    def short(task, *, seed, progress=silent):
+        return DeformationResult(vertices=task.mesh.V[:-1], iterations=0, converged=None)
+
+    monkeypatch.setattr("eval_cases.stretching", short)
+    row = run(task, {"_target_": "eval_cases.stretching", "warm_up": None}, name="s", root=tmp_path).row
+    assert row["status"] == "failed" and "shape" in row["reason"]
+    assert row["env.warmed_up"] is False
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"_target_": "eval_cases.nothing"}, "no function 'nothing'"),
+        ({"_target_": "no_such_package.method"}, "no module 'no_such_package'"),
+        ({"_target_": "method"}, "package.module.function"),
+        ({"factr": 1}, "no parameter 'factr'"),
+    ],
+)
+def test_a_wrong_configuration_is_an_input_error(task, tmp_path, change, message):
+    with pytest.raises(InputError, match=message):
+        run(task, {**STRETCHING, **change}, name="s", root=tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("parameter", "value"),
+    [("tolerance", "small"), ("max_iterations", 1.5), ("max_iterations", True), ("start", "nowhere")],
+)
+def test_a_value_of_another_type_is_an_input_error(task, tmp_path, parameter, value):
+    with pytest.raises(InputError, match=parameter):
+        run(task, {**ARAP, parameter: value}, name="a", root=tmp_path)
+
+
+def test_an_equal_run_is_not_repeated_unless_forced(task, tmp_path):
+    first = run(task, STRETCHING, name="s", root=tmp_path)
+    again = run(bumpy_task(level=2), dict(STRETCHING), name="s", root=tmp_path)
+    assert again.reused and again.row == first.row
+    forced = run(task, STRETCHING, name="s", root=tmp_path, force=True)
+    assert not forced.reused and forced.folder == first.folder and forced.row["date"] > first.row["date"]
+
+
+def test_the_key_follows_configuration_task_and_seed(task, tmp_path):
+    def key(task=task, method=STRETCHING, **options):
+        return run(task, method, name="s", root=tmp_path, **options).row["key"]
+
+    keys = [
+        key(),
+        key(method={**STRETCHING, "factor": 3.0}),
+        key(task=bumpy_task(level=2, angle=31.0)),
+        key(seed=1),
+    ]
+    assert len(set(keys)) == 4
+    # Neither changes the result.
+    assert key(method={**STRETCHING, "warm_up": {"factor": 1.0}, "_partial_": True}) == keys[0]
+
+
+def test_the_key_follows_the_sources_a_method_imports_and_no_other_file(task, tmp_path, monkeypatch):
+    package = tmp_path / "third_party"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    (package / "helper.py").write_text("FACTOR = 2.0\n")
+    (package / "unused.py").write_text("")
+    (package / "method.py").write_text(
+        "from eval_cases import stretching\n"
+        "def method(task, *, seed, progress=None):\n"
+        "    from .helper import FACTOR\n"
+        "    return stretching(task, factor=FACTOR, seed=seed)\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    config = {"_target_": "third_party.method.method"}
+
+    def key():
+        provenance.dependencies.cache_clear()
+        return run(task, config, name="t", root=tmp_path / "runs").row["key"]
+
+    first = key()
+    sources = provenance.dependencies("third_party.method").sources
+    assert {"third_party.method", "third_party.helper", "eval_cases", "sshade.mesh"} <= set(sources)
+    assert "third_party.unused" not in sources
+    (package / "unused.py").write_text("changed = True\n")
+    (package / "README.md").write_text("changed")
+    assert key() == first
+    (package / "helper.py").write_text("FACTOR = 2.0  # changed\n")
+    assert key() != first
+
+
+def test_versions_of_the_libraries_are_known_and_in_the_key(task, tmp_path, monkeypatch):
+    found = provenance.dependencies("baselines.arap")
+    assert {"numpy", "libigl", "scipy"} <= set(found.versions)
+    first = run(task, STRETCHING, name="s", root=tmp_path).row["key"]
+    newer = found._replace(versions={**found.versions, "numpy": "99"})
+    monkeypatch.setattr(run_module, "dependencies", lambda *modules: newer)
+    assert run(task, STRETCHING, name="s", root=tmp_path).row["key"] != first
+
+
+def test_csv_gives_rows_back_and_the_same_bytes(task, tmp_path):
+    for method, name in ((ARAP, "arap"), ({"_target_": "eval_cases.failing"}, "failing")):
+        run(task, method, name=name, root=tmp_path / "runs")
+    rows = collect(tmp_path / "runs")
+    path = tmp_path / "rows.csv"
+    write_csv(path, rows)
+    back = read_csv(path)
+    names = {name for row in rows for name in row}
+    for row, other in zip(rows, back, strict=True):
+        assert {name: row.get(name) or None for name in names if row.get(name) not in (0, False)} == {
+            name: other[name] for name in names if row.get(name) not in (0, False)
+        }
+    text = path.read_bytes()
+    write_csv(path, back)
+    assert path.read_bytes() == text
+    assert collect_main([str(tmp_path / "runs"), "-o", str(tmp_path / "out")]) == 0
+    assert (tmp_path / "out" / "runs.csv").read_bytes() == text
+
+
+def test_a_hash_of_digits_stays_text(tmp_path):
+    row = {"status": "ok", "key": "12e4567890123456", "task.checksum": "0012", "env.version.x": "1.0"}
+    write_csv(tmp_path / "r.csv", [row])
+    assert read_csv(tmp_path / "r.csv") == [row]
+
+
+def test_collect_keeps_the_newest_of_equal_runs(tmp_path):
+    base = {"method.name": "a", "method.hash": "h", "task.name": "t", "seed": 0}
+    old = {**base, "date": "2026-01-01", "key": "k1"}
+    new = {**base, "date": "2026-01-02", "key": "k0"}
+    other = {**base, "seed": 1, "date": "2025-01-01", "key": "k2"}
+    assert newest([new, other, old]) == [new, other]
+
+
+def test_clear_errors_for_missing_and_damaged_files(tmp_path):
+    with pytest.raises(InputError, match="no runs"):
+        collect(tmp_path)
+    with pytest.raises(InputError, match="no such file"):
+        read_csv(tmp_path / "none.csv")
+    (tmp_path / "empty.csv").write_text("a,b\n")
+    with pytest.raises(InputError, match="no rows"):
+        read_csv(tmp_path / "empty.csv")
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "row.json").write_text("{")
+    with pytest.raises(InputError, match="not a row"):
+        read_row(tmp_path / "run")
+    with pytest.raises(InputError, match="no vertices"):
+        read_vertices(tmp_path / "run")
+
+
+def test_an_interrupted_write_leaves_no_row(tmp_path):
+    with pytest.raises(TypeError):
+        write_run(tmp_path / "run", {"status": object()}, np.zeros((3, 3)))
+    assert run_folders(tmp_path) == []

@@ -1,0 +1,158 @@
+"""Tables: a small one by hand, refusals, and that the committed ones follow from the committed rows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from eval.check import out_of_band
+from eval.store import read_csv, write_csv
+from eval.tables import FORMATS, main, make_table, to_csv, to_latex, to_markdown
+from sshade.errors import InputError
+
+RESULTS = Path(__file__).parents[2] / "results"
+
+
+def row(method, task="t1", **changes):
+    values = {
+        "method.name": method,
+        "method.hash": method,
+        "task.name": task,
+        "task.vertices": 1000,
+        "seed": 0,
+        "status": "ok",
+        "reason": "",
+        "iterations": 10.0,
+        "converged": True,
+        "metric.volume": 1.0,
+        "metric.area": 2.0,
+        "metric.edge": 3.0,
+        "metric.angle": 4.0,
+        "metric.handle": 0.0,
+        "seconds.total": 5.0,
+        "env.machine": "box",
+        "env.concurrent": False,
+    }
+    return {**values, **{name.replace("__", "."): value for name, value in changes.items()}}
+
+
+@pytest.fixture
+def rows():
+    failed = {"status": "failed", "reason": "ValueError: no", "iterations": None, "converged": None}
+    nothing = {f"metric__{name}": None for name in ("volume", "area", "edge", "angle", "handle")}
+    return [
+        row("arap", metric__volume=4.0),
+        row("arap", "t2", metric__volume=8.0, iterations=20.0, status="not_converged", converged=False),
+        row("sshade_x", metric__angle=1.0, seconds__total=0.5, metric__volume=None, converged=None),
+        row("sshade_x", "t2", metric__angle=2.0, seconds__total=0.25, metric__volume=None, converged=None),
+        row("bad", metric__volume=0.0, metric__area=0.0, metric__edge=0.0),
+        row("bad", "t2", seconds__total=None, **failed, **nothing),
+        row("worse", **failed, **nothing, seconds__total=None),
+    ]
+
+
+def test_markdown(rows):
+    lines = to_markdown(make_table(rows, title="tiny")).splitlines()
+    assert lines[:9] == [
+        "### tiny",
+        "",
+        "| method | runs | volume (%) | area (%) | EL (%) | FA (deg) | handle (%) | iterations | time (s) |",
+        "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
+        "| arap | 2 | **6.00** | **2.00** | **3.00** | <u>4.000</u> | **0.000** | 15 (1/2) | <u>5.00</u> |",
+        "| bad | 1/2 | 0.00 | 0.00 | 0.00 | 4.000 | 0.000 | 10 (1/1) | 5.00 |",
+        "| worse | 0/1 | failed | failed | failed | failed | failed | failed | failed |",
+        "| sshade_x | 2 | n/a | **2.00** | **3.00** | **1.500** | **0.000** | 10 | **0.375** |",
+        "",
+    ]
+    notes = "\n".join(lines[9:])
+    assert "2 cases of 1,000 vertices" in notes and "Machine: box." in notes
+    assert "bad: 1 failed (ValueError: no)" in notes
+
+
+def test_latex(rows):
+    lines = [line for line in to_latex(make_table(rows, title="tiny")).splitlines() if line[0] != "%"]
+    assert lines == [
+        r"\begin{tabular}{lrrrrrrrr}",
+        r"\toprule",
+        r"method & runs & volume (\%) & area (\%) & EL (\%) & FA ($^\circ$) & handle (\%) & iterations"
+        r" & time (s) \\",
+        r"\midrule",
+        r"arap & 2 & \textbf{6.00} & \textbf{2.00} & \textbf{3.00} & \underline{4.000} & \textbf{0.000}"
+        r" & 15 (1/2) & \underline{5.00} \\",
+        r"bad & 1/2 & 0.00 & 0.00 & 0.00 & 4.000 & 0.000 & 10 (1/1) & 5.00 \\",
+        r"worse & 0/1 & failed & failed & failed & failed & failed & failed & failed \\",
+        r"sshade\_x & 2 & -- & \textbf{2.00} & \textbf{3.00} & \textbf{1.500} & \textbf{0.000} & 10"
+        r" & \textbf{0.375} \\",
+        r"\bottomrule",
+        r"\end{tabular}",
+    ]
+
+
+def test_csv(rows):
+    lines = to_csv(make_table(rows, title="tiny")).splitlines()
+    assert lines[0].startswith("method,runs,valid,converged,volume [%],area [%]")
+    assert lines[1] == "arap,2,2,1/2,6,2,3,4,0,15,5"
+    assert lines[3] == "worse,1,0,-,,,,,,,"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"env__machine": "laptop"}, "2 machines.*box; laptop.*--no-time"),
+        ({"env__concurrent": True}, "1 of 3 rows.*--no-time"),
+    ],
+)
+def test_times_that_do_not_compare_are_refused(change, message):
+    rows = [row("a"), row("a", "t2"), row("b", **change)]
+    with pytest.raises(InputError, match=message):
+        make_table(rows, title="t")
+    table = make_table(rows, title="t", with_time=False)
+    assert "time" not in to_markdown(table).splitlines()[2]
+
+
+def test_rows_of_two_configurations_are_no_one_method():
+    with pytest.raises(InputError, match="'a' has rows of different parameters"):
+        make_table([row("a"), row("a", "t2", method__hash="other")], title="t")
+
+
+def test_times_keep_three_digits():
+    text = to_markdown(make_table([row("a", seconds__total=435.4)], title="t"))
+    assert "**435** |" in text
+    text = to_markdown(make_table([row("a", seconds__total=0.0123)], title="t"))
+    assert "**0.012** |" in text
+
+
+def test_command_writes_every_format(rows, tmp_path, capsys):
+    write_csv(tmp_path / "tiny.csv", rows)
+    assert main([str(tmp_path / "tiny.csv"), "-o", str(tmp_path / "tables")]) == 0
+    table = make_table(read_csv(tmp_path / "tiny.csv"), title="tiny")
+    for suffix, write in FORMATS.items():
+        assert (tmp_path / "tables" / f"tiny.{suffix}").read_text() == write(table)
+    assert "### tiny" in capsys.readouterr().out
+
+
+def test_bands():
+    bands = {"a": {"metric.volume": [0.5, 1.5], "metric.area": [0, 1]}}
+    assert out_of_band(row("a", metric__area=1.0), bands) == []
+    assert out_of_band(row("a"), bands) == ["metric.area is 2.0, not in [0, 1]"]
+    assert out_of_band(row("a", metric__volume=None, metric__area=1.0), bands) == [
+        "metric.volume is None, not in [0.5, 1.5]"
+    ]
+    assert out_of_band(row("a", status="failed", reason="no"), bands) == ["status failed: no"]
+    assert out_of_band(row("a", status="skipped"), bands) == []
+    assert out_of_band(row("b"), bands) == ["method b has no band"]
+
+
+@pytest.mark.parametrize("path", sorted((RESULTS / "rows").glob("*.csv")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_committed_tables_follow_from_committed_rows(path, suffix):
+    table = make_table(read_csv(path), title=path.stem)
+    committed = RESULTS / "tables" / f"{path.stem}.{suffix}"
+    assert committed.read_text() == FORMATS[suffix](table)
+
+
+def test_every_committed_table_has_its_rows():
+    rows = {path.stem for path in (RESULTS / "rows").glob("*.csv")}
+    tables = {path.name for path in (RESULTS / "tables").glob("*.*")}
+    assert tables == {f"{stem}.{suffix}" for stem in rows for suffix in FORMATS}
