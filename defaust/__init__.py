@@ -1,0 +1,1 @@
+"""DeFAUST: a benchmark for the deformation of large meshes by handles."""

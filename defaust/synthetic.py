@@ -158,13 +158,13 @@ class SyntheticBodies:
         return {
             "title": "synthetic bodies",
             "origin": (
-                "MakeHuman/MPFB2 base mesh, macro targets and game-engine rig, morphed to ten adults, closed, "
-                "decimated to 6890 vertices and posed by dual quaternion skinning"
+                "MakeHuman/MPFB2 base mesh, macro targets and game-engine rig, morphed to ten adults, "
+                "closed, decimated to 6890 vertices and posed by dual quaternion skinning"
             ),
             "licence": "CC0 1.0 Universal (see the NOTICE file of the package)",
-            "citation": "MakeHuman community, base mesh hm08 and its targets, released as CC0 in September 2020",
+            "citation": "MakeHuman community, base mesh hm08 and its targets, CC0 since September 2020",
             "limits": [
-                "The bodies are synthetic: no scan, no clothing, no hair, neutral faces, closed mouth and eyes.",
+                "The bodies are synthetic: no scan, no hair, neutral faces, closed mouth and eyes.",
                 "Skinning stands for soft tissue: shoulders bulge when the arms go up, creases stretch.",
                 "Fingers and toes are thin; remeshed below about 100,000 vertices they are coarse.",
             ],

@@ -8,8 +8,8 @@ import numpy as np
 
 from sshade import InputError, Mesh
 
-#: Remeshed vertex counts land about 5 % under what the target edge length predicts.
-COUNT_BIAS = 0.95
+#: Remeshed vertex counts land a few per cent under what the target edge length predicts.
+COUNT_BIAS = 0.97
 #: Remeshings tried before the window of vertex counts counts as missed.
 ATTEMPTS = 6
 
@@ -86,7 +86,7 @@ def upsample(
             return Upsampled(_checked(*remeshed, mesh), steps, length, attempt)
         length *= float(np.sqrt(counts[-1] / target_vertices))
     raise InputError(
-        f"remeshing to {target_vertices} vertices gave {counts}, never within {low:g} to {high:g} times that; "
+        f"remeshing to {target_vertices} vertices gave {counts}, never {low:g} to {high:g} times that; "
         "choose another target_vertices, a wider window, or another number of ls3_steps"
     )
 

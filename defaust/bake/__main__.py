@@ -13,7 +13,6 @@ import numpy as np
 from defaust.bake.landmarks import find_landmarks
 from defaust.bake.morphs import (
     BONES,
-    BaseMesh,
     Shape,
     morph,
     read_base,

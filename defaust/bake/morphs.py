@@ -18,10 +18,10 @@ AMOUNTS = {"min": 0.0, "average": 0.5, "max": 1.0}
 
 #: Bones kept, parents first; the fingers go along with the hand.
 BONES = (
-    "Root pelvis spine_01 spine_02 spine_03 neck_01 head "
-    "clavicle_l upperarm_l lowerarm_l hand_l clavicle_r upperarm_r lowerarm_r hand_r "
-    "thigh_l calf_l foot_l ball_l thigh_r calf_r foot_r ball_r"
-).split()
+    *("Root", "pelvis", "spine_01", "spine_02", "spine_03", "neck_01", "head"),
+    *("clavicle_l", "upperarm_l", "lowerarm_l", "hand_l", "clavicle_r", "upperarm_r", "lowerarm_r", "hand_r"),
+    *("thigh_l", "calf_l", "foot_l", "ball_l", "thigh_r", "calf_r", "foot_r", "ball_r"),
+)
 
 
 @dataclass(frozen=True)

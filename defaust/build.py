@@ -1,0 +1,270 @@
+"""Builds a DeFAUST folder from a source, subject by subject, and resumes an unfinished one."""
+
+from __future__ import annotations
+
+import logging
+import multiprocessing
+import os
+import shutil
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from defaust.card import render_card
+from defaust.folder import (
+    CARD,
+    DATASET,
+    FORMAT,
+    checksum,
+    dump,
+    read_dataset,
+    read_json,
+    sha256,
+    subject_folder,
+    write_text,
+)
+from defaust.handles import NEIGHBOURHOOD, PER_LANDMARK, STATIC_BELOW
+from defaust.sources import Source
+from defaust.subject import build_subject
+from sshade import InputError
+from sshade.task import Progress, silent
+
+log = logging.getLogger(__name__)
+
+#: Holds the records of finished subjects until the dataset is complete.
+WORK = ".build"
+#: Packages whose version can change the result.
+TOOLS = ("numpy", "scipy", "pymeshlab")
+
+
+@dataclass(frozen=True)
+class BuildOptions:
+    """Everything besides the source that the result depends on.
+
+    Parameters
+    ----------
+    subjects : sequence of int, optional
+        By default every subject of the source.
+    seed : int
+        Of the handles.
+    target_vertices : int
+        Of the high-resolution rest mesh.
+    window : (2,) float
+        Accepted vertex counts, as multiples of `target_vertices`.
+    ls3_steps : int, optional
+        Subdivisions before the remeshing; by default from the target.
+    remesh_iterations : int
+    handles_per_landmark, neighbourhood : int
+    static_below : float
+        Relative to the bounding-box diagonal.
+    """
+
+    subjects: tuple[int, ...] | None = None
+    seed: int = 0
+    target_vertices: int = 170_000
+    window: tuple[float, float] = (0.9, 1.1)
+    ls3_steps: int | None = None
+    remesh_iterations: int = 5
+    handles_per_landmark: int = PER_LANDMARK
+    neighbourhood: int = NEIGHBOURHOOD
+    static_below: float = STATIC_BELOW
+
+    def __post_init__(self) -> None:
+        for name in ("target_vertices", "remesh_iterations", "handles_per_landmark", "neighbourhood"):
+            if getattr(self, name) < 1:
+                raise InputError(f"{name} is {getattr(self, name)}; it must be at least 1")
+        if self.seed < 0:
+            raise InputError(f"seed is {self.seed}; it must be 0 or more")
+        if len(self.window) != 2:
+            raise InputError(f"window is {list(self.window)}; give two numbers, e.g. [0.9, 1.1]")
+        if self.subjects is not None:
+            if not self.subjects:
+                raise InputError("subjects is empty; list at least one, or leave it null for all")
+            object.__setattr__(self, "subjects", tuple(sorted(set(self.subjects))))
+        object.__setattr__(self, "window", tuple(float(x) for x in self.window))
+
+
+def build(
+    source: Source,
+    out: str | os.PathLike[str],
+    *,
+    options: BuildOptions,
+    workers: int | None = None,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """Build a DeFAUST folder, or what is missing of it.
+
+    A rerun with the same source and options keeps the subjects that are
+    complete and intact; the result does not depend on interruptions nor on the
+    number of workers.
+
+    Parameters
+    ----------
+    source : Source
+    out : path
+        The folder; its parent must exist.
+    options : BuildOptions
+    workers : int, optional
+        Processes; by default one a core. 1 works in this process.
+    progress : Progress
+
+    Returns
+    -------
+    dict
+        The content of dataset.json.
+
+    Raises
+    ------
+    InputError
+        When `out` holds something else or a dataset built with other options,
+        or a subject cannot be built.
+    """
+    out = Path(out)
+    subjects = _subjects(source, options.subjects)
+    if workers is not None and workers < 1:
+        raise InputError(f"workers is {workers}; it must be at least 1")
+    recipe = _recipe(source, options, subjects)
+    _prepare(out, recipe)
+    done = {s: record for s in subjects if (record := _finished(out, s)) is not None}
+    missing = [s for s in subjects if s not in done]
+    log.info("%d of %d subjects are there already", len(done), len(subjects))
+    workers = min(workers or _cores(), max(1, len(missing)))
+    progress("subjects", len(done), len(subjects))
+    for subject, record in _build_missing(
+        source, out, missing, options=options, workers=workers, progress=progress
+    ):
+        done[subject] = record
+        write_text(_record_path(out, subject), dump(record))
+        progress("subjects", len(done), len(subjects), f"subject {subject} done")
+    return _finish(out, recipe, [done[s] for s in subjects])
+
+
+def _build_missing(
+    source: Source,
+    out: Path,
+    missing: Sequence[int],
+    *,
+    options: BuildOptions,
+    workers: int,
+    progress: Progress,
+) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Build subjects here or in worker processes; yield each as it is done."""
+    if workers == 1:
+        for subject in missing:
+            yield subject, build_subject(source, out, subject=subject, options=options, progress=progress)
+        return
+    # Spawned, because forking a process with threads (numba, BLAS) can hang. A worker's stages
+    # cannot be drawn from here; its subject is reported when done.
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, mp_context=context) as pool:
+        jobs = {pool.submit(build_subject, source, out, subject=s, options=options): s for s in missing}
+        try:
+            for job in as_completed(jobs):
+                yield jobs[job], job.result()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _subjects(source: Source, wanted: tuple[int, ...] | None) -> tuple[int, ...]:
+    for subject in wanted or ():
+        if subject not in source.subjects:
+            raise InputError(
+                f"the source {source.name} has no subject {subject}; it has {list(source.subjects)}"
+            )
+    return source.subjects if wanted is None else wanted
+
+
+def _recipe(source: Source, options: BuildOptions, subjects: tuple[int, ...]) -> dict[str, Any]:
+    """What determines the result: the first part of dataset.json, as it reads back from JSON."""
+    build = asdict(options) | {"subjects": list(subjects), "window": list(options.window)}
+    return {
+        "format": FORMAT,
+        "name": f"defaust-{source.name}",
+        "source": {"name": source.name, **source.provenance},
+        "build": build,
+        "tools": {name: metadata.version(name) for name in TOOLS},
+        "landmarks": list(source.landmark_names),
+        "poses": {
+            str(s): [
+                {"pose": k, "name": p.name, "aligned": p.aligned, "landmarks": list(p.landmarks)}
+                for k, p in enumerate(source.poses(s), start=1)
+            ]
+            for s in subjects
+        },
+    }
+
+
+def _prepare(out: Path, recipe: dict[str, Any]) -> None:
+    """Make the folder, or check that what is there was built by the same recipe."""
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out} is a file; give a folder")
+    if not out.parent.is_dir():
+        raise InputError(f"{out}: the folder {out.parent} does not exist")
+    started = out / WORK / "recipe.json"
+    for path in (started, out / DATASET):
+        if path.is_file():
+            before = read_json(path)
+            difference = _difference({key: before.get(key) for key in recipe}, recipe)
+            if difference:
+                raise InputError(
+                    f"{out} was built with another configuration: {difference}; "
+                    "give another out, or delete the folder"
+                )
+    if not started.is_file() and not (out / DATASET).is_file() and out.is_dir() and any(out.iterdir()):
+        raise InputError(f"{out} is not empty and holds no DeFAUST build; give another out")
+    (out / WORK).mkdir(parents=True, exist_ok=True)
+    if (out / DATASET).is_file():
+        # A finished dataset to be mended: its subjects' records become the work's again.
+        for record in read_dataset(out)["subjects"]:
+            if not _record_path(out, record["subject"]).is_file():
+                write_text(_record_path(out, record["subject"]), dump(record))
+    write_text(started, dump(recipe))
+
+
+def _difference(before: Any, now: Any, *, where: str = "") -> str:
+    """First difference of two JSON documents, in words; empty if there is none."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        for key in [*now, *(k for k in before if k not in now)]:
+            found = _difference(before.get(key), now.get(key), where=f"{where}.{key}" if where else key)
+            if found:
+                return found
+        return ""
+    return "" if before == now else f"{where} was {before!r} and is now {now!r}"
+
+
+def _record_path(out: Path, subject: int) -> Path:
+    return out / WORK / f"{subject_folder(subject)}.json"
+
+
+def _finished(out: Path, subject: int) -> dict[str, Any] | None:
+    """Record of a subject whose files are all there and intact."""
+    path = _record_path(out, subject)
+    if not path.is_file():
+        return None
+    record = read_json(path)
+    for name, entry in record["files"].items():
+        if not (out / name).is_file() or sha256(out / name) != entry["sha256"]:
+            log.warning("%s is missing or damaged: subject %d is built again", out / name, subject)
+            return None
+    return record
+
+
+def _finish(out: Path, recipe: dict[str, Any], records: list[dict[str, Any]]) -> dict[str, Any]:
+    """Write the card and dataset.json, and drop what was kept for resuming."""
+    files = {name: entry for record in records for name, entry in record["files"].items()}
+    document = recipe | {"subjects": records, "files": files}
+    write_text(out / CARD, render_card(document))
+    path = out / CARD
+    document["files"] = files | {CARD: {"sha256": sha256(path), "bytes": path.stat().st_size}}
+    document["checksum"] = checksum(document)
+    write_text(out / DATASET, dump(document))
+    shutil.rmtree(out / WORK)
+    return document
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

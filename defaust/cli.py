@@ -1,0 +1,182 @@
+"""The command ``defaust``: build, verify and info."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sshade import InputError
+from sshade.console import progress_bar, run_command
+
+if TYPE_CHECKING:
+    from defaust.build import BuildOptions
+
+EPILOG = """examples:
+  defaust build out=data/defaust                                   all subjects, 170,000 vertices
+  defaust build source=synthetic out=DIR subjects=[0,1] target_vertices=20000 seed=0
+  defaust verify DIR
+  defaust info DIR"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; 0 on success, 1 where verify finds faults, 2 on bad input."""
+    parser = argparse.ArgumentParser(
+        prog="defaust",
+        description="Build and check DeFAUST, a benchmark for the deformation of large meshes.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("-v", "--verbose", action="store_true", help="log what is done")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    build = commands.add_parser("build", help="build a dataset, or resume one")
+    build.add_argument("overrides", nargs="+", metavar="key=value", help="see conf/defaust/build.yaml")
+    for name, text in (("verify", "check every file of a dataset"), ("info", "print a summary")):
+        commands.add_parser(name, help=text).add_argument("folder", type=Path, metavar="DIR")
+    args = parser.parse_args(argv)
+    logging.basicConfig(level=logging.INFO if args.verbose else logging.WARNING, format="%(message)s")
+    work = {"build": _build, "verify": _verify, "info": _info}[args.command]
+    return run_command(lambda: work(args))
+
+
+def _build(args: argparse.Namespace) -> int:
+    from defaust.build import build
+
+    source, out, options, workers = configure(args.overrides)
+    with progress_bar() as progress:
+        document = build(source, out, options=options, workers=workers, progress=progress)
+    counts = ", ".join(f"{s['high']['vertices']:,}" for s in document["subjects"])
+    print(f"{out}: {len(document['subjects'])} subjects ({counts} vertices)")  # noqa: T201
+    return 0
+
+
+def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, int | None]:
+    """Source, folder, options and workers from Hydra overrides.
+
+    Raises
+    ------
+    InputError
+        On anything wrong with them, in one sentence.
+    """
+    from dataclasses import fields
+
+    from hydra import compose, initialize_config_module
+    from hydra.errors import HydraException
+    from hydra.utils import instantiate
+    from omegaconf import OmegaConf
+    from omegaconf.errors import OmegaConfBaseException
+
+    from defaust.build import BuildOptions
+
+    try:
+        with initialize_config_module("conf.defaust", version_base="1.3"):
+            config = compose("build", overrides=list(overrides))
+        missing = OmegaConf.missing_keys(config)
+        if missing:
+            raise InputError(f"{', '.join(sorted(missing))} is not set; add e.g. out=data/defaust")
+        plain = OmegaConf.to_container(config, resolve=True)
+        source = instantiate(config.source, _convert_="all")
+    except (HydraException, OmegaConfBaseException) as error:
+        # instantiate wraps what a source raises; its own sentence is the useful one.
+        if isinstance(error.__cause__, InputError):
+            raise error.__cause__ from error
+        raise InputError(" ".join(str(error).split())) from error
+    names = [field.name for field in fields(BuildOptions)]
+    options = BuildOptions(**{name: _number(name, plain[name]) for name in names})
+    return source, Path(str(plain["out"])), options, _number("workers", plain["workers"])
+
+
+#: Options that are whole numbers, and those that may be null.
+_WHOLE = (
+    "seed",
+    "target_vertices",
+    "ls3_steps",
+    "remesh_iterations",
+    "handles_per_landmark",
+    "neighbourhood",
+    "workers",
+)
+_NULLABLE = ("subjects", "ls3_steps", "workers")
+
+
+def _number(name: str, value: Any) -> Any:
+    """The value if it has the type that the option needs; lists become tuples."""
+
+    def is_whole(x: Any) -> bool:
+        return isinstance(x, int) and not isinstance(x, bool)
+
+    def is_real(x: Any) -> bool:
+        return is_whole(x) or isinstance(x, float)
+
+    if value is None and name in _NULLABLE:
+        return None
+    if name in _WHOLE:
+        fits, needs = is_whole(value), "a whole number"
+    elif name == "subjects":
+        value = [value] if is_whole(value) else value
+        fits, needs = isinstance(value, list) and all(map(is_whole, value)), "a list of whole numbers"
+    elif name == "window":
+        fits, needs = isinstance(value, list) and all(map(is_real, value)), "a list of two numbers"
+    else:
+        fits, needs = is_real(value), "a number"
+    if not fits:
+        raise InputError(f"{name}={value} is not {needs}")
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _verify(args: argparse.Namespace) -> int:
+    from defaust.verify import verify
+
+    with progress_bar() as progress:
+        faults = verify(args.folder, progress=progress)
+    for fault in faults:
+        print(f"{fault.file}: {fault.text}")  # noqa: T201
+    files = len({fault.file for fault in faults})
+    print(f"{args.folder}: {f'{files} files fail' if faults else 'every file is as listed'}")  # noqa: T201
+    return 1 if faults else 0
+
+
+def _info(args: argparse.Namespace) -> int:
+    from rich.console import Console
+    from rich.table import Table
+
+    from defaust.folder import read_dataset
+
+    document = read_dataset(args.folder)
+    build = document["build"]
+    # Piped output would be folded at 80 columns.
+    console = Console() if sys.stdout.isatty() else Console(width=110)
+    console.print(f"[bold]{document['name']}[/bold], {document['source']['title']}", highlight=False)
+    for name, value in (
+        ("landmarks", ", ".join(document["landmarks"])),
+        ("seed", build["seed"]),
+        ("target vertices", f"{build['target_vertices']:,}"),
+        ("licence", document["source"]["licence"]),
+        ("size", f"{sum(entry['bytes'] for entry in document['files'].values()) / 1e6:.1f} MB"),
+        ("checksum", document["checksum"]),
+    ):
+        console.print(f"{name}: {value}", highlight=False, soft_wrap=True)
+    table = Table("subject", "vertices", "faces", "volume", "area", "pose", "name", "static", "dynamic")
+    for subject in document["subjects"]:
+        high = subject["high"]
+        start = [
+            subject["subject"],
+            f"{high['vertices']:,}",
+            f"{high['faces']:,}",
+            f"{high['volume']:.4g}",
+            f"{high['area']:.4g}",
+        ]
+        for pose in subject["poses"]:
+            row = [*start, pose["pose"], pose["name"], pose["static"], pose["dynamic"]]
+            table.add_row(*map(str, row))
+            start = [""] * len(start)
+        table.add_section()
+    console.print(table)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,175 @@
+"""Deformation tasks of a DeFAUST folder."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from defaust.folder import (
+    REST,
+    REST_LOW,
+    pose_file,
+    pose_mesh,
+    read_dataset,
+    read_json,
+    sha256,
+    subject_folder,
+)
+from defaust.handles import DYNAMIC, UNUSED
+from sshade import DeformationTask, Handles, InputError
+from sshade.meshio import read_mesh
+
+RESOLUTIONS = ("high", "low")
+
+
+class TaskId(NamedTuple):
+    """What :func:`load_task` needs besides the folder."""
+
+    subject: int
+    pose: int
+
+
+def list_tasks(
+    root: str | os.PathLike[str],
+    *,
+    subjects: Sequence[int] | None = None,
+    poses: Sequence[int] | None = None,
+) -> list[TaskId]:
+    """Tasks of a DeFAUST folder, subject by subject.
+
+    Parameters
+    ----------
+    root : path
+    subjects, poses : sequence of int, optional
+        Keep only these; poses count from 1.
+
+    Raises
+    ------
+    InputError
+        When the folder is no dataset, or has none of a subject or pose asked for.
+    """
+    document = read_dataset(root)
+    tasks = [TaskId(s["subject"], p["pose"]) for s in document["subjects"] for p in s["poses"]]
+    for what, wanted, known in (
+        ("subject", subjects, {t.subject for t in tasks}),
+        ("pose", poses, {t.pose for t in tasks}),
+    ):
+        for number in wanted or ():
+            if number not in known:
+                raise InputError(f"{root} has no {what} {number}; it has {sorted(known)}")
+    return [
+        t for t in tasks if (subjects is None or t.subject in subjects) and (poses is None or t.pose in poses)
+    ]
+
+
+def load_task(
+    root: str | os.PathLike[str],
+    *,
+    subject: int,
+    pose: int,
+    resolution: str = "high",
+    raw: bool = False,
+) -> DeformationTask:
+    """Rest mesh and handles of one subject and pose.
+
+    Parameters
+    ----------
+    root : path
+        A DeFAUST folder.
+    subject, pose : int
+        Poses count from 1.
+    resolution : str
+        ``high``: the remeshed rest mesh, handles snapped to its vertices.
+        ``low``: the registered one, with the registered target pose as truth.
+    raw : bool
+        Keep the stored targets where a handle is snapped to another position.
+
+    Returns
+    -------
+    DeformationTask
+        The handles' groups are the ids of their landmarks (positions in the
+        dataset's list); `meta` holds ``dataset``, ``subject``, ``pose``,
+        ``source_pose``, ``resolution``, ``vertices``,
+        ``n_static``, ``n_dynamic``, ``snap_max``, ``merged`` and ``checksum``
+        (of the mesh and the pose file).
+
+    Raises
+    ------
+    InputError
+        When the folder is no dataset, has no such subject or pose, or a file
+        is missing or is not the one that the dataset lists.
+    """
+    root = Path(root)
+    if resolution not in RESOLUTIONS:
+        raise InputError(f"resolution {resolution!r} is unknown; use one of {', '.join(RESOLUTIONS)}")
+    list_tasks(root, subjects=[subject], poses=[pose])
+    document = read_dataset(root)
+    folder = subject_folder(subject)
+    mesh_name = f"{folder}/{REST if resolution == 'high' else REST_LOW}"
+    pose_name = f"{folder}/{pose_file(pose)}"
+    sums = [_checked(root, name, document) for name in (mesh_name, pose_name)]
+
+    mesh = read_mesh(root / mesh_name)
+    content = read_json(root / pose_name)
+    ids = {name: i for i, name in enumerate(document["landmarks"])}
+    used = [h for h in content["handles"] if h["kind"] != UNUSED]
+    count = [len(h["source"]) for h in used]
+    handles = Handles.from_positions(
+        mesh,
+        np.array([p for h in used for p in h["source"]]),
+        np.array([p for h in used for p in h["target"]]),
+        dynamic=np.repeat([h["kind"] == DYNAMIC for h in used], count),
+        group=np.repeat([ids[h["landmark"]] for h in used], count),
+        raw=raw,
+    )
+    truth = None
+    if resolution == "low":
+        _checked(root, f"{folder}/{pose_mesh(pose)}", document)
+        truth = read_mesh(root / folder / pose_mesh(pose)).V
+    return DeformationTask(
+        name=f"{document['name']}/{folder}/pose_{pose}",
+        mesh=mesh,
+        handles=handles,
+        truth=truth,
+        meta=_facts(document, subject, pose, source_pose=content["source_pose"])
+        | {
+            "resolution": resolution,
+            "vertices": mesh.n,
+            "n_static": int((~handles.dynamic).sum()),
+            "n_dynamic": int(handles.dynamic.sum()),
+            "snap_max": float(handles.snap_distance.max()),
+            "merged": int(handles.merged),
+            "raw": raw,
+            "checksum": "+".join(value[:16] for value in sums),
+        },
+    )
+
+
+def _facts(document: dict[str, Any], subject: int, pose: int, *, source_pose: str) -> dict[str, Any]:
+    return {
+        "dataset": document["name"],
+        "source": document["source"]["name"],
+        "seed": document["build"]["seed"],
+        "subject": subject,
+        "pose": pose,
+        "source_pose": source_pose,
+    }
+
+
+def _checked(root: Path, name: str, document: dict[str, Any]) -> str:
+    """sha256 of a file that must be the one listed."""
+    if name not in document["files"]:
+        raise InputError(f"{root} lists no {name}; rebuild the dataset")
+    if not (root / name).is_file():
+        raise InputError(f"{root / name} is missing; run the same defaust build again to restore it")
+    found = sha256(root / name)
+    if found != document["files"][name]["sha256"]:
+        raise InputError(
+            f"{root / name} is not the file that the dataset lists; run the same defaust build again, "
+            f"or defaust verify {root} for all such files"
+        )
+    return found
