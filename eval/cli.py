@@ -65,8 +65,8 @@ class SweepStart(Callback):
         """Count the runs as the basic sweeper does: the product of the swept values."""
         global _sweep
         params = [f"{name}={values}" for name, values in (config.hydra.sweeper.params or {}).items()]
-        loader = GlobalHydra.instance().config_loader()  # it resolves glob(*)
-        overrides = OverridesParser.create(config_loader=loader).parse_overrides([*params, *config.hydra.overrides.task])
+        parser = OverridesParser.create(GlobalHydra.instance().config_loader())  # the loader resolves glob(*)
+        overrides = parser.parse_overrides([*params, *config.hydra.overrides.task])
         counts = {
             override.get_key_element(): len(list(override.sweep_string_iterator()))
             if override.is_sweep_override()
