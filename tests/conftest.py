@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 from hypothesis import settings
-from shapes import bumpy, double_torus, icosphere, jittered, strip, torus, tube
 
 from sshade.mesh import Mesh
+from tests.shapes import bumpy, double_torus, icosphere, jittered, strip, torus, tube
 
 settings.register_profile("reproducible", derandomize=True, deadline=None, database=None, max_examples=25)
 settings.load_profile("reproducible")

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from shapes import double_torus, icosphere, jittered, strip, tetrahedron, torus, tube
 
 from sshade import Mesh, closed_ball
 from sshade.closed_ball import refinements
 from sshade.geodesic import Fronts, farthest_point_sampling, vertex_graph
+from tests.shapes import double_torus, icosphere, jittered, strip, tetrahedron, torus, tube
 
 MESHES = {
     "sphere": jittered(icosphere(1), 0.05),
@@ -80,7 +80,7 @@ def boundary_counts(mesh: Mesh, region: np.ndarray) -> tuple[dict[int, int], dic
 
 
 def failing_unions(mesh: Mesh, region: np.ndarray) -> tuple[set[tuple[int, ...]], set[tuple[int, ...]]]:
-    """Unions whose Euler count is not 1, and regions and pairs whose trace on the boundary is no single arc."""
+    """Unions whose Euler count is not 1, and regions and pairs whose trace is no single arc."""
     no_disc = {union for union, count in euler_counts(mesh, region).items() if count != 1}
     trace, crossings = boundary_counts(mesh, region)
     no_arc = {(i,) for i, count in trace.items() if count != 1}

@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
-from shapes import block, icosphere, jittered, strip, tetrahedron, torus, tube
 
 from sshade import InputError, Mesh
 from sshade.geodesic import Fronts, VertexGraph, farthest_point_sampling, vertex_graph
+from tests.shapes import block, icosphere, jittered, strip, tetrahedron, torus, tube
 
 
 def brute_force_graph(mesh: Mesh) -> dict[tuple[int, int], int]:

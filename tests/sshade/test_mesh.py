@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from shapes import block, double_torus, icosphere, jittered, rotation, strip, tetrahedron, torus, tube
 
 from sshade import InputError, Mesh
 from sshade.mesh import Topology
+from tests.shapes import block, double_torus, icosphere, jittered, rotation, strip, tetrahedron, torus, tube
 
 TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
 

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from shapes import icosphere, rotation, tetrahedron
 
 from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh
 from sshade.task import rigid_motion
+from tests.shapes import icosphere, rotation, tetrahedron
 
 
 def test_defaults_are_dynamic_and_of_one_group():

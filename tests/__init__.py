@@ -1,0 +1,1 @@
+"""The tests; a package, so that `tests/sshade` never stands in for `sshade` on the import path."""
