@@ -49,8 +49,8 @@ POSES: dict[str, dict[str, tuple[float, float, float]]] = {
     },
 }
 JITTER = 3.0
-#: The whole body's motion in bend_twist: rotation in degrees, and shift in metres.
-TURN = Rotation.from_euler("yxz", (125.0, 14.0, 10.0), degrees=True).as_rotvec()
+#: The whole body's motion in bend_twist: lean (x, z), then turn (y), in degrees; and shift in metres.
+TURN = Rotation.from_euler("YXZ", (125.0, 14.0, 10.0), degrees=True).as_rotvec()
 TURN_SHIFT = np.array([0.55, 0.0, 0.35])
 #: How far the pelvis goes down and back in the squat, relative to the leg's length.
 SQUAT_SHIFT = np.array([0.0, -0.22, -0.13])
