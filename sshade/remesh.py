@@ -7,6 +7,7 @@ vertices of M, and every vertex of M belongs to the region of one of them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,7 +50,9 @@ class Remesh:
     added: int = 0
 
 
-def remesh(mesh: Mesh, vertices: int, *, first: np.ndarray | None = None, seed: int = 0) -> Remesh:
+def remesh(
+    mesh: Mesh, vertices: int, *, first: np.ndarray | None = None, seed: int | Sequence[int] = 0
+) -> Remesh:
     """Sample a mesh and triangulate the dual of the samples' regions.
 
     Parameters
@@ -73,8 +76,9 @@ def remesh(mesh: Mesh, vertices: int, *, first: np.ndarray | None = None, seed: 
     ------
     InputError
         When the mesh is not as required, `vertices` exceeds its number of
-        vertices or is below the number of first ones, or refinement ends
-        without a proxy of M's topology.
+        vertices or is below the number of first ones, `first` repeats a vertex
+        or is out of range, the seed is negative, or refinement ends without a
+        proxy of M's topology.
     """
     mesh.require_manifold()
     mesh.require_one_component()
@@ -119,10 +123,12 @@ def proxy_mesh(mesh: Mesh, remeshed: Remesh) -> Mesh:
     return Mesh(mesh.V[remeshed.samples], remeshed.faces)
 
 
-def _random_other_vertex(n: int, taken: np.ndarray, seed: int) -> int:
-    free = np.ones(n, dtype=bool)
-    free[taken] = False
-    return int(np.random.default_rng(seed).choice(np.flatnonzero(free)))
+def _random_other_vertex(n: int, taken: np.ndarray, seed: int | Sequence[int]) -> int:
+    try:
+        rng = np.random.default_rng(seed)
+    except ValueError as error:
+        raise InputError(f"seed {seed} is negative; use 0 or a positive integer") from error
+    return int(rng.choice(np.setdiff1d(np.arange(n), taken)))
 
 
 def _dual_faces(F: np.ndarray, region: np.ndarray) -> np.ndarray:
