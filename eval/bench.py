@@ -105,7 +105,8 @@ def _bench(arguments: argparse.Namespace) -> int:
     whole = block.stage("precompute") + ITERATIONS * iteration
     _say(
         f"elastic (libigl): precomputation {block.stage('precompute'):.2f} s, {iteration:.4f} s "
-        f"an iteration; {ITERATIONS} iterations, extrapolated from {arguments.repeats} x {arguments.block}: {whole:.1f} s"
+        f"an iteration; {ITERATIONS} iterations, extrapolated from {arguments.repeats} x {arguments.block}: "
+        f"{whole:.1f} s"
     )
     for name, timing in timings.items():
         assert timing.result is not None

@@ -18,7 +18,11 @@ from sshade.errors import InputError
 from sshade.mesh import Mesh
 
 #: Candidates for the next farthest vertex are gathered down to this fraction of the largest distance.
-_BAND = 0.7
+_BAND = 0.85
+#: Width of the bands in which fronts advance, in mean edge lengths; any positive one gives the same result.
+_BAND_EDGES = 4.0
+
+NOWHERE, NEAR, FAR = 0, 1, 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +84,12 @@ class Fronts:
         self._samples = [first]
         self._distance = np.full(graph.n, np.inf)
         self._region = np.full(graph.n, -1, dtype=np.int32)
-        _start_fronts(graph.indptr, graph.indices, graph.lengths, first, self._distance, self._region)
+        if not graph.lengths.any():
+            raise InputError("all vertices of the mesh coincide")
+        self._step = _BAND_EDGES * float(graph.lengths.mean())
+        _start_fronts(
+            graph.indptr, graph.indices, graph.lengths, self._step, first, self._distance, self._region
+        )
 
     def __len__(self) -> int:
         return sum(len(part) for part in self._samples)
@@ -108,6 +117,7 @@ class Fronts:
             graph.indptr,
             graph.indices,
             graph.lengths,
+            self._step,
             vertices,
             len(self),
             self._distance,
@@ -130,6 +140,7 @@ class Fronts:
             graph.indptr,
             graph.indices,
             graph.lengths,
+            self._step,
             count,
             len(self),
             self._distance,
@@ -213,88 +224,87 @@ def _vertex_graph(V, F):
 
 
 @njit(cache=True, nogil=True)
-def _push(keys, ids, size, key, v):
-    """Add to a binary min-heap of `size` entries; return the new size."""
-    p = size
-    while p > 0:
-        parent = (p - 1) >> 1
-        if keys[parent] <= key:
-            break
-        keys[p], ids[p] = keys[parent], ids[parent]
-        p = parent
-    keys[p], ids[p] = key, v
-    return size + 1
+def _advance(indptr, indices, lengths, step, distance, region, queued, near, far, size):
+    """Spread from the first `size` entries of `near` into what gets nearer.
+
+    Labels are corrected in bands of width `step`, in any order within a band: a vertex may be
+    visited again, but no heap is kept, which would cost several times as much. The labels end
+    the same to the last bit: each is the minimum of sums taken from the samples outwards, and
+    ties go to the smaller sample. `near` is a ring for the band at work, `far` a list for later
+    ones; `queued` says which of the two, if any, a vertex is in.
+    """
+    mask = near.shape[0] - 1
+    head, tail, waiting, limit = 0, size, 0, step
+    while head != tail:
+        while head != tail:
+            u = near[head]
+            head = (head + 1) & mask
+            queued[u] = NOWHERE
+            d, s = distance[u], region[u]
+            for p in range(indptr[u], indptr[u + 1]):
+                w = indices[p]
+                nd = d + lengths[p]
+                if nd < distance[w] or (nd == distance[w] and s < region[w]):
+                    distance[w] = nd
+                    region[w] = s
+                    if nd < limit:
+                        if queued[w] != NEAR:
+                            queued[w] = NEAR
+                            near[tail] = w
+                            tail = (tail + 1) & mask
+                    elif queued[w] == NOWHERE:
+                        queued[w] = FAR
+                        far[waiting] = w
+                        waiting += 1
+        # The next band begins at the nearest vertex that waits.
+        nearest = np.inf
+        for q in range(waiting):
+            if queued[far[q]] == FAR and distance[far[q]] < nearest:
+                nearest = distance[far[q]]
+        limit = nearest + step
+        kept = 0
+        for q in range(waiting):
+            w = far[q]
+            if queued[w] != FAR:
+                continue  # it got nearer and was dealt with
+            if distance[w] < limit:
+                queued[w] = NEAR
+                near[tail] = w
+                tail = (tail + 1) & mask
+            else:
+                far[kept] = w
+                kept += 1
+        waiting = kept
 
 
 @njit(cache=True, nogil=True)
-def _pop(keys, ids, size):
-    """Remove the root of a binary min-heap of `size` entries; return the new size."""
-    size -= 1
-    key, v = keys[size], ids[size]
-    p = 0
-    while True:
-        child = 2 * p + 1
-        if child >= size:
-            break
-        if child + 1 < size and keys[child + 1] < keys[child]:
-            child += 1
-        if keys[child] >= key:
-            break
-        keys[p], ids[p] = keys[child], ids[child]
-        p = child
-    keys[p], ids[p] = key, v
-    return size
+def _queues(n):
+    """Empty queues for n vertices: marks, a ring of a power of two above n, a list."""
+    ring = 1
+    while ring <= n:
+        ring *= 2
+    return np.zeros(n, dtype=np.uint8), np.empty(ring, dtype=np.int32), np.empty(n, dtype=np.int32)
 
 
 @njit(cache=True, nogil=True)
-def _grown(array, size):
-    if size < array.shape[0]:
-        return array
-    larger = np.empty(2 * array.shape[0], dtype=array.dtype)
-    larger[:size] = array[:size]
-    return larger
-
-
-@njit(cache=True, nogil=True)
-def _advance(indptr, indices, lengths, distance, region, keys, ids, size):
-    """Dijkstra from the entries of the heap, only into what gets nearer; return the heap's arrays."""
-    while size > 0:
-        d, u = keys[0], ids[0]
-        size = _pop(keys, ids, size)
-        if d > distance[u]:
-            continue
-        s = region[u]
-        for p in range(indptr[u], indptr[u + 1]):
-            w = indices[p]
-            nd = d + lengths[p]
-            if nd < distance[w] or (nd == distance[w] and s < region[w]):
-                distance[w] = nd
-                region[w] = s
-                keys, ids = _grown(keys, size), _grown(ids, size)
-                size = _push(keys, ids, size, nd, w)
-    return keys, ids
-
-
-@njit(cache=True, nogil=True)
-def _start_fronts(indptr, indices, lengths, first, distance, region):
-    keys = np.empty(first.shape[0] + 1024, dtype=np.float64)
-    ids = np.empty(first.shape[0] + 1024, dtype=np.int32)
+def _start_fronts(indptr, indices, lengths, step, first, distance, region):
+    queued, near, far = _queues(distance.shape[0])
     for s in range(first.shape[0]):
         distance[first[s]] = 0.0
         region[first[s]] = s
-        keys[s], ids[s] = 0.0, first[s]
-    _advance(indptr, indices, lengths, distance, region, keys, ids, first.shape[0])
+        near[s] = first[s]
+    _advance(indptr, indices, lengths, step, distance, region, queued, near, far, first.shape[0])
 
 
 @njit(cache=True, nogil=True)
-def _insert(indptr, indices, lengths, vertices, sample, distance, region):
-    keys, ids = np.empty(1024, dtype=np.float64), np.empty(1024, dtype=np.int32)
+def _insert(indptr, indices, lengths, step, vertices, sample, distance, region):
+    queued, near, far = _queues(distance.shape[0])
     for i in range(vertices.shape[0]):
         v = vertices[i]
         distance[v] = 0.0
         region[v] = sample + i
-        keys[0], ids[0] = 0.0, v
-        keys, ids = _advance(indptr, indices, lengths, distance, region, keys, ids, 1)
+        near[0] = v
+        _advance(indptr, indices, lengths, step, distance, region, queued, near, far, 1)
 
 
 @njit(cache=True, nogil=True)
@@ -334,34 +344,34 @@ def _gather_farthest(distance, far, far_id):
 
 
 @njit(cache=True, nogil=True)
-def _insert_farthest(indptr, indices, lengths, count, sample, distance, region):
+def _insert_farthest(indptr, indices, lengths, step, count, sample, distance, region):
     n = distance.shape[0]
     samples = np.empty(count, dtype=np.int64)
-    keys, ids = np.empty(1024, dtype=np.float64), np.empty(1024, dtype=np.int32)
+    queued, near, far = _queues(n)
     # Distances only shrink, so an entry of the max-heap is an upper bound: it is brought up to
     # date when it comes to the top. The heap holds the farthest band alone and is gathered anew
     # when that is used up, a dozen times in all.
-    far, far_id = np.empty(n, dtype=np.float64), np.empty(n, dtype=np.int32)
+    key, top = np.empty(n, dtype=np.float64), np.empty(n, dtype=np.int32)
     size, low = 0, 0.0
     for i in range(count):
         while True:
             if size == 0:
-                size, low = _gather_farthest(distance, far, far_id)
-            v = far_id[0]
+                size, low = _gather_farthest(distance, key, top)
+            v = top[0]
             d = distance[v]
-            if d == far[0]:
+            if d == key[0]:
                 break
             if d >= low:
-                _sift(far, far_id, size, 0, d, v)
+                _sift(key, top, size, 0, d, v)
             else:
                 size -= 1
                 if size > 0:
-                    _sift(far, far_id, size, 0, far[size], far_id[size])
+                    _sift(key, top, size, 0, key[size], top[size])
         if d == 0.0:  # every vertex coincides with a sample
             return samples[:i]
         samples[i] = v
         distance[v] = 0.0
         region[v] = sample + i
-        keys[0], ids[0] = 0.0, v
-        keys, ids = _advance(indptr, indices, lengths, distance, region, keys, ids, 1)
+        near[0] = v
+        _advance(indptr, indices, lengths, step, distance, region, queued, near, far, 1)
     return samples
