@@ -1,8 +1,9 @@
-"""Committed bands of quality: ``python -m eval.check ROWS.csv --bands ci``.
+"""Committed bands of quality: ``python -m eval.check ROWS.csv [--bands ci]``.
 
-A band file ``conf/bands/<name>.yaml`` maps method -> column -> [low, high]. A
-metric that is not available is out of its band. Times have no bands: they
-depend on the machine.
+A band file ``conf/bands/<name>.yaml`` maps method -> task -> column -> [low,
+high]. A metric that is not available is out of its band. Times have no bands:
+they depend on the machine. ``--suggest`` prints bands around the rows instead,
+for a new method or data set: look at the numbers before committing them.
 """
 
 from __future__ import annotations
@@ -13,11 +14,15 @@ from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 
+from eval.metrics import METRICS
 from eval.store import VALID, Row, read_csv
 from sshade.console import run_command
 from sshade.errors import InputError
 
-Bands = Mapping[str, Mapping[str, Sequence[float]]]
+Bands = Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]]
+
+#: Width of a suggested band: a factor, and for values near zero an amount in the metric's unit.
+FACTOR, AMOUNT = 1.25, {"%": 0.05, "deg": 0.05, "count": 20.0}
 
 
 def out_of_band(row: Row, bands: Bands) -> list[str]:
@@ -29,20 +34,37 @@ def out_of_band(row: Row, bands: Bands) -> list[str]:
     ----------
     row : mapping
     bands : mapping
-        ``{method: {column: [low, high]}}``.
+        ``{method: {task: {column: [low, high]}}}``.
     """
+    method, task = row["method.name"], row["task.name"]
     if row["status"] == "skipped":
         return []
     if row["status"] not in VALID:
         return [f"status {row['status']}: {row['reason']}"]
-    if row["method.name"] not in bands:
-        return [f"method {row['method.name']} has no band"]
+    if task not in bands.get(method, {}):
+        return [f"no band for {method} on {task}"]
     problems = []
-    for column, (low, high) in bands[row["method.name"]].items():
+    for column, (low, high) in bands[method][task].items():
         value = row.get(column)
         if value is None or not low <= value <= high:
             problems.append(f"{column} is {value}, not in [{low}, {high}]")
     return problems
+
+
+def suggest(rows: list[Row]) -> dict[str, dict[str, dict[str, list[float]]]]:
+    """Bands around the metrics of valid rows; what is not available gets none."""
+    bands: dict[str, dict[str, dict[str, list[float]]]] = {}
+    for row in rows:
+        if row["status"] not in VALID:
+            continue
+        of_task = bands.setdefault(row["method.name"], {}).setdefault(row["task.name"], {})
+        for name, metric in METRICS.items():
+            value = row.get(f"metric.{name}")
+            if value is not None:
+                low = max(0.0, min(value / FACTOR, value - AMOUNT[metric.unit]))
+                high = max(value * FACTOR, value + AMOUNT[metric.unit])
+                of_task[f"metric.{name}"] = [float(f"{low:.3g}"), float(f"{high:.3g}")]
+    return bands
 
 
 def read_bands(name: str) -> Bands:
@@ -60,9 +82,15 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m eval.check", description=__doc__)
     parser.add_argument("rows", type=Path, help="CSV made by eval.collect")
     parser.add_argument("--bands", default="ci", help="name of a file in conf/bands (default: %(default)s)")
+    parser.add_argument("--suggest", action="store_true", help="print bands around the rows instead")
     options = parser.parse_args(arguments)
-    bands = read_bands(options.bands)
     rows = read_csv(options.rows)
+    if options.suggest:
+        import yaml
+
+        print(yaml.safe_dump(suggest(rows), default_flow_style=None, width=200), end="")  # noqa: T201
+        return 0
+    bands = read_bands(options.bands)
     bad = 0
     for row in rows:
         for problem in out_of_band(row, bands):

@@ -101,6 +101,9 @@ def main() -> int:
         return 2
     if _sweep is not None:
         print(_summary(_sweep))  # noqa: T201
+    else:
+        for error in _errors:
+            print(f"failed: {error}", file=sys.stderr)  # noqa: T201
     return 1 if _errors else 0
 
 

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from eval.check import out_of_band
+from eval.check import main as check_main
+from eval.check import out_of_band, read_bands, suggest
 from eval.store import read_csv, write_csv
 from eval.tables import FORMATS, main, make_table, to_csv, to_latex, to_markdown
 from sshade.errors import InputError
@@ -133,7 +134,7 @@ def test_command_writes_every_format(rows, tmp_path, capsys):
 
 
 def test_bands():
-    bands = {"a": {"metric.volume": [0.5, 1.5], "metric.area": [0, 1]}}
+    bands = {"a": {"t1": {"metric.volume": [0.5, 1.5], "metric.area": [0, 1]}}}
     assert out_of_band(row("a", metric__area=1.0), bands) == []
     assert out_of_band(row("a"), bands) == ["metric.area is 2.0, not in [0, 1]"]
     assert out_of_band(row("a", metric__volume=None, metric__area=1.0), bands) == [
@@ -141,7 +142,27 @@ def test_bands():
     ]
     assert out_of_band(row("a", status="failed", reason="no"), bands) == ["status failed: no"]
     assert out_of_band(row("a", status="skipped"), bands) == []
-    assert out_of_band(row("b"), bands) == ["method b has no band"]
+    assert out_of_band(row("b"), bands) == ["no band for b on t1"]
+    assert out_of_band(row("a", "t2"), bands) == ["no band for a on t2"]
+
+
+def test_suggested_bands_hold_their_rows_and_not_much_else():
+    rows = [row("a"), row("a", "t2", metric__volume=None), row("b", status="failed", reason="no")]
+    bands = suggest(rows)
+    assert set(bands) == {"a"} and "metric.volume" not in bands["a"]["t2"]
+    assert bands["a"]["t1"]["metric.area"] == [1.6, 2.5]
+    assert bands["a"]["t1"]["metric.handle"] == [0.0, 0.05]
+    assert out_of_band(rows[0], bands) == []
+    assert out_of_band(row("a", metric__area=2.6), bands) != []
+
+
+def test_check_command_tells_what_is_out_of_band(tmp_path, capsys):
+    name, task = "arap", next(iter(read_bands("ci")["arap"]))
+    write_csv(tmp_path / "r.csv", [row(name, task, metric__volume=1e9)])
+    assert check_main([str(tmp_path / "r.csv")]) == 1
+    assert "metric.volume is 1000000000.0" in capsys.readouterr().out
+    with pytest.raises(InputError, match="no bands 'nope'"):
+        check_main([str(tmp_path / "r.csv"), "--bands", "nope"])
 
 
 @pytest.mark.parametrize("path", sorted((RESULTS / "rows").glob("*.csv")), ids=lambda path: path.stem)

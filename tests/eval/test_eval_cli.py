@@ -1,0 +1,84 @@
+"""The Hydra program as users run it: exit codes, one-line errors, sweeps, reruns."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).parent
+
+
+def run_eval(folder, *arguments):
+    environment = {**os.environ, "PYTHONPATH": str(HERE)}
+    command = [sys.executable, "-m", "eval", "--config-dir", str(HERE / "extra_conf"), *arguments]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=120)
+
+
+def files(folder):
+    return sorted(str(path.relative_to(folder)) for path in Path(folder).rglob("*") if path.is_file())
+
+
+def test_one_run_from_any_folder_leaves_its_row_and_nothing_else(tmp_path):
+    done = run_eval(tmp_path, "dataset=bumpy", "method=identity")
+    assert done.returncode == 0, done.stderr
+    assert "identity on bumpy_30: ok" in done.stdout and "volume" in done.stdout
+    assert done.stderr == ""
+    found = files(tmp_path)
+    assert len(found) == 2
+    assert all(name.startswith("results/runs/single/identity/bumpy_30/seed_0_") for name in found)
+
+
+def test_a_sweep_goes_on_after_a_failure_and_is_resumed(tmp_path):
+    overrides = [
+        "dataset=bumpy",
+        "dataset.level=2",
+        "method=failing,missing_extra,stretching",
+        "seed=0,1",
+    ]
+    first = run_eval(tmp_path, "-m", *overrides)
+    assert first.returncode == 1
+    lines = first.stdout.splitlines()
+    assert len(lines) == 7
+    assert "this method always fails" in lines[0] and "[1 done, 1 failed, 5 remaining]" in lines[0]
+    assert "sshade[torch]" in lines[2]
+    assert "[6 done, 2 failed, 0 remaining]" in lines[5]
+    assert lines[6] == "6 runs: 6 new (2 failed, 2 not_converged, 2 skipped), 0 kept"
+    assert "Traceback" not in first.stderr
+    again = run_eval(tmp_path, "-m", *overrides)
+    assert again.returncode == 1
+    assert again.stdout.splitlines()[6] == "6 runs: 4 new (2 failed, 2 skipped), 2 kept"
+    overrides[2] = "method=stretching"
+    forced = run_eval(tmp_path, "-m", *overrides, "run.force=true")
+    assert forced.returncode == 0
+    assert forced.stdout.splitlines()[-1].startswith("2 runs: 2 new")
+
+
+def test_a_row_out_of_its_band_is_exit_code_1(tmp_path):
+    done = run_eval(
+        tmp_path, "dataset=bumpy", "method=stretching", "+bands={stretching:{bumpy_30:{metric.volume:[0,5]}}}"
+    )
+    assert done.returncode == 1
+    assert "metric.volume is" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["dataset=bumpy", "method=nope"], "method/nope"),
+        (["dataset=bumpy", "method=arap", "method.tolerance=small"], "tolerance='small'"),
+        (["dataset=bumpy", "method=arap", "method.foo=1"], "'foo' is not in struct"),
+        (["dataset=bumpy", "method=arap", "seed=-1"], "seed=-1"),
+        (["dataset.root=nowhere", "method=arap"], "nowhere does not exist; make it with: defaust build"),
+        (["experiment=quick", "subject=0"], "defaust_20k does not exist; make it with: defaust build"),
+    ],
+)
+def test_a_mistake_is_one_sentence_and_exit_code_2(tmp_path, arguments, message):
+    done = run_eval(tmp_path, *arguments)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert done.stderr.startswith("error: ") and len(done.stderr.splitlines()) == 1
+    assert not any(name.endswith("row.json") for name in files(tmp_path))

@@ -1,0 +1,88 @@
+"""Every YAML of conf composes, names functions that exist, and passes them parameters that they have."""
+
+from __future__ import annotations
+
+import inspect
+from importlib import resources
+
+import pytest
+from hydra import compose, initialize_config_module
+from hydra.core.hydra_config import HydraConfig
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.utils import instantiate as hydra_instantiate
+from omegaconf import OmegaConf
+
+from eval.targets import OWN_KEYS, check_parameters, instantiate, locate
+from sshade.task import Method
+
+
+def names(group):
+    folder = resources.files("conf").joinpath(group)
+    return sorted(f.name.removesuffix(".yaml") for f in folder.iterdir() if f.name.endswith(".yaml"))
+
+
+def composed(*overrides):
+    with initialize_config_module("conf", version_base="1.3"):
+        config = compose("config", overrides=list(overrides), return_hydra_config=True)
+        HydraConfig.instance().set_config(config)
+        OmegaConf.resolve(config.method)
+        return config
+
+
+@pytest.mark.parametrize("name", names("method"))
+def test_method_composes_and_is_a_method(name):
+    config = composed(f"method={name}")
+    assert config.label == name
+    plain = OmegaConf.to_container(config.method)
+    call = instantiate(plain)
+    parameters = inspect.signature(call).parameters
+    assert set(inspect.signature(Method.__call__).parameters) - {"self"} <= set(parameters)
+    check_parameters(call.func, plain.get("warm_up") or {}, name)
+    # Hydra's own instantiate makes the same of it.
+    own = {key: value for key, value in plain.items() if key != "warm_up"}
+    assert hydra_instantiate(own).func is call.func
+    assert hydra_instantiate(own).keywords == call.keywords
+
+
+@pytest.mark.parametrize("name", names("method"))
+def test_yaml_names_every_parameter_of_its_method(name):
+    """A row then tells all that the method was given."""
+    plain = OmegaConf.to_container(composed(f"method={name}").method)
+    taken = set(inspect.signature(locate(plain["_target_"])).parameters) - {"task", "seed", "progress"}
+    assert set(plain) - set(OWN_KEYS) == taken
+
+
+def test_another_method_fits_into_the_coarse_slot():
+    config = composed("method=sshade", "method@method.coarse=arap", "solver.max_iterations=7")
+    call = instantiate(OmegaConf.to_container(config.method))
+    assert call.keywords["coarse"].func is locate("baselines.arap.arap")
+    assert call.keywords["coarse"].keywords["max_iterations"] == 7
+    assert config.label == "sshade"
+
+
+@pytest.mark.parametrize("name", names("dataset"))
+def test_dataset_composes_and_names_a_loader(name):
+    plain = OmegaConf.to_container(composed(f"dataset={name}").dataset, resolve=True)
+    plain.pop("build", None)
+    target = plain.pop("_target_")
+    check_parameters(locate(target), plain, target)
+
+
+@pytest.mark.parametrize("name", names("experiment"))
+def test_experiment_composes_with_every_value_that_it_sweeps(name):
+    config = composed(f"experiment={name}")
+    assert config.hydra.mode.name == "MULTIRUN"
+    assert config.run.experiment == name
+    assert config.hydra.sweep.dir.endswith(f"results/runs/{name}")
+    for key, values in config.hydra.sweeper.params.items():
+        if "glob(" in str(values):
+            continue
+        override = OverridesParser.create().parse_override(f"{key}={values}")
+        swept = override.sweep_string_iterator() if override.is_sweep_override() else [values]
+        for value in swept:
+            composed(f"experiment={name}", f"{key}={value}")
+
+
+def test_every_method_of_the_ci_experiment_has_bands():
+    bands = OmegaConf.to_container(composed("experiment=ci").bands)
+    assert set(bands) == set(names("method"))

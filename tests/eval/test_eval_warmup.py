@@ -1,0 +1,41 @@
+"""The untimed first run, and the mesh that it uses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eval.warmup import icosphere, tiny_task, warm_up
+from sshade.task import DeformationResult
+
+
+@pytest.mark.parametrize("level", [0, 1, 3])
+def test_icosphere(level):
+    mesh = icosphere(level)
+    assert mesh.m == 20 * 4**level and mesh.topology == (2, 1, 0)
+    assert mesh.is_closed and mesh.is_manifold and mesh.is_oriented and mesh.volume > 0
+    np.testing.assert_allclose(np.linalg.norm(mesh.V, axis=1), 1, rtol=1e-15)
+
+
+def test_icosahedron_has_the_closed_form_volume():
+    edge = 4 / np.sqrt(10 + 2 * np.sqrt(5))
+    assert icosphere(0).volume == pytest.approx(5 / 12 * (3 + 5**0.5) * edge**3)
+
+
+def test_a_method_is_warmed_up_once_for_each_key_with_its_overrides():
+    calls = []
+
+    def method(task, *, seed, size=100):
+        calls.append((task.name, size))
+        return DeformationResult(vertices=task.mesh.V, iterations=0, converged=None)
+
+    for key in ("first", "first", "second"):
+        warm_up(method, {"size": 3}, key=f"{__name__} {key}")
+    assert calls == [("icosphere", 3)] * 2
+
+
+def test_the_tiny_task_moves_some_handles_and_holds_others():
+    handles, mesh = tiny_task().handles, tiny_task().mesh
+    moves = np.linalg.norm(handles.target - mesh.V[handles.index], axis=1) > 0
+    np.testing.assert_array_equal(moves, handles.dynamic)
+    assert 0 < handles.dynamic.sum() < len(handles)
