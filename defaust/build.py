@@ -7,7 +7,7 @@ import multiprocessing
 import os
 import shutil
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
@@ -26,7 +26,7 @@ from defaust.folder import (
     subject_folder,
     write_text,
 )
-from defaust.handles import NEIGHBOURHOOD, PER_LANDMARK, STATIC_BELOW
+from defaust.options import BuildOptions
 from defaust.sources import Source
 from defaust.subject import build_subject
 from sshade import InputError
@@ -35,56 +35,11 @@ from sshade.task import Progress, silent
 log = logging.getLogger(__name__)
 
 #: Holds the records of finished subjects until the dataset is complete.
-WORK = ".build"
+WORK, RECIPE = ".build", "recipe.json"
+#: Seconds between two looks at what the workers report.
+POLL = 0.2
 #: Packages whose version can change the result.
 TOOLS = ("numpy", "scipy", "pymeshlab")
-
-
-@dataclass(frozen=True)
-class BuildOptions:
-    """Everything besides the source that the result depends on.
-
-    Parameters
-    ----------
-    subjects : sequence of int, optional
-        By default every subject of the source.
-    seed : int
-        Of the handles.
-    target_vertices : int
-        Of the high-resolution rest mesh.
-    window : (2,) float
-        Accepted vertex counts, as multiples of `target_vertices`.
-    ls3_steps : int, optional
-        Subdivisions before the remeshing; by default from the target.
-    remesh_iterations : int
-    handles_per_landmark, neighbourhood : int
-    static_below : float
-        Relative to the bounding-box diagonal.
-    """
-
-    subjects: tuple[int, ...] | None = None
-    seed: int = 0
-    target_vertices: int = 170_000
-    window: tuple[float, float] = (0.9, 1.1)
-    ls3_steps: int | None = None
-    remesh_iterations: int = 5
-    handles_per_landmark: int = PER_LANDMARK
-    neighbourhood: int = NEIGHBOURHOOD
-    static_below: float = STATIC_BELOW
-
-    def __post_init__(self) -> None:
-        for name in ("target_vertices", "remesh_iterations", "handles_per_landmark", "neighbourhood"):
-            if getattr(self, name) < 1:
-                raise InputError(f"{name} is {getattr(self, name)}; it must be at least 1")
-        if self.seed < 0:
-            raise InputError(f"seed is {self.seed}; it must be 0 or more")
-        if len(self.window) != 2:
-            raise InputError(f"window is {list(self.window)}; give two numbers, e.g. [0.9, 1.1]")
-        if self.subjects is not None:
-            if not self.subjects:
-                raise InputError("subjects is empty; list at least one, or leave it null for all")
-            object.__setattr__(self, "subjects", tuple(sorted(set(self.subjects))))
-        object.__setattr__(self, "window", tuple(float(x) for x in self.window))
 
 
 def build(
@@ -156,17 +111,38 @@ def _build_missing(
         for subject in missing:
             yield subject, build_subject(source, out, subject=subject, options=options, progress=progress)
         return
-    # Spawned, because forking a process with threads (numba, BLAS) can hang. A worker's stages
-    # cannot be drawn from here; its subject is reported when done.
+    # Spawned, because forking a process with threads (numba, BLAS) can hang.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context) as pool:
-        jobs = {pool.submit(build_subject, source, out, subject=s, options=options): s for s in missing}
+    with (
+        context.Manager() as manager,
+        ProcessPoolExecutor(workers, mp_context=context) as pool,
+    ):
+        stages = manager.Queue()
+        jobs = {
+            pool.submit(build_subject, source, out, subject=s, options=options, progress=Forward(stages)): s
+            for s in missing
+        }
+        waiting = set(jobs)
         try:
-            for job in as_completed(jobs):
-                yield jobs[job], job.result()
+            while waiting:
+                done, waiting = wait(waiting, timeout=POLL, return_when=FIRST_COMPLETED)
+                while not stages.empty():
+                    progress(*stages.get())
+                for job in done:
+                    yield jobs[job], job.result()
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
+
+
+@dataclass(frozen=True)
+class Forward:
+    """Progress callback of a worker: sends each call to the process that draws."""
+
+    queue: Any
+
+    def __call__(self, stage: str, done: int, total: int, note: str = "") -> None:
+        self.queue.put((stage, done, total, note))
 
 
 def _subjects(source: Source, wanted: tuple[int, ...] | None) -> tuple[int, ...]:
@@ -204,9 +180,11 @@ def _prepare(out: Path, recipe: dict[str, Any]) -> None:
         raise InputError(f"{out} is a file; give a folder")
     if not out.parent.is_dir():
         raise InputError(f"{out}: the folder {out.parent} does not exist")
-    started = out / WORK / "recipe.json"
-    for path in (started, out / DATASET):
-        if path.is_file():
+    started = out / WORK / RECIPE
+    # A recipe under which no subject was finished binds nobody.
+    begun = started.is_file() and any((out / WORK).glob("subject_*.json"))
+    for path, exists in ((started, begun), (out / DATASET, (out / DATASET).is_file())):
+        if exists:
             before = read_json(path)
             difference = _difference({key: before.get(key) for key in recipe}, recipe)
             if difference:
@@ -217,12 +195,27 @@ def _prepare(out: Path, recipe: dict[str, Any]) -> None:
     if not started.is_file() and not (out / DATASET).is_file() and out.is_dir() and any(out.iterdir()):
         raise InputError(f"{out} is not empty and holds no DeFAUST build; give another out")
     (out / WORK).mkdir(parents=True, exist_ok=True)
+    _clear_leftovers(out)
     if (out / DATASET).is_file():
         # A finished dataset to be mended: its subjects' records become the work's again.
-        for record in read_dataset(out)["subjects"]:
-            if not _record_path(out, record["subject"]).is_file():
-                write_text(_record_path(out, record["subject"]), dump(record))
+        document = read_dataset(out)
+        for record in document["subjects"]:
+            path = _record_path(out, record["subject"])
+            if not path.is_file():
+                inside = f"{subject_folder(record['subject'])}/"
+                files = {name: e for name, e in document["files"].items() if name.startswith(inside)}
+                write_text(path, dump(record | {"files": files}))
     write_text(started, dump(recipe))
+
+
+def _clear_leftovers(out: Path) -> None:
+    """Remove what a killed build left half written."""
+    for folder in (out, out / WORK):
+        for path in folder.glob(".*.partial*"):
+            if path.is_dir():
+                shutil.rmtree(path)
+            else:
+                path.unlink()
 
 
 def _difference(before: Any, now: Any, *, where: str = "") -> str:
@@ -256,7 +249,8 @@ def _finished(out: Path, subject: int) -> dict[str, Any] | None:
 def _finish(out: Path, recipe: dict[str, Any], records: list[dict[str, Any]]) -> dict[str, Any]:
     """Write the card and dataset.json, and drop what was kept for resuming."""
     files = {name: entry for record in records for name, entry in record["files"].items()}
-    document = recipe | {"subjects": records, "files": files}
+    subjects = [{key: value for key, value in record.items() if key != "files"} for record in records]
+    document = recipe | {"subjects": subjects, "files": files}
     write_text(out / CARD, render_card(document))
     path = out / CARD
     document["files"] = files | {CARD: {"sha256": sha256(path), "bytes": path.stat().st_size}}

@@ -13,7 +13,7 @@ from sshade import InputError
 from sshade.console import progress_bar, run_command
 
 if TYPE_CHECKING:
-    from defaust.build import BuildOptions
+    from defaust.options import BuildOptions
 
 EPILOG = """examples:
   defaust build out=data/defaust                                   all subjects, 170,000 vertices
@@ -69,7 +69,7 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, int | 
     from omegaconf import OmegaConf
     from omegaconf.errors import OmegaConfBaseException
 
-    from defaust.build import BuildOptions
+    from defaust.options import BuildOptions
 
     try:
         with initialize_config_module("conf.defaust", version_base="1.3"):
@@ -85,6 +85,9 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, int | 
             raise error.__cause__ from error
         raise InputError(" ".join(str(error).split())) from error
     names = [field.name for field in fields(BuildOptions)]
+    unknown = sorted(set(plain) - {*names, "source", "out", "workers"})
+    if unknown:
+        raise InputError(f"there is no option {unknown[0]}; see conf/defaust/build.yaml")
     options = BuildOptions(**{name: _number(name, plain[name]) for name in names})
     return source, Path(str(plain["out"])), options, _number("workers", plain["workers"])
 

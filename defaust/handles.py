@@ -86,10 +86,6 @@ def choose_handles(
     InputError
         When landmarks are so close that too few vertices are left.
     """
-    if not 1 <= per_landmark <= neighbourhood:
-        raise InputError(
-            f"{per_landmark} handles cannot be drawn from a neighbourhood of {neighbourhood} vertices"
-        )
     taken = np.zeros(mesh.n, dtype=bool)
     chosen = {}
     for number, (name, vertex) in enumerate(landmarks.items()):

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from defaust.folder import REST, REST_LOW, dump, pose_file, pose_mesh, sha256, subject_folder
 from defaust.handles import choose_handles, handle_records
+from defaust.options import BuildOptions
 from defaust.sources import Source
 from defaust.upsample import count_self_intersections, upsample
 from sshade import InputError, Mesh
 from sshade.meshio import write_mesh
 from sshade.task import Progress, silent
-
-if TYPE_CHECKING:
-    from defaust.build import BuildOptions
 
 
 def build_subject(

@@ -71,9 +71,8 @@ def upsample(
     S. Boye, G. Guennebaud, C. Schlick, "Least squares subdivision surfaces", 2010.
     M. Botsch, L. Kobbelt, "A remeshing approach to multiresolution modeling", 2004.
     """
+    check_window(window)
     low, high = window
-    if not 0 < low <= 1 <= high:
-        raise InputError(f"the window {list(window)} of vertex counts must contain 1, e.g. [0.9, 1.1]")
     _require_closed(mesh)
     steps = default_steps(mesh.n, target_vertices) if ls3_steps is None else ls3_steps
     fine = subdivide(mesh, steps=steps)
@@ -91,6 +90,12 @@ def upsample(
     )
 
 
+def check_window(window: tuple[float, ...]) -> None:
+    """Raise InputError unless the window is two numbers around 1."""
+    if len(window) != 2 or not 0 < window[0] <= 1 <= window[1]:
+        raise InputError(f"window is {list(window)}; give two numbers around 1, e.g. [0.9, 1.1]")
+
+
 def default_steps(n: int, target_vertices: int) -> int:
     """Number of subdivisions whose vertex count comes closest to the target, never less than 0."""
     return max(0, round(float(np.log(target_vertices / n) / np.log(4.0))))
@@ -103,8 +108,6 @@ def edge_length_for(area: float, vertices: float) -> float:
 
 def subdivide(mesh: Mesh, *, steps: int) -> Mesh:
     """LS3 Loop subdivision of all edges; the mesh itself where `steps` is 0."""
-    if steps < 0:
-        raise InputError(f"ls3_steps is {steps}; it must be 0 or more")
     if steps == 0:
         return mesh
     import pymeshlab

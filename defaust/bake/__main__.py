@@ -38,7 +38,7 @@ from sshade.files import replacing
 log = logging.getLogger("defaust.bake")
 
 SEED = 0
-#: Adults of both genders, all ages, builds and origins; statures 1.5 to 1.85 m.
+#: Adults of both genders, all ages, builds and origins; statures 1.47 to 1.87 m.
 SUBJECTS = (
     Shape(1.0, 0.50, 0.55, 0.50, 0.50, 0.60, (0.2, 0.2, 0.6)),
     Shape(0.0, 0.50, 0.50, 0.45, 0.50, 0.60, (0.3, 0.3, 0.4)),
