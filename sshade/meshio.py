@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -48,9 +49,16 @@ def read_arrays(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
     import trimesh
 
     try:
+        if path.suffix.lower() == ".obj":
+            return _read_obj(path)
+        if path.suffix.lower() == ".off":
+            _check_off(path)
         loaded = trimesh.load(path, process=False, maintain_order=True)
+    except InputError:
+        raise
     except Exception as error:  # any reader failure is the file's fault, and becomes one sentence
-        raise InputError(f"{path}: not a readable {path.suffix[1:].upper()} file ({error})") from error
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path}: not a readable {path.suffix[1:].upper()} file ({reason})") from error
     if not isinstance(loaded, trimesh.Trimesh):
         geometry = getattr(loaded, "geometry", None)
         if geometry is not None and len(geometry) > 1:
@@ -76,7 +84,7 @@ def write_mesh(path: str | os.PathLike[str], V: np.ndarray, F: np.ndarray) -> No
     Raises
     ------
     InputError
-        On an unknown suffix or a folder that does not exist.
+        On an unknown suffix, or a folder that does not exist or is not writable.
     """
     path = Path(path)
     check_output(path)
@@ -98,6 +106,8 @@ def check_output(path: str | os.PathLike[str]) -> None:
     _check_suffix(path)
     if not path.parent.is_dir():
         raise InputError(f"{path}: the folder {path.parent} does not exist")
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; give the name of a file")
     if not os.access(path.parent, os.W_OK):
         raise InputError(f"{path}: the folder {path.parent} is not writable")
 
@@ -134,6 +144,44 @@ def repair(V: np.ndarray, F: np.ndarray) -> tuple[Mesh, np.ndarray]:
 def _check_suffix(path: Path) -> None:
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path}: unknown mesh format {path.suffix!r}; use one of {', '.join(SUFFIXES)}")
+
+
+def _read_obj(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and faces; texture coordinates, normals, groups and materials split neither."""
+    # trimesh makes one mesh a material, and drops faces that a truncated file leaves unfinished.
+    vertices: list[list[float]] = []
+    faces: list[tuple[int, int, int]] = []
+    text = path.read_text(encoding="utf-8", errors="replace").replace("\\\n", " ")
+    for number, line in enumerate(text.splitlines(), start=1):
+        words = line.split()
+        if words[:1] == ["v"]:
+            vertices.append([float(word) for word in words[1:4]])
+            if len(vertices[-1]) < 3:
+                raise ValueError(f"line {number}: a vertex needs three coordinates")
+        elif words[:1] == ["f"]:
+            ids = [int(word.split("/", 1)[0]) for word in words[1:]]
+            if len(ids) < 3 or 0 in ids:
+                raise ValueError(f"line {number}: a face needs three vertices, counted from 1")
+            ids = [i - 1 if i > 0 else len(vertices) + i for i in ids]
+            faces += [(ids[0], b, c) for b, c in pairwise(ids[1:])]
+    if not vertices or not faces:
+        raise InputError(f"{path}: the file holds no triangles")
+    return np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
+
+
+def _check_off(path: Path) -> None:
+    """Raise ValueError on a truncated file: the reader takes what it finds."""
+    rows = [line.split("#", 1)[0].split() for line in path.read_text(encoding="utf-8").splitlines()]
+    rows = [row for row in rows if row]
+    if not rows or not rows[0][0].upper().endswith("OFF"):
+        raise ValueError("it does not begin with OFF")
+    counts, body = (rows[0][1:], rows[1:]) if len(rows[0]) > 1 else (rows[1], rows[2:])
+    vertices, faces = int(counts[0]), int(counts[1])
+    if len(body) < vertices + faces:
+        raise ValueError(f"{vertices} vertices and {faces} faces are announced, {len(body)} lines follow")
+    last = body[vertices + faces - 1]
+    if faces and len(last) <= int(last[0]):
+        raise ValueError("the last face is not complete")
 
 
 def _write_ply(path: Path, V: np.ndarray, F: np.ndarray) -> None:
