@@ -32,7 +32,7 @@ COLOURS = "magma_r"
 PANEL = 600
 
 #: Radius of a handle's sphere over the bounding-box diagonal.
-SPHERE = 0.008
+SPHERE = 0.006
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def read_cases(folder: Path, *, names: list[str], methods: list[str]) -> list[Ca
     ----------
     folder : path
     names, methods : list of str
-        Cases and methods to show; empty: the first three, and all.
+        Cases and methods to show; empty: three spread over the cases, and all methods.
 
     Raises
     ------
@@ -102,8 +102,11 @@ def read_cases(folder: Path, *, names: list[str], methods: list[str]) -> list[Ca
     missing = [name for name in names if name not in found]
     if missing:
         raise InputError(f"{folder}: no case {missing[0]!r}; there are {', '.join(sorted(found))}")
+    if not names:
+        known = sorted(found)
+        names = [known[i] for i in np.unique(np.linspace(0, len(known) - 1, 3).astype(int))]
     cases = []
-    for name in names or sorted(found)[:3]:
+    for name in names:
         runs = found[name]
         shown = methods or sorted(runs, key=lambda method: (method.startswith("sshade"), method))
         absent = [method for method in shown if method not in runs]
@@ -162,10 +165,20 @@ def draw(cases: list[Case], path: Path, *, title: str, towards: np.ndarray, up: 
         for panel in panels:
             panel.set_axis_off()
         panels[0].imshow(_picture(case.task.mesh, case.task.mesh.V, view, handles=case.task))
-        panels[0].set_title(f"{case.task.name}, rest", fontsize=9)
+        panels[0].set_title("rest", fontsize=9)
+        panels[0].text(
+            -0.03,
+            0.5,
+            case.task.name,
+            rotation=90,
+            transform=panels[0].transAxes,
+            ha="right",
+            va="center",
+            fontsize=8,
+        )
         for panel, (method, V), error in zip(panels[1:], case.results.items(), values, strict=False):
             panel.imshow(_picture(case.task.mesh, V, view, error=error, top=scale.vmax))
-            panel.set_title(f"{method} (mean {error.mean():.2f} %)", fontsize=9)
+            panel.set_title(f"{method} (mean {error.mean():.1f} %)", fontsize=9)
     bar = figure.colorbar(ScalarMappable(scale, COLOURS), ax=axes, shrink=0.6, extend="max", pad=0.01)
     bar.set_label("change of edge length at a vertex (%)", fontsize=9)
     bar.ax.tick_params(labelsize=8)
@@ -244,7 +257,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Command line of ``python -m eval.figures``."""
     parser = argparse.ArgumentParser(prog="python -m eval.figures", description=__doc__)
     parser.add_argument("folder", nargs="?", type=Path, default=Path("quick"), help=FOLDER_HELP)
-    parser.add_argument("--cases", nargs="+", default=[], help="task names (default: the first three)")
+    parser.add_argument("--cases", nargs="+", default=[], help="task names (default: three of them)")
     parser.add_argument("--methods", nargs="+", default=[], help="method names (default: all)")
     parser.add_argument("--towards", nargs=3, type=float, default=(0.5, 0.25, 1.0), metavar=("X", "Y", "Z"))
     parser.add_argument("--up", nargs=3, type=float, default=(0.0, 1.0, 0.0), metavar=("X", "Y", "Z"))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from eval_cases import box, bumpy_task
 
-from eval.figures import _view, edge_error, main, read_cases
 from eval.figures import Case as FigureCase
+from eval.figures import _view, edge_error, main, read_cases
 from eval.run import run
 from sshade.errors import InputError
 
