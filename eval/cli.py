@@ -123,8 +123,7 @@ def _job(config: DictConfig) -> None:
     hydra_config = HydraConfig.get()
     single = hydra_config.mode == RunMode.RUN
     plain = OmegaConf.to_container(config, resolve=True)
-    if not isinstance(plain["seed"], int) or plain["seed"] < 0:
-        raise InputError(f"seed={plain['seed']!r} is no seed; it takes a whole number from 0")
+    _check(plain)
     task = _load_task(json.dumps(plain["dataset"]))
     with progress_bar() if single else nullcontext(silent) as progress:
         outcome = run(
@@ -135,6 +134,8 @@ def _job(config: DictConfig) -> None:
             seed=plain["seed"],
             source=_source(plain["dataset"]),
             force=plain["run"]["force"],
+            fresh=plain["run"]["fresh"],
+            time_limit=plain["run"]["time_limit"],
             jobs=plain["run"]["jobs"] or (1 if single else _jobs(hydra_config.launcher)),
             progress=progress,
         )
@@ -144,6 +145,21 @@ def _job(config: DictConfig) -> None:
     print(_report(outcome) if single else _line(outcome, problems), flush=True)  # noqa: T201
     if problems:
         raise RunFailed("; ".join(problems))
+
+
+def _check(config: dict[str, Any]) -> None:
+    """Raise InputError on values of our own settings that no run could use."""
+    seed, settings = config["seed"], config["run"]
+    if type(seed) is not int or seed < 0:
+        raise InputError(f"seed={seed!r} is no seed; it takes a whole number from 0")
+    for name in ("force", "fresh"):
+        if not isinstance(settings[name], bool):
+            raise InputError(f"run.{name}={settings[name]!r} does not fit; it takes true or false")
+    limit, jobs = settings["time_limit"], settings["jobs"]
+    if limit is not None and (type(limit) not in (int, float) or limit <= 0):
+        raise InputError(f"run.time_limit={limit!r} does not fit; it takes seconds, or null for none")
+    if jobs is not None and (type(jobs) is not int or jobs < 1):
+        raise InputError(f"run.jobs={jobs!r} does not fit; it takes a whole number from 1, or null")
 
 
 @lru_cache(maxsize=1)

@@ -3,25 +3,18 @@
 from __future__ import annotations
 
 import json
-import logging
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
-import numpy as np
-
+from eval.attempt import attempt, attempt_fresh, is_scalar
 from eval.metrics import measure
 from eval.provenance import config_hash, dependencies, digest, environment, source_hash, task_checksum
 from eval.store import SCHEMA, VALID, Row, read_row, run_folder, write_run
 from eval.targets import flat, instantiate, settings, target_modules
-from eval.warmup import warm_up
-from sshade.task import DeformationResult, DeformationTask, Progress, silent
-
-log = logging.getLogger(__name__)
+from sshade.task import DeformationTask, Progress, silent
 
 
 @dataclass(frozen=True)
@@ -47,6 +40,8 @@ def run(
     seed: int = 0,
     source: Mapping[str, Any] | None = None,
     force: bool = False,
+    fresh: bool = False,
+    time_limit: float | None = None,
     jobs: int = 1,
     progress: Progress = silent,
 ) -> Outcome:
@@ -54,7 +49,8 @@ def run(
 
     The clock runs around the method only. A method that raises leaves a row of
     status ``failed``; an extra that is not installed one of status ``skipped``.
-    Such rows are run again next time, valid ones are not.
+    Such rows are run again next time; valid ones are not, nor those that met a
+    time limit as long as this one.
 
     Parameters
     ----------
@@ -72,6 +68,10 @@ def run(
         Configuration that loads the task again, for figures.
     force : bool
         Run even if the row exists.
+    fresh : bool
+        Run in a process of its own, which measures ``peak_mib``; without progress.
+    time_limit : float, optional
+        Seconds after which the run is given up with status ``timeout``; implies `fresh`.
     jobs : int
         How many runs are executed at once.
     progress : Progress
@@ -83,36 +83,33 @@ def run(
     """
     row = _identity(task, method, name=name, seed=seed, source=source)
     folder = run_folder(root, row)
+    fresh = fresh or time_limit is not None
     existing = None if force else read_row(folder)
-    if existing is not None and existing["status"] in VALID:
+    if existing is not None and _settled(existing, fresh=fresh, time_limit=time_limit):
         return Outcome(existing, folder, reused=True)
-
-    begin = datetime.now(UTC)
+    try:
+        instantiate({**method, "_partial_": True})  # a mistake in the configuration ends here
+    except ImportError:
+        fresh = False  # to be skipped, which needs no process
     row |= {f"env.{fact}": value for fact, value in environment(jobs=jobs).items()}
-    row |= {"date": begin.strftime("%Y-%m-%dT%H:%M:%S.%fZ"), "peak_mib": None}
-    row |= {"status": "failed", "reason": "", "iterations": None, "converged": None}
-    try:
-        call = instantiate({**method, "_partial_": True})
-    except ImportError as error:
-        row |= {"status": "skipped", "reason": _sentence(error)}
-        write_run(folder, row)
-        return Outcome(row, folder, reused=False)
-    vertices = None
-    try:
-        row["env.warmed_up"] = method.get("warm_up", {}) is not None
-        if row["env.warmed_up"]:
-            warm_up(call, dict(method.get("warm_up", {})), key=row["method.hash"])
-        result, seconds = _timed(call, task, seed=seed, progress=progress)
-        row |= _facts(result, seconds)
-        row |= {f"metric.{metric}": value for metric, value in measure(task, result.vertices).items()}
-        vertices = result.vertices
-    except ImportError as error:
-        row |= {"status": "skipped", "reason": _sentence(error)}
-    except Exception as error:  # whatever a method raises belongs into its row; the sweep goes on
-        log.debug("%s on %s", name, task.name, exc_info=True)
-        row |= {"status": "failed", "reason": _sentence(error)}
+    row |= {"date": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ"), "peak_mib": None}
+    row["env.time_limit"] = time_limit
+    if fresh:
+        facts, vertices = attempt_fresh(method, task, seed=seed, time_limit=time_limit)
+    else:
+        facts, vertices = attempt(method, task, seed=seed, progress=progress)
+    row |= facts
+    if vertices is not None:
+        row |= {f"metric.{metric}": value for metric, value in measure(task, vertices).items()}
     write_run(folder, row, vertices)
     return Outcome(row, folder, reused=False)
+
+
+def _settled(row: Row, *, fresh: bool, time_limit: float | None) -> bool:
+    """Whether a stored row answers what is asked."""
+    if row["status"] == "timeout":
+        return time_limit is not None and row["env.time_limit"] >= time_limit
+    return row["status"] in VALID and not (fresh and row["peak_mib"] is None)
 
 
 def _identity(
@@ -154,44 +151,5 @@ def _task_facts(task: DeformationTask) -> Row:
         "merged": handles.merged,
         "snap_max": float(handles.snap_distance.max()) / mesh.diagonal,
     }
-    facts |= {f"meta.{name}": value for name, value in task.meta.items() if _is_scalar(value)}
+    facts |= {f"meta.{name}": value for name, value in task.meta.items() if is_scalar(value)}
     return {f"task.{name}": value for name, value in facts.items()}
-
-
-def _timed(
-    call: Callable[..., DeformationResult], task: DeformationTask, *, seed: int, progress: Progress
-) -> tuple[DeformationResult, float]:
-    begin = perf_counter()
-    result = call(task, seed=seed, progress=progress)
-    seconds = perf_counter() - begin
-    if np.shape(result.vertices) != task.mesh.V.shape:
-        raise ValueError(f"returned vertices of shape {np.shape(result.vertices)}, not {task.mesh.V.shape}")
-    return result, seconds
-
-
-def _facts(result: DeformationResult, seconds: float) -> Row:
-    row: Row = {
-        "status": "not_converged" if result.converged is False else "ok",
-        "iterations": float(result.iterations),
-        "converged": None if result.converged is None else bool(result.converged),
-        "seconds.total": seconds,
-    }
-    row |= {f"seconds.{stage}": float(value) for stage, value in result.seconds.items() if stage != "total"}
-    row |= {f"extra.{name}": _plain(value) for name, value in result.extra.items() if _is_scalar(value)}
-    return row
-
-
-def _is_scalar(value: Any) -> bool:
-    return value is None or isinstance(value, (bool, int, float, str, np.generic))
-
-
-def _plain(value: Any) -> Any:
-    """A Python scalar that JSON knows: no numpy types, None for NaN and infinities."""
-    value = value.item() if isinstance(value, np.generic) else value
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _sentence(error: BaseException) -> str:
-    """The error on one line."""
-    text = " ".join(str(error).split())
-    return f"{type(error).__name__}: {text}" if text else type(error).__name__

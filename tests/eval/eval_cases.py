@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+from time import sleep
+
 import numpy as np
 
 from eval.warmup import icosphere
@@ -83,3 +86,15 @@ def stretching(task, *, factor: float = 2.0, seed: int, progress=silent) -> Defo
         seconds={"solve": 0.5},
         extra={"residual": np.float64(np.inf), "engine": "none", "rotations": np.zeros((2, 3, 3))},
     )
+
+
+def endless(task, *, seed: int, progress=silent) -> DeformationResult:
+    """A method that does not return, except on the mesh of the warm-up."""
+    while task.mesh.n != 642:
+        sleep(0.01)
+    return DeformationResult(vertices=task.mesh.V, iterations=0, converged=None)
+
+
+def dying(task, *, seed: int, progress=silent) -> DeformationResult:
+    """A method that takes its process down."""
+    os._exit(3)

@@ -8,6 +8,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from omegaconf import OmegaConf
+
+from eval import cli
+from sshade.errors import InputError
 
 HERE = Path(__file__).parent
 
@@ -63,6 +67,36 @@ def test_a_row_out_of_its_band_is_exit_code_1(tmp_path):
     )
     assert done.returncode == 1
     assert "metric.volume is" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"seed": -1},
+        {"seed": True},
+        {"force": "yes"},
+        {"fresh": 1},
+        {"time_limit": 0},
+        {"time_limit": "1h"},
+        {"jobs": 0},
+    ],
+    ids=str,
+)
+def test_settings_that_no_run_could_use_are_input_errors(change):
+    plain = {"seed": 0, "run": {"force": False, "fresh": False, "time_limit": None, "jobs": None}}
+    cli._check(plain)
+    name, value = next(iter(change.items()))
+    (plain if name == "seed" else plain["run"])[name] = value
+    with pytest.raises(InputError, match=name):
+        cli._check(plain)
+
+
+@pytest.mark.parametrize(
+    ("launcher", "jobs"),
+    [({}, 1), ({"n_jobs": 4}, 4), ({"n_jobs": -1}, os.cpu_count()), ({"array_parallelism": 8}, 8)],
+)
+def test_runs_at_once_come_from_the_launcher(launcher, jobs):
+    assert cli._jobs(OmegaConf.create(launcher)) == jobs
 
 
 @pytest.mark.parametrize(

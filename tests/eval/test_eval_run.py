@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from eval_cases import bumpy_task
 
+import eval.attempt as attempt_module
 import eval.run as run_module
 from eval import provenance
 from eval.collect import collect
@@ -68,7 +69,7 @@ def test_the_clock_runs_around_the_method_only(task, tmp_path, monkeypatch):
         return {}
 
     monkeypatch.setattr(run_module, "measure", slow_measure)
-    monkeypatch.setattr(run_module, "warm_up", lambda *args, **kwargs: sleep(0.2))
+    monkeypatch.setattr(attempt_module, "warm_up", lambda *args, **kwargs: sleep(0.2))
     assert run(task, STRETCHING, name="s", root=tmp_path).row["seconds.total"] < 0.1
 
 
@@ -188,6 +189,31 @@ def test_versions_of_the_libraries_are_known_and_in_the_key(task, tmp_path, monk
     newer = found._replace(versions={**found.versions, "numpy": "99"})
     monkeypatch.setattr(run_module, "dependencies", lambda *modules: newer)
     assert run(task, STRETCHING, name="s", root=tmp_path).row["key"] != first
+
+
+def test_a_fresh_process_gives_the_same_result_and_a_peak_of_memory(task, tmp_path):
+    here = run(task, ARAP, name="a", root=tmp_path)
+    ballast = np.ones(40_000_000)  # 305 MiB, which the child must not be charged for
+    fresh = run(task, ARAP, name="a", root=tmp_path, fresh=True)
+    assert not fresh.reused
+    assert 30 < fresh.row["peak_mib"] < ballast.nbytes / 2**20
+    assert fresh.row["metric.volume"] == here.row["metric.volume"]
+    assert run(task, ARAP, name="a", root=tmp_path, fresh=True).reused
+    assert run(task, ARAP, name="a", root=tmp_path).reused
+
+
+def test_a_time_limit_ends_a_run_and_is_not_tried_again(task, tmp_path):
+    method = {"_target_": "eval_cases.endless"}
+    first = run(task, method, name="e", root=tmp_path, time_limit=0.2)
+    assert first.failed and first.row["status"] == "timeout"
+    assert first.row["reason"] == "no result within 0.2 s"
+    assert run(task, method, name="e", root=tmp_path, time_limit=0.1).reused
+    assert not run(task, method, name="e", root=tmp_path, time_limit=0.3).reused
+
+
+def test_a_process_that_dies_leaves_a_row(task, tmp_path):
+    row = run(task, {"_target_": "eval_cases.dying"}, name="d", root=tmp_path, fresh=True).row
+    assert row["status"] == "failed" and row["reason"] == "the process ended with exit code 3"
 
 
 def test_csv_gives_rows_back_and_the_same_bytes(task, tmp_path):
