@@ -118,20 +118,48 @@ def _closest_in_triangle(px, py, pz, V, a, b, c):
         v, w = 1.0, 0.0
     elif d6 >= 0.0 and d5 <= d6:
         v, w = 0.0, 1.0
-    elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+    elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0 and d1 > d3:
         v, w = d1 / (d1 - d3), 0.0
-    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0 and d2 > d6:
         v, w = 0.0, d2 / (d2 - d6)
-    elif va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
+    elif va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0 and (d4 - d3) + (d5 - d6) > 0.0:
         w = (d4 - d3) / ((d4 - d3) + (d5 - d6))
         v = 1.0 - w
     else:
-        total = va + vb + vc
-        v, w = vb / total, vc / total
+        # Ericson divides by va + vb + vc, which loses all digits on slivers; the normal loses half.
+        nx, ny, nz = aby * acz - abz * acy, abz * acx - abx * acz, abx * acy - aby * acx
+        squared = nx * nx + ny * ny + nz * nz
+        v = nx * (apy * acz - apz * acy) + ny * (apz * acx - apx * acz) + nz * (apx * acy - apy * acx)
+        w = nx * (aby * apz - abz * apy) + ny * (abz * apx - abx * apz) + nz * (abx * apy - aby * apx)
+        if v >= 0.0 and w >= 0.0 and v + w <= squared and squared > 0.0:
+            v, w = v / squared, w / squared
+        else:  # what looks like the inside of a triangle without area
+            v, w = _closest_on_edges(d1, d2, d3, d4, d5, d6, apx, apy, apz, abx, aby, abz, acx, acy, acz)
     dx = apx - v * abx - w * acx
     dy = apy - v * aby - w * acy
     dz = apz - v * abz - w * acz
     return v, w, dx * dx + dy * dy + dz * dz
+
+
+@njit(cache=True, nogil=True)
+def _share(part, whole):
+    return min(max(part / whole, 0.0), 1.0) if whole > 0.0 else 0.0
+
+
+@njit(cache=True, nogil=True)
+def _closest_on_edges(d1, d2, d3, d4, d5, d6, apx, apy, apz, abx, aby, abz, acx, acy, acz):
+    """Barycentric coordinates of the nearest point of the three edges, of any length."""
+    on_ab, on_ac = _share(d1, d1 - d3), _share(d2, d2 - d6)
+    on_bc = _share(d4 - d3, (d4 - d3) + (d5 - d6))
+    best, best_v, best_w = np.inf, 0.0, 0.0
+    for v, w in ((on_ab, 0.0), (0.0, on_ac), (1.0 - on_bc, on_bc)):
+        dx = apx - v * abx - w * acx
+        dy = apy - v * aby - w * acy
+        dz = apz - v * abz - w * acz
+        squared = dx * dx + dy * dy + dz * dz
+        if squared < best:
+            best, best_v, best_w = squared, v, w
+    return best_v, best_w
 
 
 @njit(cache=True, nogil=True)
