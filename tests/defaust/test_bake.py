@@ -1,0 +1,141 @@
+"""The baking's own arithmetic; the source files are not in the repository."""
+
+import numpy as np
+import pytest
+
+from defaust.bake.__main__ import main
+from defaust.bake.landmarks import find_landmarks
+from defaust.bake.morphs import AGES, BONES, BaseMesh, Shape, morph, read_base
+from defaust.bake.poses import POSES, make_pose
+from defaust.bake.template import carry, fill, neighbour_average, quantise_weights, smooth_weights
+from defaust.skinning import apply_motions, bone_motions
+from defaust.synthetic import load_bodies
+from tests.shapes import icosphere
+
+
+def write_target(folder, name, rows):
+    import gzip
+
+    path = folder / "targets" / "macrodetails" / f"{name}.target.gz"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with gzip.open(path, "wt") as file:
+        file.write("# comment\n" + "".join(f"{' '.join(map(str, row))}\n" for row in rows))
+
+
+def test_macro_weights_are_products(tmp_path):
+    shape = Shape(gender=1.0, age=0.75, muscle=0.5, weight=0.75, height=0.75, race=(1.0, 0.0, 0.0))
+    for age in ("young", "old"):
+        write_target(tmp_path, f"african-male-{age}", [(0, 10, 0, 0)])
+        for weight, x in (("average", 10), ("max", 30)):
+            write_target(tmp_path, f"universal-male-{age}-averagemuscle-{weight}weight", [(1, 0, x, 0)])
+            name = f"height/male-{age}-averagemuscle-{weight}weight-maxheight"
+            write_target(tmp_path, name, [(1, 0, 0, 10)] if weight == "max" else [])
+    base = BaseMesh(np.zeros((2, 3)), np.zeros((0, 3), dtype=int), {})
+    V = morph(tmp_path, base, shape)
+    # Decimetres to metres; half of each weight target; height .75 is half way to the maximum,
+    # and its target moves the vertex for one of the two weights only.
+    np.testing.assert_allclose(V, [[1.0, 0, 0], [0, 2.0, 0.25]], atol=1e-15)
+    assert AGES["young"] == 0.5
+
+
+def test_base_mesh_is_split_along_the_shorter_diagonal(tmp_path):
+    (tmp_path / "3dobjs").mkdir()
+    (tmp_path / "3dobjs/base.obj").write_text(
+        "# c\nv 0 0 0\nv 10 0 0\nv 30 10 0\nv 0 10 0\nv 5 5 5\ng body\nf 1/1 2/2 3/3 4/4\n"
+        "g helper\nf 1/1 2/2 5/5 4/4\n"
+    )
+    base = read_base(tmp_path)
+    assert base.F.tolist() == [[0, 1, 3], [1, 2, 3]]
+    np.testing.assert_array_equal(base.V[1], [1.0, 0, 0])
+    assert base.groups["helper"].tolist() == [0, 1, 3, 4]
+
+
+def test_carry_and_fill_reproduce_linear_functions():
+    fine, coarse = icosphere(3), icosphere(2)
+    matrix, distance = carry(fine.V, fine.F, coarse.V)
+    np.testing.assert_allclose(matrix @ fine.V, coarse.V, atol=1e-12)
+    assert distance.max() < 1e-7
+    known = np.ones(coarse.n, dtype=bool)
+    known[5:9] = False
+    values = np.where(known[:, None], coarse.V, 7.0)
+    filled = fill(values, known, coarse.V, coarse.F)
+    np.testing.assert_array_equal(filled[known], coarse.V[known])
+    assert np.abs(filled[~known] - coarse.V[~known]).max() < 0.1
+    # Harmonic: constants stay constant.
+    np.testing.assert_allclose(fill(np.where(known, 2.0, 0.0), known, coarse.V, coarse.F), 2.0, atol=1e-12)
+
+
+def test_smoothing_keeps_sums():
+    ball = icosphere(2)
+    W = np.random.default_rng(0).random((ball.n, 5))
+    W /= W.sum(axis=1, keepdims=True)
+    np.testing.assert_allclose(smooth_weights(W, ball.F).sum(axis=1), 1.0, atol=1e-12)
+    np.testing.assert_allclose(neighbour_average(ball.n, ball.F) @ np.ones(ball.n), 1.0, atol=1e-12)
+
+
+def test_quantised_weights():
+    W = np.array([[0.5, 0.3, 0.1, 0.06, 0.04], [1.0, 0, 0, 0, 0], [0.2, 0.2, 0.2, 0.2, 0.2]])
+    bone, weight = quantise_weights(W)
+    assert bone.dtype == weight.dtype == np.uint8
+    assert (weight.astype(int).sum(axis=1) == 255).all()
+    assert bone[0].tolist() == [0, 1, 2, 3]
+    np.testing.assert_allclose(weight[0] / 255, W[0, :4] / 0.96, atol=1 / 255)
+    assert weight[1].tolist() == [255, 0, 0, 0]
+
+
+def test_landmarks_on_the_shipped_template():
+    # The same rays on a subject's own rest mesh must land near the template's vertices.
+    bodies = load_bodies()
+    heads = dict(zip(BONES, bodies.joints[0], strict=True))
+    hands = {}
+    for side, sign in (("l", 1.0), ("r", -1.0)):
+        hand = heads[f"hand_{side}"]
+        along = hand - heads[f"lowerarm_{side}"]
+        along /= np.linalg.norm(along)
+        hands |= {f"middle_01_{side}": hand + 0.08 * along}
+        hands |= {f"index_01_{side}": hand + 0.08 * along + [0, 0, 0.03]}
+        hands |= {f"pinky_01_{side}": hand + 0.08 * along - [0, 0, 0.03]}
+        tip = bodies.rest[0][bodies.landmarks[f"fingertip_{side}"]]
+        hands |= {f"middle_03_{side}": tip - 0.005 * along}
+        assert sign * hand[0] > 0
+    top = heads["head"] + [0.0, 0.12, 0.0]
+    found = find_landmarks(
+        bodies.rest[0], bodies.faces, heads=heads | hands, tails=heads | hands | {"head": top}
+    )
+    assert list(found) == list(bodies.landmarks)
+    for name, vertex in found.items():
+        if not name.startswith(("hand", "wrist", "head_back")):
+            gap = np.linalg.norm(bodies.rest[0][vertex] - bodies.rest[0][bodies.landmarks[name]])
+            assert gap < 0.03, name
+
+
+@pytest.mark.parametrize("name", list(POSES))
+def test_poses_are_seeded_and_shrink(name):
+    bodies = load_bodies()
+    options = {"joints": bodies.joints[0], "parents": bodies.parents}
+    first, shift = make_pose(name, seed=[0, 1], **options)
+    again, _ = make_pose(name, seed=[0, 1], **options)
+    other, _ = make_pose(name, seed=[0, 2], **options)
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)
+    none, _ = make_pose(name, seed=[0, 1], factor=0.0, **options)
+    if name != "squat":  # the planted legs keep what the solver chose
+        np.testing.assert_array_equal(none[1:], 0.0)
+    assert (np.linalg.norm(shift) > 0) == (name in ("squat", "bend_twist"))
+
+
+def test_squat_plants_the_ankles():
+    bodies = load_bodies()
+    joints = bodies.joints[4]
+    rotations, shift = make_pose("squat", joints=joints, parents=bodies.parents, seed=[0])
+    motions = bone_motions(joints, bodies.parents, rotations)
+    for side in "lr":
+        foot, ball = BONES.index(f"foot_{side}"), BONES.index(f"ball_{side}")
+        moved = apply_motions(motions[[foot, foot]], joints[[foot, ball]]) + shift
+        np.testing.assert_allclose(moved, joints[[foot, ball]], atol=1e-3)
+
+
+def test_wrong_folder(tmp_path, capsys):
+    assert main(["--mpfb2", str(tmp_path), "--out", str(tmp_path / "x.npz")]) == 2
+    assert "no 3dobjs/base.obj there" in capsys.readouterr().err
+    assert not (tmp_path / "x.npz").exists()

@@ -1,0 +1,179 @@
+"""Builds: determinism, resuming, and what is refused."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import pytest
+
+from defaust import build as module
+from defaust.build import build
+from defaust.folder import checksum, read_dataset
+from defaust.options import BuildOptions
+from defaust.verify import verify
+from sshade import InputError
+from sshade.meshio import read_mesh
+from tests.defaust.toy import OPTIONS, Balls
+
+
+def contents(root):
+    return {str(p.relative_to(root)): p.read_bytes() for p in sorted(root.rglob("*")) if p.is_file()}
+
+
+def test_folder(finished):
+    names = {"rest.ply", "rest_low.ply", "pose_1.json", "pose_1_low.ply", "pose_2.json", "pose_2_low.ply"}
+    expected = {f"subject_0{s}/{name}" for s in range(3) for name in names} | {"dataset.json", "README.md"}
+    assert set(contents(finished)) == expected
+    document = read_dataset(finished)
+    assert set(document["files"]) == expected - {"dataset.json"}
+    assert document["checksum"] == checksum(document)
+    assert document["landmarks"] == ["top", "bottom", "front"]
+    assert [s["subject"] for s in document["subjects"]] == [0, 1, 2]
+    assert document["subjects"][1]["poses"][0] == {
+        "pose": 1, "name": "lean", "static": 1, "dynamic": 1,
+        "volume": pytest.approx(document["subjects"][1]["low"]["volume"], rel=1e-12),  # a shear
+    }  # fmt: skip
+    rest = read_mesh(finished / "subject_00/rest.ply")
+    assert document["files"]["subject_00/rest.ply"]["vertices"] == rest.n
+    assert 360 <= rest.n <= 440
+
+
+def test_no_path_nor_time_in_the_record(finished):
+    text = (finished / "dataset.json").read_text()
+    assert str(finished.parent) not in text
+    for word in ("time", "seconds", "duration", "workers", "host"):
+        assert word not in text
+
+
+def test_byte_identical_with_any_number_of_workers(finished, tmp_path):
+    calls = []
+    build(Balls(), tmp_path / "again", options=OPTIONS, workers=2, progress=lambda *args: calls.append(args))
+    assert contents(tmp_path / "again") == contents(finished)
+    assert (*calls[-1][:3], calls[-1][3].split()[0]) == ("subjects", 3, 3, "subject")
+    assert {call[0] for call in calls} == {"subjects", "subject 0", "subject 1", "subject 2"}
+
+
+def test_resume_after_a_kill(finished, tmp_path, monkeypatch):
+    out = tmp_path / "balls"
+    original = module.build_subject
+
+    def killed(source, folder, *, subject, **options):
+        if subject == 1:  # as a kill leaves it: half a subject, no record of it
+            (folder / ".subject_01.partial").mkdir()
+            (folder / ".subject_01.partial" / "rest_low.ply").write_bytes(b"half")
+            (folder / ".README.1.partial.md").write_text("half")
+            raise KeyboardInterrupt
+        return original(source, folder, subject=subject, **options)
+
+    monkeypatch.setattr(module, "build_subject", killed)
+    with pytest.raises(KeyboardInterrupt):
+        build(Balls(), out, options=OPTIONS, workers=1)
+    assert (out / "subject_00").is_dir() and not (out / "dataset.json").exists()
+    with pytest.raises(InputError, match="not a finished DeFAUST folder"):
+        read_dataset(out)
+
+    built = []
+    monkeypatch.setattr(
+        module, "build_subject", lambda *args, **kw: built.append(kw["subject"]) or original(*args, **kw)
+    )
+    build(Balls(), out, options=OPTIONS, workers=1)
+    assert built == [1, 2]
+    assert contents(out) == contents(finished)
+
+
+@pytest.mark.parametrize("damage", ["delete a subject", "delete a file", "flip a byte", "delete the card"])
+def test_rerun_restores_what_is_missing(finished, dataset, damage):
+    if damage == "delete a subject":
+        shutil.rmtree(dataset / "subject_01")
+    elif damage == "delete a file":
+        (dataset / "subject_02/pose_2.json").unlink()
+    elif damage == "flip a byte":
+        path = dataset / "subject_00/rest.ply"
+        data = bytearray(path.read_bytes())
+        data[-5] ^= 1
+        path.write_bytes(data)
+    else:
+        (dataset / "README.md").unlink()
+    assert verify(dataset)
+    build(Balls(), dataset, options=OPTIONS, workers=1)
+    assert contents(dataset) == contents(finished)
+
+
+@pytest.mark.parametrize(
+    ("source", "options", "message"),
+    [
+        (Balls(), replace(OPTIONS, seed=3), "build.seed was 0 and is now 3"),
+        (Balls(), replace(OPTIONS, target_vertices=500), "build.target_vertices was 400 and is now 500"),
+        (Balls(), replace(OPTIONS, subjects=(0, 1)), r"build.subjects was \[0, 1, 2\] and is now \[0, 1\]"),
+        (Balls(stretch=1.5), OPTIONS, "source.stretch was 1.0 and is now 1.5"),
+    ],
+)
+def test_another_configuration_is_refused(finished, dataset, source, options, message):
+    with pytest.raises(InputError, match=message):
+        build(source, dataset, options=options, workers=1)
+    assert contents(dataset) == contents(finished)
+
+
+def test_another_configuration_is_refused_while_unfinished(dataset):
+    record = read_dataset(dataset)["subjects"][0]
+    (dataset / ".build").mkdir()
+    (dataset / ".build/subject_00.json").write_text(json.dumps(record))
+    (dataset / "dataset.json").rename(dataset / ".build/recipe.json")
+    with pytest.raises(InputError, match="build.seed was 0 and is now 1"):
+        build(Balls(), dataset, options=replace(OPTIONS, seed=1), workers=1)
+
+
+def test_a_recipe_that_built_nothing_binds_nobody(tmp_path):
+    out = tmp_path / "balls"
+    with pytest.raises(InputError, match="subject 0: only 642 vertices can be reached"):
+        build(Balls(), out, options=replace(OPTIONS, subjects=(0,), neighbourhood=1000), workers=1)
+    assert not list(out.glob("subject*"))
+    build(Balls(), out, options=replace(OPTIONS, subjects=(0,)), workers=1)
+    assert verify(out) == []
+
+
+def test_errors_of_a_subject_name_it(tmp_path):
+    with pytest.raises(InputError, match="subject 0: the file of this pose is unreadable"):
+        build(Balls(broken="error"), tmp_path / "a", options=OPTIONS, workers=1)
+    with pytest.raises(InputError, match="subject .: pose lean has other faces than the rest pose"):
+        build(Balls(broken="faces"), tmp_path / "b", options=OPTIONS, workers=2)
+
+
+def test_wrong_places_and_numbers(tmp_path):
+    (tmp_path / "file").write_text("x")
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full/thesis.tex").write_text("x")
+    for out, message in (
+        (tmp_path / "file", "is a file; give a folder"),
+        (tmp_path / "full", "is not empty and holds no DeFAUST build"),
+        (tmp_path / "no/such", "does not exist"),
+    ):
+        with pytest.raises(InputError, match=message):
+            build(Balls(), out, options=OPTIONS, workers=1)
+    assert (tmp_path / "full/thesis.tex").read_text() == "x"
+    with pytest.raises(InputError, match="workers is 0"):
+        build(Balls(), tmp_path / "x", options=OPTIONS, workers=0)
+    with pytest.raises(InputError, match=r"no subject 7; it has \[0, 1, 2\]"):
+        build(Balls(), tmp_path / "x", options=replace(OPTIONS, subjects=(7,)), workers=1)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"target_vertices": 0}, "target_vertices is 0; it must be at least 1"),
+        ({"remesh_iterations": 0}, "remesh_iterations is 0"),
+        ({"seed": -1}, "seed is -1"),
+        ({"subjects": ()}, "subjects is empty"),
+        ({"ls3_steps": -1}, "ls3_steps is -1"),
+        ({"static_below": 0.0}, "static_below is 0.0"),
+        ({"window": (0.9,)}, "two numbers around 1"),
+        ({"handles_per_landmark": 70}, "70 handles cannot be drawn from a neighbourhood of 60"),
+    ],
+)
+def test_wrong_options(options, message):
+    with pytest.raises(InputError, match=message):
+        BuildOptions(**options)
+
+
+def test_subjects_are_sorted_and_single():
+    assert BuildOptions(subjects=(3, 1, 3)).subjects == (1, 3)

@@ -1,0 +1,83 @@
+"""The command line: a real build, and one sentence for each mistake."""
+
+import subprocess
+import sys
+
+import pytest
+
+from defaust.cli import configure, main
+from defaust.folder import read_dataset
+from defaust.tasks import list_tasks, load_task
+from sshade import InputError
+
+
+def test_build_verify_info(tmp_path, capsys):
+    out = tmp_path / "bodies"
+    arguments = [f"out={out}", "subjects=[1]", "target_vertices=3000", "window=[0.7,1.5]", "workers=1"]
+    assert main(["build", "source=synthetic", *arguments]) == 0
+    document = read_dataset(out)
+    assert document["subjects"][0]["low"]["vertices"] == 6890
+    assert document["subjects"][0]["high"]["euler"] == 2
+    for subject, pose in list_tasks(out):
+        for resolution in ("high", "low"):
+            task = load_task(out, subject=subject, pose=pose, resolution=resolution)
+            assert (task.meta["n_static"] > 0) == (pose < 4)
+    assert main(["verify", str(out)]) == 0
+    assert "every file is as listed" in capsys.readouterr().out
+    assert main(["info", str(out)]) == 0
+    text = capsys.readouterr().out
+    assert "bend_twist" in text and document["checksum"] in text and "CC0" in text
+    (out / "subject_01/pose_2.json").unlink()
+    assert main(["verify", str(out)]) == 1
+    assert capsys.readouterr().out.startswith("subject_01/pose_2.json: missing\n")
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        (["seed=1"], "out is not set"),
+        (["source=faust"], "Could not find 'source/faust'"),
+        (["out=x", "speed=1"], "Could not override 'speed'"),
+        (["out=x", "+speed=1"], "there is no option speed"),
+        (["out=x", "subjects=[a"], "no viable alternative"),
+        (["out=x", "seed=a"], "seed=a is not a whole number"),
+        (["out=x", "seed=null"], "seed=None is not a whole number"),
+        (["out=x", "target_vertices=2e4"], "target_vertices=20000.0 is not a whole number"),
+        (["out=x", "subjects=[0,a]"], "is not a list of whole numbers"),
+        (["out=x", "window=1"], "window=1 is not a list of two numbers"),
+        (["out=x", "window=[1]"], "give two numbers around 1"),
+        (["out=x", "static_below=a"], "static_below=a is not a number"),
+        (["out=x", "source.poses_used=[jump]"], "no pose is called 'jump'"),
+        (["out=x", "+source.speed=1"], "unexpected keyword argument 'speed'"),
+    ],
+)
+def test_mistakes_are_one_sentence(overrides, message, capsys):
+    assert main(["build", *overrides]) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.startswith("error: ") and error.count("\n") == 1
+
+
+def test_defaults_are_those_of_the_paper():
+    source, out, options, workers = configure(["out=a/b", "subjects=3"])
+    assert (source.name, str(out), options.subjects, workers) == ("synthetic", "a/b", (3,), None)
+    assert (options.target_vertices, options.handles_per_landmark) == (170_000, 30)
+    assert options.target_vertices * options.window[0] >= 150_000
+    assert options.target_vertices * options.window[1] <= 200_000
+    with pytest.raises(InputError, match="workers=many is not a whole number"):
+        configure(["out=x", "workers=many"])
+
+
+def test_wrong_folder(tmp_path, capsys):
+    for command in ("verify", "info"):
+        assert main([command, str(tmp_path)]) == 2
+        assert "not a finished DeFAUST folder" in capsys.readouterr().err
+
+
+def test_module_runs_and_starts_light():
+    code = "import sys, defaust.cli, defaust.tasks, defaust.build; print(*sorted(sys.modules))"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert not {"pymeshlab", "trimesh", "hydra", "pandas"} & set(loaded.split())
+    done = subprocess.run(
+        [sys.executable, "-m", "defaust", "--help"], capture_output=True, text=True, check=True
+    )
+    assert "verify" in done.stdout

@@ -1,0 +1,150 @@
+"""The asset of the synthetic bodies, its source, and the skinning."""
+
+import hashlib
+from importlib import resources
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from defaust import synthetic
+from defaust.skinning import apply_motions, bone_motions, skin
+from defaust.sources import SourcePose
+from defaust.synthetic import SHA256, SyntheticBodies, load_bodies
+from defaust.upsample import count_self_intersections
+from sshade import InputError
+
+SUBJECTS = range(10)
+
+
+@pytest.fixture(scope="module")
+def meshes():
+    source = SyntheticBodies()
+    return {s: [source.rest(s), *(source.posed(s, pose) for pose in source.poses(s))] for s in SUBJECTS}
+
+
+def test_asset_is_the_recorded_one():
+    data = (resources.files("defaust") / "data" / "bodies.npz").read_bytes()
+    assert hashlib.sha256(data).hexdigest() == SHA256
+    assert len(data) < 500_000
+
+
+def test_asset_with_a_flipped_byte_is_refused(tmp_path, monkeypatch):
+    data = bytearray((resources.files("defaust") / "data" / "bodies.npz").read_bytes())
+    data[1000] ^= 1
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "bodies.npz").write_bytes(data)
+    monkeypatch.setattr(synthetic.resources, "files", lambda package: tmp_path)
+    load_bodies.cache_clear()
+    with pytest.raises(InputError, match="damaged"):
+        load_bodies()
+    load_bodies.cache_clear()
+
+
+@pytest.mark.parametrize("subject", SUBJECTS)
+def test_bodies_are_closed_and_in_correspondence(meshes, subject):
+    rest = meshes[subject][0]
+    assert rest.V[:, 1].min() == pytest.approx(0.0, abs=2e-4)
+    assert 1.4 < np.ptp(rest.V[:, 1]) < 1.9
+    for mesh in meshes[subject]:
+        assert (mesh.n, mesh.m) == (6890, 13776)
+        assert mesh.is_closed and mesh.is_manifold and mesh.is_oriented
+        assert mesh.topology == (2, 1, 0)
+        assert 0.04 < mesh.volume < 0.085
+        assert abs(mesh.volume / rest.volume - 1) < 0.06
+        assert mesh.face_areas.min() > 1e-8
+        np.testing.assert_array_equal(mesh.F, meshes[0][0].F)
+
+
+@pytest.mark.parametrize("subject", SUBJECTS)
+def test_bodies_do_not_intersect_themselves(meshes, subject):
+    assert [count_self_intersections(mesh) for mesh in meshes[subject]] == [0] * 5
+
+
+def test_squat_keeps_the_feet(meshes):
+    source = SyntheticBodies()
+    feet = [source.landmark_vertices(0)[name] for name in ("toe_l", "toe_r", "heel_l", "heel_r")]
+    for rest, _, _, squat, _ in meshes.values():
+        assert np.linalg.norm(squat.V[feet] - rest.V[feet], axis=1).max() < 0.01
+        assert np.ptp(rest.V[:, 1]) - squat.V[:, 1].max() > 0.05
+
+
+def test_landmarks_lie_where_their_names_say():
+    rest = SyntheticBodies().rest(0)
+    at = {name: rest.V[v] for name, v in load_bodies().landmarks.items()}
+    assert len(at) == len(set(load_bodies().landmarks.values())) == 31
+    for name in at:
+        if name.endswith("_l"):  # the person's left is at +x, and both sides mirror each other
+            right = at[f"{name[:-2]}_r"]
+            assert at[name][0] > 0
+            np.testing.assert_allclose(at[name] * [-1, 1, 1], right, atol=0.03)
+    assert at["head_top"][1] == pytest.approx(rest.V[:, 1].max(), abs=2e-3)
+    assert at["chest"][2] > 0.05 + at["upper_back"][2]
+    assert at["toe_l"][2] > 0.15 + at["heel_l"][2]
+    assert at["nose"][1] > at["chest"][1] > at["hip_l"][1] > at["knee_l"][1] > at["heel_l"][1]
+
+
+def test_zero_pose_is_the_rest_pose():
+    bodies = load_bodies()
+    V = bodies.pose(3, rotations=np.zeros_like(bodies.rotations[0, 0]), shift=np.zeros(3))
+    np.testing.assert_allclose(V, bodies.rest[3], atol=1e-13)
+
+
+def test_root_rotation_is_a_rigid_motion():
+    bodies = load_bodies()
+    rotations = np.zeros_like(bodies.rotations[0, 0])
+    rotations[0] = [0.4, 2.1, -0.7]
+    shift = np.array([0.1, -0.2, 0.3])
+    R, pivot = Rotation.from_rotvec(rotations[0]).as_matrix(), bodies.joints[2, 0]
+    expected = (bodies.rest[2] - pivot) @ R.T + pivot + shift
+    np.testing.assert_allclose(bodies.pose(2, rotations=rotations, shift=shift), expected, atol=1e-13)
+
+
+def test_bone_motions_follow_the_chain():
+    joints = np.array([[0.0, 0, 0], [1.0, 0, 0]])
+    rotations = np.array([[0, 0, np.pi / 2], [0, 0, np.pi / 2]])
+    motions = bone_motions(joints, np.array([-1, 0]), rotations)
+    # The elbow goes to (0, 1, 0); what was one unit beyond it turns half a turn in all.
+    np.testing.assert_allclose(apply_motions(motions[[1]], np.array([[2.0, 0, 0]])), [[-1, 1, 0]], atol=1e-15)
+
+
+def test_skinning_does_not_collapse_under_twist():
+    # Half way between no rotation and a half turn lies a quarter turn; linear blending would give radius 0.
+    motions = bone_motions(np.zeros((2, 3)), np.array([-1, 0]), np.array([[0, 0, 0], [np.pi - 1e-9, 0, 0]]))
+    V = np.array([[0.5, 1.0, 0.0]])
+    half = np.full((1, 2), 0.5)
+    out = skin(V, motions, bone=np.array([[0, 1]]), weight=half, shift=np.zeros(3))
+    np.testing.assert_allclose(out, [[0.5, 0.0, 1.0]], atol=1e-8)
+
+
+def test_poses_and_landmarks_of_the_source():
+    source = SyntheticBodies()
+    poses = source.poses(0)
+    assert [p.name for p in poses] == ["arms_up", "leg_lift", "squat", "bend_twist"]
+    assert [p.aligned for p in poses] == [True, True, True, False]
+    assert [len(p.landmarks) for p in poses] == [7, 7, 7, 15]
+    assert tuple(source.landmark_vertices(4)) == source.landmark_names
+    assert poses[0] == SourcePose("arms_up", source.base_landmarks)
+    assert [p.name for p in SyntheticBodies(poses_used=["squat"]).poses(0)] == ["squat"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"base_landmarks": ("nose", "tail")}, "no landmark is called 'tail'"),
+        ({"more_landmarks": ("antler",)}, "no landmark is called 'antler'"),
+        ({"more_landmarks": ("nose",)}, "'nose' is listed twice"),
+        ({"poses_used": ("jump",)}, "no pose is called 'jump'"),
+        ({"poses_used": ("squat", "squat")}, "'squat' is listed twice"),
+    ],
+)
+def test_wrong_options_of_the_source(options, message):
+    with pytest.raises(InputError, match=message):
+        SyntheticBodies(**options)
+
+
+def test_unknown_subject():
+    source = SyntheticBodies()
+    for call in (source.rest, source.poses, source.landmark_vertices):
+        with pytest.raises(InputError, match="no synthetic subject 10"):
+            call(10)

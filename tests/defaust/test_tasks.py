@@ -1,0 +1,101 @@
+"""Tasks as methods see them."""
+
+import json
+
+import numpy as np
+import pytest
+
+from defaust.folder import sha256
+from defaust.tasks import TaskId, list_tasks, load_task
+from sshade import InputError
+from sshade.meshio import read_mesh
+
+
+def test_list(finished):
+    assert list_tasks(finished) == [TaskId(s, p) for s in range(3) for p in (1, 2)]
+    assert list_tasks(finished, subjects=[2, 0], poses=[1]) == [(0, 1), (2, 1)]
+    with pytest.raises(InputError, match=r"no subject 4; it has \[0, 1, 2\]"):
+        list_tasks(finished, subjects=[4])
+    with pytest.raises(InputError, match=r"no pose 0; it has \[1, 2\]"):
+        list_tasks(finished, poses=[0])
+
+
+def test_low_resolution_is_exact(finished):
+    task = load_task(finished, subject=1, pose=2, resolution="low")
+    posed = read_mesh(finished / "subject_01/pose_2_low.ply")
+    np.testing.assert_array_equal(task.truth, posed.V)
+    np.testing.assert_array_equal(task.handles.target, posed.V[task.handles.index])
+    assert np.bincount(task.handles.group).tolist() == [6, 6, 6]
+    assert task.handles.dynamic.all()
+    assert task.meta["snap_max"] == 0 and task.meta["merged"] == 0
+
+
+def test_static_handles_stay_where_their_vertices_are(finished):
+    task = load_task(finished, subject=0, pose=1)
+    assert task.truth is None
+    static = task.handles.index[~task.handles.dynamic]
+    assert len(static) == task.meta["n_static"] > 0
+    np.testing.assert_array_equal(task.handles.target[~task.handles.dynamic], task.mesh.V[static])
+    # Group ids are positions in the dataset's list of landmarks: top moves, bottom stays.
+    assert set(task.handles.group[task.handles.dynamic]) == {0}
+    assert set(task.handles.group[~task.handles.dynamic]) == {1}
+    raw = load_task(finished, subject=0, pose=1, raw=True)
+    stored = json.loads((finished / "subject_00/pose_1.json").read_text())["handles"]
+    single = [t for h in stored[:2] for t in h["target"]]
+    assert raw.meta["merged"] + len(raw.handles) == len(single) == 12
+    assert any(np.array_equal(raw.handles.target[0], t) for t in single) or raw.meta["merged"] > 0
+    assert not np.array_equal(raw.handles.target, task.handles.target)
+
+
+def test_meta(finished):
+    task = load_task(finished, subject=2, pose=1)
+    sums = [sha256(finished / "subject_02" / name)[:16] for name in ("rest.ply", "pose_1.json")]
+    assert task.name == "defaust-balls/subject_02/pose_1"
+    assert task.meta == {
+        "dataset": "defaust-balls",
+        "source": "balls",
+        "seed": 0,
+        "subject": 2,
+        "pose": 1,
+        "source_pose": "lean",
+        "resolution": "high",
+        "vertices": task.mesh.n,
+        "n_static": int((~task.handles.dynamic).sum()),
+        "n_dynamic": int(task.handles.dynamic.sum()),
+        "snap_max": task.handles.snap_distance.max(),
+        "merged": task.handles.merged,
+        "raw": False,
+        "checksum": "+".join(sums),
+    }
+
+
+def test_wrong_requests(finished, tmp_path):
+    with pytest.raises(InputError, match="no such folder"):
+        load_task(tmp_path / "nowhere", subject=0, pose=1)
+    with pytest.raises(InputError, match="run: defaust build out="):
+        load_task(tmp_path, subject=0, pose=1)
+    with pytest.raises(InputError, match="no subject 3"):
+        load_task(finished, subject=3, pose=1)
+    with pytest.raises(InputError, match="no pose 5"):
+        load_task(finished, subject=0, pose=5)
+    with pytest.raises(InputError, match="resolution 'medium' is unknown; use one of high, low"):
+        load_task(finished, subject=0, pose=1, resolution="medium")
+
+
+def test_damaged_files(dataset):
+    path = dataset / "subject_00/pose_1.json"
+    text = path.read_text()
+    path.write_text(text + " ")
+    with pytest.raises(InputError, match="not the file that the dataset lists"):
+        load_task(dataset, subject=0, pose=1)
+    path.unlink()
+    with pytest.raises(InputError, match="pose_1.json is missing"):
+        load_task(dataset, subject=0, pose=1)
+    (dataset / "subject_01/pose_1_low.ply").unlink()
+    with pytest.raises(InputError, match="pose_1_low.ply is missing"):
+        load_task(dataset, subject=1, pose=1, resolution="low")
+    record = json.loads((dataset / "dataset.json").read_text())
+    del record["files"]["subject_02/rest.ply"]
+    (dataset / "dataset.json").write_text(json.dumps(record))
+    with pytest.raises(InputError, match="lists no subject_02/rest.ply"):
+        load_task(dataset, subject=2, pose=1)

@@ -1,0 +1,87 @@
+"""Subdivision and remeshing keep what they must keep."""
+
+import numpy as np
+import pytest
+
+from defaust import upsample as module
+from defaust.upsample import check_window, default_steps, edge_length_for, subdivide, upsample
+from sshade import InputError, Mesh
+from tests.shapes import icosphere, torus
+
+
+@pytest.fixture(scope="module")
+def ball() -> Mesh:
+    return icosphere(3)  # 642 vertices
+
+
+@pytest.mark.parametrize(("target", "steps"), [(500, 0), (2000, 1), (9000, 2)])
+def test_counts_topology_and_shape(ball, target, steps):
+    result = upsample(ball, target_vertices=target, window=(0.9, 1.1))
+    mesh = result.mesh
+    assert result.ls3_steps == steps
+    assert 0.9 * target <= mesh.n <= 1.1 * target
+    assert mesh.is_closed and mesh.is_manifold and mesh.is_oriented
+    assert mesh.topology == ball.topology
+    assert mesh.volume == pytest.approx(4 / 3 * np.pi, rel=0.03)
+    length = np.linalg.norm(mesh.V[mesh.edges[:, 0]] - mesh.V[mesh.edges[:, 1]], axis=1)
+    assert length.mean() == pytest.approx(result.edge_length, rel=0.1)
+    assert length.std() / length.mean() < 0.2
+
+
+def test_deterministic(ball):
+    first, second = (upsample(ball, target_vertices=2000).mesh for _ in range(2))
+    np.testing.assert_array_equal(first.V, second.V)
+    np.testing.assert_array_equal(first.F, second.F)
+
+
+def test_every_edge_is_split(ball):
+    # LS3's default threshold would leave edges under 1 % of the diagonal alone.
+    fine = subdivide(ball, steps=3)
+    assert fine.m == 64 * ball.m
+    assert fine.volume == pytest.approx(4 / 3 * np.pi, rel=0.01)
+    assert subdivide(ball, steps=0) is ball
+
+
+def test_steps_closest_to_the_target():
+    cases = {5000: 0, 6890: 0, 20_000: 1, 25_000: 1, 170_000: 2, 440_000: 3}
+    assert {target: default_steps(6890, target) for target in cases} == cases
+
+
+def test_edge_length_of_equilateral_triangles():
+    # n vertices have 2 n faces of area sqrt(3) / 4 h^2.
+    assert edge_length_for(2 * 100 * np.sqrt(3) / 4 * 0.25, 100) == pytest.approx(0.5)
+
+
+def test_open_surface_is_refused(ball):
+    with pytest.raises(InputError, match="3 boundary edges"):
+        upsample(Mesh(ball.V, ball.F[1:]), target_vertices=500)
+
+
+def test_two_components_are_refused(ball):
+    two = Mesh(np.concatenate([ball.V, ball.V + 3]), np.concatenate([ball.F, ball.F + ball.n]))
+    with pytest.raises(InputError, match="2 components"):
+        upsample(two, target_vertices=500)
+
+
+@pytest.mark.parametrize("window", [(0.9,), (1.1, 1.2), (0.0, 1.1), (0.5, 0.9)])
+def test_window_must_be_around_one(window):
+    with pytest.raises(InputError, match="two numbers around 1"):
+        check_window(window)
+
+
+def test_missed_window(ball):
+    with pytest.raises(InputError, match="never 1 to 1 times that"):
+        upsample(ball, target_vertices=503, window=(1.0, 1.0))
+
+
+def test_hole_is_refused(ball, monkeypatch):
+    monkeypatch.setattr(module, "remesh", lambda mesh, **options: (mesh.V, mesh.F[1:]))
+    with pytest.raises(InputError, match="broke the surface: the mesh has 3 boundary edges"):
+        upsample(ball, target_vertices=ball.n)
+
+
+def test_changed_genus_is_refused(ball, monkeypatch):
+    ring = torus()
+    monkeypatch.setattr(module, "remesh", lambda mesh, **options: (ring.V, ring.F))
+    with pytest.raises(InputError, match="Euler characteristic from 2 to 0"):
+        upsample(ball, target_vertices=ring.n)

@@ -1,0 +1,61 @@
+"""A small source: balls that bend, so that whole builds take a second."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from defaust.options import BuildOptions
+from defaust.sources import SourcePose
+from sshade import InputError, Mesh
+from tests.shapes import icosphere
+
+OPTIONS = BuildOptions(target_vertices=400, handles_per_landmark=6, neighbourhood=10)
+
+
+@dataclass(frozen=True)
+class Balls:
+    """Two balls with a landmark at the top, at the bottom, and at the front."""
+
+    stretch: float = 1.0
+    broken: str = ""
+    name: str = "balls"
+    subjects: tuple[int, ...] = (0, 1, 2)
+    landmark_names: tuple[str, ...] = ("top", "bottom", "front")
+
+    @property
+    def provenance(self) -> Mapping[str, object]:
+        return {
+            "title": "balls",
+            "origin": "Spheres",
+            "licence": "CC0",
+            "citation": "Nobody",
+            "limits": ["They are balls."],
+            "axes": "y up",
+            "unit": "metre",
+            "stretch": self.stretch,
+        }
+
+    def landmark_vertices(self, subject: int) -> Mapping[str, int]:
+        V = self.rest(subject).V
+        return {"top": int(V[:, 1].argmax()), "bottom": int(V[:, 1].argmin()), "front": int(V[:, 2].argmax())}
+
+    def poses(self, subject: int) -> tuple[SourcePose, ...]:
+        return (
+            SourcePose("lean", ("top", "bottom")),
+            SourcePose("turn", self.landmark_names, aligned=False),
+        )
+
+    def rest(self, subject: int) -> Mesh:
+        ball = icosphere(3)
+        return Mesh(ball.V * [1.0, self.stretch + 0.1 * subject, 1.0], ball.F)
+
+    def posed(self, subject: int, pose: SourcePose) -> Mesh:
+        rest = self.rest(subject)
+        if self.broken == "error":
+            raise InputError("the file of this pose is unreadable")
+        if self.broken == "faces":
+            return Mesh(rest.V, rest.F[:, [1, 2, 0]])
+        if pose.name == "lean":
+            return Mesh(rest.V + [1.0, 0, 0] * np.maximum(0.0, rest.V[:, 1:2]), rest.F)
+        return Mesh(rest.V[:, [2, 1, 0]] * [1, 1, -1] + [3.0, 0.0, 0.0], rest.F)
