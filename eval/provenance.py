@@ -89,8 +89,8 @@ def dependencies(*modules: str) -> Dependencies:
                 libraries.add(top)
             continue
         seen[name] = path
-        parent = name.rpartition(".")[0]
-        waiting.extend([*_imports(name, path), *([parent] if parent else [])])
+        # Not the parent package: its __init__ re-exports, and would tie every method to all of it.
+        waiting.extend(_imports(name, path))
     versions = {}
     for library in sorted(libraries):
         for distribution in owners.get(library, [library]):

@@ -1,10 +1,10 @@
 """Functions named in a configuration: ``_target_``, ``_partial_`` and parameters.
 
-The same convention as Hydra's ``instantiate``, so a configuration works with
-either. This one checks names and simple types of the parameters first, tells a
-name that does not exist (the configuration is wrong) from a library that is not
-installed (the method is to be skipped), and needs no Hydra, so that figures can
-load the task of a row.
+The convention of Hydra's ``instantiate``, with one key more: ``warm_up``. This
+one checks names and simple types of the parameters first, tells a name that does
+not exist (the configuration is wrong) from a library that is not installed (the
+method is to be skipped), and needs no Hydra, so that figures can load the task
+of a row.
 """
 
 from __future__ import annotations

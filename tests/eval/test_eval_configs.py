@@ -39,9 +39,9 @@ def test_method_composes_and_is_a_method(name):
     assert set(inspect.signature(Method.__call__).parameters) - {"self"} <= set(parameters)
     check_parameters(call.func, plain.get("warm_up") or {}, name)
     # Hydra's own instantiate makes the same of it.
-    own = {key: value for key, value in plain.items() if key != "warm_up"}
+    own = {key: value for key, value in plain.items() if key not in ("warm_up", "coarse")}
     assert hydra_instantiate(own).func is call.func
-    assert hydra_instantiate(own).keywords == call.keywords
+    assert hydra_instantiate(own).keywords == {k: v for k, v in call.keywords.items() if k != "coarse"}
 
 
 @pytest.mark.parametrize("name", names("method"))
@@ -50,6 +50,14 @@ def test_yaml_names_every_parameter_of_its_method(name):
     plain = OmegaConf.to_container(composed(f"method={name}").method)
     taken = set(inspect.signature(locate(plain["_target_"])).parameters) - {"task", "seed", "progress"}
     assert set(plain) - set(OWN_KEYS) == taken
+
+
+def test_the_coarse_solver_of_the_yaml_is_the_default_one():
+    """Named in the YAML so that the shared stopping rule reaches it and the row tells its parameters."""
+    coarse = instantiate(OmegaConf.to_container(composed("method=sshade").method)).keywords["coarse"]
+    assert coarse.func is locate("sshade.local_global.local_global")
+    defaults = {name: p.default for name, p in inspect.signature(coarse.func).parameters.items()}
+    assert coarse.keywords == {name: defaults[name] for name in coarse.keywords}
 
 
 def test_another_method_fits_into_the_coarse_slot():

@@ -182,6 +182,13 @@ def test_the_key_follows_the_sources_a_method_imports_and_no_other_file(task, tm
     assert key() != first
 
 
+def test_a_method_does_not_depend_on_all_of_our_package():
+    sources = provenance.dependencies("baselines.arap").sources
+    assert "sshade.coarse" in sources and "sshade.mesh" in sources
+    assert "sshade.frames" not in sources and "baselines.identity" not in sources
+    assert "sshade.frames" in provenance.dependencies("sshade.pipeline").sources
+
+
 def test_versions_of_the_libraries_are_known_and_in_the_key(task, tmp_path, monkeypatch):
     found = provenance.dependencies("baselines.arap")
     assert {"numpy", "libigl", "scipy"} <= set(found.versions)
