@@ -48,7 +48,7 @@ def local_step(corners, Y, H, P, Q, S, B):
     S : (n, 9) float64
         The rotation matrices out, row by row.
     B : (n, 3) float64
-        Right-hand side, to which is added.
+        The right-hand side out; without what constrained vertices add to it.
 
     Returns
     -------
@@ -57,6 +57,7 @@ def local_step(corners, Y, H, P, Q, S, B):
         energy, but for the constant that the rest edges add.
     """
     S[:] = 0.0
+    B[:] = 0.0
     if corners.shape[1] == 3:
         energy = _triangle_covariances(corners, Y, H, P, S)
     else:
