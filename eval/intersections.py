@@ -14,6 +14,10 @@ whose height is below that has no plane, and is left out.
 Two triangles that are not coplanar meet if and only if an edge of one meets the
 other (T. Moeller, "A fast triangle-triangle intersection test", 1997, section 2,
 does the same with intervals on the common line of the two planes).
+
+pymeshlab's filter agrees on faces in general position, and differs on these: it
+does not count faces that only touch, that overlap within one plane, that are
+folded flat, or that are there twice; it does count faces without a plane.
 """
 
 from __future__ import annotations

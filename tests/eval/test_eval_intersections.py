@@ -144,6 +144,24 @@ def test_pairs_of_known_answer(name, turn):
             assert intersecting_faces(V, flipped[order]).tolist() == [expected] * 2
 
 
+def test_where_pymeshlab_differs_is_known():
+    different = set()
+    for name, (V, F, expected) in CASES.items():
+        F = np.array([[0, 1, 2], [3, 4, 5]] if F is None else F)
+        if pymeshlab_faces(np.array(V, dtype=float), F).any() != expected:
+            different.add(name)
+    assert different == {
+        "touching at a point",
+        "coplanar, overlapping",
+        "coplanar, one in the other",
+        "common corner, coplanar, overlapping",
+        "common corner, coplanar, same sector the other way round",
+        "common edge, folded flat",
+        "twice the same",
+        "a needle has no plane",
+    }
+
+
 def test_flat_faces_of_a_box_do_not_intersect():
     mesh = box(5, 4, 3, size=(1.0, 0.7, 0.3))
     # Coplanar neighbours after a rotation: coplanar only up to rounding.
