@@ -101,17 +101,28 @@ class Binding:
                 arrays = {name: data[name] for name in data.files}
             if arrays["vertices"] != mesh.n or arrays["samples"].max() >= mesh.n:
                 raise InputError(
-                    f"{path}: the map is of a mesh with {arrays['vertices']} vertices, this one has {mesh.n}"
+                    f"the map is of a mesh with {arrays['vertices']} vertices, this one has {mesh.n}"
                 )
             remeshed = Remesh(*(arrays[name] for name in ("samples", "faces", "region", "distance")))
             on_proxy = Projection(*(arrays[name] for name in ("face", "barycentric", "to_proxy")))
+            _require_fit(remeshed, on_proxy, arrays["values"], mesh.n)
             proxy = proxy_mesh(mesh, remeshed)
             frames = TriangleFrames.of_values(proxy, arrays["values"])
-        except (OSError, KeyError, ValueError, EOFError, BadZipFile) as error:
-            if isinstance(error, InputError):
-                raise
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+        except (OSError, KeyError, IndexError, TypeError, ValueError, EOFError, BadZipFile) as error:
             raise InputError(f"{path}: not a map written by `sshade remesh` ({error})") from error
         return cls(remeshed, proxy, on_proxy, frames, frames.encode(mesh.V, on_proxy.face), {})
+
+
+def _require_fit(remeshed: Remesh, on_proxy: Projection, values: np.ndarray, n: int) -> None:
+    """Raise ValueError unless the arrays of a map fit together: kernels would read out of bounds."""
+    k, faces = len(remeshed.samples), len(remeshed.faces)
+    for ids, end in ((remeshed.region, k), (on_proxy.face, faces)):
+        if ids.shape != (n,) or ids.min() < 0 or ids.max() >= end:
+            raise ValueError("its arrays do not fit together")
+    if values.shape != (faces, 3) or remeshed.samples.min() < 0:
+        raise ValueError("its arrays do not fit together")
 
 
 def bind(
@@ -226,6 +237,8 @@ def deform(
     """
     if samplings < 1:
         raise InputError(f"{samplings} samplings were asked for; at least one is needed")
+    if workers is not None and workers < 1:
+        raise InputError(f"{workers} workers were asked for; at least one is needed")
     if handle_mode not in ("samples", "nearest"):
         raise InputError(f"unknown handle mode {handle_mode!r}; use 'samples' or 'nearest'")
     task.mesh.require_manifold()

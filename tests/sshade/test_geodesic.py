@@ -212,3 +212,16 @@ def test_coincident_vertices_cannot_both_be_sampled():
     graph = vertex_graph(Mesh(V, strip(2, 1).F))
     with pytest.raises(InputError, match="only 5 vertices lie at different places.*--repair"):
         farthest_point_sampling(graph, 6, first=np.array([0]))
+
+
+def test_renumbering_renumbers_the_samples_where_no_distances_are_equal():
+    mesh, rng = MESHES["closed"], np.random.default_rng(6)
+    new_id = rng.permutation(mesh.n)
+    V = np.empty_like(mesh.V)
+    V[new_id] = mesh.V
+    renumbered = Mesh(V, rng.permutation(new_id[mesh.F]))
+    a = farthest_point_sampling(vertex_graph(mesh), 50, first=np.array([7, 3]))
+    b = farthest_point_sampling(vertex_graph(renumbered), 50, first=new_id[[7, 3]])
+    assert np.array_equal(new_id[a.samples], b.samples)
+    assert np.array_equal(a.region, b.region[new_id])
+    assert np.array_equal(a.distance, b.distance[new_id])
