@@ -4,9 +4,10 @@ F. Maggioli, D. Baieri, Z. Laehner, S. Melzi, "SShaDe: scalable shape
 deformation via local representations".
 """
 
+from sshade.binding import Binding, bind
 from sshade.errors import InputError
 from sshade.mesh import Mesh
-from sshade.pipeline import Binding, bind, deform
+from sshade.pipeline import deform
 from sshade.task import DeformationResult, DeformationTask, Handles, Method
 
 __all__ = [

@@ -127,7 +127,7 @@ def _deform(arguments: argparse.Namespace) -> int:
     else:
         mesh = read_mesh(arguments.mesh)
         V, F, vertex = mesh.V, mesh.F, np.arange(mesh.n)
-    handles = read_handles(arguments.handles, mesh, raw=arguments.raw)
+    handles = read_handles(arguments.handles, mesh, raw=arguments.raw, vertex=vertex)
     task = DeformationTask(arguments.mesh.stem, mesh, handles)
     vertices = _proxy_vertices(arguments.vertices, mesh.n, len(handles))
     begin = perf_counter()
@@ -145,8 +145,8 @@ def _deform(arguments: argparse.Namespace) -> int:
     write_mesh(arguments.output, moved, F)
     error = np.linalg.norm(result.vertices[handles.index] - handles.target, axis=1).mean() / mesh.diagonal
     _say(
-        f"{arguments.output}: {len(V)} vertices, {len(handles)} handles reached to {100 * error:.2g} % of the "
-        f"diagonal, {arguments.samplings} proxies of {result.extra['proxy_vertices']:.0f} vertices, "
+        f"{arguments.output}: {len(V)} vertices, {len(handles)} handles reached to {100 * error:.2g} % of "
+        f"the diagonal, {arguments.samplings} proxies of {result.extra['proxy_vertices']:.0f} vertices, "
         f"{seconds:.2f} s"
     )
     if result.converged is False:
@@ -158,7 +158,7 @@ def _deform(arguments: argparse.Namespace) -> int:
 
 
 def _remesh(arguments: argparse.Namespace) -> int:
-    from sshade.pipeline import bind
+    from sshade.binding import bind
 
     check_output(arguments.output)
     if arguments.map.suffix != ".npz" or not arguments.map.parent.is_dir():
@@ -173,7 +173,7 @@ def _remesh(arguments: argparse.Namespace) -> int:
 
 
 def _carry(arguments: argparse.Namespace) -> int:
-    from sshade.pipeline import Binding
+    from sshade.binding import Binding
 
     check_output(arguments.output)
     mesh = read_mesh(arguments.mesh)
