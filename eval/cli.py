@@ -139,6 +139,8 @@ def _job(config: DictConfig) -> None:
             jobs=plain["run"]["jobs"] or (1 if single else _jobs(hydra_config.launcher)),
             progress=progress,
         )
+    if single and outcome.failed and outcome.row["reason"].startswith("InputError: "):
+        raise InputError(outcome.row["reason"].removeprefix("InputError: "))
     problems = out_of_band(outcome.row, plain["bands"]) if plain.get("bands") else []
     if outcome.failed:
         problems = [outcome.row["reason"]]

@@ -107,10 +107,15 @@ def run_folders(root: str | os.PathLike[str]) -> list[Path]:
 
 
 def newest(rows: Iterable[Row]) -> list[Row]:
-    """One row for each (method, its parameters, task, seed): the latest one, in a fixed order."""
+    """One row for each (method, its parameters, task, seed): the latest one, in a fixed order.
+
+    A task is told by its name and by what loads it, not by its checksum: after a
+    rebuild of the dataset the old rows are out of date.
+    """
     kept: dict[tuple, Row] = {}
     for row in sorted(rows, key=lambda row: (row["date"], row["key"])):
-        kept[row["method.name"], row["method.hash"], row["task.name"], row["seed"]] = row
+        task = row["task.name"], row.get("task.source") or ""
+        kept[row["method.name"], row["method.hash"], *task, row["seed"]] = row
     return [kept[identity] for identity in sorted(kept)]
 
 

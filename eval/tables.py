@@ -200,6 +200,13 @@ def _line(name: str, rows: list[Row], cases: set[tuple[str, int]], columns: tupl
             f"method {name!r} has rows of different parameters: give each its own label=..., "
             "or remove the old runs"
         )
+    repeated = {_case(row) for row in rows if [_case(other) for other in rows].count(_case(row)) > 1}
+    if repeated:
+        task, seed = min(repeated)
+        raise InputError(
+            f"method {name!r} has several rows for {task}, seed {seed} (two resolutions, or two copies of "
+            "the dataset?): collect them as experiments of their own, or remove the old runs"
+        )
     valid = [row for row in rows if row["status"] in VALID]
     means: dict[str, float | None] = {}
     for column in columns:

@@ -253,7 +253,8 @@ def test_collect_keeps_the_newest_of_equal_runs(tmp_path):
     old = {**base, "date": "2026-01-01", "key": "k1"}
     new = {**base, "date": "2026-01-02", "key": "k0"}
     other = {**base, "seed": 1, "date": "2025-01-01", "key": "k2"}
-    assert newest([new, other, old]) == [new, other]
+    low = {**new, "task.source": "low"}
+    assert newest([new, other, old, low]) == [new, other, low]
 
 
 def test_clear_errors_for_missing_and_damaged_files(tmp_path):

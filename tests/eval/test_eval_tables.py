@@ -117,6 +117,12 @@ def test_rows_of_two_configurations_are_no_one_method():
         make_table([row("a"), row("a", "t2", method__hash="other")], title="t")
 
 
+def test_two_rows_of_one_case_are_refused():
+    with pytest.raises(InputError, match="several rows for t1, seed 0"):
+        make_table([row("a"), row("a", "t2"), row("a")], title="t")
+    make_table([row("a"), row("a", seed=1)], title="t")
+
+
 def test_times_keep_three_digits():
     text = to_markdown(make_table([row("a", seconds__total=435.4)], title="t"))
     assert "**435** |" in text
