@@ -16,6 +16,7 @@ from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import njit
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from sshade.anderson import Anderson, largest_move
@@ -195,10 +196,9 @@ class LocalGlobal:
             energies.append(energy)
             if residual < tolerance or iterations >= max_iterations:
                 break
-            np.take(B, self._free, axis=0, out=X, mode="clip")  # "raise" would go through a buffer
-            X += fixed
+            _gather(B, self._free, fixed, X)
             self._factor.solve_ordered(X)
-            g[self._free] = X
+            _scatter(X, self._free, g)
             # Here g is the plain iterate g(u). A constraint on the iterates would project g
             # at this point, and u after `advance`.
             residual = float(largest_move(g, u)) / self.mesh.diagonal
@@ -322,3 +322,17 @@ def _checked(mesh: Mesh, index: np.ndarray) -> np.ndarray:
     if len(free):
         raise InputError(f"{len(free)} components of the mesh have no handle; every component needs one")
     return index
+
+
+@njit(cache=True, nogil=True)
+def _gather(B, rows, fixed, X):
+    for i in range(len(rows)):
+        for c in range(3):
+            X[i, c] = B[rows[i], c] + fixed[i, c]
+
+
+@njit(cache=True, nogil=True)
+def _scatter(X, rows, g):
+    for i in range(len(rows)):
+        for c in range(3):
+            g[rows[i], c] = X[i, c]
