@@ -6,9 +6,11 @@ import logging
 import multiprocessing
 import os
 import shutil
+import signal
+import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -113,15 +115,11 @@ def _build_missing(
         return
     # Spawned, because forking a process with threads (numba, BLAS) can hang.
     context = multiprocessing.get_context("spawn")
-    with (
-        context.Manager() as manager,
-        ProcessPoolExecutor(workers, mp_context=context) as pool,
-    ):
-        stages = manager.Queue()
-        jobs = {
-            pool.submit(build_subject, source, out, subject=s, options=options, progress=Forward(stages)): s
-            for s in missing
-        }
+    stages = context.SimpleQueue()
+    with ProcessPoolExecutor(
+        workers, mp_context=context, initializer=_start_worker, initargs=(stages,)
+    ) as pool:
+        jobs = {pool.submit(_work, source, out, subject=s, options=options): s for s in missing}
         waiting = set(jobs)
         try:
             while waiting:
@@ -135,14 +133,31 @@ def _build_missing(
             raise
 
 
-@dataclass(frozen=True)
-class Forward:
-    """Progress callback of a worker: sends each call to the process that draws."""
+#: In a worker: where its progress goes. A queue cannot travel with each job, only at the start.
+_stages: Any = None
 
-    queue: Any
 
-    def __call__(self, stage: str, done: int, total: int, note: str = "") -> None:
-        self.queue.put((stage, done, total, note))
+def _start_worker(stages: Any) -> None:
+    """Remember the queue, and end with the main process: killed, it could not tell its workers."""
+    global _stages
+    _stages = stages
+    # Ctrl-C reaches the workers too: they end at once, and the main process says so.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+    def watch() -> None:
+        multiprocessing.parent_process().join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def _work(source: Source, out: Path, *, subject: int, options: BuildOptions) -> dict[str, Any]:
+    """Build a subject in a worker, its progress sent to the process that draws."""
+
+    def forward(stage: str, done: int, total: int, note: str = "") -> None:
+        _stages.put((stage, done, total, note))
+
+    return build_subject(source, out, subject=subject, options=options, progress=forward)
 
 
 def _subjects(source: Source, wanted: tuple[int, ...] | None) -> tuple[int, ...]:

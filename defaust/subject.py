@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from pathlib import Path
 from typing import Any
@@ -34,8 +35,7 @@ def build_subject(
         upsampled or has too few vertices for its handles.
     """
     name = subject_folder(subject)
-    final, folder = out / name, out / f".{name}.partial"
-    shutil.rmtree(folder, ignore_errors=True)
+    final, folder = out / name, out / f".{name}.{os.getpid()}.partial"
     folder.mkdir(parents=True)
     try:
         record = _fill(source, folder, subject=subject, options=options, progress=progress)
