@@ -149,7 +149,7 @@ def draw(cases: list[Case], path: Path, *, title: str, towards: np.ndarray, up: 
     # The few most stretched vertices would take all of the scale.
     top = float(np.percentile(np.concatenate([error for row in errors for error in row]), 98))
     scale = Normalize(0, top if top > 0 else 1.0)
-    views = [_view(case, towards, up) for case in cases]
+    views = [_view(case, towards=towards, up=up) for case in cases]
     columns = 1 + max(len(case.results) for case in cases)
     heights = [view.height / view.width for view in views]
     width = 2.2 * columns + 0.9
@@ -164,7 +164,7 @@ def draw(cases: list[Case], path: Path, *, title: str, towards: np.ndarray, up: 
     for case, view, values, panels in zip(cases, views, errors, axes, strict=True):
         for panel in panels:
             panel.set_axis_off()
-        panels[0].imshow(_picture(case.task.mesh, case.task.mesh.V, view, handles=case.task))
+        panels[0].imshow(_picture(case.task.mesh, case.task.mesh.V, view=view, handles=case.task))
         panels[0].set_title("rest", fontsize=9)
         panels[0].text(
             -0.03,
@@ -177,7 +177,7 @@ def draw(cases: list[Case], path: Path, *, title: str, towards: np.ndarray, up: 
             fontsize=8,
         )
         for panel, (method, V), error in zip(panels[1:], case.results.items(), values, strict=False):
-            panel.imshow(_picture(case.task.mesh, V, view, error=error, top=scale.vmax))
+            panel.imshow(_picture(case.task.mesh, V, view=view, error=error, top=scale.vmax))
             panel.set_title(f"{method} (mean {error.mean():.1f} %)", fontsize=9)
     bar = figure.colorbar(ScalarMappable(scale, COLOURS), ax=axes, shrink=0.6, extend="max", pad=0.01)
     bar.set_label("change of edge length at a vertex (%)", fontsize=9)
@@ -189,7 +189,7 @@ def draw(cases: list[Case], path: Path, *, title: str, towards: np.ndarray, up: 
     plt.close(figure)
 
 
-def _view(case: Case, towards: np.ndarray, up: np.ndarray) -> View:
+def _view(case: Case, *, towards: np.ndarray, up: np.ndarray) -> View:
     """The view of a case in which its rest shape and every result fit, with a margin."""
     towards = towards / np.linalg.norm(towards)
     right = np.cross(up, towards)
@@ -206,8 +206,8 @@ def _view(case: Case, towards: np.ndarray, up: np.ndarray) -> View:
 def _picture(
     mesh: Mesh,
     V: np.ndarray,
-    view: View,
     *,
+    view: View,
     error: np.ndarray | None = None,
     top: float = 1.0,
     handles: DeformationTask | None = None,

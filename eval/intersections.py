@@ -71,12 +71,16 @@ def intersecting_faces(V: np.ndarray, F: np.ndarray) -> np.ndarray:
     """
     V = np.ascontiguousarray(V, dtype=np.float64)
     F = np.ascontiguousarray(F, dtype=np.int64)
-    order, boxes, leaves = _box_tree(V, F)
+    order, face_boxes, boxes = _box_tree(V, F)
     tolerance = PLANE_TOLERANCE * float(np.linalg.norm(np.ptp(V, axis=0)))
-    marked = np.zeros(len(F), dtype=np.bool_)
+    # In the tree's order the faces of a leaf, and nearby leaves, lie together in memory.
+    F = F[order]
     normals = _unit_normals(V, F, tolerance)
-    _mark_intersecting(V, F, normals, order, boxes, leaves, LEAF_SIZE, tolerance, marked)
-    return marked
+    marked = np.zeros(len(F), dtype=np.bool_)
+    _mark_intersecting(V, F, normals, face_boxes, boxes, LEAF_SIZE, tolerance, marked)
+    result = np.empty_like(marked)
+    result[order] = marked
+    return result
 
 
 def _unit_normals(V: np.ndarray, F: np.ndarray, tolerance: float) -> np.ndarray:
@@ -89,30 +93,32 @@ def _unit_normals(V: np.ndarray, F: np.ndarray, tolerance: float) -> np.ndarray:
     return np.where(flat[:, None], 0.0, normals / np.where(flat, 1.0, length)[:, None])
 
 
-def _box_tree(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
-    """Faces along a Morton curve, and the boxes of a complete binary tree over them.
+def _box_tree(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The order of the faces along a Morton curve, their boxes in it, and a complete binary tree over them.
 
-    Node i has the children 2i and 2i + 1; the leaves are the last ``leaves``
-    nodes, a power of two, of ``LEAF_SIZE`` faces each. An unused leaf has an
-    empty box, which overlaps nothing.
+    A box is (low, high) in six numbers. Node i of the tree, counted from 1, has
+    the children 2i and 2i + 1; the last half of the nodes are leaves, a power of
+    two, of ``LEAF_SIZE`` faces each. An unused leaf has an empty box, which
+    overlaps nothing.
     """
     corners = V[F]
     low, high = corners.min(axis=1), corners.max(axis=1)
     order = np.argsort(_morton(0.5 * (low + high)), kind="stable")
+    low, high = low[order], high[order]
     filled = -(-len(F) // LEAF_SIZE)
     leaves = 1 << max(0, int(np.ceil(np.log2(filled))))
     boxes = np.empty((2 * leaves, 6))
     boxes[:, :3], boxes[:, 3:] = np.inf, -np.inf
     start = np.arange(0, len(F), LEAF_SIZE)
-    boxes[leaves : leaves + filled, :3] = np.minimum.reduceat(low[order], start)
-    boxes[leaves : leaves + filled, 3:] = np.maximum.reduceat(high[order], start)
+    boxes[leaves : leaves + filled, :3] = np.minimum.reduceat(low, start)
+    boxes[leaves : leaves + filled, 3:] = np.maximum.reduceat(high, start)
     level = leaves
     while level > 1:
         below = boxes[level : 2 * level]
         boxes[level // 2 : level, :3] = np.minimum(below[0::2, :3], below[1::2, :3])
         boxes[level // 2 : level, 3:] = np.maximum(below[0::2, 3:], below[1::2, 3:])
         level //= 2
-    return order, boxes, leaves
+    return order, np.hstack([low, high]), boxes
 
 
 def _morton(points: np.ndarray) -> np.ndarray:
@@ -136,9 +142,9 @@ def _morton(points: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True, nogil=True)
-def _mark_intersecting(V, F, normals, order, boxes, leaves, leaf_size, tolerance, marked):
+def _mark_intersecting(V, F, normals, face_boxes, boxes, leaf_size, tolerance, marked):
     """Test the faces of every leaf against those of every leaf from it on whose box it overlaps."""
-    m = len(order)
+    m, leaves = len(F), len(boxes) // 2
     height = 0
     while (1 << height) < leaves:
         height += 1
@@ -146,13 +152,14 @@ def _mark_intersecting(V, F, normals, order, boxes, leaves, leaf_size, tolerance
     height_stack = np.empty(2 * height + 4, dtype=np.int64)
     sides = np.empty((2, 3))  # scratch: allocating it for every pair takes half of the time
     for leaf in range(-(-m // leaf_size)):
-        box = boxes[leaves + leaf]
         node_stack[0], height_stack[0], size = 1, height, 1
         while size > 0:
             size -= 1
             node, h = node_stack[size], height_stack[size]
             # Earlier leaves have met this one already.
-            if ((node + 1) << h) - 1 - leaves < leaf or not _boxes_overlap(box, boxes[node], tolerance):
+            if ((node + 1) << h) - 1 - leaves < leaf:
+                continue
+            if not _boxes_overlap(boxes, leaves + leaf, boxes, node, tolerance):
                 continue
             if h > 0:
                 for child in (2 * node, 2 * node + 1):
@@ -160,11 +167,14 @@ def _mark_intersecting(V, F, normals, order, boxes, leaves, leaf_size, tolerance
                     size += 1
                 continue
             other = node - leaves
-            for i in range(leaf * leaf_size, min(m, (leaf + 1) * leaf_size)):
-                first = i + 1 if other == leaf else other * leaf_size
-                for j in range(first, min(m, (other + 1) * leaf_size)):
-                    f, g = order[i], order[j]
-                    if marked[f] and marked[g]:
+            for f in range(leaf * leaf_size, min(m, (leaf + 1) * leaf_size)):
+                if not _boxes_overlap(face_boxes, f, boxes, node, tolerance):
+                    continue
+                first = f + 1 if other == leaf else other * leaf_size
+                for g in range(first, min(m, (other + 1) * leaf_size)):
+                    if (marked[f] and marked[g]) or not _boxes_overlap(
+                        face_boxes, f, face_boxes, g, tolerance
+                    ):
                         continue
                     if _faces_intersect(V, F, normals, f, g, sides, tolerance):
                         marked[f] = True
@@ -172,24 +182,18 @@ def _mark_intersecting(V, F, normals, order, boxes, leaves, leaf_size, tolerance
 
 
 @njit(cache=True, nogil=True)
-def _boxes_overlap(a, b, tolerance):
+def _boxes_overlap(a, i, b, j, tolerance):
+    """Whether box i of a and box j of b overlap."""
     apart = False
     for c in range(3):
-        apart = apart or a[c] > b[c + 3] + tolerance or b[c] > a[c + 3] + tolerance
+        apart = apart or a[i, c] > b[j, c + 3] + tolerance or b[j, c] > a[i, c + 3] + tolerance
     return not apart
 
 
 @njit(cache=True, nogil=True)
 def _faces_intersect(V, F, normals, face_f, face_g, sides, tolerance):
-    """Whether two faces intersect, by the definition of the module."""
+    """Whether two faces whose boxes overlap intersect, by the definition of the module."""
     f, g = F[face_f], F[face_g]
-    for c in range(3):
-        f_low = min(V[f[0], c], V[f[1], c], V[f[2], c])
-        f_high = max(V[f[0], c], V[f[1], c], V[f[2], c])
-        g_low = min(V[g[0], c], V[g[1], c], V[g[2], c])
-        g_high = max(V[g[0], c], V[g[1], c], V[g[2], c])
-        if f_low > g_high + tolerance or g_low > f_high + tolerance:
-            return False
     shared, fi, gi = 0, 0, 0
     f_rest, g_rest = 3, 3  # sums of the corners 0, 1, 2 that are not shared
     for i in range(3):

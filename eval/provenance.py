@@ -164,6 +164,8 @@ def _commit() -> tuple[str, bool | None]:
     """Commit of the checkout that holds this file, and whether files differ from it; empty outside of one."""
     folder = Path(__file__).parent
     try:
+        # Installed into some other project's folder, that project's commit would mean nothing.
+        _git(folder, "ls-files", "--error-unmatch", Path(__file__).name)
         commit = _git(folder, "rev-parse", "HEAD")
         return commit, bool(_git(folder, "status", "--porcelain", "--untracked-files=no"))
     except (OSError, subprocess.CalledProcessError):

@@ -101,7 +101,7 @@ def run(
     row |= facts
     if vertices is not None:
         row |= {f"metric.{metric}": value for metric, value in measure(task, vertices).items()}
-    write_run(folder, row, vertices)
+    write_run(folder, row, vertices=vertices)
     return Outcome(row, folder, reused=False)
 
 

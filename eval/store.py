@@ -60,7 +60,7 @@ def experiment_folder(name: Path) -> Path:
     raise InputError(f"no runs in {name} or {RUNS / name}; `python -m eval -m experiment=...` makes them")
 
 
-def write_run(folder: str | os.PathLike[str], row: Row, vertices: np.ndarray | None = None) -> None:
+def write_run(folder: str | os.PathLike[str], row: Row, *, vertices: np.ndarray | None = None) -> None:
     """Write a run: the vertices first, so that a folder with a row is complete.
 
     Parameters

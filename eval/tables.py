@@ -107,7 +107,8 @@ def make_table(rows: list[Row], *, title: str, with_time: bool = True) -> Table:
     names = sorted({row["method.name"] for row in rows}, key=lambda name: (name.startswith("sshade"), name))
     cases = {_case(row) for row in rows}
     lines = [
-        _line(name, [row for row in rows if row["method.name"] == name], cases, columns) for name in names
+        _line(name, [row for row in rows if row["method.name"] == name], cases=cases, columns=columns)
+        for name in names
     ]
     return Table(title, columns, lines, _notes(rows))
 
@@ -194,7 +195,7 @@ def _case(row: Row) -> tuple[str, int]:
     return row["task.name"], row["seed"]
 
 
-def _line(name: str, rows: list[Row], cases: set[tuple[str, int]], columns: tuple[Column, ...]) -> Line:
+def _line(name: str, rows: list[Row], *, cases: set[tuple[str, int]], columns: tuple[Column, ...]) -> Line:
     if len({row["method.hash"] for row in rows}) > 1:
         raise InputError(
             f"method {name!r} has rows of different parameters: give each its own label=..., "

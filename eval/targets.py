@@ -44,7 +44,7 @@ def instantiate(config: Mapping[str, Any]) -> Any:
         for name, value in config.items()
         if name not in OWN_KEYS
     }
-    check_parameters(function, parameters, config["_target_"])
+    check_parameters(function, parameters, target=config["_target_"])
     return partial(function, **parameters) if config.get("_partial_") else function(**parameters)
 
 
@@ -101,7 +101,7 @@ def _split(target: str) -> tuple[str, str]:
     return module, name
 
 
-def check_parameters(function: Callable[..., Any], parameters: Mapping[str, Any], target: str) -> None:
+def check_parameters(function: Callable[..., Any], parameters: Mapping[str, Any], *, target: str) -> None:
     """Raise InputError on a parameter that the function does not have, or a value of another simple type."""
     signature = inspect.signature(function).parameters
     takes_any = any(p.kind is p.VAR_KEYWORD for p in signature.values())

@@ -37,7 +37,7 @@ def test_method_composes_and_is_a_method(name):
     call = instantiate(plain)
     parameters = inspect.signature(call).parameters
     assert set(inspect.signature(Method.__call__).parameters) - {"self"} <= set(parameters)
-    check_parameters(call.func, plain.get("warm_up") or {}, name)
+    check_parameters(call.func, plain.get("warm_up") or {}, target=name)
     # Hydra's own instantiate makes the same of it.
     own = {key: value for key, value in plain.items() if key not in ("warm_up", "coarse")}
     assert hydra_instantiate(own).func is call.func
@@ -73,7 +73,7 @@ def test_dataset_composes_and_names_a_loader(name):
     plain = OmegaConf.to_container(composed(f"dataset={name}").dataset, resolve=True)
     plain.pop("build", None)
     target = plain.pop("_target_")
-    check_parameters(locate(target), plain, target)
+    check_parameters(locate(target), plain, target=target)
 
 
 @pytest.mark.parametrize("name", names("experiment"))

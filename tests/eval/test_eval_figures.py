@@ -73,13 +73,13 @@ def test_a_changed_dataset_is_a_clear_error(tmp_path):
 def test_the_view_holds_every_shape_upright():
     task = bumpy_task(level=2)
     case = FigureCase(task, {"far": task.mesh.V + [0, 0, 3.0]})
-    view = _view(case, np.array([1.0, 0.3, 0.2]), np.array([0.0, 0, 1]))
+    view = _view(case, towards=np.array([1.0, 0.3, 0.2]), up=np.array([0.0, 0, 1]))
     assert view.up[2] > 0.9
     for V in (task.mesh.V, case.results["far"]):
         assert (np.abs((V - view.centre) @ view.right) < view.width / 2).all()
         assert (np.abs((V - view.centre) @ view.up) < view.height / 2).all()
     with pytest.raises(InputError, match="upright"):
-        _view(case, np.array([0.0, 0, 1]), np.array([0.0, 0, 1]))
+        _view(case, towards=np.array([0.0, 0, 1]), up=np.array([0.0, 0, 1]))
 
 
 def test_the_picture_is_drawn_without_running_a_method(runs, tmp_path):

@@ -275,5 +275,5 @@ def test_clear_errors_for_missing_and_damaged_files(tmp_path):
 
 def test_an_interrupted_write_leaves_no_row(tmp_path):
     with pytest.raises(TypeError):
-        write_run(tmp_path / "run", {"status": object()}, np.zeros((3, 3)))
+        write_run(tmp_path / "run", {"status": object()}, vertices=np.zeros((3, 3)))
     assert run_folders(tmp_path) == []
