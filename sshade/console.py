@@ -39,10 +39,13 @@ def progress_bar() -> Iterator[Progress]:
 
 
 def run_command(main: Callable[[], int]) -> int:
-    """Call `main`; turn an InputError into one line on standard error and exit code 2."""
+    """Call `main`; turn an InputError into one line on standard error and exit code 2.
+
+    So too a FloatingPointError: a mesh on which the numbers gave out, as with zero-area triangles.
+    """
     try:
         return main()
-    except InputError as error:
+    except (InputError, FloatingPointError) as error:
         print(f"error: {error}", file=sys.stderr)  # noqa: T201
         return 2
     except KeyboardInterrupt:

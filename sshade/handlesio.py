@@ -35,7 +35,9 @@ HALF_EXTENT = 0.8
 ON_SURFACE = 0.01
 
 
-def read_handles(path: str | os.PathLike[str], mesh: Mesh, *, raw: bool = False) -> Handles:
+def read_handles(
+    path: str | os.PathLike[str], mesh: Mesh, *, raw: bool = False, vertex: np.ndarray | None = None
+) -> Handles:
     """Read handles for a mesh from a .json or an Implicit-ARAP .yaml file.
 
     Parameters
@@ -45,6 +47,9 @@ def read_handles(path: str | os.PathLike[str], mesh: Mesh, *, raw: bool = False)
         The rest shape that the handles are snapped to.
     raw : bool
         Keep the file's targets as they are; see :meth:`sshade.Handles.from_positions`.
+    vertex : (k,) int, optional
+        Where `mesh` is a repaired copy: the vertex of `mesh`, or -1, for each
+        vertex that the file's ids count; see :func:`sshade.meshio.repair`.
 
     Raises
     ------
@@ -58,7 +63,8 @@ def read_handles(path: str | os.PathLike[str], mesh: Mesh, *, raw: bool = False)
         raise InputError(f"{path}: no such file")
     try:
         if path.suffix.lower() == ".json":
-            return _from_json(json.loads(path.read_text(encoding="utf-8")), mesh, raw=raw)
+            vertex = np.arange(mesh.n) if vertex is None else vertex
+            return _from_json(json.loads(path.read_text(encoding="utf-8")), mesh, raw=raw, vertex=vertex)
         return _from_implicit_arap(path, mesh, raw=raw)
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: not readable as {path.suffix[1:].upper()} ({error})") from error
@@ -85,7 +91,7 @@ def write_handles(path: str | os.PathLike[str], handles: Handles) -> None:
         temporary.write_text(json.dumps({"handles": groups}, indent=1) + "\n", encoding="utf-8")
 
 
-def _from_json(data: Any, mesh: Mesh, *, raw: bool) -> Handles:
+def _from_json(data: Any, mesh: Mesh, *, raw: bool, vertex: np.ndarray) -> Handles:
     if not isinstance(data, dict) or not isinstance(data.get("handles"), list):
         raise InputError('expected an object with a list "handles"')
     parts = []
@@ -101,22 +107,27 @@ def _from_json(data: Any, mesh: Mesh, *, raw: bool) -> Handles:
             raise InputError(f'entry {number}: give its handles either as "vertices" or as "source"')
         if kind == "dynamic" and "target" not in entry:
             raise InputError(f'entry {number} is dynamic and has no "target"')
-        read = _by_vertex if "vertices" in entry else _by_position
-        parts.append(read(entry, number, mesh, kind == "dynamic", raw))
+        if "vertices" in entry:
+            parts.append(_by_vertex(entry, number, mesh, kind == "dynamic", raw, vertex))
+        else:
+            parts.append(_by_position(entry, number, mesh, kind == "dynamic", raw))
     if not parts:
         raise InputError("there are no handles; at least one vertex needs a prescribed position")
     return _joined(parts)
 
 
-def _by_vertex(entry: dict, number: int, mesh: Mesh, dynamic: bool, raw: bool) -> Handles:
+def _by_vertex(entry: dict, number: int, mesh: Mesh, dynamic: bool, raw: bool, vertex: np.ndarray) -> Handles:
     index = np.asarray(entry["vertices"])
     if index.ndim != 1 or not np.issubdtype(index.dtype, np.integer):
         raise InputError(f'entry {number}: "vertices" must be a list of integers')
-    if len(index) and (index.min() < 0 or index.max() >= mesh.n):
+    if len(index) and (index.min() < 0 or index.max() >= len(vertex)):
         raise InputError(
-            f"entry {number}: vertex ids must lie in 0..{mesh.n - 1}, "
+            f"entry {number}: vertex ids must lie in 0..{len(vertex) - 1}, "
             f"not {index.min() if index.min() < 0 else index.max()}"
         )
+    given, index = index, vertex[index]
+    if (index < 0).any():
+        raise InputError(f"entry {number}: vertex {given[np.argmin(index)]} belongs to no face")
     target = mesh.V[index]
     if "target" in entry and (dynamic or raw):
         target = _points(entry["target"], f'"target" of entry {number}')
@@ -199,7 +210,8 @@ def _read_implicit_arap(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray,
 
 
 def _names(handles: dict, kind: str, key: str) -> list[str]:
-    names = (handles.get(kind) or {}).get(key) or []
+    parts = handles.get(kind) or {}
+    names = (parts.get(key) or []) if isinstance(parts, dict) else None
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise InputError(f"`handles.{kind}.{key}` must be a list of names")
     return names
@@ -210,9 +222,10 @@ def _read_points(path: Path) -> np.ndarray:
         raise InputError(f"no such file: {path}")
     rows = [line.split() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
     try:
-        return _points([[float(word) for word in row] for row in rows], str(path))
+        values = [[float(word) for word in row] for row in rows]
     except ValueError as error:
         raise InputError(f"{path}: each line needs three numbers ({error})") from error
+    return _points(values, str(path))
 
 
 def _implicit_arap_frame(points: np.ndarray, mesh: Mesh):

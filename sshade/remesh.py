@@ -127,7 +127,7 @@ def _random_other_vertex(n: int, taken: np.ndarray, seed: int | Sequence[int]) -
     try:
         rng = np.random.default_rng(seed)
     except ValueError as error:
-        raise InputError(f"seed {seed} is negative; use 0 or a positive integer") from error
+        raise InputError(f"seed {np.min(seed)} is negative; use 0 or a positive integer") from error
     return int(rng.choice(np.setdiff1d(np.arange(n), taken)))
 
 
