@@ -83,7 +83,7 @@ def build(
     subjects = _subjects(source, options.subjects)
     if workers is not None and workers < 1:
         raise InputError(f"workers is {workers}; it must be at least 1")
-    recipe = _recipe(source, options, subjects)
+    recipe = _recipe(source, options, subjects=subjects)
     _prepare(out, recipe)
     done = {s: record for s in subjects if (record := _finished(out, s)) is not None}
     missing = [s for s in subjects if s not in done]
@@ -91,19 +91,19 @@ def build(
     workers = min(workers or _cores(), max(1, len(missing)))
     progress("subjects", len(done), len(subjects))
     for subject, record in _build_missing(
-        source, out, missing, options=options, workers=workers, progress=progress
+        source, out, missing=missing, options=options, workers=workers, progress=progress
     ):
         done[subject] = record
         write_text(_record_path(out, subject), dump(record))
         progress("subjects", len(done), len(subjects), f"subject {subject} done")
-    return _finish(out, recipe, [done[s] for s in subjects])
+    return _finish(out, recipe, records=[done[s] for s in subjects])
 
 
 def _build_missing(
     source: Source,
     out: Path,
-    missing: Sequence[int],
     *,
+    missing: Sequence[int],
     options: BuildOptions,
     workers: int,
     progress: Progress,
@@ -169,7 +169,7 @@ def _subjects(source: Source, wanted: tuple[int, ...] | None) -> tuple[int, ...]
     return source.subjects if wanted is None else wanted
 
 
-def _recipe(source: Source, options: BuildOptions, subjects: tuple[int, ...]) -> dict[str, Any]:
+def _recipe(source: Source, options: BuildOptions, *, subjects: tuple[int, ...]) -> dict[str, Any]:
     """What determines the result: the first part of dataset.json, as it reads back from JSON."""
     build = asdict(options) | {"subjects": list(subjects), "window": list(options.window)}
     return {
@@ -261,7 +261,7 @@ def _finished(out: Path, subject: int) -> dict[str, Any] | None:
     return record
 
 
-def _finish(out: Path, recipe: dict[str, Any], records: list[dict[str, Any]]) -> dict[str, Any]:
+def _finish(out: Path, recipe: dict[str, Any], *, records: list[dict[str, Any]]) -> dict[str, Any]:
     """Write the card and dataset.json, and drop what was kept for resuming."""
     files = {name: entry for record in records for name, entry in record["files"].items()}
     subjects = [{key: value for key, value in record.items() if key != "files"} for record in records]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 
-def bone_motions(joints: np.ndarray, parents: np.ndarray, rotations: np.ndarray) -> np.ndarray:
+def bone_motions(joints: np.ndarray, parents: np.ndarray, *, rotations: np.ndarray) -> np.ndarray:
     """Rigid motion of each bone as a unit dual quaternion.
 
     A bone turns about its joint by its own rotation, then follows its parent.

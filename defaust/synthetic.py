@@ -79,7 +79,7 @@ class Bodies:
 
     def pose(self, subject: int, *, rotations: np.ndarray, shift: np.ndarray) -> np.ndarray:
         """(n, 3) vertices of a subject under any rotations (b, 3) and shift (3,)."""
-        motions = bone_motions(self.joints[subject], self.parents, rotations)
+        motions = bone_motions(self.joints[subject], self.parents, rotations=rotations)
         return skin(self.rest[subject], motions, bone=self.bone, weight=self.weight, shift=shift)
 
 

@@ -20,7 +20,7 @@ from defaust.folder import (
     subject_folder,
 )
 from defaust.handles import DYNAMIC, UNUSED
-from sshade import DeformationTask, Handles, InputError
+from sshade import DeformationTask, Handles, InputError, Mesh
 from sshade.meshio import read_mesh
 
 RESOLUTIONS = ("high", "low")
@@ -111,31 +111,21 @@ def load_task(
     folder = subject_folder(subject)
     mesh_name = f"{folder}/{REST if resolution == 'high' else REST_LOW}"
     pose_name = f"{folder}/{pose_file(pose)}"
-    sums = [_checked(root, name, document) for name in (mesh_name, pose_name)]
+    sums = [_checked(root, name, document=document) for name in (mesh_name, pose_name)]
 
     mesh = read_mesh(root / mesh_name)
     content = read_json(root / pose_name)
-    ids = {name: i for i, name in enumerate(document["landmarks"])}
-    used = [h for h in content["handles"] if h["kind"] != UNUSED]
-    count = [len(h["source"]) for h in used]
-    handles = Handles.from_positions(
-        mesh,
-        np.array([p for h in used for p in h["source"]]),
-        np.array([p for h in used for p in h["target"]]),
-        dynamic=np.repeat([h["kind"] == DYNAMIC for h in used], count),
-        group=np.repeat([ids[h["landmark"]] for h in used], count),
-        raw=raw,
-    )
+    handles = _handles(mesh, content["handles"], landmarks=document["landmarks"], raw=raw)
     truth = None
     if resolution == "low":
-        _checked(root, f"{folder}/{pose_mesh(pose)}", document)
+        _checked(root, f"{folder}/{pose_mesh(pose)}", document=document)
         truth = read_mesh(root / folder / pose_mesh(pose)).V
     return DeformationTask(
         name=f"{document['name']}/{folder}/pose_{pose}",
         mesh=mesh,
         handles=handles,
         truth=truth,
-        meta=_facts(document, subject, pose, source_pose=content["source_pose"])
+        meta=_facts(document, subject=subject, pose=pose, source_pose=content["source_pose"])
         | {
             "resolution": resolution,
             "vertices": mesh.n,
@@ -149,7 +139,21 @@ def load_task(
     )
 
 
-def _facts(document: dict[str, Any], subject: int, pose: int, *, source_pose: str) -> dict[str, Any]:
+def _handles(mesh: Mesh, records: list[dict[str, Any]], *, landmarks: list[str], raw: bool) -> Handles:
+    """The stored handles snapped to a mesh."""
+    used = [h for h in records if h["kind"] != UNUSED]
+    count = [len(h["source"]) for h in used]
+    return Handles.from_positions(
+        mesh,
+        np.array([p for h in used for p in h["source"]]),
+        np.array([p for h in used for p in h["target"]]),
+        dynamic=np.repeat([h["kind"] == DYNAMIC for h in used], count),
+        group=np.repeat([landmarks.index(h["landmark"]) for h in used], count),
+        raw=raw,
+    )
+
+
+def _facts(document: dict[str, Any], *, subject: int, pose: int, source_pose: str) -> dict[str, Any]:
     return {
         "dataset": document["name"],
         "source": document["source"]["name"],
@@ -160,7 +164,7 @@ def _facts(document: dict[str, Any], subject: int, pose: int, *, source_pose: st
     }
 
 
-def _checked(root: Path, name: str, document: dict[str, Any]) -> str:
+def _checked(root: Path, name: str, *, document: dict[str, Any]) -> str:
     """sha256 of a file that must be the one listed."""
     if name not in document["files"]:
         raise InputError(f"{root} lists no {name}; rebuild the dataset")

@@ -82,7 +82,7 @@ def upsample(
         remeshed = remesh(fine, edge_length=length, iterations=iterations)
         counts.append(len(remeshed[0]))
         if low * target_vertices <= counts[-1] <= high * target_vertices:
-            return Upsampled(_checked(*remeshed, mesh), steps, length, attempt)
+            return Upsampled(_checked(*remeshed, original=mesh), steps, length, attempt)
         length *= float(np.sqrt(counts[-1] / target_vertices))
     raise InputError(
         f"remeshing to {target_vertices} vertices gave {counts}, never {low:g} to {high:g} times that; "
@@ -147,7 +147,7 @@ def _require_closed(mesh: Mesh) -> None:
         )
 
 
-def _checked(V: np.ndarray, F: np.ndarray, original: Mesh) -> Mesh:
+def _checked(V: np.ndarray, F: np.ndarray, *, original: Mesh) -> Mesh:
     try:
         mesh = Mesh(V, F)
         _require_closed(mesh)

@@ -60,13 +60,13 @@ def verify(root: str | os.PathLike[str], *, progress: Progress = silent) -> list
     root = Path(root)
     document = read_dataset(root)
     try:
-        return _verify(root, document, progress)
+        return _verify(root, document, progress=progress)
     except (KeyError, TypeError, IndexError, AttributeError) as error:
         # A record that parses but lacks an entry cannot be the one that was written.
         return [Fault(DATASET, f"damaged: no valid entry {error}")]
 
 
-def _verify(root: Path, document: dict[str, Any], progress: Progress) -> list[Fault]:
+def _verify(root: Path, document: dict[str, Any], *, progress: Progress) -> list[Fault]:
     faults = []
     if checksum(document) != document["checksum"]:
         faults.append(Fault(DATASET, "its content does not match its own checksum"))
@@ -80,7 +80,7 @@ def _verify(root: Path, document: dict[str, Any], progress: Progress) -> list[Fa
         progress("checksums", number, total)
     faults += _check_card(root, document)
     for number, subject in enumerate(document["subjects"], start=1):
-        faults += _check_subject(root, document, subject)
+        faults += _check_subject(root, document, subject=subject)
         progress("subjects", number, len(document["subjects"]))
     return faults
 
@@ -94,13 +94,13 @@ def _check_card(root: Path, document: dict[str, Any]) -> list[Fault]:
     return []
 
 
-def _check_subject(root: Path, document: dict[str, Any], subject: dict[str, Any]) -> list[Fault]:
+def _check_subject(root: Path, document: dict[str, Any], *, subject: dict[str, Any]) -> list[Fault]:
     folder = subject_folder(subject["subject"])
     poses = [pose["pose"] for pose in subject["poses"]]
     faults: list[Fault] = []
     meshes: dict[str, Mesh] = {}
     for name in (REST, REST_LOW, *map(pose_mesh, poses)):
-        found = _check_mesh(root, document, f"{folder}/{name}")
+        found = _check_mesh(root, document, name=f"{folder}/{name}")
         if isinstance(found, Fault):
             faults.append(found)
         elif found is not None:
@@ -117,11 +117,11 @@ def _check_subject(root: Path, document: dict[str, Any], subject: dict[str, Any]
         if not np.array_equal(posed.F, rest.F):
             faults.append(Fault(f"{folder}/{pose_mesh(k)}", f"its faces are not those of {REST_LOW}"))
         elif (root / folder / pose_file(k)).is_file():
-            faults += _check_handles(root, document, f"{folder}/{pose_file(k)}", rest, posed)
+            faults += _check_handles(root, document, name=f"{folder}/{pose_file(k)}", rest=rest, posed=posed)
     return faults
 
 
-def _check_mesh(root: Path, document: dict[str, Any], name: str) -> Mesh | Fault | None:
+def _check_mesh(root: Path, document: dict[str, Any], *, name: str) -> Mesh | Fault | None:
     """The mesh of a file, what is wrong with it, or None where it is missing (reported before)."""
     entry = document["files"].get(name)
     if entry is None:
@@ -143,7 +143,9 @@ def _check_mesh(root: Path, document: dict[str, Any], name: str) -> Mesh | Fault
     return mesh
 
 
-def _check_handles(root: Path, document: dict[str, Any], name: str, rest: Mesh, posed: Mesh) -> list[Fault]:
+def _check_handles(
+    root: Path, document: dict[str, Any], *, name: str, rest: Mesh, posed: Mesh
+) -> list[Fault]:
     try:
         handles = read_json(root / name)["handles"]
         if [h["landmark"] for h in handles] != document["landmarks"]:
@@ -151,7 +153,9 @@ def _check_handles(root: Path, document: dict[str, Any], name: str, rest: Mesh, 
         taken: set[int] = set()
         vertex = {tuple(p): i for i, p in enumerate(rest.V.tolist())}
         for handle in handles:
-            text = _handle_fault(handle, document["build"], rest, posed, vertex=vertex, taken=taken)
+            text = _handle_fault(
+                handle, document["build"], rest=rest, posed=posed, vertex=vertex, taken=taken
+            )
             if text:
                 return [Fault(name, f"landmark {handle['landmark']}: {text}")]
     except InputError as error:
@@ -164,9 +168,9 @@ def _check_handles(root: Path, document: dict[str, Any], name: str, rest: Mesh, 
 def _handle_fault(
     handle: dict[str, Any],
     build: dict[str, Any],
+    *,
     rest: Mesh,
     posed: Mesh,
-    *,
     vertex: dict[tuple[float, ...], int],
     taken: set[int],
 ) -> str:

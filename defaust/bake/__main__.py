@@ -63,22 +63,22 @@ def bake(root: Path) -> dict[str, np.ndarray]:
     """
     base = read_base(root)
     body = base.F.max() + 1
-    neutral = morph(root, base, Shape())
+    neutral = morph(root, base, shape=Shape())
     skin = base.F[outer_skin(neutral[:body], base.F)]
     T, TF = make_template(neutral[:body], skin)
-    matrix, distance = carry(neutral[:body], skin, T)
+    matrix, distance = carry(neutral[:body], skin, points=T)
     on_skin = distance < 1e-6
     log.info("template: %d vertices, %d of them fill holes", len(T), int((~on_skin).sum()))
 
     joint_ids = read_joints(root, base)
     steps, joints = [], []
     for shape in SUBJECTS:
-        V = morph(root, base, shape)
-        shaped = T + fill(matrix @ (V - neutral)[:body], on_skin, T, TF)
+        V = morph(root, base, shape=shape)
+        shaped = T + fill(matrix @ (V - neutral)[:body], on_skin, T=T, TF=TF)
         floor = np.array([0.0, shaped[:, 1].min(), 0.0])
         steps.append(_untangle(shaped - floor, TF))
         joints.append([V[joint_ids[bone][0]].mean(axis=0) - floor for bone in BONES])
-    W = fill(matrix @ read_weights(root, len(base.V))[:body], on_skin, T, TF)
+    W = fill(matrix @ read_weights(root, len(base.V))[:body], on_skin, T=T, TF=TF)
     bone, weight = quantise_weights(smooth_weights(W, TF))
 
     mean = np.round(np.mean(steps, axis=0)).astype(np.int32)

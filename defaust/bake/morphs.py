@@ -75,7 +75,7 @@ def read_base(root: Path) -> BaseMesh:
     return BaseMesh(V, F.astype(np.int64), groups)
 
 
-def morph(root: Path, base: BaseMesh, shape: Shape) -> np.ndarray:
+def morph(root: Path, base: BaseMesh, *, shape: Shape) -> np.ndarray:
     """(n, 3) vertices of the whole base mesh, helpers included, under a shape's parameters.
 
     A target's weight is the product of piecewise-linear weights of the

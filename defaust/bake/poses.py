@@ -103,14 +103,14 @@ def _plant(
 
     def place(x: np.ndarray) -> np.ndarray:
         rotations[thigh], rotations[calf] = x[:3], (x[3], 0.0, 0.0)
-        motions = bone_motions(joints, parents, rotations)
+        motions = bone_motions(joints, parents, rotations=rotations)
         ankle = apply_motions(motions[[calf]], joints[[foot]])[0] + shift - joints[foot]
         # The ankle leaves one degree of freedom open: stay near the start.
         return np.concatenate([1e3 * ankle, 0.1 * (x - start)])
 
     place(least_squares(place, start).x)
     # The chain's rotation undone, the foot keeps its rest orientation.
-    real = bone_motions(joints, parents, rotations)[calf, :4]
+    real = bone_motions(joints, parents, rotations=rotations)[calf, :4]
     rotations[foot] = Rotation.from_quat(real, scalar_first=True).inv().as_rotvec()
 
 

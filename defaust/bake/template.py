@@ -75,22 +75,22 @@ def make_template(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     T = meshes.current_mesh().vertex_matrix().copy()
     TF = meshes.current_mesh().face_matrix().astype(np.int64)
     for _ in range(6):
-        T = _relax(T, TF, 0.35)
+        T = _relax(T, TF, step=0.35)
         T = igl.point_mesh_squared_distance(T, *surface)[2]
     return T, TF
 
 
-def carry(V: np.ndarray, F: np.ndarray, T: np.ndarray) -> tuple[coo_array, np.ndarray]:
-    """Barycentric matrix from the vertices V to points T, and each point's distance to the surface."""
-    squared, face, nearest = igl.point_mesh_squared_distance(T, V, F)
+def carry(V: np.ndarray, F: np.ndarray, *, points: np.ndarray) -> tuple[coo_array, np.ndarray]:
+    """Barycentric matrix from the vertices V to points near the surface, and their distance to it."""
+    squared, face, nearest = igl.point_mesh_squared_distance(points, V, F)
     corners = F[face]
     coordinates = igl.barycentric_coordinates(nearest, *(V[corners[:, i]].copy() for i in range(3)))
-    rows = np.repeat(np.arange(len(T)), 3)
-    matrix = coo_array((coordinates.ravel(), (rows, corners.ravel())), shape=(len(T), len(V)))
+    rows = np.repeat(np.arange(len(points)), 3)
+    matrix = coo_array((coordinates.ravel(), (rows, corners.ravel())), shape=(len(points), len(V)))
     return matrix.tocsr(), np.sqrt(squared)
 
 
-def fill(values: np.ndarray, known: np.ndarray, T: np.ndarray, TF: np.ndarray) -> np.ndarray:
+def fill(values: np.ndarray, known: np.ndarray, *, T: np.ndarray, TF: np.ndarray) -> np.ndarray:
     """Harmonic values (cotan Laplacian) on the vertices that are not `known`, (n, ...)."""
     flat = values.reshape(len(values), -1).copy()
     L = -igl.cotmatrix(T, TF).tocsc()
@@ -131,7 +131,7 @@ def neighbour_average(n: int, F: np.ndarray) -> coo_array:
     return diags_array(1.0 / np.asarray(A.sum(axis=1)).ravel()) @ A
 
 
-def _relax(V: np.ndarray, F: np.ndarray, step: float) -> np.ndarray:
+def _relax(V: np.ndarray, F: np.ndarray, *, step: float) -> np.ndarray:
     """Move each vertex towards its neighbours' mean, within its tangent plane."""
     move = step * (neighbour_average(len(V), F) @ V - V)
     normal = igl.per_vertex_normals(V, F)

@@ -31,7 +31,7 @@ def test_macro_weights_are_products(tmp_path):
             name = f"height/male-{age}-averagemuscle-{weight}weight-maxheight"
             write_target(tmp_path, name, [(1, 0, 0, 10)] if weight == "max" else [])
     base = BaseMesh(np.zeros((2, 3)), np.zeros((0, 3), dtype=int), {})
-    V = morph(tmp_path, base, shape)
+    V = morph(tmp_path, base, shape=shape)
     # Decimetres to metres; half of each weight target; height .75 is half way to the maximum,
     # and its target moves the vertex for one of the two weights only.
     np.testing.assert_allclose(V, [[1.0, 0, 0], [0, 2.0, 0.25]], atol=1e-15)
@@ -52,17 +52,19 @@ def test_base_mesh_is_split_along_the_shorter_diagonal(tmp_path):
 
 def test_carry_and_fill_reproduce_linear_functions():
     fine, coarse = icosphere(3), icosphere(2)
-    matrix, distance = carry(fine.V, fine.F, coarse.V)
+    matrix, distance = carry(fine.V, fine.F, points=coarse.V)
     np.testing.assert_allclose(matrix @ fine.V, coarse.V, atol=1e-12)
     assert distance.max() < 1e-7
     known = np.ones(coarse.n, dtype=bool)
     known[5:9] = False
     values = np.where(known[:, None], coarse.V, 7.0)
-    filled = fill(values, known, coarse.V, coarse.F)
+    filled = fill(values, known, T=coarse.V, TF=coarse.F)
     np.testing.assert_array_equal(filled[known], coarse.V[known])
     assert np.abs(filled[~known] - coarse.V[~known]).max() < 0.1
     # Harmonic: constants stay constant.
-    np.testing.assert_allclose(fill(np.where(known, 2.0, 0.0), known, coarse.V, coarse.F), 2.0, atol=1e-12)
+    np.testing.assert_allclose(
+        fill(np.where(known, 2.0, 0.0), known, T=coarse.V, TF=coarse.F), 2.0, atol=1e-12
+    )
 
 
 def test_smoothing_keeps_sums():
@@ -128,7 +130,7 @@ def test_squat_plants_the_ankles():
     bodies = load_bodies()
     joints = bodies.joints[4]
     rotations, shift = make_pose("squat", joints=joints, parents=bodies.parents, seed=[0])
-    motions = bone_motions(joints, bodies.parents, rotations)
+    motions = bone_motions(joints, bodies.parents, rotations=rotations)
     for side in "lr":
         foot, ball = BONES.index(f"foot_{side}"), BONES.index(f"ball_{side}")
         moved = apply_motions(motions[[foot, foot]], joints[[foot, ball]]) + shift

@@ -103,14 +103,16 @@ def test_root_rotation_is_a_rigid_motion():
 def test_bone_motions_follow_the_chain():
     joints = np.array([[0.0, 0, 0], [1.0, 0, 0]])
     rotations = np.array([[0, 0, np.pi / 2], [0, 0, np.pi / 2]])
-    motions = bone_motions(joints, np.array([-1, 0]), rotations)
+    motions = bone_motions(joints, np.array([-1, 0]), rotations=rotations)
     # The elbow goes to (0, 1, 0); what was one unit beyond it turns half a turn in all.
     np.testing.assert_allclose(apply_motions(motions[[1]], np.array([[2.0, 0, 0]])), [[-1, 1, 0]], atol=1e-15)
 
 
 def test_skinning_does_not_collapse_under_twist():
     # Half way between no rotation and a half turn lies a quarter turn; linear blending would give radius 0.
-    motions = bone_motions(np.zeros((2, 3)), np.array([-1, 0]), np.array([[0, 0, 0], [np.pi - 1e-9, 0, 0]]))
+    motions = bone_motions(
+        np.zeros((2, 3)), np.array([-1, 0]), rotations=np.array([[0, 0, 0], [np.pi - 1e-9, 0, 0]])
+    )
     V = np.array([[0.5, 1.0, 0.0]])
     half = np.full((1, 2), 0.5)
     out = skin(V, motions, bone=np.array([[0, 1]]), weight=half, shift=np.zeros(3))
