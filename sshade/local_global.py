@@ -25,7 +25,7 @@ from sshade.cotangents import corner_vectors, edge_weights, half_cotangents, lap
 from sshade.errors import InputError
 from sshade.linalg import Engine, factor
 from sshade.mesh import Mesh
-from sshade.rotations import local_step
+from sshade.rotations import local_step, right_hand_side
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
 
 #: A rise of the energy below this (x the rest shape's Dirichlet energy) is rounding, not a bad step.
@@ -103,7 +103,7 @@ class LocalGlobal:
         held[index] = True
         free = np.flatnonzero(~held)
         rows = laplacian[free]
-        self.mesh, self.index, self.energy_name = mesh, index, energy
+        self.mesh, self.index, self.energy = mesh, index, energy
         self._factor = factor(rows[:, free], engine=engine)
         # The elimination order scatters neighbours over memory; a band ordering keeps the
         # element loops in cache (five times faster at 150,000 vertices).
@@ -183,19 +183,20 @@ class LocalGlobal:
         u[self._held] = targets
         g, fixed = u.copy(), -(self._to_handles @ targets)
         X = np.empty_like(fixed)
-        Q, S, B = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), np.empty((n, 9)), np.empty((n, 3))
+        Q, R, B = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), np.empty((n, 9)), np.empty((n, 3))
         mixer = Anderson(3 * n, window) if accelerate else None
         iterations, rejected, residual, accelerated = 0, 0, np.inf, False
         energies = [np.inf]
         while True:
-            energy = local_step(self._corners, self._Y, self._H, u, Q, S, B)
+            energy = local_step(self._corners, self._Y, self._H, u, Q, R)
             if accelerated and energy > energies[-1] + ENERGY_ROUNDING * abs(self._rest_energy):
                 u[:] = mixer.plain.reshape(-1, 3)
-                energy = local_step(self._corners, self._Y, self._H, u, Q, S, B)
+                energy = local_step(self._corners, self._Y, self._H, u, Q, R)
                 rejected += 1
             energies.append(energy)
             if residual < tolerance or iterations >= max_iterations:
                 break
+            right_hand_side(self._corners, self._Y, R, B)
             _gather(B, self._free, fixed, X)
             self._factor.solve_ordered(X)
             _scatter(X, self._free, g)
@@ -215,7 +216,7 @@ class LocalGlobal:
         progress("iterations", iterations, max_iterations, f"residual {residual:.1e}")
         positions, rotations = np.empty((n, 3)), np.empty((n, 3, 3))
         positions[self._vertex] = u
-        rotations[self._vertex] = S.reshape(-1, 3, 3)
+        rotations[self._vertex] = R.reshape(-1, 3, 3)
         return Solution(
             positions=positions,
             rotations=rotations,

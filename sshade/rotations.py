@@ -30,25 +30,23 @@ JACOBI_SWEEPS = 30
 
 
 @njit(cache=True, nogil=True)
-def local_step(corners, Y, H, P, Q, S, B):
-    """Fit all rotations to positions P and form the right-hand side.
+def local_step(corners, Y, H, P, Q, R):
+    """Fit all rotations to positions P.
 
     Parameters
     ----------
     corners : (e, 2) or (e, 3) int32
         Vertices of each element.
-    Y : (e, 2, 3) float64
-        y of the first corner (spokes) or the first two; the last is minus their sum.
-    H : (e, 3) float64
-        Weight of the element's edges 01, 12, 20; edges have the first only.
+    Y : (e, 1, 3) or (e, 2, 3) float64
+        y of all its corners but the last, whose y is minus their sum.
+    H : (e, 1) or (e, 3) float64
+        Weight of its edges 01, 12, 20.
     P : (n, 3) float64
         Deformed positions.
     Q : (n, 4) float64
         Unit quaternions: the previous rotations in, the new ones out.
-    S : (n, 9) float64
-        The rotation matrices out, row by row.
-    B : (n, 3) float64
-        The right-hand side out; without what constrained vertices add to it.
+    R : (n, 9) float64
+        The new rotation matrices out, row by row.
 
     Returns
     -------
@@ -56,18 +54,22 @@ def local_step(corners, Y, H, P, Q, S, B):
         ``sum_elements corners * sum_edges h |e'|^2 - 2 sum_i tr(R_i S_i)``: the
         energy, but for the constant that the rest edges add.
     """
-    S[:] = 0.0
+    R[:] = 0.0
+    if corners.shape[1] == 3:
+        energy = _triangle_covariances(corners, Y, H, P, R)
+    else:
+        energy = _edge_covariances(corners, Y, H, P, R)
+    return energy - 2.0 * fit_rotations(R, Q)
+
+
+@njit(cache=True, nogil=True)
+def right_hand_side(corners, Y, R, B):
+    """Write the global step's right-hand side, without what constrained vertices add, to B (n, 3)."""
     B[:] = 0.0
     if corners.shape[1] == 3:
-        energy = _triangle_covariances(corners, Y, H, P, S)
+        _triangle_right_hand_side(corners, Y, R, B)
     else:
-        energy = _edge_covariances(corners, Y, H, P, S)
-    energy -= 2.0 * fit_rotations(S, Q)
-    if corners.shape[1] == 3:
-        _triangle_right_hand_side(corners, Y, S, B)
-    else:
-        _edge_right_hand_side(corners, Y, S, B)
-    return energy
+        _edge_right_hand_side(corners, Y, R, B)
 
 
 @njit(cache=True, nogil=True)
