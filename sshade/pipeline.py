@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from time import perf_counter
 from typing import Literal
@@ -15,6 +12,7 @@ from sshade.binding import bind
 from sshade.errors import InputError
 from sshade.local_global import local_global
 from sshade.mesh import Mesh
+from sshade.parallel import in_threads
 from sshade.remesh import Remesh
 from sshade.task import DeformationResult, DeformationTask, Handles, Method, Progress, rigid_motion, silent
 
@@ -93,7 +91,12 @@ def deform(
         handle_mode=handle_mode,
         seed=seed,
     )
-    results = _run_all(one, samplings, workers or os.cpu_count() or 1, progress)
+
+    def run(number: int) -> DeformationResult:
+        stage = f"sampling {number + 1}"
+        return one(number, progress=lambda _, done, total, note="": progress(stage, done, total, note))
+
+    results = in_threads(run, samplings, workers=workers)
     begin = perf_counter()
     total = results[0].vertices
     for result in results[1:]:
@@ -115,27 +118,6 @@ def deform(
             "engine": results[0].extra["engine"],
         },
     )
-
-
-def _run_all(
-    one: Callable[..., DeformationResult], samplings: int, workers: int, progress: Progress
-) -> list[DeformationResult]:
-    """The results of all samplings, in order, whatever the number of threads."""
-
-    def run(i: int) -> DeformationResult:
-        return one(
-            i, progress=lambda _, done, total, note="": progress(f"sampling {i + 1}", done, total, note)
-        )
-
-    if min(workers, samplings) == 1:
-        return [run(i) for i in range(samplings)]
-    with ThreadPoolExecutor(max_workers=min(workers, samplings)) as pool:
-        futures = [pool.submit(run, i) for i in range(samplings)]
-        try:
-            return [future.result() for future in futures]
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
 
 
 def _one_sampling(

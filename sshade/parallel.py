@@ -1,0 +1,37 @@
+"""Independent pieces of work in threads; the heavy kernels run without the GIL."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+Result = TypeVar("Result")
+
+
+def in_threads(piece: Callable[[int], Result], count: int, *, workers: int | None = None) -> list[Result]:
+    """``[piece(0), ..., piece(count - 1)]``, in that order whatever the number of threads.
+
+    Parameters
+    ----------
+    piece : callable
+    count : int
+    workers : int, optional
+        Threads at most; by default one a processor. With one, the calling thread works.
+
+    Raises
+    ------
+    Exception
+        The first error of a piece, in their order; pieces not yet begun are dropped.
+    """
+    workers = min(workers or os.cpu_count() or 1, count)
+    if workers == 1:
+        return [piece(i) for i in range(count)]
+    with ThreadPoolExecutor(max_workers=workers) as pool:
+        futures = [pool.submit(piece, i) for i in range(count)]
+        try:
+            return [future.result() for future in futures]
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
