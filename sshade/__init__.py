@@ -5,6 +5,7 @@ deformation via local representations".
 """
 
 from sshade.binding import Binding, bind
+from sshade.deformer import Deformer
 from sshade.errors import InputError
 from sshade.mesh import Mesh
 from sshade.pipeline import deform
@@ -14,6 +15,7 @@ __all__ = [
     "Binding",
     "DeformationResult",
     "DeformationTask",
+    "Deformer",
     "Handles",
     "InputError",
     "Mesh",
