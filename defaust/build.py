@@ -193,8 +193,6 @@ def _prepare(out: Path, recipe: dict[str, Any]) -> None:
     """Make the folder, or check that what is there was built by the same recipe."""
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file; give a folder")
-    if not out.parent.is_dir():
-        raise InputError(f"{out}: the folder {out.parent} does not exist")
     started = out / WORK / RECIPE
     # A recipe under which no subject was finished binds nobody.
     begun = started.is_file() and any((out / WORK).glob("subject_*.json"))
@@ -209,7 +207,10 @@ def _prepare(out: Path, recipe: dict[str, Any]) -> None:
                 )
     if not started.is_file() and not (out / DATASET).is_file() and out.is_dir() and any(out.iterdir()):
         raise InputError(f"{out} is not empty and holds no DeFAUST build; give another out")
-    (out / WORK).mkdir(parents=True, exist_ok=True)
+    try:
+        (out / WORK).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{out}: the folder cannot be made ({error.strerror})") from error
     _clear_leftovers(out)
     if (out / DATASET).is_file():
         # A finished dataset to be mended: its subjects' records become the work's again.

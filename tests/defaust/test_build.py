@@ -146,7 +146,7 @@ def test_wrong_places_and_numbers(tmp_path):
     for out, message in (
         (tmp_path / "file", "is a file; give a folder"),
         (tmp_path / "full", "is not empty and holds no DeFAUST build"),
-        (tmp_path / "no/such", "does not exist"),
+        (tmp_path / "file/below", "cannot be made"),
     ):
         with pytest.raises(InputError, match=message):
             build(Balls(), out, options=OPTIONS, workers=1)

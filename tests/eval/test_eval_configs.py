@@ -5,7 +5,9 @@ from __future__ import annotations
 import inspect
 from importlib import resources
 
+import numpy as np
 import pytest
+from eval_cases import bumpy_task
 from hydra import compose, initialize_config_module
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -13,6 +15,7 @@ from hydra.utils import instantiate as hydra_instantiate
 from omegaconf import OmegaConf
 
 from eval.targets import OWN_KEYS, check_parameters, instantiate, locate
+from sshade.local_global import local_global
 from sshade.task import Method
 
 
@@ -54,10 +57,11 @@ def test_yaml_names_every_parameter_of_its_method(name):
 
 def test_the_coarse_solver_of_the_yaml_is_the_default_one():
     """Named in the YAML so that the shared stopping rule reaches it and the row tells its parameters."""
-    coarse = instantiate(OmegaConf.to_container(composed("method=sshade").method)).keywords["coarse"]
-    assert coarse.func is locate("sshade.local_global.local_global")
-    defaults = {name: p.default for name, p in inspect.signature(coarse.func).parameters.items()}
-    assert coarse.keywords == {name: defaults[name] for name in coarse.keywords}
+    config = OmegaConf.to_container(composed("method=sshade").method)
+    named, default = instantiate(config).keywords["coarse"], inspect.signature(local_global).parameters
+    assert named.keywords == {name: default[name].default for name in named.keywords}
+    task = bumpy_task()
+    np.testing.assert_array_equal(named(task, seed=0).vertices, local_global(task).vertices)
 
 
 def test_another_method_fits_into_the_coarse_slot():
