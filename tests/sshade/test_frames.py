@@ -7,10 +7,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sshade import InputError, Mesh
-from sshade.frames import FLAT, TriangleFrames, frame_values
+from sshade.frames import TriangleFrames, frame_values
 from tests.shapes import bent, block, bumpy, icosphere, jittered, rotation, strip
 
 BODY = bumpy(2)
+#: Where the gradient of f is shorter, f_2 takes over.
+FLAT = 0.1
 
 
 def igl_gradients(mesh: Mesh, values: np.ndarray) -> np.ndarray:
@@ -174,23 +176,59 @@ def collapsed(mesh: Mesh, faces: list[int], NV: np.ndarray) -> np.ndarray:
     return NV
 
 
+def map_of(frames: TriangleFrames, face: int, NV: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    """Of the map of one triangle: linear part and image of the barycentre; and the count without area."""
+    points = frames.origin[face] + np.concatenate([np.zeros((1, 3)), np.eye(3)])
+    moved, count = frames.decode(frames.encode(points, np.full(4, face)), np.full(4, face), NV)
+    return (moved[1:] - moved[0]).T, moved[0], count
+
+
+def mean_turn(frames: TriangleFrames, face: int, NV: np.ndarray, missing: np.ndarray) -> np.ndarray:
+    """The rotation nearest to the sum of those of the edge neighbours that have one."""
+    L = TriangleFrames.of_values(Mesh(NV, frames.F), frames.values).L
+    shared = np.isin(frames.F, frames.F[face]).sum(axis=1)
+    beside = np.flatnonzero((shared == 2) & ~missing)
+    U, _, Vt = np.linalg.svd(sum(L[t] @ frames.L[t].T for t in beside))
+    return U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt
+
+
 def test_zero_area_triangles_are_counted_and_turn_as_their_neighbours_in_the_mean():
-    turn = rotation(4)
     frames = TriangleFrames.at_rest(BODY, "best")
-    NV = collapsed(BODY, [30], bent(BODY.V) @ turn.T)
-    L = TriangleFrames.of_values(Mesh(NV, BODY.F), frames.values)
-    gone = np.flatnonzero(L.degenerate)
-    assert 30 in gone
-    face = np.array([30])
-    point = BODY.V[BODY.F[30]].mean(axis=0)[None] + [[0.1, 0.2, 0.3]]
-    moved, count = frames.decode(frames.encode(point, face), face, NV)
-    assert count == len(gone)
-    beside = [t for t in range(BODY.m) if len(set(BODY.F[t]) & set(BODY.F[30])) == 2 and t not in gone]
-    mean = sum(L.L[t] @ frames.L[t].T for t in beside)
-    U, _, Vt = np.linalg.svd(mean)
-    R = U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt
-    expected = NV[BODY.F[30]].mean(axis=0) + [[0.1, 0.2, 0.3]] @ R.T
-    assert np.allclose(moved, expected, rtol=0, atol=1e-12 * BODY.diagonal)
+    NV = collapsed(BODY, [30], bent(BODY.V) @ rotation(4).T)
+    missing = TriangleFrames.of_values(Mesh(NV, BODY.F), frames.values).degenerate
+    assert missing[30]
+    turn, at, count = map_of(frames, 30, NV)
+    assert count == missing.sum()
+    assert np.allclose(turn, mean_turn(frames, 30, NV, missing), rtol=0, atol=1e-12)
+    assert np.allclose(at, NV[BODY.F[30]].mean(axis=0), rtol=0, atol=1e-13 * BODY.diagonal)
+
+
+def test_triangles_without_area_at_rest_turn_so_too_whatever_they_become():
+    sheet = strip(4, 3)
+    rest = Mesh(collapsed(sheet, [8], sheet.V), sheet.F)
+    frames = TriangleFrames.at_rest(rest, "best")
+    assert frames.degenerate[8]
+    NV = bent(sheet.V) @ rotation(5).T
+    deformed = TriangleFrames.of_values(Mesh(NV, sheet.F), frames.values)
+    turn, _, count = map_of(frames, 8, NV)
+    assert count == (frames.degenerate | deformed.degenerate).sum() >= 1
+    assert np.allclose(turn, mean_turn(frames, 8, NV, frames.degenerate), rtol=0, atol=1e-12)
+
+
+def test_the_mean_of_neighbours_is_a_rotation_also_where_they_fold_over():
+    """Half turns about three axes add up to minus the identity, which is no rotation."""
+    V = [[0, 0, 0], [2, 0, 0], [1, 2, 0], [1, -2, 0], [3, 2, 0], [-1, 2, 0]]
+    fan = Mesh(np.array(V, dtype=float), [[0, 1, 2], [1, 0, 3], [2, 1, 4], [0, 2, 5]])
+    frames = TriangleFrames.at_rest(fan, "x")
+    reflected = 0
+    for seed in range(40):
+        NV = collapsed(fan, [0], np.random.default_rng(seed).normal(size=(6, 3)))
+        L = TriangleFrames.of_values(Mesh(NV, fan.F), frames.values).L
+        reflected += np.linalg.det(sum(L[t] @ frames.L[t].T for t in (1, 2, 3))) < 0
+        turn, _, _ = map_of(frames, 0, NV)
+        assert np.allclose(turn @ turn.T, np.eye(3), rtol=0, atol=1e-12)
+        assert np.linalg.det(turn) == pytest.approx(1.0)
+    assert reflected > 0
 
 
 def test_patches_of_zero_area_triangles_are_filled_from_their_rim():

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sshade import Handles, InputError, Mesh
-from sshade.handlesio import read_handles, write_handles
+from sshade.handlesio import _axis_rotations, read_handles, write_handles
 from sshade.meshio import repair
 from tests.shapes import bumpy, rotation, tetrahedron, torus
 
@@ -279,6 +279,31 @@ def test_points_a_little_off_the_surface_keep_the_parts_rigid_motion(tmp_path, f
     rest, apart = (np.linalg.norm(x[:, None] - x[None], axis=2) for x in (at, to))
     assert np.allclose(apart, rest, rtol=0, atol=1e-9 * far_body.diagonal)
     assert np.linalg.norm(to.mean(axis=0) - moved.mean(axis=0)) < 0.05 * far_body.diagonal
+
+
+def test_a_little_rigid_motion_of_another_copy_is_found_by_icp(tmp_path, far_body):
+    """The centroid of another triangulation lies elsewhere: all points are off by the same shift."""
+    made, ids, _ = experiment(tmp_path / "x", far_body, AXES[3])
+    everywhere = np.random.default_rng(0).permutation(far_body.n)[:200]
+    shift = np.array([0.006, -0.004, 0.005])
+    made.put("parts", "all", made.to_file(far_body.V[everywhere]) + shift)
+    path = made.yaml("handles: {moving: {positions: [all], transform: [moved]}}")
+    made.put("transforms", "moved", made.to_file(far_body.V[everywhere]) + shift + [0, 0, 0.5])
+    handles = read_handles(path, far_body, raw=True)
+    # Raw targets are the file's, mapped: without ICP all would be off by the whole shift.
+    target = made.to_mesh(made.to_file(far_body.V) + [0, 0, 0.5])
+    gap = np.linalg.norm(handles.target - target[handles.index], axis=1)
+    assert np.max(gap) < 0.75 * np.linalg.norm(shift) / made.scale
+
+
+def test_the_axis_rotations_are_the_24_of_the_cube():
+    rotations = _axis_rotations()
+    assert np.array_equal(rotations[0], np.eye(3))
+    assert (
+        len({R.tobytes() for R in np.abs(rotations)}) == 6 and len({str(R.tolist()) for R in rotations}) == 24
+    )
+    for R in rotations:
+        assert np.array_equal(R @ R.T, np.eye(3)) and np.linalg.det(R) == 1
 
 
 def test_static_or_moving_parts_may_be_missing(tmp_path, far_body):
