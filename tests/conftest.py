@@ -6,7 +6,7 @@ import pytest
 from hypothesis import settings
 
 from sshade.mesh import Mesh
-from tests.shapes import bumpy, double_torus, icosphere, jittered, strip, torus, tube
+from tests.shapes import bumpy
 
 settings.register_profile("reproducible", derandomize=True, deadline=None, database=None, max_examples=25)
 settings.load_profile("reproducible")
@@ -22,16 +22,3 @@ def body() -> Mesh:
 def small_body() -> Mesh:
     """Closed, no symmetry, 162 vertices."""
     return bumpy(2)
-
-
-@pytest.fixture(scope="session")
-def zoo() -> dict[str, Mesh]:
-    """One mesh of each topology the method promises to keep."""
-    return {
-        "sphere": icosphere(3),
-        "bumpy": bumpy(3),
-        "torus": torus(),
-        "double torus": double_torus(),
-        "tube": tube(),
-        "strip": jittered(strip(30, 6), 0.1),
-    }

@@ -128,3 +128,13 @@ def rotation(seed: int = 0) -> np.ndarray:
     Q, R = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
     Q = Q * np.sign(np.diag(R))
     return Q * np.linalg.det(Q)
+
+
+def family() -> dict[str, Mesh]:
+    """A mesh of each topology that the method keeps: sphere, genus two, two boundary loops, one."""
+    return {
+        "bumpy": bumpy(3),
+        "double torus": double_torus(cells=3),
+        "tube": jittered(tube(), 0.02),
+        "strip": jittered(strip(30, 5), 0.1),
+    }
