@@ -424,15 +424,6 @@ def test_progress_draws_a_bar_on_a_terminal(capsys, monkeypatch):
     assert out == "" and "sampling 1" in err and "residual 1e-6" in err
 
 
-HEAVY = ["pymeshlab", "pandas", "hydra", "omegaconf", "torch", "pyvista", "matplotlib", "trimesh", "rich"]
-
-
-def test_importing_the_package_loads_no_heavy_library():
-    code = f"import sys, sshade, sshade.cli; print([name for name in {HEAVY} if name in sys.modules])"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.strip() == "[]"
-
-
 def test_the_package_runs_as_a_module(folder):
     run = subprocess.run(
         [sys.executable, "-m", "sshade", "remesh", "gone.ply", "-o", "a.ply", "--map", "a.npz"],
@@ -441,10 +432,3 @@ def test_the_package_runs_as_a_module(folder):
         check=False,
     )
     assert run.returncode == 2 and run.stderr == "error: gone.ply: no such file\n"
-
-
-def test_every_public_name_is_there():
-    import sshade
-
-    assert all(hasattr(sshade, name) for name in sshade.__all__)
-    assert {"Mesh", "Handles", "DeformationTask", "deform"} <= set(sshade.__all__)

@@ -1,0 +1,30 @@
+from __future__ import annotations
+
+import doctest
+import importlib
+import pkgutil
+import subprocess
+import sys
+
+import pytest
+
+import sshade
+
+HEAVY = ["pymeshlab", "pandas", "hydra", "omegaconf", "torch", "pyvista", "matplotlib", "trimesh", "rich"]
+MODULES = ["sshade", *(f"sshade.{info.name}" for info in pkgutil.iter_modules(sshade.__path__))]
+
+
+def test_importing_the_package_loads_no_heavy_library():
+    code = f"import sys, sshade, sshade.cli; print([name for name in {HEAVY} if name in sys.modules])"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "[]"
+
+
+def test_every_public_name_is_there():
+    assert all(hasattr(sshade, name) for name in sshade.__all__)
+    assert {"Mesh", "Handles", "DeformationTask", "deform"} <= set(sshade.__all__)
+
+
+@pytest.mark.parametrize("name", [name for name in MODULES if not name.endswith("__main__")])
+def test_examples_in_docstrings_do_what_they_show(name):
+    assert doctest.testmod(importlib.import_module(name)).failed == 0
