@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sshade.connectivity import Connectivity, connectivity
 from sshade.errors import InputError
 
 
@@ -132,57 +133,50 @@ class Mesh:
     @property
     def is_closed(self) -> bool:
         """Every edge has two faces or more."""
-        return len(self.boundary_edges) == 0
+        return self.connectivity.boundary_edges == 0
 
     @cached_property
+    def connectivity(self) -> Connectivity:
+        """Counts and checks of the faces; see :class:`sshade.connectivity.Connectivity`."""
+        return connectivity(self.F, self.n)
+
+    @property
     def component(self) -> np.ndarray:
         """(n,) id of the connected component of each vertex."""
-        return _components(self.n, self.edges)[1]
+        return self.connectivity.component
 
-    @cached_property
+    @property
     def is_manifold(self) -> bool:
         """Each edge has at most two faces and the faces of each vertex form one fan."""
-        import igl
+        return self.connectivity.crowded_edge[0] == -1 and self.connectivity.split_vertex == -1
 
-        F = np.ascontiguousarray(self.F, dtype=np.int64)
-        edge_manifold = igl.is_edge_manifold(F)
-        edge_manifold = edge_manifold[0] if isinstance(edge_manifold, tuple) else edge_manifold
-        return bool(edge_manifold) and bool(np.all(igl.is_vertex_manifold(F)))
-
-    @cached_property
+    @property
     def is_oriented(self) -> bool:
         """No two faces run through an edge in the same direction."""
-        i, j = self.F.ravel(), self.F[:, [1, 2, 0]].ravel()
-        directed = np.sort(i * self.n + j)
-        return not bool((directed[1:] == directed[:-1]).any())
+        return self.connectivity.oriented
 
-    @cached_property
+    @property
     def topology(self) -> Topology:
         """Euler characteristic, number of components, number of boundary loops."""
-        boundary = self.boundary_edges
-        ids, compact = np.unique(boundary, return_inverse=True)
-        loops = _components(len(ids), compact.reshape(-1, 2))[0] if len(boundary) else 0
+        facts = self.connectivity
         return Topology(
-            euler=self.n - len(self.edges) + self.m,
-            components=int(self.component.max()) + 1,
-            boundary_loops=loops,
+            euler=self.n - facts.edges + self.m,
+            components=facts.components,
+            boundary_loops=facts.boundary_loops,
         )
 
     def require_manifold(self) -> None:
         """Raise InputError unless the mesh is manifold and consistently oriented."""
-        if not self.is_manifold:
-            keys, counts = np.unique(self._edge_keys, return_counts=True)
-            if (counts > 2).any():
-                i, j = divmod(int(keys[np.argmax(counts)]), self.n)
-                raise InputError(
-                    f"the mesh is not manifold: edge ({i}, {j}) has {int(counts.max())} faces, "
-                    "and at most two are supported; split the mesh there"
-                )
-            import igl
-
-            bad = int(np.argmin(igl.is_vertex_manifold(np.ascontiguousarray(self.F, dtype=np.int64))))
+        facts = self.connectivity
+        if facts.crowded_edge[0] != -1:
+            i, j, faces = facts.crowded_edge
             raise InputError(
-                f"the mesh is not manifold: the faces at vertex {bad} form more than one fan; "
+                f"the mesh is not manifold: edge ({i}, {j}) has {faces} faces, "
+                "and at most two are supported; split the mesh there"
+            )
+        if facts.split_vertex != -1:
+            raise InputError(
+                f"the mesh is not manifold: the faces at vertex {facts.split_vertex} form more than one fan; "
                 "duplicate the vertex, one copy per fan"
             )
         if not self.is_oriented:
@@ -211,14 +205,6 @@ class Mesh:
         """(3m,) one integer per side of each face, equal for the two directions."""
         i, j = self.F.ravel(), self.F[:, [1, 2, 0]].ravel()
         return np.minimum(i, j) * self.n + np.maximum(i, j)
-
-
-def _components(n: int, edges: np.ndarray) -> tuple[int, np.ndarray]:
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_array((np.ones(len(edges), dtype=np.int8), (edges[:, 0], edges[:, 1])), shape=(n, n))
-    return connected_components(graph.tocsr(), directed=False)
 
 
 def _as_vertices(V: np.ndarray) -> np.ndarray:
