@@ -13,6 +13,7 @@ import numpy as np
 
 from sshade.errors import InputError
 from sshade.frames import TriangleFrames
+from sshade.graph import VertexGraph
 from sshade.mesh import Mesh
 from sshade.projection import Projection, project_to_fans, project_to_surface
 from sshade.remesh import Remesh, proxy_mesh, remesh
@@ -129,6 +130,7 @@ def bind(
     seed: int | tuple[int, ...] = 0,
     projection: Literal["fan", "surface"] = "fan",
     frame_function: str | np.ndarray = "extent",
+    graph: VertexGraph | None = None,
 ) -> Binding:
     """Remesh M to a proxy N and encode M's vertices in N's frames.
 
@@ -146,6 +148,8 @@ def bind(
         P, or ReMatching's U.
     frame_function : {"extent", "best", "x", "y", "z"} or (n,) float64
         f; an array gives its value at each vertex of M.
+    graph : VertexGraph, optional
+        The mesh's :func:`sshade.graph.vertex_graph`, where several bindings share it.
 
     Raises
     ------
@@ -155,7 +159,7 @@ def bind(
     if projection not in ("fan", "surface"):
         raise InputError(f"unknown projection {projection!r}; use 'fan' or 'surface'")
     begin = perf_counter()
-    remeshed = remesh(mesh, vertices, first=first, seed=seed)
+    remeshed = remesh(mesh, vertices, first=first, seed=seed, graph=graph)
     proxy = proxy_mesh(mesh, remeshed)
     sampled = perf_counter()
     if projection == "fan":

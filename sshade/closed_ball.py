@@ -191,17 +191,21 @@ def _mark(v, marked):
 
 
 @njit(cache=True, nogil=True)
-def _crossing_candidates(indptr, indices, region, distance, is_sample, table):
-    """For each pair of regions the farthest end, no sample, of the edges between them."""
+def _crossing_candidates(indptr, indices, region, distance, is_sample, table, wanted):
+    """For each wanted pair of regions the farthest end, no sample, of the edges between them."""
     k = region.max() + 1
+    concerned = np.zeros(k, dtype=np.bool_)
+    for slot in range(table.shape[0]):
+        if wanted[slot]:
+            concerned[table[slot] // k] = concerned[table[slot] % k] = True
     best = np.full(table.shape[0], -1, dtype=np.int64)
     for u in range(indptr.shape[0] - 1):
-        if is_sample[u]:
-            continue
         i = np.int64(region[u])
+        if not concerned[i] or is_sample[u]:
+            continue
         for p in range(indptr[u], indptr[u + 1]):
             j = np.int64(region[indices[p]])
-            if j != i:
+            if j != i and concerned[j]:
                 slot = _slot(table, _pair_key(i, j, k))
                 best[slot] = _farther_of(best[slot], u, distance)
     return best
@@ -247,55 +251,72 @@ def _test_pairs(
     indptr, indices, region, distance, is_sample, table, chi, c, crossings, inner, border, marked, failed
 ):
     k = chi.shape[0]
-    best = np.empty(0, dtype=np.int64)
+    no_disc = np.zeros(table.shape[0], dtype=np.bool_)
     for slot in range(table.shape[0]):
-        if table[slot] == -1:
-            continue
-        i, j = table[slot] // k, table[slot] % k
-        if chi[i] + chi[j] - c[slot] != 1:
+        if table[slot] != -1:
+            no_disc[slot] = chi[table[slot] // k] + chi[table[slot] % k] - c[slot] != 1
+    if no_disc.any():
+        best = _crossing_candidates(indptr, indices, region, distance, is_sample, table, no_disc)
+        for slot in np.flatnonzero(no_disc):
+            i, j = table[slot] // k, table[slot] % k
             failed[i] = True
-            if best.shape[0] == 0:
-                best = _crossing_candidates(indptr, indices, region, distance, is_sample, table)
             if best[slot] != -1:
                 marked[best[slot]] = True
             else:  # all crossing edges join samples: refine inside the union
                 _mark(_farther_of(inner[i], inner[j], distance), marked)
-        if crossings[slot] > 1:
-            failed[i] = True
-            v = _farther_of(border[i], border[j], distance)
-            _mark(v if v != -1 else _farther_of(inner[i], inner[j], distance), marked)
+    for slot in np.flatnonzero(crossings > 1):
+        i, j = table[slot] // k, table[slot] % k
+        failed[i] = True
+        v = _farther_of(border[i], border[j], distance)
+        _mark(v if v != -1 else _farther_of(inner[i], inner[j], distance), marked)
+
+
+@njit(cache=True, nogil=True)
+def _triple_table(F, three, region, k):
+    """Hash table of the triples of regions that triangles touch, with their numbers of triangles.
+
+    Samples number fewer than 2^21, so three of them fit one integer.
+    """
+    size = 1024
+    while size < 2 * three.shape[0]:
+        size *= 2
+    table, count = np.full(size, -1, dtype=np.int64), np.zeros(size, dtype=np.int64)
+    slots = np.empty(three.shape[0], dtype=np.int64)
+    for r in range(three.shape[0]):
+        f = three[r]
+        i, j, h = np.int64(region[F[f, 0]]), np.int64(region[F[f, 1]]), np.int64(region[F[f, 2]])
+        low, high = min(i, j, h), max(i, j, h)
+        key = (low * k + (i + j + h - low - high)) * k + high
+        slots[r] = _slot(table, key)
+        table[slots[r]] = key
+        count[slots[r]] += 1
+    return table, count, slots
 
 
 @njit(cache=True, nogil=True)
 def _test_triples(F, three, region, distance, is_sample, table, chi, c, inner, marked, failed):
     k = chi.shape[0]
-    corners = np.empty((three.shape[0], 3), dtype=np.int64)
+    triples, count, slots = _triple_table(F, three, region, k)
+    no_disc = np.zeros(triples.shape[0], dtype=np.bool_)
+    for slot in range(triples.shape[0]):
+        if triples[slot] != -1:
+            i, j, h = triples[slot] // k // k, triples[slot] // k % k, triples[slot] % k
+            pairs = c[_slot(table, i * k + j)] + c[_slot(table, i * k + h)] + c[_slot(table, j * k + h)]
+            no_disc[slot] = chi[i] + chi[j] + chi[h] - pairs + count[slot] != 1
+    if not no_disc.any():
+        return
+    refined = np.zeros(triples.shape[0], dtype=np.bool_)
     for r in range(three.shape[0]):
-        for a in range(3):
-            corners[r, a] = region[F[three[r], a]]
-        corners[r].sort()
-    # Samples number fewer than 2^21, so three of them fit one integer.
-    keys = (corners[:, 0] * k + corners[:, 1]) * k + corners[:, 2]
-    order = np.argsort(keys)
-    begin = 0
-    while begin < order.shape[0]:
-        end = begin
-        while end < order.shape[0] and keys[order[end]] == keys[order[begin]]:
-            end += 1
-        i, j, h = corners[order[begin]]
-        pairs = c[_slot(table, i * k + j)] + c[_slot(table, i * k + h)] + c[_slot(table, j * k + h)]
-        if chi[i] + chi[j] + chi[h] - pairs + (end - begin) != 1:
-            failed[i] = True
-            found = False
-            for r in range(begin, end):
-                v = -1
-                for a in range(3):
-                    w = F[three[order[r]], a]
-                    if not is_sample[w]:
-                        v = _farther_of(v, w, distance)
-                if v != -1:
-                    marked[v] = True
-                    found = True
-            if not found:
-                _mark(_farther_of(_farther_of(inner[i], inner[j], distance), inner[h], distance), marked)
-        begin = end
+        if no_disc[slots[r]]:
+            v = -1
+            for a in range(3):
+                w = F[three[r], a]
+                if not is_sample[w]:
+                    v = _farther_of(v, w, distance)
+            if v != -1:
+                marked[v] = refined[slots[r]] = True
+    for slot in np.flatnonzero(no_disc):
+        i, j, h = triples[slot] // k // k, triples[slot] // k % k, triples[slot] % k
+        failed[i] = True
+        if not refined[slot]:
+            _mark(_farther_of(_farther_of(inner[i], inner[j], distance), inner[h], distance), marked)

@@ -27,20 +27,23 @@ def initial_guess(task: DeformationTask, start: Start) -> np.ndarray:
     task : DeformationTask
     start : {"rest", "rigid"}
         ``rigid`` applies the rotation and translation that best carry the
-        handles to their targets.
+        handles to their targets. The task's own guess, if it has one, takes
+        the place of either.
 
     Returns
     -------
     (n, 3) float64
     """
     V, handles = task.mesh.V, task.handles
-    if start == "rest":
+    if start not in ("rest", "rigid"):
+        raise InputError(f"unknown start {start!r}; use 'rest' or 'rigid'")
+    if task.guess is not None:
+        U = np.array(task.guess, dtype=np.float64)
+    elif start == "rest":
         U = V.copy()
-    elif start == "rigid":
+    else:
         R, t = rigid_motion(V[handles.index], handles.target)
         U = V @ R.T + t
-    else:
-        raise InputError(f"unknown start {start!r}; use 'rest' or 'rigid'")
     U[handles.index] = handles.target
     return U
 

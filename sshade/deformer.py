@@ -10,6 +10,7 @@ import numpy as np
 from sshade.binding import Binding, bind
 from sshade.coarse import Energy
 from sshade.errors import InputError
+from sshade.graph import vertex_graph
 from sshade.linalg import Engine
 from sshade.local_global import LocalGlobal, Solution
 from sshade.mesh import Mesh
@@ -80,6 +81,7 @@ class Deformer:
             raise InputError(f"{samplings} samplings were asked for; at least one is needed")
         index = np.array(index, dtype=np.int64)
         self.mesh, self.index, self.workers = mesh, index, workers
+        graph = vertex_graph(mesh)
 
         def make(number: int) -> tuple[Binding, LocalGlobal]:
             binding = bind(
@@ -89,6 +91,7 @@ class Deformer:
                 seed=(seed, number),
                 projection=projection,
                 frame_function=frame_function,
+                graph=graph,
             )
             solver = LocalGlobal(binding.proxy, np.arange(len(index)), energy=energy, engine=engine)
             progress("binding", number + 1, samplings)

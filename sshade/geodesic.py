@@ -9,13 +9,11 @@ than to every older one; k samples cost O(n log n log k) in expectation.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numba import njit
 
 from sshade.errors import InputError
-from sshade.mesh import Mesh
+from sshade.graph import VertexGraph
 
 #: Candidates for the next farthest vertex are gathered down to this fraction of the largest distance.
 _BAND = 0.85
@@ -23,37 +21,6 @@ _BAND = 0.85
 _BAND_EDGES = 4.0
 
 NOWHERE, NEAR, FAR = 0, 1, 2
-
-
-@dataclass(frozen=True, eq=False)
-class VertexGraph:
-    """The edges of a mesh as a compressed sparse row structure.
-
-    Parameters
-    ----------
-    indptr : (n + 1,) int32
-    indices : (2e,) int32
-        Neighbours of each vertex, in ascending order.
-    lengths : (2e,) float64
-        Euclidean edge lengths.
-    boundary : (2e,) bool
-        True where the edge has a single face.
-    """
-
-    indptr: np.ndarray
-    indices: np.ndarray
-    lengths: np.ndarray
-    boundary: np.ndarray
-
-    @property
-    def n(self) -> int:
-        """Number of vertices."""
-        return len(self.indptr) - 1
-
-
-def vertex_graph(mesh: Mesh) -> VertexGraph:
-    """The edge graph of a mesh; O(n)."""
-    return VertexGraph(*_vertex_graph(mesh.V, mesh.F))
 
 
 class Fronts:
@@ -169,58 +136,6 @@ def farthest_point_sampling(graph: VertexGraph, count: int, *, first: np.ndarray
     fronts = Fronts(graph, first)
     fronts.insert_farthest(count - len(first))
     return fronts
-
-
-@njit(cache=True, nogil=True)
-def _vertex_graph(V, F):
-    n, m = V.shape[0], F.shape[0]
-    start = np.zeros(n + 1, dtype=np.int32)
-    for f in range(m):
-        for c in range(3):
-            start[F[f, c] + 1] += 2
-    for i in range(n):
-        start[i + 1] += start[i]
-    # Each face lists, at each corner, its two neighbours: an edge of two faces comes twice.
-    listed = np.empty(start[n], dtype=np.int32)
-    fill = start[:-1].copy()
-    for f in range(m):
-        for c in range(3):
-            i = F[f, c]
-            listed[fill[i]] = F[f, (c + 1) % 3]
-            listed[fill[i] + 1] = F[f, (c + 2) % 3]
-            fill[i] += 2
-
-    indptr = np.zeros(n + 1, dtype=np.int32)
-    for i in range(n):
-        begin, end = start[i], start[i + 1]
-        for p in range(begin + 1, end):
-            key, q = listed[p], p - 1
-            while q >= begin and listed[q] > key:
-                listed[q + 1] = listed[q]
-                q -= 1
-            listed[q + 1] = key
-        distinct = 0
-        for p in range(begin, end):
-            if p == begin or listed[p] != listed[p - 1]:
-                distinct += 1
-        indptr[i + 1] = indptr[i] + distinct
-
-    indices = np.empty(indptr[n], dtype=np.int32)
-    lengths = np.empty(indptr[n], dtype=np.float64)
-    boundary = np.empty(indptr[n], dtype=np.bool_)
-    for i in range(n):
-        out = indptr[i] - 1
-        for p in range(start[i], start[i + 1]):
-            j = listed[p]
-            if p > start[i] and j == listed[p - 1]:
-                boundary[out] = False
-                continue
-            out += 1
-            indices[out] = j
-            boundary[out] = True
-            dx, dy, dz = V[i, 0] - V[j, 0], V[i, 1] - V[j, 1], V[i, 2] - V[j, 2]
-            lengths[out] = np.sqrt(dx * dx + dy * dy + dz * dz)
-    return indptr, indices, lengths, boundary
 
 
 @njit(cache=True, nogil=True)

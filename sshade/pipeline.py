@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Callable
+from concurrent.futures import Future
 from time import perf_counter
 from typing import Literal
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from sshade.binding import bind
 from sshade.errors import InputError
+from sshade.graph import VertexGraph, vertex_graph
 from sshade.local_global import local_global
 from sshade.mesh import Mesh
 from sshade.parallel import in_threads
@@ -26,6 +28,7 @@ def deform(
     frame_function: str | np.ndarray = "extent",
     projection: Literal["fan", "surface"] = "fan",
     handle_mode: Literal["samples", "nearest"] = "samples",
+    warm_start: bool = False,
     workers: int | None = None,
     seed: int = 0,
     progress: Progress = silent,
@@ -50,6 +53,9 @@ def deform(
     handle_mode : {"samples", "nearest"}
         ``samples``: handle vertices are vertices of every proxy. ``nearest``:
         the sample nearest to a handle takes its place, and its motion.
+    warm_start : bool
+        Solve the later proxies from the first one's result instead of from the
+        coarse method's own start: fewer iterations, and all in one basin.
     workers : int, optional
         Threads that share the samplings; by default one a processor. The
         result does not depend on it.
@@ -81,20 +87,34 @@ def deform(
         raise InputError(f"unknown handle mode {handle_mode!r}; use 'samples' or 'nearest'")
     task.mesh.require_manifold()
     task.mesh.require_one_component()
-    one = partial(
-        _one_sampling,
-        task,
-        vertices=vertices,
-        coarse=coarse or local_global,
-        frame_function=frame_function,
-        projection=projection,
-        handle_mode=handle_mode,
-        seed=seed,
-    )
+    begin = perf_counter()
+    graph = vertex_graph(task.mesh)
+    shared = perf_counter() - begin
+    first: Future[np.ndarray] = Future()
 
     def run(number: int) -> DeformationResult:
         stage = f"sampling {number + 1}"
-        return one(number, progress=lambda _, done, total, note="": progress(stage, done, total, note))
+        try:
+            result = _one_sampling(
+                task,
+                number,
+                graph,
+                vertices=vertices,
+                coarse=coarse or local_global,
+                frame_function=frame_function,
+                projection=projection,
+                handle_mode=handle_mode,
+                guess=first.result if warm_start and number else None,
+                seed=seed,
+                progress=lambda _, done, total, note="": progress(stage, done, total, note),
+            )
+        except BaseException as error:
+            if number == 0:
+                first.set_exception(error)
+            raise
+        if number == 0:
+            first.set_result(result.vertices)
+        return result
 
     results = in_threads(run, samplings, workers=workers)
     begin = perf_counter()
@@ -104,6 +124,7 @@ def deform(
     seconds = {
         stage: sum(r.seconds[stage] for r in results) for stage in ("remesh", "bind", "solve", "carry")
     }
+    seconds["remesh"] += shared
     return DeformationResult(
         vertices=total / samplings,
         iterations=float(np.mean([r.iterations for r in results])),
@@ -123,16 +144,18 @@ def deform(
 def _one_sampling(
     task: DeformationTask,
     number: int,
+    graph: VertexGraph,
     *,
     vertices: int,
     coarse: Method,
     frame_function: str | np.ndarray,
     projection: Literal["fan", "surface"],
     handle_mode: str,
+    guess: Callable[[], np.ndarray] | None,
     seed: int,
     progress: Progress,
 ) -> DeformationResult:
-    """M' from one proxy."""
+    """M' from one proxy; `guess` waits for an M' to begin from."""
     binding = bind(
         task.mesh,
         vertices,
@@ -140,10 +163,16 @@ def _one_sampling(
         seed=(seed, number),
         projection=projection,
         frame_function=frame_function,
+        graph=graph,
     )
     begin = perf_counter()
     handles = proxy_handles(task.handles, task.mesh, binding.remesh, mode=handle_mode)
-    proxy_task = DeformationTask(f"{task.name} proxy {number}", binding.proxy, handles)
+    proxy_task = DeformationTask(
+        f"{task.name} proxy {number}",
+        binding.proxy,
+        handles,
+        guess=guess()[binding.remesh.samples] if guess else None,
+    )
     solved = coarse(proxy_task, seed=seed, progress=progress)
     end = perf_counter()
     V, degenerate = binding.carry(solved.vertices)

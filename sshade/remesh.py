@@ -15,7 +15,8 @@ from numba import njit
 
 from sshade.closed_ball import refinements
 from sshade.errors import InputError
-from sshade.geodesic import farthest_point_sampling, vertex_graph
+from sshade.geodesic import farthest_point_sampling
+from sshade.graph import VertexGraph, vertex_graph
 from sshade.mesh import Mesh
 
 #: Rounds of closed-ball refinement after which remeshing gives up.
@@ -51,7 +52,12 @@ class Remesh:
 
 
 def remesh(
-    mesh: Mesh, vertices: int, *, first: np.ndarray | None = None, seed: int | Sequence[int] = 0
+    mesh: Mesh,
+    vertices: int,
+    *,
+    first: np.ndarray | None = None,
+    seed: int | Sequence[int] = 0,
+    graph: VertexGraph | None = None,
 ) -> Remesh:
     """Sample a mesh and triangulate the dual of the samples' regions.
 
@@ -65,6 +71,8 @@ def remesh(
         Vertices that must be samples; they get the first ids, in this order.
     seed : int or sequence of int
         Chooses the random vertex that follows them, on which the rest depends.
+    graph : VertexGraph, optional
+        The mesh's :func:`sshade.graph.vertex_graph`, where several remeshes share it.
 
     Returns
     -------
@@ -93,7 +101,7 @@ def remesh(
         )
     if vertices > len(start):
         start = np.append(start, _random_other_vertex(mesh.n, start, seed))
-    fronts = farthest_point_sampling(vertex_graph(mesh), vertices, first=start)
+    fronts = farthest_point_sampling(graph or vertex_graph(mesh), vertices, first=start)
     rounds, sampled = 0, len(fronts)
     while True:
         new, failed = refinements(mesh.F, fronts)
@@ -128,7 +136,10 @@ def _random_other_vertex(n: int, taken: np.ndarray, seed: int | Sequence[int]) -
         rng = np.random.default_rng(seed)
     except ValueError as error:
         raise InputError(f"seed {np.min(seed)} is negative; use 0 or a positive integer") from error
-    return int(rng.choice(np.setdiff1d(np.arange(n), taken)))
+    vertex = int(rng.integers(n - len(taken)))
+    for other in np.sort(taken):  # the vertex of that rank among those not taken
+        vertex += int(other <= vertex)
+    return vertex
 
 
 def _dual_faces(F: np.ndarray, region: np.ndarray) -> np.ndarray:

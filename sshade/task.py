@@ -186,6 +186,8 @@ class DeformationTask:
     handles : Handles
     truth : (n, 3) float64, optional
         The true deformed positions, where they are known.
+    guess : (n, 3) float64, optional
+        A shape for iterative methods to begin from, whatever their `start`.
     meta : mapping
         Flat facts for the row of a table (subject, pose, ...).
 
@@ -193,13 +195,14 @@ class DeformationTask:
     ------
     InputError
         When a handle is no vertex of the mesh, a component has no handle, or
-        `truth` has another shape than the vertices.
+        `truth` or `guess` have another shape than the vertices.
     """
 
     name: str
     mesh: Mesh
     handles: Handles
     truth: np.ndarray | None = None
+    guess: np.ndarray | None = None
     meta: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -213,8 +216,10 @@ class DeformationTask:
                 f"{int((~held).sum())} of the mesh's {len(held)} components have no handle; "
                 "every component needs at least one"
             )
-        if self.truth is not None and np.shape(self.truth) != mesh.V.shape:
-            raise InputError(f"the truth has shape {np.shape(self.truth)}, the mesh {mesh.V.shape}")
+        for name in ("truth", "guess"):
+            shape = np.shape(getattr(self, name))
+            if getattr(self, name) is not None and shape != mesh.V.shape:
+                raise InputError(f"the {name} has shape {shape}, the mesh {mesh.V.shape}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from sshade import Mesh, closed_ball
 from sshade.closed_ball import refinements
-from sshade.geodesic import Fronts, farthest_point_sampling, vertex_graph
+from sshade.geodesic import Fronts, farthest_point_sampling
+from sshade.graph import vertex_graph
 from tests.shapes import double_torus, icosphere, jittered, strip, tetrahedron, torus, tube
 
 MESHES = {

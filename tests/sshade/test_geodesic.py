@@ -8,7 +8,8 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from sshade import InputError, Mesh
-from sshade.geodesic import Fronts, VertexGraph, farthest_point_sampling, vertex_graph
+from sshade.geodesic import Fronts, farthest_point_sampling
+from sshade.graph import VertexGraph, vertex_graph
 from tests.shapes import block, icosphere, jittered, strip, tetrahedron, torus, tube
 
 
@@ -47,9 +48,8 @@ MESHES = {
     "one triangle": Mesh(np.eye(3) * [1, 2, 3], [[0, 1, 2]]),
     "grid": strip(12, 9),
     "lattice block": block(np.ones((4, 3, 2))),
-    "inconsistent orientation": Mesh(
-        strip(6, 4).V, np.where(np.arange(48)[:, None] % 3 == 0, strip(6, 4).F[:, ::-1], strip(6, 4).F)
-    ),
+    "inside out": Mesh(strip(6, 4).V, strip(6, 4).F[:, ::-1]),
+    "a hole of one vertex's fan": Mesh(icosphere(1).V, icosphere(1).F[1:]),
     "two components": Mesh(
         np.concatenate([tetrahedron().V, tetrahedron().V + 3]),
         np.concatenate([tetrahedron().F, tetrahedron().F + 4]),
@@ -71,13 +71,18 @@ def test_the_graph_equals_a_brute_force_build(name):
     assert np.allclose(graph.lengths, lengths, rtol=4e-16, atol=0)
 
 
-def test_the_graph_does_not_depend_on_orientation():
+def test_the_graph_of_a_mesh_inside_out_is_the_same():
     mesh = MESHES["two boundary loops"]
-    flip = np.random.default_rng(0).random(mesh.m) < 0.5
-    flipped = Mesh(mesh.V, np.where(flip[:, None], mesh.F[:, ::-1], mesh.F))
-    assert not flipped.is_oriented
+    flipped = Mesh(mesh.V, mesh.F[:, ::-1])
     for a, b in zip(vars(vertex_graph(mesh)).values(), vars(vertex_graph(flipped)).values(), strict=True):
         assert np.array_equal(a, b)
+
+
+def test_the_graph_refuses_faces_that_disagree():
+    mesh = MESHES["two boundary loops"]
+    flip = np.arange(mesh.m) % 2 == 0
+    with pytest.raises(InputError, match="oriented"):
+        vertex_graph(Mesh(mesh.V, np.where(flip[:, None], mesh.F[:, ::-1], mesh.F)))
 
 
 def test_lengths_are_the_same_bits_in_both_directions():

@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from sshade import InputError, Mesh
-from sshade.geodesic import vertex_graph
+from sshade.graph import vertex_graph
 from sshade.remesh import Remesh, proxy_mesh, remesh
 from tests.shapes import bumpy, double_torus, icosphere, jittered, strip, tetrahedron, torus, tube
 
