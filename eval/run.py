@@ -57,8 +57,9 @@ def run(
     task : DeformationTask
     method : mapping
         Its configuration: ``_target_``, parameters, and optionally ``warm_up``,
-        the parameters that shrink the untimed first run. ``warm_up: null``
-        leaves that out.
+        the parameters that shrink the untimed first run (``warm_up: null``
+        leaves that out), and ``note``, a sentence that tables show. Neither is
+        part of the key: a kept row keeps the note that it was written with.
     name : str
         The method's name in tables.
     root : path
@@ -124,6 +125,8 @@ def _identity(
     plain = settings(method)
     row: Row = {"seed": seed, "schema": SCHEMA, "method.name": name, "method.hash": config_hash(plain)}
     row |= flat(plain, "method")
+    if "note" in method:
+        row["method.note"] = " ".join(method["note"].split())
     row |= _task_facts(task)
     if source is not None:
         row["task.source"] = json.dumps(source)

@@ -36,7 +36,7 @@ VALID = ("ok", "not_converged")
 
 _GROUPS = ("task.", "method.", "seed", "status", "reason", "iterations", "converged")
 _LATER_GROUPS = ("metric.", "extra.", "seconds.", "peak_mib", "env.", "date", "schema", "key")
-_TEXT_COLUMNS = ("reason", "key", "task.checksum", "task.source", "method.hash", "env.commit")
+_TEXT_COLUMNS = ("reason", "key", "task.checksum", "task.source", "method.hash", "method.note", "env.commit")
 
 
 def run_folder(root: str | os.PathLike[str], row: Row) -> Path:

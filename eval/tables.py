@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import csv
 import io
+import re
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -104,7 +105,7 @@ def make_table(rows: list[Row], *, title: str, with_time: bool = True) -> Table:
     if with_time:
         _check_times(rows)
     columns = tuple(column for column in COLUMNS if with_time or column.unit != "s")
-    names = sorted({row["method.name"] for row in rows}, key=lambda name: (name.startswith("sshade"), name))
+    names = sorted({row["method.name"] for row in rows}, key=_place)
     cases = {_case(row) for row in rows}
     lines = [
         _line(name, [row for row in rows if row["method.name"] == name], cases=cases, columns=columns)
@@ -191,6 +192,12 @@ def _check_times(rows: list[Row]) -> None:
         )
 
 
+def _place(name: str) -> tuple[bool, list[str | int]]:
+    """Where a method stands: ours last, the others by name, numbers in it as such (7000 before 25000)."""
+    parts = re.split(r"(\d+)", name)
+    return name.startswith("sshade"), [int(part) if part.isdigit() else part for part in parts]
+
+
 def _case(row: Row) -> tuple[str, int]:
     return row["task.name"], row["seed"]
 
@@ -227,11 +234,12 @@ def _line(name: str, rows: list[Row], *, cases: set[tuple[str, int]], columns: t
 
 
 def _notes(rows: list[Row]) -> list[str]:
-    """Cases, machine, failures and legend."""
-    cases = {row["task.name"]: row["task.vertices"] for row in rows}
-    low, high = min(cases.values()), max(cases.values())
+    """Cases, machine, failures, the methods' own notes and legend."""
+    cases = {row["task.name"] for row in rows}
+    low, high = (bound(row["task.vertices"] for row in rows) for bound in (min, max))
     size = f"{low:,}" if low == high else f"{low:,} to {high:,}"
-    notes = [f"{len(cases)} cases of {size} vertices; means over the runs with a result."]
+    plural = "" if len(cases) == 1 else "s"
+    notes = [f"{len(cases)} case{plural} of {size} vertices; means over the runs with a result."]
     machines = sorted({row["env.machine"] for row in rows})
     notes.append(f"Machine: {'; '.join(machines)}.")
     for status in ("failed", "timeout", "skipped"):
@@ -243,6 +251,8 @@ def _notes(rows: list[Row]) -> list[str]:
             f"{name}: {len(reasons)} {status} ({sorted(set(reasons))[0]})"
             for name, reasons in sorted(by_method.items())
         ]
+    own = {(row["method.name"], row["method.note"]) for row in rows if row.get("method.note")}
+    notes += [f"{name}: {note}" for name, note in sorted(own, key=lambda pair: (_place(pair[0]), pair[1]))]
     notes.append(
         "Best in bold, second best underlined, among methods with a result for every case. "
         "In brackets after the iterations: runs that converged; the others stopped at the cutoff."

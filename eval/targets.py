@@ -1,10 +1,10 @@
 """Functions named in a configuration: ``_target_``, ``_partial_`` and parameters.
 
-The convention of Hydra's ``instantiate``, with one key more: ``warm_up``. This
-one checks names and simple types of the parameters first, tells a name that does
-not exist (the configuration is wrong) from a library that is not installed (the
-method is to be skipped), and needs no Hydra, so that figures can load the task
-of a row.
+The convention of Hydra's ``instantiate``, with two keys more: ``warm_up``, and
+``note``, a sentence for the foot of a table. This one checks names and simple
+types of the parameters first, tells a name that does not exist (the
+configuration is wrong) from a library that is not installed (the method is to be
+skipped), and needs no Hydra, so that figures can load the task of a row.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Any
 from sshade.errors import InputError
 
 #: Keys of a method's configuration that are not for its function.
-OWN_KEYS = ("_target_", "_partial_", "warm_up")
+OWN_KEYS = ("_target_", "_partial_", "warm_up", "note")
 
 
 def instantiate(config: Mapping[str, Any]) -> Any:
@@ -74,11 +74,11 @@ def target_modules(config: Mapping[str, Any]) -> list[str]:
 
 
 def settings(config: Mapping[str, Any]) -> dict[str, Any]:
-    """A configuration without what does not change the result (``warm_up``, ``_partial_``), nested too."""
+    """A configuration without what does not change the result (all own keys but ``_target_``), nested too."""
     return {
         name: settings(value) if isinstance(value, Mapping) else value
         for name, value in config.items()
-        if name not in ("warm_up", "_partial_")
+        if name == "_target_" or name not in OWN_KEYS
     }
 
 

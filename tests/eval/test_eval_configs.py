@@ -42,7 +42,7 @@ def test_method_composes_and_is_a_method(name):
     assert set(inspect.signature(Method.__call__).parameters) - {"self"} <= set(parameters)
     check_parameters(call.func, plain.get("warm_up") or {}, target=name)
     # Hydra's own instantiate makes the same of it.
-    own = {key: value for key, value in plain.items() if key not in ("warm_up", "coarse")}
+    own = {key: value for key, value in plain.items() if key not in ("warm_up", "note", "coarse")}
     assert hydra_instantiate(own).func is call.func
     assert hydra_instantiate(own).keywords == {k: v for k, v in call.keywords.items() if k != "coarse"}
 

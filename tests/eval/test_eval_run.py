@@ -49,6 +49,14 @@ def test_a_row_holds_everything(task, tmp_path):
     json.loads((outcome.folder / "row.json").read_text(), parse_constant=pytest.fail)
 
 
+def test_a_note_reaches_the_row_and_not_its_key(task, tmp_path):
+    plain = run(task, STRETCHING, name="s", root=tmp_path / "plain")
+    noted = run(task, {**STRETCHING, "note": "after the\n  paper"}, name="s", root=tmp_path / "noted")
+    assert noted.row["method.note"] == "after the paper" and "method.note" not in plain.row
+    assert noted.row["key"] == plain.row["key"] and noted.row["method.hash"] == plain.row["method.hash"]
+    assert run(task, {**STRETCHING, "note": "another"}, name="s", root=tmp_path / "noted").reused
+
+
 def test_stored_vertices_give_the_metrics_again(task, tmp_path):
     outcome = run(task, ARAP, name="arap", root=tmp_path)
     again = measure(task, read_vertices(outcome.folder))

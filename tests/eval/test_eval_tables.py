@@ -71,6 +71,23 @@ def test_markdown(rows):
     assert "bad: 1 failed (ValueError: no)" in notes
 
 
+def test_notes_of_methods_stand_under_the_table_once(rows, tmp_path):
+    note = "after the paper's description"
+    noted = [row("graph", method__note=note), row("graph", "t2", method__note=note), row("arap")]
+    write_csv(tmp_path / "r.csv", noted)
+    for table in (make_table(noted, title="t"), make_table(read_csv(tmp_path / "r.csv"), title="t")):
+        assert to_markdown(table).count(f"- graph: {note}\n") == 1
+        assert to_latex(table).count(f"% graph: {note}\n") == 1
+        assert not any(line.startswith("arap:") for line in table.notes)
+
+
+def test_one_case_at_several_sizes(rows):
+    sizes = (7000, 25000, 2000)
+    table = make_table([row(f"arap-{n}", task__vertices=n) for n in sizes], title="t")
+    assert [line.method for line in table.lines] == ["arap-2000", "arap-7000", "arap-25000"]
+    assert table.notes[0].startswith("1 case of 2,000 to 25,000 vertices")
+
+
 def test_latex(rows):
     lines = [line for line in to_latex(make_table(rows, title="tiny")).splitlines() if line[0] != "%"]
     assert lines == [
