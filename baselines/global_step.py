@@ -1,0 +1,108 @@
+"""What local/global methods share: the prefactored global step, and the loop with the one stopping rule."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from sshade.anderson import largest_move
+from sshade.linalg import Engine, factor
+from sshade.task import Progress
+
+#: Iterations between two calls of the progress callback.
+REPORT_EVERY = 10
+
+
+class GlobalStep:
+    """Solves ``L q = b`` for the free rows of q; the held ones keep their targets.
+
+    Parameters
+    ----------
+    laplacian : (n, n) sparse float64
+        Symmetric, positive semi-definite; see :func:`sshade.cotangents.laplacian_matrix`.
+    held : (k,) int
+        Rows with prescribed positions, at least one per component.
+    targets : (k, 3) float64
+        Those positions, in the mesh's unit of length.
+    engine : {"auto", "superlu", "cholespy"}
+        See :func:`sshade.linalg.factor`.
+
+    Raises
+    ------
+    InputError
+        On an unknown engine.
+    FloatingPointError
+        When the free rows are not positive definite.
+    """
+
+    def __init__(
+        self, laplacian: csr_array, held: np.ndarray, *, targets: np.ndarray, engine: Engine = "auto"
+    ) -> None:
+        free = np.setdiff1d(np.arange(laplacian.shape[0]), held)
+        self._factor = factor(laplacian[free][:, free], engine=engine)
+        self._free = free[self._factor.order]
+        self._fixed = -(laplacian[self._free][:, held] @ targets)
+
+    @property
+    def engine(self) -> str:
+        """Name of the library behind the factorisation."""
+        return self._factor.engine
+
+    def solve(self, B: np.ndarray, out: np.ndarray) -> None:
+        """Write the free rows of the solution for right-hand sides B (n, 3) into `out` (n, 3)."""
+        X = B[self._free]
+        X += self._fixed
+        self._factor.solve_ordered(X)
+        out[self._free] = X
+
+
+def iterate(
+    advance: Callable[[np.ndarray, np.ndarray], None],
+    u: np.ndarray,
+    *,
+    scale: float,
+    tolerance: float,
+    max_iterations: int,
+    progress: Progress,
+) -> tuple[int, float]:
+    """Repeat ``u <- g(u)`` until no vertex moves by more than a tolerance.
+
+    Parameters
+    ----------
+    advance : callable
+        ``advance(u, out)`` writes the free rows of g(u) to `out`.
+    u : (n, 3) float64
+        Where to begin; replaced by the last iterate.
+    scale : float
+        The rest shape's bounding-box diagonal.
+    tolerance : float
+        Residual ``max_i |g(u)_i - u_i| / scale`` under which iteration stops. 0 never stops early.
+    max_iterations : int
+    progress : Progress
+
+    Returns
+    -------
+    iterations : int
+    residual : float
+        Of the last iteration; infinite where there was none.
+
+    Raises
+    ------
+    FloatingPointError
+        When an iterate is not finite.
+    """
+    g = u.copy()
+    iterations, residual = 0, np.inf
+    while iterations < max_iterations and residual >= tolerance:
+        advance(u, g)
+        residual = float(largest_move(g, u)) / scale
+        iterations += 1
+        if not np.isfinite(residual):
+            raise FloatingPointError(f"the positions are not finite after {iterations} iterations")
+        u[:] = g
+        if iterations % REPORT_EVERY == 0:
+            progress("iterations", iterations, max_iterations, f"residual {residual:.1e}")
+    progress("iterations", iterations, max_iterations, f"residual {residual:.1e}")
+    return iterations, residual

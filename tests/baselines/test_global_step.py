@@ -1,0 +1,69 @@
+"""The prefactored global step, and the loop with the stopping rule."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from baselines.global_step import REPORT_EVERY, GlobalStep, iterate
+from sshade.cotangents import edge_weights, half_cotangents, laplacian_matrix
+from sshade.task import silent
+
+
+def run(advance, u, **changes):
+    values = {"scale": 2.0, "tolerance": 1e-3, "max_iterations": 50, "progress": silent}
+    return iterate(advance, u, **{**values, **changes})
+
+
+def halve(u, out):
+    out[:] = 0.5 * u
+
+
+def test_global_step_solves_the_free_rows_and_leaves_the_held_ones(small_body):
+    edges, weights = edge_weights(small_body, half_cotangents(small_body))
+    L = laplacian_matrix(small_body.n, edges, weights)
+    rng = np.random.default_rng(0)
+    held = rng.permutation(small_body.n)[:12]
+    B, q = rng.normal(size=(small_body.n, 3)), np.full((small_body.n, 3), 7.0)
+    targets = rng.normal(size=(12, 3))
+    GlobalStep(L, held, targets=targets).solve(B, q)
+    np.testing.assert_array_equal(q[held], 7.0)
+    q[held] = targets
+    free = np.setdiff1d(np.arange(small_body.n), held)
+    np.testing.assert_allclose((L @ q)[free], B[free], atol=1e-11)
+
+
+def test_the_loop_stops_at_the_first_move_under_the_tolerance():
+    u = np.zeros((2, 3))
+    u[1, 2] = 1.0
+    # Moves of 2^-1, 2^-2, ... over a scale of 2: the ninth is the first under 1e-3.
+    assert run(halve, u) == (9, 2.0**-10)
+    assert u[1, 2] == 2.0**-9
+
+
+def test_the_loop_stops_at_the_cutoff_and_reports():
+    seen = []
+    u = np.ones((1, 3))
+    iterations, residual = run(
+        halve,
+        u,
+        tolerance=0,
+        max_iterations=2 * REPORT_EVERY + 1,
+        progress=lambda stage, done, total, note="": seen.append((stage, done, total)),
+    )
+    assert iterations == 2 * REPORT_EVERY + 1 and residual > 0
+    assert seen == [("iterations", done, iterations) for done in (REPORT_EVERY, 2 * REPORT_EVERY, iterations)]
+
+
+def test_no_iterations_leave_the_start():
+    u = np.ones((1, 3))
+    assert run(halve, u, max_iterations=0) == (0, np.inf)
+    np.testing.assert_array_equal(u, 1.0)
+
+
+def test_an_iterate_that_is_not_finite_ends_the_loop():
+    def diverge(u, out):
+        out[:] = np.nan
+
+    with pytest.raises(FloatingPointError, match="not finite after 1 iterations"):
+        run(diverge, np.ones((1, 3)))
