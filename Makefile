@@ -1,5 +1,6 @@
 # make tables   the main job: builds a small DeFAUST, runs the methods, writes results/
 # make test     lint, architecture rules, tests, the small benchmark
+# make bench    speed against libigl at full size, scaling to 5 million vertices (a quarter of an hour)
 # The first use of either makes .venv and installs; PYTHON=... picks another interpreter.
 
 PYTHON ?= python3
@@ -9,7 +10,11 @@ READY  := $(VENV)/.installed
 QUICK  := data/defaust_20k
 CI     := data/defaust_5k
 
-.PHONY: tables test ci-benchmark clean
+FULL   := data/defaust_170k
+SIZES  := 10000 30000 25000 18750 28125 15625 11719 19532
+BASES  := $(SIZES:%=data/bench/%)
+
+.PHONY: tables test ci-benchmark bench clean
 
 tables: $(READY) $(QUICK)/dataset.json
 	$(BIN)/python -m eval -m experiment=quick dataset.root=$(QUICK)
@@ -27,6 +32,16 @@ test: $(READY)
 
 ci-benchmark: $(READY) $(CI)/dataset.json
 	$(BIN)/python -m eval -m experiment=ci dataset.root=$(CI)
+
+bench: $(READY) $(FULL)/dataset.json $(BASES:%=%/dataset.json)
+	$(BIN)/python -m eval.bench $(FULL)/subject_00/rest.ply $(FULL)/subject_00/pose_1.json --full \
+	  --scaling $(BASES:%=%/subject_00/rest.ply) --plot results/figures/scaling.svg
+
+$(FULL)/dataset.json: $(READY)
+	$(BIN)/defaust build source=synthetic out=$(FULL) subjects=[0]
+
+data/bench/%/dataset.json: $(READY)
+	$(BIN)/defaust build source=synthetic out=data/bench/$* subjects=[0] target_vertices=$*
 
 $(QUICK)/dataset.json: $(READY)
 	$(BIN)/defaust build source=synthetic out=$(QUICK) subjects=[0,1] target_vertices=20000

@@ -10,7 +10,7 @@ from time import perf_counter
 
 import numpy as np
 
-from sshade.console import progress_bar, run_command
+from sshade.console import announced_compilation, progress_bar, run_command
 from sshade.errors import InputError
 from sshade.files import replacing
 from sshade.meshio import SUFFIXES, check_output, read_arrays, read_mesh, repair, write_mesh
@@ -49,7 +49,12 @@ carries the edit back:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     arguments = _parser().parse_args(argv)
-    return run_command(lambda: arguments.run(arguments))
+
+    def run() -> int:
+        with announced_compilation():
+            return arguments.run(arguments)
+
+    return run_command(run)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -70,7 +75,7 @@ def _parser() -> argparse.ArgumentParser:
     deform.add_argument(
         "--samplings", type=int, default=5, metavar="K", help="proxies averaged (default: 5, as the paper)"
     )
-    deform.add_argument("--workers", type=int, metavar="W", help="threads (default: one a processor)")
+    deform.add_argument("--workers", type=int, metavar="W", help="threads (default: two a processor)")
     deform.add_argument("--raw", action="store_true", help="take targets as they are, not moved by the snap")
     deform.add_argument(
         "--repair",

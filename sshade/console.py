@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from time import perf_counter
 
 from sshade.errors import InputError
 from sshade.task import Progress, silent
@@ -36,6 +37,36 @@ def progress_bar() -> Iterator[Progress]:
             bars.update(tasks[stage], completed=done, total=total, note=note)
 
         yield progress
+
+
+@contextmanager
+def announced_compilation() -> Iterator[None]:
+    """Say so on standard error when kernels are compiled, as at their first use, and how long it took."""
+    from numba.core import event
+
+    class Announce(event.Listener):
+        """Times the outermost of nested compilations, of all threads together."""
+
+        def __init__(self) -> None:
+            self.depth, self.begin, self.seconds = 0, 0.0, 0.0
+
+        def on_start(self, _: event.Event) -> None:
+            if self.depth == 0:
+                if self.seconds == 0.0:
+                    print("compiling kernels, once for this installation ...", file=sys.stderr)  # noqa: T201
+                self.begin = perf_counter()
+            self.depth += 1
+
+        def on_end(self, _: event.Event) -> None:
+            self.depth -= 1
+            if self.depth == 0:
+                self.seconds += perf_counter() - self.begin
+
+    listener = Announce()
+    with event.install_listener("numba:compile", listener):
+        yield
+    if listener.seconds:
+        print(f"compiled in {listener.seconds:.1f} s; later calls start at once", file=sys.stderr)  # noqa: T201
 
 
 def run_command(main: Callable[[], int]) -> int:

@@ -94,7 +94,7 @@ def write_handles(path: str | os.PathLike[str], handles: Handles) -> None:
 def _from_json(data: Any, mesh: Mesh, *, raw: bool, vertex: np.ndarray) -> Handles:
     if not isinstance(data, dict) or not isinstance(data.get("handles"), list):
         raise InputError('expected an object with a list "handles"')
-    parts = []
+    parts, placed = [], []
     for number, entry in enumerate(data["handles"]):
         if not isinstance(entry, dict):
             raise InputError(f"entry {number} of handles is no object")
@@ -110,7 +110,10 @@ def _from_json(data: Any, mesh: Mesh, *, raw: bool, vertex: np.ndarray) -> Handl
         if "vertices" in entry:
             parts.append(_by_vertex(entry, number, mesh, kind == "dynamic", raw, vertex))
         else:
-            parts.append(_by_position(entry, number, mesh, kind == "dynamic", raw))
+            placed.append(_by_position(entry, number, kind == "dynamic"))
+    if placed:  # one search tree serves them all
+        source, target, dynamic, group = (np.concatenate(column) for column in zip(*placed, strict=True))
+        parts.append(Handles.from_positions(mesh, source, target, dynamic=dynamic, group=group, raw=raw))
     if not parts:
         raise InputError("there are no handles; at least one vertex needs a prescribed position")
     return _joined(parts)
@@ -139,20 +142,22 @@ def _by_vertex(entry: dict, number: int, mesh: Mesh, dynamic: bool, raw: bool, v
     return Handles(index, target, dynamic=np.full(k, dynamic), group=np.full(k, number))
 
 
-def _by_position(entry: dict, number: int, mesh: Mesh, dynamic: bool, raw: bool) -> Handles:
+def _by_position(
+    entry: dict, number: int, dynamic: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Sources, targets, dynamic flags and group numbers of an entry."""
     source = _points(entry["source"], f'"source" of entry {number}')
     target = _points(entry.get("target", entry["source"]), f'"target" of entry {number}')
-    if len(source) != len(target):
-        raise InputError(f"entry {number}: {len(source)} handles have {len(target)} targets; each needs one")
     k = len(source)
-    return Handles.from_positions(
-        mesh, source, target, dynamic=np.full(k, dynamic), group=np.full(k, number), raw=raw
-    )
+    if len(target) != k:
+        raise InputError(f"entry {number}: {k} handles have {len(target)} targets; each needs one")
+    return source, target, np.full(k, dynamic), np.full(k, number)
 
 
 def _joined(parts: list[Handles]) -> Handles:
     names = ("index", "target", "dynamic", "group", "snap_distance")
-    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    order = np.argsort(np.concatenate([part.group for part in parts]), kind="stable")
+    joined = {name: np.concatenate([getattr(part, name) for part in parts])[order] for name in names}
     return Handles(**joined, merged=sum(part.merged for part in parts))
 
 

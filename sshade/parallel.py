@@ -18,14 +18,16 @@ def in_threads(piece: Callable[[int], Result], count: int, *, workers: int | Non
     piece : callable
     count : int
     workers : int, optional
-        Threads at most; by default one a processor. With one, the calling thread works.
+        Threads at most; by default two a processor, so that the scheduler evens out a
+        number of pieces that the processors do not divide. With one, the calling
+        thread works.
 
     Raises
     ------
     Exception
         The first error of a piece, in their order; pieces not yet begun are dropped.
     """
-    workers = min(workers or os.cpu_count() or 1, count)
+    workers = min(workers or 2 * (os.cpu_count() or 1), count)
     if workers == 1:
         return [piece(i) for i in range(count)]
     with ThreadPoolExecutor(max_workers=workers) as pool:

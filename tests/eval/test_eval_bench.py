@@ -1,0 +1,63 @@
+"""The benchmark command on a small mesh: it runs, and says what it promises."""
+
+import re
+
+import numpy as np
+import pytest
+
+from eval.bench.__main__ import main
+from eval.bench.scaling import scaling
+from eval.bench.timing import take_turns
+from eval.warmup import tiny_task
+from sshade.handlesio import write_handles
+from sshade.meshio import write_mesh
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder, task = tmp_path_factory.mktemp("bench"), tiny_task()
+    write_mesh(folder / "rest.ply", task.mesh.V, task.mesh.F)
+    write_handles(folder / "pose.json", task.handles)
+    return folder / "rest.ply", folder / "pose.json"
+
+
+def test_every_section_prints_its_figures(files, capsys):
+    small = ["--vertices", "150", "--samplings", "2", "1", "--repeats", "1", "--block", "2", "--full"]
+    assert main([*map(str, files), *small]) == 0
+    printed = capsys.readouterr().out
+    for pattern in (
+        r"elastic \(libigl\): precomputation .* extrapolated from 1 x 2",
+        r"sshade, 2 samplings: .* faster than 1000 iterations",
+        r"sshade, 1 sampling: .* faster than 1000 iterations",
+        r"remesh \(one thread\): .* iterations of elastic",
+        r"Cholesky factorisation: superlu .* of the fastest",
+        r"warm start moves the result by",
+        r"elastic, (stopping rule|1000 iterations): .* residual",
+        r"warm cache: \d",
+        r"deformations a second",
+        r"released and solved to a residual of",
+    ):
+        assert re.search(pattern, printed), pattern
+
+
+def test_scaling_measures_the_nearest_subdivisions(files, tmp_path):
+    lines = []
+    plot = tmp_path / "plots/scaling.svg"
+    scaling([files[0]], files[1], lines.append, vertices=150, repeats=1, sizes=(600, 2500, 2600), plot=plot)
+    sizes = [int(line.split()[0]) for line in lines[1:3]]
+    assert sizes == [642, 2562]  # two of the wanted sizes share one
+    assert "log-log slope" in lines[3]
+    assert plot.stat().st_size > 0
+
+
+def test_runs_take_turns():
+    order = []
+    timings = take_turns({"a": lambda: order.append("a"), "b": lambda: order.append("b")}, 3)
+    assert order == ["a", "b"] * 3
+    assert [len(timing.seconds) for timing in timings.values()] == [3, 3]
+    assert timings["a"].median == np.median(timings["a"].seconds)
+
+
+def test_missing_files_end_in_one_sentence(tmp_path, capsys):
+    assert main([str(tmp_path / "no.ply"), str(tmp_path / "no.json")]) == 2
+    assert capsys.readouterr().err.startswith("error: ")
