@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh, bind, deform
-from sshade.coarse import libigl_arap
+from sshade.coarse import initial_guess, libigl_arap
+from sshade.graph import vertex_graph
 from sshade.pipeline import proxy_handles
 from sshade.remesh import Remesh, proxy_mesh, remesh
 from sshade.task import rigid_motion, silent
@@ -250,3 +251,60 @@ def test_unsuitable_meshes_are_refused_before_any_work(body):
         task = DeformationTask("bad", mesh, Handles([0, mesh.n - 1], mesh.V[[0, -1]]))
         with pytest.raises(InputError, match=words):
             deform(task, vertices=60)
+
+
+def test_the_first_result_starts_the_others(body_task):
+    """Each later proxy's task carries the first M' at its samples as a guess, on any number of threads."""
+    results = {}
+
+    def solver(task, *, seed, progress=silent) -> DeformationResult:
+        result = bending(task, seed=seed)
+        results[task.name] = (task, result)
+        return result
+
+    for workers in (1, 2, 3):
+        results.clear()
+        deform(body_task, vertices=70, samplings=3, coarse=solver, warm_start=True, workers=workers, seed=2)
+        number = {int(name.split()[-1]): run for name, run in results.items()}
+        first, solved = number[0]
+        assert first.guess is None
+        binding = bind(body_task.mesh, 70, first=body_task.handles.index, seed=(2, 0))
+        carried = binding.carry(solved.vertices)[0]
+        for i in (1, 2):
+            remeshed = remesh(body_task.mesh, 70, first=body_task.handles.index, seed=(2, i))
+            assert np.array_equal(number[i][0].guess, carried[remeshed.samples])
+
+
+def test_a_warm_start_saves_iterations_and_moves_the_result_little(body_task):
+    cold = deform(body_task, vertices=100, samplings=3)
+    warm = deform(body_task, vertices=100, samplings=3, warm_start=True)
+    assert warm.iterations < cold.iterations
+    gap = np.linalg.norm(warm.vertices - cold.vertices, axis=1).max() / body_task.mesh.diagonal
+    assert 0 < gap < 1e-3
+
+
+@pytest.mark.parametrize("workers", [1, 2, 3])
+def test_an_error_in_the_first_sampling_ends_those_that_wait_for_it(body_task, workers):
+    def failing(task, *, seed, progress=silent) -> DeformationResult:
+        raise FloatingPointError("no luck")
+
+    with pytest.raises(FloatingPointError, match="no luck"):
+        deform(body_task, vertices=70, samplings=3, coarse=failing, warm_start=True, workers=workers)
+
+
+def test_a_guess_takes_the_place_of_the_start(body_task):
+    guess = bent(body_task.mesh.V, 0.2)
+    task = DeformationTask("guess", body_task.mesh, body_task.handles, guess=guess)
+    expected = guess.copy()
+    expected[task.handles.index] = task.handles.target
+    for start in ("rest", "rigid"):
+        assert np.array_equal(initial_guess(task, start), expected)
+    with pytest.raises(InputError, match="guess has shape"):
+        DeformationTask("guess", body_task.mesh, body_task.handles, guess=guess[1:])
+
+
+def test_a_shared_graph_changes_no_bit():
+    mesh = bumpy(3)
+    alone, shared = remesh(mesh, 90, seed=1), remesh(mesh, 90, seed=1, graph=vertex_graph(mesh))
+    for name, value in vars(alone).items():
+        assert np.array_equal(value, getattr(shared, name)), name
