@@ -80,8 +80,9 @@ def arap_sr(
     start : {"rest", "rigid"}
         See :func:`sshade.coarse.initial_guess`.
     first_step : {"local", "global"}
-        ``global`` begins with the start's rotation everywhere and forgets its positions, as
-        CGAL does; where an energy has several minima this may lead to another one.
+        ``global`` begins with the start's rotations and forgets its positions, as CGAL does;
+        where the energy has several minima this may lead to another one. The rotations are
+        those that fit the task's guess, or else one for all.
     engine : {"auto", "superlu", "cholespy"}
         See :func:`sshade.linalg.factor`.
     seed : int
@@ -132,6 +133,8 @@ def arap_sr(
         global_step.solve(B, out)
 
     u = U[order]
+    if task.guess is not None:
+        cells.fit(u, Q, R, smooth=False)
     iterations, residual = iterate(
         advance,
         u,
@@ -205,9 +208,10 @@ class _Cells:
         x, y, z, w = Rotation.from_matrix(R0).as_quat()
         return np.tile([w, x, y, z], (n, 1)), np.tile(R0.ravel(), (n, 1))
 
-    def fit(self, P: np.ndarray, Q: np.ndarray, R: np.ndarray) -> None:
+    def fit(self, P: np.ndarray, Q: np.ndarray, R: np.ndarray, *, smooth: bool = True) -> None:
         """One sweep: fit all rotations to positions P (n, 3), replacing Q and R."""
-        _sweep(self._start, self._neighbour, self._edges, self._smooth, self._first, P, Q, R)
+        weight = self._smooth if smooth else np.zeros_like(self._smooth)
+        _sweep(self._start, self._neighbour, self._edges, weight, self._first, P, Q, R)
 
 
 def _symmetric(mesh: Mesh, values: np.ndarray, *, edges: np.ndarray):

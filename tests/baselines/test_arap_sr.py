@@ -215,3 +215,13 @@ def test_several_components(small_body):
 def test_bad_parameters_are_refused(small_body, change, message):
     with pytest.raises(InputError, match=message):
         arap_sr(held_ends(small_body), **change)
+
+
+def test_begins_from_the_guess_of_the_task(body):
+    """Its rotations are fitted to the guess: from the result, one iteration is as small as the last."""
+    task = held_ends(body)
+    result = arap_sr(task, alpha=1e-5, tolerance=1e-5, max_iterations=2000)
+    again = DeformationTask("again", body, task.handles, guess=result.vertices)
+    assert result.converged
+    assert arap_sr(again, alpha=1e-5, tolerance=0, max_iterations=1).extra["residual"] < 1e-4
+    assert arap_sr(task, alpha=1e-5, tolerance=0, max_iterations=1).extra["residual"] > 1e-2

@@ -1,0 +1,218 @@
+"""The deformation graph against plain loops: its edges, its bindings, its solver and its blend."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
+
+from baselines.deformation_graph import deformation_graph
+from baselines.node_graph import FEWEST_NEIGHBOURS, bind_to_nodes, node_graph
+from sshade.errors import InputError
+from sshade.geodesic import farthest_point_sampling
+from sshade.graph import vertex_graph
+from sshade.mesh import Mesh
+from sshade.task import DeformationTask, Handles
+from tests.baselines.tasks import held_ends
+from tests.shapes import block, family, jittered, strip
+
+
+def sampled(mesh, nodes, first=(0,)):
+    graph = vertex_graph(mesh)
+    return graph, farthest_point_sampling(graph, nodes, first=np.array(first))
+
+
+def neighbours_of(edges, k):
+    star = [set() for _ in range(k)]
+    for i, j in edges.tolist():
+        star[i].add(j)
+        star[j].add(i)
+    return star
+
+
+def lengths(mesh):
+    return np.linalg.norm(mesh.V[mesh.edges[:, 0]] - mesh.V[mesh.edges[:, 1]], axis=1)
+
+
+@pytest.mark.parametrize("name", family())
+def test_nodes_are_connected_where_their_regions_touch(name):
+    mesh = family()[name]
+    _, fronts = sampled(mesh, 40)
+    region = fronts.region
+    touching = {tuple(sorted((region[i], region[j]))) for i, j in mesh.edges if region[i] != region[j]}
+    edges = node_graph(mesh, fronts).edges
+    found = [tuple(edge) for edge in edges.tolist()]
+    assert found == sorted(set(found)) and all(i < j for i, j in found)
+    assert touching <= set(found)
+    star = neighbours_of(edges, 40)
+    before = neighbours_of(np.array(sorted(touching)), 40)
+    for i, j in set(found) - touching:
+        assert min(len(before[i]), len(before[j])) < FEWEST_NEIGHBOURS
+    assert all(len(s) >= FEWEST_NEIGHBOURS for s in star)
+
+
+def test_a_chain_of_nodes_gets_edges_until_every_rotation_is_determined():
+    mesh = jittered(strip(60, 1), 0.05)
+    _, fronts = sampled(mesh, 12)
+    coarse = node_graph(mesh, fronts)
+    touching = {frozenset(pair) for pair in fronts.region[mesh.edges].tolist() if pair[0] != pair[1]}
+    assert any(sum(i in pair for pair in touching) < FEWEST_NEIGHBOURS for i in range(12))
+    for i, star in enumerate(neighbours_of(coarse.edges, 12)):
+        assert len(star) >= FEWEST_NEIGHBOURS
+        singular = np.linalg.svd(coarse.P[sorted(star)] - coarse.P[i], compute_uv=False)
+        assert singular[1] ** 2 > 1e-6 * singular[0] ** 2
+
+
+def test_nodes_on_one_line_take_all_others_and_give_up():
+    mesh = strip(20, 1)
+    _, fronts = sampled(mesh, 5, first=(0, 8, 16, 24, 32))  # all on one side of the strip
+    coarse = node_graph(mesh, fronts)
+    assert np.ptp(coarse.P[:, 1]) == 0
+    assert len(coarse.edges) == 5 * 4 / 2
+
+
+@pytest.mark.parametrize("name", family())
+@pytest.mark.parametrize("blended", [1, 4, 8])
+def test_binding_equals_plain_loops(name, blended):
+    mesh = family()[name]
+    graph, fronts = sampled(mesh, 30)
+    edges = node_graph(mesh, fronts).edges
+    bound = bind_to_nodes(graph, fronts, edges=edges, blended=blended)
+    star = neighbours_of(edges, 30)
+    i, j = mesh.edges.T
+    adjacency = coo_array((lengths(mesh), (i, j)), shape=(mesh.n, mesh.n)).tocsr()
+    distance = np.full((mesh.n, 30), np.inf)
+    for m in range(30):
+        inside = np.flatnonzero(np.isin(fronts.region, [m, *star[m]]))
+        at = int(np.searchsorted(inside, fronts.samples[m]))
+        within = adjacency[inside][:, inside]
+        distance[inside, m] = dijkstra(within, directed=False, indices=at)
+    for v in range(mesh.n):
+        order = [m for m in np.argsort(distance[v], kind="stable") if np.isfinite(distance[v, m])]
+        used = order[: min(blended, len(order) - 1)]
+        d_max = distance[v, order[len(used)]]
+        phi = (1 - distance[v, used] / d_max) ** 2
+        phi = phi / phi.sum() if phi.sum() > 0 else np.full(len(used), 1 / len(used))
+        assert bound.node[v].tolist()[: len(used)] == used
+        assert (bound.node[v, len(used) :] == -1).all() and (bound.weight[v, len(used) :] == 0).all()
+        np.testing.assert_allclose(bound.weight[v, : len(used)], phi, atol=1e-12)
+
+
+def test_nodes_equally_far_count_the_same():
+    mesh = strip(2, 2)  # the centre is one or sqrt(2) edges from the others
+    graph, fronts = sampled(mesh, 4, first=(1, 3, 5, 7))
+    bound = bind_to_nodes(graph, fronts, edges=node_graph(mesh, fronts).edges, blended=3)
+    np.testing.assert_allclose(bound.weight[4], 1 / 3)
+
+
+def test_a_single_node_carries_everything():
+    mesh = strip(3, 2)
+    task = DeformationTask("one", mesh, Handles(np.array([0]), mesh.V[[0]] + [1.0, 2, 3]))
+    result = deformation_graph(task, nodes=1)
+    np.testing.assert_allclose(result.vertices, mesh.V + [1.0, 2, 3], atol=1e-12)
+
+
+def prongs() -> Mesh:
+    """A fork of two prongs, 1 apart and 8 long."""
+    solid = np.ones((3, 1, 10))
+    solid[1, 0, 2:] = 0
+    return jittered(block(solid, cells=3), 0.02)
+
+
+def test_a_prong_does_not_follow_the_other_one():
+    mesh = prongs()
+    graph, fronts = sampled(mesh, 60)
+    bound = bind_to_nodes(graph, fronts, edges=node_graph(mesh, fronts).edges, blended=4)
+    P = mesh.V[fronts.samples]
+    left, high = mesh.V[:, 0] < 1.5, mesh.V[:, 2] > 5
+    followed = (P[bound.node, 0] < 1.5) == left[:, None]
+    assert followed[high][bound.weight[high] > 0].all()
+    _, euclidean = cKDTree(P).query(mesh.V[high], k=4)
+    assert not ((P[euclidean, 0] < 1.5) == left[high][:, None]).all()
+
+
+def reference(task, *, nodes, iterations):
+    """Local/global with dense matrices and LAPACK's SVD on the graph; the blend vertex by vertex."""
+    mesh, h = task.mesh, len(task.handles)
+    graph, fronts = sampled(mesh, nodes, first=task.handles.index)
+    coarse = node_graph(mesh, fronts)
+    bound = bind_to_nodes(graph, fronts, edges=coarse.edges, blended=4)
+    P, star = coarse.P, [sorted(s) for s in neighbours_of(coarse.edges, nodes)]
+    L = np.zeros((nodes, nodes))
+    for i, s in enumerate(star):
+        L[i, i], L[i, s] = len(s), -1
+
+    def rotations(q):
+        S = np.stack([(P[i] - P[s]).T @ (q[i] - q[s]) for i, s in enumerate(star)])
+        U, _, Vt = np.linalg.svd(S)
+        U[:, :, 2] *= np.linalg.det(U @ Vt)[:, None]
+        return (U @ Vt).transpose(0, 2, 1)
+
+    q = P.copy()
+    q[:h] = task.handles.target
+    for _ in range(iterations):
+        R = rotations(q)
+        b = np.stack([sum((R[i] + R[j]) / 2 @ (P[i] - P[j]) for j in s) for i, s in enumerate(star)])
+        q[h:] = np.linalg.solve(L[h:, h:], b[h:] - L[h:, :h] @ q[:h])
+    R = rotations(q)
+    V = np.zeros_like(mesh.V)
+    for v in range(mesh.n):
+        for m, phi in zip(bound.node[v], bound.weight[v], strict=True):
+            if phi > 0:
+                V[v] += phi * (R[m] @ (mesh.V[v] - P[m]) + q[m])
+    return V
+
+
+def test_equals_a_dense_implementation_to_rounding(body):
+    task = held_ends(body, share=0.05)
+    result = deformation_graph(task, nodes=120, tolerance=0, max_iterations=15)
+    expected = reference(task, nodes=120, iterations=15)
+    index, target = task.handles.index, task.handles.target
+    before = np.linalg.norm(expected[index] - target, axis=1).mean() / body.diagonal
+    assert before > 1e-6
+    assert result.extra["handle_before"] == pytest.approx(before, rel=1e-6)
+    np.testing.assert_array_equal(result.vertices[index], target)
+    expected[index] = target
+    assert np.abs(result.vertices - expected).max() < 1e-9 * body.diagonal
+
+
+@pytest.mark.parametrize("nodes", [60, 10_000])
+def test_a_rigid_start_ends_at_once_where_the_motion_is_rigid(body, nodes):
+    R, t = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), np.array([3.0, 0, -1])
+    index = np.arange(0, body.n, 40)
+    task = DeformationTask("rigid", body, Handles(index, body.V[index] @ R.T + t))
+    result = deformation_graph(task, nodes=nodes, start="rigid")
+    assert result.iterations == 1 and result.converged
+    assert result.extra["nodes"] == min(nodes, body.n)
+    assert np.abs(result.vertices - (body.V @ R.T + t)).max() < 1e-9 * body.diagonal
+
+
+def test_stops_by_the_residual_of_the_nodes(body):
+    result = deformation_graph(held_ends(body, share=0.05), nodes=100, tolerance=1e-4)
+    assert result.converged and 1 < result.iterations < 1000 and result.extra["residual"] < 1e-4
+    cut = deformation_graph(held_ends(body, share=0.05), nodes=100, tolerance=1e-4, max_iterations=3)
+    assert cut.converged is False and cut.iterations == 3
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"blended": 0}, "0 blended nodes"),
+        ({"nodes": 3}, "3 samples cannot hold the"),
+        ({"start": "nowhere"}, "unknown start"),
+        ({"engine": "steam"}, "unknown engine"),
+    ],
+)
+def test_bad_parameters_are_refused(small_body, change, message):
+    with pytest.raises(InputError, match=message):
+        deformation_graph(held_ends(small_body), **change)
+
+
+def test_a_mesh_that_is_not_manifold_is_refused(small_body):
+    F = np.concatenate([small_body.F, [[0, small_body.F[0, 1], small_body.n]], small_body.F[:1]])
+    V = np.concatenate([small_body.V, [[9.0, 9, 9]]])
+    task = DeformationTask("fin", Mesh(V, F), Handles(np.array([0]), V[[0]]))
+    with pytest.raises(InputError, match="not manifold"):
+        deformation_graph(task)
