@@ -1,0 +1,183 @@
+"""Vertex frames against igl's gradient and a strip bent by hand, and the pose transfer they give."""
+
+from __future__ import annotations
+
+import igl
+import numpy as np
+import pytest
+
+from baselines.vertex_frames import transfer_pose, vertex_frames
+from sshade.errors import InputError
+from sshade.frames import FLAT
+from sshade.mesh import Mesh
+from tests.shapes import bent, family, jittered, rotation, strip, tetrahedron
+
+
+def edit(mesh, amount=0.1):
+    """A rest mesh with dents, which no rigid motion undoes."""
+    return mesh.V + amount * np.sin(np.roll(mesh.V, 1, axis=1) * 5) * mesh.diagonal / 10
+
+
+def gradients(mesh, V, values):
+    """(n, c, 3) tangential parts of area-weighted mean gradients, and (n, 3) normals, by igl and loops."""
+    G = igl.grad(V, mesh.F)
+    area = igl.doublearea(V, mesh.F) / 2
+    faces = Mesh(V, mesh.F).face_normals
+    per_face = np.stack([(G @ f).reshape(3, -1).T for f in values.T], axis=1)
+    mean, normal = np.zeros((mesh.n, values.shape[1], 3)), np.zeros((mesh.n, 3))
+    for v in range(mesh.n):
+        at = np.flatnonzero((v == mesh.F).any(axis=1))
+        normal[v] = area[at] @ faces[at]
+        normal[v] /= np.linalg.norm(normal[v])
+        mean[v] = np.einsum("t,tfx->fx", area[at], per_face[at]) / area[at].sum()
+        mean[v] -= np.outer(mean[v] @ normal[v], normal[v])
+    return mean, normal
+
+
+@pytest.mark.parametrize("name", family())
+@pytest.mark.parametrize("function", ["extent", "x", "given"])
+def test_frames_equal_those_of_igl_gradient(name, function):
+    mesh = family()[name]
+    if function == "given":
+        f = np.cos(2 * mesh.V[:, 0]) + mesh.V[:, 1] ** 2
+        scaled = f * mesh.diagonal / np.ptp(f)
+    else:
+        axis = 0 if function == "x" else int(np.argmax(np.ptp(mesh.V, axis=0)))
+        f, scaled = function, mesh.V[:, axis]
+    values = np.column_stack([scaled, mesh.V])
+    at_rest = np.linalg.norm(gradients(mesh, mesh.V, values)[0], axis=2)
+    chosen = np.where(at_rest[:, 0] < FLAT, 1 + at_rest[:, 1:].argmax(axis=1), 0)
+    posed = bent(mesh.V)
+    for V in (mesh.V, posed):
+        mean, z = gradients(mesh, V, values)
+        y = np.cross(z, mean[np.arange(mesh.n), chosen])
+        y /= np.linalg.norm(y, axis=1, keepdims=True)
+        expected = np.stack([np.cross(y, z), y, z], axis=2)
+        np.testing.assert_allclose(vertex_frames(mesh, V, function=f), expected, atol=1e-8)
+
+
+def test_the_family_has_vertices_where_the_function_is_replaced():
+    mesh = family()["double torus"]
+    values = np.column_stack([mesh.V[:, 0], mesh.V])
+    length = np.linalg.norm(gradients(mesh, mesh.V, values)[0], axis=2)
+    assert 0 < (length[:, 0] < FLAT).sum() < mesh.n
+
+
+def test_frames_of_a_strip_rolled_up_are_known():
+    """On a cylinder of equal cells the vertex frame is the tangent along f, the axis and the radius."""
+    mesh = strip(12, 4)
+    angle = mesh.V[:, 0] * 0.2
+    rolled = np.stack([np.sin(angle) * 5, mesh.V[:, 1], 5 - np.cos(angle) * 5], axis=1)
+    inner = (mesh.V[:, 0] > 0) & (mesh.V[:, 0] < 12) & (mesh.V[:, 1] > 0) & (mesh.V[:, 1] < 4)
+    F = vertex_frames(mesh, rolled)[inner]
+    cos, sin, zero = np.cos(angle[inner]), np.sin(angle[inner]), np.zeros(inner.sum())
+    np.testing.assert_allclose(F[:, :, 0], np.stack([cos, zero, sin], axis=1), atol=1e-12)
+    np.testing.assert_allclose(F[:, :, 1], np.tile([0, 1.0, 0], (inner.sum(), 1)), atol=1e-12)
+    np.testing.assert_allclose(F[:, :, 2], np.stack([-sin, zero, cos], axis=1), atol=1e-12)
+    flat = np.broadcast_to(np.eye(3), (mesh.n, 3, 3))
+    np.testing.assert_allclose(vertex_frames(mesh, mesh.V), flat, atol=1e-12)
+    # A bump in the middle of the strip stands on the cylinder afterwards.
+    edited = mesh.V + [0.0, 0, 0.7]
+    moved = transfer_pose(mesh, edited, posed=rolled)
+    np.testing.assert_allclose(moved[inner], rolled[inner] + 0.7 * F[:, :, 2], atol=1e-12)
+
+
+def test_a_function_without_gradient_is_replaced_in_both_poses():
+    """On the flat strip z has none, though it has one on the bent one."""
+    mesh = jittered(strip(12, 4), 0.2)
+    mesh = Mesh(mesh.V * [1.0, 1, 0], mesh.F)
+    posed = bent(mesh.V)
+    assert np.ptp(posed[:, 2]) > 1
+    F = vertex_frames(mesh, posed, function="z")
+    along = [vertex_frames(mesh, posed, function=f) for f in ("x", "y")]
+    gap = np.min([np.abs(F - other).max(axis=(1, 2)) for other in along], axis=0)
+    assert gap.max() < 1e-12
+
+
+@pytest.mark.parametrize("name", family())
+def test_frames_are_rotations(name):
+    F = vertex_frames(family()[name], bent(family()[name].V))
+    np.testing.assert_allclose(F @ F.transpose(0, 2, 1), np.broadcast_to(np.eye(3), F.shape), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(F), 1.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", family())
+def test_no_pose_gives_the_edit_and_no_edit_the_pose(name):
+    mesh = family()[name]
+    np.testing.assert_allclose(transfer_pose(mesh, edit(mesh), posed=mesh.V), edit(mesh), atol=1e-12)
+    np.testing.assert_array_equal(transfer_pose(mesh, mesh.V, posed=bent(mesh.V)), bent(mesh.V))
+
+
+@pytest.mark.parametrize("name", family())
+@pytest.mark.parametrize("function", ["extent", "z"])
+def test_a_rigid_pose_moves_the_edit_rigidly(name, function):
+    mesh, R, t = family()[name], rotation(3), np.array([4.0, -2, 1])
+    moved = transfer_pose(mesh, edit(mesh), posed=mesh.V @ R.T + t, function=function)
+    np.testing.assert_allclose(moved, edit(mesh) @ R.T + t, atol=1e-11)
+
+
+def test_scale(body):
+    """Of everything: the result scales. Of the pose alone: displacements keep their length."""
+    posed = bent(body.V)
+    moved = transfer_pose(body, edit(body), posed=posed)
+    large = Mesh(1e3 * body.V, body.F)
+    again = transfer_pose(large, 1e3 * edit(body), posed=1e3 * posed)
+    np.testing.assert_allclose(again / 1e3, moved, atol=1e-11)
+    for factor in (1e-3, 1e3):
+        alone = transfer_pose(body, edit(body), posed=factor * posed)
+        np.testing.assert_allclose(alone - factor * posed, moved - posed, atol=1e-10)
+
+
+def test_permuted_vertices(body):
+    order = np.random.default_rng(0).permutation(body.n)
+    other = Mesh(body.V[order], np.argsort(order)[body.F])
+    moved = transfer_pose(other, edit(body)[order], posed=bent(body.V)[order])
+    np.testing.assert_allclose(moved, transfer_pose(body, edit(body), posed=bent(body.V))[order], atol=1e-11)
+
+
+def test_a_collapsed_ring_turns_as_its_neighbours_do(body, caplog):
+    R = rotation(1)
+    posed = body.V @ R.T
+    ring = np.unique(body.F[(body.F == 7).any(axis=1)])
+    posed[ring] = posed[7]
+    assert np.isnan(vertex_frames(body, posed)[7]).all()
+    moved = transfer_pose(body, edit(body), posed=posed)
+    assert "1 vertices have no frame" in caplog.text
+    assert np.isfinite(moved).all()
+    near = ring[ring != 7]
+    turned = (vertex_frames(body, posed) @ vertex_frames(body, body.V).transpose(0, 2, 1))[near]
+    U, _, Vt = np.linalg.svd(turned.mean(axis=0))
+    expected = posed[7] + U @ Vt @ (edit(body) - body.V)[7]
+    np.testing.assert_allclose(moved[7], expected, atol=1e-12)
+
+
+def test_a_pose_without_any_frame_keeps_displacements():
+    mesh = tetrahedron()
+    moved = transfer_pose(mesh, edit(mesh), posed=np.zeros_like(mesh.V))
+    np.testing.assert_allclose(moved, edit(mesh) - mesh.V, atol=1e-15)
+
+
+def test_input_is_untouched(body):
+    edited, posed = edit(body), bent(body.V)
+    copies = edited.copy(), posed.copy()
+    transfer_pose(body, edited, posed=posed)
+    np.testing.assert_array_equal(edited, copies[0])
+    np.testing.assert_array_equal(posed, copies[1])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"edited": np.zeros((3, 3))}, r"edited vertices have shape \(3, 3\)"),
+        ({"posed": np.zeros((162, 2))}, r"posed vertices have shape \(162, 2\)"),
+        ({"posed": np.full((162, 3), np.nan)}, "posed vertices have NaN"),
+        ({"function": "w"}, "unknown frame function 'w'"),
+        ({"function": np.zeros(5)}, "needs 162 finite values"),
+        ({"function": np.full(162, np.inf)}, "needs 162 finite values"),
+        ({"function": np.ones(162)}, "constant"),
+    ],
+)
+def test_bad_input_is_refused(small_body, change, message):
+    values = {"edited": small_body.V, "posed": small_body.V, **change}
+    with pytest.raises(InputError, match=message):
+        transfer_pose(small_body, values.pop("edited"), **values)
