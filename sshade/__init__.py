@@ -10,6 +10,7 @@ from sshade.errors import InputError
 from sshade.mesh import Mesh
 from sshade.pipeline import deform
 from sshade.task import DeformationResult, DeformationTask, Handles, Method
+from sshade.transfer import reconstruct, transfer_pose
 
 __all__ = [
     "Binding",
@@ -22,4 +23,6 @@ __all__ = [
     "Method",
     "bind",
     "deform",
+    "reconstruct",
+    "transfer_pose",
 ]

@@ -46,6 +46,18 @@ carries the edit back:
 """
 
 
+TRANSFER = """\
+Carry a pose that is known vertex by vertex through the proxies' samples:
+
+  sshade reconstruct rest.ply posed.ply -o rebuilt.ply
+      rebuilds posed.ply from its samples, to see what the proxy loses
+  sshade transfer-pose rest.ply posed.ply edited.ply -o edited_posed.ply
+      puts an edited copy of rest.ply into the pose of posed.ply
+
+All files have the same number of vertices, in the same order.
+"""
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     arguments = _parser().parse_args(argv)
@@ -72,10 +84,7 @@ def _parser() -> argparse.ArgumentParser:
     deform.add_argument("handles", type=Path, metavar="HANDLES", help="handle file (.json, .yaml)")
     deform.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="mesh to write")
     _add_vertices(deform)
-    deform.add_argument(
-        "--samplings", type=int, default=5, metavar="K", help="proxies averaged (default: 5, as the paper)"
-    )
-    deform.add_argument("--workers", type=int, metavar="W", help="threads (default: two a processor)")
+    _add_samplings(deform, default=5)
     deform.add_argument("--raw", action="store_true", help="take targets as they are, not moved by the snap")
     deform.add_argument(
         "--repair",
@@ -102,7 +111,33 @@ def _parser() -> argparse.ArgumentParser:
     carry.add_argument("edited", type=Path, metavar="EDITED", help="the proxy with vertices moved")
     carry.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="mesh to write")
     carry.set_defaults(run=_carry)
+    rebuild = commands.add_parser(
+        "reconstruct", help="rebuild a pose from its samples", description=TRANSFER, formatter_class=raw
+    )
+    pose = commands.add_parser(
+        "transfer-pose", help="put an edited shape into a pose", description=TRANSFER, formatter_class=raw
+    )
+    for command in (rebuild, pose):
+        command.add_argument("mesh", type=Path, metavar="REST", help="rest shape")
+        command.add_argument("posed", type=Path, metavar="POSED", help="the same vertices in a pose")
+    pose.add_argument("edited", type=Path, metavar="EDITED", help="the rest shape with vertices moved")
+    for command in (rebuild, pose):
+        command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="mesh to write")
+        _add_vertices(command)
+        _add_samplings(command, default=10)
+        command.set_defaults(run=_transfer)
     return parser
+
+
+def _add_samplings(parser: argparse.ArgumentParser, *, default: int) -> None:
+    parser.add_argument(
+        "--samplings",
+        type=int,
+        default=default,
+        metavar="K",
+        help=f"proxies averaged (default: {default}, as the paper)",
+    )
+    parser.add_argument("--workers", type=int, metavar="W", help="threads (default: two a processor)")
 
 
 def _add_vertices(parser: argparse.ArgumentParser) -> None:
@@ -191,6 +226,37 @@ def _carry(arguments: argparse.Namespace) -> int:
     _say(f"{arguments.output}: {mesh.n} vertices carried by {binding.proxy.n}")
     if degenerate:
         _say(f"note: {degenerate} proxy triangles have no area; they turn with their neighbours")
+    return 0
+
+
+def _transfer(arguments: argparse.Namespace) -> int:
+    from sshade.transfer import transfer_pose
+
+    check_output(arguments.output)
+    mesh = read_mesh(arguments.mesh)
+    posed, _ = read_arrays(arguments.posed)
+    edited = read_arrays(arguments.edited)[0] if "edited" in arguments else mesh.V
+    begin = perf_counter()
+    with progress_bar() as progress:
+        result = transfer_pose(
+            mesh,
+            posed,
+            edited,
+            vertices=_proxy_vertices(arguments.vertices, mesh.n),
+            samplings=arguments.samplings,
+            workers=arguments.workers,
+            seed=arguments.seed,
+            progress=progress,
+        )
+    seconds = perf_counter() - begin
+    write_mesh(arguments.output, result.vertices, mesh.F)
+    _say(f"{arguments.output}: {mesh.n} vertices, {arguments.samplings} proxies, {seconds:.2f} s")
+    if edited is mesh.V:
+        error = np.linalg.norm(result.vertices - posed, axis=1) / mesh.diagonal
+        _say(
+            f"distance to {arguments.posed}: {100 * error.mean():.2g} % of the diagonal in the mean, "
+            f"{100 * error.max():.2g} % at most"
+        )
     return 0
 
 
