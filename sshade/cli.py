@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 
@@ -85,6 +86,13 @@ def _parser() -> argparse.ArgumentParser:
     deform.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="mesh to write")
     _add_vertices(deform)
     _add_samplings(deform, default=5)
+    deform.add_argument(
+        "--start",
+        choices=("rest", "rigid"),
+        default="rest",
+        help="where the solver begins: the rest shape, as the paper, or its best rigid motion, "
+        "which is quicker when the handles turn or travel as a whole (default: rest)",
+    )
     deform.add_argument("--raw", action="store_true", help="take targets as they are, not moved by the snap")
     deform.add_argument(
         "--repair",
@@ -157,6 +165,7 @@ def _proxy_vertices(asked: int | None, n: int, handles: int = 0) -> int:
 
 def _deform(arguments: argparse.Namespace) -> int:
     from sshade.handlesio import read_handles
+    from sshade.local_global import local_global
     from sshade.pipeline import deform
     from sshade.task import DeformationTask
 
@@ -176,6 +185,7 @@ def _deform(arguments: argparse.Namespace) -> int:
             task,
             vertices=vertices,
             samplings=arguments.samplings,
+            coarse=partial(local_global, start=arguments.start),
             workers=arguments.workers,
             seed=arguments.seed,
             progress=progress,
