@@ -89,9 +89,9 @@ def _parser() -> argparse.ArgumentParser:
     deform.add_argument(
         "--start",
         choices=("rest", "rigid"),
-        default="rest",
-        help="where the solver begins: the rest shape, as the paper, or its best rigid motion, "
-        "which is quicker when the handles turn or travel as a whole (default: rest)",
+        default="rigid",
+        help="where the solver begins: the best rigid motion of the rest shape, or the rest shape, as the "
+        "paper, which is slower and may end in a fold where the handles turn far (default: rigid)",
     )
     deform.add_argument("--raw", action="store_true", help="take targets as they are, not moved by the snap")
     deform.add_argument(

@@ -3,12 +3,13 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from sshade import Handles, InputError, Mesh
+from sshade import DeformationTask, Handles, InputError, Mesh, deform
 from sshade.cli import main
 from sshade.console import progress_bar, run_command
 from sshade.handlesio import write_handles
@@ -107,12 +108,24 @@ def test_a_small_mesh_gets_a_proxy_by_default(folder, capsys):
 
 
 def test_iterations_that_do_not_converge_are_said(folder, capsys, monkeypatch):
-    from sshade import pipeline
-    from sshade.coarse import libigl_arap
+    from sshade.local_global import local_global
 
-    monkeypatch.setattr(pipeline, "local_global", lambda task, **k: libigl_arap(task, max_iterations=2, **k))
+    short = partial(local_global, max_iterations=2)
+    monkeypatch.setattr("sshade.local_global.local_global", short)
     assert main(["deform", "body.ply", "pose.json", "-o", "out.ply"]) == 0
     assert "note: the proxies' iterations stopped at 2" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("start", ["rest", "rigid"])
+def test_the_start_reaches_the_solver(folder, start):
+    from sshade.handlesio import read_handles
+    from sshade.local_global import local_global
+
+    command = ["deform", "body.ply", "pose.json", "-o", "out.ply", "--vertices", "60", "--samplings", "1"]
+    assert main([*command, "--start", start]) == 0
+    task = DeformationTask("body", BODY, read_handles("pose.json", BODY))
+    result = deform(task, vertices=60, samplings=1, coarse=partial(local_global, start=start))
+    assert np.array_equal(read_arrays("out.ply")[0], result.vertices)
 
 
 def test_repair_deforms_a_soup_and_keeps_its_vertices(folder, capsys):
