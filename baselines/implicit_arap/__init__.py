@@ -1,0 +1,11 @@
+"""Implicit-ARAP: a neural deformation field that is as rigid as possible on the level sets of an SDF.
+
+D. Baieri, F. Maggioli, Z. Laehner, S. Melzi, E. Rodola, "Implicit-ARAP: Efficient Handle-Guided
+Deformation of High-Resolution Meshes and Neural Fields via Local Patch Meshing", 2024.
+
+This package imports without torch; the function needs it, from the extra ``torch``.
+"""
+
+from baselines.implicit_arap.method import implicit_arap
+
+__all__ = ["implicit_arap"]

@@ -1,0 +1,264 @@
+"""Implicit-ARAP as a method: from a task to deformed vertices."""
+
+from __future__ import annotations
+
+from time import perf_counter
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from sshade.mesh import Mesh
+from sshade.task import DeformationResult, DeformationTask, Progress, silent
+
+if TYPE_CHECKING:
+    import torch
+
+#: Largest absolute coordinate of a normalised mesh.
+HALF_EXTENT = 0.8
+
+#: Width and hidden layers of the published networks.
+PUBLISHED_SIZE = {"mlp": (256, 8), "invertible": (128, 4)}
+
+
+def implicit_arap(
+    task: DeformationTask,
+    *,
+    variant: str = "paper",
+    sdf: Literal["network", "grid"] = "network",
+    sdf_steps: int = 10_000,
+    sdf_points: int = 16_384,
+    sdf_learning_rate: float = 1e-4,
+    sdf_width: int = 256,
+    sdf_layers: int = 8,
+    grid_size: int = 128,
+    field: Literal["mlp", "invertible"] = "mlp",
+    width: int | None = None,
+    layers: int | None = None,
+    frequencies: int = 6,
+    steps: int = 1000,
+    surface_patches: int = 1000,
+    space_patches: int = 1000,
+    patch_points: int = 30,
+    patch_radius: float = 0.03,
+    projections: int = 5,
+    cotangents: Literal["correct", "published"] = "correct",
+    moving_weight: float = 1000.0,
+    static_weight: float = 1000.0,
+    arap_weight: float = 10.0,
+    learning_rate: float = 1e-3,
+    milestones: tuple[int, ...] = (1000, 2000, 5000),
+    decay: float = 0.5,
+    chunk: int = 300_000,
+    device: str = "auto",
+    seed: int = 0,
+    progress: Progress = silent,
+) -> DeformationResult:
+    """Train a field of rigid motions on the level sets of the mesh's SDF, and move the mesh with it.
+
+    The mesh should be closed: the sign of the distance is its winding number. Handles are soft, so
+    they end near their targets. The defaults are the published sizes; lengths are in the
+    normalised coordinates, where the centroid of the surface is the origin and the largest
+    coordinate is 0.8.
+
+    Parameters
+    ----------
+    task : DeformationTask
+    variant : str
+        A name for this choice of sizes, for the row; it changes nothing.
+    sdf : "network" or "grid"
+        The paper's fitted network, or distances on a grid in its place.
+    sdf_steps, sdf_points, sdf_learning_rate, sdf_width, sdf_layers
+        Fit of the network; points on the surface, and as many in the cube, per step.
+    grid_size : int
+        Nodes of the grid along an axis.
+    field : "mlp" or "invertible"
+        The field of the paper's mesh pipeline, or the one with an inverse of its SDF pipeline.
+    width, layers : int, optional
+        Of the field's networks; by default the published 256 and 8, or 128 and 4 if invertible.
+    frequencies : int
+        Octaves of the Fourier features of all networks.
+    steps : int
+    surface_patches : int
+        Patches on the zero set per step: one at each handle, the rest (a quarter at least) anywhere.
+    space_patches : int
+        Patches on the level sets through points of the cube.
+    patch_points, patch_radius
+        Points of a patch with its centre, and its radius.
+    projections : int
+        Steps towards a level set.
+    cotangents : "correct" or "published"
+        The weights of ARAP, or those that the authors' code computes; see
+        :func:`baselines.implicit_arap.patches.pattern_of`.
+    moving_weight, static_weight, arap_weight : float
+        Of the three losses. The ARAP loss is a mean over patches of a sum over edges.
+    learning_rate, milestones, decay
+        Of Adam; after each milestone the rate is multiplied by `decay`.
+    chunk : int
+        Vertices moved at once.
+    device : str
+        A device of torch, or "auto": a GPU if there is one.
+
+    Returns
+    -------
+    DeformationResult
+        `converged` is None. `extra` holds the sizes, first and last losses and the mean handle error
+        over the diagonal, and ``loss_curve`` (steps, 3): weighted losses of ARAP, moving and static
+        handles.
+
+    Raises
+    ------
+    ImportError
+        When torch is not installed.
+    ValueError
+        When a network has fewer than two layers, or a patch fewer than three points.
+
+    References
+    ----------
+    D. Baieri, F. Maggioli, Z. Laehner, S. Melzi, E. Rodola, "Implicit-ARAP: Efficient Handle-Guided
+    Deformation of High-Resolution Meshes and Neural Fields via Local Patch Meshing", 2024.
+    """
+    torch = _torch()
+    from baselines.implicit_arap.training import Constraints, Plan, displacements, make_field, train
+
+    width, layers = width or PUBLISHED_SIZE[field][0], layers or PUBLISHED_SIZE[field][1]
+    if min(layers, sdf_layers) < 2 or patch_points < 3:
+        raise ValueError(
+            f"networks need two layers and patches three points, "
+            f"not {min(layers, sdf_layers)} and {patch_points}"
+        )
+    plan = Plan(
+        steps=steps,
+        surface_patches=surface_patches,
+        space_patches=space_patches,
+        patch_points=patch_points,
+        patch_radius=patch_radius,
+        projections=projections,
+        cotangents=cotangents,
+        moving_weight=moving_weight,
+        static_weight=static_weight,
+        arap_weight=arap_weight,
+        learning_rate=learning_rate,
+        milestones=tuple(milestones),
+        decay=decay,
+    )
+    place = torch.device(("cuda" if torch.cuda.is_available() else "cpu") if device == "auto" else device)
+    weights = torch.Generator().manual_seed(seed)
+    points = torch.Generator(place).manual_seed(seed)
+
+    begin = perf_counter()
+    V, centre, scale = normalised(task.mesh)
+    if sdf == "grid":
+        distance, sdf_facts = _grid(V, task.mesh.F, place, grid_size, progress)
+    else:
+        distance, sdf_facts = _network(
+            V,
+            task.mesh.F,
+            place,
+            progress,
+            width=sdf_width,
+            layers=sdf_layers,
+            frequencies=frequencies,
+            steps=sdf_steps,
+            points=sdf_points,
+            learning_rate=sdf_learning_rate,
+            generator=points,
+            weights=weights,
+        )
+    fitted = perf_counter()
+
+    handles = task.handles
+    rest = torch.tensor(V, dtype=torch.float32, device=place)
+    target = torch.tensor((handles.target - centre) * scale, dtype=torch.float32, device=place)
+    index = torch.tensor(handles.index, device=place)
+    constraints = Constraints.of(distance, rest[index], target, handles.dynamic, repeats=projections)
+    network = make_field(field, width=width, layers=layers, frequencies=frequencies, generator=weights)
+    network = network.to(place)
+    rng = np.random.default_rng(seed)
+    losses = train(network, distance, constraints, plan, rng=rng, generator=points, progress=progress)
+    trained = perf_counter()
+
+    vertices = task.mesh.V + displacements(network, rest, chunk=chunk) / scale
+    facts = {"variant": variant, "sdf": sdf, "field": field, "cotangents": cotangents, **sdf_facts}
+    facts |= {"steps": steps, "points": plan.points(len(handles)), "device": _device_name(place)}
+    facts |= {"threads": torch.get_num_threads(), **_loss_facts(losses)}
+    facts["handle_error"] = _handle_error(task, vertices)
+    seconds = {"sdf": fitted - begin, "field": trained - fitted, "apply": perf_counter() - trained}
+    return DeformationResult(
+        vertices=vertices,
+        iterations=steps,
+        converged=None,
+        seconds=seconds,
+        extra={**facts, "loss_curve": losses},
+    )
+
+
+def normalised(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, float]:
+    """Vertices about the area-weighted centroid of the surface, with largest coordinate 0.8.
+
+    Returns
+    -------
+    V : (n, 3) float64
+        ``(mesh.V - centre) * scale``.
+    centre : (3,) float64
+    scale : float
+    """
+    # From the middle of the box: far from the origin the centroid would lose digits.
+    middle = 0.5 * (mesh.V.min(axis=0) + mesh.V.max(axis=0))
+    barycentres = (mesh.V - middle)[mesh.F].mean(axis=1)
+    centre = middle + mesh.face_areas @ barycentres / mesh.area
+    scale = HALF_EXTENT / np.abs(mesh.V - centre).max()
+    return (mesh.V - centre) * scale, centre, float(scale)
+
+
+def _torch() -> Any:
+    try:
+        import torch
+    except ModuleNotFoundError as error:
+        raise ImportError("implicit_arap needs PyTorch; pip install 'sshade[torch]'") from error
+    return torch
+
+
+def _grid(
+    V: np.ndarray, F: np.ndarray, device: torch.device, size: int, progress: Progress
+) -> tuple[Any, dict[str, Any]]:
+    from baselines.implicit_arap.sdf import grid_sdf
+
+    progress("sdf", 0, 1, f"{size}^3 distances")
+    distance = grid_sdf(V, F, size=size, device=device)
+    progress("sdf", 1, 1, f"{size}^3 distances")
+    return distance, {"sdf_size": size}
+
+
+def _network(
+    V: np.ndarray, F: np.ndarray, device: torch.device, progress: Progress, **settings: Any
+) -> tuple[Any, dict[str, Any]]:
+    from baselines.implicit_arap.sdf import Surface, fit_network_sdf
+
+    surface = Surface.of(V, F, device=device)
+    distance, loss = fit_network_sdf(surface, progress=progress, **settings)
+    return distance, {"sdf_size": settings["width"], "sdf_steps": settings["steps"], "sdf_loss_last": loss}
+
+
+def _device_name(device: torch.device) -> str:
+    import torch
+
+    return torch.cuda.get_device_name(device) if device.type == "cuda" else device.type
+
+
+def _loss_facts(losses: np.ndarray) -> dict[str, float]:
+    """Of the total and of each part; the last ones as a mean of ten steps, each with its own patches."""
+    if not len(losses):
+        return {}
+    total, last = losses.sum(axis=1), losses[-10:].mean(axis=0)
+    return {
+        "loss_first": float(total[0]),
+        "loss_last": float(total[-10:].mean()),
+        "loss_arap": float(last[0]),
+        "loss_moving": float(last[1]),
+        "loss_static": float(last[2]),
+    }
+
+
+def _handle_error(task: DeformationTask, vertices: np.ndarray) -> float:
+    gaps = np.linalg.norm(vertices[task.handles.index] - task.handles.target, axis=1)
+    return float(gaps.mean()) / task.mesh.diagonal

@@ -1,0 +1,270 @@
+"""The networks of Implicit-ARAP: an MLP on Fourier features, and two fields of rigid motions.
+
+A field is a module that maps points x to a rotation R(x) and a translation t(x); it moves x to
+``R(x) x + t(x)``. Both fields start as the identity. Random weights come from a generator that the
+caller seeds; torch's global one is left alone.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import pi, sqrt
+from typing import Literal
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+#: Sharpness of the Softplus activations: close to a ReLU, yet twice differentiable.
+BETA = 100.0
+
+
+def fourier_features(x: Tensor, frequencies: int) -> Tensor:
+    """``[x, sin(2 pi 2^k x), cos(2 pi 2^k x)]`` for k = 0 .. frequencies - 1.
+
+    Parameters
+    ----------
+    x : (..., d) float32
+    frequencies : int
+
+    Returns
+    -------
+    (..., d (1 + 2 frequencies)) float32
+    """
+    scales = 2 * pi * 2.0 ** torch.arange(frequencies, device=x.device, dtype=x.dtype)
+    angles = (x[..., None] * scales).flatten(-2)
+    return torch.cat([x, angles.sin(), angles.cos()], dim=-1)
+
+
+class WeightNormLinear(nn.Module):
+    """A linear layer whose rows are stored as direction and length (Salimans and Kingma, 2016).
+
+    Parameters
+    ----------
+    weight : (out, in) float32
+        Initial value.
+    bias : (out,) float32
+    """
+
+    def __init__(self, weight: Tensor, bias: Tensor) -> None:
+        super().__init__()
+        self.direction = nn.Parameter(weight)
+        self.length = nn.Parameter(weight.norm(dim=1, keepdim=True))
+        self.bias = nn.Parameter(bias)
+
+    def forward(self, x: Tensor) -> Tensor:
+        weight = self.direction * (self.length / self.direction.norm(dim=1, keepdim=True))
+        return functional.linear(x, weight, self.bias)
+
+
+class ZeroLinear(nn.Module):
+    """A plain linear layer that starts at zero, so that what it drives starts as the identity."""
+
+    def __init__(self, inputs: int, outputs: int) -> None:
+        super().__init__()
+        self.weight = nn.Parameter(torch.zeros(outputs, inputs))
+        self.bias = nn.Parameter(torch.zeros(outputs))
+
+    def forward(self, x: Tensor) -> Tensor:
+        return functional.linear(x, self.weight, self.bias)
+
+
+class Mlp(nn.Module):
+    """Fourier features, then linear layers with Softplus between them, and a skip from the input.
+
+    The geometric initialisation (Atzmon and Lipman, 2020) lets only the raw coordinates in: with
+    ``last="sphere"`` the network starts near the signed distance to a sphere of radius 0.5, with
+    ``last="zero"`` at zero.
+
+    Parameters
+    ----------
+    inputs, outputs : int
+    width, layers : int
+        Of `layers` linear layers, all but the last have `width` outputs.
+    skip : int or None
+        The layer that gets the input features again, in front of the hidden vector.
+    frequencies : int
+    last : "sphere" or "zero"
+    generator : torch.Generator
+        On the CPU.
+    """
+
+    def __init__(
+        self,
+        inputs: int,
+        outputs: int,
+        *,
+        width: int,
+        layers: int,
+        skip: int | None,
+        frequencies: int,
+        last: Literal["sphere", "zero"],
+        generator: torch.Generator,
+    ) -> None:
+        super().__init__()
+        self.frequencies, self.skip = frequencies, skip
+        features = inputs * (1 + 2 * frequencies)
+        sizes = [features, *[width] * (layers - 1)]
+        hidden = []
+        for number, (before, after) in enumerate(pairwise(sizes)):
+            extra = features if number == skip else 0
+            weight = torch.randn(after, extra + before, generator=generator) * sqrt(2 / after)
+            if number in (0, skip):
+                weight[:, inputs:features] = 0
+            hidden.append(WeightNormLinear(weight, torch.zeros(after)))
+        self.hidden = nn.ModuleList(hidden)
+        end = width + (features if skip == layers - 1 else 0)
+        if last == "zero":
+            self.last: nn.Module = ZeroLinear(end, outputs)
+        else:
+            noise = 1e-4 * torch.randn(outputs, end, generator=generator)
+            self.last = WeightNormLinear(sqrt(pi / end) + noise, torch.full((outputs,), -0.5))
+
+    def forward(self, x: Tensor) -> Tensor:
+        features = fourier_features(x, self.frequencies)
+        h = features
+        for number, layer in enumerate([*self.hidden, self.last]):
+            if number == self.skip:
+                h = torch.cat([features, h], dim=-1)
+            h = layer(h)
+            if number < len(self.hidden):
+                h = functional.softplus(h, beta=BETA)
+        return h
+
+
+def sdf_network(*, width: int, layers: int, frequencies: int, generator: torch.Generator) -> Mlp:
+    """The MLP whose value is the signed distance; 8 layers of 256 with the skip at 4 in the paper."""
+    return Mlp(
+        3,
+        1,
+        width=width,
+        layers=layers,
+        skip=layers // 2,
+        frequencies=frequencies,
+        last="sphere",
+        generator=generator,
+    )
+
+
+def euler_rotation(angles: Tensor) -> Tensor:
+    """Rotation about x by the first angle, composed with y, then z: ``R_x R_y R_z``.
+
+    Parameters
+    ----------
+    angles : (..., 3) float32, radians
+
+    Returns
+    -------
+    (..., 3, 3) float32
+        Through the unit quaternion of the half angles.
+    """
+    (cx, cy, cz), (sx, sy, sz) = (angles / 2).cos().unbind(-1), (angles / 2).sin().unbind(-1)
+    w = cx * cy * cz - sx * sy * sz
+    x = sx * cy * cz + cx * sy * sz
+    y = cx * sy * cz - sx * cy * sz
+    z = cx * cy * sz + sx * sy * cz
+    rows = [
+        *(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        *(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        *(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    ]
+    return torch.stack(rows, dim=-1).unflatten(-1, (3, 3))
+
+
+def moved(x: Tensor, R: Tensor, t: Tensor) -> Tensor:
+    """``R x + t`` for each point."""
+    return (R @ x[..., None])[..., 0] + t
+
+
+class MlpField(nn.Module):
+    """The field of the mesh pipeline: one MLP puts out three Euler angles and a translation."""
+
+    def __init__(self, *, width: int, layers: int, frequencies: int, generator: torch.Generator) -> None:
+        super().__init__()
+        self.mlp = Mlp(
+            3,
+            6,
+            width=width,
+            layers=layers,
+            skip=layers // 2,
+            frequencies=frequencies,
+            last="zero",
+            generator=generator,
+        )
+
+    def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """R (..., 3, 3) and t (..., 3) at points x (..., 3)."""
+        out = self.mlp(x)
+        return euler_rotation(out[..., :3]), out[..., 3:]
+
+
+class InvertibleField(nn.Module):
+    """The field of the SDF pipeline: couplings of the coordinates, with an exact inverse.
+
+    A block has a coordinate c in focus and two others o. It shifts ``x_c`` by ``-f(x_o)``, then
+    moves ``x_o`` by a plane rigid motion that depends on the new ``x_c``: ``g(x_c)`` gives an angle
+    and a shift. As motions of space both are ``x <- Q (x - s)``, Q a rotation about axis c, and
+    their products give R and t. The paper has two rounds, over c = 2, 1, 0 and c = 0, 1, 2.
+
+    Parameters
+    ----------
+    width, layers : int
+        Of f and g, besides their last layer; 128 and 4 in the paper.
+    frequencies : int
+    generator : torch.Generator
+    """
+
+    ORDER = (2, 1, 0, 0, 1, 2)
+
+    def __init__(self, *, width: int, layers: int, frequencies: int, generator: torch.Generator) -> None:
+        super().__init__()
+
+        def mlp(inputs: int, outputs: int) -> Mlp:
+            return Mlp(
+                inputs,
+                outputs,
+                width=width,
+                layers=layers + 1,
+                skip=None,
+                frequencies=frequencies,
+                last="zero",
+                generator=generator,
+            )
+
+        self.f = nn.ModuleList(mlp(2, 1) for _ in self.ORDER)
+        self.g = nn.ModuleList(mlp(1, 3) for _ in self.ORDER)
+
+    def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """R (..., 3, 3) and t (..., 3) at points x (..., 3)."""
+        R = torch.eye(3, dtype=x.dtype, device=x.device).expand(*x.shape, 3)
+        t = torch.zeros_like(x)
+        for number, c in enumerate(self.ORDER):
+            o = _others(c)
+            shift = self.f[number](x[..., o])[..., 0]
+            Q, s = self._motion(number, x[..., c] - shift, shift)
+            x = (Q @ (x - s)[..., None])[..., 0]
+            R, t = Q @ R, (Q @ (t - s)[..., None])[..., 0]
+        return R, t
+
+    def inverse(self, y: Tensor) -> Tensor:
+        """The points x (..., 3) that the field moves to y."""
+        for number, c in reversed(list(enumerate(self.ORDER))):
+            o = _others(c)
+            Q, s = self._motion(number, y[..., c], torch.zeros_like(y[..., c]))
+            y = (Q.mT @ y[..., None])[..., 0] + s
+            shift = self.f[number](y[..., o])[..., 0]
+            y = torch.stack([y[..., k] + shift if k == c else y[..., k] for k in range(3)], dim=-1)
+        return y
+
+    def _motion(self, number: int, focus: Tensor, shift: Tensor) -> tuple[Tensor, Tensor]:
+        """Q and s of a block: `focus` is the coordinate in focus after its own `shift`."""
+        c = self.ORDER[number]
+        angle, s1, s2 = self.g[number](focus[..., None]).unbind(-1)
+        zero = torch.zeros_like(angle)
+        Q = euler_rotation(torch.stack([-angle if k == c else zero for k in range(3)], dim=-1))
+        parts = {c: shift, **dict(zip(_others(c), (s1, s2), strict=True))}
+        return Q, torch.stack([parts[k] for k in range(3)], dim=-1)
+
+
+def _others(c: int) -> list[int]:
+    return [k for k in range(3) if k != c]

@@ -1,0 +1,210 @@
+"""Signed distances to the rest surface: the paper's network, and a grid in its place.
+
+Both are called with points and give values; :meth:`with_gradient` gives gradients too. Coordinates
+are the normalised ones, inside the cube [-1, 1]^3; inside the surface the distance is negative.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from baselines.implicit_arap.networks import Mlp, sdf_network
+from sshade.task import Progress
+
+#: Voxels: the width of the Gaussian over the grid's gradient.
+SMOOTHING = 1.0
+
+#: Weights of the fit: on the surface, unit gradient, normals, away from the surface; and its decay there.
+ON_SURFACE, EIKONAL, NORMALS, AWAY, DECAY = 3000.0, 100.0, 50.0, 3000.0, 100.0
+
+
+class Sdf(Protocol):
+    """A signed distance: values (n,) at points (n, 3); also its gradients (n, 3)."""
+
+    def __call__(self, x: Tensor) -> Tensor: ...
+
+    def with_gradient(self, x: Tensor) -> tuple[Tensor, Tensor]: ...
+
+
+class GridSdf:
+    """Distances at the nodes of a regular grid over [-1, 1]^3, with trilinear interpolation.
+
+    Its gradient is by central differences, then under a Gaussian of one voxel: the exact one of a
+    trilinear function jumps at every voxel face, which would kink the patches.
+
+    Parameters
+    ----------
+    values : (g, g, g) float
+        Distance at node (i, j, k), which lies at ``-1 + 2 (i, j, k) / (g - 1)``.
+    device : torch.device
+    """
+
+    def __init__(self, values: np.ndarray, *, device: torch.device) -> None:
+        from scipy.ndimage import gaussian_filter
+
+        gradient = np.gradient(values, 2.0 / (len(values) - 1))
+        smooth = [gaussian_filter(part, SMOOTHING, mode="nearest") for part in gradient]
+        self._grid = torch.tensor(np.stack([values, *smooth])[None], dtype=torch.float32, device=device)
+
+    def __call__(self, x: Tensor) -> Tensor:
+        return self._sample(self._grid[:, :1], x)[0]
+
+    def with_gradient(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        value, *gradient = self._sample(self._grid, x)
+        return value, torch.stack(gradient, dim=-1)
+
+    @staticmethod
+    def _sample(grid: Tensor, x: Tensor) -> Tensor:
+        """(channels, n); grid_sample counts coordinates from the last axis."""
+        at = x.flip(-1)[None, :, None, None]
+        sampled = functional.grid_sample(grid, at, padding_mode="border", align_corners=True)
+        return sampled[0, :, :, 0, 0]
+
+
+def grid_sdf(V: np.ndarray, F: np.ndarray, *, size: int, device: torch.device) -> GridSdf:
+    """The grid variant: signed distances of a mesh at size^3 nodes, signs by its winding number.
+
+    Parameters
+    ----------
+    V : (n, 3) float64
+        Normalised vertices.
+    F : (m, 3) int64
+    size : int
+        Nodes along an axis.
+    device : torch.device
+    """
+    import igl
+
+    axis = np.linspace(-1.0, 1.0, size)
+    nodes = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
+    kind = igl.SIGNED_DISTANCE_TYPE_FAST_WINDING_NUMBER
+    distance = igl.signed_distance(nodes, np.array(V), np.array(F), sign_type=kind)[0]
+    return GridSdf(distance.reshape(size, size, size), device=device)
+
+
+class NetworkSdf:
+    """The paper's SDF: an MLP, here with its weights fixed."""
+
+    def __init__(self, network: Mlp) -> None:
+        self._network = network.requires_grad_(False)
+
+    def __call__(self, x: Tensor) -> Tensor:
+        with torch.no_grad():
+            return self._network(x)[..., 0]
+
+    def with_gradient(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        with torch.enable_grad():
+            x = x.detach().requires_grad_(True)
+            value = self._network(x)[..., 0]
+            (gradient,) = torch.autograd.grad(value.sum(), x)
+        return value.detach(), gradient
+
+
+class Surface(NamedTuple):
+    """A mesh to draw points from: corner positions, unit normals, and the running sum of areas."""
+
+    corners: Tensor
+    normals: Tensor
+    cumulative_area: Tensor
+
+    @classmethod
+    def of(cls, V: np.ndarray, F: np.ndarray, *, device: torch.device) -> Surface:
+        a, b, c = (V[F[:, k]] for k in range(3))
+        cross = np.cross(b - a, c - a)
+        doubled = np.linalg.norm(cross, axis=1)
+        normals = cross / np.where(doubled > 0, doubled, 1)[:, None]
+        cumulative = np.cumsum(doubled) / doubled.sum()
+
+        def tensor(array: np.ndarray) -> Tensor:
+            return torch.tensor(array, dtype=torch.float32, device=device)
+
+        # Areas in float64: in float32 the running sum of a large mesh would skip small faces.
+        return cls(tensor(V[F]), tensor(normals), torch.tensor(cumulative, device=device))
+
+    def sample(self, count: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+        """Area-uniform points (count, 3) and the normals (count, 3) of their faces."""
+        device = self.corners.device
+        u = torch.rand(count, generator=generator, device=device, dtype=torch.float64)
+        face = torch.searchsorted(self.cumulative_area, u).clamp(max=len(self.corners) - 1)
+        r = torch.rand(2, count, 1, generator=generator, device=device)
+        root = r[0].sqrt()
+        a, b, c = self.corners[face].unbind(1)
+        return (1 - root) * a + root * (1 - r[1]) * b + root * r[1] * c, self.normals[face]
+
+
+def fit_network_sdf(
+    surface: Surface,
+    *,
+    width: int,
+    layers: int,
+    frequencies: int,
+    steps: int,
+    points: int,
+    learning_rate: float,
+    generator: torch.Generator,
+    weights: torch.Generator,
+    progress: Progress,
+) -> tuple[NetworkSdf, float]:
+    """Fit an MLP to the signed distance of a surface.
+
+    ``3000 mean|f|`` on the surface, ``100 mean| |grad f| - 1 |`` everywhere, ``50 mean(1 - cos)``
+    between gradients and normals, and ``3000 mean exp(-100 |f|)`` off the surface, with Adam.
+
+    Parameters
+    ----------
+    surface : Surface
+    width, layers, frequencies : int
+        Of the MLP.
+    steps : int
+    points : int
+        On the surface, and as many in the cube, per step.
+    learning_rate : float
+    generator, weights : torch.Generator
+        For points, on the surface's device; for the initial weights, on the CPU.
+    progress : Progress
+
+    Returns
+    -------
+    sdf : NetworkSdf
+    loss : float
+        Of the last step.
+    """
+    device = surface.corners.device
+    network = sdf_network(width=width, layers=layers, frequencies=frequencies, generator=weights).to(device)
+    adam = torch.optim.Adam(network.parameters(), lr=learning_rate)
+    loss = torch.tensor(float("nan"))
+    for step in range(steps):
+        on, normals = surface.sample(points, generator)
+        off = 2 * torch.rand(points, 3, generator=generator, device=device) - 1
+        loss = _fit_loss(network, on, normals, off)
+        adam.zero_grad()
+        loss.backward()
+        adam.step()
+        _report(progress, "sdf", step, steps, lambda loss=loss: f"loss {loss.item():.3g}")
+    return NetworkSdf(network), loss.item()
+
+
+def _fit_loss(network: Mlp, on: Tensor, normals: Tensor, off: Tensor) -> Tensor:
+    x = torch.cat([on, off]).requires_grad_(True)
+    f = network(x)[..., 0]
+    (gradient,) = torch.autograd.grad(f.sum(), x, create_graph=True)
+    k = len(on)
+    cosine = functional.cosine_similarity(gradient[:k], normals, dim=-1)
+    return (
+        ON_SURFACE * f[:k].abs().mean()
+        + EIKONAL * (gradient.norm(dim=-1) - 1).abs().mean()
+        + NORMALS * (1 - cosine).mean()
+        + AWAY * torch.exp(-DECAY * f[k:].abs()).mean()
+    )
+
+
+def _report(progress: Progress, stage: str, step: int, steps: int, note: Callable[[], str]) -> None:
+    """Every tenth step: the note reads a number back, for which a GPU would have to stop."""
+    if step % 10 == 9 or step == steps - 1:
+        progress(stage, step + 1, steps, note())

@@ -1,0 +1,154 @@
+"""Training a deformation field: as rigid as possible on patches, with soft handles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from baselines.implicit_arap.networks import InvertibleField, MlpField, moved
+from baselines.implicit_arap.patches import Cotangents, patches_at, project, random_pattern, zero_set
+from baselines.implicit_arap.sdf import Sdf
+from sshade.task import Progress
+
+#: Of the surface patches, the part that lies anywhere on the surface even if handles would fill all.
+FREE = 0.25
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Sizes and weights of a training run; the names are those of the method's parameters."""
+
+    steps: int
+    surface_patches: int
+    space_patches: int
+    patch_points: int
+    patch_radius: float
+    projections: int
+    cotangents: Cotangents
+    moving_weight: float
+    static_weight: float
+    arap_weight: float
+    learning_rate: float
+    milestones: tuple[int, ...]
+    decay: float
+
+    def free_patches(self, handles: int) -> int:
+        """Patches at random places of the surface, besides those at handles."""
+        return max(self.surface_patches - handles, round(FREE * self.surface_patches))
+
+    def points(self, handles: int) -> int:
+        """Points that the field is evaluated at in a step."""
+        return (handles + self.free_patches(handles) + self.space_patches) * self.patch_points
+
+
+class Constraints(NamedTuple):
+    """Where handles are, (h, 3) on the zero set, and where they go; the moving ones come first."""
+
+    at: Tensor
+    target: Tensor
+    moving: int
+
+    @classmethod
+    def of(cls, sdf: Sdf, rest: Tensor, target: Tensor, dynamic: np.ndarray, *, repeats: int) -> Constraints:
+        """Handles projected onto the zero set; static ones stay at their projections."""
+        order = torch.as_tensor(np.argsort(~dynamic, kind="stable"), device=rest.device)
+        at = project(sdf, rest[order], repeats=repeats)
+        moving = int(dynamic.sum())
+        return cls(at, torch.cat([target[order][:moving], at[moving:]]), moving)
+
+
+def make_field(
+    kind: str, *, width: int, layers: int, frequencies: int, generator: torch.Generator
+) -> MlpField | InvertibleField:
+    """The field of a kind, ``mlp`` or ``invertible``, with weights drawn on the CPU."""
+    make = InvertibleField if kind == "invertible" else MlpField
+    return make(width=width, layers=layers, frequencies=frequencies, generator=generator)
+
+
+def train(
+    field: nn.Module,
+    sdf: Sdf,
+    constraints: Constraints,
+    plan: Plan,
+    *,
+    rng: np.random.Generator,
+    generator: torch.Generator,
+    progress: Progress,
+) -> np.ndarray:
+    """Train a field in place.
+
+    Parameters
+    ----------
+    field : Module
+        On the device of the constraints.
+    sdf : Sdf
+    constraints : Constraints
+    plan : Plan
+    rng : numpy.random.Generator
+        For the patterns.
+    generator : torch.Generator
+        For points, on that device.
+    progress : Progress
+
+    Returns
+    -------
+    (steps, 3) float32
+        Weighted losses of each step: ARAP, moving handles, static handles.
+    """
+    adam = torch.optim.Adam(field.parameters(), lr=plan.learning_rate)
+    schedule = torch.optim.lr_scheduler.MultiStepLR(adam, list(plan.milestones), gamma=plan.decay)
+    losses = torch.zeros(plan.steps, 3, device=constraints.at.device)
+    for step in range(plan.steps):
+        parts = _losses(field, sdf, constraints, plan, rng=rng, generator=generator)
+        adam.zero_grad()
+        parts.sum().backward()
+        adam.step()
+        schedule.step()
+        losses[step] = parts.detach()
+        if step % 10 == 9 or step == plan.steps - 1:  # reading a number back would stop a GPU at every step
+            progress("field", step + 1, plan.steps, f"loss {losses[step].sum().item():.3g}")
+    return losses.cpu().numpy()
+
+
+def _losses(
+    field: nn.Module,
+    sdf: Sdf,
+    constraints: Constraints,
+    plan: Plan,
+    *,
+    rng: np.random.Generator,
+    generator: torch.Generator,
+) -> Tensor:
+    """The three weighted losses of one step, on patches of its own."""
+    device = constraints.at.device
+    h, moving = len(constraints.at), constraints.moving
+    with torch.no_grad():
+        pattern = random_pattern(
+            plan.patch_points, plan.patch_radius, rng, cotangents=plan.cotangents, device=device
+        )
+        surface = zero_set(sdf, plan.free_patches(h), repeats=plan.projections, generator=generator)
+        space = 2 * torch.rand(plan.space_patches, 3, generator=generator, device=device) - 1
+        centres = torch.cat([constraints.at, surface, space])
+        patches = patches_at(sdf, centres, pattern, repeats=plan.projections)
+    R, t = field(patches)
+    images = moved(patches, R, t)
+    gap = (images[:h, 0] - constraints.target).square()
+    zero = gap.new_zeros(())
+    return torch.stack(
+        [
+            plan.arap_weight * pattern.energy(patches, R, images),
+            plan.moving_weight * gap[:moving].mean() if moving else zero,
+            plan.static_weight * gap[moving:].mean() if moving < h else zero,
+        ]
+    )
+
+
+@torch.no_grad()
+def displacements(field: nn.Module, x: Tensor, *, chunk: int) -> np.ndarray:
+    """How far the field moves points (n, 3); (n, 3) float64, computed `chunk` points at a time."""
+    parts = [(moved(part, *field(part)) - part).cpu().numpy() for part in x.split(chunk)]
+    return np.concatenate(parts).astype(np.float64)

@@ -1,0 +1,68 @@
+"""What Implicit-ARAP promises without torch, and its normalisation."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from baselines.implicit_arap import implicit_arap
+from baselines.implicit_arap.method import normalised
+from eval.attempt import attempt
+from sshade.mesh import Mesh
+from tests.baselines.tasks import held_ends
+from tests.shapes import bumpy
+
+
+@pytest.fixture
+def no_torch(monkeypatch):
+    for name in [name for name in sys.modules if name.split(".")[0] == "torch"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "torch", None)
+
+
+def test_without_torch_the_error_names_the_extra(no_torch):
+    with pytest.raises(ImportError, match=r"pip install 'sshade\[torch\]'"):
+        implicit_arap(held_ends(bumpy(2)))
+
+
+def test_without_torch_the_row_is_skipped(no_torch):
+    method = {"_target_": "baselines.implicit_arap.implicit_arap", "_partial_": True}
+    row, vertices = attempt(method, held_ends(bumpy(2)), seed=0)
+    assert row["status"] == "skipped"
+    assert "sshade[torch]" in row["reason"]
+    assert vertices is None
+
+
+def test_importing_the_package_leaves_torch_alone():
+    code = "import sys, baselines.implicit_arap; assert 'torch' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"layers": 1}, {"sdf_layers": 1}, {"patch_points": 2}], ids=lambda w: next(iter(w))
+)
+def test_sizes_that_cannot_work_are_refused(wrong):
+    pytest.importorskip("torch")
+    with pytest.raises(ValueError, match="networks need two layers and patches three points"):
+        implicit_arap(held_ends(bumpy(2)), **wrong)
+
+
+def test_normalised_mesh_is_centred_and_fits():
+    mesh = bumpy(3)
+    V, centre, scale = normalised(mesh)
+    assert np.abs(V).max() == pytest.approx(0.8, rel=1e-12)
+    centroid = Mesh(V, mesh.F).face_areas @ V[mesh.F].mean(axis=1)
+    np.testing.assert_allclose(centroid, 0, atol=1e-12)
+    np.testing.assert_allclose(V / scale + centre, mesh.V, atol=1e-12)
+
+
+def test_normalised_mesh_depends_on_neither_place_nor_unit():
+    mesh = bumpy(3)
+    V, centre, scale = normalised(mesh)
+    moved, other, smaller = normalised(Mesh(1000 * mesh.V + [5e4, -3e4, 1e4], mesh.F))
+    np.testing.assert_allclose(moved, V, atol=1e-10)
+    np.testing.assert_allclose(other, 1000 * centre + [5e4, -3e4, 1e4], rtol=1e-12)
+    assert smaller == pytest.approx(scale / 1000, rel=1e-10)

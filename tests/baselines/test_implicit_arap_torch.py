@@ -1,0 +1,431 @@
+"""Implicit-ARAP: networks, distances, patches, energy, and small runs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="the extra torch is not installed")
+
+import igl  # noqa: E402
+
+from baselines.implicit_arap import implicit_arap  # noqa: E402
+from baselines.implicit_arap.networks import (  # noqa: E402
+    InvertibleField,
+    MlpField,
+    euler_rotation,
+    fourier_features,
+    moved,
+    sdf_network,
+)
+from baselines.implicit_arap.patches import (  # noqa: E402
+    patches_at,
+    pattern_of,
+    project,
+    random_pattern,
+    tangents,
+    zero_set,
+)
+from baselines.implicit_arap.sdf import GridSdf, Surface, fit_network_sdf, grid_sdf  # noqa: E402
+from baselines.implicit_arap.training import Constraints, Plan, displacements, make_field  # noqa: E402
+from sshade.mesh import Mesh  # noqa: E402
+from sshade.task import DeformationTask, Handles, silent  # noqa: E402
+from tests.baselines.tasks import held_ends  # noqa: E402
+from tests.shapes import bumpy, icosphere, rotation  # noqa: E402
+
+CPU = torch.device("cpu")
+FIELDS = ("mlp", "invertible")
+SMALL = {
+    "sdf": "grid",
+    "grid_size": 32,
+    "width": 48,
+    "layers": 3,
+    "steps": 60,
+    "surface_patches": 80,
+    "space_patches": 40,
+    "patch_points": 12,
+    "projections": 2,
+    "device": "cpu",
+}
+
+
+class Ball:
+    """The exact signed distance to a sphere about the origin."""
+
+    def __init__(self, radius: float = 0.6) -> None:
+        self.radius = radius
+
+    def __call__(self, x):
+        return x.norm(dim=-1) - self.radius
+
+    def with_gradient(self, x):
+        return self(x), torch.nn.functional.normalize(x, dim=-1)
+
+
+def generator(seed=0):
+    return torch.Generator().manual_seed(seed)
+
+
+def points(count=200, seed=1):
+    return 2 * torch.rand(count, 3, generator=generator(seed)) - 1
+
+
+def small_field(kind, seed=0):
+    return make_field(kind, width=32, layers=3, frequencies=4, generator=generator(seed))
+
+
+def shaken(kind):
+    """A field away from its start."""
+    field = small_field(kind)
+    with torch.no_grad():
+        for number, parameter in enumerate(field.parameters()):
+            parameter += 0.05 * torch.randn(parameter.shape, generator=generator(number))
+    return field
+
+
+def twist(angle=40.0):
+    """An icosphere with one cap held and the other turned about z."""
+    a = np.radians(angle)
+    turn = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
+    return held_ends(icosphere(3), share=0.1, turn=turn)
+
+
+@pytest.fixture(scope="module")
+def twisted():
+    return implicit_arap(twist(), seed=4, **SMALL)
+
+
+# Networks
+
+
+@pytest.mark.parametrize("kind", FIELDS)
+def test_a_new_field_moves_nothing(kind):
+    x = points()
+    R, t = small_field(kind)(x)
+    assert torch.equal(R, torch.eye(3).expand(len(x), 3, 3))
+    assert torch.equal(t, torch.zeros_like(x))
+    assert (displacements(small_field(kind), x, chunk=64) == 0).all()
+
+
+@pytest.mark.parametrize("kind", FIELDS)
+def test_a_field_has_rotations(kind):
+    R, _ = shaken(kind)(points())
+    assert (R - torch.eye(3)).abs().max() > 0.05
+    torch.testing.assert_close(R @ R.mT, torch.eye(3).expand_as(R), atol=1e-5, rtol=0)
+    torch.testing.assert_close(torch.linalg.det(R), torch.ones(len(R)), atol=1e-5, rtol=0)
+
+
+def test_euler_angles_compose_x_then_y_then_z():
+    angles = 6 * torch.rand(50, 3, generator=generator(), dtype=torch.float64) - 3
+    from scipy.spatial.transform import Rotation
+
+    expected = Rotation.from_euler("XYZ", angles.numpy()).as_matrix()
+    np.testing.assert_allclose(euler_rotation(angles).numpy(), expected, atol=1e-12)
+
+
+def test_fourier_features_by_hand():
+    x = torch.tensor([[0.25, -0.5]])
+    s, c = np.sin(2 * np.pi * 0.25), np.cos(2 * np.pi * 0.25)
+    expected = [0.25, -0.5, s, 0, 0, 0, c, -1, -1, 1]  # per coordinate: octaves 1 and 2
+    torch.testing.assert_close(fourier_features(x, 2), torch.tensor([expected]).float(), atol=1e-6, rtol=0)
+
+
+def test_published_networks_have_the_published_sizes():
+    def count(network):
+        return sum(parameter.numel() for parameter in network.parameters())
+
+    sizes = {"width": 256, "layers": 8, "frequencies": 6, "generator": generator()}
+    # Seven hidden layers of 256 with weight norm; layer 4 gets the 39 features again.
+    hidden = 256 * (39 + 6 * 256 + 39 + 7 + 7)
+    assert count(MlpField(**sizes)) == hidden + 6 * 257
+    assert count(sdf_network(**sizes)) == hidden + 256 + 2
+    couplings = InvertibleField(width=128, layers=4, frequencies=6, generator=generator())
+    f, g = (128 * (inputs + 3 * 128 + 4 + 4) for inputs in (26, 13))
+    assert count(couplings) == 6 * (f + 129 + g + 3 * 129)
+
+
+def test_sdf_network_starts_near_a_sphere():
+    network = sdf_network(width=256, layers=8, frequencies=6, generator=generator())
+    direction = torch.nn.functional.normalize(points(500), dim=-1)
+    with torch.no_grad():
+        inner, outer = (network(radius * direction)[:, 0] for radius in (0.1, 0.9))
+    assert (inner < 0).all() and (outer > 0).all()
+    assert (outer - inner).mean() == pytest.approx(0.8, rel=0.2)  # of slope about 1 along each ray
+
+
+def test_invertible_field_has_an_exact_inverse():
+    field, x = shaken("invertible").double(), points().double()
+    with torch.no_grad():
+        y = moved(x, *field(x))
+        assert (y - x).abs().max() > 0.1
+        torch.testing.assert_close(field.inverse(y), x, atol=1e-12, rtol=0)
+
+
+def test_weights_come_from_the_generator_alone():
+    before = torch.get_rng_state()
+    one, two, other = (small_field("mlp", seed) for seed in (0, 0, 1))
+    assert torch.equal(torch.get_rng_state(), before)
+    for a, b in zip(one.parameters(), two.parameters(), strict=True):
+        assert torch.equal(a, b)
+    assert not torch.equal(next(one.parameters()), next(other.parameters()))
+
+
+# Distances
+
+
+def test_grid_distance_to_a_sphere():
+    sphere = icosphere(4)
+    sdf, exact = grid_sdf(0.6 * sphere.V, sphere.F, size=64, device=CPU), Ball(0.6)
+    x = points(2000)
+    x = x[x.norm(dim=-1) > 0.15]  # at the centre the gradient jumps
+    f, gradient = sdf.with_gradient(x)
+    torch.testing.assert_close(f, sdf(x))
+    assert (f - exact(x)).abs().max() < 0.004  # chords of the icosphere, and a voxel of 0.03
+    angle = torch.rad2deg(torch.acos(torch.nn.functional.cosine_similarity(gradient, x, dim=-1).clamp(max=1)))
+    assert angle.mean() < 1
+    assert (gradient.norm(dim=-1) - 1).abs().mean() < 0.02
+
+
+def test_grid_reproduces_a_linear_function_with_its_axes_in_order():
+    axis = np.linspace(-1, 1, 9)
+    X, Y, Z = np.meshgrid(axis, axis, axis, indexing="ij")
+    sdf, x = GridSdf(0.1 + X - 2 * Y + 3 * Z, device=CPU), points()
+    f, gradient = sdf.with_gradient(x)
+    torch.testing.assert_close(f, 0.1 + x @ torch.tensor([1.0, -2.0, 3.0]), atol=1e-5, rtol=0)
+    torch.testing.assert_close(gradient, torch.tensor([[1.0, -2.0, 3.0]]).expand(200, 3), atol=1e-4, rtol=0)
+
+
+def test_fitted_network_approaches_the_distance():
+    sphere = icosphere(3)
+    surface = Surface.of(0.7 * sphere.V, sphere.F, device=CPU)
+    settings = {"width": 32, "layers": 4, "frequencies": 2, "points": 256, "learning_rate": 1e-3}
+    x = 0.7 * torch.nn.functional.normalize(points(300), dim=-1)
+
+    def off_surface(steps):
+        sdf, loss = fit_network_sdf(
+            surface, steps=steps, generator=generator(), weights=generator(), progress=silent, **settings
+        )
+        assert np.isfinite(loss)
+        return sdf, sdf(x).abs().mean()
+
+    (_, before), (sdf, after) = off_surface(1), off_surface(150)
+    assert after < 0.04 < 0.2 < before
+    _, gradient = sdf.with_gradient(x)
+    assert torch.nn.functional.cosine_similarity(gradient, x, dim=-1).mean() > 0.98
+
+
+def test_surface_samples_lie_on_faces_in_proportion_to_area():
+    mesh = bumpy(2)
+    x, normal = Surface.of(mesh.V, mesh.F, device=CPU).sample(20_000, generator())
+    squared, face, _ = igl.point_mesh_squared_distance(x.double().numpy(), mesh.V, np.array(mesh.F))
+    assert squared.max() < 1e-10
+    share = np.bincount(face, minlength=mesh.m) / 20_000
+    assert np.abs(share - mesh.face_areas / mesh.area).max() < 0.004
+    assert (np.einsum("ij,ij->i", mesh.face_normals[face], normal.numpy()) > 0.999).mean() > 0.99
+
+
+# Patches
+
+
+def test_correct_weights_are_those_of_libigl():
+    pattern = random_pattern(30, 0.03, np.random.default_rng(5))
+    flat = torch.nn.functional.pad(pattern.points, (0, 1))
+    weights = pattern.weights(flat[None])[0].double().numpy()
+    V, F = flat.double().numpy(), pattern.triangles.numpy()
+    cotangents = 2 * igl.cotmatrix(V, F)  # igl halves them
+    source, target = (part.argmax(dim=1).numpy() for part in (pattern.source, -pattern.difference))
+    expected = np.asarray(cotangents.todense())[source, target]
+    assert len(expected) == 2 * len(igl.edges(F))
+    assert igl.doublearea(V, F).min() > 2e-6  # under that weights are limited
+    np.testing.assert_allclose(weights, expected, rtol=1e-3, atol=1e-3)
+
+
+def test_weights_of_a_square_by_hand():
+    plane = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+    triangles = np.array([[0, 1, 2], [0, 2, 3]])
+    flat = torch.tensor(np.pad(plane, [(0, 0), (0, 1)]), dtype=torch.float32)[None]
+
+    def weights(pattern):
+        source, target = (part.argmax(dim=1).tolist() for part in (pattern.source, -pattern.difference))
+        values = pattern.weights(flat)[0].tolist()
+        return sorted((a, b, round(w, 5)) for a, b, w in zip(source, target, values, strict=True))
+
+    sides = [(0, 1), (1, 2), (2, 3), (0, 3)]
+    both = [(a, b, 1.0) for a, b in sides] + [(b, a, 1.0) for a, b in sides]
+    assert weights(pattern_of(plane, triangles)) == sorted([*both, (0, 2, 0.0), (2, 0, 0.0)])
+    # Triangle 0 lists (0, 1), (1, 2), (0, 2) with the cotangents at 0, 1, 2: 1, 0, 1. Triangle 1 lists
+    # (0, 2), (2, 3), (0, 3) with 1, 1, 0; its (0, 2) replaces the first one's (0, 2) on both listings.
+    published = [(0, 1, 1.0), (1, 2, 0.0), (0, 2, 1.0), (0, 2, 1.0), (2, 3, 1.0), (0, 3, 0.0)]
+    assert weights(pattern_of(plane, triangles, cotangents="published")) == sorted(published)
+
+
+def test_tangents_make_right_handed_frames_everywhere():
+    normal = torch.cat([points(500), torch.eye(3), -torch.eye(3), torch.tensor([[1e-9, 0, -1.0]])])
+    normal = torch.nn.functional.normalize(normal, dim=-1)
+    first, second = tangents(normal)
+    frame = torch.stack([first, second, normal], dim=-1)
+    torch.testing.assert_close(frame.mT @ frame, torch.eye(3).expand_as(frame), atol=1e-5, rtol=0)
+    torch.testing.assert_close(torch.linalg.det(frame), torch.ones(len(frame)), atol=1e-5, rtol=0)
+
+
+def test_patches_lie_on_the_level_set_of_their_centre():
+    sdf, centres = Ball(), points(100)
+    centres = centres[centres.norm(dim=-1) > 0.1]
+    pattern = random_pattern(12, 0.03, np.random.default_rng(0))
+    patches = patches_at(sdf, centres, pattern, repeats=5)
+    torch.testing.assert_close(patches[:, 0], centres, atol=1e-6, rtol=0)
+    levels = sdf(patches.flatten(0, 1)).unflatten(0, patches.shape[:2])
+    torch.testing.assert_close(levels, sdf(centres)[:, None].expand_as(levels), atol=1e-6, rtol=0)
+    # They keep the pattern's shape and its side: the normals of their triangles look outwards.
+    a, b, c = patches[:, pattern.triangles].unbind(2)
+    outwards = (torch.linalg.cross(b - a, c - a) * a).sum(dim=-1)
+    assert (outwards > 0).float().mean() > 0.99
+
+
+def test_zero_set_samples_lie_on_it():
+    x = zero_set(Ball(), 300, repeats=2, generator=generator())
+    assert x.shape == (300, 3)
+    assert Ball()(x).abs().max() < 1e-6
+    assert x.mean(dim=0).abs().max() < 0.1
+
+
+def test_a_field_without_surface_is_an_error(monkeypatch):
+    monkeypatch.setattr("baselines.implicit_arap.patches.DRAWS", 2)
+    with pytest.raises(RuntimeError, match="sdf=grid"):
+        zero_set(Ball(9.0), 5, repeats=1, generator=generator())
+
+
+def test_projection_reaches_a_level():
+    x = project(Ball(), points(50), level=0.25, repeats=1)
+    torch.testing.assert_close(x.norm(dim=-1), torch.full((50,), 0.85), atol=1e-5, rtol=0)
+
+
+@pytest.mark.parametrize("cotangents", ["correct", "published"])
+def test_energy_is_zero_for_a_rigid_motion_alone(cotangents):
+    pattern = random_pattern(16, 0.03, np.random.default_rng(2), cotangents=cotangents)
+    patches = patches_at(Ball(), points(20), pattern, repeats=2)
+    R = torch.tensor(rotation(3), dtype=torch.float32)
+    everywhere = R.expand(*patches.shape, 3)
+    rigid = pattern.energy(patches, everywhere, patches @ R.T + torch.tensor([0.3, -0.2, 0.5]))
+    stretched = pattern.energy(patches, everywhere, 1.2 * patches @ R.T)
+    wrong = pattern.energy(patches, torch.eye(3).expand_as(everywhere), patches @ R.T)
+    assert abs(rigid) < 1e-5 * stretched
+    assert stretched > 0
+    assert wrong > stretched
+
+
+def test_energy_of_a_stretch_by_hand():
+    """A unit square stretched by 1.5 along x, R = 1: sides along x have weight 1, listed twice."""
+    pattern = pattern_of(np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]]), np.array([[0, 1, 2], [0, 2, 3]]))
+    flat = torch.nn.functional.pad(pattern.points, (0, 1))[None]
+    eye = torch.eye(3).expand(*flat.shape, 3)
+    energy = pattern.energy(flat, eye, flat * torch.tensor([1.5, 1, 1]))
+    assert energy.item() == pytest.approx(2 * 2 * 0.5**2)
+
+
+# Training
+
+
+def plan(**changes):
+    sizes = {
+        "steps": 1,
+        "surface_patches": 100,
+        "space_patches": 50,
+        "patch_points": 10,
+        "patch_radius": 0.03,
+    }
+    weights = {"moving_weight": 1.0, "static_weight": 1.0, "arap_weight": 1.0}
+    rest = {"projections": 1, "cotangents": "correct", "learning_rate": 1e-3, "milestones": (), "decay": 0.5}
+    return Plan(**sizes | weights | rest | changes)
+
+
+def test_handles_take_their_patches_from_the_surface_but_not_all():
+    assert plan().free_patches(30) == 70
+    assert plan().free_patches(300) == 25
+    assert plan().points(30) == 1500
+
+
+def test_static_handles_stay_at_their_projections_and_moving_ones_come_first():
+    rest, target = points(4, seed=2), points(4, seed=3)
+    dynamic = np.array([False, True, False, True])
+    at, goal, moving = Constraints.of(Ball(), rest, target, dynamic, repeats=2)
+    projected = 0.6 * torch.nn.functional.normalize(rest, dim=-1)
+    assert moving == 2
+    torch.testing.assert_close(at, projected[[1, 3, 0, 2]])
+    torch.testing.assert_close(goal, torch.cat([target[[1, 3]], projected[[0, 2]]]))
+
+
+def test_a_small_run_lowers_the_loss_and_meets_the_handles(twisted):
+    extra, diagonal = twisted.extra, icosphere(3).diagonal
+    assert extra["loss_last"] < extra["loss_first"] / 10
+    assert extra["handle_error"] < 0.02
+    task = twist()
+    gap = np.linalg.norm(twisted.vertices[task.handles.index] - task.handles.target, axis=1)
+    assert extra["handle_error"] == pytest.approx(gap.mean() / diagonal)
+    assert twisted.iterations == 60 and twisted.converged is None
+    assert extra["loss_curve"].shape == (60, 3)
+    assert extra["loss_first"] == pytest.approx(extra["loss_curve"][0].sum())
+    assert set(twisted.seconds) == {"sdf", "field", "apply"}
+
+
+def test_a_seed_gives_the_same_bits_and_another_gives_others(twisted):
+    again = implicit_arap(twist(), seed=4, **SMALL)
+    np.testing.assert_array_equal(again.vertices, twisted.vertices)
+    np.testing.assert_array_equal(again.extra["loss_curve"], twisted.extra["loss_curve"])
+    other = implicit_arap(twist(), seed=5, **SMALL | {"steps": 2})
+    assert (other.extra["loss_curve"][1] != twisted.extra["loss_curve"][1]).any()
+
+
+def test_global_generators_are_left_alone():
+    before, numpys = torch.get_rng_state(), np.random.get_state()[1].copy()  # noqa: NPY002
+    implicit_arap(twist(), seed=0, **SMALL | {"steps": 2})
+    assert torch.equal(torch.get_rng_state(), before)
+    np.testing.assert_array_equal(np.random.get_state()[1], numpys)  # noqa: NPY002
+
+
+@pytest.mark.parametrize(("factor", "shift"), [(1.0, (30.0, -20.0, 5.0)), (250.0, (0.0, 0.0, 0.0))])
+def test_mesh_and_targets_together_may_move_and_grow(twisted, factor, shift):
+    task = twist()
+    mesh, handles = Mesh(factor * task.mesh.V + shift, task.mesh.F), task.handles
+    target = factor * handles.target + shift
+    moved_handles = Handles(handles.index, target, dynamic=handles.dynamic, group=handles.group)
+    result = implicit_arap(DeformationTask("moved", mesh, moved_handles), seed=4, **SMALL)
+    gap = np.abs(result.vertices - (factor * twisted.vertices + shift)).max()
+    assert gap <= 0.02 * mesh.diagonal
+
+
+@pytest.mark.parametrize("changes", [{"field": "invertible"}, {"cotangents": "published"}], ids=str)
+def test_options_lower_the_loss_too(changes):
+    extra = implicit_arap(twist(), seed=0, **SMALL | changes).extra
+    assert extra["loss_last"] < extra["loss_first"] / 5
+    for name, value in changes.items():
+        assert extra[name] == value
+
+
+def test_network_sdf_from_end_to_end():
+    reported = []
+
+    def progress(stage, done, total, note=""):
+        reported.append((stage, done, total))
+
+    small = {"sdf_steps": 40, "sdf_points": 128, "sdf_width": 32, "sdf_layers": 3, "sdf_learning_rate": 3e-3}
+    task = twist()
+    sizes = SMALL | small | {"sdf": "network", "steps": 30}
+    result = implicit_arap(task, seed=0, progress=progress, **sizes)
+    assert result.extra["sdf"] == "network" and np.isfinite(result.extra["sdf_loss_last"])
+    assert result.extra["loss_last"] < result.extra["loss_first"]
+    assert reported[-1] == ("field", 30, 30) and ("sdf", 40, 40) in reported
+
+
+def test_a_task_may_have_moving_or_static_handles_only():
+    mesh = icosphere(2)
+    for dynamic in (False, True):
+        handles = Handles(np.arange(5), mesh.V[:5], dynamic=np.full(5, dynamic))
+        result = implicit_arap(DeformationTask("held", mesh, handles), seed=0, **SMALL | {"steps": 10})
+        assert np.abs(result.vertices - mesh.V).max() < 0.05 * mesh.diagonal
+
+
+def test_no_steps_leave_the_mesh_as_it_is():
+    result = implicit_arap(twist(), seed=0, **SMALL | {"steps": 0})
+    np.testing.assert_array_equal(result.vertices, twist().mesh.V)
+    assert "loss_last" not in result.extra
