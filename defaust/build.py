@@ -171,11 +171,12 @@ def _subjects(source: Source, wanted: tuple[int, ...] | None) -> tuple[int, ...]
 
 def _recipe(source: Source, options: BuildOptions, *, subjects: tuple[int, ...]) -> dict[str, Any]:
     """What determines the result: the first part of dataset.json, as it reads back from JSON."""
+    files = source.checksums(subjects)
     build = asdict(options) | {"subjects": list(subjects), "window": list(options.window)}
     return {
         "format": FORMAT,
         "name": f"defaust-{source.name}",
-        "source": {"name": source.name, **source.provenance},
+        "source": {"name": source.name, **source.provenance, **({"files": dict(files)} if files else {})},
         "build": build,
         "tools": {name: metadata.version(name) for name in TOOLS},
         "landmarks": list(source.landmark_names),

@@ -15,6 +15,8 @@ def render_card(document: dict[str, Any]) -> str:
 def _head(d: dict[str, Any]) -> str:
     source = d["source"]
     poses = sum(len(s["poses"]) for s in d["subjects"])
+    count = len(source.get("files", {}))
+    files = f" Read from {count} files, whose sha256 `dataset.json` lists." if count else ""
     return f"""# DeFAUST: {source["title"]}
 
 A benchmark for the deformation of large meshes by handles: {len(d["subjects"])} subjects at rest, {poses} \
@@ -24,7 +26,7 @@ resolution.
 ## Sources
 
 {source["origin"]}. Unit: {source["unit"]}. Axes: {source["axes"]}. Subjects: \
-{_list(d["build"]["subjects"])}. Seed: {d["build"]["seed"]}."""
+{_list(d["build"]["subjects"])}. Seed: {d["build"]["seed"]}.{files}"""
 
 
 def _uses(d: dict[str, Any]) -> str:

@@ -18,8 +18,12 @@ if TYPE_CHECKING:
 EPILOG = """examples:
   defaust build out=data/defaust                                   all subjects, 170,000 vertices
   defaust build source=synthetic out=DIR subjects=[0,1] target_vertices=20000 seed=0
+  defaust build source=faust source.root=MPI-FAUST out=DIR         your own copy of FAUST
   defaust verify DIR
   defaust info DIR"""
+
+#: Shown where an option without a default is not given.
+EXAMPLES = {"out": "out=data/defaust", "source.root": "source.root=MPI-FAUST"}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -76,7 +80,8 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, int | 
             config = compose("build", overrides=list(overrides))
         missing = OmegaConf.missing_keys(config)
         if missing:
-            raise InputError(f"{', '.join(sorted(missing))} is not set; add e.g. out=data/defaust")
+            examples = [EXAMPLES.get(name, f"{name}=VALUE") for name in sorted(missing)]
+            raise InputError(f"{', '.join(sorted(missing))} is not set; add e.g. {' '.join(examples)}")
         plain = OmegaConf.to_container(config, resolve=True)
         source = instantiate(config.source, _convert_="all")
     except (HydraException, OmegaConfBaseException) as error:
@@ -157,6 +162,8 @@ def _info(args: argparse.Namespace) -> int:
         ("landmarks", ", ".join(document["landmarks"])),
         ("seed", build["seed"]),
         ("target vertices", f"{build['target_vertices']:,}"),
+        ("origin", document["source"]["origin"]),
+        ("unit, axes", f"{document['source']['unit']}; {document['source']['axes']}"),
         ("licence", document["source"]["licence"]),
         ("size", f"{sum(entry['bytes'] for entry in document['files'].values()) / 1e6:.1f} MB"),
         ("checksum", document["checksum"]),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -43,7 +43,7 @@ class Source(Protocol):
     @property
     def provenance(self) -> Mapping[str, Any]:
         """Flat facts for the dataset card: ``title``, ``origin``, ``licence``, ``citation``, ``limits``,
-        ``axes``, ``unit`` and checksums of the data; text, numbers or lists of text."""
+        ``axes``, ``unit`` and what else the result depends on; text, numbers or lists of them. No path."""
 
     @property
     def subjects(self) -> tuple[int, ...]:
@@ -52,6 +52,10 @@ class Source(Protocol):
     @property
     def landmark_names(self) -> tuple[str, ...]:
         """Every landmark that some pose uses, in the order of their ids."""
+
+    def checksums(self, subjects: Sequence[int]) -> Mapping[str, str]:
+        """sha256 of each file that these subjects are read from, by the file's name; empty where the
+        data ship with the package. Raises InputError where a file is missing."""
 
     def landmark_vertices(self, subject: int) -> Mapping[str, int]:
         """Vertex of each landmark on the subject's registered meshes."""

@@ -36,7 +36,7 @@ def test_build_verify_info(tmp_path, capsys):
     ("overrides", "message"),
     [
         (["seed=1"], "out is not set"),
-        (["source=faust"], "Could not find 'source/faust'"),
+        (["source=scape"], "Could not find 'source/scape'"),
         (["out=x", "speed=1"], "Could not override 'speed'"),
         (["out=x", "+speed=1"], "there is no option speed"),
         (["out=x", "subjects=[a"], "no viable alternative"),

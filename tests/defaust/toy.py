@@ -1,6 +1,6 @@
 """A small source: balls that bend, so that whole builds take a second."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +35,9 @@ class Balls:
             "unit": "metre",
             "stretch": self.stretch,
         }
+
+    def checksums(self, subjects: Sequence[int]) -> Mapping[str, str]:
+        return {}
 
     def landmark_vertices(self, subject: int) -> Mapping[str, int]:
         V = self.rest(subject).V

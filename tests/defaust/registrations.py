@@ -1,0 +1,36 @@
+"""Folders laid out as FAUST's, from the synthetic bodies, which have FAUST's counts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from defaust.cli import configure
+from defaust.options import BuildOptions
+from defaust.synthetic import SyntheticBodies
+from sshade.meshio import write_mesh
+
+#: FAUST's numbers of a rest pose and the four default target poses.
+POSES = (0, 1, 3, 6, 8)
+SMALL = BuildOptions(target_vertices=3000, window=(0.7, 1.5), remesh_iterations=2)
+
+
+def write_faust(folder: Path, *, subjects=(0,), poses=POSES, suffix=".ply") -> Path:
+    """tr_reg_NNN files of these subjects in `folder`, which is made."""
+    folder.mkdir(parents=True, exist_ok=True)
+    source = SyntheticBodies()
+    for subject in subjects:
+        meshes = [source.rest(subject), *(source.posed(subject, pose) for pose in source.poses(subject))]
+        for pose, mesh in zip(POSES, meshes, strict=True):
+            if pose in poses:
+                write_mesh(folder / f"tr_reg_{10 * subject + pose:03d}{suffix}", mesh.V, mesh.F)
+    return folder
+
+
+def faust(root: Path, *overrides: str):
+    """The source that the command line would make; the bodies have other shapes at FAUST's landmarks."""
+    return configure(["out=unused", "source=faust", f"source.root='{root}'", *overrides])[0]
+
+
+def contents(root: Path) -> dict[str, bytes]:
+    """Every file of a folder."""
+    return {str(p.relative_to(root)): p.read_bytes() for p in sorted(root.rglob("*")) if p.is_file()}

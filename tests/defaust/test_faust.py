@@ -1,0 +1,183 @@
+"""FAUST's layout: what is found, what is checked, and what is refused."""
+
+import pickle
+import shutil
+
+import numpy as np
+import pytest
+
+from defaust.cli import main
+from defaust.folder import sha256
+from defaust.synthetic import SyntheticBodies
+from sshade import InputError
+from sshade.meshio import write_mesh
+from tests.defaust.registrations import POSES, faust, write_faust
+from tests.shapes import icosphere
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Subject 0 in all five poses, subject 3 without pose 8; do not change it."""
+    root = tmp_path_factory.mktemp("faust") / "MPI-FAUST/training/registrations"
+    write_faust(root)
+    return write_faust(root, subjects=[3], poses=POSES[:4])
+
+
+@pytest.fixture
+def copy(folder, tmp_path):
+    """A copy to damage."""
+    return shutil.copytree(folder, tmp_path / "registrations")
+
+
+@pytest.mark.parametrize(
+    "inside", ["", "MPI-FAUST", "MPI-FAUST/training", "MPI-FAUST/training/registrations"]
+)
+def test_any_folder_around_the_files_will_do(folder, inside):
+    source = faust(folder.parents[2] / inside)
+    bodies = SyntheticBodies()
+    assert source.subjects == tuple(range(10))
+    np.testing.assert_array_equal(source.rest(0).V, bodies.rest(0).V)
+    for pose, expected in zip(source.poses(3)[:3], bodies.poses(3), strict=False):
+        np.testing.assert_array_equal(source.posed(3, pose).V, bodies.posed(3, expected).V)
+        np.testing.assert_array_equal(source.posed(3, pose).F, source.rest(0).F)
+
+
+@pytest.mark.parametrize("suffix", [".off", ".obj"])
+def test_other_formats(tmp_path, suffix):
+    source = faust(write_faust(tmp_path, suffix=suffix))
+    mesh, expected = source.posed(0, source.poses(0)[3]), SyntheticBodies().rest(0)
+    assert np.abs(source.rest(0).V - expected.V).max() <= 1e-15 * expected.diagonal
+    np.testing.assert_array_equal(mesh.F, expected.F)
+    assert list(source.checksums([0])) == [f"tr_reg_00{k}{suffix}" for k in POSES]
+
+
+def test_of_two_formats_ply_is_read(copy):
+    ball = icosphere(1)
+    write_mesh(copy / "tr_reg_000.obj", ball.V, ball.F)
+    (copy / "tr_reg_000.png").write_text("a picture")
+    (copy / "tr_reg_1.ply").write_text("no registration")
+    assert faust(copy).rest(0).n == 6890
+
+
+def test_poses_and_landmarks(folder):
+    source = faust(folder)
+    poses = source.poses(0)
+    assert [p.name for p in poses] == [
+        "1_hands_on_hips", "3_forearms_raised", "6_arms_forward", "8_walking"
+    ]  # fmt: skip
+    assert [p.aligned for p in poses] == [True, True, True, False]
+    base = ("nose", "hand_l", "hand_r", "toe_l", "toe_r", "heel_l", "heel_r")
+    more = ("elbow_l", "elbow_r", "knee_l", "knee_r", "hip_l", "hip_r", "chest", "upper_back")
+    assert [p.landmarks for p in poses] == [base, base, base, base + more]
+    assert list(source.landmark_vertices(0)) == list(source.landmark_names) == [*base, *more]
+    assert source.landmark_vertices(9)["toe_r"] == 6617 and source.landmarks["pelvis_front"] == 3143
+
+    other = faust(
+        folder,
+        "source.rest_pose=3", "source.target_poses=[6,0]", "source.unaligned=[0]",
+        "source.base_landmarks=[nose,tip]", "source.more_landmarks=[]", "+source.landmarks.tip=7",
+    )  # fmt: skip
+    assert [(p.name, p.aligned) for p in other.poses(0)] == [("6_arms_forward", True), ("0_standing", False)]
+    assert other.landmark_vertices(0) == {"nose": 332, "tip": 7}
+    np.testing.assert_array_equal(other.posed(0, other.poses(0)[1]).V, source.rest(0).V)
+
+
+def test_facts(folder, copy):
+    here, there = faust(folder), faust(copy)
+    assert here.provenance == there.provenance and str(folder) not in str(here.provenance)
+    assert "guess" in here.provenance["limits"][0] and "1, 3, 6, 8" in here.provenance["limits"][0]
+    assert "redistributed" in here.provenance["licence"] and "Bogo" in here.provenance["citation"]
+    assert here.checksums([0]) == {f"tr_reg_00{k}.ply": sha256(folder / f"tr_reg_00{k}.ply") for k in POSES}
+
+
+def test_nothing_is_read_before_it_is_needed(copy):
+    (copy / "tr_reg_036.ply").write_bytes(b"")
+    source = pickle.loads(pickle.dumps(faust(copy)))
+    assert source.posed(3, source.poses(3)[1]).n == 6890
+    with pytest.raises(InputError, match=r"tr_reg_036.ply: the file is empty"):
+        source.posed(3, source.poses(3)[2])
+
+
+def test_missing_files_are_named(folder, tmp_path):
+    source = faust(folder)
+    with pytest.raises(InputError, match=r"lacks tr_reg_038: subjects 0, 3 in poses 0, 1, 3, 6, 8 are 10 "):
+        source.checksums([0, 3])
+    with pytest.raises(
+        InputError, match=r"lacks tr_reg_010, .* and 35 more: .*; those of subjects=\[0\] are"
+    ):
+        source.checksums(source.subjects)
+    with pytest.raises(InputError, match=r"poses 0, 1, 3, 6, 8 are 5 files$"):
+        source.checksums([4])
+    with pytest.raises(InputError, match="lacks tr_reg_038$"):
+        source.posed(3, source.poses(3)[3])
+    assert list(faust(folder, "source.target_poses=[6]").checksums([3])) == [
+        "tr_reg_030.ply",
+        "tr_reg_036.ply",
+    ]
+    with pytest.raises(InputError, match=r"holds no registrations \(tr_reg_NNN.ply, .off or .obj\)"):
+        faust(tmp_path)
+    with pytest.raises(InputError, match=r"nowhere: no such folder; set source.root=MPI-FAUST"):
+        faust(tmp_path / "nowhere")
+    with pytest.raises(InputError, match="is a file; give a folder"):
+        faust(folder / "tr_reg_000.ply")
+
+
+def test_wrong_meshes_are_named(copy):
+    rest = SyntheticBodies().rest(0)
+    ball = icosphere(2)
+    write_mesh(copy / "tr_reg_001.ply", ball.V, ball.F)
+    write_mesh(copy / "tr_reg_003.ply", rest.V, rest.F[np.random.default_rng(0).permutation(rest.m)])
+    write_mesh(copy / "tr_reg_006.ply", rest.V, rest.F[:, [1, 2, 0]])
+    source = faust(copy)
+    poses = source.poses(0)
+    with pytest.raises(InputError, match="tr_reg_001.ply: 162 vertices and 320 faces, but .* 6890 and 13776"):
+        source.posed(0, poses[0])
+    for pose, number in ((poses[1], 3), (poses[2], 6)):
+        with pytest.raises(InputError, match=f"tr_reg_00{number}.ply: its faces are not those of tr_reg_000"):
+            source.posed(0, pose)
+
+
+def test_a_surface_that_is_none_is_named(tmp_path):
+    rest = SyntheticBodies().rest(0)
+    doubled = np.concatenate([rest.F[:1], rest.F[:-1]])
+    write_mesh(tmp_path / "tr_reg_000.ply", rest.V, doubled)
+    with pytest.raises(InputError, match=r"tr_reg_000.ply: the mesh is not manifold"):
+        faust(tmp_path).rest(0)
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("source.target_poses=[1,10]", "source.target_poses: 10 does not exist; choose from 0, 1, 2"),
+        ("source.target_poses=[1,1]", "source.target_poses: 1 is listed twice"),
+        ("source.target_poses=[1,true]", "source.target_poses: True does not exist"),
+        ("source.target_poses=[0,1]", "source.target_poses holds 0, which is the rest pose"),
+        ("source.target_poses=[]", "need one entry at least"),
+        ("source.target_poses=3", "source.target_poses=3 is not a list"),
+        ("source.unaligned=[a]", "source.unaligned: 'a' does not exist"),
+        ("source.rest_pose=11", "source.rest_pose is 11; FAUST's poses are 0 to 9"),
+        ("source.base_landmarks=[tail]", "source.base_landmarks: 'tail' does not exist"),
+        ("source.more_landmarks=[nose]", "'nose' is listed twice"),
+        (
+            "source.landmarks.nose=6890",
+            "the vertex of nose is 6890, but the registrations have 6890 vertices",
+        ),
+        ("source.landmarks.nose=-1", "the vertex of nose is -1; give a number from 0 up"),
+        ("source.landmarks.nose=411", "head_top shares vertex 411 with another landmark"),
+        ("source.landmarks=3", "source.landmarks=3 is not a mapping"),
+    ],
+)
+def test_mistakes_are_one_sentence(folder, override, message, capsys):
+    assert main(["build", "out=x", "source=faust", f"source.root='{folder}'", override]) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.startswith("error: ") and error.count("\n") == 1
+
+
+def test_subject_out_of_range(folder):
+    with pytest.raises(InputError, match="there is no FAUST subject 10; they are 0 to 9"):
+        faust(folder).rest(10)
+
+
+def test_root_must_be_set(capsys):
+    assert main(["build", "out=x", "source=faust"]) == 2
+    assert capsys.readouterr().err == "error: source.root is not set; add e.g. source.root=MPI-FAUST\n"
