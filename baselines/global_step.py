@@ -66,6 +66,7 @@ def iterate(
     tolerance: float,
     max_iterations: int,
     progress: Progress,
+    mix: Callable[[np.ndarray, np.ndarray], None] = np.copyto,
 ) -> tuple[int, float]:
     """Repeat ``u <- g(u)`` until no vertex moves by more than a tolerance.
 
@@ -81,6 +82,9 @@ def iterate(
         Residual ``max_i |g(u)_i - u_i| / scale`` under which iteration stops. 0 never stops early.
     max_iterations : int
     progress : Progress
+    mix : callable
+        ``mix(u, g)`` replaces u by the next iterate, by default g itself; what ends the loop
+        is a plain g in any case.
 
     Returns
     -------
@@ -101,7 +105,10 @@ def iterate(
         iterations += 1
         if not np.isfinite(residual):
             raise FloatingPointError(f"the positions are not finite after {iterations} iterations")
-        u[:] = g
+        if residual < tolerance or iterations == max_iterations:
+            u[:] = g
+        else:
+            mix(u, g)
         if iterations % REPORT_EVERY == 0:
             progress("iterations", iterations, max_iterations, f"residual {residual:.1e}")
     progress("iterations", iterations, max_iterations, f"residual {residual:.1e}")

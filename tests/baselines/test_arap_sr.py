@@ -13,7 +13,7 @@ from sshade.errors import InputError
 from sshade.mesh import Mesh
 from sshade.task import DeformationTask, Handles, rigid_motion
 from tests.baselines.tasks import bent_bar, errors, held_ends
-from tests.shapes import bumpy, double_torus, family, jittered, strip
+from tests.shapes import bumpy, double_torus, family, jittered, strip, tube
 
 #: Area, volume and edge error in percent after so many iterations of the bar with raw cotangents and
 #: alpha = 0.02, from an implementation in numpy that follows CGAL's order: global step first.
@@ -225,3 +225,31 @@ def test_begins_from_the_guess_of_the_task(body):
     assert result.converged
     assert arap_sr(again, alpha=1e-5, tolerance=0, max_iterations=1).extra["residual"] < 1e-4
     assert arap_sr(task, alpha=1e-5, tolerance=0, max_iterations=1).extra["residual"] > 1e-2
+
+
+@pytest.mark.parametrize("mesh", [bumpy(3), jittered(tube(), 0.02)], ids=["closed", "boundary"])
+def test_acceleration_reaches_the_same_minimum_sooner(mesh):
+    task = held_ends(mesh, axis=int(np.argmax(np.ptp(mesh.V, axis=0))))
+    plain, fast = (arap_sr(task, tolerance=1e-9, max_iterations=2000, accelerate=a) for a in (False, True))
+    assert plain.converged and fast.converged
+    assert fast.iterations < plain.iterations / 3
+    assert np.abs(fast.vertices - plain.vertices).max() < 1e-6 * mesh.diagonal
+    R = fast.extra["rotations"]
+    assert np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max() < 1e-12
+
+
+def test_an_acceleration_that_always_begins_anew_is_the_plain_iteration(body, monkeypatch):
+    monkeypatch.setattr("baselines.arap_sr.LONGER", 0.0)
+    task = held_ends(body)
+    plain = arap_sr(task, tolerance=0, max_iterations=40)
+    restarted = arap_sr(task, tolerance=0, max_iterations=40, accelerate=True)
+    assert restarted.extra["restarts"] == 38  # not after the first step, and no mixing after the last
+    assert plain.extra["restarts"] == 0
+    assert np.abs(restarted.vertices - plain.vertices).max() < 1e-12 * body.diagonal
+
+
+def test_acceleration_ends_with_a_plain_iterate(small_body):
+    """One iteration is then the same with and without."""
+    task = held_ends(small_body)
+    one, other = (arap_sr(task, max_iterations=1, accelerate=a).vertices for a in (True, False))
+    np.testing.assert_array_equal(one, other)

@@ -67,3 +67,19 @@ def test_an_iterate_that_is_not_finite_ends_the_loop():
 
     with pytest.raises(FloatingPointError, match="not finite after 1 iterations"):
         run(diverge, np.ones((1, 3)))
+
+
+def test_the_next_iterate_may_be_mixed_but_the_last_is_plain():
+    """Extrapolation to the fixed point of the halving ends it in the second iteration."""
+    seen = []
+
+    def mix(u, g):
+        seen.append(u.copy())
+        u += 2 * (g - u)
+
+    u = np.ones((1, 3))
+    assert run(halve, u, mix=mix) == (2, 0.0)
+    assert len(seen) == 1
+    u = np.ones((1, 3))
+    run(halve, u, mix=mix, max_iterations=1)
+    np.testing.assert_array_equal(u, 0.5)
