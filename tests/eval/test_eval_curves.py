@@ -1,0 +1,56 @@
+"""Curves over the size of the mesh."""
+
+from __future__ import annotations
+
+import pytest
+
+from eval.curves import curves, main
+from eval.store import write_csv
+from sshade.errors import InputError
+
+
+def row(name, vertices, volume, task="t1", status="ok"):
+    return {
+        "method.name": name,
+        "task.name": task,
+        "task.vertices": vertices,
+        "status": status,
+        "metric.volume": volume,
+        "metric.area": 1.0,
+    }
+
+
+@pytest.fixture
+def rows():
+    return [
+        row("b-10000", 10010, 5.0),
+        row("arap-10000", 9990, 7.0),
+        row("arap-2000", 2010, 1.0),
+        row("arap-2000", 2030, 2.0, task="t2"),
+        row("arap-2000", 2020, None, task="t3"),
+        row("arap-500", 510, 9.0, status="failed"),
+        row("sshade", 510, 9.0),
+    ]
+
+
+def test_means_by_method_and_size(rows):
+    assert curves(rows) == {"arap": [(2020, 1.5), (9990, 7.0)], "b": [(10010, 5.0)]}
+    assert curves(rows, "area")["arap"][0] == (2020, 1.0)
+
+
+def test_what_cannot_be_drawn_is_refused(rows):
+    with pytest.raises(InputError, match="no metric 'beauty'; there are volume"):
+        curves(rows, "beauty")
+    with pytest.raises(InputError, match="labelled like arap-7000"):
+        curves(rows[-2:])
+
+
+@pytest.mark.parametrize("suffix", ["png", "pdf"])
+def test_command_writes_the_same_bytes_again(rows, tmp_path, capsys, suffix):
+    pytest.importorskip("matplotlib")
+    write_csv(tmp_path / "r.csv", rows)
+    for name in ("one", "two"):
+        assert main([str(tmp_path / "r.csv"), "-o", str(tmp_path / f"{name}.{suffix}")]) == 0
+    one, two = ((tmp_path / f"{name}.{suffix}").read_bytes() for name in ("one", "two"))
+    assert one == two and len(one) > 1000
+    assert "one" in capsys.readouterr().out
