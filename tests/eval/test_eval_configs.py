@@ -97,4 +97,4 @@ def test_experiment_composes_with_every_value_that_it_sweeps(name):
 
 def test_every_method_of_the_ci_experiment_has_bands():
     bands = OmegaConf.to_container(composed("experiment=ci").bands)
-    assert set(bands) == set(names("method"))
+    assert set(bands) == {name for name in names("method") if not name.startswith("implicit_arap")}
