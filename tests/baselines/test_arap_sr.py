@@ -7,7 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from baselines.arap import arap
-from baselines.arap_sr import arap_sr, vertex_colours
+from baselines.arap_sr import arap_sr
+from baselines.smooth_rotations import vertex_colours
 from sshade.coarse import initial_guess
 from sshade.errors import InputError
 from sshade.mesh import Mesh
