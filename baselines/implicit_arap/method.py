@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -141,55 +141,44 @@ def implicit_arap(
         milestones=tuple(milestones),
         decay=decay,
     )
+    fit = {"width": sdf_width, "layers": sdf_layers, "steps": sdf_steps, "points": sdf_points}
+    fit |= {"learning_rate": sdf_learning_rate, "frequencies": frequencies}
     place = torch.device(("cuda" if torch.cuda.is_available() else "cpu") if device == "auto" else device)
-    weights = torch.Generator().manual_seed(seed)
-    points = torch.Generator(place).manual_seed(seed)
+    draws = _Draws(torch.Generator(place).manual_seed(seed), torch.Generator().manual_seed(seed))
+    mesh, handles = task.mesh, task.handles
 
     begin = perf_counter()
-    V, centre, scale = normalised(task.mesh)
-    if sdf == "grid":
-        distance, sdf_facts = _grid(V, task.mesh.F, place, grid_size, progress)
-    else:
-        distance, sdf_facts = _network(
-            V,
-            task.mesh.F,
-            place,
-            progress,
-            width=sdf_width,
-            layers=sdf_layers,
-            frequencies=frequencies,
-            steps=sdf_steps,
-            points=sdf_points,
-            learning_rate=sdf_learning_rate,
-            generator=points,
-            weights=weights,
-        )
+    V, centre, scale = normalised(mesh)
+    fit = {"size": grid_size} if sdf == "grid" else fit
+    distance, facts = _distance(sdf, V, mesh.F, fit, draws=draws, progress=progress)
     fitted = perf_counter()
 
-    handles = task.handles
-    rest = torch.tensor(V, dtype=torch.float32, device=place)
-    target = torch.tensor((handles.target - centre) * scale, dtype=torch.float32, device=place)
-    index = torch.tensor(handles.index, device=place)
-    constraints = Constraints.of(distance, rest[index], target, handles.dynamic, repeats=projections)
-    network = make_field(field, width=width, layers=layers, frequencies=frequencies, generator=weights)
+    def tensor(points: np.ndarray) -> torch.Tensor:
+        return torch.tensor(points, dtype=torch.float32, device=place)
+
+    rest, target = tensor(V[handles.index]), tensor((handles.target - centre) * scale)
+    constraints = Constraints.of(distance, rest, target, handles.dynamic, repeats=projections)
+    network = make_field(field, width=width, layers=layers, frequencies=frequencies, generator=draws.weights)
     network = network.to(place)
     rng = np.random.default_rng(seed)
-    losses = train(network, distance, constraints, plan, rng=rng, generator=points, progress=progress)
+    losses = train(network, distance, constraints, plan, rng=rng, generator=draws.points, progress=progress)
     trained = perf_counter()
 
-    vertices = task.mesh.V + displacements(network, rest, chunk=chunk) / scale
-    facts = {"variant": variant, "sdf": sdf, "field": field, "cotangents": cotangents, **sdf_facts}
-    facts |= {"steps": steps, "points": plan.points(len(handles)), "device": _device_name(place)}
-    facts |= {"threads": torch.get_num_threads(), **_loss_facts(losses)}
-    facts["handle_error"] = _handle_error(task, vertices)
+    vertices = mesh.V + displacements(network, tensor(V), chunk=chunk) / scale
     seconds = {"sdf": fitted - begin, "field": trained - fitted, "apply": perf_counter() - trained}
+    facts |= {"variant": variant, "sdf": sdf, "field": field, "cotangents": cotangents, "steps": steps}
+    facts |= {"points": plan.points(len(handles)), **_device_facts(place), **_loss_facts(losses)}
+    facts |= {"handle_error": _handle_error(task, vertices), "loss_curve": losses}
     return DeformationResult(
-        vertices=vertices,
-        iterations=steps,
-        converged=None,
-        seconds=seconds,
-        extra={**facts, "loss_curve": losses},
+        vertices=vertices, iterations=steps, converged=None, seconds=seconds, extra=facts
     )
+
+
+class _Draws(NamedTuple):
+    """Generators for points, on the device, and for initial weights, on the CPU."""
+
+    points: torch.Generator
+    weights: torch.Generator
 
 
 def normalised(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, float]:
@@ -218,31 +207,36 @@ def _torch() -> Any:
     return torch
 
 
-def _grid(
-    V: np.ndarray, F: np.ndarray, device: torch.device, size: int, progress: Progress
+def _distance(
+    kind: str,
+    V: np.ndarray,
+    F: np.ndarray,
+    settings: dict[str, Any],
+    *,
+    draws: _Draws,
+    progress: Progress,
 ) -> tuple[Any, dict[str, Any]]:
-    from baselines.implicit_arap.sdf import grid_sdf
+    """The SDF of a kind, and facts about it for the row."""
+    from baselines.implicit_arap.sdf import Surface, fit_network_sdf, grid_sdf
 
-    progress("sdf", 0, 1, f"{size}^3 distances")
-    distance = grid_sdf(V, F, size=size, device=device)
-    progress("sdf", 1, 1, f"{size}^3 distances")
-    return distance, {"sdf_size": size}
-
-
-def _network(
-    V: np.ndarray, F: np.ndarray, device: torch.device, progress: Progress, **settings: Any
-) -> tuple[Any, dict[str, Any]]:
-    from baselines.implicit_arap.sdf import Surface, fit_network_sdf
-
+    device = draws.points.device
+    if kind == "grid":
+        progress("sdf", 0, 1, f"{settings['size']}^3 distances")
+        distance = grid_sdf(V, F, device=device, **settings)
+        progress("sdf", 1, 1, f"{settings['size']}^3 distances")
+        return distance, {"sdf_size": settings["size"]}
     surface = Surface.of(V, F, device=device)
-    distance, loss = fit_network_sdf(surface, progress=progress, **settings)
+    distance, loss = fit_network_sdf(
+        surface, generator=draws.points, weights=draws.weights, progress=progress, **settings
+    )
     return distance, {"sdf_size": settings["width"], "sdf_steps": settings["steps"], "sdf_loss_last": loss}
 
 
-def _device_name(device: torch.device) -> str:
+def _device_facts(device: torch.device) -> dict[str, Any]:
     import torch
 
-    return torch.cuda.get_device_name(device) if device.type == "cuda" else device.type
+    name = torch.cuda.get_device_name(device) if device.type == "cuda" else device.type
+    return {"device": name, "threads": torch.get_num_threads()}
 
 
 def _loss_facts(losses: np.ndarray) -> dict[str, float]:
