@@ -15,25 +15,32 @@ def render_card(document: dict[str, Any]) -> str:
 def _head(d: dict[str, Any]) -> str:
     source = d["source"]
     poses = sum(len(s["poses"]) for s in d["subjects"])
+    at = " at low resolution" if d["build"]["target_vertices"] else ""
     count = len(source.get("files", {}))
     files = f" Read from {count} files, whose sha256 `dataset.json` lists." if count else ""
     return f"""# DeFAUST: {source["title"]}
 
 A benchmark for the deformation of large meshes by handles: {len(d["subjects"])} subjects at rest, {poses} \
-target poses given as handles near landmarks, and the registered target poses as ground truth at low \
-resolution.
+target poses given as handles near landmarks, and the registered target poses as ground truth{at}.
 
 ## Sources
 
 {source["origin"]}. Unit: {source["unit"]}. Axes: {source["axes"]}. Subjects: \
-{_list(d["build"]["subjects"])}. Seed: {d["build"]["seed"]}.{files}"""
+{subject_names(d)}. Seed: {d["build"]["seed"]}.{files}"""
+
+
+def subject_names(d: dict[str, Any]) -> str:
+    """Numbers of the subjects, with the names of their classes where the source has any."""
+    names = d["source"].get("classes")
+    return _list([s if names is None else f"{s} {names[s]}" for s in d["build"]["subjects"]])
 
 
 def _uses(d: dict[str, Any]) -> str:
-    return """## Uses
+    where = "At low resolution" if d["build"]["target_vertices"] else "As the registered meshes are used,"
+    return f"""## Uses
 
 Comparing deformation methods on the same handles: loss of volume and area, stretch of edges, change of \
-angles, time. At low resolution the result can also be compared with the true pose.
+angles, time. {where} the result can also be compared with the true pose.
 
 ## Out of scope
 
@@ -74,10 +81,17 @@ subject use the same vertices. Landmarks of every pose: {_list(everywhere)}.{mor
 the handles' displacements, `delta_mean` their mean; a landmark is static where the mean is below \
 {b["static_below"]:g} x the diagonal of the rest mesh's bounding box, else dynamic.
 
-High resolution: LS3 Loop subdivision, then isotropic remeshing ({b["remesh_iterations"]} rounds) towards \
-{b["target_vertices"]:,} vertices, accepted between {b["window"][0]:g} and {b["window"][1]:g} times that. \
-The remesher is pymeshlab's, which splits, collapses, flips, smooths and reprojects in the manner of \
-Botsch and Kobbelt; it stands for the remeshing after Hoppe et al. that the paper cites. Tools: {versions}."""
+{_resolution(b)} Tools: {versions}."""
+
+
+def _resolution(build: dict[str, Any]) -> str:
+    if build["target_vertices"] is None:
+        return "High resolution: the registered mesh itself; `rest.ply` and `rest_low.ply` are the same."
+    return f"""High resolution: LS3 Loop subdivision, then isotropic remeshing \
+({build["remesh_iterations"]} rounds) towards {build["target_vertices"]:,} vertices, accepted between \
+{build["window"][0]:g} and {build["window"][1]:g} times that. The remesher is pymeshlab's, which splits, \
+collapses, flips, smooths and reprojects in the manner of Botsch and Kobbelt; it stands for the remeshing \
+after Hoppe et al. that the paper cites."""
 
 
 def _facts(d: dict[str, Any]) -> str:
@@ -87,7 +101,7 @@ def _facts(d: dict[str, Any]) -> str:
             f"{s['high']['vertices']:,}",
             f"{s['high']['faces']:,}",
             s["high"]["ls3_steps"],
-            f"{s['high']['volume']:.4g}",
+            "-" if s["high"]["volume"] is None else f"{s['high']['volume']:.4g}",
             f"{s['high']['area']:.4g}",
             s["high"]["self_intersecting_faces"],
             f"{s['low']['vertices']:,}",
@@ -118,11 +132,15 @@ vertices",
 
 
 def _limits(d: dict[str, Any]) -> str:
-    lines = "\n".join(f"- {line}" for line in d["source"]["limits"])
+    limits = list(d["source"]["limits"])
+    if "classes" not in d["source"]:
+        limits.append(
+            "The choice of poses and landmarks is this project's; the paper shows them in figures only."
+        )
+    lines = "\n".join(f"- {line}" for line in limits)
     return f"""## Limits
 
-{lines}
-- The choice of poses and landmarks is this project's; the paper shows them in figures only."""
+{lines}"""
 
 
 def _licence(d: dict[str, Any]) -> str:

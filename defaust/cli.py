@@ -19,6 +19,7 @@ EPILOG = """examples:
   defaust build out=data/defaust                                   all subjects, 170,000 vertices
   defaust build source=synthetic out=DIR subjects=[0,1] target_vertices=20000 seed=0
   defaust build source=faust source.root=MPI-FAUST out=DIR         your own copy of FAUST
+  defaust build source=tosca source.root=TOSCA_DIR source.classes=[cat,dog] out=DIR
   defaust verify DIR
   defaust info DIR"""
 
@@ -107,7 +108,7 @@ _WHOLE = (
     "neighbourhood",
     "workers",
 )
-_NULLABLE = ("subjects", "ls3_steps", "workers")
+_NULLABLE = ("subjects", "target_vertices", "ls3_steps", "workers")
 
 
 def _number(name: str, value: Any) -> Any:
@@ -151,18 +152,21 @@ def _info(args: argparse.Namespace) -> int:
     from rich.console import Console
     from rich.table import Table
 
+    from defaust.card import subject_names
     from defaust.folder import read_dataset
 
     document = read_dataset(args.folder)
     build = document["build"]
+    target = build["target_vertices"]
     # Piped output would be folded at 80 columns.
     console = Console() if sys.stdout.isatty() else Console(width=110)
     console.print(f"[bold]{document['name']}[/bold], {document['source']['title']}", highlight=False)
     for name, value in (
         ("landmarks", ", ".join(document["landmarks"])),
         ("seed", build["seed"]),
-        ("target vertices", f"{build['target_vertices']:,}"),
+        ("target vertices", f"{target:,}" if target else "none, the registered meshes are kept"),
         ("origin", document["source"]["origin"]),
+        ("subjects", subject_names(document)),
         ("unit, axes", f"{document['source']['unit']}; {document['source']['axes']}"),
         ("licence", document["source"]["licence"]),
         ("size", f"{sum(entry['bytes'] for entry in document['files'].values()) / 1e6:.1f} MB"),
@@ -176,7 +180,7 @@ def _info(args: argparse.Namespace) -> int:
             subject["subject"],
             f"{high['vertices']:,}",
             f"{high['faces']:,}",
-            f"{high['volume']:.4g}",
+            "-" if high["volume"] is None else f"{high['volume']:.4g}",
             f"{high['area']:.4g}",
         ]
         for pose in subject["poses"]:

@@ -142,6 +142,7 @@ class Faust:
             "unit": "metre",
             "rest_pose": self.rest_pose,
             "target_poses": list(self.target_poses),
+            "landmark_vertices": {name: self.landmarks[name] for name in self.landmark_names},
         }
 
     def checksums(self, subjects: Sequence[int]) -> Mapping[str, str]:
@@ -185,7 +186,7 @@ class Faust:
     def rest(self, subject: int) -> Mesh:
         """Rest mesh, checked: closed, manifold, one component."""
         mesh, path = self._read(subject, self.rest_pose)
-        require_whole(mesh, path=path, closed=True)
+        require_whole(mesh, label=str(path), closed=True)
         return mesh
 
     def posed(self, subject: int, pose: SourcePose) -> Mesh:

@@ -19,8 +19,8 @@ class BuildOptions:
         By default every subject of the source.
     seed : int
         Of the handles.
-    target_vertices : int
-        Of the high-resolution rest mesh.
+    target_vertices : int, optional
+        Of the high-resolution rest mesh; None keeps the registered mesh as it is.
     window : (2,) float
         Accepted vertex counts, as multiples of `target_vertices`.
     ls3_steps : int, optional
@@ -33,7 +33,7 @@ class BuildOptions:
 
     subjects: tuple[int, ...] | None = None
     seed: int = 0
-    target_vertices: int = 170_000
+    target_vertices: int | None = 170_000
     window: tuple[float, float] = (0.9, 1.1)
     ls3_steps: int | None = None
     remesh_iterations: int = 5
@@ -43,7 +43,7 @@ class BuildOptions:
 
     def __post_init__(self) -> None:
         for name in ("target_vertices", "remesh_iterations", "handles_per_landmark", "neighbourhood"):
-            if getattr(self, name) < 1:
+            if getattr(self, name) is not None and getattr(self, name) < 1:
                 raise InputError(f"{name} is {getattr(self, name)}; it must be at least 1")
         if self.seed < 0:
             raise InputError(f"seed is {self.seed}; it must be 0 or more")

@@ -23,15 +23,17 @@ def existing_folder(root: Any, *, option: str) -> Path:
     return path
 
 
-def require_whole(mesh: Mesh, *, path: Path, closed: bool = False) -> None:
-    """Raise InputError, with the file's name, unless manifold, in one piece and, if asked, closed."""
+def require_whole(mesh: Mesh, *, label: str, closed: bool = False) -> None:
+    """Raise InputError, beginning with `label`, unless manifold, in one piece and, if asked, closed."""
     try:
         mesh.require_manifold()
         mesh.require_one_component()
     except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+        raise InputError(f"{label}: {error}") from error
     if closed and not mesh.is_closed:
-        raise InputError(f"{path}: the mesh has {len(mesh.boundary_edges)} boundary edges; it must be closed")
+        raise InputError(
+            f"{label}: the mesh has {len(mesh.boundary_edges)} boundary edges; it must be closed"
+        )
 
 
 def read_counted(path: Path, *, vertices: int, faces: int) -> Mesh:

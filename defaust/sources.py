@@ -19,13 +19,13 @@ class SourcePose:
         What the source calls it.
     landmarks : tuple of str
         Landmarks that carry handles in this pose.
-    aligned : bool
-        False where the pose is turned or moved as a whole against the rest pose.
+    aligned : bool, optional
+        False where the pose is turned or moved as a whole against the rest pose; None: not known.
     """
 
     name: str
     landmarks: tuple[str, ...]
-    aligned: bool = True
+    aligned: bool | None = True
 
 
 class Source(Protocol):
@@ -43,7 +43,8 @@ class Source(Protocol):
     @property
     def provenance(self) -> Mapping[str, Any]:
         """Flat facts for the dataset card: ``title``, ``origin``, ``licence``, ``citation``, ``limits``,
-        ``axes``, ``unit`` and what else the result depends on; text, numbers or lists of them. No path."""
+        ``axes``, ``unit`` and what else the result depends on: text, numbers, or lists
+        and mappings of them; no path."""
 
     @property
     def subjects(self) -> tuple[int, ...]:
@@ -64,7 +65,7 @@ class Source(Protocol):
         """Target poses; pose k of the dataset is the k-th of them, counted from 1."""
 
     def rest(self, subject: int) -> Mesh:
-        """Registered rest mesh: closed, manifold, one component."""
+        """Registered rest mesh: manifold, one component."""
 
     def posed(self, subject: int, pose: SourcePose) -> Mesh:
         """Registered mesh in a target pose, with the faces of the rest mesh."""

@@ -11,7 +11,7 @@ from defaust.folder import REST, REST_LOW, dump, pose_file, pose_mesh, sha256, s
 from defaust.handles import choose_handles, handle_records
 from defaust.options import BuildOptions
 from defaust.sources import Source
-from defaust.upsample import count_self_intersections, upsample
+from defaust.upsample import Upsampled, count_self_intersections, upsample
 from sshade import InputError, Mesh
 from sshade.meshio import write_mesh
 from sshade.task import Progress, silent
@@ -79,16 +79,19 @@ def _fill(
         )
         content = dump({"source_pose": pose.name, "handles": handles}, indent=None)
         (folder / pose_file(k)).write_text(content, encoding="utf-8", newline="\n")
-        facts.append(_pose_facts(k, pose.name, handles, volume=posed.volume))
+        facts.append(_pose_facts(k, pose.name, handles, volume=posed.volume if posed.is_closed else None))
 
     progress(stage, steps - 1, steps, "upsampling")
-    high = upsample(
-        rest,
-        target_vertices=options.target_vertices,
-        window=options.window,
-        ls3_steps=options.ls3_steps,
-        iterations=options.remesh_iterations,
-    )
+    if options.target_vertices is None:
+        high = Upsampled(rest, ls3_steps=0, edge_length=None, attempts=0)
+    else:
+        high = upsample(
+            rest,
+            target_vertices=options.target_vertices,
+            window=options.window,
+            ls3_steps=options.ls3_steps,
+            iterations=options.remesh_iterations,
+        )
     meshes[REST] = high.mesh
     write_mesh(folder / REST, high.mesh.V, high.mesh.F)
     progress(stage, steps, steps)
@@ -111,18 +114,20 @@ def _fill(
 
 
 def _mesh_facts(mesh: Mesh) -> dict[str, Any]:
+    loops = mesh.topology.boundary_loops
     return {
         "vertices": mesh.n,
         "faces": mesh.m,
         "euler": mesh.topology.euler,
-        "volume": mesh.volume,
+        **({"boundary_loops": loops} if loops else {}),
+        "volume": mesh.volume if mesh.is_closed else None,
         "area": mesh.area,
         "diagonal": mesh.diagonal,
         "self_intersecting_faces": count_self_intersections(mesh),
     }
 
 
-def _pose_facts(k: int, name: str, handles: list[dict[str, Any]], *, volume: float) -> dict[str, Any]:
+def _pose_facts(k: int, name: str, handles: list[dict[str, Any]], *, volume: float | None) -> dict[str, Any]:
     kinds = [h["kind"] for h in handles]
     return {
         "pose": k,

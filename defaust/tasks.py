@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -38,6 +39,8 @@ def list_tasks(
     *,
     subjects: Sequence[int] | None = None,
     poses: Sequence[int] | None = None,
+    resolution: str = "high",
+    vertices: tuple[int, int] | None = None,
 ) -> list[TaskId]:
     """Tasks of a DeFAUST folder, subject by subject.
 
@@ -46,13 +49,22 @@ def list_tasks(
     root : path
     subjects, poses : sequence of int, optional
         Keep only these; poses count from 1.
+    resolution : str
+        ``high`` or ``low``: the mesh whose vertices count for `vertices`.
+    vertices : (2,) int, optional
+        Keep only tasks whose rest mesh has so many vertices, both ends included.
 
     Raises
     ------
     InputError
         When the folder is no dataset, or has none of a subject or pose asked for.
     """
+    _check_resolution(resolution)
+    low, high = (0, math.inf) if vertices is None else vertices
+    if not low <= high:
+        raise InputError(f"vertices is {vertices}; give the smallest and the largest number")
     document = read_dataset(root)
+    count = {s["subject"]: s[resolution]["vertices"] for s in document["subjects"]}
     tasks = [TaskId(s["subject"], p["pose"]) for s in document["subjects"] for p in s["poses"]]
     for what, wanted, known in (
         ("subject", subjects, {t.subject for t in tasks}),
@@ -62,7 +74,11 @@ def list_tasks(
             if number not in known:
                 raise InputError(f"{root} has no {what} {number}; it has {sorted(known)}")
     return [
-        t for t in tasks if (subjects is None or t.subject in subjects) and (poses is None or t.pose in poses)
+        t
+        for t in tasks
+        if (subjects is None or t.subject in subjects)
+        and (poses is None or t.pose in poses)
+        and low <= count[t.subject] <= high
     ]
 
 
@@ -85,6 +101,7 @@ def load_task(
     resolution : str
         ``high``: the remeshed rest mesh, handles snapped to its vertices.
         ``low``: the registered one, with the registered target pose as truth.
+        They are the same, truth included, in a dataset built with target_vertices=null.
     raw : bool
         Keep the stored targets where a handle is snapped to another position.
 
@@ -104,8 +121,7 @@ def load_task(
         is missing or is not the one that the dataset lists.
     """
     root = Path(root)
-    if resolution not in RESOLUTIONS:
-        raise InputError(f"resolution {resolution!r} is unknown; use one of {', '.join(RESOLUTIONS)}")
+    _check_resolution(resolution)
     list_tasks(root, subjects=[subject], poses=[pose])
     document = read_dataset(root)
     folder = subject_folder(subject)
@@ -117,7 +133,7 @@ def load_task(
     content = read_json(root / pose_name)
     handles = _handles(mesh, content["handles"], landmarks=document["landmarks"], raw=raw)
     truth = None
-    if resolution == "low":
+    if resolution == "low" or document["build"]["target_vertices"] is None:
         _checked(root, f"{folder}/{pose_mesh(pose)}", document=document)
         truth = read_mesh(root / folder / pose_mesh(pose)).V
     return DeformationTask(
@@ -137,6 +153,11 @@ def load_task(
             "checksum": "+".join(value[:16] for value in sums),
         },
     )
+
+
+def _check_resolution(resolution: str) -> None:
+    if resolution not in RESOLUTIONS:
+        raise InputError(f"resolution {resolution!r} is unknown; use one of {', '.join(RESOLUTIONS)}")
 
 
 def _handles(mesh: Mesh, records: list[dict[str, Any]], *, landmarks: list[str], raw: bool) -> Handles:

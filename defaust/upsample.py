@@ -23,15 +23,15 @@ class Upsampled:
     mesh : Mesh
     ls3_steps : int
         Subdivisions before the remeshing.
-    edge_length : float
-        Target edge length of the last remeshing, in the mesh's unit.
+    edge_length : float, optional
+        Target edge length of the last remeshing, in the mesh's unit; None without one.
     attempts : int
         Remeshings made until the vertex count was in the window.
     """
 
     mesh: Mesh
     ls3_steps: int
-    edge_length: float
+    edge_length: float | None
     attempts: int
 
 
@@ -143,7 +143,8 @@ def _require_closed(mesh: Mesh) -> None:
     mesh.require_one_component()
     if not mesh.is_closed:
         raise InputError(
-            f"the mesh has {len(mesh.boundary_edges)} boundary edges; only closed surfaces can be upsampled"
+            f"the mesh has {len(mesh.boundary_edges)} boundary edges; only closed surfaces can be upsampled, "
+            "target_vertices=null keeps the registered resolution"
         )
 
 

@@ -99,8 +99,9 @@ def _check_subject(root: Path, document: dict[str, Any], *, subject: dict[str, A
     poses = [pose["pose"] for pose in subject["poses"]]
     faults: list[Fault] = []
     meshes: dict[str, Mesh] = {}
+    loops = subject["low"].get("boundary_loops", 0)
     for name in (REST, REST_LOW, *map(pose_mesh, poses)):
-        found = _check_mesh(root, document, name=f"{folder}/{name}")
+        found = _check_mesh(root, document, name=f"{folder}/{name}", loops=loops)
         if isinstance(found, Fault):
             faults.append(found)
         elif found is not None:
@@ -121,7 +122,7 @@ def _check_subject(root: Path, document: dict[str, Any], *, subject: dict[str, A
     return faults
 
 
-def _check_mesh(root: Path, document: dict[str, Any], *, name: str) -> Mesh | Fault | None:
+def _check_mesh(root: Path, document: dict[str, Any], *, name: str, loops: int) -> Mesh | Fault | None:
     """The mesh of a file, what is wrong with it, or None where it is missing (reported before)."""
     entry = document["files"].get(name)
     if entry is None:
@@ -134,12 +135,14 @@ def _check_mesh(root: Path, document: dict[str, Any], *, name: str) -> Mesh | Fa
         mesh.require_one_component()
     except InputError as error:
         return Fault(name, str(error))
-    if not mesh.is_closed:
+    if not loops and not mesh.is_closed:
         return Fault(name, f"not closed: {len(mesh.boundary_edges)} boundary edges")
     if (mesh.n, mesh.m) != (entry["vertices"], entry["faces"]):
         return Fault(
             name, f"has {mesh.n} vertices and {mesh.m} faces, not {entry['vertices']} and {entry['faces']}"
         )
+    if mesh.topology.boundary_loops != loops:
+        return Fault(name, f"has {mesh.topology.boundary_loops} boundary loops, not {loops}")
     return mesh
 
 

@@ -77,7 +77,9 @@ def test_killed_and_run_again_elsewhere_is_byte_identical(whole, folder, tmp_pat
         assert (out / "subject_01" / name).read_bytes() == (whole / "subject_01" / name).read_bytes()
 
 
-def test_a_changed_file_is_another_source(whole, tmp_path):
+def test_a_changed_file_or_landmark_is_another_source(whole, folder, tmp_path):
+    with pytest.raises(InputError, match="source.landmark_vertices.nose was 332 and is now 333"):
+        build(faust(folder, "source.landmarks.nose=333"), whole, options=SMALL, workers=1)
     there = write_faust(tmp_path / "elsewhere", subjects=range(10))
     (there / "tr_reg_011.ply").write_bytes((there / "tr_reg_013.ply").read_bytes())
     with pytest.raises(InputError, match="source.files.tr_reg_011.ply was '.*' and is now '"):

@@ -1,0 +1,402 @@
+"""Registered sequences: layouts, formats, one list of triangles a class, and what is refused."""
+
+import json
+import pickle
+import shutil
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from defaust.build import build
+from defaust.cli import configure, main
+from defaust.folder import read_dataset
+from defaust.options import BuildOptions
+from defaust.tasks import list_tasks, load_task
+from defaust.verify import verify
+from defaust.winding import same_triangles, wound_outward
+from sshade import InputError, Mesh
+from sshade.meshio import read_mesh, write_mesh
+from tests.defaust.registrations import contents
+from tests.shapes import icosphere, strip, torus
+
+KEPT = BuildOptions(target_vertices=None, handles_per_landmark=6, neighbourhood=10)
+
+
+def bent(mesh, k):
+    """Pose k: sheared, so that the vertices stay in correspondence."""
+    return mesh.V + 0.2 * k * np.maximum(0.0, mesh.V[:, 1:2]) * [1.0, 0, 0]
+
+
+def write(folder, name, V, F, *, kind=".ply"):
+    folder.mkdir(parents=True, exist_ok=True)
+    if kind == ".vert":
+        np.savetxt(folder / f"{name}.vert", V, fmt="%.17g")
+        np.savetxt(folder / f"{name}.tri", F + 1, fmt="%d")
+    elif kind == ".mat":
+        surface = {"X": V[:, :1], "Y": V[:, 1:2], "Z": V[:, 2:], "TRIV": (F + 1).astype(np.uint16)}
+        savemat(folder / f"{name}.mat", {"surface": surface})
+    else:
+        write_mesh(folder / f"{name}{kind}", V, F)
+
+
+def write_class(folder, name, mesh, *, poses=(0, 1, 2), kind=".ply"):
+    for k in poses:
+        write(folder, f"{name}{k}", bent(mesh, k), mesh.F, kind=kind)
+    return folder
+
+
+def sequence(root, *overrides, source="sequence"):
+    return configure(["out=unused", f"source={source}", f"source.root='{root}'", *overrides])[0]
+
+
+@pytest.mark.parametrize("kind", [".off", ".ply", ".obj", ".vert", ".mat"])
+def test_classes_in_every_format(tmp_path, kind):
+    ball, ring = icosphere(2), torus()
+    write_class(tmp_path, "dog", ball, poses=(0, 2, 10), kind=kind)
+    write_class(tmp_path, "cat", ring, poses=(0, 1), kind=kind)
+    (tmp_path / "readme.txt").write_text("not a mesh")
+    source = pickle.loads(pickle.dumps(sequence(tmp_path)))
+    assert source.subjects == (0, 1) and source.provenance["classes"] == ["cat", "dog"]
+    assert [p.name for p in source.poses(1)] == ["dog2", "dog10"]
+    assert source.poses(1)[0].aligned is None
+    np.testing.assert_allclose(source.rest(1).V, ball.V, rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(source.rest(1).F, ball.F)
+    np.testing.assert_allclose(source.posed(1, source.poses(1)[1]).V, bent(ball, 10), rtol=0, atol=1e-14)
+    expected = {f"cat{k}{kind}" for k in (0, 1)} | ({"cat0.tri", "cat1.tri"} if kind == ".vert" else set())
+    assert set(source.checksums([0])) == expected
+
+
+def test_of_several_formats_one_is_read(tmp_path):
+    write_class(tmp_path, "cat", icosphere(2), kind=".vert")
+    write_class(tmp_path, "cat", torus(), kind=".ply")
+    assert sequence(tmp_path).rest(0).n == torus().n
+
+
+def test_one_sequence_sorted_by_numbers_in_the_names(tmp_path):
+    ball = icosphere(1)
+    for k, name in enumerate(["run_1", "run_2", "run_10", "idle"]):
+        write(tmp_path / "run", name, bent(ball, k), ball.F, kind=".ply")
+    source = sequence(tmp_path / "run", "source.rest_pose=idle")
+    assert source.subjects == (0,) and source.provenance["classes"] == ["run"]
+    assert source.provenance["rest_poses"] == ["idle"]
+    assert [p.name for p in source.poses(0)] == ["run_1", "run_2", "run_10"]
+    np.testing.assert_array_equal(source.rest(0).V, bent(ball, 3))
+    assert sequence(tmp_path / "run").provenance["rest_poses"] == ["idle"]  # the first by name
+    chosen = sequence(tmp_path / "run", "source.poses_used=[run_10,run_1]")
+    assert [p.name for p in chosen.poses(0)] == ["run_1", "run_10"]
+
+
+def test_layout_may_be_forced(tmp_path):
+    write_class(tmp_path, "a", icosphere(1), poses=(1,))
+    write_class(tmp_path, "b", icosphere(1), poses=(1,))
+    assert sequence(tmp_path).subjects == (0, 1)
+    assert sequence(tmp_path, "source.layout=sequence").subjects == (0,)
+    with pytest.raises(InputError, match=r"the class a has no target pose besides its rest pose a1"):
+        sequence(tmp_path).poses(0)
+    write(tmp_path, "rest_pose", icosphere(1).V, icosphere(1).F)
+    with pytest.raises(InputError, match="rest_pose do not read as a class and a number, like cat0"):
+        sequence(tmp_path, "source.layout=tosca")
+
+
+def test_classes_are_chosen_and_numbered_as_listed(tmp_path):
+    for name, mesh in (("cat", icosphere(1)), ("dog", torus()), ("wolf", icosphere(2))):
+        write_class(tmp_path, name, mesh)
+    source = sequence(tmp_path, "source.classes=[wolf,cat]", source="tosca")
+    assert (source.name, source.provenance["classes"]) == ("tosca", ["wolf", "cat"])
+    assert source.rest(0).n == icosphere(2).n
+
+
+def test_archive(tmp_path):
+    ball = icosphere(2)
+    arrays = {f"V_{k}": bent(ball, k).astype(np.float32) for k in (0, 2, 10)}
+    np.savez(tmp_path / "walk.npz", F=ball.F.astype(np.int32), other=np.zeros(2), **arrays)
+    source = sequence(tmp_path / "walk.npz")
+    assert source.provenance["classes"] == ["walk"]
+    assert [p.name for p in source.poses(0)] == ["V_2", "V_10"]
+    np.testing.assert_array_equal(source.posed(0, source.poses(0)[1]).V, arrays["V_10"])
+    assert list(source.checksums([0])) == ["walk.npz"]
+
+
+def test_triangles_of_a_class_are_reconciled(tmp_path):
+    ball = icosphere(2)
+    rng = np.random.default_rng(0)
+    some = rng.random(ball.m) < 0.3
+    flipped = np.where(some[:, None], ball.F[:, [0, 2, 1]], ball.F)
+    write(tmp_path, "cat0", ball.V, flipped)
+    write(tmp_path, "cat1", bent(ball, 1), ball.F[:, [1, 2, 0]][rng.permutation(ball.m)])
+    write(tmp_path, "cat2", bent(ball, 2), ball.F[:, ::-1])
+    source = sequence(tmp_path)
+    np.testing.assert_array_equal(source.rest(0).F, ball.F)
+    for k, pose in enumerate(source.poses(0), start=1):
+        np.testing.assert_array_equal(source.posed(0, pose).F, ball.F)
+        np.testing.assert_array_equal(source.posed(0, pose).V, bent(ball, k))
+        assert source.posed(0, pose).volume == pytest.approx(ball.volume)  # a shear
+
+
+def test_winding():
+    ring = torus()
+    assert ring.volume > 0
+    np.testing.assert_array_equal(wound_outward(ring).F, ring.F)
+    inward = Mesh(ring.V, ring.F[:, [0, 2, 1]])
+    np.testing.assert_array_equal(wound_outward(inward).F, ring.F)
+    # A hole changes nothing where the cone over it is small.
+    ball = icosphere(3)
+    np.testing.assert_array_equal(
+        wound_outward(Mesh(ball.V, ball.F[5:, ::-1])).F, ball.F[5:, [2, 1, 0]][:, [0, 2, 1]]
+    )
+    assert same_triangles(ring.F, np.roll(ring.F[::-1], 1, axis=1))
+    other = ring.F.copy()
+    other[0, 0] = ring.F[-1, 0]
+    assert not same_triangles(ring.F, other) and not same_triangles(ring.F, ring.F[1:])
+
+
+def test_sampled_landmarks_lie_apart_at_the_ends(tmp_path):
+    long = strip(40, 4)
+    write_class(tmp_path, "band", long)
+    source = sequence(tmp_path, "source.landmarks=3")
+    found = source.landmark_vertices(0)
+    assert list(found) == ["fps_0", "fps_1", "fps_2"] == list(source.landmark_names)
+    x = long.V[list(found.values()), 0]
+    assert sorted(x[:2]) == [0.0, 40.0] and 15 < x[2] < 25
+    assert all(p.landmarks == source.landmark_names for p in source.poses(0))
+    named = sequence(tmp_path, "source.landmarks={left:0,right:204}")
+    assert named.landmark_vertices(0) == {"left": 0, "right": 204}
+    with pytest.raises(InputError, match="the vertex of landmark far is 205, but there are 205 vertices"):
+        sequence(tmp_path, "source.landmarks={far:205}").landmark_vertices(0)
+
+
+def cups_source(folder, landmarks=4):
+    """A ball, and one with a hole."""
+    ball = icosphere(3)
+    write_class(folder, "cup", Mesh(ball.V, ball.F[1:]))
+    return sequence(write_class(folder, "ball", ball), f"source.landmarks={landmarks}")
+
+
+@pytest.fixture(scope="module")
+def cups(tmp_path_factory):
+    """A dataset of them; do not change it."""
+    root = tmp_path_factory.mktemp("cups")
+    build(cups_source(root / "data"), root / "out", options=KEPT, workers=1)
+    return root / "out"
+
+
+def test_meshes_with_holes_are_kept(cups):
+    ball = icosphere(3)
+    assert verify(cups) == []
+    closed, holed = read_dataset(cups)["subjects"]
+    assert closed["high"]["volume"] == pytest.approx(ball.volume) and "boundary_loops" not in closed["low"]
+    assert holed["high"]["volume"] is None and holed["poses"][0]["volume"] is None
+    assert holed["low"]["boundary_loops"] == 1
+    assert (cups / "subject_01/rest.ply").read_bytes() == (cups / "subject_01/rest_low.ply").read_bytes()
+    task = load_task(cups, subject=1, pose=2)
+    np.testing.assert_array_equal(task.truth, bent(ball, 2))
+    np.testing.assert_array_equal(task.handles.target, task.truth[task.handles.index])
+    assert (task.meta["snap_max"], task.name) == (0.0, "defaust-sequence/subject_01/pose_2")
+
+
+def test_card_and_info_show_the_facts(cups, capsys):
+    card = (cups / "README.md").read_text()
+    assert "the registered mesh itself" in card and "0 ball, 1 cup" in card
+    assert "| 1 | 642 | 1,279 | 0 | - |" in card
+    assert main(["info", str(cups)]) == 0
+    text = capsys.readouterr().out
+    assert "subjects: 0 ball, 1 cup" in text and "the registered meshes are kept" in text
+
+
+def test_elsewhere_with_two_workers_the_same_bytes(cups, tmp_path):
+    source = cups_source(tmp_path / "elsewhere")
+    build(source, tmp_path / "out", options=KEPT, workers=2)
+    assert contents(tmp_path / "out") == contents(cups)
+    with pytest.raises(InputError, match="source.landmark_choice was 4 and is now 5"):
+        build(cups_source(tmp_path / "elsewhere", 5), tmp_path / "out", options=KEPT, workers=1)
+
+
+@pytest.mark.parametrize(
+    ("listed", "text"), [(0, "not closed: 3 boundary edges"), (2, "has 1 boundary loops, not 2")]
+)
+def test_a_hole_that_is_not_listed_is_a_fault(cups, tmp_path, listed, text):
+    out = shutil.copytree(cups, tmp_path / "out")
+    record = read_dataset(out)
+    record["subjects"][1]["low"]["boundary_loops"] = listed
+    (out / "dataset.json").write_text(json.dumps(record))
+    assert ("subject_01/rest_low.ply", text) in verify(out)
+
+
+def test_upsampling_is_for_closed_meshes(tmp_path):
+    ball = icosphere(3)
+    root = write_class(tmp_path / "data", "ball", ball)
+    options = BuildOptions(target_vertices=400, handles_per_landmark=6, neighbourhood=10)
+    build(sequence(root), tmp_path / "out", options=options, workers=1)
+    assert verify(tmp_path / "out") == []
+    assert 360 <= read_mesh(tmp_path / "out/subject_00/rest.ply").n <= 440
+    write_class(root, "cup", Mesh(ball.V, ball.F[1:]))
+    with pytest.raises(
+        InputError, match="subject 1: the mesh has 3 boundary edges.*target_vertices=null keeps"
+    ):
+        build(sequence(root), tmp_path / "cup", options=options, workers=1)
+
+
+def test_tosca_keeps_its_resolution_by_default(tmp_path):
+    root = write_class(tmp_path / "data", "cat", icosphere(3))
+    small = ["handles_per_landmark=6", "neighbourhood=10", "workers=1"]
+    command = ["build", "source=tosca", f"source.root={root}", f"out={tmp_path / 'out'}", *small]
+    assert main(command) == 0
+    document = read_dataset(tmp_path / "out")
+    assert document["build"]["target_vertices"] is None and document["name"] == "defaust-tosca"
+    assert list_tasks(tmp_path / "out", vertices=(642, 642)) == [(0, 1), (0, 2)]
+    options = configure(["source=tosca", f"source.root={root}", "out=x", "target_vertices=5000"])[2]
+    assert options.target_vertices == 5000
+
+
+def two_balls():
+    ball = icosphere(1)
+    return np.concatenate([ball.V, ball.V + 3]), np.concatenate([ball.F, ball.F + ball.n])
+
+
+def test_unfit_surfaces_are_refused_by_name(tmp_path):
+    ball = icosphere(1)
+    write(tmp_path, "gorilla0", ball.V, np.concatenate([ball.F, [[0, 1, 2]]]))
+    write(tmp_path, "gorilla1", ball.V, ball.F)
+    write(tmp_path, "pair0", *two_balls())
+    write(tmp_path, "pair1", *two_balls())
+    source = sequence(tmp_path)
+    with pytest.raises(InputError, match="gorilla0.ply: the mesh is not manifold: "):
+        source.rest(0)
+    with pytest.raises(InputError, match="pair0.ply: the mesh has 2 components"):
+        source.rest(1)
+
+
+def test_a_surface_with_one_side_is_refused(tmp_path):
+    # A Moebius band: a strip of 8 squares whose ends are joined with a twist.
+    u, v = np.meshgrid(np.arange(8) / 8 * 2 * np.pi, [-0.3, 0.3], indexing="ij")
+    r = 1 + v * np.cos(u / 2)
+    V = np.stack([r * np.cos(u), r * np.sin(u), v * np.sin(u / 2)], axis=-1).reshape(-1, 3)
+    F = []
+    for i in range(8):
+        a, b = 2 * i, 2 * i + 1
+        c, d = (2 * i + 2, 2 * i + 3) if i < 7 else (1, 0)
+        F += [(a, c, b), (b, c, d)]
+    write(tmp_path, "band0", V, np.array(F))
+    write(tmp_path, "band1", V, np.array(F))
+    with pytest.raises(InputError, match="band0.ply: the faces are not consistently oriented"):
+        sequence(tmp_path).rest(0)
+
+
+def test_meshes_out_of_correspondence_are_refused_by_name(tmp_path):
+    ball = icosphere(2)
+    write_class(tmp_path, "cat", ball, poses=(0,))
+    write(tmp_path, "cat1", torus().V, torus().F)
+    swapped = ball.F.copy()
+    swapped[swapped == 0], swapped[ball.F == 1] = 1, 0
+    write(tmp_path, "cat2", ball.V, swapped)
+    write(tmp_path, "cat3", np.where(ball.V > 0.99, np.nan, ball.V), ball.F, kind=".ply")
+    source = sequence(tmp_path)
+    for pose, message in zip(
+        source.poses(0),
+        (
+            "cat1.ply: 288 vertices, but the rest pose cat0 has 162",
+            "cat2.ply: other triangles than the rest pose cat0",
+            "cat3.ply: vertex .* has a NaN",
+        ),
+        strict=True,
+    ):
+        with pytest.raises(InputError, match=message):
+            source.posed(0, pose)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("cat0.vert", "1 2 x\n", r"cat0.vert: not readable as .vert \(could not convert"),
+        ("cat0.tri", "0 1 2\n", "cat0.tri: its vertices must count from 1, but one is 0"),
+        ("cat0.tri", "1 2\n", r"cat0.vert: .*\(m, 3\)"),
+        ("cat0.tri", "1 2 900\n", "cat0.vert: face 0 refers to vertices"),
+        ("cat0.tri", "", "cat0.vert: "),
+        ("cat0.tri", None, "cat0.tri: no such file"),
+        ("cat0.mat", "MATLAB", "cat0.mat: not readable as .mat"),
+    ],
+)
+def test_damaged_files_are_named(tmp_path, name, content, message):
+    write_class(tmp_path, "cat", icosphere(1), kind=".vert")
+    if name.endswith(".mat"):
+        (tmp_path / "cat0.vert").unlink()
+    if content is None:
+        (tmp_path / name).unlink()
+    else:
+        (tmp_path / name).write_text(content)
+    with pytest.raises(InputError, match=message):
+        sequence(tmp_path).rest(0)
+    if content is None:
+        with pytest.raises(InputError, match=message):
+            sequence(tmp_path).checksums([0])
+
+
+def test_mat_without_a_surface(tmp_path):
+    for k in range(2):
+        savemat(tmp_path / f"cat{k}.mat", {"surface": {"X": np.zeros(3)}, "y": 1})
+    with pytest.raises(InputError, match="cat0.mat: .* holds no struct with X, Y, Z and TRIV"):
+        sequence(tmp_path).rest(0)
+
+
+def test_damaged_archives(tmp_path):
+    ball = icosphere(1)
+    path = tmp_path / "a.npz"
+    for arrays, message in (
+        ({"V_0": ball.V}, "a.npz: holds V_0; it needs positions V_0, V_1, ... and triangles F"),
+        ({"F": ball.F}, "a.npz: holds F; it needs"),
+        ({}, "holds nothing; it needs"),
+    ):
+        np.savez(path, **arrays)
+        with pytest.raises(InputError, match=message):
+            sequence(path)
+    np.savez(path, V_0=ball.V, V_1=ball.V[:, :2], F=ball.F)
+    source = sequence(path)
+    with pytest.raises(InputError, match="a.npz, V_1: "):
+        source.posed(0, source.poses(0)[0])
+    np.savez(path, V_0=ball.V, V_1=np.array(["x"]), F=ball.F)
+    source = sequence(path)
+    with pytest.raises(InputError, match="a.npz: not readable as .npz"):
+        source.posed(0, source.poses(0)[0])
+    path.write_text("text")
+    with pytest.raises(InputError, match="a.npz: not a readable .npz file"):
+        sequence(path)
+    np.save(tmp_path / "a.npy", ball.V)
+    with pytest.raises(InputError, match="a.npy: not an .npz file; give a folder"):
+        sequence(tmp_path / "a.npy")
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("source.root=nowhere", "nowhere: no such folder; set source.root"),
+        ("source.root=empty", "holds no meshes (.ply, .off, .obj, .vert, .mat)"),
+        ("source.name='a b'", "source.name=a b is not made of letters"),
+        ("source.layout=free", "source.layout=free is unknown; use one of auto, tosca, sequence"),
+        ("source.classes=[bear]", "no class is called 'bear'; there are cat, dog"),
+        ("source.classes=cat", "source.classes=cat is not a list of names"),
+        ("source.classes=[]", "source.classes=[] is not a list of names"),
+        ("source.classes=[cat,cat]", "source.classes: 'cat' is listed twice"),
+        ("source.rest_pose=cat7", "source.rest_pose: no mesh is called 'cat7'; there are cat0, cat1, cat2"),
+        ("source.poses_used=[cat7]", "source.poses_used: no mesh is called 'cat7'"),
+        ("source.landmarks=0", "source.landmarks is 0; it must be at least 1"),
+        ("source.landmarks=a", "source.landmarks=a is not a mapping"),
+        ("source.landmarks={a:x}", "the vertex of a is 'x'; give a number"),
+        ("source.landmarks={a:1}", "there are the classes cat, dog; choose one with source.classes"),
+        ("+source.facts.colour=red", "look at 'colour'"),
+        ("subjects=[2]", "has no subject 2; it has [0, 1]"),
+    ],
+)
+def test_mistakes_are_one_sentence(tmp_path, monkeypatch, override, message, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_class(tmp_path / "data", "cat", icosphere(1))
+    write_class(tmp_path / "data", "dog", icosphere(1))
+    (tmp_path / "empty").mkdir()
+    assert main(["build", "out=x", "source=sequence", "source.root=data", override]) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.startswith("error: ") and error.count("\n") == 1
+
+
+def test_subject_out_of_range(tmp_path):
+    with pytest.raises(InputError, match="there is no subject 1; they are 0 to 0"):
+        sequence(write_class(tmp_path, "cat", icosphere(1))).rest(1)
