@@ -180,7 +180,10 @@ class RegisteredSequence:
         if subject not in self._oriented:
             shape = self._rest(subject)
             mesh = wound_outward(shape.mesh())
-            require_whole(mesh, label=shape.label)
+            try:
+                require_whole(mesh, label=shape.label)
+            except InputError as error:
+                raise InputError(f"{error}; or leave its class out with source.classes") from error
             self._oriented[subject] = mesh
         return self._oriented[subject]
 

@@ -18,6 +18,8 @@ from sshade.meshio import read_arrays
 #: Formats of one mesh a file, the first that is there first. A .vert has its .tri beside it.
 SUFFIXES = (*MESH_SUFFIXES, ".vert", ".mat")
 LAYOUTS = ("auto", "tosca", "sequence")
+#: Name of the class where a folder is one sequence: the folder's own must not enter the record.
+SEQUENCE = "sequence"
 
 
 @dataclass(frozen=True)
@@ -86,10 +88,11 @@ def find_shapes(root: Path, *, layout: str) -> dict[str, tuple[Shape, ...]]:
     if root.is_file():
         return {root.stem: _archive_shapes(root)}
     paths: dict[str, Path] = {}
-    for path in sorted(p for p in root.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file()):
-        before = paths.get(path.stem)
-        if before is None or _rank(path) < _rank(before):
-            paths[path.stem] = path
+    for path in sorted(root.iterdir()):
+        if path.suffix.lower() in SUFFIXES and path.is_file() and not path.name.startswith("."):
+            before = paths.get(path.stem)
+            if before is None or _rank(path) < _rank(before):
+                paths[path.stem] = path
     if not paths:
         raise InputError(
             f"{root} holds no meshes ({', '.join(SUFFIXES)}); set source.root to their folder, or to an .npz"
@@ -97,7 +100,7 @@ def find_shapes(root: Path, *, layout: str) -> dict[str, tuple[Shape, ...]]:
     shapes = sorted((Shape(name, path) for name, path in paths.items()), key=lambda s: _natural(s.name))
     parts = {s.name: re.fullmatch(r"([A-Za-z]+)(\d+)", s.name) for s in shapes}
     if layout == "sequence" or (layout == "auto" and not all(parts.values())):
-        return {root.resolve().name: tuple(shapes)}
+        return {SEQUENCE: tuple(shapes)}
     unfit = [name for name, match in parts.items() if not match]
     if unfit:
         raise InputError(
@@ -116,7 +119,7 @@ def _rank(path: Path) -> int:
 
 def _natural(name: str) -> list[tuple[int, str]]:
     """Sorts frame9 before frame10."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]
 
 
 def _archive_shapes(path: Path) -> tuple[Shape, ...]:

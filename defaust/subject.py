@@ -82,16 +82,7 @@ def _fill(
         facts.append(_pose_facts(k, pose.name, handles, volume=posed.volume if posed.is_closed else None))
 
     progress(stage, steps - 1, steps, "upsampling")
-    if options.target_vertices is None:
-        high = Upsampled(rest, ls3_steps=0, edge_length=None, attempts=0)
-    else:
-        high = upsample(
-            rest,
-            target_vertices=options.target_vertices,
-            window=options.window,
-            ls3_steps=options.ls3_steps,
-            iterations=options.remesh_iterations,
-        )
+    high = _high_resolution(rest, options)
     meshes[REST] = high.mesh
     write_mesh(folder / REST, high.mesh.V, high.mesh.F)
     progress(stage, steps, steps)
@@ -111,6 +102,18 @@ def _fill(
             for path in sorted(folder.iterdir())
         },
     }
+
+
+def _high_resolution(rest: Mesh, options: BuildOptions) -> Upsampled:
+    if options.target_vertices is None:
+        return Upsampled(rest, ls3_steps=0, edge_length=None, attempts=0)
+    return upsample(
+        rest,
+        target_vertices=options.target_vertices,
+        window=options.window,
+        ls3_steps=options.ls3_steps,
+        iterations=options.remesh_iterations,
+    )
 
 
 def _mesh_facts(mesh: Mesh) -> dict[str, Any]:
