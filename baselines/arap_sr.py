@@ -9,9 +9,9 @@ global step is that of spokes ARAP; the local step of vertex i maximises
 
 The second term outweighs the first by about alpha n : 1, so that rotations
 spread by diffusion and the iterations needed grow like n: on dense meshes the
-method stops at the cutoff, far from its minimum. Anderson acceleration of the
-positions and rotations together, not part of the paper, reaches it in about a
-hundred iterations.
+method stops at the cutoff, far from its minimum although vertices hardly move
+any more. Anderson acceleration of the positions and rotations together, not
+part of the paper, comes near it in about a hundred iterations.
 
 Z. Levi, C. Gotsman, "Smooth rotation enhanced as-rigid-as-possible mesh
 animation", IEEE TVCG 21(2), 2015.
