@@ -233,6 +233,18 @@ def _line(name: str, rows: list[Row], *, cases: set[tuple[str, int]], columns: t
     )
 
 
+def _load(rows: list[Row]) -> list[str]:
+    """A warning where other work was on the machine: the load average at a run's start exceeds its cores."""
+    crowded = [row for row in rows if (row.get("env.load") or 0) > (row.get("env.cores") or float("inf"))]
+    if not crowded:
+        return []
+    highest = max(row["env.load"] for row in crowded)
+    return [
+        f"Times are loose: {len(crowded)} of {len(rows)} runs began under a load of more than one process "
+        f"a core, up to {highest:g} on {crowded[0]['env.cores']:g} cores."
+    ]
+
+
 def _notes(rows: list[Row]) -> list[str]:
     """Cases, machine, failures, the methods' own notes and legend."""
     cases = {row["task.name"] for row in rows}
@@ -242,6 +254,7 @@ def _notes(rows: list[Row]) -> list[str]:
     notes = [f"{len(cases)} case{plural} of {size} vertices; means over the runs with a result."]
     machines = sorted({row["env.machine"] for row in rows})
     notes.append(f"Machine: {'; '.join(machines)}.")
+    notes += _load(rows)
     for status in ("failed", "timeout", "skipped"):
         by_method: dict[str, list[str]] = {}
         for row in rows:

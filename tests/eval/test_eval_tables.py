@@ -81,6 +81,16 @@ def test_notes_of_methods_stand_under_the_table_once(rows, tmp_path):
         assert not any(line.startswith("arap:") for line in table.notes)
 
 
+def test_a_crowded_machine_is_said(rows):
+    assert "loose" not in to_markdown(make_table(rows, title="tiny"))
+    for loaded in rows[:2]:
+        loaded |= {"env.cores": 2, "env.load": 3.5}
+    assert (
+        f"Times are loose: 2 of {len(rows)} runs began under a load of more than one process a core, "
+        "up to 3.5 on 2 cores." in to_markdown(make_table(rows, title="tiny"))
+    )
+
+
 def test_one_case_at_several_sizes(rows):
     sizes = (7000, 25000, 2000)
     table = make_table([row(f"arap-{n}", task__vertices=n) for n in sizes], title="t")
