@@ -13,12 +13,12 @@ import resource
 import sys
 from collections.abc import Callable, Mapping
 from multiprocessing.connection import Connection
-from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
+from eval.provenance import process_memory
 from eval.store import Row
 from eval.targets import instantiate, settings
 from eval.warmup import warm_up
@@ -111,12 +111,10 @@ def _child(connection: Connection, method: Mapping[str, Any], task: DeformationT
 
 def _peak_mib() -> float:
     """High-water mark of this process's memory in MiB."""
-    status = Path("/proc/self/status")
-    if status.is_file():
-        # On Linux ru_maxrss starts at the parent's peak, which exec hands down; VmHWM does not.
-        for line in status.read_text().splitlines():
-            if line.startswith("VmHWM:"):
-                return int(line.split()[1]) / 1024
+    # On Linux ru_maxrss starts at the parent's peak, which exec hands down; VmHWM does not.
+    high_water = process_memory("VmHWM")
+    if high_water is not None:
+        return high_water / 2**20
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / (2**20 if sys.platform == "darwin" else 2**10)
 

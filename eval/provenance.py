@@ -54,9 +54,11 @@ def config_hash(config: Mapping[str, Any]) -> str:
 
 
 def task_checksum(task: DeformationTask) -> str:
-    """Hash of what a method sees: the mesh and the handles, not the task's name."""
+    """Hash of what a method sees: the mesh, the handles and a guess, not the task's name."""
     handles = task.handles
-    arrays = (task.mesh.V, task.mesh.F, handles.index, handles.target, handles.dynamic, handles.group)
+    arrays = [task.mesh.V, task.mesh.F, handles.index, handles.target, handles.dynamic, handles.group]
+    if task.guess is not None:
+        arrays.append(task.guess)
     return digest(*(np.ascontiguousarray(array).tobytes() for array in arrays))
 
 
@@ -109,6 +111,16 @@ def version_of(distribution: str) -> str:
         return importlib.metadata.version(distribution)
     except importlib.metadata.PackageNotFoundError:
         return "absent"
+
+
+def process_memory(key: str) -> int | None:
+    """A figure of this process's memory in bytes, such as ``VmRSS`` or ``VmHWM``; None where not Linux."""
+    status = Path("/proc/self/status")
+    if status.is_file():
+        for line in status.read_text().splitlines():
+            if line.startswith(f"{key}:"):
+                return 1024 * int(line.split()[1])
+    return None
 
 
 def environment(*, jobs: int) -> dict[str, Any]:

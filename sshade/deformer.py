@@ -147,9 +147,7 @@ class Deformer:
 
         done = in_threads(one, len(self.solvers), workers=self.workers)
         self._last = [solution for solution, _, _ in done]
-        total = done[0][1]
-        for _, V, _ in done[1:]:
-            total = total + V
+        total = sum((V for _, V, _ in done[1:]), start=done[0][1])
         return DeformationResult(
             vertices=total / len(done),
             iterations=float(np.mean([solution.iterations for solution, _, _ in done])),

@@ -206,7 +206,6 @@ def _frames(V, F, values):
     e1, e2, normal, g = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for t in range(m):
         a, b, c = F[t, 0], F[t, 1], F[t, 2]
-        longest = 0.0
         for x in range(3):
             origin[t, x] = (V[a, x] + V[b, x] + V[c, x]) / 3.0
             e1[x], e2[x] = V[b, x] - V[a, x], V[c, x] - V[a, x]

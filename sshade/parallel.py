@@ -7,6 +7,8 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
+from sshade.errors import InputError
+
 Result = TypeVar("Result")
 
 
@@ -24,9 +26,13 @@ def in_threads(piece: Callable[[int], Result], count: int, *, workers: int | Non
 
     Raises
     ------
+    InputError
+        On fewer than one worker.
     Exception
         The first error of a piece, in their order; pieces not yet begun are dropped.
     """
+    if workers is not None and workers < 1:
+        raise InputError(f"{workers} workers were asked for; at least one is needed")
     workers = min(workers or 2 * (os.cpu_count() or 1), count)
     if workers == 1:
         return [piece(i) for i in range(count)]

@@ -81,8 +81,6 @@ def deform(
     """
     if samplings < 1:
         raise InputError(f"{samplings} samplings were asked for; at least one is needed")
-    if workers is not None and workers < 1:
-        raise InputError(f"{workers} workers were asked for; at least one is needed")
     if handle_mode not in ("samples", "nearest"):
         raise InputError(f"unknown handle mode {handle_mode!r}; use 'samples' or 'nearest'")
     task.mesh.require_manifold()
@@ -118,9 +116,7 @@ def deform(
 
     results = in_threads(run, samplings, workers=workers)
     begin = perf_counter()
-    total = results[0].vertices
-    for result in results[1:]:
-        total = total + result.vertices
+    total = sum((result.vertices for result in results[1:]), start=results[0].vertices)
     seconds = {
         stage: sum(r.seconds[stage] for r in results) for stage in ("remesh", "bind", "solve", "carry")
     }

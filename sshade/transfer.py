@@ -71,8 +71,6 @@ def transfer_pose(
     posed, edited = _checked(mesh, posed, "posed"), _checked(mesh, edited, "edited")
     if samplings < 1:
         raise InputError(f"{samplings} samplings were asked for; at least one is needed")
-    if workers is not None and workers < 1:
-        raise InputError(f"{workers} workers were asked for; at least one is needed")
     begin = perf_counter()
     graph = vertex_graph(mesh)
     shared = perf_counter() - begin
@@ -94,9 +92,7 @@ def transfer_pose(
         return V, {**binding.seconds, "carry": perf_counter() - start}, degenerate
 
     done = in_threads(one, samplings, workers=workers)
-    total = done[0][0]
-    for V, _, _ in done[1:]:
-        total = total + V
+    total = sum((V for V, _, _ in done[1:]), start=done[0][0])
     seconds = {stage: sum(times[stage] for _, times, _ in done) for stage in STAGES}
     return DeformationResult(
         vertices=total / samplings,

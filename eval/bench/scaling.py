@@ -9,6 +9,7 @@ from time import perf_counter
 
 import numpy as np
 
+from eval.provenance import process_memory
 from sshade.files import replacing
 from sshade.handlesio import read_handles
 from sshade.mesh import Mesh
@@ -95,7 +96,7 @@ def _measure(base: Path, handles: Path, level: int, vertices: int, repeats: int)
         begin = perf_counter()
         deform(task, vertices=count, samplings=1)
         seconds.append(perf_counter() - begin)
-    return mesh.n, float(np.median(seconds)), _memory("VmHWM") - before
+    return mesh.n, float(np.median(seconds)), process_memory("VmHWM") - before
 
 
 def _subdivided(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
@@ -104,18 +105,10 @@ def _subdivided(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     return igl.upsample(np.array(mesh.V), np.array(mesh.F))
 
 
-def _memory(key: str) -> int:
-    """A figure of this process's /proc/self/status in bytes."""
-    for line in Path("/proc/self/status").read_text().splitlines():
-        if line.startswith(f"{key}:"):
-            return 1024 * int(line.split()[1])
-    raise KeyError(key)
-
-
 def _reset_peak() -> int:
     """Set the high-water mark to the memory in use now, and return that (Linux)."""
     Path("/proc/self/clear_refs").write_text("5")
-    return _memory("VmRSS")
+    return process_memory("VmRSS")
 
 
 def _plot(path: Path, rows: list[tuple[int, float, int]], slope: float) -> None:

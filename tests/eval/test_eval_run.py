@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from time import sleep
 
 import numpy as np
@@ -285,3 +286,10 @@ def test_an_interrupted_write_leaves_no_row(tmp_path):
     with pytest.raises(TypeError):
         write_run(tmp_path / "run", {"status": object()}, vertices=np.zeros((3, 3)))
     assert run_folders(tmp_path) == []
+
+
+def test_a_guess_is_part_of_the_task():
+    task = bumpy_task()
+    same, other = replace(task, name="renamed"), replace(task, guess=task.mesh.V)
+    assert provenance.task_checksum(same) == provenance.task_checksum(task)
+    assert provenance.task_checksum(other) != provenance.task_checksum(task)

@@ -67,6 +67,8 @@ def test_targets_at_rest_give_the_rest_shape(mesh, held):
 def test_bad_input_is_refused(mesh, held):
     with pytest.raises(InputError, match="at least one is needed"):
         Deformer(mesh, held, samplings=0)
+    with pytest.raises(InputError, match="0 workers were asked for"):
+        Deformer(mesh, held, vertices=150, workers=0)
     with pytest.raises(InputError, match="cannot hold"):
         Deformer(mesh, held, vertices=5)
     with pytest.raises(InputError, match="shape"):
