@@ -14,7 +14,8 @@ import sys
 from collections.abc import Callable, Mapping
 from multiprocessing.connection import Connection
 from time import perf_counter
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,6 +27,27 @@ from sshade.task import DeformationResult, DeformationTask, Progress, silent
 
 log = logging.getLogger(__name__)
 
+#: Arrays of a result's `extra` whose name ends so hold a line a step, and are kept with the run.
+CURVE = "_curve"
+
+
+class Attempt(NamedTuple):
+    """What a run gave.
+
+    Attributes
+    ----------
+    facts : dict
+        status, reason, iterations, converged, seconds.*, extra.*, env.warmed_up.
+    vertices : (n, 3) float64 or None
+        None where the method failed.
+    curves : dict
+        Arrays of a line a step, such as losses, by name.
+    """
+
+    facts: Row
+    vertices: np.ndarray | None = None
+    curves: Mapping[str, np.ndarray] = MappingProxyType({})
+
 
 def attempt(
     method: Mapping[str, Any],
@@ -34,7 +56,7 @@ def attempt(
     seed: int,
     progress: Progress = silent,
     before_clock: Callable[[], None] = lambda: None,
-) -> tuple[Row, np.ndarray | None]:
+) -> Attempt:
     """Run a method; whatever it raises becomes the row's status and reason.
 
     Parameters
@@ -46,12 +68,6 @@ def attempt(
     progress : Progress
     before_clock : callable
         Called after the warm-up.
-
-    Returns
-    -------
-    row : dict
-        status, reason, iterations, converged, seconds.*, extra.*, env.warmed_up.
-    vertices : (n, 3) float64 or None
     """
     row: Row = {"status": "failed", "reason": "", "iterations": None, "converged": None}
     row["env.warmed_up"] = method.get("warm_up", {}) is not None
@@ -66,16 +82,16 @@ def attempt(
         if np.shape(result.vertices) != task.mesh.V.shape:
             raise ValueError(f"vertices of shape {np.shape(result.vertices)} for {task.mesh.V.shape}")
     except ImportError as error:
-        return row | {"status": "skipped", "reason": _sentence(error)}, None
+        return Attempt(row | {"status": "skipped", "reason": _sentence(error)})
     except Exception as error:  # whatever a method raises belongs into its row; the sweep goes on
         log.debug("%s on %s", method["_target_"], task.name, exc_info=True)
-        return row | {"reason": _sentence(error)}, None
-    return row | _facts(result, seconds), result.vertices
+        return Attempt(row | {"reason": _sentence(error)})
+    return Attempt(row | _facts(result, seconds), result.vertices, _curves(result))
 
 
 def attempt_fresh(
     method: Mapping[str, Any], task: DeformationTask, *, seed: int, time_limit: float | None
-) -> tuple[Row, np.ndarray | None]:
+) -> Attempt:
     """:func:`attempt` in a process of its own, with ``peak_mib`` and at most `time_limit` seconds of clock.
 
     The limit counts from the end of the warm-up. The peak is that of the whole
@@ -91,12 +107,12 @@ def attempt_fresh(
         answer = ours.recv()
         if answer == "clock":
             if not ours.poll(time_limit):
-                return row | {"status": "timeout", "reason": f"no result within {time_limit:g} s"}, None
+                return Attempt(row | {"status": "timeout", "reason": f"no result within {time_limit:g} s"})
             answer = ours.recv()
         return answer
     except EOFError:
         process.join()
-        return row | {"reason": f"the process ended with exit code {process.exitcode}"}, None
+        return Attempt(row | {"reason": f"the process ended with exit code {process.exitcode}"})
     finally:
         process.kill()
         process.join()
@@ -104,9 +120,8 @@ def attempt_fresh(
 
 
 def _child(connection: Connection, method: Mapping[str, Any], task: DeformationTask, seed: int) -> None:
-    row, vertices = attempt(method, task, seed=seed, before_clock=lambda: connection.send("clock"))
-    row["peak_mib"] = _peak_mib()
-    connection.send((row, vertices))
+    done = attempt(method, task, seed=seed, before_clock=lambda: connection.send("clock"))
+    connection.send(done._replace(facts=done.facts | {"peak_mib": _peak_mib()}, curves=dict(done.curves)))
 
 
 def _peak_mib() -> float:
@@ -129,6 +144,10 @@ def _facts(result: DeformationResult, seconds: float) -> Row:
     row |= {f"seconds.{stage}": float(value) for stage, value in result.seconds.items() if stage != "total"}
     row |= {f"extra.{name}": _plain(value) for name, value in result.extra.items() if is_scalar(value)}
     return row
+
+
+def _curves(result: DeformationResult) -> dict[str, np.ndarray]:
+    return {name: np.asarray(value) for name, value in result.extra.items() if name.endswith(CURVE)}
 
 
 def is_scalar(value: Any) -> bool:

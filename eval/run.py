@@ -96,13 +96,13 @@ def run(
     row |= {"date": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ"), "peak_mib": None}
     row["env.time_limit"] = time_limit
     if fresh:
-        facts, vertices = attempt_fresh(method, task, seed=seed, time_limit=time_limit)
+        done = attempt_fresh(method, task, seed=seed, time_limit=time_limit)
     else:
-        facts, vertices = attempt(method, task, seed=seed, progress=progress)
-    row |= facts
-    if vertices is not None:
-        row |= {f"metric.{metric}": value for metric, value in measure(task, vertices).items()}
-    write_run(folder, row, vertices=vertices)
+        done = attempt(method, task, seed=seed, progress=progress)
+    row |= done.facts
+    if done.vertices is not None:
+        row |= {f"metric.{metric}": value for metric, value in measure(task, done.vertices).items()}
+    write_run(folder, row, vertices=done.vertices, curves=done.curves)
     return Outcome(row, folder, reused=False)
 
 

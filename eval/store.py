@@ -60,8 +60,14 @@ def experiment_folder(name: Path) -> Path:
     raise InputError(f"no runs in {name} or {RUNS / name}; `python -m eval -m experiment=...` makes them")
 
 
-def write_run(folder: str | os.PathLike[str], row: Row, *, vertices: np.ndarray | None = None) -> None:
-    """Write a run: the vertices first, so that a folder with a row is complete.
+def write_run(
+    folder: str | os.PathLike[str],
+    row: Row,
+    *,
+    vertices: np.ndarray | None = None,
+    curves: Mapping[str, np.ndarray] | None = None,
+) -> None:
+    """Write a run: the row last, so that a folder with a row is complete.
 
     Parameters
     ----------
@@ -70,9 +76,16 @@ def write_run(folder: str | os.PathLike[str], row: Row, *, vertices: np.ndarray 
     row : mapping
     vertices : (n, 3) float64, optional
         Stored as float32: enough to recompute a metric to about 1e-7.
+    curves : mapping, optional
+        Arrays of a line a step, such as losses, by name.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
+    if curves:
+        with replacing(folder / "curves.npz") as temporary, temporary.open("wb") as file:
+            np.savez_compressed(file, **curves)
+    else:
+        (folder / "curves.npz").unlink(missing_ok=True)
     if vertices is None:
         (folder / "vertices.npy").unlink(missing_ok=True)
     else:
@@ -99,6 +112,15 @@ def read_vertices(folder: str | os.PathLike[str]) -> np.ndarray:
     if not path.is_file():
         raise InputError(f"{path}: no such file; the run left no vertices")
     return np.load(path).astype(np.float64)
+
+
+def read_curves(folder: str | os.PathLike[str]) -> dict[str, np.ndarray]:
+    """The arrays of a line a step that a run left, by name; none is fine."""
+    path = Path(folder, "curves.npz")
+    if not path.is_file():
+        return {}
+    with np.load(path) as data:
+        return {name: data[name] for name in data.files}
 
 
 def run_folders(root: str | os.PathLike[str]) -> list[Path]:

@@ -39,10 +39,10 @@ def test_without_torch_the_error_names_the_extra(no_torch):
 
 def test_without_torch_the_row_is_skipped(no_torch):
     method = {"_target_": "baselines.implicit_arap.implicit_arap", "_partial_": True}
-    row, vertices = attempt(method, held_ends(bumpy(2)), seed=0)
-    assert row["status"] == "skipped"
-    assert "sshade[torch]" in row["reason"]
-    assert vertices is None
+    done = attempt(method, held_ends(bumpy(2)), seed=0)
+    assert done.facts["status"] == "skipped"
+    assert "sshade[torch]" in done.facts["reason"]
+    assert done.vertices is None
 
 
 def test_importing_the_package_leaves_torch_alone():

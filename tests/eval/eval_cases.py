@@ -98,3 +98,11 @@ def endless(task, *, seed: int, progress=silent) -> DeformationResult:
 def dying(task, *, seed: int, progress=silent) -> DeformationResult:
     """A method that takes its process down."""
     os._exit(3)
+
+
+def with_losses(task, *, seed, progress=silent):
+    """A method that records a loss a step."""
+    curve = np.array([[3.0, 1.0], [0.5, 0.25]], dtype=np.float32)
+    return DeformationResult(
+        task.mesh.V, iterations=2, converged=None, extra={"loss_curve": curve, "rotations": np.eye(3)}
+    )

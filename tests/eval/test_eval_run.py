@@ -17,7 +17,16 @@ from eval.collect import collect
 from eval.collect import main as collect_main
 from eval.metrics import METRICS, measure
 from eval.run import run
-from eval.store import newest, read_csv, read_row, read_vertices, run_folders, write_csv, write_run
+from eval.store import (
+    newest,
+    read_csv,
+    read_curves,
+    read_row,
+    read_vertices,
+    run_folders,
+    write_csv,
+    write_run,
+)
 from sshade.errors import InputError
 from sshade.task import DeformationResult, silent
 
@@ -280,6 +289,18 @@ def test_clear_errors_for_missing_and_damaged_files(tmp_path):
         read_row(tmp_path / "run")
     with pytest.raises(InputError, match="no vertices"):
         read_vertices(tmp_path / "run")
+
+
+@pytest.mark.parametrize("fresh", [False, True])
+def test_curves_are_kept_with_the_run(tmp_path, fresh):
+    method = {"_target_": "eval_cases.with_losses"}
+    done = run(bumpy_task(), method, name="learned", root=tmp_path, fresh=fresh)
+    assert done.row["status"] == "ok", done.row["reason"]
+    (name, curve), *others = read_curves(done.folder).items()
+    assert (name, curve.tolist(), others) == ("loss_curve", [[3.0, 1.0], [0.5, 0.25]], [])
+    assert not any("curve" in column or "rotations" in column for column in done.row)
+    method["_target_"] = "baselines.identity.identity"
+    assert read_curves(run(bumpy_task(), method, name="identity", root=tmp_path).folder) == {}
 
 
 def test_an_interrupted_write_leaves_no_row(tmp_path):
