@@ -25,7 +25,7 @@ from typing import Literal
 import numpy as np
 
 from baselines.global_step import GlobalStep, iterate
-from baselines.smooth_rotations import Cells, band_position, matrices, vertex_colours
+from baselines.smooth_rotations import Cells, band_position, largest_turn, matrices, vertex_colours
 from sshade.anderson import Anderson
 from sshade.coarse import Start, initial_guess
 from sshade.errors import InputError
@@ -82,7 +82,10 @@ def arap_sr(
     accelerate : bool
         Anderson acceleration, off in the paper.
     tolerance : float
-        Residual, relative to the diagonal, under which iteration stops. 0 never stops early.
+        Residual under which iteration stops: the largest move of a vertex over the diagonal, or
+        of a rotation as a unit quaternion, whichever is larger. Rotations are unknowns here,
+        and spread so slowly over a fine mesh that positions alone can stand still long before.
+        0 never stops early.
     max_iterations : int
         Cutoff; the paper's is 1000.
     start : {"rest", "rigid"}
@@ -141,6 +144,7 @@ def arap_sr(
         max_iterations=max_iterations,
         progress=progress,
         mix=step.mix,
+        other_move=step.turn,
     )
     return DeformationResult(
         vertices=u[position],
@@ -192,6 +196,10 @@ class _Iteration:
         self.to_fit = True
         right_hand_side(self._cells.corners, self._cells.Y, self.R, self._B)
         self._global.solve(self._B, out)
+
+    def turn(self) -> float:
+        """Largest change of a rotation, as a unit quaternion, in the last sweep."""
+        return float(largest_turn(self.Q, self._before))
 
     def mix(self, u: np.ndarray, g: np.ndarray) -> None:
         """Replace u by the next iterate, and the rotations with it."""

@@ -67,6 +67,7 @@ def iterate(
     max_iterations: int,
     progress: Progress,
     mix: Callable[[np.ndarray, np.ndarray], None] = np.copyto,
+    other_move: Callable[[], float] = float,
 ) -> tuple[int, float]:
     """Repeat ``u <- g(u)`` until no vertex moves by more than a tolerance.
 
@@ -85,6 +86,9 @@ def iterate(
     mix : callable
         ``mix(u, g)`` replaces u by the next iterate, by default g itself; what ends the loop
         is a plain g in any case.
+    other_move : callable
+        How far unknowns besides the positions moved in the last `advance`, without a unit;
+        the residual is the larger of both.
 
     Returns
     -------
@@ -101,7 +105,7 @@ def iterate(
     iterations, residual = 0, np.inf
     while iterations < max_iterations and residual >= tolerance:
         advance(u, g)
-        residual = float(largest_move(g, u)) / scale
+        residual = max(float(largest_move(g, u)) / scale, other_move())
         iterations += 1
         if not np.isfinite(residual):
             raise FloatingPointError(f"the positions are not finite after {iterations} iterations")

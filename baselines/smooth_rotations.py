@@ -156,3 +156,16 @@ def matrices(Q, R):
         R[i, 0], R[i, 1], R[i, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
         R[i, 3], R[i, 4], R[i, 5] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
         R[i, 6], R[i, 7], R[i, 8] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+
+
+@njit(cache=True, nogil=True)
+def largest_turn(Q, before):
+    """Return ``max_i |Q_i - before_i|`` of unit quaternions up to their signs: half the angle, if small."""
+    largest = 0.0
+    for i in range(len(Q)):
+        minus = plus = 0.0
+        for c in range(4):
+            minus += (Q[i, c] - before[i, c]) ** 2
+            plus += (Q[i, c] + before[i, c]) ** 2
+        largest = max(largest, min(minus, plus))
+    return np.sqrt(largest)
