@@ -7,9 +7,10 @@ import pytest
 from eval_cases import box, bumpy_task
 
 from eval.figures import Case as FigureCase
-from eval.figures import _view, edge_error, main, read_cases
+from eval.figures import main, read_cases, view_of
 from eval.run import run
 from sshade.errors import InputError
+from sshade.show import edge_error
 
 SOURCE = {"_target_": "eval_cases.bumpy_task", "level": 2}
 
@@ -73,13 +74,13 @@ def test_a_changed_dataset_is_a_clear_error(tmp_path):
 def test_the_view_holds_every_shape_upright():
     task = bumpy_task(level=2)
     case = FigureCase(task, {"far": task.mesh.V + [0, 0, 3.0]})
-    view = _view(case, towards=np.array([1.0, 0.3, 0.2]), up=np.array([0.0, 0, 1]))
+    view = view_of(case, towards=np.array([1.0, 0.3, 0.2]), up=np.array([0.0, 0, 1]))
     assert view.up[2] > 0.9
     for V in (task.mesh.V, case.results["far"]):
         assert (np.abs((V - view.centre) @ view.right) < view.width / 2).all()
         assert (np.abs((V - view.centre) @ view.up) < view.height / 2).all()
     with pytest.raises(InputError, match="upright"):
-        _view(case, towards=np.array([0.0, 0, 1]), up=np.array([0.0, 0, 1]))
+        view_of(case, towards=np.array([0.0, 0, 1]), up=np.array([0.0, 0, 1]))
 
 
 def test_the_picture_is_drawn_without_running_a_method(runs, tmp_path):

@@ -1,0 +1,229 @@
+"""Pictures of shapes: handles in blue (static) and yellow (dynamic), edge errors in colours.
+
+Needs pyvista, of the extra ``figures``; it is imported where something is drawn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sshade.errors import InputError
+from sshade.mesh import Mesh
+from sshade.task import Handles
+
+STATIC, DYNAMIC, BODY, PATH = "#2166ac", "#f2c200", "#d9d5cf", "#8c8c8c"
+
+#: Colours of errors, light to dark.
+COLOURS = "magma_r"
+
+#: From the scene to the camera, and upright, unless told.
+TOWARDS, UP = (0.5, 0.25, 1.0), (0.0, 1.0, 0.0)
+
+#: Radius of a handle's sphere over the bounding-box diagonal.
+SPHERE = 0.006
+
+#: The few most stretched vertices would take all of a scale.
+PERCENTILE = 98
+
+
+@dataclass(frozen=True)
+class View:
+    """A parallel projection that shows a box whole.
+
+    Parameters
+    ----------
+    right, up, towards : (3,) float64
+        Axes of the picture, and the direction from the scene to the camera.
+    centre : (3,) float64
+    width, height, depth : float
+        Extent of the scene along the axes, in the mesh's unit of length.
+    """
+
+    right: np.ndarray
+    up: np.ndarray
+    towards: np.ndarray
+    centre: np.ndarray
+    width: float
+    height: float
+    depth: float
+
+    @classmethod
+    def of(cls, shapes: Iterable[np.ndarray], *, towards: np.ndarray = TOWARDS, up: np.ndarray = UP) -> View:
+        """The view in which every shape (n, 3) fits, with a margin.
+
+        Raises
+        ------
+        InputError
+            When the camera would look along the upright direction.
+        """
+        towards = np.asarray(towards, dtype=np.float64)
+        right = np.cross(up, towards)
+        if np.linalg.norm(right) <= 1e-9 * np.linalg.norm(up) * np.linalg.norm(towards):
+            raise InputError("the camera looks along the upright direction; choose another --towards or --up")
+        towards = towards / np.linalg.norm(towards)
+        right = right / np.linalg.norm(right)
+        axes = np.stack([right, np.cross(towards, right), towards])
+        points = np.concatenate([np.asarray(shape) for shape in shapes]) @ axes.T
+        low, high = points.min(axis=0), points.max(axis=0)
+        size = np.maximum(1.06 * (high - low), 1e-3 * np.linalg.norm(high - low))
+        return cls(*axes, 0.5 * (low + high) @ axes, *(float(extent) for extent in size))
+
+    def pixels(self, width: int) -> tuple[int, int]:
+        """Width and height of a picture that this view fills."""
+        return width, max(1, round(width * self.height / self.width))
+
+
+def edge_error(rest: Mesh, vertices: np.ndarray) -> np.ndarray:
+    """(n,) relative length change of the edges at each vertex, the mean, in percent."""
+    edges = rest.edges
+    before, after = (np.linalg.norm(V[edges[:, 0]] - V[edges[:, 1]], axis=1) for V in (rest.V, vertices))
+    # An edge without length at rest counts as unchanged as long as it has none.
+    change = np.abs(after - before) / np.where(before > 0, before, np.inf)
+    ends = edges.T.ravel()
+    total = np.bincount(ends, np.tile(change, 2), rest.n)
+    return 100 * total / np.bincount(ends, minlength=rest.n)
+
+
+def colour_range(errors: Iterable[np.ndarray]) -> float:
+    """Upper end of one colour scale for all of the errors: their 98th percentile, 1 if that is zero."""
+    top = float(np.percentile(np.concatenate(list(errors)), PERCENTILE))
+    return top if top > 0 else 1.0
+
+
+def picture(
+    mesh: Mesh,
+    V: np.ndarray,
+    *,
+    view: View,
+    width: int = 600,
+    error: np.ndarray | None = None,
+    top: float = 1.0,
+    handles: Handles | None = None,
+) -> np.ndarray:
+    """Render one shape, without a display.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Its faces, its rest shape, and the unit of the handles' size.
+    V : (n, 3) float64
+        Positions to show.
+    view : View
+    width : int
+        In pixels; the height follows from the view.
+    error : (n,) float64, optional
+        Colours the surface on a scale from 0 to `top`.
+    top : float
+    handles : Handles, optional
+        Shown at their vertices of `V`.
+
+    Returns
+    -------
+    (h, w, 3) uint8
+    """
+    plotter = new_plotter(window_size=view.pixels(width))
+    add_shape(plotter, mesh, V, error=error, top=top)
+    if handles is not None:
+        add_handles(plotter, V, handles, size=mesh.diagonal)
+    aim(plotter, view)
+    pixels = plotter.screenshot(return_img=True)
+    plotter.close()
+    return pixels
+
+
+def new_plotter(**options: Any) -> Any:
+    """An off-screen plotter of pyvista on white; `options` override that."""
+    import pyvista
+
+    # Without a display VTK warns about it, then renders off-screen as it should.
+    pyvista.vtk_verbosity("error")
+    plotter = pyvista.Plotter(**{"off_screen": True, "border": False, **options})
+    plotter.set_background("white")
+    return plotter
+
+
+def add_shape(
+    plotter: Any,
+    mesh: Mesh,
+    V: np.ndarray,
+    *,
+    error: np.ndarray | None = None,
+    top: float = 1.0,
+    bar: str | None = None,
+) -> None:
+    """Add a surface, in one colour or coloured by `error` on a scale to `top`, with a bar titled `bar`."""
+    import pyvista
+
+    surface = pyvista.PolyData.from_regular_faces(V, mesh.F)
+    if error is None:
+        plotter.add_mesh(surface, color=BODY, smooth_shading=True)
+        return
+    plotter.add_mesh(
+        surface,
+        scalars=error,
+        clim=(0, top),
+        cmap=COLOURS,
+        smooth_shading=True,
+        show_scalar_bar=bar is not None,
+        scalar_bar_args={"title": bar, "color": "black", "n_labels": 3, "fmt": "%.3g"},
+        ambient=0.4,  # or shading darkens the colours away from those of the bar
+        diffuse=0.6,
+    )
+
+
+def add_handles(plotter: Any, V: np.ndarray, handles: Handles, *, size: float, targets: bool = False) -> None:
+    """Add handles as spheres at their vertices of `V`, and where they are to go.
+
+    Parameters
+    ----------
+    plotter : pyvista.Plotter
+    V : (n, 3) float64
+    handles : Handles
+    size : float
+        The bounding-box diagonal that the spheres are measured by.
+    targets : bool
+        Show the targets of dynamic handles too, paler, with a line to each.
+    """
+    import pyvista
+
+    ball = pyvista.Sphere(radius=SPHERE * size, theta_resolution=12, phi_resolution=12)
+
+    def balls(points: np.ndarray, colour: str, **options: Any) -> None:
+        if len(points):
+            plotter.add_mesh(
+                pyvista.PolyData(points).glyph(geom=ball, scale=False, orient=False), color=colour, **options
+            )
+
+    moving = handles.dynamic
+    balls(V[handles.index[~moving]], STATIC)
+    balls(V[handles.index[moving]], DYNAMIC)
+    if targets and moving.any():
+        balls(handles.target[moving], DYNAMIC, opacity=0.45)
+        ends = np.stack([V[handles.index[moving]], handles.target[moving]], axis=1).reshape(-1, 3)
+        plotter.add_mesh(pyvista.line_segments_from_points(ends), color=PATH, line_width=1)
+
+
+def aim(plotter: Any, view: View) -> None:
+    """Turn the camera of the plotter's active panel."""
+    width, height = plotter.renderer.GetSize()
+    plotter.enable_parallel_projection()
+    plotter.camera.focal_point = view.centre
+    plotter.camera.position = view.centre + 2 * (view.width + view.height + view.depth) * view.towards
+    plotter.camera.up = view.up
+    # Half the height of what is seen; a panel narrower than the view must show more of it.
+    plotter.camera.parallel_scale = 0.5 * max(view.height, view.width * height / width)
+    plotter.reset_camera_clipping_range()
+    plotter.enable_anti_aliasing("ssaa")
+
+
+def require_extra() -> None:
+    """Raise InputError where the extra ``figures`` is not installed."""
+    from importlib.util import find_spec
+
+    for library in ("matplotlib", "pyvista"):
+        if find_spec(library) is None:
+            raise InputError(f"{library} is not installed; pip install sshade[figures]")
