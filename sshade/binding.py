@@ -6,13 +6,15 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Literal
+from typing import Literal, get_args
 from zipfile import BadZipFile
 
 import numpy as np
 
+from sshade.affine import AffineFrames
+from sshade.blended import BlendedFrames
 from sshade.errors import InputError
-from sshade.frames import TriangleFrames
+from sshade.frames import FrameKind, Frames, TriangleFrames, frame_values
 from sshade.graph import VertexGraph
 from sshade.mesh import Mesh
 from sshade.projection import Projection, project_to_fans, project_to_surface
@@ -30,10 +32,14 @@ class Binding:
         N at rest.
     projection : Projection
         Where each vertex of M lies on N.
-    frames : TriangleFrames
-        L_t and b_t on N.
+    values : (l, 3) float64
+        f at the corners of N's triangles, which directs ``triangle`` frames.
+    kind : {"triangle", "affine", "blended", "blended_affine"}
+        Of the frames.
+    frames : Frames
+        Made of N at rest.
     local : (n, 3) float64
-        Coordinates of M's vertices in the frames of their triangles.
+        Coordinates of M's vertices in the frames.
     seconds : mapping
         Time of the stages ``remesh`` and ``bind``.
     """
@@ -41,17 +47,22 @@ class Binding:
     remesh: Remesh
     proxy: Mesh
     projection: Projection
-    frames: TriangleFrames
+    values: np.ndarray
+    kind: FrameKind
+    frames: Frames
     local: np.ndarray
     seconds: Mapping[str, float]
 
-    def carry(self, NV: np.ndarray) -> tuple[np.ndarray, int]:
+    def carry(self, NV: np.ndarray, *, rotations: np.ndarray | None = None) -> tuple[np.ndarray, int]:
         """M' for the vertices of N', and the number of triangles without a frame of their own.
 
         Parameters
         ----------
         NV : (k, 3) float64
             Vertices of N', in the proxy's numbering.
+        rotations : (k, 3, 3) float64, optional
+            How each of them is turned, for ``blended`` frames; fitted to the
+            edges around it where not given.
 
         Returns
         -------
@@ -61,12 +72,16 @@ class Binding:
         Raises
         ------
         InputError
-            When `NV` has another shape than the proxy's vertices.
+            When `NV` or `rotations` do not fit the proxy's vertices.
         """
         NV = np.ascontiguousarray(NV, dtype=np.float64)
         if NV.shape != self.proxy.V.shape:
             raise InputError(f"the proxy has vertices of shape {self.proxy.V.shape}, not {NV.shape}")
-        return self.frames.decode(self.local, self.projection.face, NV)
+        if rotations is not None and np.shape(rotations) != (self.proxy.n, 3, 3):
+            raise InputError(
+                f"the proxy needs rotations of shape {(self.proxy.n, 3, 3)}, not {np.shape(rotations)}"
+            )
+        return self.frames.decode(self.local, NV, on=self.projection, rotations=rotations)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write what :meth:`load` needs besides the mesh, as an .npz."""
@@ -81,12 +96,20 @@ class Binding:
                 face=self.projection.face,
                 barycentric=self.projection.barycentric,
                 to_proxy=self.projection.distance,
-                values=self.frames.values,
+                values=self.values,
+                frames=self.kind,
             )
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str], mesh: Mesh) -> Binding:
+    def load(cls, path: str | os.PathLike[str], mesh: Mesh, *, frames: FrameKind | None = None) -> Binding:
         """Read a binding written by :meth:`save`, for the mesh that it was made of.
+
+        Parameters
+        ----------
+        path : path
+        mesh : Mesh
+        frames : {"triangle", "affine", "blended", "blended_affine"}, optional
+            Instead of the kind that the binding was saved with.
 
         Raises
         ------
@@ -102,14 +125,25 @@ class Binding:
                 )
             remeshed = Remesh(*(arrays[name] for name in ("samples", "faces", "region", "distance")))
             on_proxy = Projection(*(arrays[name] for name in ("face", "barycentric", "to_proxy")))
-            _require_fit(remeshed, on_proxy, arrays["values"], mesh.n)
+            values, saved = arrays["values"], str(arrays["frames"])
+            _require_fit(remeshed, on_proxy, values, mesh.n)
             proxy = proxy_mesh(mesh, remeshed)
-            frames = TriangleFrames.of_values(proxy, arrays["values"])
+            made = make_frames(frames or saved, proxy, values=values)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
         except (OSError, KeyError, IndexError, TypeError, ValueError, EOFError, BadZipFile) as error:
             raise InputError(f"{path}: not a map written by `sshade remesh` ({error})") from error
-        return cls(remeshed, proxy, on_proxy, frames, frames.encode(mesh.V, on_proxy.face), {})
+        local = made.encode(mesh.V, on_proxy)
+        return cls(remeshed, proxy, on_proxy, values, frames or saved, made, local, {})
+
+
+def make_frames(kind: FrameKind, proxy: Mesh, *, values: np.ndarray) -> Frames:
+    """Frames of a proxy at rest, as of :func:`bind`; `values` from :func:`sshade.frames.frame_values`."""
+    if kind == "triangle":
+        return TriangleFrames.of_values(proxy, values)
+    if kind == "affine":
+        return AffineFrames(proxy)
+    return BlendedFrames(proxy, stretch=kind == "blended_affine")
 
 
 def _require_fit(remeshed: Remesh, on_proxy: Projection, values: np.ndarray, n: int) -> None:
@@ -129,6 +163,7 @@ def bind(
     first: np.ndarray | None = None,
     seed: int | tuple[int, ...] = 0,
     projection: Literal["fan", "surface"] = "fan",
+    frames: FrameKind = "triangle",
     frame_function: str | np.ndarray = "extent",
     graph: VertexGraph | None = None,
 ) -> Binding:
@@ -146,8 +181,13 @@ def bind(
         Chooses the random vertex that follows them.
     projection : {"fan", "surface"}
         P, or ReMatching's U.
+    frames : {"triangle", "affine", "blended", "blended_affine"}
+        How M's vertices follow N: with the rigid frames of its triangles, as in
+        the paper (:mod:`sshade.frames`); with the triangles' affine maps
+        (:mod:`sshade.affine`); or with frames at the vertices of N, blended
+        over each triangle, which turn, or turn and stretch (:mod:`sshade.blended`).
     frame_function : {"extent", "best", "x", "y", "z"} or (n,) float64
-        f; an array gives its value at each vertex of M.
+        f, which directs ``triangle`` frames; an array gives its value at each vertex of M.
     graph : VertexGraph, optional
         The mesh's :func:`sshade.graph.vertex_graph`, where several bindings share it.
 
@@ -158,6 +198,8 @@ def bind(
     """
     if projection not in ("fan", "surface"):
         raise InputError(f"unknown projection {projection!r}; use 'fan' or 'surface'")
+    if frames not in get_args(FrameKind):
+        raise InputError(f"unknown frames {frames!r}; use one of {', '.join(get_args(FrameKind))}")
     begin = perf_counter()
     remeshed = remesh(mesh, vertices, first=first, seed=seed, graph=graph)
     proxy = proxy_mesh(mesh, remeshed)
@@ -173,7 +215,8 @@ def bind(
                 f"a frame function needs {mesh.n} values, one a vertex, not {frame_function.shape}"
             )
         frame_function = frame_function[remeshed.samples]
-    frames = TriangleFrames.at_rest(proxy, frame_function)
-    local = frames.encode(mesh.V, on_proxy.face)
+    values = frame_values(proxy, frame_function)
+    made = make_frames(frames, proxy, values=values)
+    local = made.encode(mesh.V, on_proxy)
     seconds = {"remesh": sampled - begin, "bind": perf_counter() - sampled}
-    return Binding(remeshed, proxy, on_proxy, frames, local, seconds)
+    return Binding(remeshed, proxy, on_proxy, values, frames, made, local, seconds)

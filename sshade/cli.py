@@ -8,12 +8,14 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from time import perf_counter
+from typing import get_args
 
 import numpy as np
 
 from sshade.console import announced_compilation, progress_bar, run_command
 from sshade.errors import InputError
 from sshade.files import replacing
+from sshade.frames import FrameKind
 from sshade.meshio import SUFFIXES, check_output, read_arrays, read_mesh, repair, write_mesh
 
 #: Proxy vertices by default; the paper's number.
@@ -118,6 +120,7 @@ def _parser() -> argparse.ArgumentParser:
     carry.add_argument("map", type=Path, metavar="MAP", help="the .npz of `sshade remesh`")
     carry.add_argument("edited", type=Path, metavar="EDITED", help="the proxy with vertices moved")
     carry.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="mesh to write")
+    _add_frames(carry)
     carry.set_defaults(run=_carry)
     rebuild = commands.add_parser(
         "reconstruct", help="rebuild a pose from its samples", description=TRANSFER, formatter_class=raw
@@ -133,6 +136,7 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="mesh to write")
         _add_vertices(command)
         _add_samplings(command, default=10)
+        _add_frames(command)
         command.set_defaults(run=_transfer)
     return parser
 
@@ -146,6 +150,16 @@ def _add_samplings(parser: argparse.ArgumentParser, *, default: int) -> None:
         help=f"proxies averaged (default: {default}, as the paper)",
     )
     parser.add_argument("--workers", type=int, metavar="W", help="threads (default: two a processor)")
+
+
+def _add_frames(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--frames",
+        choices=get_args(FrameKind),
+        default="triangle",
+        help="what carries the mesh along: rigid frames of the proxy's triangles, as the paper, their "
+        "affine maps, or frames at the proxy's vertices, blended (default: triangle)",
+    )
 
 
 def _add_vertices(parser: argparse.ArgumentParser) -> None:
@@ -227,7 +241,7 @@ def _carry(arguments: argparse.Namespace) -> int:
 
     check_output(arguments.output)
     mesh = read_mesh(arguments.mesh)
-    binding = Binding.load(arguments.map, mesh)
+    binding = Binding.load(arguments.map, mesh, frames=arguments.frames)
     edited, _ = read_arrays(arguments.edited)
     if not np.isfinite(edited).all():
         raise InputError(f"{arguments.edited}: a vertex has a NaN or infinite coordinate")
@@ -254,6 +268,7 @@ def _transfer(arguments: argparse.Namespace) -> int:
             edited,
             vertices=_proxy_vertices(arguments.vertices, mesh.n),
             samplings=arguments.samplings,
+            frames=arguments.frames,
             workers=arguments.workers,
             seed=arguments.seed,
             progress=progress,

@@ -10,6 +10,7 @@ import numpy as np
 from sshade.binding import Binding, bind
 from sshade.coarse import Energy
 from sshade.errors import InputError
+from sshade.frames import FrameKind
 from sshade.graph import vertex_graph
 from sshade.linalg import Engine
 from sshade.local_global import LocalGlobal, Solution
@@ -39,7 +40,7 @@ class Deformer:
         Proxies, whose results are averaged. One is the choice for interaction.
     energy : {"spokes", "spokes_and_rims"}
     engine : {"auto", "superlu", "cholespy"}
-    frame_function, projection
+    frames, frame_function, projection
         As in :func:`sshade.bind`.
     workers : int, optional
         Threads that share the proxies; by default two a processor. No influence on results.
@@ -71,6 +72,7 @@ class Deformer:
         samplings: int = 1,
         energy: Energy = "spokes_and_rims",
         engine: Engine = "auto",
+        frames: FrameKind = "triangle",
         frame_function: str | np.ndarray = "extent",
         projection: Literal["fan", "surface"] = "fan",
         workers: int | None = None,
@@ -90,6 +92,7 @@ class Deformer:
                 first=index,
                 seed=(seed, number),
                 projection=projection,
+                frames=frames,
                 frame_function=frame_function,
                 graph=graph,
             )
@@ -143,7 +146,7 @@ class Deformer:
                 max_iterations=max_iterations,
                 progress=progress,
             )
-            return solution, *self.bindings[number].carry(solution.positions)
+            return solution, *self.bindings[number].carry(solution.positions, rotations=solution.rotations)
 
         done = in_threads(one, len(self.solvers), workers=self.workers)
         self._last = [solution for solution, _, _ in done]

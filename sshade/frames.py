@@ -12,17 +12,63 @@ with determinant -1, which cancels between the rest and the deformed frame.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, Protocol
 
 import numpy as np
 from numba import njit
 
 from sshade.errors import InputError
 from sshade.mesh import Mesh
+from sshade.projection import Projection
 
 #: Under this length of its tangential gradient, f is replaced on a triangle (coordinates are unitless).
 FLAT = 0.1
 #: A triangle whose doubled area is under this, times its longest edge squared, has no normal.
 ZERO_AREA = 1e-12
+
+#: How points follow the proxy; see :func:`sshade.binding.bind`.
+FrameKind = Literal["triangle", "affine", "blended", "blended_affine"]
+
+
+class Frames(Protocol):
+    """What carries points along with a proxy that deforms."""
+
+    def encode(self, V: np.ndarray, on: Projection) -> np.ndarray:
+        """Coordinates of points that do not change when the proxy moves.
+
+        Parameters
+        ----------
+        V : (n, 3) float64
+        on : Projection
+            Where on the proxy each point belongs.
+
+        Returns
+        -------
+        (n, 3) float64
+        """
+
+    def decode(
+        self, local: np.ndarray, NV: np.ndarray, *, on: Projection, rotations: np.ndarray | None = None
+    ) -> tuple[np.ndarray, int]:
+        """Points on a deformed proxy.
+
+        Parameters
+        ----------
+        local : (n, 3) float64
+            Coordinates from :meth:`encode`.
+        NV : (k, 3) float64
+            Vertices of N'.
+        on : Projection
+        rotations : (k, 3, 3) float64, optional
+            Those of the vertices of N', where its solver gives them; frames that
+            need none do not look at them.
+
+        Returns
+        -------
+        V : (n, 3) float64
+        degenerate : int
+            Number of zero-area triangles, of N or N'.
+        """
 
 
 def frame_values(proxy: Mesh, function: str | np.ndarray = "extent") -> np.ndarray:
@@ -127,46 +173,23 @@ class TriangleFrames:
         L, origin, degenerate = _frames(proxy.V, proxy.F, values)
         return cls(proxy.F, values, L, origin, degenerate)
 
-    def encode(self, V: np.ndarray, face: np.ndarray) -> np.ndarray:
-        """Coordinates v_t = L_t^-1 (v - b_t) of points in the frames of their triangles.
+    def encode(self, V: np.ndarray, on: Projection) -> np.ndarray:
+        """Coordinates v_t = L_t^-1 (v - b_t) in the frames of the triangles; see :class:`Frames`."""
+        return _encode(V, on.face, self.L, self.origin)
 
-        Parameters
-        ----------
-        V : (n, 3) float64
-        face : (n,) int
-            Triangle of each point.
-
-        Returns
-        -------
-        (n, 3) float64
-        """
-        return _encode(V, face, self.L, self.origin)
-
-    def decode(self, local: np.ndarray, face: np.ndarray, NV: np.ndarray) -> tuple[np.ndarray, int]:
-        """Points L'_t v_t + b'_t on a deformed proxy.
+    def decode(
+        self, local: np.ndarray, NV: np.ndarray, *, on: Projection, rotations: np.ndarray | None = None
+    ) -> tuple[np.ndarray, int]:
+        """Points L'_t v_t + b'_t on a deformed proxy; see :class:`Frames`.
 
         A zero-area triangle of N' has no frame: it turns as its edge
         neighbours do in the mean.
-
-        Parameters
-        ----------
-        local : (n, 3) float64
-            Coordinates from :meth:`encode`.
-        face : (n,) int
-        NV : (k, 3) float64
-            Vertices of N'.
-
-        Returns
-        -------
-        V : (n, 3) float64
-        degenerate : int
-            Number of zero-area triangles, of N or N'.
         """
         L, origin, degenerate = _frames(NV, self.F, self.values)
         missing = degenerate | self.degenerate
         if missing.any():
             L[missing] = _rotations_of_neighbours(self.F, self.L, L, missing) @ self.L[missing]
-        return _decode(local, face, L, origin), int(missing.sum())
+        return _decode(local, on.face, L, origin), int(missing.sum())
 
 
 def _rotations_of_neighbours(

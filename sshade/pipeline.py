@@ -11,6 +11,7 @@ import numpy as np
 
 from sshade.binding import bind
 from sshade.errors import InputError
+from sshade.frames import FrameKind
 from sshade.graph import VertexGraph, vertex_graph
 from sshade.local_global import local_global
 from sshade.mesh import Mesh
@@ -25,6 +26,7 @@ def deform(
     vertices: int = 6000,
     samplings: int = 5,
     coarse: Method | None = None,
+    frames: FrameKind = "triangle",
     frame_function: str | np.ndarray = "extent",
     projection: Literal["fan", "surface"] = "fan",
     handle_mode: Literal["samples", "nearest"] = "samples",
@@ -46,8 +48,11 @@ def deform(
     coarse : Method, optional
         Deforms the proxy; by default :func:`sshade.local_global.local_global`,
         accelerated spokes-and-rims ARAP.
+    frames : {"triangle", "affine", "blended", "blended_affine"}
+        What carries the mesh along; see :func:`sshade.bind`. ``blended`` takes
+        the proxy's rotations from the coarse method where it gives them.
     frame_function : {"extent", "best", "x", "y", "z"} or (n,) float64
-        f, whose gradient directs the frames; see :func:`sshade.frames.frame_values`.
+        f, whose gradient directs ``triangle`` frames; see :func:`sshade.frames.frame_values`.
     projection : {"fan", "surface"}
         P, restricted to the fan around a vertex's sample, or ReMatching's U.
     handle_mode : {"samples", "nearest"}
@@ -99,6 +104,7 @@ def deform(
                 graph,
                 vertices=vertices,
                 coarse=coarse or local_global,
+                frames=frames,
                 frame_function=frame_function,
                 projection=projection,
                 handle_mode=handle_mode,
@@ -144,6 +150,7 @@ def _one_sampling(
     *,
     vertices: int,
     coarse: Method,
+    frames: FrameKind,
     frame_function: str | np.ndarray,
     projection: Literal["fan", "surface"],
     handle_mode: str,
@@ -158,6 +165,7 @@ def _one_sampling(
         first=task.handles.index if handle_mode == "samples" else None,
         seed=(seed, number),
         projection=projection,
+        frames=frames,
         frame_function=frame_function,
         graph=graph,
     )
@@ -171,7 +179,7 @@ def _one_sampling(
     )
     solved = coarse(proxy_task, seed=seed, progress=progress)
     end = perf_counter()
-    V, degenerate = binding.carry(solved.vertices)
+    V, degenerate = binding.carry(solved.vertices, rotations=solved.extra.get("rotations"))
     return DeformationResult(
         vertices=V,
         iterations=solved.iterations,

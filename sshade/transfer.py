@@ -9,6 +9,7 @@ import numpy as np
 
 from sshade.binding import bind
 from sshade.errors import InputError
+from sshade.frames import FrameKind
 from sshade.graph import vertex_graph
 from sshade.mesh import Mesh
 from sshade.parallel import in_threads
@@ -24,6 +25,7 @@ def transfer_pose(
     *,
     vertices: int = 6000,
     samplings: int = 10,
+    frames: FrameKind = "triangle",
     frame_function: str | np.ndarray = "extent",
     projection: Literal["fan", "surface"] = "fan",
     workers: int | None = None,
@@ -47,7 +49,7 @@ def transfer_pose(
         Vertices of each proxy; the paper's is 6000.
     samplings : int
         Proxies averaged; the paper's is 10.
-    frame_function, projection, workers
+    frames, frame_function, projection, workers
         As in :func:`sshade.deform`.
     seed : int
     progress : Progress
@@ -81,13 +83,14 @@ def transfer_pose(
             vertices,
             seed=(seed, number),
             projection=projection,
+            frames=frames,
             frame_function=frame_function,
             graph=graph,
         )
         start = perf_counter()
-        face = binding.projection.face
-        local = binding.local if edited is mesh.V else binding.frames.encode(edited, face)
-        V, degenerate = binding.frames.decode(local, face, posed[binding.remesh.samples])
+        on = binding.projection
+        local = binding.local if edited is mesh.V else binding.frames.encode(edited, on)
+        V, degenerate = binding.frames.decode(local, posed[binding.remesh.samples], on=on)
         progress("samplings", number + 1, samplings)
         return V, {**binding.seconds, "carry": perf_counter() - start}, degenerate
 
@@ -109,6 +112,7 @@ def reconstruct(
     *,
     vertices: int = 6000,
     samplings: int = 10,
+    frames: FrameKind = "triangle",
     frame_function: str | np.ndarray = "extent",
     projection: Literal["fan", "surface"] = "fan",
     workers: int | None = None,
@@ -126,6 +130,7 @@ def reconstruct(
         mesh.V,
         vertices=vertices,
         samplings=samplings,
+        frames=frames,
         frame_function=frame_function,
         projection=projection,
         workers=workers,

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from sshade import InputError, Mesh
 from sshade.frames import TriangleFrames, frame_values
+from sshade.projection import Projection
 from tests.shapes import bent, block, bumpy, icosphere, jittered, rotation, strip
 
 BODY = bumpy(2)
@@ -19,6 +20,12 @@ def igl_gradients(mesh: Mesh, values: np.ndarray) -> np.ndarray:
     """(m, 3) tangential gradient of one value a vertex on each triangle."""
     G = igl.grad(np.array(mesh.V), np.array(mesh.F))
     return np.asarray((G @ values).reshape(3, mesh.m).T)
+
+
+def at(face) -> Projection:
+    """Points at the barycentres of triangles."""
+    face = np.asarray(face)
+    return Projection(face, np.full((len(face), 3), 1 / 3), np.zeros(len(face)))
 
 
 def corner_values(mesh: Mesh, values: np.ndarray) -> np.ndarray:
@@ -121,7 +128,7 @@ def test_decoding_what_was_encoded_gives_the_points_back(seed, function):
     rng = np.random.default_rng(seed)
     frames = TriangleFrames.at_rest(BODY, function)
     points, face = rng.normal(size=(50, 3)), rng.integers(0, BODY.m, 50)
-    back, degenerate = frames.decode(frames.encode(points, face), face, BODY.V)
+    back, degenerate = frames.decode(frames.encode(points, at(face)), BODY.V, on=at(face))
     assert degenerate == 0
     assert np.allclose(back, points, rtol=0, atol=1e-14 * BODY.diagonal)
 
@@ -129,7 +136,7 @@ def test_decoding_what_was_encoded_gives_the_points_back(seed, function):
 def test_coordinates_are_lengths_along_the_axes_from_the_barycentre():
     frames = TriangleFrames.at_rest(BODY, "best")
     points, face = np.random.default_rng(0).normal(size=(30, 3)), np.arange(30) * 5
-    local = frames.encode(points, face)
+    local = frames.encode(points, at(face))
     for i in range(30):
         expected = np.linalg.solve(frames.L[face[i]], points[i] - frames.origin[face[i]])
         assert np.allclose(local[i], expected, rtol=0, atol=1e-13)
@@ -139,7 +146,7 @@ def test_a_rigid_motion_of_the_proxy_moves_points_with_it():
     turn, shift = rotation(1), np.array([3.0, -2, 1])
     frames = TriangleFrames.at_rest(BODY)
     points, face = np.random.default_rng(1).normal(size=(80, 3)), np.arange(80)
-    moved, _ = frames.decode(frames.encode(points, face), face, BODY.V @ turn.T + shift)
+    moved, _ = frames.decode(frames.encode(points, at(face)), BODY.V @ turn.T + shift, on=at(face))
     assert np.allclose(moved, points @ turn.T + shift, rtol=0, atol=1e-13 * BODY.diagonal)
 
 
@@ -152,7 +159,7 @@ def test_a_stretch_along_g_scales_no_tangential_coordinate():
     offset = np.array([0.2, -0.1, 0.05])
     points = frames.origin + offset
     stretched = sheet.V * [1.3, 1, 1]
-    moved, _ = frames.decode(frames.encode(points, face), face, stretched)
+    moved, _ = frames.decode(frames.encode(points, at(face)), stretched, on=at(face))
     barycentres = stretched[sheet.F].mean(axis=1)
     assert np.allclose(moved - barycentres, offset, rtol=0, atol=1e-14)
 
@@ -163,7 +170,7 @@ def test_the_choice_of_f_is_kept_on_the_deformed_proxy():
     frames = TriangleFrames.at_rest(mesh, "extent")
     turn = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     points, face = np.random.default_rng(2).normal(size=(mesh.m, 3)), np.arange(mesh.m)
-    moved, _ = frames.decode(frames.encode(points, face), face, mesh.V @ turn.T)
+    moved, _ = frames.decode(frames.encode(points, at(face)), mesh.V @ turn.T, on=at(face))
     assert np.allclose(moved, points @ turn.T, rtol=0, atol=1e-13 * mesh.diagonal)
 
 
@@ -178,8 +185,9 @@ def collapsed(mesh: Mesh, faces: list[int], NV: np.ndarray) -> np.ndarray:
 
 def map_of(frames: TriangleFrames, face: int, NV: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
     """Of the map of one triangle: linear part and image of the barycentre; and the count without area."""
+    on = at(np.full(4, face))
     points = frames.origin[face] + np.concatenate([np.zeros((1, 3)), np.eye(3)])
-    moved, count = frames.decode(frames.encode(points, np.full(4, face)), np.full(4, face), NV)
+    moved, count = frames.decode(frames.encode(points, on), NV, on=on)
     return (moved[1:] - moved[0]).T, moved[0], count
 
 
@@ -238,8 +246,8 @@ def test_patches_of_zero_area_triangles_are_filled_from_their_rim():
     ring = np.unique(BODY.F[(BODY.F == 20).any(axis=1)])
     NV[ring] = NV[20]
     face = np.arange(BODY.m)
-    local = frames.encode(frames.origin + [0.1, 0, 0], face)
-    moved, count = frames.decode(local, face, NV)
+    local = frames.encode(frames.origin + [0.1, 0, 0], at(face))
+    moved, count = frames.decode(local, NV, on=at(face))
     inside = np.isin(BODY.F, ring).sum(axis=1) >= 2
     assert count == inside.sum() > 6
     assert np.isfinite(moved).all()
@@ -258,7 +266,7 @@ def test_on_a_rigid_motion_filled_frames_are_exact():
     assert frames.degenerate[8]
     turn = rotation(6)
     points, face = np.random.default_rng(3).normal(size=(mesh.m, 3)), np.arange(mesh.m)
-    moved, count = frames.decode(frames.encode(points, face), face, V @ turn.T)
+    moved, count = frames.decode(frames.encode(points, at(face)), V @ turn.T, on=at(face))
     assert count == frames.degenerate.sum()
     assert np.allclose(moved, points @ turn.T, rtol=0, atol=1e-12 * mesh.diagonal)
 
@@ -268,7 +276,7 @@ def test_a_proxy_without_any_frame_keeps_its_points_unturned():
     frames = TriangleFrames.at_rest(mesh)
     face = np.arange(mesh.m)
     points = frames.origin + [0.0, 0.1, 0.0]
-    moved, count = frames.decode(frames.encode(points, face), face, np.ones((mesh.n, 3)))
+    moved, count = frames.decode(frames.encode(points, at(face)), np.ones((mesh.n, 3)), on=at(face))
     assert count == mesh.m
     assert np.allclose(moved, [1.0, 1.1, 1.0], rtol=0, atol=1e-15)
 
