@@ -22,7 +22,7 @@ from sshade.errors import InputError
 Bands = Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]]
 
 #: Width of a suggested band: a factor, and for values near zero an amount in the metric's unit.
-FACTOR, AMOUNT = 1.25, {"%": 0.05, "deg": 0.05, "count": 20.0}
+FACTOR, AMOUNT = 1.25, {"%": 0.05, "deg": 0.05, "count": 20.0, "-": 0.0}
 
 
 def out_of_band(row: Row, bands: Bands) -> list[str]:

@@ -1,7 +1,8 @@
 """The quality metrics: pure functions of a task and of the deformed vertices.
 
-M is the rest mesh and M' the deformed one, of the same connectivity. A metric
-returns one number, NaN where it is not available (volume of an open mesh).
+M is the rest mesh and M' the deformed one, of the same connectivity; where the
+task is a pose transfer, they are S and S'. A metric returns one number, NaN where
+it is not available (volume of an open mesh).
 Errors follow the paper, which follows D. Baieri, F. Maggioli, Z. Laehner,
 S. Melzi, E. Rodola, "Implicit-ARAP", 2024: relative area and volume error, mean
 edge-length change over the longest edge, mean face-angle change.
@@ -15,9 +16,10 @@ from typing import Literal
 
 import numpy as np
 
+from eval.geometry import corner_angles, edge_lengths, opposes_neighbours
 from eval.intersections import new_self_intersections
+from eval.truth import Task, chamfer, hausdorff, truth_angle, truth_distance, truth_edge
 from sshade.mesh import Mesh
-from sshade.task import DeformationTask
 
 
 @dataclass(frozen=True)
@@ -29,23 +31,26 @@ class Metric:
     name : str
         Its column in a row is ``metric.<name>``.
     unit : str
-        ``%``, ``deg`` or ``count``.
+        ``%``, ``deg``, ``count``, or ``-`` for none.
     better : {"lower"}
         Which way is better.
     equation : str
         The definition in one line, for the legend of a table.
     function : callable
         ``(task, vertices (n, 3) float64) -> float``, NaN where not available.
+    needs : {"mesh", "handles", "truth"}
+        What a task must have; the others have no such column.
     """
 
     name: str
     unit: str
     better: Literal["lower"]
     equation: str
-    function: Callable[[DeformationTask, np.ndarray], float]
+    function: Callable[[Task, np.ndarray], float]
+    needs: Literal["mesh", "handles", "truth"] = "mesh"
 
 
-def volume(task: DeformationTask, vertices: np.ndarray) -> float:
+def volume(task: Task, vertices: np.ndarray) -> float:
     """Relative change of the enclosed volume in percent; NaN unless M is closed and oriented."""
     rest = task.mesh
     if not (rest.is_closed and rest.is_oriented) or rest.volume == 0:
@@ -53,26 +58,26 @@ def volume(task: DeformationTask, vertices: np.ndarray) -> float:
     return 100 * abs(Mesh(vertices, rest.F).volume - rest.volume) / abs(rest.volume)
 
 
-def area(task: DeformationTask, vertices: np.ndarray) -> float:
+def area(task: Task, vertices: np.ndarray) -> float:
     """Relative change of the total surface area in percent."""
     rest = task.mesh
     return 100 * abs(Mesh(vertices, rest.F).area - rest.area) / rest.area
 
 
-def edge(task: DeformationTask, vertices: np.ndarray) -> float:
+def edge(task: Task, vertices: np.ndarray) -> float:
     """Mean absolute change of an edge's length over the longest rest edge, in percent (EL)."""
     rest = task.mesh
     before = edge_lengths(rest.V, rest.edges)
     return 100 * float(np.abs(edge_lengths(vertices, rest.edges) - before).mean()) / float(before.max())
 
 
-def angle(task: DeformationTask, vertices: np.ndarray) -> float:
+def angle(task: Task, vertices: np.ndarray) -> float:
     """Mean absolute change of a corner's angle in degrees (FA, as the paper's table prints it)."""
     rest = task.mesh
     return float(np.degrees(np.abs(corner_angles(vertices, rest.F) - corner_angles(rest.V, rest.F)).mean()))
 
 
-def angle_relative(task: DeformationTask, vertices: np.ndarray) -> float:
+def angle_relative(task: Task, vertices: np.ndarray) -> float:
     """Mean of a corner's angle change over its rest angle, in percent: the paper's formula.
 
     Rest faces of no area have an angle of zero to divide by: they are left out
@@ -89,60 +94,26 @@ def angle_relative(task: DeformationTask, vertices: np.ndarray) -> float:
     return 100 * float((change[usable] / before[usable]).mean())
 
 
-def zero_area_faces(task: DeformationTask, vertices: np.ndarray) -> float:
+def zero_area_faces(task: Task, vertices: np.ndarray) -> float:
     """How many rest faces :func:`angle_relative` leaves out."""
     return float((task.mesh.face_areas == 0).sum())
 
 
-def handle(task: DeformationTask, vertices: np.ndarray) -> float:
+def handle(task: Task, vertices: np.ndarray) -> float:
     """Mean distance of the handle vertices to their targets over M's diagonal, in percent."""
     gap = np.linalg.norm(vertices[task.handles.index] - task.handles.target, axis=1)
     return 100 * float(gap.mean()) / task.mesh.diagonal
 
 
-def flips(task: DeformationTask, vertices: np.ndarray) -> float:
+def flips(task: Task, vertices: np.ndarray) -> float:
     """Faces whose normal opposes the mean of their edge-neighbours' in M' and did not in M."""
     rest = task.mesh
     return float((opposes_neighbours(Mesh(vertices, rest.F)) & ~opposes_neighbours(rest)).sum())
 
 
-def self_intersections(task: DeformationTask, vertices: np.ndarray) -> float:
+def self_intersections(task: Task, vertices: np.ndarray) -> float:
     """Faces that intersect others in M' and did not in M; see :mod:`eval.intersections`."""
     return float(new_self_intersections(task.mesh, vertices))
-
-
-def edge_lengths(V: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """(e,) lengths of the edges (e, 2)."""
-    return np.linalg.norm(V[edges[:, 0]] - V[edges[:, 1]], axis=1)
-
-
-def corner_angles(V: np.ndarray, F: np.ndarray) -> np.ndarray:
-    """(m, 3) angle at each corner in radians, zero where an edge has no length.
-
-    atan2 of cross and dot product: unlike arccos it keeps its digits at 0 and pi.
-    """
-    angles = np.empty(F.shape)
-    for i in range(3):
-        a = V[F[:, (i + 1) % 3]] - V[F[:, i]]
-        b = V[F[:, (i + 2) % 3]] - V[F[:, i]]
-        angles[:, i] = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ij,ij->i", a, b))
-    return angles
-
-
-def opposes_neighbours(mesh: Mesh) -> np.ndarray:
-    """(m,) bool: the face's normal has a negative product with the sum of its edge-neighbours' normals."""
-    i, j = mesh.F, mesh.F[:, [1, 2, 0]]
-    keys = np.minimum(i, j) * mesh.n + np.maximum(i, j)
-    _, edge_of = np.unique(keys.ravel(), return_inverse=True)
-    edge_of = edge_of.reshape(-1, 3)
-    normals = mesh.face_normals
-    around = np.empty_like(normals)
-    for c in range(3):
-        at_edge = sum(np.bincount(edge_of[:, k], normals[:, c], edge_of.max() + 1) for k in range(3))
-        # The sum at an edge holds the face itself, once for each of its three edges.
-        around[:, c] = at_edge[edge_of].sum(axis=1) - 3 * normals[:, c]
-    # On a fold the sum can cancel to rounding noise, which is no direction.
-    return np.einsum("ij,ij->i", normals, around) < -1e-9
 
 
 METRICS: dict[str, Metric] = {
@@ -158,7 +129,9 @@ METRICS: dict[str, Metric] = {
         Metric(
             "zero_area_faces", "count", "lower", "rest faces that angle_relative leaves out", zero_area_faces
         ),
-        Metric("handle", "%", "lower", "mean distance of handles to targets / diagonal", handle),
+        Metric(
+            "handle", "%", "lower", "mean distance of handles to targets / diagonal", handle, needs="handles"
+        ),
         Metric("flips", "count", "lower", "faces that oppose their neighbours in M' and not in M", flips),
         Metric(
             "self_intersections",
@@ -167,19 +140,63 @@ METRICS: dict[str, Metric] = {
             "faces that intersect others in M' and not in M",
             self_intersections,
         ),
+        Metric(
+            "hausdorff",
+            "-",
+            "lower",
+            "largest distance of a vertex to the other surface, the truth in the unit sphere",
+            hausdorff,
+            needs="truth",
+        ),
+        Metric(
+            "chamfer",
+            "-",
+            "lower",
+            "mean squared distance of vertices to the other surface, both ways added, the truth in the unit sphere",
+            chamfer,
+            needs="truth",
+        ),
+        Metric(
+            "truth_distance",
+            "%",
+            "lower",
+            "mean distance of vertices to their true places / diagonal",
+            truth_distance,
+            needs="truth",
+        ),
+        Metric(
+            "truth_edge",
+            "%",
+            "lower",
+            "mean over edges of |length - true length| / longest true edge",
+            truth_edge,
+            needs="truth",
+        ),
+        Metric(
+            "truth_angle",
+            "deg",
+            "lower",
+            "mean over corners of |angle - true angle|",
+            truth_angle,
+            needs="truth",
+        ),
     )
 }
 
 
-def measure(task: DeformationTask, vertices: np.ndarray) -> dict[str, float | None]:
-    """Every metric of the registry, None where it is not available.
+def measure(task: Task, vertices: np.ndarray) -> dict[str, float | None]:
+    """Every metric of the registry that the task has what it takes for, None where it is not available.
 
     Parameters
     ----------
-    task : DeformationTask
+    task : DeformationTask or TransferTask
     vertices : (n, 3) float
         M', in the numbering of the task's mesh.
     """
     vertices = np.ascontiguousarray(vertices, dtype=np.float64)
-    values = {name: float(metric.function(task, vertices)) for name, metric in METRICS.items()}
+    values = {
+        name: float(metric.function(task, vertices))
+        for name, metric in METRICS.items()
+        if getattr(task, metric.needs, None) is not None
+    }
     return {name: value if np.isfinite(value) else None for name, value in values.items()}

@@ -9,7 +9,8 @@ import trimesh
 from eval_cases import box, bumpy_sphere, ends_task
 from scipy.spatial.transform import Rotation
 
-from eval.metrics import METRICS, corner_angles, measure, opposes_neighbours
+from eval.geometry import corner_angles, opposes_neighbours
+from eval.metrics import METRICS, measure
 from sshade.mesh import Mesh
 from sshade.task import DeformationTask, Handles
 
@@ -133,7 +134,8 @@ def test_angles_keep_their_digits_at_a_needle():
 def test_registry_describes_every_metric():
     for name, metric in METRICS.items():
         assert metric.name == name
-        assert metric.unit in ("%", "deg", "count")
+        assert metric.unit in ("%", "deg", "count", "-")
+        assert metric.needs in ("mesh", "handles", "truth")
         assert metric.better == "lower"
         assert metric.equation
         assert metric.function.__doc__

@@ -1,0 +1,120 @@
+"""Distances to a known result: by hand, against brute force, and what leaves them unchanged."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from eval_cases import box, bumpy_sphere, ends_task
+from scipy.spatial.transform import Rotation
+
+from eval.metrics import METRICS, measure
+from eval.truth import chamfer, hausdorff, truth_angle, truth_distance, truth_edge
+from sshade.mesh import Mesh
+from sshade.task import DeformationTask, Handles
+from sshade.transfer_task import TransferTask
+
+OF_TRUTH = {name for name, metric in METRICS.items() if metric.needs == "truth"}
+
+
+def transfer_task(mesh, truth):
+    return TransferTask("t", mesh, mesh, truth, truth=truth)
+
+
+def point_triangle(p, a, b, c):
+    """Distance by definition: the nearest of the plane's point, if inside, and of the points of three sides."""
+    candidates = []
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal)
+    q = p - normal * (normal @ (p - a))
+    sides = [(a, b), (b, c), (c, a)]
+    if all(normal @ np.cross(v - u, q - u) >= 0 for u, v in sides):
+        candidates.append(np.linalg.norm(p - q))
+    for u, v in sides:
+        t = np.clip((p - u) @ (v - u) / ((v - u) @ (v - u)), 0, 1)
+        candidates.append(np.linalg.norm(p - u - t * (v - u)))
+    return min(candidates)
+
+
+def brute_force(P, V, F):
+    return np.array([min(point_triangle(p, *V[face]) for face in F) for p in P])
+
+
+def test_against_brute_force():
+    mesh = bumpy_sphere(1)
+    rng = np.random.default_rng(0)
+    truth = 3 + 2 * mesh.V * [1, 0.8, 1.1]
+    vertices = truth + rng.normal(0, 0.2, truth.shape)
+    centre = truth.mean(axis=0)
+    scale = np.linalg.norm(truth - centre, axis=1).max()
+    a, b = (truth - centre) / scale, (vertices - centre) / scale
+    there, back = brute_force(b, a, mesh.F), brute_force(a, b, mesh.F)
+    task = transfer_task(mesh, truth)
+    assert hausdorff(task, vertices) == pytest.approx(max(there.max(), back.max()), rel=1e-9)
+    assert chamfer(task, vertices) == pytest.approx((there**2).mean() + (back**2).mean(), rel=1e-9)
+    assert there.max() != back.max()
+
+
+def test_a_cube_grown_by_hand():
+    """The unit cube as truth, half its diagonal the unit; the result twice as large about the same centre."""
+    cube = box(1, 1, 1)
+    vertices = 2 * cube.V - 0.5
+    task, unit = transfer_task(cube, cube.V), 3**0.5 / 2
+    corner, inner = 0.5 * 3**0.5 / unit, 0.5 / unit
+    assert hausdorff(task, vertices) == pytest.approx(corner)
+    assert chamfer(task, vertices) == pytest.approx(corner**2 + inner**2)
+    assert truth_distance(task, vertices) == pytest.approx(100 * 0.5 * 3**0.5 / 3**0.5)
+    # 12 sides of length 1 and 6 diagonals of sqrt 2 have doubled; angles have not changed.
+    assert truth_edge(task, vertices) == pytest.approx(100 * (12 + 6 * 2**0.5) / 18 / 2**0.5)
+    assert truth_angle(task, vertices) == pytest.approx(0, abs=1e-12)
+
+
+def test_sliding_along_the_surface_is_no_surface_distance():
+    """A vertex that slides within its plane: the surfaces are the same, the places are not."""
+    V = np.array([[0.0, 0, 0], [4, 0, 0], [4, 4, 0], [0, 4, 0], [2, 2, 0]])
+    mesh = Mesh(V, np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]))
+    moved = V.copy()
+    moved[4] = [1, 2, 0]
+    task = transfer_task(mesh, V)
+    assert hausdorff(task, moved) < 1e-15 and chamfer(task, moved) < 1e-30
+    assert truth_distance(task, moved) == pytest.approx(100 * 1 / 5 / 32**0.5)
+    assert truth_edge(task, moved) > 0 and truth_angle(task, moved) > 0
+
+
+def test_the_truth_itself_has_no_error():
+    mesh = bumpy_sphere(2)
+    truth = 5 - mesh.V * [1, 2, 1]
+    found = measure(transfer_task(mesh, truth), truth)
+    assert {name: found[name] for name in OF_TRUTH} == dict.fromkeys(OF_TRUTH, 0.0)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_invariant_under_rigid_motion_scale_and_renumbering(seed):
+    rng = np.random.default_rng(seed)
+    mesh = bumpy_sphere(2)
+    truth = mesh.V * [1, 1.2, 0.7]
+    vertices = truth + rng.normal(0, 0.05, truth.shape)
+    turn, shift, scale = Rotation.random(rng=rng).as_matrix(), rng.normal(size=3), 37.0
+    old_id = rng.permutation(mesh.n)
+    new_id = np.argsort(old_id)
+
+    def moved(X):
+        return (scale * X @ turn.T + shift)[old_id]
+
+    other = Mesh(moved(mesh.V), new_id[mesh.F][rng.permutation(mesh.m)])
+    expected = measure(transfer_task(mesh, truth), vertices)
+    found = measure(transfer_task(other, moved(truth)), moved(vertices))
+    # The diagonal of the box turns with the axes.
+    expected["truth_distance"] *= scale * mesh.diagonal / other.diagonal
+    assert {n: found[n] for n in OF_TRUTH} == pytest.approx({n: expected[n] for n in OF_TRUTH}, rel=1e-8)
+
+
+def test_a_task_gets_the_metrics_that_it_has_what_it_takes_for():
+    task = ends_task(bumpy_sphere(1))
+    without = set(measure(task, task.mesh.V))
+    assert without == set(METRICS) - OF_TRUTH
+    known = DeformationTask("t", task.mesh, Handles(np.array([0]), task.mesh.V[:1]), truth=task.mesh.V)
+    assert set(measure(known, task.mesh.V)) == set(METRICS)
+    assert set(measure(transfer_task(task.mesh, task.mesh.V), task.mesh.V)) == set(METRICS) - {"handle"}
+    assert set(measure(TransferTask("t", task.mesh, task.mesh, task.mesh.V), task.mesh.V)) == without - {
+        "handle"
+    }
