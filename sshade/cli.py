@@ -12,6 +12,7 @@ from typing import get_args
 
 import numpy as np
 
+from sshade.cli_show import add_show
 from sshade.console import announced_compilation, progress_bar, run_command
 from sshade.errors import InputError
 from sshade.files import replacing
@@ -138,6 +139,7 @@ def _parser() -> argparse.ArgumentParser:
         _add_samplings(command, default=10)
         _add_frames(command)
         command.set_defaults(run=_transfer)
+    add_show(commands)
     return parser
 
 

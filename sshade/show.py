@@ -6,7 +6,7 @@ Needs pyvista, of the extra ``figures``; it is imported where something is drawn
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -71,6 +71,11 @@ class View:
         low, high = points.min(axis=0), points.max(axis=0)
         size = np.maximum(1.06 * (high - low), 1e-3 * np.linalg.norm(high - low))
         return cls(*axes, 0.5 * (low + high) @ axes, *(float(extent) for extent in size))
+
+    def with_foot(self, share: float) -> View:
+        """The same view with free space below, of a share of its height."""
+        free = share * self.height
+        return replace(self, height=self.height + free, centre=self.centre - 0.5 * free * self.up)
 
     def pixels(self, width: int) -> tuple[int, int]:
         """Width and height of a picture that this view fills."""
@@ -169,7 +174,16 @@ def add_shape(
         cmap=COLOURS,
         smooth_shading=True,
         show_scalar_bar=bar is not None,
-        scalar_bar_args={"title": bar, "color": "black", "n_labels": 3, "fmt": "%.3g"},
+        scalar_bar_args={
+            "title": bar,
+            "color": "black",
+            "n_labels": 2,
+            "fmt": "%.3g",
+            "position_x": 0.2,
+            "position_y": 0.01,
+            "width": 0.6,
+            "height": 0.07,
+        },
         ambient=0.4,  # or shading darkens the colours away from those of the bar
         diffuse=0.6,
     )
@@ -195,7 +209,11 @@ def add_handles(plotter: Any, V: np.ndarray, handles: Handles, *, size: float, t
     def balls(points: np.ndarray, colour: str, **options: Any) -> None:
         if len(points):
             plotter.add_mesh(
-                pyvista.PolyData(points).glyph(geom=ball, scale=False, orient=False), color=colour, **options
+                pyvista.PolyData(points).glyph(geom=ball, scale=False, orient=False),
+                color=colour,
+                ambient=0.5,
+                diffuse=0.6,
+                **options,
             )
 
     moving = handles.dynamic

@@ -1,0 +1,172 @@
+"""Pictures of shapes and ``sshade show``: what is drawn where, and in which colour."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from sshade.cli import main
+from sshade.errors import InputError
+from sshade.mesh import Mesh
+from sshade.meshio import write_mesh
+from sshade.show import View, colour_range, edge_error, picture
+from sshade.task import Handles
+from tests.shapes import rotation
+
+
+def coloured(pixels: np.ndarray, *, red=(0, 255), green=(0, 255), blue=(0, 255)) -> np.ndarray:
+    """(h, w) bool: pixels whose channels lie in the ranges."""
+    low, high = np.array([red, green, blue]).T
+    return ((pixels >= low) & (pixels <= high)).all(axis=2)
+
+
+BLUE = {"red": (0, 90), "green": (60, 140), "blue": (120, 255)}
+YELLOW = {"red": (170, 255), "green": (130, 220), "blue": (0, 60)}
+
+
+def test_edge_error_of_a_single_stretched_edge():
+    mesh = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
+    moved = mesh.V * [2, 1, 1]
+    diagonal = 100 * (5**0.5 / 2**0.5 - 1)
+    assert edge_error(mesh, moved) == pytest.approx([50, (100 + diagonal) / 2, diagonal / 2])
+
+
+def test_colour_range_leaves_the_few_largest_out():
+    assert colour_range([np.arange(101.0)]) == 98
+    assert colour_range([np.arange(51.0), np.arange(51.0, 101.0)]) == 98
+    assert colour_range([np.zeros(5)]) == 1
+
+
+def test_a_view_holds_its_shapes_upright(body):
+    R = rotation(2)
+    shapes = [body.V, body.V @ R.T + 3]
+    view = View.of(shapes, towards=[1.0, 0.3, 0.2], up=[0, 0, 1.0])
+    axes = np.stack([view.right, view.up, view.towards])
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-15)
+    assert np.linalg.det(axes) == pytest.approx(1) and view.up[2] > 0.9
+    for V in shapes:
+        assert (
+            np.abs((V - view.centre) @ axes.T) < 0.5 * np.array([view.width, view.height, view.depth])
+        ).all()
+    foot = view.with_foot(0.25)
+    assert foot.height == 1.25 * view.height
+    # Its upper edge is where it was.
+    assert (foot.centre - view.centre) @ view.up + foot.height / 2 == pytest.approx(view.height / 2)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1e4])
+def test_a_camera_along_the_upright_direction_is_refused(body, scale):
+    with pytest.raises(InputError, match="looks along the upright direction"):
+        View.of([body.V], towards=[0, 0, scale], up=[0, 0, 1.0])
+
+
+def test_a_picture_fills_the_view_with_the_shape_and_its_handles(body):
+    pytest.importorskip("pyvista")
+    low, high = np.argsort(body.V[:, 2])[[0, -1]]
+    handles = Handles(np.array([low, high]), body.V[[low, high]], dynamic=np.array([False, True]))
+    view = View.of([body.V], towards=[1.0, 0, 0], up=[0, 0, 1.0])
+    pixels = picture(body, body.V, view=view, width=200, handles=handles)
+    assert pixels.shape == (round(200 * view.height / view.width), 200, 3)
+    rows, columns = np.nonzero((pixels < 250).any(axis=2))
+    height, width = pixels.shape[:2]
+    margin = 0.03 / 1.06  # on each side
+    assert rows.min() == pytest.approx(margin * height, abs=0.02 * height)
+    assert rows.max() == pytest.approx((1 - margin) * height, abs=0.02 * height)
+    assert columns.min() == pytest.approx(margin * width, abs=0.02 * height)
+    # The lowest vertex is static, the highest moves.
+    assert np.nonzero(coloured(pixels, **BLUE))[0].min() > 0.9 * height
+    assert np.nonzero(coloured(pixels, **YELLOW))[0].max() < 0.1 * height
+
+
+def test_an_error_darkens_its_place(body):
+    pytest.importorskip("pyvista")
+    view = View.of([body.V], towards=[1.0, 0, 0], up=[0, 0, 1.0])
+    error = np.where(body.V[:, 2] > 0, 5.0, 0.0)
+    pixels = picture(body, body.V, view=view, width=200, error=error, top=5.0).astype(float)
+    shape = (pixels < 250).any(axis=2)
+    upper, lower = (np.array_split(part, 2) for part in (pixels, shape))
+    assert upper[0][lower[0]].mean() < 0.5 * upper[1][lower[1]].mean()
+
+
+@pytest.fixture
+def files(body, tmp_path):
+    mesh, posed, handles = (tmp_path / name for name in ("rest.ply", "posed.ply", "handles.json"))
+    write_mesh(mesh, body.V, body.F)
+    write_mesh(posed, body.V * [1, 1, 1.5], body.F)
+    low, high = np.argsort(body.V[:, 2])[[[0, 1], [-1, -2]]].tolist()
+    target = (body.V[high] + [0, 0, 2.0]).tolist()
+    groups = [{"kind": "static", "vertices": low}, {"kind": "dynamic", "vertices": high, "target": target}]
+    handles.write_text(json.dumps({"handles": groups}))
+    return mesh, handles, posed
+
+
+LOOK = ["--towards", "1", "0", "0", "--up", "0", "0", "1"]
+
+
+def test_show_writes_a_picture_with_targets_and_errors(files, tmp_path, capsys):
+    pytest.importorskip("pyvista")
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    mesh, handles, posed = map(str, files)
+    out = tmp_path / "both.png"
+    assert main(["show", mesh, handles, "--deformed", posed, "-o", str(out), *LOOK]) == 0
+    assert str(out) in capsys.readouterr().err
+    pixels = (255 * pyplot.imread(out)[..., :3]).astype(int)
+    left, right = pixels[:, : pixels.shape[1] // 2], pixels[:, pixels.shape[1] // 2 :]
+    for panel in (left, right):
+        assert coloured(panel, **BLUE).any() and coloured(panel, **YELLOW).any()
+    # On the left the targets of the moving handles stand above them, where no shape is.
+    yellowish = left[..., 0] - left[..., 2] > 60
+    first, last = np.flatnonzero(yellowish.any(axis=1))[[0, -1]]
+    assert first < 0.08 * len(left) and last - first > 0.2 * len(left)
+    between = yellowish[first:last].any(axis=1)
+    assert not between.all()
+    # The errors are in colours, and their bar reaches the scale's dark end.
+    assert (np.ptp(right, axis=2) > 100).sum() > 10 * (np.ptp(left, axis=2) > 100).sum()
+    assert coloured(right[int(0.85 * len(right)) :], red=(0, 20), green=(0, 20), blue=(0, 40)).any()
+
+
+def test_show_of_a_mesh_alone(files, tmp_path):
+    pytest.importorskip("pyvista")
+    out = tmp_path / "mesh.jpg"
+    assert main(["show", str(files[0]), "-o", str(out), *LOOK]) == 0
+    assert out.stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["-o", "shape.pdf"], "unknown picture format '.pdf'; use .png, .jpg, .jpeg"),
+        (["-o", "nowhere/shape.png"], "nowhere does not exist"),
+        (["-o", "shape.png", "--deformed", "OTHER"], "has 3 vertices, the rest shape 642"),
+        (["-o", "shape.png", "--deformed", "NAN"], "NaN or infinite"),
+        (["-o", "shape.png", "--towards", "0", "2", "0"], "looks along the upright direction"),
+    ],
+)
+def test_what_cannot_be_shown_is_one_sentence(files, tmp_path, monkeypatch, capsys, options, message):
+    pytest.importorskip("pyvista")
+    monkeypatch.chdir(tmp_path)
+    write_mesh(tmp_path / "OTHER.ply", np.eye(3), np.array([[0, 1, 2]]))
+    lines = ["v nan 0 0"] + ["v 0 0 0"] * 641 + ["f 1 2 3"]
+    (tmp_path / "NAN.obj").write_text("\n".join(lines))
+    names = {"OTHER": "OTHER.ply", "NAN": "NAN.obj"}
+    assert main(["show", str(files[0]), *(names.get(option, option) for option in options)]) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.startswith("error: ") and error.count("\n") == 1
+    assert not (tmp_path / "shape.png").exists()
+
+
+def test_without_a_display_a_picture_is_asked_for(files, monkeypatch, capsys):
+    pytest.importorskip("pyvista")
+    monkeypatch.setattr("sys.platform", "linux")
+    for variable in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(variable, raising=False)
+    assert main(["show", str(files[0])]) == 2
+    assert "no display" in capsys.readouterr().err
+
+
+def test_without_the_extra_its_name_is_told(files, monkeypatch, capsys):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert main(["show", str(files[0]), "-o", "shape.png"]) == 2
+    assert "pip install sshade[figures]" in capsys.readouterr().err
