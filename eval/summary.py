@@ -1,0 +1,218 @@
+"""From rows to the numbers of a table: one line a method, means over its valid runs."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from eval.metrics import METRICS
+from eval.store import VALID, Row
+from sshade.errors import InputError
+
+
+@dataclass(frozen=True)
+class Column:
+    """One number of a table: its heading, its unit, the row's column, and the decimals it is printed with."""
+
+    heading: str
+    unit: str
+    source: str
+    decimals: int
+    ranked: bool = True
+
+    def text(self, mean: float) -> str:
+        """The number as printed; times keep three digits, from milliseconds to hours."""
+        decimals = self.decimals
+        if self.unit == "s":
+            decimals = next((d for bound, d in ((100, 0), (10, 1), (1, 2)) if mean >= bound), 3)
+        return f"{mean:.{decimals}f}"
+
+
+COLUMNS = (
+    Column("volume", "%", "metric.volume", 2),
+    Column("area", "%", "metric.area", 2),
+    Column("EL", "%", "metric.edge", 2),
+    Column("FA", "deg", "metric.angle", 3),
+    Column("handle", "%", "metric.handle", 3),
+    Column("iterations", "", "iterations", 0, ranked=False),
+    Column("time", "s", "seconds.total", 2),
+)
+
+
+@dataclass(frozen=True)
+class Line:
+    """A method's line.
+
+    Parameters
+    ----------
+    method : str
+    valid, runs : int
+        Runs with a result, and all runs.
+    converged : str
+        "5/8" runs met the stopping rule; "-" for methods without one.
+    means : dict
+        Heading -> mean over the valid runs, None where it is not available for all of them.
+    """
+
+    method: str
+    valid: int
+    runs: int
+    complete: bool
+    outcome: str
+    converged: str
+    means: dict[str, float | None]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Lines, the columns they share, and the sentences that belong under them."""
+
+    title: str
+    columns: tuple[Column, ...]
+    lines: list[Line]
+    notes: list[str]
+
+
+def make_table(rows: list[Row], *, title: str, with_time: bool = True) -> Table:
+    """Gather rows into a table.
+
+    Parameters
+    ----------
+    rows : list of rows
+        Of one experiment; a method's rows must come from one configuration.
+    title : str
+    with_time : bool
+        False leaves the times out, which is the way to join rows of several machines.
+
+    Raises
+    ------
+    InputError
+        When a method's rows have different configurations, or times come from
+        different machines or from runs that shared a machine.
+    """
+    if with_time:
+        _check_times(rows)
+    columns = tuple(column for column in COLUMNS if with_time or column.unit != "s")
+    names = sorted({row["method.name"] for row in rows}, key=_place)
+    cases = {_case(row) for row in rows}
+    lines = [
+        _line(name, [row for row in rows if row["method.name"] == name], cases=cases, columns=columns)
+        for name in names
+    ]
+    return Table(title, columns, lines, _notes(rows))
+
+
+def ranks(table: Table, column: Column) -> dict[str, int]:
+    """Method -> 1 (best) or 2 (second best), by the printed numbers, so that equal ones share a rank.
+
+    Only methods with a result for every case compete.
+    """
+    if not column.ranked:
+        return {}
+    printed = {
+        line.method: column.text(line.means[column.heading])
+        for line in table.lines
+        if line.means[column.heading] is not None and line.complete
+    }
+    order = sorted(set(printed.values()), key=float)
+    return {method: order.index(text) + 1 for method, text in printed.items() if text in order[:2]}
+
+
+def _check_times(rows: list[Row]) -> None:
+    timed = [row for row in rows if row["status"] in VALID]
+    machines = sorted({row["env.machine"] for row in timed})
+    if len(machines) > 1:
+        raise InputError(
+            f"the rows come from {len(machines)} machines ({'; '.join(machines)}), whose times do not "
+            "compare: make one table for each, or leave the times out with --no-time"
+        )
+    shared = sum(1 for row in timed if row["env.concurrent"])
+    if shared:
+        raise InputError(
+            f"{shared} of {len(timed)} rows come from runs that shared the machine with others, "
+            "so their times do not compare: run them one at a time, or leave the times out with --no-time"
+        )
+
+
+def _place(name: str) -> tuple[bool, list[str | int]]:
+    """Where a method stands: ours last, the others by name, numbers in it as such (7000 before 25000)."""
+    parts = re.split(r"(\d+)", name)
+    return name.startswith("sshade"), [int(part) if part.isdigit() else part for part in parts]
+
+
+def _case(row: Row) -> tuple[str, int]:
+    return row["task.name"], row["seed"]
+
+
+def _line(name: str, rows: list[Row], *, cases: set[tuple[str, int]], columns: tuple[Column, ...]) -> Line:
+    if len({row["method.hash"] for row in rows}) > 1:
+        raise InputError(
+            f"method {name!r} has rows of different parameters: give each its own label=..., "
+            "or remove the old runs"
+        )
+    repeated = {_case(row) for row in rows if [_case(other) for other in rows].count(_case(row)) > 1}
+    if repeated:
+        task, seed = min(repeated)
+        raise InputError(
+            f"method {name!r} has several rows for {task}, seed {seed} (two resolutions, or two copies of "
+            "the dataset?): collect them as experiments of their own, or remove the old runs"
+        )
+    valid = [row for row in rows if row["status"] in VALID]
+    means: dict[str, float | None] = {}
+    for column in columns:
+        values = [row.get(column.source) for row in valid]
+        usable = bool(values) and None not in values
+        means[column.heading] = sum(values) / len(values) if usable else None
+    rule = [row["converged"] for row in valid if row["converged"] is not None]
+    return Line(
+        method=name,
+        valid=len(valid),
+        runs=len(rows),
+        complete={_case(row) for row in valid} == cases,
+        outcome="ok" if valid else rows[0]["status"],
+        converged=f"{sum(rule)}/{len(rule)}" if rule else "-",
+        means=means,
+    )
+
+
+def _load(rows: list[Row]) -> list[str]:
+    """A warning where other work was on the machine: the load average at a run's start exceeds its cores."""
+    crowded = [row for row in rows if (row.get("env.load") or 0) > (row.get("env.cores") or float("inf"))]
+    if not crowded:
+        return []
+    highest = max(row["env.load"] for row in crowded)
+    return [
+        f"Times are loose: {len(crowded)} of {len(rows)} runs began under a load of more than one process "
+        f"a core, up to {highest:g} on {crowded[0]['env.cores']:g} cores."
+    ]
+
+
+def _notes(rows: list[Row]) -> list[str]:
+    """Cases, machine, failures, the methods' own notes and legend."""
+    cases = {row["task.name"] for row in rows}
+    low, high = (bound(row["task.vertices"] for row in rows) for bound in (min, max))
+    size = f"{low:,}" if low == high else f"{low:,} to {high:,}"
+    plural = "" if len(cases) == 1 else "s"
+    notes = [f"{len(cases)} case{plural} of {size} vertices; means over the runs with a result."]
+    machines = sorted({row["env.machine"] for row in rows})
+    notes.append(f"Machine: {'; '.join(machines)}.")
+    notes += _load(rows)
+    for status in ("failed", "timeout", "skipped"):
+        by_method: dict[str, list[str]] = {}
+        for row in rows:
+            if row["status"] == status:
+                by_method.setdefault(row["method.name"], []).append(row["reason"])
+        notes += [
+            f"{name}: {len(reasons)} {status} ({sorted(set(reasons))[0]})"
+            for name, reasons in sorted(by_method.items())
+        ]
+    own = {(row["method.name"], row["method.note"]) for row in rows if row.get("method.note")}
+    notes += [f"{name}: {note}" for name, note in sorted(own, key=lambda pair: (_place(pair[0]), pair[1]))]
+    notes.append(
+        "Best in bold, second best underlined, among methods with a result for every case. "
+        "In brackets after the iterations: runs that converged; the others stopped at the cutoff."
+    )
+    shown = [c.source.removeprefix("metric.") for c in COLUMNS if c.source.startswith("metric.")]
+    headings = {c.source.removeprefix("metric."): c.heading for c in COLUMNS}
+    legend = "; ".join(f"{headings[name]}: {METRICS[name].equation}" for name in shown)
+    return [*notes, f"{legend}. Lower is better."]
