@@ -20,11 +20,24 @@ from scipy.sparse import coo_array, csr_array
 from sshade.errors import InputError
 from sshade.frames import FLAT
 from sshade.mesh import Mesh
+from sshade.task import DeformationResult, Progress, silent
+from sshade.transfer_task import TransferTask
 
 log = logging.getLogger(__name__)
 
 #: Under this, relative to what the faces would add up to or to the largest one, a vector has no direction.
 NO_DIRECTION = 1e-12
+
+
+def transfer(
+    task: TransferTask, *, function: str = "extent", seed: int = 0, progress: Progress = silent
+) -> DeformationResult:
+    """:func:`transfer_pose` as a method of a task; nothing in it is random.
+
+    It reads every vertex of M', so it reproduces a shape that was not edited.
+    """
+    V = transfer_pose(task.rest, task.mesh.V, posed=task.posed, function=function)
+    return DeformationResult(vertices=V, iterations=0, converged=None)
 
 
 def transfer_pose(

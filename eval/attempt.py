@@ -22,8 +22,9 @@ import numpy as np
 from eval.provenance import process_memory
 from eval.store import Row
 from eval.targets import instantiate, settings
+from eval.truth import Task
 from eval.warmup import warm_up
-from sshade.task import DeformationResult, DeformationTask, Progress, silent
+from sshade.task import DeformationResult, Progress, silent
 
 log = logging.getLogger(__name__)
 
@@ -51,7 +52,7 @@ class Attempt(NamedTuple):
 
 def attempt(
     method: Mapping[str, Any],
-    task: DeformationTask,
+    task: Task,
     *,
     seed: int,
     progress: Progress = silent,
@@ -63,7 +64,7 @@ def attempt(
     ----------
     method : mapping
         Its configuration: ``_target_``, parameters, ``warm_up``.
-    task : DeformationTask
+    task : DeformationTask or TransferTask
     seed : int
     progress : Progress
     before_clock : callable
@@ -74,7 +75,7 @@ def attempt(
     try:
         call = instantiate({**method, "_partial_": True})
         if row["env.warmed_up"]:
-            warm_up(call, dict(method.get("warm_up", {})), key=repr(settings(method)))
+            warm_up(call, dict(method.get("warm_up", {})), key=repr(settings(method)), kind=type(task))
         before_clock()
         begin = perf_counter()
         result = call(task, seed=seed, progress=progress)
@@ -89,9 +90,7 @@ def attempt(
     return Attempt(row | _facts(result, seconds), result.vertices, _curves(result))
 
 
-def attempt_fresh(
-    method: Mapping[str, Any], task: DeformationTask, *, seed: int, time_limit: float | None
-) -> Attempt:
+def attempt_fresh(method: Mapping[str, Any], task: Task, *, seed: int, time_limit: float | None) -> Attempt:
     """:func:`attempt` in a process of its own, with ``peak_mib`` and at most `time_limit` seconds of clock.
 
     The limit counts from the end of the warm-up. The peak is that of the whole
@@ -119,7 +118,7 @@ def attempt_fresh(
         ours.close()
 
 
-def _child(connection: Connection, method: Mapping[str, Any], task: DeformationTask, seed: int) -> None:
+def _child(connection: Connection, method: Mapping[str, Any], task: Task, seed: int) -> None:
     done = attempt(method, task, seed=seed, before_clock=lambda: connection.send("clock"))
     connection.send(done._replace(facts=done.facts | {"peak_mib": _peak_mib()}, curves=dict(done.curves)))
 

@@ -152,7 +152,7 @@ METRICS: dict[str, Metric] = {
             "chamfer",
             "-",
             "lower",
-            "mean squared distance of vertices to the other surface, both ways added, the truth in the unit sphere",
+            "mean squared distance of vertices to the other surface, both ways added, scaled as d_H",
             chamfer,
             needs="truth",
         ),

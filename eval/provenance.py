@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sshade.task import DeformationTask
+from sshade.transfer_task import TransferTask
 
 #: Ours: hashed as sources wherever they are installed.
 PROJECT = ("sshade", "baselines", "defaust", "eval")
@@ -53,12 +54,15 @@ def config_hash(config: Mapping[str, Any]) -> str:
     return digest(json.dumps(config, sort_keys=True).encode())
 
 
-def task_checksum(task: DeformationTask) -> str:
-    """Hash of what a method sees: the mesh, the handles and a guess, not the task's name."""
-    handles = task.handles
-    arrays = [task.mesh.V, task.mesh.F, handles.index, handles.target, handles.dynamic, handles.group]
-    if task.guess is not None:
-        arrays.append(task.guess)
+def task_checksum(task: DeformationTask | TransferTask) -> str:
+    """Hash of what a method sees: the mesh, and the handles and a guess or a pose, not the task's name."""
+    if isinstance(task, TransferTask):
+        arrays = [task.mesh.V, task.mesh.F, task.rest.V, task.posed]
+    else:
+        handles = task.handles
+        arrays = [task.mesh.V, task.mesh.F, handles.index, handles.target, handles.dynamic, handles.group]
+        if task.guess is not None:
+            arrays.append(task.guess)
     return digest(*(np.ascontiguousarray(array).tobytes() for array in arrays))
 
 

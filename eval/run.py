@@ -14,6 +14,7 @@ from eval.metrics import measure
 from eval.provenance import config_hash, dependencies, digest, environment, source_hash, task_checksum
 from eval.store import SCHEMA, VALID, Row, read_row, run_folder, write_run
 from eval.targets import flat, instantiate, settings, target_modules
+from eval.truth import Task
 from sshade.task import DeformationTask, Progress, silent
 
 
@@ -32,7 +33,7 @@ class Outcome:
 
 
 def run(
-    task: DeformationTask,
+    task: Task,
     method: Mapping[str, Any],
     *,
     name: str,
@@ -54,7 +55,7 @@ def run(
 
     Parameters
     ----------
-    task : DeformationTask
+    task : DeformationTask or TransferTask
     method : mapping
         Its configuration: ``_target_``, parameters, and optionally ``warm_up``,
         the parameters that shrink the untimed first run (``warm_up: null``
@@ -114,7 +115,7 @@ def _settled(row: Row, *, fresh: bool, time_limit: float | None) -> bool:
 
 
 def _identity(
-    task: DeformationTask,
+    task: Task,
     method: Mapping[str, Any],
     *,
     name: str,
@@ -141,18 +142,21 @@ def _identity(
     return row
 
 
-def _task_facts(task: DeformationTask) -> Row:
-    mesh, handles = task.mesh, task.handles
+def _task_facts(task: Task) -> Row:
+    mesh = task.mesh
     facts = {
         "name": task.name,
         "checksum": task_checksum(task),
         "vertices": mesh.n,
         "faces": mesh.m,
         "closed": mesh.is_closed,
-        "handles": len(handles),
-        "dynamic": int(handles.dynamic.sum()),
-        "merged": handles.merged,
-        "snap_max": float(handles.snap_distance.max()) / mesh.diagonal,
     }
+    if isinstance(task, DeformationTask):
+        facts |= {
+            "handles": len(task.handles),
+            "dynamic": int(task.handles.dynamic.sum()),
+            "merged": task.handles.merged,
+            "snap_max": float(task.handles.snap_distance.max()) / mesh.diagonal,
+        }
     facts |= {f"meta.{name}": value for name, value in task.meta.items() if is_scalar(value)}
     return {f"task.{name}": value for name, value in facts.items()}

@@ -8,14 +8,18 @@ from typing import Any
 
 import numpy as np
 
+from eval.truth import Task
 from sshade.mesh import Mesh
 from sshade.task import DeformationResult, DeformationTask, Handles
+from sshade.transfer_task import TransferTask
 
 _done: set[str] = set()
 
 
-def warm_up(method: Callable[..., DeformationResult], overrides: dict[str, Any], *, key: str) -> None:
-    """Run a method once on :func:`tiny_task`, unless this process has done so for `key`.
+def warm_up(
+    method: Callable[..., DeformationResult], overrides: dict[str, Any], *, key: str, kind: type[Task]
+) -> None:
+    """Run a method once on a tiny task of a kind, unless this process has done so for `key`.
 
     Parameters
     ----------
@@ -24,10 +28,12 @@ def warm_up(method: Callable[..., DeformationResult], overrides: dict[str, Any],
         Parameters that shrink the work, such as the size of the proxy.
     key : str
         Stands for the method and its parameters: others may compile other code.
+    kind : type
+        Chooses :func:`tiny_transfer` or :func:`tiny_task`.
     """
     if key in _done:
         return
-    method(tiny_task(), seed=0, **overrides)
+    method(tiny_transfer() if kind is TransferTask else tiny_task(), seed=0, **overrides)
     _done.add(key)
 
 
@@ -46,6 +52,15 @@ def tiny_task() -> DeformationTask:
         group=np.repeat([0, 1], [len(static), len(dynamic)]),
     )
     return DeformationTask(name="icosphere", mesh=mesh, handles=handles)
+
+
+@cache
+def tiny_transfer() -> TransferTask:
+    """A sphere of 642 vertices with a bump at its top, to be bent."""
+    mesh = icosphere(3)
+    x, y, z = mesh.V.T
+    bump = Mesh(mesh.V * (1 + 0.2 * np.maximum(0, z) ** 4)[:, None], mesh.F)
+    return TransferTask("icosphere", bump, mesh, np.stack([x + 0.3 * z**2, y, z], axis=1))
 
 
 def icosphere(levels: int) -> Mesh:

@@ -11,6 +11,7 @@ from sshade.mesh import Mesh
 from sshade.pipeline import deform
 from sshade.task import DeformationResult, DeformationTask, Handles, Method
 from sshade.transfer import reconstruct, transfer_pose
+from sshade.transfer_task import TransferTask
 
 __all__ = [
     "Binding",
@@ -21,6 +22,7 @@ __all__ = [
     "InputError",
     "Mesh",
     "Method",
+    "TransferTask",
     "bind",
     "deform",
     "reconstruct",

@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from sshade.errors import InputError
+from sshade.frames import FrameKind
 from sshade.mesh import Mesh
 from sshade.task import DeformationResult, Progress, silent
 from sshade.transfer import transfer_pose
@@ -56,7 +57,10 @@ class TransferTask:
             if values is None:
                 continue
             if np.shape(values) != self.mesh.V.shape:
-                raise InputError(f"the {name} shape has {np.shape(values)}, the mesh {self.mesh.V.shape}")
+                raise InputError(
+                    f"the {name} shape has vertices of shape {np.shape(values)}, the mesh "
+                    f"{self.mesh.V.shape}; they must correspond"
+                )
             if not np.isfinite(values).all():
                 raise InputError(f"the {name} shape has a NaN or infinite coordinate")
 
@@ -66,6 +70,7 @@ def transfer(
     *,
     vertices: int = 6000,
     samplings: int = 10,
+    frames: FrameKind = "triangle",
     frame_function: str = "extent",
     projection: Literal["fan", "surface"] = "fan",
     workers: int | None = None,
@@ -87,6 +92,7 @@ def transfer(
         task.mesh.V,
         vertices=vertices,
         samplings=samplings,
+        frames=frames,
         frame_function=frame_function,
         projection=projection,
         workers=workers,

@@ -6,10 +6,11 @@ import igl
 import numpy as np
 import pytest
 
-from baselines.vertex_frames import transfer_pose, vertex_frames
+from baselines.vertex_frames import transfer, transfer_pose, vertex_frames
 from sshade.errors import InputError
 from sshade.frames import FLAT
 from sshade.mesh import Mesh
+from sshade.transfer_task import TransferTask
 from tests.shapes import bent, family, jittered, rotation, strip, tetrahedron
 
 
@@ -181,3 +182,11 @@ def test_bad_input_is_refused(small_body, change, message):
     values = {"edited": small_body.V, "posed": small_body.V, **change}
     with pytest.raises(InputError, match=message):
         transfer_pose(small_body, values.pop("edited"), **values)
+
+
+def test_the_method_is_the_function():
+    mesh = family()["bumpy"]
+    task = TransferTask("t", Mesh(edit(mesh), mesh.F), mesh, bent(mesh.V))
+    for function in ("extent", "x"):
+        expected = transfer_pose(mesh, task.mesh.V, posed=task.posed, function=function)
+        assert np.array_equal(transfer(task, function=function, seed=3).vertices, expected)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eval.warmup import icosphere, tiny_task, warm_up
-from sshade.task import DeformationResult
+from eval.warmup import icosphere, tiny_task, tiny_transfer, warm_up
+from sshade.task import DeformationResult, DeformationTask
+from sshade.transfer_task import TransferTask
 
 
 @pytest.mark.parametrize("level", [0, 1, 3])
@@ -26,12 +27,13 @@ def test_a_method_is_warmed_up_once_for_each_key_with_its_overrides():
     calls = []
 
     def method(task, *, seed, size=100):
-        calls.append((task.name, size))
+        calls.append((type(task), size))
         return DeformationResult(vertices=task.mesh.V, iterations=0, converged=None)
 
+    kinds = {"first": DeformationTask, "second": TransferTask}
     for key in ("first", "first", "second"):
-        warm_up(method, {"size": 3}, key=f"{__name__} {key}")
-    assert calls == [("icosphere", 3)] * 2
+        warm_up(method, {"size": 3}, key=f"{__name__} {key}", kind=kinds[key])
+    assert calls == [(DeformationTask, 3), (TransferTask, 3)]
 
 
 def test_the_tiny_task_moves_some_handles_and_holds_others():
@@ -39,3 +41,10 @@ def test_the_tiny_task_moves_some_handles_and_holds_others():
     moves = np.linalg.norm(handles.target - mesh.V[handles.index], axis=1) > 0
     np.testing.assert_array_equal(moves, handles.dynamic)
     assert 0 < handles.dynamic.sum() < len(handles)
+
+
+def test_the_tiny_transfer_edits_the_shape_and_bends_it():
+    task = tiny_transfer()
+    for other in (task.mesh.V, task.posed):
+        assert 0.05 < np.linalg.norm(other - task.rest.V, axis=1).max() < 1
+    assert np.array_equal(task.mesh.F, task.rest.F)
