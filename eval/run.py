@@ -13,7 +13,7 @@ from eval.attempt import attempt, attempt_fresh, is_scalar
 from eval.metrics import measure
 from eval.provenance import config_hash, dependencies, digest, environment, source_hash, task_checksum
 from eval.store import SCHEMA, VALID, Row, read_row, run_folder, write_run
-from eval.targets import flat, instantiate, settings, target_modules
+from eval.targets import flat, instantiate, require_kind, settings, target_modules
 from eval.truth import Task
 from sshade.task import DeformationTask, Progress, silent
 
@@ -81,7 +81,8 @@ def run(
     Raises
     ------
     InputError
-        When the configuration names a function or a parameter that does not exist.
+        When the configuration names a function or a parameter that does not exist,
+        or a method for another kind of task.
     """
     row = _identity(task, method, name=name, seed=seed, source=source)
     folder = run_folder(root, row)
@@ -90,7 +91,8 @@ def run(
     if existing is not None and _settled(existing, fresh=fresh, time_limit=time_limit):
         return Outcome(existing, folder, reused=True)
     try:
-        instantiate({**method, "_partial_": True})  # a mistake in the configuration ends here
+        call = instantiate({**method, "_partial_": True})  # a mistake in the configuration ends here
+        require_kind(call, task, target=method["_target_"])
     except ImportError:
         fresh = False  # to be skipped, which needs no process
     row |= {f"env.{fact}": value for fact, value in environment(jobs=jobs).items()}

@@ -64,6 +64,20 @@ def locate(target: str) -> Callable[..., Any]:
     return function
 
 
+def require_kind(method: Callable[..., Any], task: Any, *, target: str) -> None:
+    """Raise InputError where a method says by its hint of `task` that it takes tasks of another kind."""
+    function = method.func if isinstance(method, partial) else method
+    try:
+        wanted = typing.get_type_hints(function).get("task")
+    except NameError:  # as in check_parameters
+        return
+    if isinstance(wanted, type) and not isinstance(task, wanted):
+        raise InputError(
+            f"{target} takes a {wanted.__name__}, but {task.name} is a {type(task).__name__}; methods for "
+            "pose transfers are method=transfer/..., for tasks that a dataset with an edit gives"
+        )
+
+
 def target_modules(config: Mapping[str, Any]) -> list[str]:
     """Modules of the functions in a configuration, nested ones included."""
     modules = {_split(config["_target_"])[0]} if "_target_" in config else set()

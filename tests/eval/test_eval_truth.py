@@ -11,6 +11,7 @@ from eval.metrics import METRICS, measure
 from eval.provenance import task_checksum
 from eval.run import run
 from eval.truth import chamfer, hausdorff, truth_angle, truth_distance, truth_edge
+from sshade.errors import InputError
 from sshade.mesh import Mesh
 from sshade.task import DeformationTask, Handles
 from sshade.transfer_task import TransferTask
@@ -137,6 +138,19 @@ def test_a_pose_transfer_becomes_a_row(tmp_path):
         assert row[f"metric.{name}"] == pytest.approx(0, abs=1e-9)
     assert row["seconds.total"] > 0 and row["iterations"] == 0 and row["converged"] is None
     assert run(task, method, name="sshade", root=tmp_path).reused
+
+
+def test_a_method_for_another_kind_of_task_is_a_mistake(tmp_path):
+    rest = bumpy_sphere(1)
+    pairs = (
+        (TransferTask("a", rest, rest, rest.V), "baselines.arap.arap"),
+        (ends_task(rest, name="a"), "sshade.transfer_task.transfer"),
+    )
+    for task, target in pairs:
+        with pytest.raises(InputError, match=f"takes a .*, but a is a {type(task).__name__}"):
+            run(task, {"_target_": target}, name="m", root=tmp_path)
+    # A method that does not say what it takes is let through.
+    assert run(ends_task(rest), {"_target_": "eval_cases.stretching"}, name="m", root=tmp_path).row["status"]
 
 
 def test_the_checksum_of_a_pose_transfer_covers_all_that_a_method_reads():
