@@ -20,6 +20,7 @@ from defaust.folder import (
     CARD,
     DATASET,
     FORMAT,
+    WORK,
     checksum,
     dump,
     read_dataset,
@@ -36,8 +37,8 @@ from sshade.task import Progress, silent
 
 log = logging.getLogger(__name__)
 
-#: Holds the records of finished subjects until the dataset is complete.
-WORK, RECIPE = ".build", "recipe.json"
+#: In WORK: what determines the result.
+RECIPE = "recipe.json"
 #: Seconds between two looks at what the workers report.
 POLL = 0.2
 #: Packages whose version can change the result.

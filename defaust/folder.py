@@ -12,6 +12,8 @@ from sshade import InputError
 from sshade.files import replacing
 
 FORMAT = 1
+#: Inside a folder under construction: holds the records of finished subjects.
+WORK = ".build"
 DATASET = "dataset.json"
 CARD = "README.md"
 REST, REST_LOW = "rest.ply", "rest_low.ply"
@@ -68,9 +70,13 @@ def read_dataset(root: str | os.PathLike[str]) -> dict[str, Any]:
     if not root.is_dir():
         raise InputError(f"{root}: no such folder")
     if not path.is_file():
-        raise InputError(
-            f"{root} is not a finished DeFAUST folder (it has no {DATASET}); run: defaust build out={root}"
+        hint = (
+            "run the same defaust build again, which goes on"
+            if (root / WORK).is_dir()
+            else f"if it holds your meshes, make one of them: defaust build source=faust source.root={root} "
+            "out=DIR, with source=tosca or source=sequence for meshes other than FAUST's"
         )
+        raise InputError(f"{root} is not a finished DeFAUST folder (it has no {DATASET}); {hint}")
     document = read_json(path)
     if not isinstance(document, dict) or "format" not in document:
         raise InputError(f"{path}: not a DeFAUST record")

@@ -10,6 +10,7 @@ import json
 import os
 import re
 import sys
+from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -24,21 +25,32 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 from hydra.experimental.callback import Callback
 from hydra.types import RunMode
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 from omegaconf.errors import OmegaConfBaseException
 
 from eval.check import out_of_band
 from eval.metrics import METRICS
 from eval.run import Outcome, run
 from eval.store import Row, read_row, run_folders
-from eval.targets import instantiate
+from eval.targets import instantiate, locate
 from sshade.console import progress_bar
 from sshade.errors import InputError
 from sshade.task import DeformationTask, silent
 
+#: What tells the cases of a dataset apart; a sweep takes `all` instead of numbers too.
+CASE = ("subject", "pose")
+ALL = "all"
+
+#: Settings of a dataset that are not for its loader: how to build it, where the rows go, what lists its cases.
+ABOUT_DATASET = ("build", "tag", "cases")
+
 
 class RunFailed(Exception):
     """A run failed or left its band; its row tells more."""
+
+
+class SweepRefused(BaseException):
+    """A sweep that cannot begin; no Exception, because Hydra turns what a callback raises into warnings."""
 
 
 @dataclass
@@ -62,22 +74,64 @@ class SweepStart(Callback):
     """Notes where a sweep writes and how many runs it has; Hydra calls it from the configuration."""
 
     def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
-        """Count the runs as the basic sweeper does: the product of the swept values."""
+        """Write out `all`, then count the runs as the basic sweeper does: the product of the swept values."""
         global _sweep
-        params = [f"{name}={values}" for name, values in (config.hydra.sweeper.params or {}).items()]
-        parser = OverridesParser.create(GlobalHydra.instance().config_loader())  # the loader resolves glob(*)
-        overrides = parser.parse_overrides([*params, *config.hydra.overrides.task])
-        counts = {
-            override.get_key_element(): len(list(override.sweep_string_iterator()))
-            if override.is_sweep_override()
-            else 1
-            for override in overrides
-        }
+        try:
+            _write_out_cases(config)
+        except InputError as error:
+            raise SweepRefused(error) from error
         total = 1
-        for count in counts.values():
-            total *= count
+        for values in _swept(config).values():
+            total *= len(values)
         begin = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
         _sweep = Sweep(Path(config.hydra.sweep.dir), total, begin)
+
+
+def _swept(config: DictConfig) -> dict[str, list[str]]:
+    """Each overridden setting of a sweep with its values, in the sweeper's order."""
+    params = [f"{name}={values}" for name, values in (config.hydra.sweeper.params or {}).items()]
+    parser = OverridesParser.create(GlobalHydra.instance().config_loader())  # the loader resolves glob(*)
+    return {
+        override.get_key_element(): list(override.sweep_string_iterator())
+        if override.is_sweep_override()
+        else [override.get_value_element_as_str()]
+        for override in parser.parse_overrides([*params, *config.hydra.overrides.task])
+    }
+
+
+def _write_out_cases(config: DictConfig) -> None:
+    """Where a sweep takes `all` subjects or poses, put the cases of the dataset into the configuration.
+
+    A dataset need not have every pose of every subject, so the two become one
+    sweep over `case`. One without a list of cases has a single case.
+    """
+    swept = _swept(config)
+    asked = {name: swept.get(name, [str(config[name])]) for name in CASE}
+    if not any(ALL in values for values in asked.values()):
+        return
+    if any(name.split(".")[0] == "dataset" and len(values) > 1 for name, values in swept.items()):
+        raise InputError(f"{ALL} subjects or poses need a single dataset; sweep over one at a time")
+    _check_root(config.dataset)
+    with read_write(config), open_dict(config):
+        params = {name: v for name, v in (config.hydra.sweeper.params or {}).items() if name not in CASE}
+        if "cases" in config.dataset:
+            cases = locate(config.dataset.cases)(
+                config.dataset.root, **{f"{n}s": _numbers(n, asked[n]) for n in CASE}
+            )
+            params = {"case": ",".join(f"{{subject:{s},pose:{p}}}" for s, p in cases), **params}
+        config.hydra.sweeper.params = params
+        config.hydra.overrides.task = [
+            text for text in config.hydra.overrides.task if text.split("=", 1)[0] not in CASE
+        ]
+
+
+def _numbers(name: str, values: list[str]) -> list[int] | None:
+    """The numbers of a sweep, None for all."""
+    if ALL in values:
+        return None
+    if not all(value.isdigit() for value in values):
+        raise InputError(f"{name}={','.join(values)} does not fit; it takes numbers from 0, or {ALL}")
+    return [int(value) for value in values]
 
 
 def main() -> int:
@@ -88,6 +142,8 @@ def main() -> int:
     os.environ["HYDRA_FULL_ERROR"] = "1"
     try:
         _app()
+    except SweepRefused as refused:
+        _errors.append(refused.__cause__)
     except (RunFailed, InputError) as error:
         _errors.append(error)
     except (HydraException, OmegaConfBaseException) as error:
@@ -122,6 +178,9 @@ def _job(config: DictConfig) -> None:
     """One run of a composed configuration; raises RunFailed if its row is bad."""
     hydra_config = HydraConfig.get()
     single = hydra_config.mode == RunMode.RUN
+    missing = OmegaConf.missing_keys(config)
+    if missing:
+        raise InputError(f"{', '.join(sorted(missing))} is not set; give it as {min(missing)}=...")
     plain = OmegaConf.to_container(config, resolve=True)
     _check(plain)
     task = _load_task(json.dumps(plain["dataset"]))
@@ -130,7 +189,7 @@ def _job(config: DictConfig) -> None:
             task,
             plain["method"],
             name=plain["label"],
-            root=Path(plain["paths"]["runs"], plain["run"]["experiment"]),
+            root=Path(plain["paths"]["runs"], plain["run"]["folder"]),
             seed=plain["seed"],
             source=_source(plain["dataset"]),
             force=plain["run"]["force"],
@@ -168,16 +227,21 @@ def _check(config: dict[str, Any]) -> None:
 def _load_task(dataset: str) -> DeformationTask:
     """The task of a dataset's configuration (as JSON: it is the cache's key)."""
     config = json.loads(dataset)
-    root = config.get("root")
-    if root is not None and not Path(root).exists():
-        hint = f"; make it with: {config['build']}" if config.get("build") else ""
-        raise InputError(f"the dataset folder {root} does not exist{hint}")
+    _check_root(config)
     return instantiate(_source(config))
 
 
+def _check_root(dataset: Mapping[str, Any]) -> None:
+    """Raise InputError, with how to build the dataset, where its folder is missing."""
+    root = dataset.get("root")
+    if root is not None and not Path(root).exists():
+        hint = f"; make it with: {dataset['build']}" if dataset.get("build") else ""
+        raise InputError(f"the dataset folder {root} does not exist{hint}")
+
+
 def _source(dataset: dict[str, Any]) -> dict[str, Any]:
-    """A dataset's configuration without the hint on how to build it."""
-    return {name: value for name, value in dataset.items() if name != "build"}
+    """What loads the task: a dataset's configuration without what is about the dataset."""
+    return {name: value for name, value in dataset.items() if name not in ABOUT_DATASET}
 
 
 def _jobs(launcher: DictConfig) -> int:

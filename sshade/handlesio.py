@@ -27,7 +27,8 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.files import replacing
 from sshade.mesh import Mesh
-from sshade.task import Handles, rigid_motion
+from sshade.meshio import read_mesh
+from sshade.task import DeformationTask, Handles, rigid_motion
 
 #: Half the extent of a mesh in Implicit-ARAP's coordinates.
 HALF_EXTENT = 0.8
@@ -70,6 +71,25 @@ def read_handles(
         raise InputError(f"{path}: not readable as {path.suffix[1:].upper()} ({error})") from error
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
+
+
+def read_task(mesh: str, *, handles: str, raw: bool = False) -> DeformationTask:
+    """A mesh and a handle file as a task, named by both.
+
+    Parameters
+    ----------
+    mesh, handles : path
+    raw : bool
+        Keep the file's targets as they are; see :meth:`sshade.Handles.from_positions`.
+
+    Raises
+    ------
+    InputError
+        See :func:`sshade.meshio.read_mesh`, :func:`read_handles` and :class:`sshade.DeformationTask`.
+    """
+    rest = read_mesh(mesh)
+    own = read_handles(handles, rest, raw=raw)
+    return DeformationTask(f"{Path(mesh).stem}/{Path(handles).stem}", rest, own, meta={"raw": raw})
 
 
 def write_handles(path: str | os.PathLike[str], handles: Handles) -> None:

@@ -69,7 +69,7 @@ def test_resume_after_a_kill(finished, tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         build(Balls(), out, options=OPTIONS, workers=1)
     assert (out / "subject_00").is_dir() and not (out / "dataset.json").exists()
-    with pytest.raises(InputError, match="not a finished DeFAUST folder"):
+    with pytest.raises(InputError, match="not a finished DeFAUST folder.*same defaust build again"):
         read_dataset(out)
 
     built = []

@@ -131,7 +131,7 @@ def test_wrong_meshes(dataset):
 def test_no_dataset(tmp_path, dataset):
     with pytest.raises(InputError, match="no such folder"):
         verify(tmp_path / "nowhere")
-    with pytest.raises(InputError, match="not a finished DeFAUST folder"):
+    with pytest.raises(InputError, match="not a finished DeFAUST folder.*source.root="):
         verify(tmp_path)
     path = dataset / "dataset.json"
     text = path.read_text()

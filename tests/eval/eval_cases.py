@@ -8,6 +8,7 @@ from time import sleep
 import numpy as np
 
 from eval.warmup import icosphere
+from sshade.errors import InputError
 from sshade.mesh import Mesh
 from sshade.task import DeformationResult, DeformationTask, Handles, silent
 
@@ -65,6 +66,20 @@ def ends_task(mesh: Mesh, *, angle: float = 30.0, lift: float = 0.1, name: str =
 def bumpy_task(*, level: int = 3, angle: float = 30.0) -> DeformationTask:
     """What ``dataset=bumpy`` loads."""
     return ends_task(bumpy_sphere(level), angle=angle, name=f"bumpy_{angle:g}")
+
+
+def list_cases(root: str, *, subjects=None, poses=None) -> list[tuple[int, int]]:
+    """What ``dataset=listed`` has: two poses of subject 0, one of subject 1."""
+    there = [(0, 1), (0, 2), (1, 1)]
+    for pose in poses or ():
+        if pose not in {p for _, p in there}:
+            raise InputError(f"there is no pose {pose}")
+    return [(s, p) for s, p in there if s in (subjects or (0, 1)) and p in (poses or (1, 2))]
+
+
+def listed_task(root: str, *, subject: int, pose: int) -> DeformationTask:
+    """What ``dataset=listed`` loads: the turn tells the case."""
+    return bumpy_task(level=2, angle=10 * subject + pose)
 
 
 def failing(task, *, seed: int, progress=silent) -> DeformationResult:

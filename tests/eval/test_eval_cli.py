@@ -61,6 +61,29 @@ def test_a_sweep_goes_on_after_a_failure_and_is_resumed(tmp_path):
     assert forced.stdout.splitlines()[-1].startswith("2 runs: 2 new")
 
 
+def test_a_sweep_over_all_takes_the_cases_that_the_dataset_has(tmp_path):
+    common = ["-m", "dataset=listed", "dataset.root=.", "method=identity,stretching", "subject=all"]
+    done = run_eval(tmp_path, *common, "pose=all")
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert [line.split(":")[0] for line in lines[:-1]] == [
+        f"{method} bumpy_{angle} seed 0" for angle in (1, 2, 11) for method in ("identity", "stretching")
+    ]
+    assert lines[-1].startswith("6 runs: 6 new")
+    assert {name.split("/")[2] for name in files(tmp_path)} == {
+        "single_listed"
+    }  # apart, by the dataset's tag
+    assert run_eval(tmp_path, *common, "pose=2").stdout.splitlines()[-1] == "2 runs: 0 new, 2 kept"
+    missing = run_eval(tmp_path, *common, "pose=3")
+    assert missing.returncode == 2 and missing.stderr == "error: there is no pose 3\n"
+
+
+def test_a_dataset_without_a_list_has_one_case(tmp_path):
+    done = run_eval(tmp_path, "-m", "dataset=bumpy", "method=identity", "subject=all", "pose=all")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1].startswith("1 runs: 1 new")
+
+
 def test_a_row_out_of_its_band_is_exit_code_1(tmp_path):
     done = run_eval(
         tmp_path, "dataset=bumpy", "method=stretching", "+bands={stretching:{bumpy_30:{metric.volume:[0,5]}}}"
@@ -108,6 +131,12 @@ def test_runs_at_once_come_from_the_launcher(launcher, jobs):
         (["dataset=bumpy", "method=arap", "seed=-1"], "seed=-1"),
         (["dataset=bumpy", "method=sshade", "proxy.vertices=9999"], "9999 proxy vertices"),
         (["dataset.root=nowhere", "method=arap"], "nowhere does not exist; make it with: defaust build"),
+        (["dataset=faust", "method=arap"], "make it with: defaust build source=faust"),
+        (["dataset=defaust", "dataset.root=.", "method=arap"], "not a finished DeFAUST folder"),
+        (["-m", "dataset=defaust", "dataset.root=.", "subject=all"], "not a finished DeFAUST folder"),
+        (["dataset=mesh", "method=arap"], "dataset.handles, dataset.mesh is not set"),
+        (["-m", "dataset=bumpy,mesh", "pose=all"], "all subjects or poses need a single dataset"),
+        (["-m", "dataset=listed", "subject=x", "pose=all"], "subject=x does not fit"),
         (["experiment=quick", "subject=0"], "defaust_20k does not exist; make it with: defaust build"),
     ],
 )

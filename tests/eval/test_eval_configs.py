@@ -14,6 +14,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.utils import instantiate as hydra_instantiate
 from omegaconf import OmegaConf
 
+from eval.cli import ABOUT_DATASET
 from eval.targets import OWN_KEYS, check_parameters, instantiate, locate
 from sshade.local_global import local_global
 from sshade.task import Method
@@ -75,9 +76,11 @@ def test_another_method_fits_into_the_coarse_slot():
 @pytest.mark.parametrize("name", names("dataset"))
 def test_dataset_composes_and_names_a_loader(name):
     plain = OmegaConf.to_container(composed(f"dataset={name}").dataset, resolve=True)
-    plain.pop("build", None)
+    about = {key: plain.pop(key) for key in ABOUT_DATASET if key in plain}
     target = plain.pop("_target_")
     check_parameters(locate(target), plain, target=target)
+    if "cases" in about:
+        assert set(inspect.signature(locate(about["cases"])).parameters) >= {"root", "subjects", "poses"}
 
 
 @pytest.mark.parametrize("name", names("experiment"))
