@@ -41,7 +41,7 @@ from sshade.task import DeformationTask, silent
 CASE = ("subject", "pose")
 ALL = "all"
 
-#: Settings of a dataset that are not for its loader: how to build it, where the rows go, what lists its cases.
+#: Settings of a dataset that are not for its loader: how to build it, where rows go, what lists its cases.
 ABOUT_DATASET = ("build", "tag", "cases")
 
 

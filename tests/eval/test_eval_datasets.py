@@ -1,0 +1,104 @@
+"""Every entry of conf/dataset loads what its own build command makes."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from importlib import resources
+
+import pytest
+from hydra import compose, initialize_config_module
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import OmegaConf
+
+from defaust.cli import main as defaust
+from eval.cli import _load_task
+from eval.targets import locate
+from sshade.errors import InputError
+from sshade.meshio import write_mesh
+from tests.defaust.registrations import write_faust
+from tests.shapes import bumpy
+
+#: Name of the task, and how many there are. The synthetic ones differ in size only: two serve for all.
+BUILT = {
+    "defaust": ("defaust-synthetic/subject_00/pose_1", 4),
+    "defaust_20k": ("defaust-synthetic/subject_00/pose_1", 4),
+    "faust": ("defaust-faust/subject_00/pose_1", 4),
+    "tosca": ("defaust-tosca/subject_00/pose_1", 3),
+    "sequence": ("defaust-sequence/subject_00/pose_1", 1),
+}
+
+
+def dataset(name, *overrides):
+    """The plain settings of an entry."""
+    with initialize_config_module("conf", version_base="1.3"):
+        config = compose("config", overrides=[f"dataset={name}", *overrides], return_hydra_config=True)
+        HydraConfig.instance().set_config(config)
+        return OmegaConf.to_container(config.dataset, resolve=True)
+
+
+def write_originals(folder, name):
+    """Meshes as users have them, under the names that the build commands say."""
+    if name == "faust":
+        write_faust(folder / "MPI-FAUST" / "training" / "registrations")
+    mesh = bumpy(3)
+    for place, names in (("TOSCA", ("cat0", "cat1", "dog0", "dog1", "dog2")), ("MESHES", ("a", "b"))):
+        (folder / place).mkdir()
+        for k, stem in enumerate(names):
+            write_mesh(folder / place / f"{stem}.off", mesh.V * [1, 1, 1 + 0.2 * k], mesh.F)
+
+
+@pytest.mark.parametrize("name", BUILT)
+def test_the_build_command_of_an_entry_makes_what_it_loads(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "data").mkdir()
+    write_originals(tmp_path, name)
+    config = dataset(name)
+    with pytest.raises(InputError, match="does not exist; make it with: ") as missing:
+        _load_task(json.dumps(config))
+    command = shlex.split(str(missing.value).partition("make it with: ")[2])
+    assert command[:2] == ["defaust", "build"]
+    smaller = [] if name in ("tosca", "sequence") else ["subjects=[0]", "target_vertices=null"]
+    assert defaust([*command[1:], "workers=1", *smaller]) == 0
+
+    task_name, count = BUILT[name]
+    task = _load_task(json.dumps(config))
+    assert task.name == task_name and task.mesh.n in (6890, 642) and len(task.handles) > 8
+    assert len(locate(config["cases"])(config["root"])) == count
+    with pytest.raises(InputError, match=r"no subject 5; it has \[0"):
+        _load_task(json.dumps(dataset(name, "subject=5")))
+
+
+def test_entries_of_one_source_differ_in_size_and_folder_only():
+    names = {f.name.removesuffix(".yaml") for f in resources.files("conf").joinpath("dataset").iterdir()} - {
+        "mesh",
+        "faust",
+        "tosca",
+        "sequence",
+        "defaust",
+    }
+    common = dataset("defaust")
+    for name in sorted(name for name in names if name.startswith("defaust_")):
+        config = dataset(name)
+        assert config.pop("root") == f"./data/{name}" and config.pop("build").startswith(
+            f"defaust build source=synthetic out=./data/{name}"
+        )
+        assert config == {key: value for key, value in common.items() if key not in ("root", "build")}
+
+
+def test_a_mesh_and_its_handles(tmp_path):
+    mesh = bumpy(2)
+    write_mesh(tmp_path / "blob.ply", mesh.V, mesh.F)
+    entry = [
+        {"kind": "static", "vertices": [3, 4]},
+        {"kind": "dynamic", "vertices": [9], "target": [[1.0, 2, 3]]},
+    ]
+    (tmp_path / "pull.json").write_text(json.dumps({"handles": entry}))
+    config = dataset("mesh", f"dataset.mesh={tmp_path}/blob.ply", f"dataset.handles={tmp_path}/pull.json")
+    task = _load_task(json.dumps(config))
+    assert task.name == "blob/pull" and task.mesh.n == mesh.n
+    assert task.handles.index.tolist() == [3, 4, 9] and task.handles.target[2].tolist() == [1, 2, 3]
+    with pytest.raises(InputError, match=r"none\.ply"):
+        _load_task(json.dumps(config | {"mesh": str(tmp_path / "none.ply")}))
+    with pytest.raises(InputError, match=r"none\.json: no such file"):
+        _load_task(json.dumps(config | {"handles": str(tmp_path / "none.json")}))
