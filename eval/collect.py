@@ -1,4 +1,9 @@
-"""Gather the rows of runs: ``python -m eval.collect [EXPERIMENT ...]`` writes one CSV an experiment."""
+"""Gather the rows of runs: ``python -m eval.collect [EXPERIMENT ...]`` writes one CSV an experiment.
+
+Folders of the same name, such as ``alice/runs/quick`` and ``bob/runs/quick``,
+are one experiment: their rows go into one CSV. Of equal runs the latest one is
+kept; runs of different machines are kept apart.
+"""
 
 from __future__ import annotations
 
@@ -6,40 +11,61 @@ import argparse
 import sys
 from pathlib import Path
 
-from eval.store import FOLDER_HELP, RUNS, Row, experiment_folder, newest, read_row, run_folders, write_csv
+from eval.store import (
+    FOLDER_HELP,
+    ROWS,
+    RUNS,
+    Row,
+    experiment_folder,
+    newest,
+    read_row,
+    run_folders,
+    write_csv,
+)
 from sshade.console import run_command
 from sshade.errors import InputError
 
 
-def collect(folder: Path) -> list[Row]:
-    """The rows under a folder of runs: the newest of each method, task and seed, in a fixed order.
+def collect(*folders: Path) -> list[Row]:
+    """The rows under folders of runs: the newest of each method, task, seed and machine, in a fixed order.
 
     Raises
     ------
     InputError
         When there are none.
     """
-    rows = newest(read_row(run) for run in run_folders(folder))
+    rows = newest(read_row(run) for folder in folders for run in run_folders(folder))
     if not rows:
-        raise InputError(f"{folder}: no runs there; `python -m eval -m experiment={folder.name}` makes them")
+        raise InputError(
+            f"{folders[0]}: no runs there; `python -m eval -m experiment={folders[0].name}` makes them"
+        )
     return rows
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Command line of ``python -m eval.collect``."""
-    parser = argparse.ArgumentParser(prog="python -m eval.collect", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m eval.collect",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("folders", nargs="*", type=Path, help=f"{FOLDER_HELP} (default: all)")
-    parser.add_argument("-o", "--out", type=Path, default=Path("results/rows"))
+    parser.add_argument("-o", "--out", type=Path, default=ROWS)
     options = parser.parse_args(arguments)
     folders = [experiment_folder(folder) for folder in options.folders]
     folders = folders or sorted(path for path in RUNS.glob("*") if path.is_dir())
     if not folders:
         raise InputError(f"{RUNS} holds no experiment; name the folders of runs to collect")
+    experiments: dict[str, list[Path]] = {}
     for folder in folders:
-        rows = collect(folder)
-        path = options.out / f"{folder.name}.csv"
+        experiments.setdefault(folder.resolve().name, []).append(folder)
+    for name, parts in experiments.items():
+        rows = collect(*parts)
+        path = options.out / f"{name}.csv"
         write_csv(path, rows)
-        print(f"{path}: {len(rows)} rows")  # noqa: T201
+        machines = len({row["env.machine"] for row in rows})
+        counts = f"{len(rows)} row{'s' * (len(rows) > 1)}"
+        print(f"{path}: {counts}" + (f" of {machines} machines" if machines > 1 else ""))  # noqa: T201
     return 0
 
 

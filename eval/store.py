@@ -28,7 +28,10 @@ SCHEMA = 1
 
 #: Where the runs lie by default: one folder an experiment.
 RUNS = Path("results/runs")
+#: Where their rows are collected: one CSV an experiment.
+ROWS = Path("results/rows")
 FOLDER_HELP = "name of an experiment in results/runs, or a folder of runs"
+ROWS_HELP = "CSV made by eval.collect, or name of an experiment in results/rows"
 
 #: What became of a run. The first two are valid results.
 STATUSES = ("ok", "not_converged", "timeout", "failed", "skipped")
@@ -91,7 +94,12 @@ def write_run(
     else:
         with replacing(folder / "vertices.npy") as temporary:
             np.save(temporary, np.asarray(vertices, dtype=np.float32))
-    with replacing(folder / "row.json") as temporary:
+    write_row(folder, row)
+
+
+def write_row(folder: str | os.PathLike[str], row: Row) -> None:
+    """Write the row of a run folder, or replace it; the rest of the folder stays."""
+    with replacing(Path(folder, "row.json")) as temporary:
         temporary.write_text(json.dumps(ordered(row), indent=1) + "\n")
 
 
@@ -128,17 +136,28 @@ def run_folders(root: str | os.PathLike[str]) -> list[Path]:
     return sorted(path.parent for path in Path(root).rglob("row.json"))
 
 
-def newest(rows: Iterable[Row]) -> list[Row]:
-    """One row for each (method, its parameters, task, seed): the latest one, in a fixed order.
+def newest(rows: Iterable[Row], *, across_machines: bool = False) -> list[Row]:
+    """One row for each (method, its parameters, task, seed, machine): the latest one, in a fixed order.
 
-    A task is told by its name and by what loads it, not by its checksum: after a
-    rebuild of the dataset the old rows are out of date.
+    Two rows have the same task if it has the same name and either the same
+    checksum (so that copies of a dataset in different folders are one), or the
+    same source (so that after a rebuild of a dataset the old rows give way).
+
+    Parameters
+    ----------
+    rows : iterable of rows
+    across_machines : bool
+        Keep the latest one of all machines, for numbers that do not depend on the machine.
     """
-    kept: dict[tuple, Row] = {}
-    for row in sorted(rows, key=lambda row: (row["date"], row["key"])):
-        task = row["task.name"], row.get("task.source") or ""
-        kept[row["method.name"], row["method.hash"], *task, row["seed"]] = row
-    return [kept[identity] for identity in sorted(kept)]
+    rows = list(rows)
+    for told_by in ("task.checksum", "task.source"):
+        kept: dict[tuple, Row] = {}
+        for row in sorted(rows, key=lambda row: (row["date"], row["key"])):
+            task = row["task.name"], row.get(told_by) or ""
+            machine = "" if across_machines else row["env.machine"]
+            kept[row["method.name"], row["method.hash"], *task, row["seed"], machine] = row
+        rows = [kept[identity] for identity in sorted(kept)]
+    return rows
 
 
 def ordered(row: Mapping[str, Any]) -> Row:
@@ -170,6 +189,11 @@ def write_csv(path: str | os.PathLike[str], rows: list[Row]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as temporary:
         temporary.write_text(text.getvalue())
+
+
+def rows_file(name: Path) -> Path:
+    """The CSV of rows that is meant by a path, or by the name of an experiment."""
+    return name if name.suffix == ".csv" else ROWS / f"{name}.csv"
 
 
 def read_csv(path: str | os.PathLike[str]) -> list[Row]:

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 
 from eval.metrics import METRICS
-from eval.store import VALID, Row
+from eval.store import VALID, Row, newest
 from sshade.errors import InputError
 
 
@@ -82,7 +82,8 @@ def make_table(rows: list[Row], *, title: str, with_time: bool = True) -> Table:
         Of one experiment; a method's rows must come from one configuration.
     title : str
     with_time : bool
-        False leaves the times out, which is the way to join rows of several machines.
+        False leaves the times out, which is the way to join rows of several machines:
+        of equal runs on several machines the latest one counts.
 
     Raises
     ------
@@ -92,6 +93,8 @@ def make_table(rows: list[Row], *, title: str, with_time: bool = True) -> Table:
     """
     if with_time:
         _check_times(rows)
+    else:
+        rows = newest(rows, across_machines=True)
     columns = tuple(column for column in COLUMNS if with_time or column.unit != "s")
     names = sorted({row["method.name"] for row in rows}, key=_place)
     cases = {_case(row) for row in rows}
@@ -124,7 +127,7 @@ def _check_times(rows: list[Row]) -> None:
     if len(machines) > 1:
         raise InputError(
             f"the rows come from {len(machines)} machines ({'; '.join(machines)}), whose times do not "
-            "compare: make one table for each, or leave the times out with --no-time"
+            "compare: make one table for each with --machine, or leave the times out with --no-time"
         )
     shared = sum(1 for row in timed if row["env.concurrent"])
     if shared:

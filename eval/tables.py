@@ -1,4 +1,4 @@
-"""Tables from rows: ``python -m eval.tables [ROWS.csv ...]`` writes CSV, Markdown and LaTeX.
+"""Tables from rows: ``python -m eval.tables [ROWS ...]`` writes CSV, Markdown and LaTeX.
 
 A table is a pure function of rows: one line a method, means over its valid
 runs in the paper's order of columns.
@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from eval.store import read_csv
+from eval.store import ROWS, ROWS_HELP, Row, read_csv, rows_file
 from eval.summary import Table, make_table, ranks
 from sshade.console import run_command
 from sshade.errors import InputError
@@ -41,7 +41,7 @@ def to_markdown(table: Table) -> str:
         "runs",
         *(f"{c.heading} ({c.unit})" if c.unit else c.heading for c in table.columns),
     ]
-    body = _cells(table, marks, not_available="n/a")
+    body = cells(table, marks, not_available="n/a")
     out = [f"### {table.title}", "", f"| {' | '.join(headings)} |"]
     out.append("|" + "|".join([" --- ", *([" ---: "] * (len(headings) - 1))]) + "|")
     out += [f"| {' | '.join(cells)} |" for cells in body]
@@ -54,7 +54,7 @@ def to_latex(table: Table) -> str:
     marks = {0: "{}", 1: "\\textbf{{{}}}", 2: "\\underline{{{}}}"}
     units = {"%": " (\\%)", "deg": " ($^\\circ$)", "s": " (s)", "": ""}
     headings = ["method", "runs", *(c.heading + units[c.unit] for c in table.columns)]
-    body = _cells(table, marks, not_available="--", escape=_escape)
+    body = cells(table, marks, not_available="--", escape=_escape)
     out = [f"% {table.title}", *(f"% {note}" for note in table.notes)]
     out += [f"\\begin{{tabular}}{{l{'r' * (len(headings) - 1)}}}", "\\toprule"]
     out += [" & ".join(headings) + " \\\\", "\\midrule"]
@@ -66,13 +66,14 @@ def to_latex(table: Table) -> str:
 FORMATS: dict[str, Callable[[Table], str]] = {"csv": to_csv, "md": to_markdown, "tex": to_latex}
 
 
-def _cells(
+def cells(
     table: Table,
     marks: dict[int, str],
     *,
     not_available: str,
     escape: Callable[[str], str] = str,
 ) -> list[list[str]]:
+    """The texts of a table, line by line: `marks` holds formats by rank, 0 for none."""
     by_column = {column.heading: ranks(table, column) for column in table.columns}
     body = []
     for line in table.lines:
@@ -97,19 +98,36 @@ def _escape(text: str) -> str:
     return "".join(f"\\{c}" if c in "&%$#_{}" else c for c in text)
 
 
+def of_machine(rows: list[Row], text: str) -> list[Row]:
+    """The rows of the machines with `text` in their name.
+
+    Raises
+    ------
+    InputError
+        When there is no such machine.
+    """
+    found = [row for row in rows if text in row["env.machine"]]
+    if not found:
+        machines = "; ".join(sorted({row["env.machine"] for row in rows}))
+        raise InputError(f"no row is of a machine with {text!r} in its name; there are: {machines}")
+    return found
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Command line of ``python -m eval.tables``."""
     parser = argparse.ArgumentParser(prog="python -m eval.tables", description=__doc__)
-    parser.add_argument("rows", nargs="*", type=Path, help="default: every CSV in results/rows")
+    parser.add_argument("rows", nargs="*", type=Path, help=f"{ROWS_HELP} (default: every CSV there)")
     parser.add_argument("-o", "--out", type=Path, default=Path("results/tables"))
     parser.add_argument("--no-time", action="store_true", help="leave the times out")
+    parser.add_argument("--machine", metavar="TEXT", help="only rows of the machine with this in its name")
     options = parser.parse_args(arguments)
-    paths = options.rows or sorted(Path("results/rows").glob("*.csv"))
+    paths = [rows_file(name) for name in options.rows] or sorted(ROWS.glob("*.csv"))
     if not paths:
-        raise InputError("results/rows holds no rows; `python -m eval.collect` makes them from runs")
+        raise InputError(f"{ROWS} holds no rows; `python -m eval.collect` makes them from runs")
     options.out.mkdir(parents=True, exist_ok=True)
     for path in paths:
-        table = make_table(read_csv(path), title=path.stem, with_time=not options.no_time)
+        rows = of_machine(read_csv(path), options.machine or "")
+        table = make_table(rows, title=path.stem, with_time=not options.no_time)
         for suffix, write in FORMATS.items():
             with replacing(options.out / f"{path.stem}.{suffix}") as temporary:
                 temporary.write_text(write(table))

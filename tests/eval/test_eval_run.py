@@ -18,7 +18,6 @@ from eval.collect import main as collect_main
 from eval.metrics import METRICS, measure
 from eval.run import run
 from eval.store import (
-    newest,
     read_csv,
     read_curves,
     read_row,
@@ -265,15 +264,6 @@ def test_a_hash_of_digits_stays_text(tmp_path):
     row = {"status": "ok", "key": "12e4567890123456", "task.checksum": "0012", "env.version.x": "1.0"}
     write_csv(tmp_path / "r.csv", [row])
     assert read_csv(tmp_path / "r.csv") == [row]
-
-
-def test_collect_keeps_the_newest_of_equal_runs(tmp_path):
-    base = {"method.name": "a", "method.hash": "h", "task.name": "t", "seed": 0}
-    old = {**base, "date": "2026-01-01", "key": "k1"}
-    new = {**base, "date": "2026-01-02", "key": "k0"}
-    other = {**base, "seed": 1, "date": "2025-01-01", "key": "k2"}
-    low = {**new, "task.source": "low"}
-    assert newest([new, other, old, low]) == [new, other, low]
 
 
 def test_clear_errors_for_missing_and_damaged_files(tmp_path):

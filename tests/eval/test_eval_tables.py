@@ -22,6 +22,8 @@ def row(method, task="t1", **changes):
         "task.name": task,
         "task.vertices": 1000,
         "seed": 0,
+        "date": "2026-01-01",
+        "key": f"{method} {task}",
         "status": "ok",
         "reason": "",
         "iterations": 10.0,
@@ -127,7 +129,7 @@ def test_csv(rows):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"env__machine": "laptop"}, "2 machines.*box; laptop.*--no-time"),
+        ({"env__machine": "laptop"}, "2 machines.*box; laptop.*--machine.*--no-time"),
         ({"env__concurrent": True}, "1 of 3 rows.*--no-time"),
     ],
 )
@@ -164,6 +166,33 @@ def test_command_writes_every_format(rows, tmp_path, capsys):
     for suffix, write in FORMATS.items():
         assert (tmp_path / "tables" / f"tiny.{suffix}").read_text() == write(table)
     assert "### tiny" in capsys.readouterr().out
+
+
+def test_a_table_for_each_machine_or_one_without_times(tmp_path, capsys):
+    mine = [row("a", metric__volume=1.0), row("a", "t2", metric__volume=1.0)]
+    theirs = [row("a", metric__volume=3.0, env__machine="laptop", date="2026-02-02", seconds__total=9.0)]
+    path = tmp_path / "both.csv"
+    write_csv(path, [*mine, *theirs])
+    out = ["-o", str(tmp_path / "tables")]
+    with pytest.raises(InputError, match="2 machines"):
+        main([str(path), *out])
+    for machine, volume, time, runs in (("box", "1.00", "5.00", 2), ("lap", "3.00", "9.00", 1)):
+        assert main([str(path), "--machine", machine, *out]) == 0
+        line = capsys.readouterr().out.splitlines()[4]
+        assert line.startswith(f"| a | {runs} | **{volume}** |") and f"**{time}**" in line
+    assert main([str(path), "--no-time", *out]) == 0
+    assert capsys.readouterr().out.splitlines()[4].startswith("| a | 2 | **2.00** |")
+    with pytest.raises(InputError, match="'phone' in its name; there are: box; laptop"):
+        main([str(path), "--machine", "phone", *out])
+
+
+def test_rows_are_named_by_their_experiment(rows, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_csv("results/rows/tiny.csv", rows)
+    assert main(["tiny"]) == 0
+    assert (tmp_path / "results/tables/tiny.md").is_file()
+    with pytest.raises(InputError, match=r"results/rows/huge.csv: no such file; .*eval.collect"):
+        main(["huge"])
 
 
 def test_bands():
