@@ -8,16 +8,14 @@ their length, on one scale. Made from run folders; no method is run.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from eval.provenance import task_checksum
+from eval.recall import load_task
 from eval.store import FOLDER_HELP, VALID, Row, experiment_folder, read_row, read_vertices, run_folders
-from eval.targets import instantiate
 from sshade.console import run_command
 from sshade.errors import InputError
 from sshade.files import replacing
@@ -70,18 +68,9 @@ def read_cases(folder: Path, *, names: list[str], methods: list[str]) -> list[Ca
         absent = [method for method in shown if method not in runs]
         if absent:
             raise InputError(f"{folder}: case {name!r} has no result of {absent[0]!r}")
-        task = _load_task(next(iter(runs.values()))[0])
+        task = load_task(next(iter(runs.values()))[0])
         cases.append(Case(task, {method: read_vertices(runs[method][1]) for method in shown}))
     return cases
-
-
-def _load_task(row: Row) -> DeformationTask:
-    if not row.get("task.source"):
-        raise InputError(f"the row of {row['task.name']} does not say where its task comes from")
-    task = instantiate(json.loads(row["task.source"]))
-    if task_checksum(task) != row["task.checksum"]:
-        raise InputError(f"the dataset of {row['task.name']} has changed since the run; run it again")
-    return task
 
 
 def draw(cases: list[Case], path: Path, *, title: str, towards: np.ndarray, up: np.ndarray) -> None:

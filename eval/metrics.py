@@ -10,7 +10,7 @@ edge-length change over the longest edge, mean face-angle change.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Literal
 
@@ -184,7 +184,9 @@ METRICS: dict[str, Metric] = {
 }
 
 
-def measure(task: Task, vertices: np.ndarray) -> dict[str, float | None]:
+def measure(
+    task: Task, vertices: np.ndarray, *, only: Collection[str] = METRICS.keys()
+) -> dict[str, float | None]:
     """Every metric of the registry that the task has what it takes for, None where it is not available.
 
     Parameters
@@ -192,11 +194,13 @@ def measure(task: Task, vertices: np.ndarray) -> dict[str, float | None]:
     task : DeformationTask or TransferTask
     vertices : (n, 3) float
         M', in the numbering of the task's mesh.
+    only : collection of str
+        Names of the metrics; all of them unless told.
     """
     vertices = np.ascontiguousarray(vertices, dtype=np.float64)
     values = {
         name: float(metric.function(task, vertices))
         for name, metric in METRICS.items()
-        if getattr(task, metric.needs, None) is not None
+        if name in only and getattr(task, metric.needs, None) is not None
     }
     return {name: value if np.isfinite(value) else None for name, value in values.items()}

@@ -1,0 +1,28 @@
+"""What a stored row came from: its task, loaded again."""
+
+from __future__ import annotations
+
+import json
+
+from eval.provenance import task_checksum
+from eval.store import Row
+from eval.targets import instantiate
+from eval.truth import Task
+from sshade.errors import InputError
+
+
+def load_task(row: Row) -> Task:
+    """The task that a row is about, from its dataset.
+
+    Raises
+    ------
+    InputError
+        When the row does not say where its task comes from, or the dataset is
+        missing or no longer the one that was run on.
+    """
+    if not row.get("task.source"):
+        raise InputError(f"the row of {row['task.name']} does not say where its task comes from")
+    task = instantiate(json.loads(row["task.source"]))
+    if task_checksum(task) != row["task.checksum"]:
+        raise InputError(f"the dataset of {row['task.name']} has changed since the run; run it again")
+    return task
