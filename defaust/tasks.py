@@ -110,7 +110,7 @@ def load_task(
     DeformationTask
         The handles' groups are the ids of their landmarks (positions in the
         dataset's list); `meta` holds ``dataset``, ``subject``, ``pose``,
-        ``source_pose``, ``resolution``, ``vertices``,
+        ``source_pose``, ``note`` (of the source, for tables), ``resolution``, ``vertices``,
         ``n_static``, ``n_dynamic``, ``snap_max``, ``merged`` and ``checksum``
         (of the mesh and the pose file).
 
@@ -175,7 +175,8 @@ def _handles(mesh: Mesh, records: list[dict[str, Any]], *, landmarks: list[str],
 
 
 def _facts(document: dict[str, Any], *, subject: int, pose: int, source_pose: str) -> dict[str, Any]:
-    return {
+    note = document["source"].get("note")
+    return ({"note": note} if note else {}) | {
         "dataset": document["name"],
         "source": document["source"]["name"],
         "seed": document["build"]["seed"],

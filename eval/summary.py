@@ -12,13 +12,30 @@ from sshade.errors import InputError
 
 @dataclass(frozen=True)
 class Column:
-    """One number of a table: its heading, its unit, the row's column, and the decimals it is printed with."""
+    """One number of a table.
+
+    Parameters
+    ----------
+    heading, unit : str
+    source : str
+        The row's column.
+    decimals : int
+        What it is printed with.
+    ranked : bool
+        Whether the lowest ones are marked.
+    optional : bool
+        Left out of tables whose rows have nothing there, or only zeros.
+    legend : str
+        What it says, where it is no metric.
+    """
 
     heading: str
     unit: str
     source: str
     decimals: int
     ranked: bool = True
+    optional: bool = False
+    legend: str = ""
 
     def text(self, mean: float) -> str:
         """The number as printed; times keep three digits, from milliseconds to hours."""
@@ -34,6 +51,14 @@ COLUMNS = (
     Column("EL", "%", "metric.edge", 2),
     Column("FA", "deg", "metric.angle", 3),
     Column("handle", "%", "metric.handle", 3),
+    Column(
+        "far",
+        "%",
+        "extra.far_share",
+        3,
+        optional=True,
+        legend="vertices carried by a proxy triangle more than 3 covering radii away along the proxy",
+    ),
     Column("iterations", "", "iterations", 0, ranked=False),
     Column("time", "s", "seconds.total", 2),
 )
@@ -88,21 +113,28 @@ def make_table(rows: list[Row], *, title: str, with_time: bool = True) -> Table:
     Raises
     ------
     InputError
-        When a method's rows have different configurations, or times come from
-        different machines or from runs that shared a machine.
+        When rows are of several datasets, a method's rows have different
+        configurations, or times come from different machines or from runs that
+        shared a machine.
     """
+    _check_dataset(rows)
     if with_time:
         _check_times(rows)
     else:
         rows = newest(rows, across_machines=True)
-    columns = tuple(column for column in COLUMNS if with_time or column.unit != "s")
+    columns = tuple(
+        column
+        for column in COLUMNS
+        if (with_time or column.unit != "s")
+        and (not column.optional or any(row.get(column.source) for row in rows))
+    )
     names = sorted({row["method.name"] for row in rows}, key=_place)
     cases = {_case(row) for row in rows}
     lines = [
         _line(name, [row for row in rows if row["method.name"] == name], cases=cases, columns=columns)
         for name in names
     ]
-    return Table(title, columns, lines, _notes(rows))
+    return Table(title, columns, lines, _notes(rows, columns=columns))
 
 
 def ranks(table: Table, column: Column) -> dict[str, int]:
@@ -119,6 +151,15 @@ def ranks(table: Table, column: Column) -> dict[str, int]:
     }
     order = sorted(set(printed.values()), key=float)
     return {method: order.index(text) + 1 for method, text in printed.items() if text in order[:2]}
+
+
+def _check_dataset(rows: list[Row]) -> None:
+    datasets = sorted({row["task.meta.dataset"] for row in rows if row.get("task.meta.dataset")})
+    if len(datasets) > 1:
+        raise InputError(
+            f"the rows are of {len(datasets)} datasets ({', '.join(datasets)}), whose means say nothing "
+            "together: run each dataset under a name of its own, run.experiment=..."
+        )
 
 
 def _check_times(rows: list[Row]) -> None:
@@ -190,13 +231,14 @@ def _load(rows: list[Row]) -> list[str]:
     ]
 
 
-def _notes(rows: list[Row]) -> list[str]:
-    """Cases, machine, failures, the methods' own notes and legend."""
+def _notes(rows: list[Row], *, columns: tuple[Column, ...]) -> list[str]:
+    """Cases, the dataset's note, machine, failures, the methods' own notes and legend."""
     cases = {row["task.name"] for row in rows}
     low, high = (bound(row["task.vertices"] for row in rows) for bound in (min, max))
     size = f"{low:,}" if low == high else f"{low:,} to {high:,}"
     plural = "" if len(cases) == 1 else "s"
     notes = [f"{len(cases)} case{plural} of {size} vertices; means over the runs with a result."]
+    notes += sorted({f"{row['task.meta.note']}." for row in rows if row.get("task.meta.note")})
     machines = sorted({row["env.machine"] for row in rows})
     notes.append(f"Machine: {'; '.join(machines)}.")
     notes += _load(rows)
@@ -215,7 +257,7 @@ def _notes(rows: list[Row]) -> list[str]:
         "Best in bold, second best underlined, among methods with a result for every case. "
         "In brackets after the iterations: runs that converged; the others stopped at the cutoff."
     )
-    shown = [c.source.removeprefix("metric.") for c in COLUMNS if c.source.startswith("metric.")]
-    headings = {c.source.removeprefix("metric."): c.heading for c in COLUMNS}
-    legend = "; ".join(f"{headings[name]}: {METRICS[name].equation}" for name in shown)
+    metrics = {f"metric.{name}": metric.equation for name, metric in METRICS.items()}
+    said = {column.heading: column.legend or metrics.get(column.source) for column in columns}
+    legend = "; ".join(f"{heading}: {text}" for heading, text in said.items() if text)
     return [*notes, f"{legend}. Lower is better."]

@@ -88,7 +88,7 @@ def test_meta(finished):
 def test_wrong_requests(finished, tmp_path):
     with pytest.raises(InputError, match="no such folder"):
         load_task(tmp_path / "nowhere", subject=0, pose=1)
-    with pytest.raises(InputError, match="run: defaust build out="):
+    with pytest.raises(InputError, match="source.root=.* out=DIR"):
         load_task(tmp_path, subject=0, pose=1)
     with pytest.raises(InputError, match="no subject 3"):
         load_task(finished, subject=3, pose=1)

@@ -100,6 +100,25 @@ def test_one_case_at_several_sizes(rows):
     assert table.notes[0].startswith("1 case of 2,000 to 25,000 vertices")
 
 
+def test_an_optional_column_is_there_where_a_row_has_more_than_zero(rows):
+    for extra in (None, 0.0):
+        same = make_table([{**one, "extra.far_share": extra} for one in rows], title="tiny")
+        assert to_markdown(same) == to_markdown(make_table(rows, title="tiny"))
+    far = [row("fan", extra__far_share=0.0), row("surface", extra__far_share=1.25), row("arap")]
+    table = make_table(far, title="t")
+    assert [line.means["far"] for line in table.lines] == [None, 0.0, 1.25]
+    assert "| far (%) |" in to_markdown(table) and "; far: vertices carried by" in table.notes[-1]
+
+
+def test_rows_of_two_datasets_are_refused_and_a_dataset_can_say_what_it_is():
+    of = {name: row("a", f"{name}/pose", task__meta__dataset=name) for name in ("faust", "synthetic")}
+    with pytest.raises(InputError, match="2 datasets .faust, synthetic.*run.experiment="):
+        make_table(list(of.values()), title="t")
+    noted = row("a", task__meta__dataset="faust", task__meta__note="The poses are a guess")
+    table = make_table([noted, row("b", task__meta__dataset="faust")], title="t")
+    assert table.notes[1] == "The poses are a guess."
+
+
 def test_latex(rows):
     lines = [line for line in to_latex(make_table(rows, title="tiny")).splitlines() if line[0] != "%"]
     assert lines == [
