@@ -16,16 +16,14 @@ from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from sshade.anderson import Anderson, largest_move
 from sshade.coarse import Energy, Start, initial_guess
-from sshade.cotangents import corner_vectors, edge_weights, half_cotangents, laplacian_matrix
+from sshade.constraints import Wanted
+from sshade.elements import Elements
 from sshade.errors import InputError
-from sshade.linalg import Engine, factor
+from sshade.linalg import Engine
 from sshade.mesh import Mesh
-from sshade.rotations import local_step, right_hand_side
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
 
 #: A rise of the energy below this (x the rest shape's Dirichlet energy) is rounding, not a bad step.
@@ -48,10 +46,16 @@ class Solution(NamedTuple):
     residual : float
         Largest move of a vertex in the last plain iteration / bounding-box diagonal.
     energy, energy_initial : float
-        After the local steps at `positions` and at the start; unit length^2.
+        After the local steps at `positions` and at the start, with the penalties
+        of weighted constraints; unit length^2. The start fulfils no constraint,
+        so that its energy may be the lower one.
     converged : bool
     rejected : int
         Accelerated iterates given up because the energy rose.
+    volume_error, area_error : float
+        Relative, of the worst component; NaN where none encloses a volume.
+    volume_constraint, area_constraint : str
+        See :meth:`sshade.constraints.Constraints.status`.
     """
 
     positions: np.ndarray
@@ -62,6 +66,10 @@ class Solution(NamedTuple):
     energy_initial: float
     converged: bool
     rejected: int
+    volume_error: float
+    area_error: float
+    volume_constraint: str
+    area_constraint: str
 
 
 class LocalGlobal:
@@ -93,42 +101,13 @@ class LocalGlobal:
     def __init__(
         self, mesh: Mesh, index: np.ndarray, *, energy: Energy = "spokes_and_rims", engine: Engine = "auto"
     ) -> None:
-        if energy not in ("spokes", "spokes_and_rims"):
-            raise InputError(f"unknown energy {energy!r}; use 'spokes' or 'spokes_and_rims'")
-        index = _checked(mesh, index)
-        h = half_cotangents(mesh)
-        edges, weights = edge_weights(mesh, h)
-        laplacian = laplacian_matrix(mesh.n, edges, weights)
-        held = np.zeros(mesh.n, dtype=bool)
-        held[index] = True
-        free = np.flatnonzero(~held)
-        rows = laplacian[free]
-        self.mesh, self.index, self.energy = mesh, index, energy
-        self._factor = factor(rows[:, free], engine=engine)
-        # The elimination order scatters neighbours over memory; a band ordering keeps the
-        # element loops in cache (five times faster at 150,000 vertices).
-        self._vertex = reverse_cuthill_mckee(laplacian, symmetric_mode=True)
-        position = np.empty(mesh.n, dtype=np.int32)
-        position[self._vertex] = np.arange(mesh.n)
-        free = free[self._factor.order]
-        self._to_handles = laplacian[free][:, index]
-        self._free, self._held = position[free], position[index]
-        if energy == "spokes":
-            corners, H = edges, weights[:, None]
-            Y = (weights[:, None] * (mesh.V[edges[:, 0]] - mesh.V[edges[:, 1]]))[:, None]
-        else:
-            corners, H, Y = mesh.F, h, corner_vectors(mesh, h)
-        near = np.argsort(position[corners].min(axis=1), kind="stable")
-        self._corners = np.ascontiguousarray(position[corners[near]])
-        self._Y, self._H = np.ascontiguousarray(Y[near]), np.ascontiguousarray(H[near])
-        # Each edge of an element is counted once per corner of the element.
-        squares = ((mesh.V[edges[:, 0]] - mesh.V[edges[:, 1]]) ** 2).sum(axis=1)
-        self._rest_energy = float(corners.shape[1] * (weights @ squares))
+        self._elements = Elements(mesh, index, energy=energy, engine=engine)
+        self.mesh, self.index, self.energy = mesh, self._elements.index, energy
 
     @property
     def engine(self) -> str:
         """Name of the library behind the factorisation."""
-        return self._factor.engine
+        return self._elements.factor.engine
 
     def solve(
         self,
@@ -139,6 +118,10 @@ class LocalGlobal:
         max_iterations: int = 1000,
         accelerate: bool = True,
         window: int = 5,
+        volume: float = 0.0,
+        area: float = 0.0,
+        volume_ratio: float = 1.0,
+        area_ratio: float = 1.0,
         progress: Progress = silent,
     ) -> Solution:
         """Iterate local and global steps to a residual.
@@ -146,8 +129,9 @@ class LocalGlobal:
         The residual is the largest move of a vertex in one *plain* iteration
         over the rest shape's diagonal, also under acceleration. The safeguard
         compares energies after local steps: where an accelerated iterate has a
-        higher one than the iterate before, the plain one takes its place.
-        Deterministic, and safe to call from several threads at once.
+        higher one than the iterate before, or cannot be led back to the exact
+        constraints, the plain one takes its place. Deterministic, and safe to
+        call from several threads at once.
 
         Parameters
         ----------
@@ -162,6 +146,13 @@ class LocalGlobal:
             Anderson acceleration.
         window : int
             Differences it keeps.
+        volume, area : float
+            Weights of the constraints on the volume that each component encloses
+            and on its area, without unit: 0 leaves it free, inf holds it exactly;
+            see :class:`sshade.constraints.Wanted`. Components with a boundary
+            keep a free volume, with a warning.
+        volume_ratio, area_ratio : float
+            What to hold them at, over the rest shape's.
         progress : Progress
 
         Returns
@@ -171,61 +162,72 @@ class LocalGlobal:
         Raises
         ------
         InputError
-            On a wrong shape, or a window under 1.
+            On a wrong shape, a window under 1, a negative weight, or a ratio that is not positive.
         FloatingPointError
             When an iterate is not finite.
         """
         targets, start = self._checked_positions(targets, start)
         if window < 1:
             raise InputError(f"the acceleration window must be at least 1, not {window}")
-        n = self.mesh.n
-        u = np.ascontiguousarray(start[self._vertex])
-        u[self._held] = targets
-        g, fixed = u.copy(), -(self._to_handles @ targets)
-        X = np.empty_like(fixed)
-        Q, R, B = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), np.empty((n, 9)), np.empty((n, 3))
-        mixer = Anderson(3 * n, window) if accelerate else None
-        iterations, rejected, residual, accelerated = 0, 0, np.inf, False
+        wanted = Wanted(volume, area, volume_ratio, area_ratio).checked()
+        u = np.ascontiguousarray(start[self._elements.vertex])
+        u[self._elements.held] = targets
+        iteration = self._elements.iteration(targets, wanted)
+        mixer = Anderson(u.size, window) if accelerate else None
+        g, slack = u.copy(), ENERGY_ROUNDING * abs(self._elements.rest_energy)
+        iterations, rejected, residual, mixed = 0, 0, np.inf, False
         energies = [np.inf]
         while True:
-            energy = local_step(self._corners, self._Y, self._H, u, Q, R)
-            if accelerated and energy > energies[-1] + ENERGY_ROUNDING * abs(self._rest_energy):
+            energy = iteration.local_step(u)
+            if mixed and not (energy <= energies[-1] + slack and iteration.restored):
                 u[:] = mixer.plain.reshape(-1, 3)
-                energy = local_step(self._corners, self._Y, self._H, u, Q, R)
+                energy = iteration.local_step(u)
                 rejected += 1
             energies.append(energy)
             if residual < tolerance or iterations >= max_iterations:
                 break
-            right_hand_side(self._corners, self._Y, R, B)
-            _gather(B, self._free, fixed, X)
-            self._factor.solve_ordered(X)
-            _scatter(X, self._free, g)
-            # Here g is the plain iterate g(u). A constraint on the iterates would project g
-            # at this point, and u after `advance`.
+            iteration.global_step(u, g)
             residual = float(largest_move(g, u)) / self.mesh.diagonal
             iterations += 1
             if not np.isfinite(residual):
                 raise FloatingPointError(f"the positions are not finite after {iterations} iterations")
-            accelerated = accelerate and residual >= tolerance and iterations < max_iterations
-            if accelerated:
-                mixer.advance(u.reshape(-1), g.reshape(-1))
+            mixed = False
+            if accelerate and residual >= tolerance and iterations < max_iterations:
+                mixed = mixer.advance(u.reshape(-1), g.reshape(-1))
+                if mixed:
+                    iteration.restore(u)
             else:
                 u[:] = g
             if iterations % REPORT_EVERY == 0:
                 progress("iterations", iterations, max_iterations, f"residual {residual:.1e}")
         progress("iterations", iterations, max_iterations, f"residual {residual:.1e}")
+        return self._solution(
+            u,
+            iteration.R,
+            wanted,
+            iterations=iterations,
+            residual=residual,
+            energy=self._elements.rest_energy + energies[-1],
+            energy_initial=self._elements.rest_energy + energies[1],
+            converged=residual < tolerance,
+            rejected=rejected,
+        )
+
+    def _solution(self, u: np.ndarray, R: np.ndarray, wanted: Wanted, **facts) -> Solution:
+        elements, n = self._elements, self.mesh.n
         positions, rotations = np.empty((n, 3)), np.empty((n, 3, 3))
-        positions[self._vertex] = u
-        rotations[self._vertex] = R.reshape(-1, 3, 3)
+        positions[elements.vertex] = u
+        rotations[elements.vertex] = R.reshape(-1, 3, 3)
+        errors = elements.constraints.errors(u, wanted)
+        volume_constraint, area_constraint = elements.constraints.status(wanted, errors)
         return Solution(
             positions=positions,
             rotations=rotations,
-            iterations=iterations,
-            residual=residual,
-            energy=self._rest_energy + energies[-1],
-            energy_initial=self._rest_energy + energies[1],
-            converged=residual < tolerance,
-            rejected=rejected,
+            volume_error=errors.volume,
+            area_error=errors.area,
+            volume_constraint=volume_constraint,
+            area_constraint=area_constraint,
+            **facts,
         )
 
     def _checked_positions(self, targets, start) -> tuple[np.ndarray, np.ndarray]:
@@ -248,6 +250,8 @@ def local_global(
     tolerance: float = 1e-5,
     max_iterations: int = 1000,
     accelerate: bool = True,
+    volume: float = 0.0,
+    area: float = 0.0,
     start: Start = "rest",
     engine: Engine = "auto",
     seed: int = 0,
@@ -266,6 +270,8 @@ def local_global(
         Cutoff; the paper's is 1000.
     accelerate : bool
         Anderson acceleration (window 5), to the same minimum in a fraction of the steps.
+    volume, area : float
+        Weights of the constraints, 0 (free) to inf (exact); see :class:`sshade.constraints.Wanted`.
     start : {"rest", "rigid"}
         See :func:`sshade.coarse.initial_guess`.
     engine : {"auto", "superlu", "cholespy"}
@@ -277,13 +283,14 @@ def local_global(
     Returns
     -------
     DeformationResult
-        ``extra`` holds ``rotations`` (n, 3, 3), ``residual``, ``energy``,
-        ``energy_initial``, ``rejected`` and ``engine``.
+        ``extra`` holds the ``engine`` and, as of :class:`Solution`,
+        ``rotations``, ``residual``, the energies, ``rejected``, and the errors
+        and states of volume and area.
 
     Raises
     ------
     InputError
-        On an unknown energy, start or engine.
+        On an unknown energy, start or engine, or a negative weight.
     FloatingPointError
         When triangles have no area.
     """
@@ -296,12 +303,12 @@ def local_global(
         tolerance=tolerance,
         max_iterations=max_iterations,
         accelerate=accelerate,
+        volume=volume,
+        area=area,
         progress=progress,
     )
-    extra: dict[str, Any] = {
-        name: getattr(solution, name)
-        for name in ("rotations", "residual", "energy", "energy_initial", "rejected")
-    }
+    own = ("positions", "iterations", "converged")
+    extra: dict[str, Any] = {name: value for name, value in solution._asdict().items() if name not in own}
     return DeformationResult(
         vertices=solution.positions,
         iterations=solution.iterations,
@@ -309,31 +316,3 @@ def local_global(
         seconds={"precompute": precomputed - begin, "solve": perf_counter() - precomputed},
         extra={**extra, "engine": solver.engine},
     )
-
-
-def _checked(mesh: Mesh, index: np.ndarray) -> np.ndarray:
-    index = np.array(index, dtype=np.int64)
-    if index.ndim != 1 or len(index) == 0:
-        raise InputError("at least one vertex needs a prescribed position")
-    if index.min() < 0 or index.max() >= mesh.n:
-        raise InputError(f"a handle id is out of range: the mesh has {mesh.n} vertices")
-    if len(np.unique(index)) < len(index):
-        raise InputError("a handle vertex is given twice")
-    free = np.setdiff1d(mesh.component, mesh.component[index])
-    if len(free):
-        raise InputError(f"{len(free)} components of the mesh have no handle; every component needs one")
-    return index
-
-
-@njit(cache=True, nogil=True)
-def _gather(B, rows, fixed, X):
-    for i in range(len(rows)):
-        for c in range(3):
-            X[i, c] = B[rows[i], c] + fixed[i, c]
-
-
-@njit(cache=True, nogil=True)
-def _scatter(X, rows, g):
-    for i in range(len(rows)):
-        for c in range(3):
-            g[rows[i], c] = X[i, c]
