@@ -59,31 +59,27 @@ def apply_motions(motions: np.ndarray, points: np.ndarray) -> np.ndarray:
     return _rotate(real, points) + 2.0 * _multiply(dual, conjugate)[:, 1:]
 
 
-def skin(
-    V: np.ndarray, motions: np.ndarray, *, bone: np.ndarray, weight: np.ndarray, shift: np.ndarray
-) -> np.ndarray:
-    """Blend the bones' motions at each vertex, move it, and shift the whole body.
+def blend_motions(motions: np.ndarray, *, bone: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Blend the bones' motions at each vertex, for :func:`apply_motions`.
 
     Parameters
     ----------
-    V : (n, 3) float64
     motions : (b, 8) float64
         From :func:`bone_motions`.
     bone : (n, k) int
         The bones that each vertex hangs on.
     weight : (n, k) float64
         Their weights; each row sums to 1.
-    shift : (3,) float64
 
     Returns
     -------
-    (n, 3) float64
+    (n, 8) float64
 
     References
     ----------
     L. Kavan, S. Collins, J. Zara, C. O'Sullivan, "Skinning with dual quaternions", 2007.
     """
-    return apply_motions(np.einsum("nk,nkc->nc", weight, motions[bone]), V) + shift
+    return np.einsum("nk,nkc->nc", weight, motions[bone])
 
 
 def _from_rotation_vectors(vectors: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from defaust.skinning import bone_motions, skin
+from defaust.skinning import apply_motions, blend_motions, bone_motions
 from defaust.sources import SourcePose
 from sshade import InputError, Mesh
 
@@ -79,8 +79,12 @@ class Bodies:
 
     def pose(self, subject: int, *, rotations: np.ndarray, shift: np.ndarray) -> np.ndarray:
         """(n, 3) vertices of a subject under any rotations (b, 3) and shift (3,)."""
+        return apply_motions(self.motions(subject, rotations=rotations), self.rest[subject]) + shift
+
+    def motions(self, subject: int, *, rotations: np.ndarray) -> np.ndarray:
+        """(n, 8) dual quaternion that moves each vertex of a subject under any rotations (b, 3)."""
         motions = bone_motions(self.joints[subject], self.parents, rotations=rotations)
-        return skin(self.rest[subject], motions, bone=self.bone, weight=self.weight, shift=shift)
+        return blend_motions(motions, bone=self.bone, weight=self.weight)
 
 
 @cache

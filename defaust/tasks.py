@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from defaust.edits import Edit
 from defaust.folder import (
     REST,
     REST_LOW,
@@ -21,7 +22,8 @@ from defaust.folder import (
     subject_folder,
 )
 from defaust.handles import DYNAMIC, UNUSED
-from sshade import DeformationTask, Handles, InputError, Mesh
+from defaust.transfers import Registered, transfer_task
+from sshade import DeformationTask, Handles, InputError, Mesh, TransferTask
 from sshade.meshio import read_mesh
 
 RESOLUTIONS = ("high", "low")
@@ -89,8 +91,9 @@ def load_task(
     pose: int,
     resolution: str = "high",
     raw: bool = False,
-) -> DeformationTask:
-    """Rest mesh and handles of one subject and pose.
+    edit: Edit | None = None,
+) -> DeformationTask | TransferTask:
+    """Rest mesh and handles of one subject and pose; or, with an edit, the pose to transfer.
 
     Parameters
     ----------
@@ -104,11 +107,16 @@ def load_task(
         They are the same, truth included, in a dataset built with target_vertices=null.
     raw : bool
         Keep the stored targets where a handle is snapped to another position.
+    edit : Edit, optional
+        One of :mod:`defaust.edits`: the task is to put the edited rest mesh into
+        the pose, without handles. :class:`defaust.edits.Unedited` leaves the mesh
+        as it is.
 
     Returns
     -------
-    DeformationTask
-        The handles' groups are the ids of their landmarks (positions in the
+    DeformationTask or TransferTask
+        For a transfer see :func:`defaust.transfers.transfer_task`. Otherwise the
+        handles' groups are the ids of their landmarks (positions in the
         dataset's list); `meta` holds ``dataset``, ``subject``, ``pose``,
         ``source_pose``, ``note`` (of the source, for tables), ``resolution``, ``vertices``,
         ``n_static``, ``n_dynamic``, ``snap_max``, ``merged`` and ``checksum``
@@ -125,34 +133,48 @@ def load_task(
     list_tasks(root, subjects=[subject], poses=[pose])
     document = read_dataset(root)
     folder = subject_folder(subject)
+    name = f"{document['name']}/{folder}/pose_{pose}"
     mesh_name = f"{folder}/{REST if resolution == 'high' else REST_LOW}"
     pose_name = f"{folder}/{pose_file(pose)}"
-    sums = [_checked(root, name, document=document) for name in (mesh_name, pose_name)]
+    sums = [_checked(root, file, document=document) for file in (mesh_name, pose_name)]
 
     mesh = read_mesh(root / mesh_name)
     content = read_json(root / pose_name)
+    facts = _facts(document, subject=subject, pose=pose, source_pose=content["source_pose"])
+    facts |= {"resolution": resolution, "vertices": mesh.n, "checksum": "+".join(s[:16] for s in sums)}
+    registered = resolution == "low" or document["build"]["target_vertices"] is None
+    if edit is not None:
+        meshes = _registered(root, document, folder=folder, pose=pose, rest=None if registered else mesh)
+        return transfer_task(meshes, document, name=name, edit=edit, facts=facts)
     handles = _handles(mesh, content["handles"], landmarks=document["landmarks"], raw=raw)
     truth = None
-    if resolution == "low" or document["build"]["target_vertices"] is None:
+    if registered:
         _checked(root, f"{folder}/{pose_mesh(pose)}", document=document)
         truth = read_mesh(root / folder / pose_mesh(pose)).V
     return DeformationTask(
-        name=f"{document['name']}/{folder}/pose_{pose}",
+        name=name,
         mesh=mesh,
         handles=handles,
         truth=truth,
-        meta=_facts(document, subject=subject, pose=pose, source_pose=content["source_pose"])
+        meta=facts
         | {
-            "resolution": resolution,
-            "vertices": mesh.n,
             "n_static": int((~handles.dynamic).sum()),
             "n_dynamic": int(handles.dynamic.sum()),
             "snap_max": float(handles.snap_distance.max()),
             "merged": int(handles.merged),
             "raw": raw,
-            "checksum": "+".join(value[:16] for value in sums),
         },
     )
+
+
+def _registered(
+    root: Path, document: dict[str, Any], *, folder: str, pose: int, rest: Mesh | None
+) -> Registered:
+    """The registered meshes of a pose, with the rest mesh of the task; None: the registered one."""
+    for name in (REST_LOW, pose_mesh(pose)):
+        _checked(root, f"{folder}/{name}", document=document)
+    low, posed = (read_mesh(root / folder / name) for name in (REST_LOW, pose_mesh(pose)))
+    return Registered(low if rest is None else rest, low, posed)
 
 
 def _check_resolution(resolution: str) -> None:

@@ -1,0 +1,119 @@
+"""Edits: what they move, how smoothly, and that they do not depend on unit, place or resolution."""
+
+from importlib import resources
+
+import numpy as np
+import pytest
+import yaml
+
+from defaust import edits
+from defaust.edits import Fin, Horns, Inflate, Stretch, Unedited
+from defaust.synthetic import SyntheticBodies
+from sshade import InputError, Mesh
+from tests.shapes import bumpy, icosphere, strip
+
+EDITS = [
+    Inflate(at=(0.5, 0.5, 1.0), radius=0.2, amount=0.05),
+    Stretch(at=(0.5, 0.5, 1.0), radius=0.3, amount=0.1),
+    Horns(at=((0.5, 0.5, 1.0), (1.0, 0.5, 0.5)), radius=0.1, height=0.1),
+    Fin(start=(0.5, 0.5, 1.0), end=(1.0, 0.5, 0.5), width=0.06, height=0.05),
+]
+NAMES = [edit.name for edit in EDITS]
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    return bumpy(5)
+
+
+@pytest.mark.parametrize("edit", EDITS, ids=NAMES)
+def test_a_region_moves_smoothly_and_the_rest_stays(mesh, edit):
+    V = edit(mesh)
+    assert V is not mesh.V and V.shape == mesh.V.shape
+    moved = np.linalg.norm(V - mesh.V, axis=1) / mesh.diagonal
+    length = getattr(edit, "amount", None) or edit.height
+    assert 0.8 * length < moved.max() < 1.01 * length
+    assert 0.001 < (moved > 0).mean() < 0.3
+    # Neighbours move alike: no step at the border of the region.
+    step = np.abs(np.diff(moved[mesh.edges], axis=1)).ravel()
+    assert step[(moved[mesh.edges] == 0).any(axis=1)].max() < 0.05 * length
+    edited = Mesh(V, mesh.F)
+    assert edited.volume > mesh.volume
+    assert (np.einsum("ij,ij->i", edited.face_normals, mesh.face_normals) > -0.9).all()
+
+
+@pytest.mark.parametrize("edit", EDITS, ids=NAMES)
+def test_unit_and_place_of_the_mesh_do_not_matter(mesh, edit):
+    scaled = Mesh(8 * mesh.V + [5.0, -3, 2], mesh.F)
+    np.testing.assert_allclose(edit(scaled), 8 * edit(mesh) + [5.0, -3, 2], atol=1e-8)
+
+
+@pytest.mark.parametrize("edit", EDITS, ids=NAMES)
+def test_finer_meshes_get_the_same_edit(edit):
+    coarse, fine = icosphere(4), icosphere(5)  # the vertices of the one begin those of the other
+    # A place on the coarse sphere, found again on the fine one: only extremal points are sure to be.
+    gap = np.linalg.norm(edit(fine)[: coarse.n] - edit(coarse), axis=1)
+    length = getattr(edit, "amount", None) or edit.height
+    assert gap.max() < 0.25 * length * coarse.diagonal
+    assert gap.mean() < 0.01 * length * coarse.diagonal
+
+
+def test_the_shape_itself(mesh):
+    assert Unedited()(mesh) is mesh.V and Unedited().name == ""
+
+
+def test_inflating_a_sphere_goes_along_the_radius():
+    ball = icosphere(4)
+    V = Inflate(at=(0.5, 0.5, 1.0), radius=0.2, amount=0.05)(ball)
+    top = np.argmax(ball.V[:, 2])
+    np.testing.assert_allclose(V[top], [0, 0, 1 + 0.05 * ball.diagonal], atol=0.01)
+    radial = np.einsum("ij,ij->i", V - ball.V, ball.V)
+    np.testing.assert_allclose(radial, np.linalg.norm(V - ball.V, axis=1), atol=2e-3)
+
+
+def test_only_what_hangs_together_with_the_place_moves():
+    """Two limbs side by side: the one that is not meant stays, however near it is."""
+    flat = strip(40, 1)
+    folded = flat.V.copy()
+    half = flat.V[:, 0] > 20
+    folded[half] = np.stack([40 - flat.V[half, 0], flat.V[half, 1], np.full(half.sum(), 0.5)], axis=1)
+    mesh = Mesh(folded, flat.F)
+    moved = Stretch(at=(0.0, 0.0, 1.0), radius=0.2, amount=0.1)(mesh) != mesh.V
+    assert moved.any() and not moved[~half].any()
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        (Inflate(at=(0.5, 0.5), radius=0.2, amount=0.1), "three fractions of the bounding box"),
+        (Inflate(at=(0.5, 0.5, np.nan), radius=0.2, amount=0.1), "three fractions"),
+        (Stretch(at=(0.5, 0.5, 1.0), radius=1e-6, amount=0.1), "moves one vertex of this mesh"),
+        (Fin(start=(1, 1, 1), end=(1, 1, 1), width=0.1, height=0.1), "not at the same vertex"),
+    ],
+)
+def test_edits_that_do_not_fit(mesh, edit, message):
+    with pytest.raises(InputError, match=message):
+        edit(mesh)
+
+
+def test_a_fin_from_one_component_to_another():
+    ball = icosphere(1)
+    two = Mesh(np.concatenate([ball.V, ball.V + [5.0, 0, 0]]), np.concatenate([ball.F, ball.F + ball.n]))
+    with pytest.raises(InputError, match="same component"):
+        Fin(start=(0, 0.5, 0.5), end=(1, 0.5, 0.5), width=0.1, height=0.1)(two)
+
+
+def test_the_configured_edits_suit_the_bodies():
+    folder = resources.files("conf").joinpath("edit")
+    names = sorted(f.name.removesuffix(".yaml") for f in folder.iterdir() if f.name.endswith(".yaml"))
+    assert names == ["fin", "horns", "inflate", "stretch", "unedited"]
+    source = SyntheticBodies()
+    for subject in (0, 9):
+        rest = source.rest(subject)
+        for name in names:
+            config = yaml.safe_load(folder.joinpath(f"{name}.yaml").read_text())
+            edit = getattr(edits, config.pop("_target_").rpartition(".")[2])(**config)
+            assert edit.name == ("" if name == "unedited" else name)
+            edited = Mesh(edit(rest), rest.F)
+            if name != "unedited":
+                assert 1.001 < edited.volume / rest.volume < 1.25

@@ -1,0 +1,94 @@
+"""Target poses of finer rest meshes: skinned ones, subdivided ones, and how the two agree."""
+
+import numpy as np
+import pytest
+
+from defaust.full_size import Skin, has_skin, interpolation, subdivided_pose
+from defaust.synthetic import SHA256, SyntheticBodies, load_bodies
+from defaust.upsample import subdivide, upsample
+from sshade import InputError, Mesh
+from tests.shapes import bumpy, icosphere, rotation
+
+
+@pytest.fixture(scope="module")
+def body():
+    source = SyntheticBodies()
+    return source.rest(3), [source.posed(3, pose) for pose in source.poses(3)]
+
+
+@pytest.fixture(scope="module")
+def fine(body):
+    """The rest mesh subdivided once: 27,554 vertices, of which the first 6,890 are moved old ones."""
+    return subdivide(body[0], steps=1)
+
+
+def test_the_registered_mesh_is_skinned_to_the_registered_poses(body):
+    rest, poses = body
+    for name, posed in zip(load_bodies().pose_names, poses, strict=True):
+        skin = Skin(rest, rest, subject=3, pose=name)
+        np.testing.assert_array_equal(skin(rest.V), posed.V)
+        # Carried from the mesh to itself, the weights stay.
+        again = Skin(Mesh(rest.V, rest.F), rest, subject=3, pose=name)
+        np.testing.assert_allclose(again(rest.V), posed.V, atol=1e-12)
+
+
+def test_a_moved_vertex_follows_its_bones(body):
+    """Near a vertex that hangs on one bone, skinning is that bone's rigid motion."""
+    rest, _ = body
+    bodies = load_bodies()
+    skin = Skin(rest, rest, subject=3, pose="squat")
+    alone = np.flatnonzero(bodies.weight.max(axis=1) == 1)
+    assert len(alone) > 100
+    offset = np.array([[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
+    base, moved = skin(rest.V), [skin(rest.V + d) for d in offset]
+    R = np.stack([m - base for m in moved], axis=2)[alone] / 0.1
+    np.testing.assert_allclose(R @ R.transpose(0, 2, 1), np.broadcast_to(np.eye(3), R.shape), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(R), 1)
+
+
+def test_skinned_and_subdivided_poses_of_a_fine_mesh_agree(body, fine):
+    rest, poses = body
+    for name, posed in zip(load_bodies().pose_names, poses, strict=True):
+        skinned = Skin(fine, rest, subject=3, pose=name)(fine.V)
+        subdivided = subdivided_pose(fine, rest, posed, steps=1)
+        gap = np.linalg.norm(skinned - subdivided, axis=1)
+        assert gap.mean() < 3e-4 and gap.max() < 2e-2  # metres; the largest in a crease
+        moved = np.linalg.norm(skinned - fine.V, axis=1)
+        assert moved.max() > 0.3
+
+
+def test_a_subdivided_mesh_goes_to_the_subdivided_pose():
+    """A remeshed surface lies on the subdivided one, where every point has its place in the pose."""
+    low = bumpy(2)
+    posed = Mesh(low.V @ rotation(4).T * 2 + 1, low.F)
+    remeshed = upsample(low, target_vertices=700, ls3_steps=1).mesh
+    np.testing.assert_allclose(
+        subdivided_pose(remeshed, low, posed, steps=1), remeshed.V @ rotation(4).T * 2 + 1, atol=1e-6
+    )
+
+
+def test_a_rest_mesh_from_elsewhere_is_refused():
+    low = bumpy(2)
+    with pytest.raises(InputError, match="off the subdivided registered mesh.*build the dataset again"):
+        subdivided_pose(Mesh(1.01 * low.V, low.F), low, low, steps=0)
+
+
+def test_interpolation():
+    mesh = icosphere(2)
+    rng = np.random.default_rng(0)
+    weights = rng.dirichlet([1, 1, 1], size=50)
+    faces = rng.integers(0, mesh.m, 50)
+    points = np.einsum("nk,nkc->nc", weights, mesh.V[mesh.F[faces]])
+    B, distance = interpolation(points, mesh)
+    np.testing.assert_allclose(B @ mesh.V, points, atol=1e-12)
+    np.testing.assert_allclose(B.sum(axis=1), 1)
+    assert distance.max() < 1e-12 and B.data.min() >= 0
+    B, distance = interpolation(3 * mesh.V, mesh)
+    np.testing.assert_allclose(B.toarray(), np.eye(mesh.n), atol=1e-12)
+    np.testing.assert_allclose(distance, 2)
+
+
+def test_bodies_of_another_version_are_refused():
+    assert has_skin({"asset_sha256": SHA256}) and not has_skin({"title": "FAUST"})
+    with pytest.raises(InputError, match="made from other bodies .*build it again"):
+        has_skin({"asset_sha256": "0" * 64})

@@ -1,0 +1,108 @@
+"""Pose transfers of a dataset: what is edited, what it is put into, and what is known of the result."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from defaust.build import build
+from defaust.edits import Inflate, Unedited
+from defaust.folder import checksum, dump
+from defaust.options import BuildOptions
+from defaust.synthetic import SyntheticBodies
+from defaust.tasks import load_task
+from defaust.transfers import Registered, transfer_task
+from sshade import InputError, TransferTask
+from sshade.meshio import read_mesh
+
+BELLY = Inflate(at=(0.5, 0.62, 0.5), radius=0.12, amount=0.05)
+
+
+@pytest.fixture(scope="module")
+def bodies(tmp_path_factory):
+    """A synthetic body, remeshed to about 3500 vertices."""
+    out = tmp_path_factory.mktemp("data") / "bodies"
+    options = BuildOptions(subjects=(2,), target_vertices=3500)
+    build(SyntheticBodies(poses_used=("squat", "arms_up")), out, options=options, workers=1)
+    return out
+
+
+def test_isometric_at_full_size_by_skinning(bodies):
+    task = load_task(bodies, subject=2, pose=1, edit=Unedited())
+    assert isinstance(task, TransferTask) and task.name == "defaust-synthetic/subject_02/pose_1"
+    assert task.mesh is task.rest and task.truth is task.posed
+    np.testing.assert_array_equal(task.rest.V, read_mesh(bodies / "subject_02/rest.ply").V)
+    posed = read_mesh(bodies / "subject_02/pose_1_low.ply")
+    rest = read_mesh(bodies / "subject_02/rest_low.ply")
+    # In the mean each vertex goes where its nearest registered one goes.
+    nearest = cKDTree(rest.V).query(task.rest.V)[1]
+    moved = (task.posed - task.rest.V) - (posed.V - rest.V)[nearest]
+    assert np.linalg.norm(moved, axis=1).mean() < 0.005
+    facts = {name: task.meta[name] for name in ("class", "edit", "posed_by", "source_pose", "resolution")}
+    assert facts == {
+        "class": "subject_02",
+        "edit": "none",
+        "posed_by": "skinning",
+        "source_pose": "squat",
+        "resolution": "high",
+    }
+    handles = load_task(bodies, subject=2, pose=1)
+    assert task.meta["checksum"] == handles.meta["checksum"]
+
+
+def test_isometric_at_low_resolution_is_the_registration(bodies):
+    task = load_task(bodies, subject=2, pose=2, resolution="low", edit=Unedited())
+    np.testing.assert_array_equal(task.truth, read_mesh(bodies / "subject_02/pose_2_low.ply").V)
+    assert task.meta["posed_by"] == "registration" and task.meta["source_pose"] == "arms_up"
+
+
+@pytest.mark.parametrize("resolution", ["high", "low"])
+def test_an_edited_body_has_a_truth(bodies, resolution):
+    plain = load_task(bodies, subject=2, pose=1, resolution=resolution, edit=Unedited())
+    task = load_task(bodies, subject=2, pose=1, resolution=resolution, edit=BELLY)
+    assert task.name == plain.name + "/inflate" and task.meta["edit"] == "inflate"
+    np.testing.assert_array_equal(task.rest.V, plain.rest.V)
+    np.testing.assert_array_equal(task.posed, plain.posed)
+    np.testing.assert_array_equal(task.mesh.V, BELLY(plain.rest))
+    edited = (task.mesh.V != task.rest.V).any(axis=1)
+    assert 0.02 < edited.mean() < 0.5
+    np.testing.assert_allclose(task.truth[~edited], task.posed[~edited], atol=1e-12)
+    # A displacement turns with the body and keeps its length.
+    before, after = (np.linalg.norm(d, axis=1) for d in (task.mesh.V - task.rest.V, task.truth - task.posed))
+    np.testing.assert_allclose(after, before, atol=1e-12)
+
+
+def test_a_source_without_a_skin_is_subdivided_and_leaves_edits_without_truth(finished):
+    task = load_task(finished, subject=1, pose=1, edit=Unedited())
+    assert task.meta["posed_by"] == "subdivision" and task.truth is task.posed
+    # This pose is a shear above the equator.
+    expected = task.rest.V + [1.0, 0, 0] * np.maximum(0, task.rest.V[:, 1:2])
+    gap = np.abs(task.posed - expected)
+    assert gap.max() < 0.04 and gap.mean() < 1e-3  # in the triangles that the equator crosses
+    edited = load_task(finished, subject=1, pose=1, edit=Inflate((0.5, 1, 0.5), radius=0.2, amount=0.1))
+    assert edited.truth is None and edited.posed.shape == edited.mesh.V.shape
+
+
+def test_classes_are_called_by_name(finished):
+    document = json.loads((finished / "dataset.json").read_text())
+    document["source"]["classes"] = ["cat", "dog", "horse"]
+    low, posed = (read_mesh(finished / "subject_01" / name) for name in ("rest_low.ply", "pose_1_low.ply"))
+    facts = {"subject": 1, "source_pose": "lean"}
+    task = transfer_task(Registered(low, low, posed), document, name="t", edit=Unedited(), facts=facts)
+    assert task.meta["class"] == "dog" and task.meta["posed_by"] == "registration"
+
+
+def test_damaged_or_foreign_datasets_are_refused(dataset, bodies):
+    (dataset / "subject_00/pose_1_low.ply").unlink()
+    with pytest.raises(InputError, match="pose_1_low.ply is missing"):
+        load_task(dataset, subject=0, pose=1, edit=Unedited())
+    path = bodies / "dataset.json"
+    text = path.read_text()
+    document = json.loads(text)
+    document["source"]["asset_sha256"] = "0" * 64
+    document["checksum"] = checksum(document)
+    path.write_text(dump(document))
+    with pytest.raises(InputError, match="other bodies"):
+        load_task(bodies, subject=2, pose=1, edit=Unedited())
+    path.write_text(text)
