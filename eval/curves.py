@@ -14,16 +14,14 @@ from collections import defaultdict
 from pathlib import Path
 
 from eval.metrics import METRICS
-from eval.store import VALID, Row, read_csv
+from eval.plotting import look, new_figure, save, style
+from eval.store import ROWS_HELP, VALID, Row, read_csv, rows_file
 from sshade.console import run_command
 from sshade.errors import InputError
-from sshade.files import replacing
+from sshade.show import require_extra
 
 #: Method -> (vertices, value), by growing vertices.
 Curves = dict[str, list[tuple[float, float]]]
-
-#: Without the time and matplotlib's version in the file the same rows give the same bytes.
-_METADATA = {".png": {"Software": None}, ".pdf": {"CreationDate": None, "Producer": None}}
 
 
 def curves(rows: list[Row], metric: str = "volume") -> Curves:
@@ -60,42 +58,31 @@ def curves(rows: list[Row], metric: str = "volume") -> Curves:
 
 
 def draw(lines: Curves, path: Path, *, metric: str) -> None:
-    """Draw the curves into a .png or .pdf file, vertices on a logarithmic axis."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(figsize=(6.0, 3.8), layout="constrained")
-    for (method, points), marker in zip(lines.items(), "osD^vPX*<>" * len(lines), strict=False):
-        axes.plot(*zip(*points, strict=True), label=method, marker=marker, markersize=4, linewidth=1.2)
-    axes.set_xscale("log")
-    axes.set_ylim(bottom=0)
-    axes.set_xlabel("vertices")
-    axes.set_ylabel(f"{metric} ({METRICS[metric].unit})")
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(frameon=False, fontsize=8)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as temporary:
-        figure.savefig(
-            temporary, format=path.suffix[1:] or "png", dpi=150, metadata=_METADATA.get(path.suffix)
-        )
-    plt.close(figure)
+    """Draw the curves into a .svg, .pdf or .png file, vertices on a logarithmic axis."""
+    with style():
+        figure = new_figure(6.0, 3.8)
+        axes = figure.subplots()
+        looks = look(list(lines))
+        for method, points in lines.items():
+            axes.plot(*zip(*points, strict=True), label=method, markersize=4, linewidth=1.2, **looks[method])
+        axes.set_xscale("log")
+        axes.set_ylim(bottom=0)
+        axes.set_xlabel("vertices")
+        axes.set_ylabel(f"{metric} ({METRICS[metric].unit})")
+        axes.legend()
+    save(figure, path)
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Command line of ``python -m eval.curves``."""
     parser = argparse.ArgumentParser(prog="python -m eval.curves", description=__doc__)
-    parser.add_argument("rows", type=Path, help="CSV made by eval.collect")
+    parser.add_argument("rows", type=Path, help=ROWS_HELP)
     parser.add_argument("--metric", default="volume", help="default: %(default)s")
     parser.add_argument("-o", "--out", type=Path, help="default: results/figures/<experiment>.png")
     options = parser.parse_args(arguments)
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError as error:
-        raise InputError(f"{error.name} is not installed; pip install sshade[figures]") from error
+    require_extra()
     path = options.out or Path("results/figures") / f"{options.rows.stem}.png"
-    draw(curves(read_csv(options.rows), options.metric), path, metric=options.metric)
+    draw(curves(read_csv(rows_file(options.rows)), options.metric), path, metric=options.metric)
     print(path)  # noqa: T201
     return 0
 

@@ -14,11 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
+from eval.plotting import new_figure, save
 from eval.recall import load_task
 from eval.store import FOLDER_HELP, VALID, Row, experiment_folder, read_row, read_vertices, run_folders
 from sshade.console import run_command
 from sshade.errors import InputError
-from sshade.files import replacing
 from sshade.show import COLOURS, TOWARDS, UP, View, colour_range, edge_error, picture, require_extra
 from sshade.task import DeformationTask
 
@@ -80,15 +80,11 @@ def draw(cases: list[Case], path: Path, *, title: str, towards: np.ndarray, up: 
     ----------
     cases : list of Case
     path : path
-        A .png or .pdf file.
+        A .png, .pdf or .svg file.
     title : str
     towards, up : (3,) float64
         From the scene to the camera, and the upright direction.
     """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -97,15 +93,8 @@ def draw(cases: list[Case], path: Path, *, title: str, towards: np.ndarray, up: 
     views = [view_of(case, towards=towards, up=up) for case in cases]
     columns = 1 + max(len(case.results) for case in cases)
     heights = [view.height / view.width for view in views]
-    width = 2.2 * columns + 0.9
-    figure, axes = plt.subplots(
-        len(cases),
-        columns,
-        figsize=(width, 2.2 * sum(heights) + 0.8),
-        squeeze=False,
-        height_ratios=heights,
-        layout="constrained",
-    )
+    figure = new_figure(2.2 * columns + 0.9, 2.2 * sum(heights) + 0.8)
+    axes = figure.subplots(len(cases), columns, squeeze=False, height_ratios=heights)
     for case, view, values, panels in zip(cases, views, errors, axes, strict=True):
         for panel in panels:
             panel.set_axis_off()
@@ -129,10 +118,7 @@ def draw(cases: list[Case], path: Path, *, title: str, towards: np.ndarray, up: 
     bar.set_label("change of edge length at a vertex (%)", fontsize=9)
     bar.ax.tick_params(labelsize=8)
     figure.suptitle(f"{title}  (handles: blue static, yellow dynamic)", fontsize=11)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as temporary:
-        figure.savefig(temporary, dpi=200)
-    plt.close(figure)
+    save(figure, path)
 
 
 def view_of(case: Case, *, towards: np.ndarray = TOWARDS, up: np.ndarray = UP) -> View:

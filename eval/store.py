@@ -191,9 +191,10 @@ def write_csv(path: str | os.PathLike[str], rows: list[Row]) -> None:
         temporary.write_text(text.getvalue())
 
 
-def rows_file(name: Path) -> Path:
+def rows_file(name: str | os.PathLike[str]) -> Path:
     """The CSV of rows that is meant by a path, or by the name of an experiment."""
-    return name if name.suffix == ".csv" else ROWS / f"{name}.csv"
+    path = Path(name)
+    return path if path.suffix == ".csv" else ROWS / f"{name}.csv"
 
 
 def read_csv(path: str | os.PathLike[str]) -> list[Row]:

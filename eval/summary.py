@@ -119,7 +119,7 @@ def make_table(rows: list[Row], *, title: str, with_time: bool = True) -> Table:
     """
     _check_dataset(rows)
     if with_time:
-        _check_times(rows)
+        check_times(rows)
     else:
         rows = newest(rows, across_machines=True)
     columns = tuple(
@@ -128,13 +128,17 @@ def make_table(rows: list[Row], *, title: str, with_time: bool = True) -> Table:
         if (with_time or column.unit != "s")
         and (not column.optional or any(row.get(column.source) for row in rows))
     )
-    names = sorted({row["method.name"] for row in rows}, key=_place)
     cases = {_case(row) for row in rows}
     lines = [
         _line(name, [row for row in rows if row["method.name"] == name], cases=cases, columns=columns)
-        for name in names
+        for name in method_names(rows)
     ]
     return Table(title, columns, lines, _notes(rows, columns=columns))
+
+
+def method_names(rows: list[Row]) -> list[str]:
+    """The methods of rows, in a table's order."""
+    return sorted({row["method.name"] for row in rows}, key=_place)
 
 
 def ranks(table: Table, column: Column) -> dict[str, int]:
@@ -162,7 +166,8 @@ def _check_dataset(rows: list[Row]) -> None:
         )
 
 
-def _check_times(rows: list[Row]) -> None:
+def check_times(rows: list[Row]) -> None:
+    """Raise InputError unless the times of the rows compare: one machine, one run at a time."""
     timed = [row for row in rows if row["status"] in VALID]
     machines = sorted({row["env.machine"] for row in timed})
     if len(machines) > 1:

@@ -77,20 +77,20 @@ def cells(
     by_column = {column.heading: ranks(table, column) for column in table.columns}
     body = []
     for line in table.lines:
-        cells = [
+        texts = [
             escape(line.method),
             str(line.runs) if line.valid == line.runs else f"{line.valid}/{line.runs}",
         ]
         for column in table.columns:
             mean = line.means[column.heading]
             if mean is None:
-                cells.append(not_available if line.valid else line.outcome)
+                texts.append(not_available if line.valid else line.outcome)
                 continue
             text = marks[by_column[column.heading].get(line.method, 0)].format(column.text(mean))
             if column.source == "iterations" and line.converged != "-":
                 text += f" ({line.converged})"
-            cells.append(text)
-        body.append(cells)
+            texts.append(text)
+        body.append(texts)
     return body
 
 

@@ -45,7 +45,7 @@ def test_what_cannot_be_drawn_is_refused(rows):
         curves(rows[-2:])
 
 
-@pytest.mark.parametrize("suffix", ["png", "pdf"])
+@pytest.mark.parametrize("suffix", ["png", "pdf", "svg"])
 def test_command_writes_the_same_bytes_again(rows, tmp_path, capsys, suffix):
     pytest.importorskip("matplotlib")
     write_csv(tmp_path / "r.csv", rows)

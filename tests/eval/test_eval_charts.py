@@ -1,0 +1,158 @@
+"""Charts of an experiment: what they show, and that the same rows give the same files."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eval.experiment import Experiment, read_experiments
+from eval.store import run_folder, write_csv, write_run
+from sshade.errors import InputError
+
+pytest.importorskip("matplotlib")
+
+from eval.charts import charts, convergence, distributions, main, times
+from eval.plotting import look, new_figure, save
+
+
+def row(method, task="t1", **changes):
+    values = {
+        "method.name": method,
+        "method.hash": method,
+        "task.name": task,
+        "task.checksum": "c",
+        "task.vertices": 1000,
+        "seed": 0,
+        "date": "2026-01-01",
+        "key": f"{method}-{task}",
+        "status": "ok",
+        "metric.volume": 1.0,
+        "metric.area": 2.0,
+        "metric.edge": None,
+        "seconds.total": 5.0,
+        "env.machine": "box",
+        "env.concurrent": False,
+    }
+    return {**values, **{name.replace("__", "."): value for name, value in changes.items()}}
+
+
+@pytest.fixture
+def rows():
+    return [
+        row("arap", metric__volume=4.0),
+        row("arap", "t2", metric__volume=8.0, seconds__total=50.0),
+        row("sshade", metric__volume=2.0, seconds__total=0.5),
+        row("sshade", "t2", status="failed", metric__volume=None, seconds__total=None),
+    ]
+
+
+def dots(axes):
+    """The runs of a distribution, top to bottom: (n,) values each."""
+    return [np.asarray(part.get_offsets())[:, 0].tolist() for part in axes.collections]
+
+
+def test_a_distribution_shows_every_run_of_every_method(rows):
+    found = distributions(rows)
+    # The area is the same everywhere, and the edges were not measured.
+    assert set(found) == {"volume", "time"}
+    axes = found["volume"].axes[0]
+    assert dots(axes) == [[4.0, 8.0], [2.0]]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["arap", "sshade"]
+    assert axes.get_yticks().tolist() == [1, 0]
+    assert axes.get_title() == "volume (%)" and axes.get_xscale() == "linear" and axes.get_xlim()[0] == 0
+    medians = sorted({line.get_xdata()[0] for line in axes.lines if len(set(line.get_xdata())) == 1})
+    assert 6.0 in medians and 2.0 in medians
+    assert found["time"].axes[0].get_xscale() == "log"
+
+
+def test_zeros_among_orders_of_magnitude_stay_visible():
+    rows = [row("a", f"t{i}", metric__volume=v) for i, v in enumerate([0.0, 0.1, 0.2, 50.0])]
+    axes = distributions(rows)["volume"].axes[0]
+    assert axes.get_xscale() == "symlog" and axes.get_xlim()[0] == 0
+
+
+@pytest.mark.parametrize("change", [{"env__machine": "laptop"}, {"env__concurrent": True}])
+def test_times_that_do_not_compare_are_not_drawn(rows, change):
+    rows[0] |= {name.replace("__", "."): value for name, value in change.items()}
+    assert set(distributions(rows)) == {"volume"} and times(rows) == {}
+
+
+def test_time_against_vertices_joins_the_sizes_of_a_method():
+    rows = [
+        row("arap-2000", task__vertices=2010, seconds__total=1.0),
+        row("arap-2000", "t2", task__vertices=2010, seconds__total=3.0),
+        row("arap-9000", task__vertices=9020, seconds__total=10.0),
+        row("sshade-6000", task__vertices=2010, seconds__total=0.1),  # 6000 is no number of its vertices
+    ]
+    axes = times(rows)["time_vertices"].axes[0]
+    lines = {line.get_label(): (list(line.get_xdata()), list(line.get_ydata())) for line in axes.lines}
+    assert lines == {"arap": ([2010, 9020], [2.0, 10.0]), "sshade-6000": ([2010], [0.1])}
+    assert axes.get_xscale() == axes.get_yscale() == "log"
+
+
+def test_curves_of_the_runs_that_are_here(rows, tmp_path):
+    losses = np.array([[4.0, 1.0], [2.0, 0.5], [1.0, 0.25]])
+    write_run(run_folder(tmp_path, rows[0]), rows[0], curves={"loss_curve": losses})
+    write_run(run_folder(tmp_path, rows[1]), rows[1], curves={"energy_curve": np.array([3.0, -1.0])})
+    # Another run of the same key is not the row's.
+    write_run(
+        run_folder(tmp_path, rows[2]), rows[2] | {"date": "2020"}, curves={"energy_curve": losses[:, 0]}
+    )
+    found = convergence(Experiment("tiny", rows, (tmp_path,)))
+    assert list(found) == ["energy_curve", "loss_curve_1", "loss_curve_2"]
+    (line,) = found["loss_curve_2"].axes[0].lines
+    assert line.get_xydata().tolist() == [[1, 1.0], [2, 0.5], [3, 0.25]]
+    assert found["loss_curve_2"].axes[0].get_yscale() == "log"
+    (line,) = found["energy_curve"].axes[0].lines
+    assert line.get_label() == "arap" and found["energy_curve"].axes[0].get_yscale() == "linear"
+    assert convergence(Experiment("tiny", rows, (tmp_path / "elsewhere",))) == {}
+
+
+def test_methods_look_different():
+    looks = look([str(i) for i in range(40)])
+    assert len({tuple(of.values()) for of in looks.values()}) == 40
+
+
+@pytest.mark.parametrize("suffix", ["svg", "pdf"])
+def test_command_writes_the_same_bytes_again(rows, tmp_path, capsys, suffix):
+    write_csv(tmp_path / "tiny.csv", rows)
+    for out in ("one", "two"):
+        assert main([str(tmp_path / "tiny.csv"), "--format", suffix, "-o", str(tmp_path / out)]) == 0
+    files = sorted(path.name for path in (tmp_path / "one" / "tiny").iterdir())
+    assert files == sorted(f"{name}.{suffix}" for name in charts(Experiment("tiny", rows, ())))
+    for name in files:
+        one, two = ((tmp_path / out / "tiny" / name).read_bytes() for out in ("one", "two"))
+        assert one == two and len(one) > 1000
+    assert str(tmp_path / "one" / "tiny" / f"volume.{suffix}") in capsys.readouterr().out
+
+
+def test_another_format_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"unknown figure format '.bmp'; use .svg, .pdf, .png"):
+        save(new_figure(1, 1), tmp_path / "x.bmp")
+
+
+def test_cases_of_an_experiment(rows):
+    low = row("arap", task__checksum="low", task__vertices=100)
+    more = [row("arap", seed=1), low, row("aa", "t2")]
+    cases = Experiment("tiny", rows + more, ()).cases()
+    told = [
+        [(r["task.name"], r["task.vertices"], r["method.name"], r["seed"]) for r in case] for case in cases
+    ]
+    assert told == [
+        [("t1", 100, "arap", 0)],
+        [("t1", 1000, "arap", 0), ("t1", 1000, "sshade", 0)],
+        [("t2", 1000, "aa", 0), ("t2", 1000, "arap", 0)],
+    ]
+
+
+def test_experiments_are_found_by_name(rows, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match="holds no rows"):
+        read_experiments([])
+    write_csv("results/rows/tiny.csv", rows)
+    write_csv("elsewhere/tiny.csv", rows)
+    for names in ([], ["tiny"], ["results/rows/tiny.csv"]):
+        (found,) = read_experiments(names)
+        assert found.name == "tiny" and len(found.rows) == 4 and str(found.runs[0]) == "results/runs/tiny"
+    with pytest.raises(InputError, match="two experiments are named 'tiny'"):
+        read_experiments(["tiny", "elsewhere/tiny.csv"])
