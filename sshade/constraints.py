@@ -25,6 +25,7 @@ from sshade.volume_area import (
     AREA,
     ROUNDING,
     VOLUME,
+    along,
     gather_columns,
     gradients,
     measure,
@@ -173,6 +174,7 @@ class Hold:
         self._stiffness = np.where(np.isinf(weight), 0.0, weight) * corners * rest[AREA]
         self._exact = np.isinf(weight)
         self._G, self._Z = np.zeros((2, n, len(kinds), 3))
+        self._slope = np.empty((len(constraints.rest[AREA]), len(kinds), len(kinds)))
         self.columns = 3 * len(kinds)
 
     def penalty(self, P: np.ndarray) -> float:
@@ -183,13 +185,14 @@ class Hold:
         return float((self._stiffness * error**2).sum())
 
     def gather(self, P: np.ndarray, rows: np.ndarray, X: np.ndarray) -> None:
-        """Write the gradients at P (n, 3), of the vertices `rows` (f,), to columns 3.. of X (f, 3 + columns)."""
+        """Write the gradients at P (n, 3) of the vertices `rows` to columns 3.. of X (f, 3 + columns)."""
         gradients(*self._mesh, self._kinds, self._scale, P, self._G)
         gather_columns(self._G, rows, X)
 
     def pull(self, X: np.ndarray, rows: np.ndarray, P: np.ndarray) -> None:
         """Move P (n, 3) to where the constraints hold, along the solutions in columns 3.. of X."""
         scatter_columns(X, rows, self._Z)
+        along(self._G, self._component, self._Z, self._slope)
         self._miss = self._newton(P, self._scale, self._goal)
 
     def restore(self, P: np.ndarray) -> bool:
@@ -203,7 +206,8 @@ class Hold:
         return self._newton(P, scale, goal) <= max(self._miss, ROUNDING)
 
     def _newton(self, P: np.ndarray, scale: np.ndarray, goal: np.ndarray) -> float:
-        return newton(*self._mesh, self._component, self._kinds, scale, goal, self._compliance, self._Z, P)
+        equations = self._kinds, scale, goal, self._compliance
+        return newton(*self._mesh, self._component, *equations, self._Z, self._slope, P)
 
 
 def _lacking_volume(mesh: Mesh, rest: np.ndarray) -> np.ndarray:

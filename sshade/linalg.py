@@ -140,7 +140,7 @@ class _SuperLUFactor(Factor):
         self._inverse_pivot = 1.0 / pivots
 
     def solve_ordered(self, X: np.ndarray) -> None:
-        kernel = _substitute_three if X.shape[1] == 3 else _substitute
+        kernel = _SUBSTITUTE.get(X.shape[1], _substitute)
         kernel(self._start, self._row, self._value, self._inverse_pivot, X)
 
 
@@ -218,3 +218,35 @@ def _substitute(start, row, value, inverse_pivot, X):
             i, v = row[k], value[k]
             for c in range(columns):
                 X[j, c] -= v * X[i, c]
+
+
+@njit(cache=True, nogil=True)
+def _substitute_six(start, row, value, inverse_pivot, X):
+    """:func:`_substitute_three` for six columns."""
+    n = len(inverse_pivot)
+    for j in range(n):
+        a, b, c, d, e, f = X[j, 0], X[j, 1], X[j, 2], X[j, 3], X[j, 4], X[j, 5]
+        for k in range(start[j], start[j + 1]):
+            i, v = row[k], value[k]
+            X[i, 0] -= v * a
+            X[i, 1] -= v * b
+            X[i, 2] -= v * c
+            X[i, 3] -= v * d
+            X[i, 4] -= v * e
+            X[i, 5] -= v * f
+    for j in range(n - 1, -1, -1):
+        p = inverse_pivot[j]
+        a, b, c, d, e, f = p * X[j, 0], p * X[j, 1], p * X[j, 2], p * X[j, 3], p * X[j, 4], p * X[j, 5]
+        for k in range(start[j], start[j + 1]):
+            i, v = row[k], value[k]
+            a -= v * X[i, 0]
+            b -= v * X[i, 1]
+            c -= v * X[i, 2]
+            d -= v * X[i, 3]
+            e -= v * X[i, 4]
+            f -= v * X[i, 5]
+        X[j, 0], X[j, 1], X[j, 2], X[j, 3], X[j, 4], X[j, 5] = a, b, c, d, e, f
+
+
+#: Unrolled loops, by number of columns: positions, and with them the gradient of a constraint.
+_SUBSTITUTE = {3: _substitute_three, 6: _substitute_six}

@@ -20,6 +20,8 @@ CLOSE = 1e-12
 ROUNDING = 1e-9
 #: Condition number beyond which two gradients count as parallel.
 PARALLEL = 1e10
+#: Where a step shrinks an equation by less than this factor, slopes are computed anew.
+SLOW = 0.1
 #: Evaluations of the equations at most; 3 are usual.
 MOST_EVALUATIONS = 12
 
@@ -80,22 +82,44 @@ def gradients(F, start, kind, scale, P, G):
 
 
 @njit(cache=True, nogil=True)
-def newton(F, start, component, kind, scale, goal, compliance, Z, P):
-    """Move P along Z to where ``scale C - goal + compliance x multiplier = 0``.
-
-    The multipliers, one for each quantity and component, begin at zero. A
-    Newton step is halved while it makes the worst equation of its component
-    worse, and taken back if that does not help.
+def along(G, component, Z, slope):
+    """Derivatives of each quantity along each direction, by component: ``sum_i G_i . Z_i``.
 
     Parameters
     ----------
-    F, start, kind, scale
-        As for :func:`gradients`; a scale of 0 leaves an equation out.
+    G, Z : (n, q, 3) float64
+        Gradients, from :func:`gradients`, and directions.
     component : (n,) int32
         Of each vertex.
+    slope : (c, q, q) float64
+        Overwritten.
+    """
+    slope[:] = 0.0
+    for i in range(len(G)):
+        for q in range(G.shape[1]):
+            for p in range(G.shape[1]):
+                dot = G[i, q, 0] * Z[i, p, 0] + G[i, q, 1] * Z[i, p, 1] + G[i, q, 2] * Z[i, p, 2]
+                slope[component[i], q, p] += dot
+
+
+@njit(cache=True, nogil=True)
+def newton(F, start, component, kind, scale, goal, compliance, Z, slope, P):
+    """Move P along Z to where ``scale C - goal + compliance x multiplier = 0``.
+
+    The multipliers, one for each quantity and component, begin at zero. Steps
+    use the slopes given while they shrink the worst equation of a component
+    tenfold, then Newton's. A step that makes it worse is halved, and taken back
+    if that does not help.
+
+    Parameters
+    ----------
+    F, start, component, kind, scale
+        As for :func:`gradients` and :func:`along`; a scale of 0 leaves an equation out.
     goal, compliance : (q, c) float64
     Z : (n, q, 3) float64
         Directions.
+    slope : (c, q, q) float64
+        Derivatives along Z somewhere near P, of equations that `scale` leaves out too.
     P : (n, 3) float64
         Overwritten.
 
@@ -105,38 +129,44 @@ def newton(F, start, component, kind, scale, goal, compliance, Z, P):
         Largest absolute value of an equation in the end.
     """
     count, held = len(start) - 1, len(kind)
-    value, slope = np.empty((count, held)), np.empty((count, held, held))
-    multiplier, move, taken = np.zeros((count, held)), np.zeros((count, held)), np.zeros((count, held))
-    error, done = np.full(count, np.inf), np.zeros(count, dtype=np.bool_)
+    J, G = slope.copy(), np.empty((0, held, 3))
+    r, multiplier, move, taken = np.zeros((4, count, held))
+    error, now, done = np.full(count, np.inf), np.empty(count), np.zeros(count, dtype=np.bool_)
     for left in range(MOST_EVALUATIONS - 1, -1, -1):
-        _along(F, start, kind, scale, P, Z, value, slope)
+        value = measure(F, start, P)
+        slow = False
+        for c in range(count):
+            for q in range(held):
+                if scale[q, c] != 0.0:
+                    r[c, q] = scale[q, c] * value[kind[q], c] - goal[q, c]
+                    r[c, q] += compliance[q, c] * multiplier[c, q]
+            now[c] = np.abs(r[c]).max()
+            slow = slow or SLOW * error[c] < now[c] <= error[c]
+        if slow:
+            G = np.empty(Z.shape) if len(G) == 0 else G
+            gradients(F, start, kind, scale, P, G)
+            along(G, component, Z, J)
         busy = False
         for c in range(count):
-            _equations(scale[:, c], goal[:, c], compliance[:, c], multiplier[c], value[c], slope[c])
-            now = np.abs(value[c]).max()
-            stalled = error[c] < ROUNDING and now > 0.5 * error[c]
+            stalled = error[c] < ROUNDING and now[c] > 0.5 * error[c]
             move[c] = 0.0
             if done[c]:
                 continue
-            if now > error[c]:
+            if now[c] > error[c]:
                 share = 1.0 if stalled or left == 0 else 0.5
                 move[c] = -share * taken[c]
                 taken[c] *= 1.0 - share
             else:
-                error[c] = now
-                if now > CLOSE and left > 0 and not stalled:
-                    _solve(slope[c], value[c], move[c])
+                error[c] = now[c]
+                if now[c] > CLOSE and left > 0 and not stalled:
+                    _solve(J[c], scale[:, c], compliance[:, c], r[c], move[c])
                     taken[c] = move[c]
-            done[c] = stalled or now <= CLOSE
+            done[c] = stalled or now[c] <= CLOSE
             multiplier[c] += move[c]
             busy = busy or np.abs(move[c]).max() > 0.0
         if not busy:
             break
-        for i in range(len(P)):
-            c = component[i]
-            for q in range(held):
-                for d in range(3):
-                    P[i, d] += move[c, q] * Z[i, q, d]
+        _shift(P, component, Z, move)
     return error.max()
 
 
@@ -186,7 +216,8 @@ def _area_gradient(F, first, end, scale, P, G, q):
         length = np.sqrt(x * x + y * y + z * z)
         if length == 0.0:  # no direction is better than another
             continue
-        x, y, z = scale * x / length, scale * y / length, scale * z / length
+        factor = scale / length
+        x, y, z = factor * x, factor * y, factor * z
         # Each corner: the unit normal times the edge opposite.
         for corner, a, b in ((i, j, k), (j, k, i), (k, i, j)):
             ex, ey, ez = P[b, 0] - P[a, 0], P[b, 1] - P[a, 1], P[b, 2] - P[a, 2]
@@ -196,91 +227,30 @@ def _area_gradient(F, first, end, scale, P, G, q):
 
 
 @njit(cache=True, nogil=True)
-def _along(F, start, kind, scale, P, Z, value, slope):
-    """Scaled values (c, q) of each quantity at P, and derivatives (c, q, q) along each direction of Z."""
-    for c in range(len(start) - 1):
-        for q in range(len(kind)):
-            value[c, q] = 0.0
-            slope[c, q, :] = 0.0
-            if scale[q, c] != 0.0:
-                if kind[q] == VOLUME:
-                    value[c, q] = _volume_along(F, start[c], start[c + 1], P, Z, slope[c, q])
-                else:
-                    value[c, q] = _area_along(F, start[c], start[c + 1], P, Z, slope[c, q])
-                value[c, q] *= scale[q, c]
-                slope[c, q] *= scale[q, c]
+def _solve(J, scale, compliance, r, x):
+    """Newton step ``(J + diag(compliance)) x = -r`` for one or two unknowns, 0 where `scale` is.
 
-
-@njit(cache=True, nogil=True)
-def _volume_along(F, first, end, P, Z, slope):
-    o, volume = F[first, 0], 0.0
-    for t in range(first, end):
-        i, j, k = F[t, 0], F[t, 1], F[t, 2]
-        x, y, z = _cross(P, i, j, k)
-        volume += (P[i, 0] - P[o, 0]) * x + (P[i, 1] - P[o, 1]) * y + (P[i, 2] - P[o, 2]) * z
-        for q in range(len(slope)):
-            slope[q] += (
-                (Z[i, q, 0] + Z[j, q, 0] + Z[k, q, 0]) * x
-                + (Z[i, q, 1] + Z[j, q, 1] + Z[k, q, 1]) * y
-                + (Z[i, q, 2] + Z[j, q, 2] + Z[k, q, 2]) * z
-            )
-    slope /= 6.0
-    return volume / 6.0
-
-
-@njit(cache=True, nogil=True)
-def _area_along(F, first, end, P, Z, slope):
-    area = 0.0
-    for t in range(first, end):
-        i, j, k = F[t, 0], F[t, 1], F[t, 2]
-        x, y, z = _cross(P, i, j, k)
-        length = np.sqrt(x * x + y * y + z * z)
-        area += length
-        if length == 0.0:
-            continue
-        ax, ay, az = P[j, 0] - P[i, 0], P[j, 1] - P[i, 1], P[j, 2] - P[i, 2]
-        bx, by, bz = P[k, 0] - P[i, 0], P[k, 1] - P[i, 1], P[k, 2] - P[i, 2]
-        # The normal's derivative is da x b + a x db; in triple products (b x n) da + (n x a) db.
-        ux, uy, uz = by * z - bz * y, bz * x - bx * z, bx * y - by * x
-        vx, vy, vz = y * az - z * ay, z * ax - x * az, x * ay - y * ax
-        for q in range(len(slope)):
-            slope[q] += (
-                ux * (Z[j, q, 0] - Z[i, q, 0])
-                + uy * (Z[j, q, 1] - Z[i, q, 1])
-                + uz * (Z[j, q, 2] - Z[i, q, 2])
-                + vx * (Z[k, q, 0] - Z[i, q, 0])
-                + vy * (Z[k, q, 1] - Z[i, q, 1])
-                + vz * (Z[k, q, 2] - Z[i, q, 2])
-            ) / length
-    slope *= 0.5
-    return 0.5 * area
-
-
-@njit(cache=True, nogil=True)
-def _equations(scale, goal, compliance, multiplier, value, slope):
-    """Turn values and slopes into residuals and their Jacobian; an equation left out reads 0 = 0."""
-    for q in range(len(scale)):
-        if scale[q] != 0.0:
-            value[q] += compliance[q] * multiplier[q] - goal[q]
-            slope[q, q] += compliance[q]
-        else:
-            value[q] = 0.0
-            slope[q, :] = 0.0
-            slope[:, q] = 0.0
-            slope[q, q] = 1.0
-
-
-@njit(cache=True, nogil=True)
-def _solve(J, r, x):
-    """Newton step ``J x = -r`` of one or two unknowns; least squares where J is nearly singular."""
-    if len(r) == 1:
-        x[0] = -r[0] / J[0, 0] if J[0, 0] != 0.0 else 0.0
+    The least-squares one where two gradients are parallel.
+    """
+    x[:] = 0.0
+    if len(r) == 1 or scale[0] == 0.0 or scale[1] == 0.0:
+        for q in range(len(r)):
+            slope = J[q, q] + compliance[q]
+            if scale[q] != 0.0 and slope != 0.0:
+                x[q] = -r[q] / slope
         return
-    a, b, c, d = J[0, 0], J[0, 1], J[1, 0], J[1, 1]
+    a, b, c, d = J[0, 0] + compliance[0], J[0, 1], J[1, 0], J[1, 1] + compliance[1]
     determinant, square = a * d - b * c, a * a + b * b + c * c + d * d
     if PARALLEL * abs(determinant) > square:  # the condition is about square / determinant
         x[0], x[1] = (b * r[1] - d * r[0]) / determinant, (c * r[0] - a * r[1]) / determinant
     elif square > 0.0:
         x[0], x[1] = -(a * r[0] + c * r[1]) / square, -(b * r[0] + d * r[1]) / square
-    else:
-        x[:] = 0.0
+
+
+@njit(cache=True, nogil=True)
+def _shift(P, component, Z, move):
+    for i in range(len(P)):
+        for q in range(Z.shape[1]):
+            m = move[component[i], q]
+            for d in range(3):
+                P[i, d] += m * Z[i, q, d]
