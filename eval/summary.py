@@ -57,7 +57,7 @@ COLUMNS = (
         "extra.far_share",
         3,
         optional=True,
-        legend="vertices carried by a proxy triangle more than 3 covering radii away along the proxy",
+        legend="vertices carried by a proxy triangle more than 2 covering radii away along the proxy",
     ),
     Column("iterations", "", "iterations", 0, ranked=False),
     Column("time", "s", "seconds.total", 2),

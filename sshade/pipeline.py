@@ -9,13 +9,14 @@ from typing import Literal
 
 import numpy as np
 
-from sshade.binding import bind
+from sshade.binding import Binding, bind
 from sshade.errors import InputError
 from sshade.frames import FrameKind
 from sshade.graph import VertexGraph, vertex_graph
 from sshade.local_global import local_global
 from sshade.mesh import Mesh
 from sshade.parallel import in_threads
+from sshade.projection import sent_far
 from sshade.remesh import Remesh
 from sshade.task import DeformationResult, DeformationTask, Handles, Method, Progress, rigid_motion, silent
 
@@ -73,6 +74,9 @@ def deform(
     DeformationResult
         ``seconds`` are summed over samplings, which overlap in time.
         ``iterations`` is the mean over samplings, ``converged`` is true if all did.
+        ``extra`` has the mean number ``far_vertices`` that the projection put onto
+        another part of the surface (:func:`sshade.projection.sent_far`), and the
+        same as ``far_share`` in percent.
 
     Raises
     ------
@@ -127,6 +131,7 @@ def deform(
         stage: sum(r.seconds[stage] for r in results) for stage in ("remesh", "bind", "solve", "carry")
     }
     seconds["remesh"] += shared
+    far = float(np.mean([r.extra["far_vertices"] for r in results]))
     return DeformationResult(
         vertices=total / samplings,
         iterations=float(np.mean([r.iterations for r in results])),
@@ -137,6 +142,8 @@ def deform(
             "proxy_vertices": float(np.mean([r.extra["proxy_vertices"] for r in results])),
             "added_samples": sum(r.extra["added_samples"] for r in results),
             "degenerate_frames": sum(r.extra["degenerate_frames"] for r in results),
+            "far_vertices": far,
+            "far_share": 100 * far / task.mesh.n,
             "residual": max(r.extra["residual"] for r in results),
             "engine": results[0].extra["engine"],
         },
@@ -180,12 +187,14 @@ def _one_sampling(
     solved = coarse(proxy_task, seed=seed, progress=progress)
     end = perf_counter()
     V, degenerate = binding.carry(solved.vertices, rotations=solved.extra.get("rotations"))
+    carried = perf_counter()
     return DeformationResult(
         vertices=V,
         iterations=solved.iterations,
         converged=solved.converged,
-        seconds={**binding.seconds, "solve": end - begin, "carry": perf_counter() - end},
+        seconds={**binding.seconds, "solve": end - begin, "carry": carried - end},
         extra={
+            "far_vertices": _far_vertices(binding) if projection == "surface" else 0,
             "proxy_vertices": binding.proxy.n,
             "added_samples": binding.remesh.added,
             "degenerate_frames": degenerate,
@@ -193,6 +202,12 @@ def _one_sampling(
             "engine": solved.extra.get("engine", ""),
         },
     )
+
+
+def _far_vertices(binding: Binding) -> int:
+    """How many vertices the unrestricted map put onto another part of the surface."""
+    region, radius = binding.remesh.region, float(binding.remesh.distance.max())
+    return int(sent_far(binding.projection, binding.proxy, region=region, radius=radius).sum())
 
 
 def proxy_handles(handles: Handles, mesh: Mesh, remeshed: Remesh, *, mode: str = "samples") -> Handles:

@@ -8,14 +8,20 @@ nearest point of the whole surface; it is here for the comparison.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from heapq import heappop, heappush
 
 import numpy as np
 from numba import njit
 
+from sshade.graph import vertex_graph
 from sshade.mesh import Mesh
 
 #: Distances closer than this, times the largest coordinate, count as equal when triangles compete.
 TIE = 1e-14
+
+#: A vertex is far from its triangle beyond so many covering radii: samples whose regions touch
+#: lie nearer to each other, but for one edge of M.
+FAR = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +79,70 @@ def project_to_surface(V: np.ndarray, proxy: Mesh) -> Projection:
     corners = proxy.V[proxy.F[face]]
     barycentric = igl.barycentric_coordinates(point, *(np.ascontiguousarray(corners[:, c]) for c in range(3)))
     return Projection(np.asarray(face, dtype=np.int64), barycentric, np.sqrt(squared))
+
+
+def sent_far(projection: Projection, proxy: Mesh, *, region: np.ndarray, radius: float) -> np.ndarray:
+    """Vertices that a projection puts onto another part of the surface than their own.
+
+    That is where the way along edges of N, from the vertex's sample to the
+    nearest corner of its triangle, is longer than :data:`FAR` covering radii.
+    N has the topology of M, so there is no short way from an arm to the torso
+    that it touches. None where P is restricted to fans: the sample is a corner.
+
+    Parameters
+    ----------
+    projection : Projection
+    proxy : Mesh
+        N.
+    region : (n,) int
+        The vertex of N in whose region each vertex of M is.
+    radius : float
+        Covering radius: the largest graph distance of a vertex of M to its sample.
+
+    Returns
+    -------
+    far : (n,) bool
+    """
+    graph = vertex_graph(proxy)
+    order = np.argsort(region, kind="stable")
+    start = np.searchsorted(region[order], np.arange(proxy.n + 1))
+    corners = np.ascontiguousarray(proxy.F[projection.face])
+    limit = FAR * radius
+    return _sent_far(graph.indptr, graph.indices, graph.lengths, corners, order, start, limit)
+
+
+@njit(cache=True, nogil=True)
+def _sent_far(indptr, indices, lengths, corners, order, start, limit):
+    k = start.shape[0] - 1
+    far = np.zeros(order.shape[0], dtype=np.bool_)
+    distance = np.full(k, np.inf)
+    for s in range(k):
+        elsewhere = False
+        for p in range(start[s], start[s + 1]):
+            a, b, c = corners[order[p]]
+            elsewhere = elsewhere or (a != s and b != s and c != s)
+        if not elsewhere:
+            continue
+        reached = [np.int64(s)]
+        distance[s] = 0.0
+        heap = [(0.0, np.int64(s))]
+        while len(heap) > 0:
+            d, i = heappop(heap)
+            if d > distance[i]:
+                continue
+            for q in range(indptr[i], indptr[i + 1]):
+                j, nd = np.int64(indices[q]), d + lengths[q]
+                if nd <= limit and nd < distance[j]:
+                    if distance[j] == np.inf:
+                        reached.append(j)
+                    distance[j] = nd
+                    heappush(heap, (nd, j))
+        for p in range(start[s], start[s + 1]):
+            a, b, c = corners[order[p]]
+            far[order[p]] = min(distance[a], distance[b], distance[c]) == np.inf
+        for i in reached:
+            distance[i] = np.inf
+    return far
 
 
 @njit(cache=True, nogil=True)

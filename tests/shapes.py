@@ -55,6 +55,15 @@ def strip(length: int, width: int) -> Mesh:
     return Mesh(V, quads(length + 1, width + 1))
 
 
+def folded(length: int = 80, width: int = 16, *, gap: float = 0.05) -> Mesh:
+    """A strip laid back onto itself, its two curved layers `gap` apart; vertices in the strip's order."""
+    sheet = strip(length, width)
+    x, y, _ = jittered(sheet, 0.1).V.T
+    upper = x > length / 2
+    along = np.where(upper, length - x, x)
+    return Mesh(np.stack([along, y, np.sin(0.3 * along) + gap * upper], axis=1), sheet.F)
+
+
 def torus(nu: int = 24, nv: int = 12, *, radius: float = 1.0, tube: float = 0.4) -> Mesh:
     u, v = (2 * np.pi * a.ravel() for a in np.meshgrid(np.arange(nu) / nu, np.arange(nv) / nv, indexing="ij"))
     ring = radius + tube * np.cos(v)

@@ -7,9 +7,10 @@ from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh
 from sshade.coarse import initial_guess, libigl_arap
 from sshade.graph import vertex_graph
 from sshade.pipeline import proxy_handles
+from sshade.projection import sent_far
 from sshade.remesh import Remesh, proxy_mesh, remesh
 from sshade.task import rigid_motion, silent
-from tests.shapes import bent, bumpy, family, rotation, strip
+from tests.shapes import bent, bumpy, family, folded, rotation, strip
 
 #: Positions agree to rounding: this times the bounding-box diagonal.
 ROUNDING = 1e-12
@@ -43,6 +44,20 @@ def bending(task, *, seed, progress=silent) -> DeformationResult:
 @pytest.fixture(scope="module")
 def body_task() -> DeformationTask:
     return ends(bumpy(3))
+
+
+def test_the_result_counts_vertices_that_were_sent_far():
+    task = ends(folded())
+    n, options = task.mesh.n, {"vertices": 120, "samplings": 2, "coarse": bending}
+    assert deform(task, **options).extra["far_vertices"] == 0
+    extra = deform(task, **options, projection="surface").extra
+    counts = []
+    for number in range(2):
+        binding = bind(task.mesh, 120, first=task.handles.index, seed=(0, number), projection="surface")
+        region, radius = binding.remesh.region, binding.remesh.distance.max()
+        counts.append(sent_far(binding.projection, binding.proxy, region=region, radius=radius).sum())
+    assert min(counts) > 0 and counts[0] != counts[1]
+    assert (extra["far_vertices"], extra["far_share"]) == (np.mean(counts), 100 * np.mean(counts) / n)
 
 
 def test_nothing_given_is_changed(body_task):

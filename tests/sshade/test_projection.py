@@ -5,11 +5,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
 
 from sshade import Mesh
-from sshade.projection import project_to_fans, project_to_surface
+from sshade.projection import FAR, project_to_fans, project_to_surface, sent_far
 from sshade.remesh import proxy_mesh, remesh
-from tests.shapes import bumpy, double_torus, jittered, rotation, strip, tube
+from tests.shapes import bumpy, double_torus, folded, jittered, rotation, strip, tube
 
 
 def nearest_in_triangle(p: np.ndarray, corners: np.ndarray) -> float:
@@ -93,6 +95,39 @@ def test_only_the_own_fan_counts_where_two_sheets_touch():
     own = project_to_fans(query, proxy, np.array([24]))
     assert own.distance[0] == pytest.approx(0.09) and own.face[0] < sheet.m
     assert project_to_surface(query, proxy).distance[0] == pytest.approx(0.01)
+
+
+@pytest.fixture(scope="module")
+def laid_back():
+    mesh = folded()
+    result = remesh(mesh, 120, seed=1)
+    return mesh, result, proxy_mesh(mesh, result)
+
+
+def test_vertices_sent_far_are_those_that_land_on_the_other_layer(laid_back):
+    mesh, result, proxy = laid_back
+    on_proxy, radius = project_to_surface(mesh.V, proxy), result.distance.max()
+    far = sent_far(on_proxy, proxy, region=result.region, radius=radius)
+    # By all shortest ways on the proxy.
+    i, j = proxy.edges.T
+    lengths = np.linalg.norm(proxy.V[i] - proxy.V[j], axis=1)
+    ways = dijkstra(coo_array((lengths, (i, j)), shape=(proxy.n, proxy.n)).tocsr(), directed=False)
+    nearest = ways[result.region[:, None], proxy.F[on_proxy.face]].min(axis=1)
+    assert np.array_equal(far, nearest > FAR * radius)
+    assert 50 < far.sum() < mesh.n / 2
+
+    layer = np.arange(mesh.n) // 17 > 40  # the first or the second half of the strip
+    corners = layer[result.samples[proxy.F[on_proxy.face[far]]]]
+    assert np.array_equal(corners, np.repeat(~layer[far], 3).reshape(-1, 3))
+
+
+def test_none_is_far_in_the_fan_of_its_own_sample_nor_within_any_radius(laid_back):
+    mesh, result, proxy = laid_back
+    fan, surface = project_to_fans(mesh.V, proxy, result.region), project_to_surface(mesh.V, proxy)
+    assert not sent_far(fan, proxy, region=result.region, radius=0.0).any()
+    assert not sent_far(surface, proxy, region=result.region, radius=1e9).any()
+    outside = ~(proxy.F[surface.face] == result.region[:, None]).any(axis=1)
+    assert np.array_equal(sent_far(surface, proxy, region=result.region, radius=0.0), outside)
 
 
 @given(
