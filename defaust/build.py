@@ -33,6 +33,7 @@ from defaust.options import BuildOptions
 from defaust.sources import Source
 from defaust.subject import build_subject
 from sshade import InputError
+from sshade.files import make_folder
 from sshade.task import Progress, silent
 
 log = logging.getLogger(__name__)
@@ -209,10 +210,7 @@ def _prepare(out: Path, recipe: dict[str, Any]) -> None:
                 )
     if not started.is_file() and not (out / DATASET).is_file() and out.is_dir() and any(out.iterdir()):
         raise InputError(f"{out} is not empty and holds no DeFAUST build; give another out")
-    try:
-        (out / WORK).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{out}: the folder cannot be made ({error.strerror})") from error
+    make_folder(out / WORK)
     _clear_leftovers(out)
     if (out / DATASET).is_file():
         # A finished dataset to be mended: its subjects' records become the work's again.

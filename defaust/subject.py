@@ -7,12 +7,13 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from defaust.folder import REST, REST_LOW, dump, pose_file, pose_mesh, sha256, subject_folder
+from defaust.folder import REST, REST_LOW, dump, pose_file, pose_mesh, sha256, subject_folder, write_text
 from defaust.handles import choose_handles, handle_records
 from defaust.options import BuildOptions
 from defaust.sources import Source
 from defaust.upsample import Upsampled, count_self_intersections, upsample
 from sshade import InputError, Mesh
+from sshade.files import make_folder
 from sshade.meshio import write_mesh
 from sshade.task import Progress, silent
 
@@ -36,7 +37,7 @@ def build_subject(
     """
     name = subject_folder(subject)
     final, folder = out / name, out / f".{name}.{os.getpid()}.partial"
-    folder.mkdir(parents=True)
+    make_folder(folder)
     try:
         record = _fill(source, folder, subject=subject, options=options, progress=progress)
     except InputError as error:
@@ -78,7 +79,7 @@ def _fill(
             rest, posed.V, chosen=chosen, used=pose.landmarks, static_below=options.static_below
         )
         content = dump({"source_pose": pose.name, "handles": handles}, indent=None)
-        (folder / pose_file(k)).write_text(content, encoding="utf-8", newline="\n")
+        write_text(folder / pose_file(k), content)
         facts.append(_pose_facts(k, pose.name, handles, volume=posed.volume if posed.is_closed else None))
 
     progress(stage, steps - 1, steps, "upsampling")

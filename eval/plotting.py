@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sshade.errors import InputError
-from sshade.files import replacing
+from sshade.files import make_folder, replacing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -82,7 +82,7 @@ def save(figure: Figure, path: Path) -> None:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(f"{path}: unknown figure format {path.suffix!r}; use {', '.join(SUFFIXES)}")
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     with style(), replacing(path) as temporary:
         figure.savefig(temporary, format=suffix[1:], dpi=200, metadata=_METADATA[suffix])
 

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.files import replacing
+from sshade.files import make_folder, replacing
 
 Row = dict[str, Any]
 
@@ -83,7 +83,7 @@ def write_run(
         Arrays of a line a step, such as losses, by name.
     """
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     if curves:
         with replacing(folder / "curves.npz") as temporary, temporary.open("wb") as file:
             np.savez_compressed(file, **curves)
@@ -186,7 +186,7 @@ def write_csv(path: str | os.PathLike[str], rows: list[Row]) -> None:
     writer.writerow(names)
     writer.writerows([[_cell(row.get(name)) for name in names] for row in rows])
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     with replacing(path) as temporary:
         temporary.write_text(text.getvalue())
 

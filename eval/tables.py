@@ -17,7 +17,7 @@ from eval.store import ROWS, ROWS_HELP, Row, read_csv, rows_file
 from eval.summary import Table, make_table, ranks
 from sshade.console import run_command
 from sshade.errors import InputError
-from sshade.files import replacing
+from sshade.files import make_folder, replacing
 
 
 def to_csv(table: Table) -> str:
@@ -124,7 +124,7 @@ def main(arguments: list[str] | None = None) -> int:
     paths = [rows_file(name) for name in options.rows] or sorted(ROWS.glob("*.csv"))
     if not paths:
         raise InputError(f"{ROWS} holds no rows; `python -m eval.collect` makes them from runs")
-    options.out.mkdir(parents=True, exist_ok=True)
+    make_folder(options.out)
     for path in paths:
         rows = of_machine(read_csv(path), options.machine or "")
         table = make_table(rows, title=path.stem, with_time=not options.no_time)

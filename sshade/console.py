@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import perf_counter
 
 from sshade.errors import InputError
+from sshade.files import reason
 from sshade.task import Progress, silent
 
 
@@ -72,13 +74,37 @@ def announced_compilation() -> Iterator[None]:
 def run_command(main: Callable[[], int]) -> int:
     """Call `main`; turn an InputError into one line on standard error and exit code 2.
 
-    So too a FloatingPointError: a mesh on which the numbers gave out, as with zero-area triangles.
+    So too a FloatingPointError: a mesh on which the numbers gave out, as with zero-area
+    triangles; and an OSError or a MemoryError: what the system refused. Where nobody reads
+    the output any more, as after ``| head``, the command ends silently.
     """
     try:
-        return main()
+        code = main()
+        sys.stdout.flush()
+        return code
     except (InputError, FloatingPointError) as error:
-        print(f"error: {error}", file=sys.stderr)  # noqa: T201
-        return 2
+        return _mistake(str(error))
+    except BrokenPipeError:
+        _drop_output()
+        return 141
+    except OSError as error:
+        _drop_output()
+        return _mistake(f"{error.filename}: {reason(error)}" if error.filename else reason(error))
+    except MemoryError as error:
+        return _mistake(f"there is not enough memory ({' '.join(str(error).split()) or 'out of memory'})")
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)  # noqa: T201
         return 130
+
+
+def _drop_output() -> None:
+    """What standard output did not take would fail again when the interpreter ends: let it go."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _mistake(text: str) -> int:
+    print(f"error: {text}", file=sys.stderr)  # noqa: T201
+    return 2

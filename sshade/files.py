@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+
+from sshade.errors import InputError
 
 
 @contextmanager
@@ -15,12 +17,41 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     On any error, an interrupt included, the temporary file is removed and what
     stood at `path` stays. The temporary name keeps the suffix, which many
     writers take the format from.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written: a full disk, a folder that is missing or
+        not writable.
     """
     path = Path(path)
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
     try:
         yield temporary
         os.replace(temporary, path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
+    except BaseException as error:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise InputError(f"{path}: cannot be written ({reason(error)})") from error
         raise
+
+
+def make_folder(path: str | os.PathLike[str]) -> None:
+    """Make a folder and those above it, unless it is there.
+
+    Raises
+    ------
+    InputError
+        When that is not possible: a file in its way, a folder that is not writable, a full disk.
+    """
+    try:
+        Path(path).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{path}: the folder cannot be made ({reason(error)})") from error
+
+
+def reason(error: OSError) -> str:
+    """What the system says, such as "No space left on device", without the number and the path."""
+    # numpy's own errors of a full disk have no strerror.
+    return error.strerror or " ".join(str(error).split()) or type(error).__name__

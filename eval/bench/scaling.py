@@ -10,7 +10,7 @@ from time import perf_counter
 import numpy as np
 
 from eval.provenance import process_memory
-from sshade.files import replacing
+from sshade.files import make_folder, replacing
 from sshade.handlesio import read_handles
 from sshade.mesh import Mesh
 from sshade.meshio import read_mesh
@@ -129,7 +129,7 @@ def _plot(path: Path, rows: list[tuple[int, float, int]], slope: float) -> None:
     right.set(xlabel="vertices", ylabel="bytes a vertex", title="peak memory above the input", ylim=(0, None))
     for axes in (left, right):
         axes.grid(alpha=0.3)
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     with replacing(path) as temporary:
         figure.savefig(temporary)
     pyplot.close(figure)

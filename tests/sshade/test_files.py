@@ -1,8 +1,11 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
-from sshade.files import replacing
+from sshade.errors import InputError
+from sshade.files import make_folder, reason, replacing
 
 
 def test_the_file_appears_on_success_under_its_name_alone(tmp_path):
@@ -39,3 +42,29 @@ def test_an_error_before_anything_was_written_is_passed_on(tmp_path):
     with pytest.raises(ZeroDivisionError), replacing(str(tmp_path / "a.txt")):
         raise ZeroDivisionError
     assert not list(tmp_path.iterdir())
+
+
+def test_a_place_that_cannot_be_written_is_an_input_error(tmp_path):
+    (tmp_path / "file").write_text("old")
+    for path in (tmp_path / "nowhere" / "a.txt", tmp_path / "file" / "a.txt", Path("/dev/null/a.txt")):
+        with pytest.raises(InputError, match=r"a\.txt: cannot be written \("), replacing(path) as temporary:
+            temporary.write_text("new")
+    for path in (tmp_path / "file", tmp_path / "file" / "below", Path("/dev/null/below")):
+        with pytest.raises(InputError, match=f"{path}: the folder cannot be made"):
+            make_folder(path)
+    assert (tmp_path / "file").read_text() == "old"
+    make_folder(tmp_path / "a" / "b")
+    make_folder(tmp_path / "a" / "b")
+    assert (tmp_path / "a" / "b").is_dir()
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [
+        (OSError(28, "No space left on device", "x"), "No space left on device"),
+        (OSError("12 requested and 0 written"), "12 requested and 0 written"),
+        (OSError(), "OSError"),
+    ],
+)
+def test_the_reason_of_an_error_of_the_system(error, text):
+    assert reason(error) == text
