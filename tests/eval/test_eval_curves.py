@@ -17,6 +17,8 @@ def row(name, vertices, volume, task="t1", status="ok"):
         "status": status,
         "metric.volume": volume,
         "metric.area": 1.0,
+        "method.samplings": vertices // 1000,
+        "seconds.total": 0.25,
     }
 
 
@@ -38,6 +40,13 @@ def test_means_by_method_and_size(rows):
     assert curves(rows, "area")["arap"][0] == (2020, 1.0)
 
 
+def test_another_column_can_be_the_size(rows):
+    assert curves(rows, over="method.samplings") == {"arap": [(2, 1.5), (9, 7.0)], "b": [(10, 5.0)]}
+    assert curves(rows, "time", over="method.samplings")["b"] == [(10, 0.25)]
+    with pytest.raises(InputError, match="has the metric volume and a number in task.name"):
+        curves(rows, over="task.name")
+
+
 def test_what_cannot_be_drawn_is_refused(rows):
     with pytest.raises(InputError, match="no metric 'beauty'; there are volume"):
         curves(rows, "beauty")
@@ -46,11 +55,12 @@ def test_what_cannot_be_drawn_is_refused(rows):
 
 
 @pytest.mark.parametrize("suffix", ["png", "pdf", "svg"])
-def test_command_writes_the_same_bytes_again(rows, tmp_path, capsys, suffix):
+@pytest.mark.parametrize("more", [[], ["--metric", "volume", "time", "--over", "method.samplings"]])
+def test_command_writes_the_same_bytes_again(rows, tmp_path, capsys, suffix, more):
     pytest.importorskip("matplotlib")
     write_csv(tmp_path / "r.csv", rows)
     for name in ("one", "two"):
-        assert main([str(tmp_path / "r.csv"), "-o", str(tmp_path / f"{name}.{suffix}")]) == 0
+        assert main([str(tmp_path / "r.csv"), "-o", str(tmp_path / f"{name}.{suffix}"), *more]) == 0
     one, two = ((tmp_path / f"{name}.{suffix}").read_bytes() for name in ("one", "two"))
     assert one == two and len(one) > 1000
     assert "one" in capsys.readouterr().out

@@ -1,0 +1,57 @@
+"""The bent tube with limbs that nearly touch."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eval.hairpin import BEND, HANDLES, PARTING, SIDE_BY_SIDE, hairpin, hairpin_task
+from eval.intersections import intersecting_faces
+from sshade.errors import InputError
+
+
+@pytest.mark.parametrize("around", [8, 9, 40])
+def test_a_closed_tube_without_holes(around):
+    mesh = hairpin(gap=0.1, around=around)
+    assert mesh.topology.euler == 2 and mesh.topology.components == 1 and mesh.is_closed and mesh.is_manifold
+    assert mesh.volume > 0 and not intersecting_faces(mesh.V, mesh.F).any()
+
+
+def test_the_volume_is_that_of_a_ball_and_a_tube():
+    # Pappus: the section's area times the way of the centre. The error falls by four where the steps halve.
+    parted = np.linspace(0, 1, 100_001)
+    side = (BEND - 1.05) * parted**2 * (3 - 2 * parted)
+    way = 2 * SIDE_BY_SIDE + 2 * np.hypot(np.diff(side), PARTING / 100_000).sum() + np.pi * BEND
+    coarse, fine = (hairpin(gap=0.1, around=around).volume for around in (20, 40))
+    assert (4 * fine - coarse) / 3 == pytest.approx(np.pi * (way + 4 / 3), rel=1e-4)
+
+
+@pytest.mark.parametrize("gap", [0.01, 0.3])
+def test_the_limbs_are_a_gap_apart(gap):
+    mesh = hairpin(gap=gap, around=48)
+    x, _, z = mesh.V.T
+    low = z < SIDE_BY_SIDE
+    assert x[low & (x > 0)].min() == pytest.approx(gap / 2, abs=1e-12)
+    assert x[low & (x < 0)].max() == pytest.approx(-gap / 2, abs=1e-12)
+
+
+def test_one_end_is_held_and_the_other_turned_about_the_bend():
+    task = hairpin_task(gap=0.05, angle=30, around=24)
+    handles, rest = task.handles, task.mesh.V[task.handles.index]
+    assert handles.dynamic.tolist() == [False] * HANDLES + [True] * HANDLES
+    assert np.array_equal(handles.target[:HANDLES], rest[:HANDLES]) and (rest[:HANDLES, 0] < 0).all()
+    assert (rest[:, 2] < 1.5).all() and (rest[HANDLES:, 0] > 0).all()
+    centre = np.array([0, 0, 1 + SIDE_BY_SIDE + PARTING])
+    before, after = rest[HANDLES:] - centre, handles.target[HANDLES:] - centre
+    assert np.allclose(np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1), rtol=1e-12)
+    plane = before[:, [0, 2]], after[:, [0, 2]]
+    cosine = np.einsum("ij,ij->i", *plane) / np.prod([np.linalg.norm(p, axis=1) for p in plane], axis=0)
+    assert np.allclose(cosine, np.cos(np.radians(30)), rtol=1e-12)
+    assert after[:, 0].min() > before[:, 0].max()  # outwards
+    assert task.name == "hairpin/gap_0.05" and task.meta == {"gap": 0.05, "angle": 30}
+
+
+@pytest.mark.parametrize(("wrong", "message"), [({"gap": 0.0}, "gap must"), ({"around": 7}, "8 vertices")])
+def test_impossible_hairpins_are_refused(wrong, message):
+    with pytest.raises(InputError, match=message):
+        hairpin_task(**wrong)
