@@ -28,6 +28,7 @@ def transfer_pose(
     frames: FrameKind = "triangle",
     frame_function: str | np.ndarray = "extent",
     projection: Literal["fan", "surface"] = "fan",
+    residual: bool = False,
     workers: int | None = None,
     seed: int = 0,
     progress: Progress = silent,
@@ -42,7 +43,7 @@ def transfer_pose(
     mesh : Mesh
         M: manifold, oriented, one component.
     posed : (n, 3) float64
-        M', in correspondence with M. Only the rows of samples are used.
+        M', in correspondence with M. Only the rows of samples are used, unless `residual`.
     edited : (n, 3) float64
         S, in correspondence with M.
     vertices : int
@@ -51,6 +52,10 @@ def transfer_pose(
         Proxies averaged; the paper's is 10.
     frames, frame_function, projection, workers
         As in :func:`sshade.deform`.
+    residual : bool
+        Add to each vertex what the proxy leaves out of M' there, so that frames carry
+        the edit alone: vertices that were not edited end exactly on M'. Not in the
+        paper; it reads M' at every vertex.
     seed : int
     progress : Progress
 
@@ -91,6 +96,8 @@ def transfer_pose(
         on = binding.projection
         local = binding.local if edited is mesh.V else binding.frames.encode(edited, on)
         V, degenerate = binding.frames.decode(local, posed[binding.remesh.samples], on=on)
+        if residual:
+            V = V + (posed - binding.frames.decode(binding.local, posed[binding.remesh.samples], on=on)[0])
         progress("samplings", number + 1, samplings)
         return V, {**binding.seconds, "carry": perf_counter() - start}, degenerate
 

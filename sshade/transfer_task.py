@@ -73,13 +73,14 @@ def transfer(
     frames: FrameKind = "triangle",
     frame_function: str = "extent",
     projection: Literal["fan", "surface"] = "fan",
+    residual: bool = False,
     workers: int | None = None,
     seed: int = 0,
     progress: Progress = silent,
 ) -> DeformationResult:
     """:func:`sshade.transfer_pose` as a method of a task; the parameters are its own.
 
-    Of M' only the samples are used, so a task whose truth is M' is an honest one.
+    Without `residual`, only the samples of M' are used, so a task whose truth is M' is an honest one.
 
     Raises
     ------
@@ -95,6 +96,7 @@ def transfer(
         frames=frames,
         frame_function=frame_function,
         projection=projection,
+        residual=residual,
         workers=workers,
         seed=seed,
         progress=progress,

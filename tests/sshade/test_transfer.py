@@ -40,6 +40,21 @@ def test_only_the_rows_of_samples_are_used(mesh):
     assert np.array_equal(a.vertices, b.vertices)
 
 
+@pytest.mark.parametrize("frames", ["triangle", "blended_affine"])
+def test_with_the_residual_frames_carry_the_edit_alone(mesh, frames):
+    posed, edited = bent(mesh.V), np.array(mesh.V)
+    region = mesh.V[:, 2] > 1
+    edited[region] *= 1.1
+    options = {"vertices": 200, "samplings": 2, "frames": frames}
+    plain = transfer_pose(mesh, posed, edited, **options).vertices
+    found = transfer_pose(mesh, posed, edited, residual=True, **options).vertices
+    expected = plain - reconstruct(mesh, posed, **options).vertices + posed
+    assert np.abs(found - expected).max() < ROUNDING * mesh.diagonal
+    assert np.abs(found - posed)[~region].max() < ROUNDING * mesh.diagonal
+    truth = bent(edited)
+    assert np.abs(found - truth).mean() < 0.8 * np.abs(plain - truth).mean()
+
+
 def test_more_samples_and_samplings_come_nearer(mesh):
     posed = bent(mesh.V)
 

@@ -36,6 +36,7 @@ def test_every_parameter_reaches_the_function(task):
         {"frames": "affine"},
         {"frame_function": "x"},
         {"projection": "surface"},
+        {"residual": True},
         {"seed": 1},
     ):
         assert not np.array_equal(transfer(task, **base | changed).vertices, shape)
