@@ -16,61 +16,7 @@ from numba import njit
 from sshade.frames import ZERO_AREA
 from sshade.mesh import Mesh
 from sshade.projection import Projection
-
-
-def affine_maps(rest: np.ndarray, deformed: np.ndarray, *, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The linear part A of each triangle's affine map.
-
-    Parameters
-    ----------
-    rest, deformed : (k, 3) float64
-        Vertices of N and N'.
-    F : (l, 3) int
-
-    Returns
-    -------
-    A : (l, 3, 3) float64
-        Zero where there is none.
-    missing : (l,) bool
-        Triangles without area in N or N'.
-    """
-    inverse, flat = _inverse_edge_frames(rest, F)
-    frames, folded = _edge_frames(deformed, F)
-    missing = flat | folded
-    A = frames @ inverse
-    A[missing] = 0.0
-    return A, missing
-
-
-def spread_means(values: np.ndarray, known: np.ndarray, *, pairs: np.ndarray) -> np.ndarray:
-    """Fill unknown 3 x 3 matrices with the mean of their known neighbours', ring by ring inwards.
-
-    Parameters
-    ----------
-    values : (k, 3, 3) float64
-    known : (k,) bool
-    pairs : (e, 2) int
-        Which entries are neighbours.
-
-    Returns
-    -------
-    (k, 3, 3) float64
-        The identity where no known entry is connected.
-    """
-    if known.all():
-        return values
-    values, known = values.reshape(-1, 9) * known[:, None], known.copy()
-    one, two = np.concatenate([pairs, pairs[:, ::-1]]).T
-    while True:
-        use = known[two] & ~known[one]
-        ready = np.unique(one[use])
-        if len(ready) == 0:
-            values[~known] = np.eye(3).ravel()
-            return values.reshape(-1, 3, 3)
-        count = np.bincount(one[use], minlength=len(known))
-        total = [np.bincount(one[use], values[two[use], c], len(known)) for c in range(9)]
-        values[ready] = np.stack(total, axis=1)[ready] / count[ready, None]
-        known[ready] = True
+from sshade.vertex_maps import spread_means
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +34,7 @@ class AffineFrames:
     proxy: Mesh
 
     def encode(self, V: np.ndarray, on: Projection) -> np.ndarray:
-        """Offsets of points from the first corner of their triangle; arguments as of :meth:`decode`."""
+        """Offsets from the first corner of a point's triangle; see :class:`sshade.frames.Frames`."""
         return V - self.proxy.V[self.proxy.F[on.face, 0]]
 
     def decode(
@@ -99,10 +45,29 @@ class AffineFrames:
         A triangle without area takes the mean map of its edge neighbours.
         """
         F = self.proxy.F
-        A, missing = affine_maps(self.proxy.V, NV, F=F)
-        if missing.any():
-            A = spread_means(A, ~missing, pairs=_beside(F))
-        return _carry(local, on.face, A, NV[F[:, 0]]), int(missing.sum())
+        A, known = affine_maps(self.proxy.V, NV, F=F)
+        if not known.all():
+            A = spread_means(A, known, pairs=_beside(F))
+        return _decode(local, on.face, A, NV, F), int((~known).sum())
+
+
+def affine_maps(rest: np.ndarray, deformed: np.ndarray, *, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The linear part A of each triangle's affine map.
+
+    Parameters
+    ----------
+    rest, deformed : (k, 3) float64
+        Vertices of N and N'.
+    F : (l, 3) int
+
+    Returns
+    -------
+    A : (l, 3, 3) float64
+        Zero where there is none.
+    known : (l,) bool
+        False for triangles without area in N or N'.
+    """
+    return _maps(rest, deformed, F)
 
 
 def _beside(F: np.ndarray) -> np.ndarray:
@@ -114,33 +79,51 @@ def _beside(F: np.ndarray) -> np.ndarray:
     return pairs[pairs[:, 0] < pairs[:, 1]]
 
 
-def _edge_frames(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(l, 3, 3) matrices [e1 e2 n] with columns e1, e2, n, and where n does not exist (zero there)."""
-    e1, e2 = V[F[:, 1]] - V[F[:, 0]], V[F[:, 2]] - V[F[:, 0]]
-    normal = np.cross(e1, e2)
-    doubled = np.linalg.norm(normal, axis=1)
-    longest = np.max([(e1**2).sum(axis=1), (e2**2).sum(axis=1), ((e1 - e2) ** 2).sum(axis=1)], axis=0)
-    missing = doubled <= ZERO_AREA * longest
-    normal = np.divide(normal, doubled[:, None], out=np.zeros_like(normal), where=~missing[:, None])
-    return np.stack([e1, e2, normal], axis=2), missing
-
-
-def _inverse_edge_frames(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(l, 3, 3) inverses of [e1 e2 n], zero for triangles without area, and which those are."""
-    frames, missing = _edge_frames(V, F)
-    e1, e2, n = frames.transpose(2, 0, 1)
-    rows = np.stack([np.cross(e2, n), np.cross(n, e1)], axis=1)
-    doubled = np.linalg.norm(np.cross(e1, e2), axis=1)[:, None, None]
-    rows = np.divide(rows, doubled, out=np.zeros_like(rows), where=~missing[:, None, None])
-    return np.concatenate([rows, n[:, None]], axis=1), missing
+@njit(cache=True, nogil=True)
+def _edges_and_normal(V, a, b, c, E):
+    """Write e1, e2 and n to the rows of E; return the doubled area, 0 where there is no normal."""
+    longest = 0.0
+    for r in range(3):
+        E[0, r], E[1, r] = V[b, r] - V[a, r], V[c, r] - V[a, r]
+    for r in range(3):
+        p, q = (r + 1) % 3, (r + 2) % 3
+        E[2, r] = E[0, p] * E[1, q] - E[0, q] * E[1, p]
+        longest += E[0, r] ** 2 + E[1, r] ** 2
+    doubled = np.sqrt(E[2, 0] ** 2 + E[2, 1] ** 2 + E[2, 2] ** 2)
+    if doubled <= ZERO_AREA * longest:
+        return 0.0
+    for r in range(3):
+        E[2, r] /= doubled
+    return doubled
 
 
 @njit(cache=True, nogil=True)
-def _carry(local, face, A, origin):
+def _maps(rest, deformed, F):
+    A, known = np.zeros((len(F), 3, 3)), np.ones(len(F), dtype=np.bool_)
+    E, D = np.empty((3, 3)), np.empty((3, 3))
+    for t in range(len(F)):
+        a, b, c = F[t, 0], F[t, 1], F[t, 2]
+        area = _edges_and_normal(rest, a, b, c, E)
+        if area == 0.0 or _edges_and_normal(deformed, a, b, c, D) == 0.0:
+            known[t] = False
+            continue
+        for s in range(3):
+            p, q = (s + 1) % 3, (s + 2) % 3
+            # Rows of the inverse of [e1 e2 n]: e2 x n and n x e1 over the area, and n.
+            first = (E[1, p] * E[2, q] - E[1, q] * E[2, p]) / area
+            second = (E[2, p] * E[0, q] - E[2, q] * E[0, p]) / area
+            for r in range(3):
+                A[t, r, s] = D[0, r] * first + D[1, r] * second + D[2, r] * E[2, s]
+    return A, known
+
+
+@njit(cache=True, nogil=True)
+def _decode(local, face, A, NV, F):
     V = np.empty_like(local)
     for i in range(len(local)):
         t = face[i]
+        a = F[t, 0]
         x, y, z = local[i, 0], local[i, 1], local[i, 2]
         for r in range(3):
-            V[i, r] = origin[t, r] + A[t, r, 0] * x + A[t, r, 1] * y + A[t, r, 2] * z
+            V[i, r] = NV[a, r] + A[t, r, 0] * x + A[t, r, 1] * y + A[t, r, 2] * z
     return V

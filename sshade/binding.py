@@ -54,7 +54,7 @@ class Binding:
     seconds: Mapping[str, float]
 
     def carry(self, NV: np.ndarray, *, rotations: np.ndarray | None = None) -> tuple[np.ndarray, int]:
-        """M' for the vertices of N', and the number of triangles without a frame of their own.
+        """M' for the vertices of N', and the number of frames that N and N' leave open.
 
         Parameters
         ----------
@@ -72,7 +72,7 @@ class Binding:
         Raises
         ------
         InputError
-            When `NV` or `rotations` do not fit the proxy's vertices.
+            When `NV` or `rotations` do not fit the proxy's vertices, or a rotation is none.
         """
         NV = np.ascontiguousarray(NV, dtype=np.float64)
         if NV.shape != self.proxy.V.shape:
@@ -143,7 +143,7 @@ def make_frames(kind: FrameKind, proxy: Mesh, *, values: np.ndarray) -> Frames:
         return TriangleFrames.of_values(proxy, values)
     if kind == "affine":
         return AffineFrames(proxy)
-    return BlendedFrames(proxy, stretch=kind == "blended_affine")
+    return BlendedFrames.at_rest(proxy, stretch=kind == "blended_affine")
 
 
 def _require_fit(remeshed: Remesh, on_proxy: Projection, values: np.ndarray, n: int) -> None:

@@ -1,28 +1,37 @@
 """Frames at the vertices of the proxy, blended over its triangles.
 
-Vertex i of N carries a pose (R_i, v_i'): how it is turned and where it is. A
-point x of M that lies at p = w_a v_a + w_b v_b + w_c v_c on triangle (a, b, c)
-keeps its offset d = x - p, and goes to
+Vertex i of N has a pose: where it goes, v_i', and how it turns, R_i. A point x
+of M that lies at p = w_a v_a + w_b v_b + w_c v_c on triangle (a, b, c) keeps
+its offset x - p and goes to
 
-    x' = o + R d,    (R, o) = the blend of the poses with weights w,
+    x' = o(w) + R(w) (x - p),
+    o(w) = sum_i w_i v_i' + sum_{i<j} w_i w_j b_ij .
 
-a normalised dual-quaternion blend. The result is continuous across the
-triangles' edges, where only the two poses of the edge count, and exact at
-samples. Equal rotations blend to o = w_a v_a' + w_b v_b' + w_c v_c', so that
-rigid motions come out as such.
+R(w) is the normalised blend of the corners' quaternions, and o(w) a quadratic
+triangle whose edges pass, half-way, through the point of the screw motion
+between the poses of their ends: with (c, m) the scalar and the vector part of
+the quaternion of R_j R_i^T,
 
-Between two vertices the blend is a screw motion. To the second order
+    b_ij = 2 (v_j' - v_i') x m / (1 + c) .
 
-    o = sum_i w_i v_i' + 1/2 sum_i w_i R_i (p - v_i),
+The result is continuous across the triangles' edges, where only the poses of
+the edge count, and exact at samples; equal rotations give b = 0, so that rigid
+motions come out as such. To the second order b_ij = (R_i - R_j) (v_j - v_i) / 2,
+which makes x' exact for quadratic maps that turn N's vertices by R_i: a bent
+edge becomes an arc. (The weighted sum of the motions x -> v_i' + R_i (x - v_i)
+has twice that b and bulges twice as far as the arc; and where the proxy is
+twisted by half a turn between two vertices, its offsets, like those of every
+sum of matrices, fall onto the axis. A screw turns around it, by the shorter
+way; at half a turn exactly both are as short.)
 
-which is exact for quadratic maps whose rotations are R_i: a bent edge becomes
-an arc. The weighted sum of the motions x -> v_i' + R_i (x - v_i) has the factor
-1 in the place of 1/2, and bulges twice as far as the arc; and where the proxy
-is twisted by half a turn between two vertices, it falls onto the axis
-("candy wrapper"), while the screw turns around it.
+Frames that stretch have symmetric S_i beside R_i: A_i = R_i S_i is the affine
+map of the vertex's 1-ring. Then R(w) is followed by S(w) = sum_i w_i S_i, and
+b_ij has in addition R(w at the edge's middle) (S_i - S_j) (v_j - v_i) / 2, its
+second-order part.
 
 L. Kavan, S. Collins, J. Zara, C. O'Sullivan, "Geometric skinning with
-approximate dual quaternion blending", 2008.
+approximate dual quaternion blending", 2008 (the screw half-way between poses);
+A. Vlachos, J. Peters, C. Boyd, J. L. Mitchell, "Curved PN triangles", 2001.
 """
 
 from __future__ import annotations
@@ -32,10 +41,14 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from sshade.affine import affine_maps, spread_means
+from sshade.errors import InputError
 from sshade.mesh import Mesh
 from sshade.projection import Projection
 from sshade.rotations import fit_rotations
+from sshade.vertex_maps import VertexMaps
+
+#: How far R^T R of a given rotation may be from the identity.
+ORTHOGONAL = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,16 +59,23 @@ class BlendedFrames:
     ----------
     proxy : Mesh
         N at rest.
+    maps : VertexMaps
+        Of N at rest.
     stretch : bool
-        Frames stretch as the triangles around a vertex do in the mean, by area;
-        otherwise they only turn.
+        Frames turn and stretch as the edges around their vertex do; otherwise they only turn.
     """
 
     proxy: Mesh
-    stretch: bool = False
+    maps: VertexMaps
+    stretch: bool
+
+    @classmethod
+    def at_rest(cls, proxy: Mesh, *, stretch: bool = False) -> BlendedFrames:
+        """Frames of a rest proxy."""
+        return cls(proxy, VertexMaps.at_rest(proxy), stretch)
 
     def encode(self, V: np.ndarray, on: Projection) -> np.ndarray:
-        """Offsets d of points from where they lie on the proxy; see :class:`sshade.frames.Frames`."""
+        """Offsets x - p of points from where they lie on the proxy; see :class:`sshade.frames.Frames`."""
         return _offsets(V, on.face, on.barycentric, self.proxy.V, self.proxy.F)
 
     def decode(
@@ -63,149 +83,183 @@ class BlendedFrames:
     ) -> tuple[np.ndarray, int]:
         """Points on a deformed proxy; see :class:`sshade.frames.Frames`.
 
-        Rotations that are not given are fitted to the triangles around each
-        vertex. Vertices whose triangles have no area turn as their neighbours
-        do in the mean.
+        Where rotations are not given, those nearest to the vertices' affine maps
+        are taken; a vertex whose edges are on a line turns as its neighbours do.
+
+        Raises
+        ------
+        InputError
+            When a matrix in `rotations` is not a rotation.
         """
-        rest, F = self.proxy.V, self.proxy.F
-        A, missing = affine_maps(rest, NV, F=F)
-        where = (on.face, on.barycentric, F)
+        F, missing = self.proxy.F, 0
+        if rotations is None or self.stretch:
+            A, known = self.maps(NV)
+            R = nearest_rotations(A)
+            missing = int((~known).sum())
+        else:
+            R = np.ascontiguousarray(rotations, dtype=np.float64)
+        Q, error = _quaternions(R)
+        if not error <= ORTHOGONAL:
+            raise InputError(f"a rotation of the proxy's vertices is off by {error:.1e}: it is no rotation")
+        triangles = _triangles(F, NV, Q)
         if self.stretch:
-            A = self._vertex_maps(A, missing)
-            R, Q = nearest_rotations(A)
-            T = np.ascontiguousarray(R.transpose(0, 2, 1) @ A)
-            return _decode_stretched(local, *where, rest, NV, Q, R, T), int(missing.sum())
-        if rotations is None:
-            rotations = self._vertex_maps(A, missing)
-        _, Q = nearest_rotations(rotations)
-        return _decode(local, *where, NV, Q), int(missing.sum())
-
-    def _vertex_maps(self, A: np.ndarray, missing: np.ndarray) -> np.ndarray:
-        """(k, 3, 3) means of the affine maps of the triangles at each vertex, weighted by rest area."""
-        F, n = self.proxy.F, self.proxy.n
-        weight = np.where(missing, 0.0, self.proxy.face_areas)
-        corners, each = F.ravel(), np.repeat(weight, 3)
-        total = np.bincount(corners, each, n)
-        A = A.reshape(-1, 9) * weight[:, None]
-        mean = np.stack([np.bincount(corners, np.repeat(A[:, c], 3), n) for c in range(9)], axis=1)
-        known = total > 0
-        mean = np.divide(mean, total[:, None], out=np.zeros_like(mean), where=known[:, None])
-        return spread_means(mean.reshape(-1, 3, 3), known, pairs=self.proxy.edges)
+            S = np.ascontiguousarray(R.transpose(0, 2, 1) @ A)
+            _add_stretch(triangles, F, self.proxy.V, Q, S)
+            local = _stretched(local, on.face, on.barycentric, F, S)
+        return _decode(local, on.face, on.barycentric, triangles), missing
 
 
-def nearest_rotations(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The rotations nearest to some 3 x 3 matrices.
-
-    Parameters
-    ----------
-    A : (k, 3, 3) float64
-
-    Returns
-    -------
-    R : (k, 3, 3) float64
-    Q : (k, 4) float64
-        The same as unit quaternions (w, x, y, z).
-    """
+def nearest_rotations(A: np.ndarray) -> np.ndarray:
+    """(k, 3, 3) rotations R that maximise tr(R^T A): the nearest ones to matrices (k, 3, 3)."""
     R = np.array(A.transpose(0, 2, 1), dtype=np.float64, order="C").reshape(-1, 9)
-    Q = np.tile([1.0, 0.0, 0.0, 0.0], (len(A), 1))
-    fit_rotations(R, Q)
-    return R.reshape(-1, 3, 3), Q
+    fit_rotations(R, np.tile([1.0, 0.0, 0.0, 0.0], (len(A), 1)))
+    return R.reshape(-1, 3, 3)
 
 
 @njit(cache=True, nogil=True)
 def _offsets(V, face, barycentric, NV, F):
     local = np.empty_like(V)
     for i in range(len(V)):
-        t = face[i]
+        a, b, c = F[face[i], 0], F[face[i], 1], F[face[i], 2]
         for r in range(3):
-            p = barycentric[i, 0] * NV[F[t, 0], r]
-            p += barycentric[i, 1] * NV[F[t, 1], r]
-            p += barycentric[i, 2] * NV[F[t, 2], r]
+            p = barycentric[i, 0] * NV[a, r] + barycentric[i, 1] * NV[b, r] + barycentric[i, 2] * NV[c, r]
             local[i, r] = V[i, r] - p
     return local
 
 
 @njit(cache=True, nogil=True)
-def _by_weight(t, w, F):
-    """Corners of triangle t and their weights, the largest weight first, the others in cyclic order."""
-    s = 0
-    if w[1] > w[s]:
-        s = 1
-    if w[2] > w[s]:
-        s = 2
-    b, c = (s + 1) % 3, (s + 2) % 3
-    return F[t, s], F[t, b], F[t, c], w[s], w[b], w[c]
+def _quaternions(R):
+    """Unit quaternions (w, x, y, z) of rotations, and how far those are from being some."""
+    Q = np.empty((len(R), 4))
+    error = 0.0
+    for i in range(len(R)):
+        a, b, c = R[i, 0, 0], R[i, 1, 1], R[i, 2, 2]
+        x, y, z = R[i, 2, 1] - R[i, 1, 2], R[i, 0, 2] - R[i, 2, 0], R[i, 1, 0] - R[i, 0, 1]
+        xy, xz, yz = R[i, 0, 1] + R[i, 1, 0], R[i, 0, 2] + R[i, 2, 0], R[i, 1, 2] + R[i, 2, 1]
+        # Four times the largest of the components, times each.
+        if a + b + c > 0.0:
+            q = (1.0 + a + b + c, x, y, z)
+        elif a >= b and a >= c:
+            q = (x, 1.0 + a - b - c, xy, xz)
+        elif b >= c:
+            q = (y, xy, 1.0 - a + b - c, yz)
+        else:
+            q = (z, xz, yz, 1.0 - a - b + c)
+        scale = 1.0 / np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+        w, x, y, z = scale * q[0], scale * q[1], scale * q[2], scale * q[3]
+        Q[i, 0], Q[i, 1], Q[i, 2], Q[i, 3] = w, x, y, z
+        off = abs(a - 1.0 + 2.0 * (y * y + z * z)) + abs(b - 1.0 + 2.0 * (x * x + z * z))
+        off += abs(c - 1.0 + 2.0 * (x * x + y * y))
+        off += abs(R[i, 1, 0] - 2.0 * (x * y + w * z)) + abs(R[i, 0, 1] - 2.0 * (x * y - w * z))
+        off += abs(R[i, 0, 2] - 2.0 * (x * z + w * y)) + abs(R[i, 2, 0] - 2.0 * (x * z - w * y))
+        off += abs(R[i, 2, 1] - 2.0 * (y * z + w * x)) + abs(R[i, 1, 2] - 2.0 * (y * z - w * x))
+        if off > error or off != off:  # NaN stays
+            error = off
+    return Q, error
 
 
 @njit(cache=True, nogil=True)
-def _blend(a, b, c, wa, wb, wc, NV, Q):
-    """Blended pose, relative to the position of a: a quaternion (not normalised), and the shift.
+def _triangles(F, V, Q):
+    """(l, 30): for each triangle abc the corners; b_bc, b_ca, b_ab; the quaternions, their signs agreeing.
 
-    Positions relative to one corner keep their digits far from the origin. With
-    the heaviest corner as that one, the quaternion is never shorter than a third.
+    A quaternion and its negative are the same rotation; the signs are chosen
+    along the two edges with the smaller turns. Were they chosen along any two,
+    opposite ones could meet on the third edge and cancel.
     """
-    aw, ax, ay, az = Q[a, 0], Q[a, 1], Q[a, 2], Q[a, 3]
-    if aw * Q[b, 0] + ax * Q[b, 1] + ay * Q[b, 2] + az * Q[b, 3] < 0.0:
-        wb = -wb
-    if aw * Q[c, 0] + ax * Q[c, 1] + ay * Q[c, 2] + az * Q[c, 3] < 0.0:
-        wc = -wc
-    bw, bx, by, bz = wb * Q[b, 0], wb * Q[b, 1], wb * Q[b, 2], wb * Q[b, 3]
-    cw, cx, cy, cz = wc * Q[c, 0], wc * Q[c, 1], wc * Q[c, 2], wc * Q[c, 3]
-    w, x, y, z = wa * aw + bw + cw, wa * ax + bx + cx, wa * ay + by + cy, wa * az + bz + cz
-    ex, ey, ez = NV[b, 0] - NV[a, 0], NV[b, 1] - NV[a, 1], NV[b, 2] - NV[a, 2]
-    fx, fy, fz = NV[c, 0] - NV[a, 0], NV[c, 1] - NV[a, 1], NV[c, 2] - NV[a, 2]
-    # Twice the dual part: the sum of the products (0, e) q.
-    dw = -(ex * bx + ey * by + ez * bz + fx * cx + fy * cy + fz * cz)
-    dx = ex * bw + ey * bz - ez * by + fx * cw + fy * cz - fz * cy
-    dy = ey * bw + ez * bx - ex * bz + fy * cw + fz * cx - fx * cz
-    dz = ez * bw + ex * by - ey * bx + fz * cw + fx * cy - fy * cx
-    norm = 1.0 / (w * w + x * x + y * y + z * z)
-    sx = norm * (w * dx - dw * x - dy * z + dz * y)
-    sy = norm * (w * dy - dw * y - dz * x + dx * z)
-    sz = norm * (w * dz - dw * z - dx * y + dy * x)
-    return w, x, y, z, norm, sx, sy, sz
+    T = np.empty((len(F), 30))
+    for t in range(len(F)):
+        a, b, c = F[t, 0], F[t, 1], F[t, 2]
+        for r in range(3):
+            T[t, r], T[t, 3 + r], T[t, 6 + r] = V[a, r], V[b, r], V[c, r]
+        bc = _bulge(V, Q, b, c, T[t, 9:12])
+        ca = _bulge(V, Q, c, a, T[t, 12:15])
+        ab = _bulge(V, Q, a, b, T[t, 15:18])
+        b_sign = 1.0 if ab >= 0.0 else -1.0
+        c_sign = 1.0 if ca >= 0.0 else -1.0
+        if abs(bc) > min(abs(ca), abs(ab)):
+            if abs(ca) <= abs(ab):
+                c_sign = b_sign if bc >= 0.0 else -b_sign
+            else:
+                b_sign = c_sign if bc >= 0.0 else -c_sign
+        for r in range(4):
+            T[t, 18 + r], T[t, 22 + r], T[t, 26 + r] = Q[a, r], b_sign * Q[b, r], c_sign * Q[c, r]
+    return T
 
 
 @njit(cache=True, nogil=True)
-def _turned(w, x, y, z, norm, u, v, s):
-    """The vector (u, v, s) turned by the quaternion (w, x, y, z) of squared length 1 / norm."""
-    tx, ty, tz = 2.0 * norm * (y * s - z * v), 2.0 * norm * (z * u - x * s), 2.0 * norm * (x * v - y * u)
+def _bulge(V, Q, i, j, out):
+    """Write b_ij; return the product of the quaternions, the cosine of half the angle between them."""
+    iw, ix, iy, iz = Q[i, 0], Q[i, 1], Q[i, 2], Q[i, 3]
+    jw, jx, jy, jz = Q[j, 0], Q[j, 1], Q[j, 2], Q[j, 3]
+    cosine = iw * jw + ix * jx + iy * jy + iz * jz
+    scale = 2.0 / (1.0 + abs(cosine))
+    if cosine < 0.0:
+        scale = -scale
+    mx = scale * (iw * jx - jw * ix - jy * iz + jz * iy)
+    my = scale * (iw * jy - jw * iy - jz * ix + jx * iz)
+    mz = scale * (iw * jz - jw * iz - jx * iy + jy * ix)
+    ex, ey, ez = V[j, 0] - V[i, 0], V[j, 1] - V[i, 1], V[j, 2] - V[i, 2]
+    out[0], out[1], out[2] = ey * mz - ez * my, ez * mx - ex * mz, ex * my - ey * mx
+    return cosine
+
+
+@njit(cache=True, nogil=True)
+def _add_stretch(T, F, rest, Q, S):
+    """Add to b_ij what the stretch contributes."""
+    q, g = np.empty(4), np.empty(3)
+    for t in range(len(F)):
+        for k in range(3):
+            i, j = F[t, (k + 1) % 3], F[t, (k + 2) % 3]
+            cosine = Q[i, 0] * Q[j, 0] + Q[i, 1] * Q[j, 1] + Q[i, 2] * Q[j, 2] + Q[i, 3] * Q[j, 3]
+            sign = 1.0 if cosine >= 0.0 else -1.0
+            for r in range(4):
+                q[r] = Q[i, r] + sign * Q[j, r]
+            for r in range(3):
+                g[r] = 0.0
+                for s in range(3):
+                    g[r] += 0.5 * (S[i, r, s] - S[j, r, s]) * (rest[j, s] - rest[i, s])
+            x, y, z = _turned(q[0], q[1], q[2], q[3], g[0], g[1], g[2])
+            T[t, 9 + 3 * k] += x
+            T[t, 10 + 3 * k] += y
+            T[t, 11 + 3 * k] += z
+
+
+@njit(cache=True, nogil=True)
+def _turned(w, x, y, z, u, v, s):
+    """The vector (u, v, s) turned by the quaternion (w, x, y, z) of any length."""
+    n = 2.0 / (w * w + x * x + y * y + z * z)
+    tx, ty, tz = n * (y * s - z * v), n * (z * u - x * s), n * (x * v - y * u)
     return u + w * tx + y * tz - z * ty, v + w * ty + z * tx - x * tz, s + w * tz + x * ty - y * tx
 
 
 @njit(cache=True, nogil=True)
-def _decode(local, face, barycentric, F, NV, Q):
-    V = np.empty_like(local)
+def _stretched(local, face, barycentric, F, S):
+    """Offsets under S(w)."""
+    result = np.empty_like(local)
     for i in range(len(local)):
-        a, b, c, wa, wb, wc = _by_weight(face[i], barycentric[i], F)
-        w, x, y, z, norm, sx, sy, sz = _blend(a, b, c, wa, wb, wc, NV, Q)
-        dx, dy, dz = _turned(w, x, y, z, norm, local[i, 0], local[i, 1], local[i, 2])
-        V[i, 0], V[i, 1], V[i, 2] = NV[a, 0] + sx + dx, NV[a, 1] + sy + dy, NV[a, 2] + sz + dz
-    return V
+        a, b, c = F[face[i], 0], F[face[i], 1], F[face[i], 2]
+        wa, wb, wc = barycentric[i, 0], barycentric[i, 1], barycentric[i, 2]
+        x, y, z = local[i, 0], local[i, 1], local[i, 2]
+        for r in range(3):
+            u = wa * S[a, r, 0] + wb * S[b, r, 0] + wc * S[c, r, 0]
+            v = wa * S[a, r, 1] + wb * S[b, r, 1] + wc * S[c, r, 1]
+            w = wa * S[a, r, 2] + wb * S[b, r, 2] + wc * S[c, r, 2]
+            result[i, r] = u * x + v * y + w * z
+    return result
 
 
 @njit(cache=True, nogil=True)
-def _decode_stretched(local, face, barycentric, F, rest, NV, Q, R, T):
+def _decode(local, face, barycentric, T):
     V = np.empty_like(local)
-    g, d = np.empty(3), np.empty(3)
     for i in range(len(local)):
-        a, b, c, wa, wb, wc = _by_weight(face[i], barycentric[i], F)
-        w, x, y, z, norm, sx, sy, sz = _blend(a, b, c, wa, wb, wc, NV, Q)
-        V[i, 0], V[i, 1], V[i, 2] = NV[a, 0] + sx, NV[a, 1] + sy, NV[a, 2] + sz
-        d[:] = 0.0
-        for k, weight in ((a, wa), (b, wb), (c, wc)):
-            for r in range(3):
-                g[r] = wa * rest[a, r] + wb * rest[b, r] + wc * rest[c, r] - rest[k, r]
-            gx = T[k, 0, 0] * g[0] + T[k, 0, 1] * g[1] + T[k, 0, 2] * g[2] - g[0]
-            gy = T[k, 1, 0] * g[0] + T[k, 1, 1] * g[1] + T[k, 1, 2] * g[2] - g[1]
-            gz = T[k, 2, 0] * g[0] + T[k, 2, 1] * g[1] + T[k, 2, 2] * g[2] - g[2]
-            for r in range(3):
-                V[i, r] += 0.5 * weight * (R[k, r, 0] * gx + R[k, r, 1] * gy + R[k, r, 2] * gz)
-                d[r] += weight * (
-                    T[k, r, 0] * local[i, 0] + T[k, r, 1] * local[i, 1] + T[k, r, 2] * local[i, 2]
-                )
-        dx, dy, dz = _turned(w, x, y, z, norm, d[0], d[1], d[2])
-        V[i, 0] += dx
-        V[i, 1] += dy
-        V[i, 2] += dz
+        t, a, b, c = face[i], barycentric[i, 0], barycentric[i, 1], barycentric[i, 2]
+        bc, ca, ab = b * c, c * a, a * b
+        w = a * T[t, 18] + b * T[t, 22] + c * T[t, 26]
+        x = a * T[t, 19] + b * T[t, 23] + c * T[t, 27]
+        y = a * T[t, 20] + b * T[t, 24] + c * T[t, 28]
+        z = a * T[t, 21] + b * T[t, 25] + c * T[t, 29]
+        dx, dy, dz = _turned(w, x, y, z, local[i, 0], local[i, 1], local[i, 2])
+        V[i, 0] = a * T[t, 0] + b * T[t, 3] + c * T[t, 6] + bc * T[t, 9] + ca * T[t, 12] + ab * T[t, 15] + dx
+        V[i, 1] = a * T[t, 1] + b * T[t, 4] + c * T[t, 7] + bc * T[t, 10] + ca * T[t, 13] + ab * T[t, 16] + dy
+        V[i, 2] = a * T[t, 2] + b * T[t, 5] + c * T[t, 8] + bc * T[t, 11] + ca * T[t, 14] + ab * T[t, 17] + dz
     return V

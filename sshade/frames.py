@@ -67,7 +67,8 @@ class Frames(Protocol):
         -------
         V : (n, 3) float64
         degenerate : int
-            Number of zero-area triangles, of N or N'.
+            Number of frames, of triangles or vertices, that N or N' leaves open,
+            such as those of zero-area triangles; they turn as their neighbours do.
         """
 
 
@@ -182,8 +183,7 @@ class TriangleFrames:
     ) -> tuple[np.ndarray, int]:
         """Points L'_t v_t + b'_t on a deformed proxy; see :class:`Frames`.
 
-        A zero-area triangle of N' has no frame: it turns as its edge
-        neighbours do in the mean.
+        A zero-area triangle has no frame: it turns as its edge neighbours do in the mean.
         """
         L, origin, degenerate = _frames(NV, self.F, self.values)
         missing = degenerate | self.degenerate
