@@ -37,6 +37,8 @@ log = logging.getLogger(__name__)
 
 #: Relative error up to which an exact constraint counts as reached.
 REACHED = 1e-6
+#: Weight of an area that cannot be held exactly, and the steps after which it is given up.
+RELAXED, GIVE_UP = 1.0, 5
 #: A volume below this (x area^1.5) is that of a flat body: nothing to be relative to.
 FLAT = 1e-9
 
@@ -163,26 +165,26 @@ class Hold:
     def __init__(self, constraints: Constraints, wanted: Wanted, kinds: np.ndarray, *, corners: int) -> None:
         rest, n = constraints.rest, len(constraints.component)
         on = np.stack([constraints.has_volume, np.ones_like(constraints.has_volume)])[kinds]
-        weight = np.array([wanted.volume, wanted.area])[kinds, None]
         ratio = np.array([wanted.volume_ratio, wanted.area_ratio])[kinds, None]
         self._mesh = constraints.faces, constraints.start
-        self._component, self._kinds = constraints.component, kinds
+        self._component, self._kinds, self._area = constraints.component, kinds, rest[AREA]
         self._scale = np.where(on, 1.0, 0.0) / np.where(on, rest[kinds], 1.0)
         self._goal = np.where(on, ratio, 0.0)
-        self._compliance = 1.0 / (weight * rest[AREA])
-        # The rest energy of a component is 2 corners x area; of the penalty's 1/2 a 1 remains.
-        self._stiffness = np.where(np.isinf(weight), 0.0, weight) * corners * rest[AREA]
-        self._exact = np.isinf(weight)
+        self._weight = np.where(on, np.array([wanted.volume, wanted.area])[kinds, None], math.inf)
+        self._corners = corners
         self._G, self._Z = np.zeros((2, n, len(kinds), 3))
-        self._slope = np.empty((len(constraints.rest[AREA]), len(kinds), len(kinds)))
+        self._slope = np.empty((on.shape[1], len(kinds), len(kinds)))
+        self._failures, self._miss = np.zeros((2, on.shape[1]))
         self.columns = 3 * len(kinds)
 
     def penalty(self, P: np.ndarray) -> float:
         """What weighted constraints add to the energy of positions P (n, 3)."""
-        if self._exact.all():
+        weight = np.where(np.isinf(self._weight), 0.0, self._weight)
+        if not weight.any():
             return 0.0
         error = self._scale * measure(*self._mesh, P)[self._kinds] - self._goal
-        return float((self._stiffness * error**2).sum())
+        # The rest energy of a component is 2 corners x area; of the penalty's 1/2 a 1 remains.
+        return float((weight * self._corners * self._area * error**2).sum())
 
     def gather(self, P: np.ndarray, rows: np.ndarray, X: np.ndarray) -> None:
         """Write the gradients at P (n, 3) of the vertices `rows` to columns 3.. of X (f, 3 + columns)."""
@@ -190,23 +192,41 @@ class Hold:
         gather_columns(self._G, rows, X)
 
     def pull(self, X: np.ndarray, rows: np.ndarray, P: np.ndarray) -> None:
-        """Move P (n, 3) to where the constraints hold, along the solutions in columns 3.. of X."""
+        """Move P (n, 3) to where the constraints hold, along the solutions in columns 3.. of X.
+
+        Where a component's exact constraints cannot be met together, its area
+        gets the weight `RELAXED` in this step; after `GIVE_UP` such steps in a
+        row, for good.
+        """
         scatter_columns(X, rows, self._Z)
         along(self._G, self._component, self._Z, self._slope)
-        self._miss = self._newton(P, self._scale, self._goal)
+        area = (self._kinds == AREA)[:, None]
+        exact_area = (area & np.isinf(self._weight)).any(axis=0)
+        before = P.copy() if exact_area.any() else P
+        self._miss = self._newton(P, self._weight, np.ones_like(self._weight, dtype=bool))
+        failed = exact_area & (self._miss > REACHED)
+        if failed.any():
+            again = failed[self._component]
+            P[again] = before[again]
+            relaxed = np.where(area & failed, RELAXED, self._weight)
+            only = np.broadcast_to(failed, relaxed.shape)
+            self._miss = np.where(failed, self._newton(P, relaxed, only), self._miss)
+            self._weight = np.where(self._failures >= GIVE_UP - 1, relaxed, self._weight)
+        self._failures = np.where(failed, self._failures + 1, 0)
 
     def restore(self, P: np.ndarray) -> bool:
         """Move P (n, 3) to where the exact constraints hold, along the directions of the last `pull`.
 
         False where they are missed by more than they were then.
         """
-        if not self._exact.any():
+        exact = np.isinf(self._weight)
+        if not exact.any():
             return True
-        scale, goal = np.where(self._exact, (self._scale, self._goal), 0.0)
-        return self._newton(P, scale, goal) <= max(self._miss, ROUNDING)
+        return bool((self._newton(P, self._weight, exact) <= np.maximum(self._miss, ROUNDING)).all())
 
-    def _newton(self, P: np.ndarray, scale: np.ndarray, goal: np.ndarray) -> float:
-        equations = self._kinds, scale, goal, self._compliance
+    def _newton(self, P: np.ndarray, weight: np.ndarray, only: np.ndarray) -> np.ndarray:
+        scale, goal = np.where(only, (self._scale, self._goal), 0.0)
+        equations = self._kinds, scale, goal, 1.0 / (weight * self._area)
         return newton(*self._mesh, self._component, *equations, self._Z, self._slope, P)
 
 

@@ -125,8 +125,8 @@ def newton(F, start, component, kind, scale, goal, compliance, Z, slope, P):
 
     Returns
     -------
-    float
-        Largest absolute value of an equation in the end.
+    (c,) float64
+        The largest absolute value of a component's equations in the end.
     """
     count, held = len(start) - 1, len(kind)
     J, G = slope.copy(), np.empty((0, held, 3))
@@ -167,7 +167,7 @@ def newton(F, start, component, kind, scale, goal, compliance, Z, slope, P):
         if not busy:
             break
         _shift(P, component, Z, move)
-    return error.max()
+    return error
 
 
 @njit(cache=True, nogil=True)
