@@ -188,7 +188,7 @@ def _job(config: DictConfig) -> None:
         outcome = run(
             task,
             plain["method"],
-            name=plain["label"],
+            name=plain["label"].rpartition("/")[2],  # of a method in a subgroup, its own name
             root=Path(plain["paths"]["runs"], plain["run"]["folder"]),
             seed=plain["seed"],
             source=_source(plain["dataset"]),

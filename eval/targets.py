@@ -38,6 +38,8 @@ def instantiate(config: Mapping[str, Any]) -> Any:
     ImportError
         When a library that the function's module imports is not installed.
     """
+    if "_target_" not in config:
+        raise InputError(f"the configuration with {', '.join(config) or 'nothing in it'} names no _target_")
     function = locate(config["_target_"])
     parameters = {
         name: instantiate(value) if isinstance(value, Mapping) and "_target_" in value else value
