@@ -11,6 +11,7 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.files import replacing
 from sshade.mesh import Mesh
+from sshade.ply import read_ply, write_ply
 
 #: Formats read and written, by suffix.
 SUFFIXES = (".ply", ".obj", ".off", ".stl")
@@ -46,27 +47,17 @@ def read_arrays(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
         raise InputError(f"{path}: no such file")
     if path.stat().st_size == 0:
         raise InputError(f"{path}: the file is empty")
-    import trimesh
-
     try:
+        if path.suffix.lower() == ".ply":
+            return read_ply(path)
         if path.suffix.lower() == ".obj":
             return _read_obj(path)
-        if path.suffix.lower() == ".off":
-            _check_off(path)
-        loaded = trimesh.load(path, process=False, maintain_order=True)
+        return _read_by_trimesh(path)
     except InputError:
         raise
     except Exception as error:  # any reader failure is the file's fault, and becomes one sentence
         reason = " ".join(str(error).split())
         raise InputError(f"{path}: not a readable {path.suffix[1:].upper()} file ({reason})") from error
-    if not isinstance(loaded, trimesh.Trimesh):
-        geometry = getattr(loaded, "geometry", None)
-        if geometry is not None and len(geometry) > 1:
-            raise InputError(f"{path}: the file holds {len(geometry)} meshes; give one mesh a file")
-        if not geometry or not isinstance(next(iter(geometry.values())), trimesh.Trimesh):
-            raise InputError(f"{path}: the file holds no triangles")
-        loaded = next(iter(geometry.values()))
-    return np.asarray(loaded.vertices, dtype=np.float64), np.asarray(loaded.faces, dtype=np.int64)
 
 
 def write_mesh(path: str | os.PathLike[str], V: np.ndarray, F: np.ndarray) -> None:
@@ -90,7 +81,7 @@ def write_mesh(path: str | os.PathLike[str], V: np.ndarray, F: np.ndarray) -> No
     check_output(path)
     with replacing(path) as temporary:
         if path.suffix.lower() == ".ply":
-            _write_ply(temporary, V, F)
+            write_ply(temporary, V, F)
         else:
             import trimesh
 
@@ -169,6 +160,23 @@ def _read_obj(path: Path) -> tuple[np.ndarray, np.ndarray]:
     return np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
 
 
+def _read_by_trimesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """OFF and STL."""
+    import trimesh
+
+    if path.suffix.lower() == ".off":
+        _check_off(path)
+    loaded = trimesh.load(path, process=False, maintain_order=True)
+    if not isinstance(loaded, trimesh.Trimesh):
+        geometry = getattr(loaded, "geometry", None)
+        if geometry is not None and len(geometry) > 1:
+            raise InputError(f"{path}: the file holds {len(geometry)} meshes; give one mesh a file")
+        if not geometry or not isinstance(next(iter(geometry.values())), trimesh.Trimesh):
+            raise InputError(f"{path}: the file holds no triangles")
+        loaded = next(iter(geometry.values()))
+    return np.asarray(loaded.vertices, dtype=np.float64), np.asarray(loaded.faces, dtype=np.int64)
+
+
 def _check_off(path: Path) -> None:
     """Raise ValueError on a truncated file: the reader takes what it finds."""
     rows = [line.split("#", 1)[0].split() for line in path.read_text(encoding="utf-8").splitlines()]
@@ -182,20 +190,3 @@ def _check_off(path: Path) -> None:
     last = body[vertices + faces - 1]
     if faces and len(last) <= int(last[0]):
         raise ValueError("the last face is not complete")
-
-
-def _write_ply(path: Path, V: np.ndarray, F: np.ndarray) -> None:
-    header = (
-        "ply\nformat binary_little_endian 1.0\n"
-        f"element vertex {len(V)}\n"
-        "property double x\nproperty double y\nproperty double z\n"
-        f"element face {len(F)}\n"
-        "property list uchar int vertex_indices\nend_header\n"
-    )
-    faces = np.empty(len(F), dtype=[("count", "u1"), ("corners", "<i4", 3)])
-    faces["count"] = 3
-    faces["corners"] = F
-    with path.open("wb") as file:
-        file.write(header.encode("ascii"))
-        file.write(np.ascontiguousarray(V, dtype="<f8").tobytes())
-        file.write(faces.tobytes())
