@@ -1,0 +1,125 @@
+"""Jumps of the deformation across the proxy's edges."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from eval_cases import bumpy_sphere, ends_task
+
+from eval.jumps import SETTINGS, Jumps, at_vertices, busiest, compare, main, measure_jumps, table
+from sshade import InputError, bind
+from sshade.handlesio import write_handles
+from sshade.meshio import write_mesh
+from tests.shapes import bent, bumpy, rotation, strip
+
+
+@pytest.fixture(scope="module")
+def results():
+    task = ends_task(bumpy_sphere(4))
+    return task, compare(task, vertices=400)
+
+
+def test_a_fold_is_the_only_jump():
+    sheet = strip(30, 6)
+    cos, sin = np.cos(0.7), np.sin(0.7)
+    right = np.maximum(sheet.V[:, 0] - 15, 0)
+    folded = np.where(right[:, None] > 0, [15, 0, 0] + sheet.V * [0, 1, 0], sheet.V)
+    folded = folded + right[:, None] * [cos, 0, sin]
+    jumps = measure_jumps(sheet, folded @ rotation(1).T, binding=bind(sheet, 30))
+    side = sheet.V[sheet.F].mean(axis=1)[:, 0] > 15
+    across = side[jumps.pairs[:, 0]] != side[jumps.pairs[:, 1]]
+    assert across.sum() == 6 and len(jumps.pairs) == (3 * sheet.m - 2 * (30 + 6)) / 2
+    np.testing.assert_allclose(jumps.angle, np.where(across, np.degrees(0.7), 0.0), atol=1e-12)
+
+
+def test_a_pair_crosses_where_its_vertices_follow_different_triangles_or_samples():
+    mesh = bumpy(3)
+    binding = bind(mesh, 60)
+    jumps = measure_jumps(mesh, bent(mesh.V), binding=binding)
+    follows = list(zip(binding.projection.face.tolist(), binding.remesh.region.tolist(), strict=True))
+    expected = [len({follows[v] for f in pair for v in mesh.F[f]}) > 1 for pair in jumps.pairs]
+    assert jumps.crossing.tolist() == expected
+    assert 0 < sum(expected) < len(expected)
+
+
+def test_triangles_without_area_are_left_out():
+    mesh = bumpy(2)
+    V = mesh.V.copy()
+    a, b, c = mesh.F[20]
+    V[c] = 0.5 * (V[a] + V[b])
+    jumps = measure_jumps(mesh, V, binding=bind(mesh, 40))
+    assert not (jumps.pairs == 20).any() and len(jumps.pairs) == len(mesh.edges) - 3
+
+
+def test_rigid_frames_jump_at_the_proxys_edges_alone_and_blended_ones_hardly_more_than_inside(results):
+    summary = {name: jumps.summary() for name, (_, jumps) in results[1].items()}
+    assert list(summary) == [f"{frames} x{samplings}" for frames, samplings in SETTINGS]
+    assert summary["triangle x1"]["inside p99"] < 1e-5
+    for blended in ("blended x1", "blended_affine x1"):
+        assert summary[blended]["across p99"] < 0.7 * summary["triangle x5"]["across p99"]
+        assert summary[blended]["across p99"] < 0.4 * summary["triangle x1"]["across p99"]
+        assert summary[blended]["across median"] < 2 * summary[blended]["inside median"]
+
+
+def test_summary_and_table():
+    pairs = np.array([[0, 1], [1, 2], [2, 3], [3, 4]])
+    jumps = Jumps(pairs, np.array([1.0, 2, 3, 10]), np.array([True, True, True, False]))
+    summary = jumps.summary()
+    assert summary == {
+        "across median": 2,
+        "across p99": pytest.approx(2.98),
+        "inside median": 10,
+        "inside p99": 10,
+    }
+    lines = table({"a x1": (None, jumps)}).splitlines()
+    assert lines[0] == "| frames | across median | across p99 | inside median | inside p99 |"
+    assert lines[2] == "| a x1 | 2.00 | 2.98 | 10.00 | 10.00 |"
+    nowhere = Jumps(pairs, jumps.angle, np.ones(4, dtype=bool)).summary()
+    assert np.isnan(nowhere["inside median"])
+
+
+def test_the_largest_jumps_are_found_at_vertices():
+    mesh = bumpy(2)
+    jumps = measure_jumps(mesh, bent(mesh.V), binding=bind(mesh, 40))
+    values = at_vertices(mesh, jumps)
+    for v in (0, 17, 100):
+        at = [(v in mesh.F[i]) or (v in mesh.F[j]) for i, j in jumps.pairs]
+        assert values[v] == jumps.angle[at].max()
+    number = np.arange(len(jumps.pairs))
+    only = Jumps(jumps.pairs, np.where(number == 50, 9.0, np.where(number > 150, 10.0, 0.0)), number < 100)
+    assert busiest(mesh, only, radius=0.01) == mesh.F[jumps.pairs[50, 0], 0]
+
+
+def test_command(results, tmp_path, capsys, monkeypatch):
+    pytest.importorskip("pyvista")
+    monkeypatch.setattr("eval.jumps.PANEL", 60)
+    task, compared = results
+    files = [str(tmp_path / "mesh.ply"), str(tmp_path / "handles.json")]
+    write_mesh(files[0], task.mesh.V, task.mesh.F)
+    write_handles(files[1], task.handles)
+    picture = tmp_path / "close.png"
+    assert main([*files, "--vertices", "400", "-o", str(picture), "--centre", "7", "--radius", "0.5"]) == 0
+    printed = capsys.readouterr().out
+    assert table(compared) in printed and f"{picture}: around vertex 7" in printed
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--centre", "42"], "the mesh has no vertex 42; it has 42"),
+        (["--centre", "1", "--radius", "1e-9"], "choose a larger --radius"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(tmp_path, options, message):
+    pytest.importorskip("pyvista")
+    mesh = bumpy(1)
+    write_mesh(tmp_path / "mesh.ply", mesh.V, mesh.F)
+    text = json.dumps({"handles": [{"landmark": "end", "kind": "static", "vertices": [0, 1, 2]}]})
+    (tmp_path / "handles.json").write_text(text)
+    files = [str(tmp_path / name) for name in ("mesh.ply", "handles.json")]
+    with pytest.raises(InputError, match=message):
+        main([*files, "--vertices", "12", "-o", str(tmp_path / "close.png"), *options])
+    assert not (tmp_path / "close.png").exists()
