@@ -12,7 +12,7 @@ from typing import Any
 from eval.attempt import attempt, attempt_fresh, is_scalar
 from eval.metrics import measure
 from eval.provenance import config_hash, dependencies, digest, environment, source_hash, task_checksum
-from eval.store import SCHEMA, VALID, Row, read_row, run_folder, write_run
+from eval.store import SCHEMA, TRANSFER, VALID, Row, read_row, run_folder, write_run
 from eval.targets import flat, instantiate, require_kind, settings, target_modules
 from eval.truth import Task
 from sshade.task import DeformationTask, Progress, silent
@@ -160,5 +160,7 @@ def _task_facts(task: Task) -> Row:
             "merged": task.handles.merged,
             "snap_max": float(task.handles.snap_distance.max()) / mesh.diagonal,
         }
+    else:
+        facts["kind"] = TRANSFER
     facts |= {f"meta.{name}": value for name, value in task.meta.items() if is_scalar(value)}
     return {f"task.{name}": value for name, value in facts.items()}

@@ -37,6 +37,9 @@ ROWS_HELP = "CSV made by eval.collect, or name of an experiment in results/rows"
 STATUSES = ("ok", "not_converged", "timeout", "failed", "skipped")
 VALID = ("ok", "not_converged")
 
+#: ``task.kind`` of rows of pose transfers; those of deformations by handles have none.
+TRANSFER = "transfer"
+
 _GROUPS = ("task.", "method.", "seed", "status", "reason", "iterations", "converged")
 _LATER_GROUPS = ("metric.", "extra.", "seconds.", "peak_mib", "env.", "date", "schema", "key")
 _TEXT_COLUMNS = ("reason", "key", "task.checksum", "task.source", "method.hash", "method.note", "env.commit")

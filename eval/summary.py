@@ -5,63 +5,10 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+from eval.columns import Column, are_transfers, columns_of
 from eval.metrics import METRICS
 from eval.store import VALID, Row, newest
 from sshade.errors import InputError
-
-
-@dataclass(frozen=True)
-class Column:
-    """One number of a table.
-
-    Parameters
-    ----------
-    heading, unit : str
-    source : str
-        The row's column.
-    decimals : int
-        What it is printed with.
-    ranked : bool
-        Whether the lowest ones are marked.
-    optional : bool
-        Left out of tables whose rows have nothing there, or only zeros.
-    legend : str
-        What it says, where it is no metric.
-    """
-
-    heading: str
-    unit: str
-    source: str
-    decimals: int
-    ranked: bool = True
-    optional: bool = False
-    legend: str = ""
-
-    def text(self, mean: float) -> str:
-        """The number as printed; times keep three digits, from milliseconds to hours."""
-        decimals = self.decimals
-        if self.unit == "s":
-            decimals = next((d for bound, d in ((100, 0), (10, 1), (1, 2)) if mean >= bound), 3)
-        return f"{mean:.{decimals}f}"
-
-
-COLUMNS = (
-    Column("volume", "%", "metric.volume", 2),
-    Column("area", "%", "metric.area", 2),
-    Column("EL", "%", "metric.edge", 2),
-    Column("FA", "deg", "metric.angle", 3),
-    Column("handle", "%", "metric.handle", 3),
-    Column(
-        "far",
-        "%",
-        "extra.far_share",
-        3,
-        optional=True,
-        legend="vertices carried by a proxy triangle more than 2 covering radii away along the proxy",
-    ),
-    Column("iterations", "", "iterations", 0, ranked=False),
-    Column("time", "s", "seconds.total", 2),
-)
 
 
 @dataclass(frozen=True)
@@ -90,12 +37,13 @@ class Line:
 
 @dataclass(frozen=True)
 class Table:
-    """Lines, the columns they share, and the sentences that belong under them."""
+    """Lines, the columns they share, the sentences that belong under them, and tables of parts of it."""
 
     title: str
     columns: tuple[Column, ...]
     lines: list[Line]
     notes: list[str]
+    parts: tuple[Table, ...] = ()
 
 
 def make_table(rows: list[Row], *, title: str, with_time: bool = True) -> Table:
@@ -124,16 +72,42 @@ def make_table(rows: list[Row], *, title: str, with_time: bool = True) -> Table:
         rows = newest(rows, across_machines=True)
     columns = tuple(
         column
-        for column in COLUMNS
+        for column in columns_of(rows)
         if (with_time or column.unit != "s")
         and (not column.optional or any(row.get(column.source) for row in rows))
     )
+    parts = tuple(Table(name, columns, _lines(part, columns), []) for name, part in _parts(rows).items())
+    return Table(title, columns, _lines(rows, columns), _notes(rows, columns=columns), parts)
+
+
+def _parts(rows: list[Row]) -> dict[str, list[Row]]:
+    """Rows of pose transfers by class, pose and edit, each where there are several.
+
+    By pose only where every class has the same ones: elsewhere a pose is one case.
+    """
+    if not are_transfers(rows):
+        return {}
+    parts = {}
+    classes = {row.get("task.meta.class") for row in rows}
+    for fact in ("class", "source_pose", "edit"):
+        of_value: dict[str, list[Row]] = {}
+        for row in rows:
+            of_value.setdefault(str(row.get(f"task.meta.{fact}")), []).append(row)
+        everywhere = all(
+            {row.get("task.meta.class") for row in part} == classes for part in of_value.values()
+        )
+        if len(of_value) > 1 and (fact != "source_pose" or everywhere):
+            word = fact.removeprefix("source_")
+            parts |= {f"{word}: {value}": of_value[value] for value in sorted(of_value)}
+    return parts
+
+
+def _lines(rows: list[Row], columns: tuple[Column, ...]) -> list[Line]:
     cases = {_case(row) for row in rows}
-    lines = [
+    return [
         _line(name, [row for row in rows if row["method.name"] == name], cases=cases, columns=columns)
         for name in method_names(rows)
     ]
-    return Table(title, columns, lines, _notes(rows, columns=columns))
 
 
 def method_names(rows: list[Row]) -> list[str]:
@@ -258,10 +232,12 @@ def _notes(rows: list[Row], *, columns: tuple[Column, ...]) -> list[str]:
         ]
     own = {(row["method.name"], row["method.note"]) for row in rows if row.get("method.note")}
     notes += [f"{name}: {note}" for name, note in sorted(own, key=lambda pair: (_place(pair[0]), pair[1]))]
-    notes.append(
-        "Best in bold, second best underlined, among methods with a result for every case. "
-        "In brackets after the iterations: runs that converged; the others stopped at the cutoff."
-    )
+    posed_by = sorted({row["task.meta.posed_by"] for row in rows if row.get("task.meta.posed_by")})
+    notes += [f"The poses come from {', '.join(posed_by)}."] if posed_by else []
+    marks = "Best in bold, second best underlined, among methods with a result for every case."
+    if any(column.source == "iterations" for column in columns):
+        marks += " In brackets after the iterations: runs that converged; the others stopped at the cutoff."
+    notes.append(marks)
     metrics = {f"metric.{name}": metric.equation for name, metric in METRICS.items()}
     said = {column.heading: column.legend or metrics.get(column.source) for column in columns}
     legend = "; ".join(f"{heading}: {text}" for heading, text in said.items() if text)

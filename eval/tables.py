@@ -21,31 +21,38 @@ from sshade.files import make_folder, replacing
 
 
 def to_csv(table: Table) -> str:
-    """Numbers to six digits, without marks."""
+    """Numbers to six digits, without marks; where there are parts, a first column names them."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     headings = [f"{c.heading} [{c.unit}]" if c.unit else c.heading for c in table.columns]
-    writer.writerow(["method", "runs", "valid", "converged", *headings])
-    for line in table.lines:
-        means = [line.means[c.heading] for c in table.columns]
-        numbers = ["" if mean is None else format(mean, ".6g") for mean in means]
-        writer.writerow([line.method, line.runs, line.valid, line.converged, *numbers])
+    first = ["part"] if table.parts else []
+    writer.writerow([*first, "method", "runs", "valid", "converged", *headings])
+    for name, part in (("all", table), *((part.title, part) for part in table.parts)):
+        for line in part.lines:
+            means = [line.means[c.heading] for c in table.columns]
+            numbers = ["" if mean is None else format(mean, ".6g") for mean in means]
+            first = [name] if table.parts else []
+            writer.writerow([*first, line.method, line.runs, line.valid, line.converged, *numbers])
     return text.getvalue()
 
 
 def to_markdown(table: Table) -> str:
-    """Best in bold, second best underlined."""
+    """Best in bold, second best underlined; parts follow the notes."""
     marks = {0: "{}", 1: "**{}**", 2: "<u>{}</u>"}
     headings = [
         "method",
         "runs",
         *(f"{c.heading} ({c.unit})" if c.unit else c.heading for c in table.columns),
     ]
-    body = cells(table, marks, not_available="n/a")
-    out = [f"### {table.title}", "", f"| {' | '.join(headings)} |"]
-    out.append("|" + "|".join([" --- ", *([" ---: "] * (len(headings) - 1))]) + "|")
-    out += [f"| {' | '.join(cells)} |" for cells in body]
-    out += ["", *(f"- {note}" for note in table.notes)]
+    head = [f"| {' | '.join(headings)} |"]
+    head.append("|" + "|".join([" --- ", *([" ---: "] * (len(headings) - 1))]) + "|")
+
+    def body(part: Table) -> list[str]:
+        return [*head, *(f"| {' | '.join(texts)} |" for texts in cells(part, marks, not_available="n/a"))]
+
+    out = [f"### {table.title}", "", *body(table), "", *(f"- {note}" for note in table.notes)]
+    for part in table.parts:
+        out += ["", f"#### {part.title}", "", *body(part)]
     return "\n".join(out) + "\n"
 
 
@@ -53,12 +60,16 @@ def to_latex(table: Table) -> str:
     """A booktabs tabular; best in bold, second best underlined, notes as comments."""
     marks = {0: "{}", 1: "\\textbf{{{}}}", 2: "\\underline{{{}}}"}
     units = {"%": " (\\%)", "deg": " ($^\\circ$)", "s": " (s)", "": ""}
-    headings = ["method", "runs", *(c.heading + units[c.unit] for c in table.columns)]
-    body = cells(table, marks, not_available="--", escape=_escape)
+    headings = ["method", "runs", *(_escape(c.heading) + units[c.unit] for c in table.columns)]
     out = [f"% {table.title}", *(f"% {note}" for note in table.notes)]
     out += [f"\\begin{{tabular}}{{l{'r' * (len(headings) - 1)}}}", "\\toprule"]
-    out += [" & ".join(headings) + " \\\\", "\\midrule"]
-    out += [" & ".join(cells) + " \\\\" for cells in body]
+    out += [" & ".join(headings) + " \\\\"]
+    for part in (table, *table.parts):
+        out.append("\\midrule")
+        if part is not table:
+            out.append(f"\\multicolumn{{{len(headings)}}}{{l}}{{{_escape(part.title)}}} \\\\")
+        body = cells(part, marks, not_available="--", escape=_escape)
+        out += [" & ".join(texts) + " \\\\" for texts in body]
     out += ["\\bottomrule", "\\end{tabular}"]
     return "\n".join(out) + "\n"
 

@@ -119,6 +119,63 @@ def test_rows_of_two_datasets_are_refused_and_a_dataset_can_say_what_it_is():
     assert table.notes[1] == "The poses are a guess."
 
 
+def transfer_row(method, task="t1", **changes):
+    metrics = {"hausdorff": 0.01, "chamfer": 1.5e-7, "truth_distance": 0.02, "truth_edge": 0.3}
+    facts = {f"metric__{name}": value for name, value in metrics.items()}
+    facts |= {"metric__truth_angle": 1.0, "metric__handle": None, "iterations": 0.0, "converged": None}
+    facts |= {"task__kind": "transfer", "task__meta__class": "a", "task__meta__edit": "none"}
+    facts |= {"task__meta__source_pose": "sit", "task__meta__posed_by": "skinning"}
+    return row(method, task, **facts | changes)
+
+
+def test_pose_transfers_have_columns_of_their_own_and_parts():
+    rows = [
+        transfer_row("x"),
+        transfer_row("x", "t2", task__meta__source_pose="run", metric__hausdorff=0.03),
+        transfer_row("y", metric__chamfer=2.5e-8),
+        transfer_row("y", "t2", task__meta__source_pose="run", metric__chamfer=1.5e-8),
+    ]
+    text = to_markdown(make_table(rows, title="t"))
+    assert (
+        "| method | runs | d_H | d_C | distance (%) | EL to truth (%) | FA to truth (deg) | time (s) |"
+        in text
+    )
+    assert "| x | 2 | <u>2.00e-02</u> | <u>1.50e-07</u> | **0.0200** |" in text
+    assert "| y | 2 | **1.00e-02** | **2.00e-08** |" in text
+    assert "The poses come from skinning." in text and "iterations" not in text
+    assert text.count("#### ") == 2
+    run, sit = text.split("#### pose: run\n")[1].split("#### pose: sit\n")
+    assert "| x | 1 | <u>3.00e-02</u> |" in run and "| y | 1 | **1.00e-02** | **2.50e-08** |" in sit
+    lines = to_csv(make_table(rows, title="t")).splitlines()
+    assert lines[0].startswith("part,method,runs,valid,converged,d_H,d_C,distance [%]")
+    assert [line.split(",")[:3] for line in lines[1:]] == [
+        [part, method, "2" if part == "all" else "1"]
+        for part in ("all", "pose: run", "pose: sit")
+        for method in ("x", "y")
+    ]
+    latex = to_latex(make_table(rows, title="t"))
+    assert r"d\_H & d\_C & distance (\%)" in latex
+    assert latex.count(r"\midrule") == 3 and r"\multicolumn{8}{l}{pose: sit} \\" in latex
+
+
+def test_pose_transfers_by_class_and_edit():
+    two = [
+        transfer_row("x", f"{kind} {edit}", task__meta__class=kind, task__meta__edit=edit, **pose)
+        for kind, pose in (("cat", {"task__meta__source_pose": "cat1"}), ("dog", {}))
+        for edit in ("fin", "horns")
+    ]
+    parts = [part.title for part in make_table(two, title="t").parts]
+    # Poses that not every class has are cases, not parts.
+    assert parts == ["class: cat", "class: dog", "edit: fin", "edit: horns"]
+    assert make_table(two[:1], title="t").parts == ()
+
+
+def test_pose_transfers_without_a_truth_show_what_changed():
+    unknown = {name: None for name in transfer_row("x") if name.startswith(("metric.hausd", "metric.ch"))}
+    table = make_table([transfer_row("x") | unknown], title="t")
+    assert [c.heading for c in table.columns] == ["volume", "area", "EL", "FA", "time"]
+
+
 def test_latex(rows):
     lines = [line for line in to_latex(make_table(rows, title="tiny")).splitlines() if line[0] != "%"]
     assert lines == [
