@@ -1,0 +1,68 @@
+"""The experiments of pose transfers, from their configurations to their tables, on a user's own sequence."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from defaust.cli import main as defaust
+from eval.collect import collect
+from eval.summary import make_table
+from eval.tables import to_markdown
+from sshade.meshio import write_mesh
+from tests.shapes import bent, bumpy
+
+
+@pytest.fixture(scope="module")
+def sequence(tmp_path_factory):
+    """Three poses of a blob, built into a dataset."""
+    folder = tmp_path_factory.mktemp("sequence")
+    (folder / "meshes").mkdir()
+    mesh = bumpy(3)
+    for k in range(3):
+        write_mesh(folder / "meshes" / f"blob{k}.ply", bent(mesh.V, 0.1 * k), mesh.F)
+    arguments = ["build", "source=sequence", f"source.root={folder / 'meshes'}", f"out={folder / 'data'}"]
+    # Handles are not used here, but a dataset has them.
+    arguments += ["source.landmarks=2", "handles_per_landmark=5", "neighbourhood=10", "workers=1"]
+    assert defaust(arguments) == 0
+    return folder
+
+
+def run_eval(folder, *arguments):
+    command = [sys.executable, "-m", "eval", "-m", *arguments, "dataset=sequence", "dataset.root=data"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_isometric(sequence):
+    overrides = ["proxy.vertices=150", "method.frames=triangle,blended_affine", "method.samplings=1"]
+    out = run_eval(sequence, "experiment=isometric", *overrides)
+    assert "4 runs: 4 new (4 ok)" in out
+    rows = collect(sequence / "results/runs/isometric_sequence")
+    assert {row["method.name"] for row in rows} == {"triangle-1", "blended_affine-1"}
+    assert all(row["task.meta.posed_by"] == "registration" for row in rows)
+    table = make_table(rows, title="isometric")
+    mean = {line.method: line.means for line in table.lines}
+    assert mean["blended_affine-1"]["d_C"] < mean["triangle-1"]["d_C"]
+    assert [part.title for part in table.parts] == ["pose: blob1", "pose: blob2"]
+    by_pose = {part.title: part.lines[0].means["distance"] for part in table.parts}
+    assert by_pose["pose: blob1"] < by_pose["pose: blob2"]
+
+
+def test_pose_transfer_without_a_truth(sequence):
+    overrides = ["proxy.vertices=150", "edit@dataset.edit=inflate,stretch", "pose=1"]
+    overrides.append("method=transfer/vertex_frames,transfer/sshade_residual")
+    out = run_eval(sequence, "experiment=pose_transfer", *overrides)
+    # The last part of a method's name is its label.
+    assert "vertex_frames defaust-sequence/subject_00/pose_1/inflate seed 0: ok" in out
+    rows = collect(sequence / "results/runs/pose_transfer_sequence")
+    assert {row["method.name"] for row in rows} == {"vertex_frames", "sshade_residual"} and len(rows) == 4
+    assert not any(name.startswith("metric.truth") for row in rows for name in row)
+    text = to_markdown(make_table(rows, title="pose_transfer"))
+    assert "| volume (%) | area (%) | EL (%) | FA (deg) | time (s) |" in text
+    assert "#### edit: inflate" in text and "reads the pose at every vertex" in text
+    assert np.isfinite([row["metric.volume"] for row in rows]).all()
