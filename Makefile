@@ -21,7 +21,8 @@ tables: $(READY) $(QUICK)/dataset.json
 	$(BIN)/python -m eval.collect quick
 	$(BIN)/python -m eval.tables results/rows/quick.csv
 	$(BIN)/python -m eval.figures quick
-	@echo "tables in results/tables, the picture in results/figures"
+	$(BIN)/python -m eval.report quick
+	@echo "tables in results/tables, the picture in results/figures, all of it in results/report.html"
 
 test: $(READY)
 	$(BIN)/ruff check .

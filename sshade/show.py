@@ -26,8 +26,8 @@ TOWARDS, UP = (0.5, 0.25, 1.0), (0.0, 1.0, 0.0)
 #: Radius of a handle's sphere over the bounding-box diagonal.
 SPHERE = 0.006
 
-#: The few most stretched vertices would take all of a scale.
-PERCENTILE = 98
+#: The few most stretched vertices, or a shape that is nothing but stretched, would take all of a scale.
+PERCENTILE, SHAPES = 98, 75
 
 
 @dataclass(frozen=True)
@@ -94,8 +94,11 @@ def edge_error(rest: Mesh, vertices: np.ndarray) -> np.ndarray:
 
 
 def colour_range(errors: Iterable[np.ndarray]) -> float:
-    """Upper end of one colour scale for all of the errors: their 98th percentile, 1 if that is zero."""
-    top = float(np.percentile(np.concatenate(list(errors)), PERCENTILE))
+    """Upper end of one colour scale for several shapes, 1 if that is zero.
+
+    The upper quartile, over the shapes, of the 98th percentile of each.
+    """
+    top = float(np.percentile([np.percentile(error, PERCENTILE) for error in errors], SHAPES))
     return top if top > 0 else 1.0
 
 
@@ -238,10 +241,10 @@ def aim(plotter: Any, view: View) -> None:
     plotter.enable_anti_aliasing("ssaa")
 
 
-def require_extra() -> None:
-    """Raise InputError where the extra ``figures`` is not installed."""
+def require_extra(*libraries: str) -> None:
+    """Raise InputError where a library of the extra ``figures`` is missing: by default one that draws."""
     from importlib.util import find_spec
 
-    for library in ("matplotlib", "pyvista"):
+    for library in libraries or ("matplotlib", "pyvista"):
         if find_spec(library) is None:
             raise InputError(f"{library} is not installed; pip install sshade[figures]")

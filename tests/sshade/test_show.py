@@ -33,9 +33,9 @@ def test_edge_error_of_a_single_stretched_edge():
     assert edge_error(mesh, moved) == pytest.approx([50, (100 + diagonal) / 2, diagonal / 2])
 
 
-def test_colour_range_leaves_the_few_largest_out():
+def test_colour_range_leaves_the_few_largest_and_a_few_shapes_out():
     assert colour_range([np.arange(101.0)]) == 98
-    assert colour_range([np.arange(51.0), np.arange(51.0, 101.0)]) == 98
+    assert colour_range([np.arange(101.0) * scale for scale in (1, 2, 3, 4, 1000)]) == 4 * 98
     assert colour_range([np.zeros(5)]) == 1
 
 

@@ -1,0 +1,292 @@
+"""The report's text: everything that the rows say stands in it, and nothing is fetched or run."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import io
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+import yaml
+from eval_cases import bumpy_sphere
+from report_runs import METHODS, make_runs
+
+from eval.store import read_csv, write_csv
+from eval.summary import make_table
+from eval.tables import cells
+from sshade.errors import InputError
+from sshade.mesh import Mesh
+from tests.shapes import bumpy, torus
+
+pytest.importorskip("matplotlib")
+pytest.importorskip("pyvista")
+pytest.importorskip("jinja2")
+
+from eval.report.__main__ import main
+from eval.report.surface import pack, surface
+
+
+class Page(HTMLParser):
+    """Tables as lists of rows of texts, ids, links, and texts by class."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tables, self.ids, self.sources, self.images, self.texts = [], [], [], {}, {}
+        self._open: list[tuple[str, str]] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        attributes = dict(attributes)
+        self.ids += [attributes["id"]] if "id" in attributes else []
+        self.sources += [attributes[name] for name in ("src", "href") if name in attributes]
+        if tag == "img":
+            self.images.setdefault(attributes["alt"], []).append(attributes["src"])
+        if tag == "table":
+            self.tables.append([])
+        elif tag == "tr":
+            self.tables[-1].append([])
+        elif tag in ("th", "td"):
+            self.tables[-1][-1].append("")
+        if tag not in ("meta", "img", "br", "input"):
+            self._open.append((tag, attributes.get("class", "")))
+
+    def handle_endtag(self, tag):
+        while self._open and self._open.pop()[0] != tag:
+            pass
+
+    def handle_data(self, text):
+        names = [tag for tag, _ in self._open]
+        if "td" in names or "th" in names:
+            self.tables[-1][-1][-1] += text
+        for key in {kind for pair in self._open for kind in pair if kind}:
+            self.texts.setdefault(key, []).append(text)
+
+    def told(self, key: str) -> str:
+        return " ".join(" ".join(self.texts.get(key, [])).split())
+
+
+@pytest.fixture(scope="module")
+def rows_file(tmp_path_factory):
+    return make_runs(tmp_path_factory.mktemp("report"))
+
+
+def report(path, out, *options):
+    assert main([str(path), "-o", str(out), *options]) == 0
+    return out.read_text(encoding="utf-8")
+
+
+LOOK = ["--towards", "1", "0", "0.2", "--up", "0", "0", "1"]
+
+
+@pytest.fixture(scope="module")
+def text(rows_file):
+    runs = rows_file.parent / "runs" / "tiny"
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("stretching", "with_losses", "failing", "missing_extra"):
+            patch.setattr(f"eval_cases.{name}", lambda *a, **k: pytest.fail("a report ran a method"))
+        return report(rows_file, rows_file.parent / "report.html", "--runs", str(runs), *LOOK)
+
+
+@pytest.fixture(scope="module")
+def page(text):
+    return Page(text)
+
+
+def test_the_table_is_that_of_the_rows(page, rows_file):
+    table = make_table(read_csv(rows_file), title="tiny")
+    expected = cells(table, {0: "{}", 1: "{}", 2: "{}"}, not_available="n/a")
+    assert page.tables[0][0][:3] == ["method", "runs", "volume (%)"] and page.tables[0][1:] == expected
+    assert page.told("b").split() and page.told("u").split()
+    for note in table.notes:
+        assert " ".join(note.split()) in page.told("notes")
+
+
+def test_marks_are_of_the_best_and_the_second_best(rows_file, text):
+    table = make_table(read_csv(rows_file), title="tiny")
+    best, second = ('<b title="best">', '<u title="second best">')
+    marked = cells(table, {0: "{}", 1: best + "{}", 2: second + "{}"}, not_available="n/a")
+    body = text[text.index("<tbody>") : text.index("</tbody>")]
+    assert [body.count(mark) for mark in (best, second)] == [
+        sum(mark in cell for line in marked for cell in line) for mark in (best, second)
+    ]
+
+
+def test_nothing_is_fetched(page, text):
+    assert "default-src 'none'" in text
+    outside = [at for at in page.sources if not at.startswith(("#", "data:"))]
+    assert outside == ["https://threejs.org"]  # a link in the footer
+    assert re.findall(r"@import|url\(", text[: text.index("</style>")]) == []
+
+
+def test_every_case_has_pictures_and_numbers(page, rows_file):
+    from PIL import Image
+
+    assert {"tiny", "tiny-case-0", "tiny-case-1", "turn"} <= set(page.ids)
+    for name in ("rest", "arap", "learned", "stretching"):
+        assert len(page.images[name]) == 2
+    assert "failing" not in page.images
+    images = {
+        name: np.asarray(Image.open(io.BytesIO(base64.b64decode(uri[0].partition(",")[2]))))
+        for name, uri in page.images.items()
+        if uri[0].startswith("data:image/webp")
+    }
+    (shape,) = {image.shape for image in images.values()}
+    assert shape[1] == 360
+    red, green, blue = np.moveaxis(images["rest"].astype(int), 2, 0)
+    assert (blue - red > 80).any() and ((red - blue > 120) & (green > 120)).any()
+    numbers = page.tables[2]
+    row = next(r for r in read_csv(rows_file) if r["task.name"] == "bumpy_10" and r["method.name"] == "arap")
+    assert [line[0] for line in numbers[1:]] == ["arap", "learned", "stretching"]
+    assert numbers[1][1] == f"{row['metric.volume']:.2f}"
+
+
+def test_convergence_failures_and_facts(page, rows_file):
+    assert page.tables[1][0] == ["method", "converged", "iterations", "last residual"]  # no energies
+    convergence = {line[0]: line[1:] for line in page.tables[1][1:]}
+    assert convergence["arap"][:2] == ["0/2", "5 / 5 / 5"]
+    assert convergence["stretching"][:2] == ["0/2", "7 / 7 / 7"]
+    failures = [line for table in page.tables for line in table if line[1:2] == ["bumpy_40"]]
+    assert failures == [
+        ["failing", "bumpy_40", "0", "failed", "ArithmeticError: this method always fails"],
+        [
+            "missing",
+            "bumpy_40",
+            "0",
+            "skipped",
+            "ImportError: torch is not installed; pip install sshade[torch]",
+        ],
+    ]
+    facts = page.told("dl")
+    row = read_csv(rows_file)[0]
+    for value in (row["env.machine"], row["env.python"], row["env.version.numpy"], row["date"][:10]):
+        assert str(value) in facts
+    assert "loss curve 1 of each method" in page.images and "volume of each method" in page.images
+
+
+def test_configurations_are_exact(text):
+    found = {}
+    for name, config in re.findall(r"<summary>(\w+)</summary><pre>(.*?)</pre>", text, re.S):
+        found[name] = yaml.safe_load(config.replace("&#39;", "'"))
+    kept = {
+        name: {k: v for k, v in config.items() if k not in ("note", "warm_up")}
+        for name, config in METHODS.items()
+    }
+    assert found == kept
+
+
+def test_text_of_rows_is_no_markup(page, text):
+    assert "arap: five <iterations> & no more" in page.told("notes") and "<iterations>" not in text
+
+
+def test_the_view_holds_every_shape(text):
+    cases = json.loads(re.search(r'id="turn-cases"[^>]*>(.*?)</script>', text, re.S)[1])
+    assert cases["camera"] == {"towards": [1, 0, 0.2], "up": [0, 0, 1]}
+    assert [case["name"] for case in cases["cases"]] == ["bumpy_10", "bumpy_40"]
+    for case in cases["cases"]:
+        assert [shape["name"] for shape in case["shapes"]] == ["rest", "arap", "learned", "stretching"]
+        assert [shape["error"] for shape in case["shapes"]] == [False, True, True, True]
+        assert case["vertices"] == 162 and case["faces"] == 320 and case["note"] == ""
+        assert len(case["handles"]) == len(case["targets"]) == len(case["dynamic"])
+    assert len(re.findall(r'id="turn-data-\d+"', text)) == 2
+
+
+def test_the_same_rows_and_runs_give_the_same_page(rows_file, text, tmp_path):
+    runs = rows_file.parent / "runs" / "tiny"
+    assert report(rows_file, tmp_path / "again.html", "--runs", str(runs), *LOOK) == text
+
+
+@pytest.fixture
+def without_charts(monkeypatch):
+    """Charts take most of a small report's time."""
+    monkeypatch.setattr("eval.report.page._charts", lambda figures: [])
+
+
+@pytest.mark.usefixtures("without_charts")
+def test_one_case_of_two(rows_file, tmp_path):
+    runs = rows_file.parent / "runs" / "tiny"
+    only = Page(report(rows_file, tmp_path / "r.html", "--runs", str(runs), "--cases", "bumpy_40", *LOOK))
+    assert len(only.images["arap"]) == 1 and "tiny-case-1" not in only.ids
+    with pytest.raises(InputError, match="no case 'bumpy_9'; there are bumpy_10, bumpy_40"):
+        main([str(rows_file), "-o", str(tmp_path / "none.html"), "--cases", "bumpy_9"])
+    assert not (tmp_path / "none.html").exists()
+
+
+@pytest.mark.usefixtures("without_charts")
+def test_without_runs_the_tables_stand_and_the_gap_is_told(rows_file, text, tmp_path):
+    page = Page(report(rows_file, tmp_path / "r.html", "--runs", str(tmp_path / "none")))
+    with_runs = Page(text)
+    assert page.tables[0] == with_runs.tables[0] and page.tables[2] == with_runs.tables[2]
+    assert "rest" not in page.images and "turn" not in page.ids
+    assert page.told("warning").count("No stored vertices of arap, learned, stretching in ") == 2
+
+
+@pytest.mark.usefixtures("without_charts")
+def test_a_changed_dataset_is_told(rows_file, tmp_path, monkeypatch):
+    runs = rows_file.parent / "runs" / "tiny"
+    monkeypatch.setattr("eval.recall.task_checksum", lambda task: "other")
+    page = Page(report(rows_file, tmp_path / "r.html", "--runs", str(runs)))
+    assert "No pictures: the dataset of bumpy_10 has changed since the run" in page.told("warning")
+
+
+def test_times_that_do_not_compare_are_left_out_with_the_reason(rows_file, tmp_path):
+    rows = read_csv(rows_file)
+    rows[0]["env.machine"] = "laptop"
+    for name, changed in (("one", rows), ("two", read_csv(rows_file))):
+        write_csv(tmp_path / f"{name}.csv", changed)
+    paths = [str(tmp_path / f"{name}.csv") for name in ("one", "two")]
+    assert main([*paths, "-o", str(tmp_path / "r.html"), "--runs", str(tmp_path)]) == 0
+    page = Page((tmp_path / "r.html").read_text())
+    assert "Without times: the rows come from 2 machines" in page.told("warning")
+    headings = [table[0] for table in page.tables if table[0][:2] == ["method", "runs"]]
+    assert ["time (s)" in heading for heading in headings] == [False, True]
+    assert {"one", "two"} <= set(page.ids) and len(page.images["time of each method"]) == 1
+
+
+def test_a_small_mesh_is_shown_whole_and_a_large_one_by_samples():
+    mesh = bumpy(3)
+    whole = surface(mesh, keep=np.array([3]))
+    assert np.array_equal(whole.faces, mesh.F) and np.array_equal(whole.samples, np.arange(mesh.n))
+    values = np.random.default_rng(0).normal(size=mesh.n)
+    assert np.array_equal(whole.mean(values), values)
+    keep = np.array([600, 7, 80])
+    some = surface(mesh, keep=keep, limit=600, samples=150)
+    assert some.samples[:3].tolist() == keep.tolist()
+    assert 150 <= len(some.samples) < 170 and some.faces.max() == len(some.samples) - 1
+    for k in (0, 2, 100):
+        assert some.mean(values)[k] == pytest.approx(values[some.region == k].mean())
+    assert some.mean(np.full(mesh.n, 2.5)) == pytest.approx(2.5)
+
+
+def test_a_large_mesh_of_two_pieces_is_refused():
+    one = torus()
+    two = Mesh(np.concatenate([one.V, one.V + 5]), np.concatenate([one.F, one.F + one.n]))
+    with pytest.raises(InputError, match="2 components"):
+        surface(two, keep=np.array([0]), limit=100, samples=50)
+
+
+def test_packed_shapes_come_back_to_their_precision():
+    mesh = bumpy_sphere(1)
+    shapes = [mesh.V, 2 * mesh.V + 1]
+    error = np.linspace(0, 12, mesh.n)
+    packed = pack(shapes, [None, error], mesh.F, top=10.0)
+    assert packed == pack(shapes, [None, error], mesh.F, top=10.0)
+    data = gzip.decompress(base64.b64decode(packed["data"]))
+    n, m = mesh.n, mesh.m
+    assert len(data) == 6 * m + 2 * 6 * n + n
+    assert np.array_equal(np.frombuffer(data, "<u2", 3 * m).reshape(-1, 3), mesh.F)
+    low, span = np.array(packed["low"]), np.array(packed["span"])
+    for k, V in enumerate(shapes):
+        stored = np.frombuffer(data, "<u2", 3 * n, offset=6 * m + 6 * n * k).reshape(3, n).T
+        assert (np.abs(low + span * stored / 65535 - V) <= 0.5001 * span / 65535).all()
+    stored = np.frombuffer(data, "u1", offset=6 * m + 12 * n).astype(float)
+    assert np.abs(10 * stored / 255 - np.minimum(error, 10)).max() <= 0.5001 * 10 / 255
+
+
+def test_a_flat_shape_can_be_packed():
+    V = np.array([[0.0, 0, 7], [1, 0, 7], [0, 1, 7]])
+    packed = pack([V], [None], np.array([[0, 1, 2]]), top=1.0)
+    assert packed["low"] == [0, 0, 7] and np.isfinite(packed["span"]).all()

@@ -1,0 +1,143 @@
+"""The report in a browser, at the width of a telephone and of a desktop: it draws, and reacts."""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+
+import numpy as np
+import pytest
+from report_runs import make_runs
+
+pytest.importorskip("matplotlib")
+pytest.importorskip("pyvista")
+pytest.importorskip("jinja2")
+pytest.importorskip("playwright")
+
+from playwright.sync_api import sync_playwright
+
+from eval.report.__main__ import main
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+
+#: WebGL in software, as a machine without a screen has no other; the sandbox is not for root.
+FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+
+
+@pytest.fixture(scope="module")
+def browser():
+    path = next(filter(None, map(shutil.which, NAMES)), None)
+    with sync_playwright() as running:
+        if path is None and not os.path.exists(running.chromium.executable_path):
+            pytest.skip(f"there is no browser: none of {', '.join(NAMES)}, nor playwright's own")
+        flags = FLAGS + (["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else [])
+        opened = running.chromium.launch(executable_path=path, args=flags)
+        yield opened
+        opened.close()
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("browser")
+    rows, out = make_runs(folder), folder / "report.html"
+    runs = str(folder / "runs" / "tiny")
+    assert (
+        main([str(rows), "-o", str(out), "--runs", runs, "--towards", "1", "0", "0", "--up", "0", "0", "1"])
+        == 0
+    )
+    return out
+
+
+@pytest.fixture(params=[400, 1280])
+def page(request, browser, report):
+    opened = browser.new_page(
+        viewport={"width": request.param, "height": 800}, has_touch=request.param == 400
+    )
+    opened.said, opened.asked = [], []
+    opened.on("console", lambda message: opened.said.append(message.text))
+    opened.on("pageerror", lambda error: opened.said.append(str(error)))
+    opened.on("request", lambda asked: opened.asked.append(asked.url))
+    opened.goto(report.as_uri())
+    opened.wait_for_selector("#turn-stage[data-shape]")
+    yield opened
+    opened.close()
+
+
+def pixels(locator) -> np.ndarray:
+    from PIL import Image
+
+    return np.asarray(Image.open(io.BytesIO(locator.screenshot())).convert("RGB")).astype(int)
+
+
+def stage(page) -> np.ndarray:
+    """The 3D view as it is on the screen, without its frame."""
+    return pixels(page.locator("#turn-stage"))[4:-4, 4:-4]
+
+
+def drag(page, dx: int) -> None:
+    """Move one finger, or the mouse, over the middle of the 3D view."""
+    box = page.locator("#turn-canvas").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    if page.viewport_size["width"] == 400:
+        session = page.context.new_cdp_session(page)
+        for step, kind in enumerate(["touchStart", *["touchMove"] * 4, "touchEnd"]):
+            points = [] if kind == "touchEnd" else [{"x": x + dx * min(step, 4) / 4, "y": y}]
+            session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    else:
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x + dx, y, steps=4)
+        page.mouse.up()
+    page.wait_for_timeout(50)
+
+
+def changed(before: np.ndarray, after: np.ndarray) -> float:
+    """Share of the pixels that changed visibly."""
+    return float((np.abs(before - after).max(axis=2) > 30).mean())
+
+
+def test_it_opens_without_errors_and_fits_the_window(page):
+    width = page.viewport_size["width"]
+    assert page.said == []
+    assert [url for url in page.asked if not url.startswith(("file:", "data:", "blob:"))] == []
+    assert page.evaluate("document.documentElement.scrollWidth") == width
+    for table in page.locator("section.experiment > .scroll table").all():
+        assert table.is_visible() and table.bounding_box()["height"] > 40
+    broken = "[...document.images].filter((image) => !image.complete || !image.naturalWidth).length"
+    assert page.evaluate(broken) == 0
+    assert page.locator(".charts img").first.bounding_box()["width"] > 300
+    assert page.locator(".case").count() == 2
+
+
+def test_the_view_draws_and_turns(page):
+    page.locator("#turn").scroll_into_view_if_needed()
+    first = stage(page)
+    assert 0.02 < ((first < 235).any(axis=2)).mean() < 0.9
+    drag(page, 90)
+    turned = stage(page)
+    assert changed(first, turned) > 0.02
+    page.locator("#turn-home").click()
+    assert changed(first, stage(page)) < 0.005
+    assert page.said == []
+
+
+def test_the_view_switches_shapes_errors_handles_and_cases(page):
+    page.locator("#turn").scroll_into_view_if_needed()
+    assert page.locator("#turn-stage").get_attribute("data-shape") == "stretching"
+    coloured = stage(page)
+    page.get_by_label("error").uncheck()
+    plain = stage(page)
+    assert changed(coloured, plain) > 0.02
+    assert np.ptp(plain, axis=2).max() > 100  # the handles keep their colours
+    page.get_by_label("handles").uncheck()
+    assert np.ptp(stage(page), axis=2).max() < 60
+    page.get_by_text("rest", exact=True).last.click()
+    assert page.locator("#turn-stage").get_attribute("data-shape") == "rest"
+    assert changed(plain, stage(page)) > 0.02  # half as large
+    page.locator("#turn-case").select_option("1")
+    page.wait_for_selector("#turn-stage[data-case=tiny-case-1]")
+    assert page.locator("#turn-stage").get_attribute("data-shape") == "rest"
+    page.locator("a.turn").first.click()
+    page.wait_for_selector("#turn-stage[data-case=tiny-case-0]")
+    assert page.said == []
