@@ -67,8 +67,9 @@ def read_handles(
             vertex = np.arange(mesh.n) if vertex is None else vertex
             return _from_json(json.loads(path.read_text(encoding="utf-8")), mesh, raw=raw, vertex=vertex)
         return _from_implicit_arap(path, mesh, raw=raw)
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not readable as {path.suffix[1:].upper()} ({error})") from error
+    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
+        why = "nested too deeply" if isinstance(error, RecursionError) else error
+        raise InputError(f"{path}: not readable as {path.suffix[1:].upper()} ({why})") from error
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 
@@ -140,10 +141,13 @@ def _from_json(data: Any, mesh: Mesh, *, raw: bool, vertex: np.ndarray) -> Handl
 
 
 def _by_vertex(entry: dict, number: int, mesh: Mesh, dynamic: bool, raw: bool, vertex: np.ndarray) -> Handles:
-    index = np.asarray(entry["vertices"])
+    try:
+        index = np.asarray(entry["vertices"])
+    except ValueError:  # lists of several lengths
+        index = np.zeros(0)
     if index.ndim != 1 or not np.issubdtype(index.dtype, np.integer):
-        raise InputError(f'entry {number}: "vertices" must be a list of integers')
-    if len(index) and (index.min() < 0 or index.max() >= len(vertex)):
+        raise InputError(f'entry {number}: "vertices" must be a list of integers, at least one')
+    if index.min() < 0 or index.max() >= len(vertex):
         raise InputError(
             f"entry {number}: vertex ids must lie in 0..{len(vertex) - 1}, "
             f"not {index.min() if index.min() < 0 else index.max()}"
@@ -223,8 +227,8 @@ def _read_implicit_arap(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray,
     for number, (name, transform) in enumerate(
         [(n, None) for n in static] + list(zip(moving, transforms, strict=True))
     ):
-        points = _read_points(path.parent / "parts" / f"{name}.txt")
-        moved = points if transform is None else _read_points(path.parent / "transforms" / f"{transform}.txt")
+        points = _read_points(path.parent / "parts", name)
+        moved = points if transform is None else _read_points(path.parent / "transforms", transform)
         if len(points) != len(moved):
             raise InputError(f"part {name} has {len(points)} points, its transform {transform} {len(moved)}")
         sources.append(points)
@@ -242,7 +246,10 @@ def _names(handles: dict, kind: str, key: str) -> list[str]:
     return names
 
 
-def _read_points(path: Path) -> np.ndarray:
+def _read_points(folder: Path, name: str) -> np.ndarray:
+    path = folder / f"{name}.txt"
+    if Path(name).is_absolute() or ".." in Path(name).parts:
+        raise InputError(f"{name!r} leads out of the folder {folder.name}; name a file in it")
     if not path.is_file():
         raise InputError(f"no such file: {path}")
     rows = [line.split() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]

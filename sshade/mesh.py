@@ -11,6 +11,12 @@ import numpy as np
 from sshade.connectivity import Connectivity, connectivity
 from sshade.errors import InputError
 
+#: Largest coordinate, and one over the smallest extent, with which areas can be squared.
+LARGEST = 1e60
+
+#: Largest coordinate over half the extent.
+FARTHEST = 1e12
+
 
 class Topology(NamedTuple):
     """What a remeshing must keep: Euler characteristic, components, boundary loops."""
@@ -39,8 +45,9 @@ class Mesh:
     Raises
     ------
     InputError
-        On a wrong shape, no faces, NaN or infinite positions, faces out of
-        range, repeated-index faces, or unreferenced vertices.
+        On a wrong shape, no faces, NaN or infinite positions, or such as cannot be
+        computed with (too large, too small, too far from the origin), faces out
+        of range, repeated-index faces, or unreferenced vertices.
     """
 
     V: np.ndarray
@@ -52,9 +59,7 @@ class Mesh:
             raise InputError(
                 f"the mesh has {len(V)} vertices and {len(F)} faces; it needs at least one triangle"
             )
-        if not np.isfinite(V).all():
-            bad = int(np.flatnonzero(~np.isfinite(V).all(axis=1))[0])
-            raise InputError(f"vertex {bad} has a NaN or infinite coordinate")
+        _check_numbers(V)
         if F.min() < 0 or F.max() >= len(V):
             bad = int(np.flatnonzero(((F < 0) | (len(V) <= F)).any(axis=1))[0])
             raise InputError(
@@ -172,7 +177,8 @@ class Mesh:
             i, j, faces = facts.crowded_edge
             raise InputError(
                 f"the mesh is not manifold: edge ({i}, {j}) has {faces} faces, "
-                "and at most two are supported; split the mesh there"
+                "and at most two are supported; split the mesh there, or drop faces that are there twice "
+                "with --repair"
             )
         if facts.split_vertex != -1:
             raise InputError(
@@ -205,6 +211,25 @@ class Mesh:
         """(3m,) one integer per side of each face, equal for the two directions."""
         i, j = self.F.ravel(), self.F[:, [1, 2, 0]].ravel()
         return np.minimum(i, j) * self.n + np.maximum(i, j)
+
+
+def _check_numbers(V: np.ndarray) -> None:
+    """Raise InputError where positions are no numbers, or have too few digits or a size to compute with."""
+    low, high = V.min(axis=0), V.max(axis=0)
+    if not (np.isfinite(low).all() and np.isfinite(high).all()):
+        bad = int(np.flatnonzero(~np.isfinite(V).all(axis=1))[0])
+        raise InputError(f"vertex {bad} has a NaN or infinite coordinate")
+    farthest, extent = float(np.maximum(-low, high).max()), float((0.5 * high - 0.5 * low).max())
+    if farthest > LARGEST or 0 < extent < 1 / LARGEST:
+        raise InputError(
+            f"the mesh has coordinates up to {farthest:.1e} and an extent of {2 * extent:.1e}, with which "
+            f"areas cannot be squared; scale it to between {1 / LARGEST:.0e} and {LARGEST:.0e}"
+        )
+    if farthest > FARTHEST * extent > 0:
+        raise InputError(
+            f"the mesh is {2 * extent:.1e} wide and {farthest:.1e} from the origin, which leaves its "
+            "coordinates fewer than four digits; move it towards the origin before they are rounded"
+        )
 
 
 def _as_vertices(V: np.ndarray) -> np.ndarray:

@@ -179,3 +179,27 @@ def test_a_moebius_strip_has_no_consistent_orientation():
     mesh = Mesh(V, [[i, (i + 1) % 5, (i + 2) % 5] for i in range(5)])
     assert mesh.is_manifold and mesh.topology == Topology(0, 1, 1)
     assert not mesh.is_oriented
+
+
+@pytest.mark.parametrize(
+    ("factor", "shift", "words"),
+    [
+        (1e61, 0.0, "scale it to between 1e-60 and 1e\\+60"),
+        (1e-61, 0.0, "scale it"),
+        (1.0, 1e13, "fewer than four digits; move it towards the origin"),
+        (1e-3, -1e10, "fewer than four digits"),
+    ],
+)
+def test_sizes_that_cannot_be_computed_with_are_refused(factor, shift, words):
+    mesh = tetrahedron()
+    with pytest.raises(InputError, match=words):
+        Mesh(factor * mesh.V + shift, mesh.F)
+
+
+@pytest.mark.parametrize(
+    ("factor", "shift"), [(1e59, 0.0), (1e-59, 0.0), (1.0, 1e11), (1.0, -1e11), (0.0, 3.0)]
+)
+def test_sizes_near_the_limits_are_not(factor, shift):
+    mesh = tetrahedron()
+    moved = Mesh(factor * mesh.V + shift, mesh.F)
+    assert np.isfinite(moved.face_areas).all() and np.isfinite((moved.face_areas**2).sum())

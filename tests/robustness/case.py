@@ -1,0 +1,155 @@
+"""What a case of the catalogue is, and how it is tried."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import io
+import os
+import shlex
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+from sshade.console import run_command
+from sshade.errors import InputError
+
+#: Lines of the first call on a machine, which compiles kernels.
+ANNOUNCEMENTS = ("compiling kernels", "compiled in")
+
+#: More than this is no sentence.
+LONGEST = 420
+
+
+def nothing() -> None:
+    """Leave the folder as it is: a sound mesh and pose."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One input and what becomes of it.
+
+    Parameters
+    ----------
+    name : str
+        Unique in the catalogue.
+    call : str or callable
+        A command line, such as ``sshade deform body.ply pose.json -o out.ply``
+        or ``python -m eval.tables rows.csv``; or a function of no arguments.
+    given : callable
+        Writes the input into the working folder, which has a sound ``body.ply``
+        and ``pose.json``.
+    says : tuple of str
+        Words of the one sentence with which the input is refused: exit code 2, or an
+        InputError. Empty where it is to be taken.
+    leaves : tuple of str
+        Files that a taken input makes or changes; a folder stands for all in it.
+    holds : callable, optional
+        The promised result, as assertions: of the files, or of what the function returned.
+    code : int
+        Exit code of a taken input.
+    """
+
+    name: str
+    call: str | Callable[[], Any]
+    given: Callable[[], None] = nothing
+    says: tuple[str, ...] = ()
+    leaves: tuple[str, ...] = ()
+    holds: Callable[..., None] | None = None
+    code: int = 0
+
+    @property
+    def entry(self) -> str:
+        """The program, or the Python function's module."""
+        if not isinstance(self.call, str):
+            return "Python"
+        words = shlex.split(self.call)
+        return " ".join(words[1:3] if words[0] == "python" else words[:2]).removeprefix("-m ")
+
+
+def attempt(case: Case) -> None:
+    """Try a case in the working folder; AssertionError where it ends otherwise than it says."""
+    case.given()
+    before = contents()
+    if isinstance(case.call, str):
+        code, out, err = run(case.call)
+        if case.says:
+            assert code == 2, f"exit code {code}: {out} {err}"
+            assert out == "", f"standard output: {out}"
+            assert err.startswith("error: ") and err.count("\n") == 1 and err.endswith("\n"), err
+            _check_sentence(err[len("error: ") : -1], case.says)
+        else:
+            assert code == case.code, f"exit code {code}: {out} {err}"
+            if case.holds:
+                case.holds()
+    elif case.says:
+        try:
+            case.call()
+        except InputError as error:
+            _check_sentence(str(error), case.says)
+        else:
+            raise AssertionError("it was taken")
+    else:
+        value = case.call()
+        if case.holds:
+            case.holds(value)
+    made = {path for path, data in contents().items() if before.get(path) != data}
+    lost = sorted(before.keys() - contents().keys())
+    assert not lost, f"lost: {lost}"
+    stray = {p for p in made if not any(p == name or p.startswith(f"{name}/") for name in case.leaves)}
+    assert not stray, f"left behind: {sorted(stray)}"
+    missing = [name for name in case.leaves if not Path(name).exists()]
+    assert not missing, f"not made: {missing}"
+
+
+def _check_sentence(text: str, words: tuple[str, ...]) -> None:
+    assert "\n" not in text and len(text) <= LONGEST and "Traceback" not in text, text
+    for word in words:
+        assert word in text, f"{word!r} is not in: {text}"
+
+
+def contents() -> dict[str, bytes]:
+    """Every file below the working folder, hidden ones too."""
+    return {str(p): p.read_bytes() for p in Path().rglob("*") if p.is_file()}
+
+
+def run(command: str) -> tuple[int, str, str]:
+    """Exit code, standard output and standard error of a command line, run in this process."""
+    program, *arguments = shlex.split(command)
+    if program == "python":
+        assert arguments[0] == "-m", command
+        program, *arguments = arguments[1:]
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            code = _main(program, arguments)
+        except SystemExit as left:
+            code = left.code
+    lines = [line for line in err.getvalue().splitlines(keepends=True) if not line.startswith(ANNOUNCEMENTS)]
+    return code, out.getvalue(), "".join(lines)
+
+
+def _main(program: str, arguments: list[str]) -> int:
+    if program == "eval":  # Hydra reads the command line itself
+        from eval.cli import main
+
+        with mock.patch.object(sys, "argv", ["eval", *arguments]):
+            return main()
+    if program in ("sshade", "defaust"):
+        return importlib.import_module(f"{program}.cli").main(arguments)
+    main = importlib.import_module(program).main
+    return run_command(lambda: main(arguments))
+
+
+@contextlib.contextmanager
+def working_in(folder: Path) -> Iterator[None]:
+    """Make a folder the working folder for a while."""
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        yield
+    finally:
+        os.chdir(before)

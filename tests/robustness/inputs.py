@@ -1,0 +1,108 @@
+"""Input files of the cases: each function gives one that writes a file into the working folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sshade import Handles, Mesh
+from sshade.handlesio import write_handles
+from sshade.meshio import write_mesh
+from tests.shapes import bumpy
+
+BODY = bumpy(2)
+
+Given = Callable[[], None]
+
+
+def pose(V: np.ndarray) -> Handles:
+    """The lowest tenth along z held, the highest tenth moved sideways and up."""
+    z = V[:, 2]
+    extent = np.ptp(z)
+    low, high = np.flatnonzero(z <= z.min() + 0.1 * extent), np.flatnonzero(z >= z.max() - 0.1 * extent)
+    dynamic = np.repeat([False, True], [len(low), len(high)])
+    target = np.concatenate([V[low], V[high] + [0.1 * extent, 0, 0.05 * extent]])
+    return Handles(np.concatenate([low, high]), target, dynamic=dynamic, group=dynamic.astype(int))
+
+
+def write_sound() -> None:
+    """The sound files that every case begins with."""
+    write_mesh("body.ply", BODY.V, BODY.F)
+    write_handles("pose.json", pose(BODY.V))
+
+
+def both(*parts: Given) -> Given:
+    """One after the other."""
+
+    def write() -> None:
+        for part in parts:
+            part()
+
+    return write
+
+
+def mesh(V: Any, F: Any, path: str = "body.ply") -> Given:
+    """A mesh file."""
+    return lambda: write_mesh(path, np.asarray(V, dtype=float), np.asarray(F, dtype=np.int64).reshape(-1, 3))
+
+
+def posed(shape: Mesh | tuple[np.ndarray, np.ndarray], path: str = "body.ply") -> Given:
+    """A mesh file and handles at its two ends."""
+    V, F = (shape.V, shape.F) if isinstance(shape, Mesh) else shape
+    V = np.asarray(V, dtype=float)
+    return both(mesh(V, F, path), lambda: write_handles("pose.json", pose(V)))
+
+
+def data(path: str, content: bytes) -> Given:
+    """A file of these bytes; folders on the way are made."""
+
+    def write() -> None:
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        Path(path).write_bytes(content)
+
+    return write
+
+
+def text(path: str, content: str) -> Given:
+    """A text file."""
+    return data(path, content.encode())
+
+
+def handles(*entries: Any) -> Given:
+    """A handle file of these entries."""
+    return text("pose.json", json.dumps({"handles": list(entries)}))
+
+
+def cut(path: str, share: float) -> Given:
+    """A file shortened to a share of its length, or by so many bytes if negative."""
+
+    def write() -> None:
+        content = Path(path).read_bytes()
+        Path(path).write_bytes(content[: int(share * len(content)) if share > 0 else int(share)])
+
+    return write
+
+
+def patched(path: str, old: bytes, new: bytes) -> Given:
+    """A file with a part of it replaced, which must be there."""
+
+    def write() -> None:
+        content = Path(path).read_bytes()
+        assert old in content, f"{old!r} is not in {path}"
+        Path(path).write_bytes(content.replace(old, new))
+
+    return write
+
+
+def garbage(path: str, length: int = 600) -> Given:
+    """A file of random bytes."""
+    return data(path, np.random.default_rng(length).bytes(length))
+
+
+def folder(path: str) -> Given:
+    """A folder."""
+    return lambda: Path(path).mkdir(parents=True)
