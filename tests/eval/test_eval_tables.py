@@ -271,6 +271,15 @@ def test_rows_are_named_by_their_experiment(rows, tmp_path, monkeypatch, capsys)
         main(["huge"])
 
 
+def test_tables_never_replace_their_rows(rows, tmp_path):
+    path = tmp_path / "tiny.csv"
+    write_csv(path, rows)
+    before = path.read_bytes()
+    with pytest.raises(InputError, match="holds the rows"):
+        main([str(path), "-o", str(tmp_path)])
+    assert path.read_bytes() == before
+
+
 def test_bands():
     bands = {"a": {"t1": {"metric.volume": [0.5, 1.5], "metric.area": [0, 1]}}}
     assert out_of_band(row("a", metric__area=1.0), bands) == []
