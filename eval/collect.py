@@ -53,7 +53,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("-o", "--out", type=Path, default=ROWS)
     options = parser.parse_args(arguments)
     folders = [experiment_folder(folder) for folder in options.folders]
-    folders = folders or sorted(path for path in RUNS.glob("*") if path.is_dir())
+    # A refused run leaves an empty folder behind.
+    folders = folders or sorted(path for path in RUNS.glob("*") if run_folders(path))
     if not folders:
         raise InputError(f"{RUNS} holds no experiment; name the folders of runs to collect")
     experiments: dict[str, list[Path]] = {}

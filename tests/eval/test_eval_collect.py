@@ -91,3 +91,13 @@ def test_a_relative_folder_gives_its_own_name(people, monkeypatch, capsys):
 def test_a_folder_without_runs_is_an_error(tmp_path):
     with pytest.raises(InputError, match="no runs in"):
         main([str(tmp_path)])
+
+
+def test_an_empty_folder_of_a_refused_run_is_no_experiment(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "results" / "runs" / "refused").mkdir(parents=True)
+    with pytest.raises(InputError, match="holds no experiment"):
+        main([])
+    write_run(tmp_path / "results" / "runs" / "mine" / "r", row())
+    assert main([]) == 0
+    assert capsys.readouterr().out == "results/rows/mine.csv: 1 row\n"
