@@ -135,6 +135,8 @@ def main(arguments: list[str] | None = None) -> int:
     paths = [rows_file(name) for name in options.rows] or sorted(ROWS.glob("*.csv"))
     if not paths:
         raise InputError(f"{ROWS} holds no rows; `python -m eval.collect` makes them from runs")
+    if any(path.parent.resolve() == options.out.resolve() for path in paths):
+        raise InputError(f"{options.out} holds the rows, which the tables would replace; name another -o")
     make_folder(options.out)
     for path in paths:
         rows = of_machine(read_csv(path), options.machine or "")

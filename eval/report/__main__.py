@@ -15,7 +15,7 @@ import numpy as np
 from eval.experiment import read_experiments
 from eval.store import ROWS_HELP
 from sshade.console import progress_bar, run_command
-from sshade.files import replacing
+from sshade.files import make_folder, replacing
 from sshade.show import TOWARDS, UP, require_extra
 
 
@@ -58,7 +58,7 @@ def main(arguments: list[str] | None = None) -> int:
             up=np.array(options.up),
             progress=progress,
         )
-    options.out.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(options.out.parent)
     with replacing(options.out) as temporary:
         temporary.write_text(text, encoding="utf-8")
     print(f"{options.out}: {len(text) / 1e6:.1f} MB; open it in a browser")  # noqa: T201
