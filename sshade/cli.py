@@ -251,7 +251,7 @@ def _carry(arguments: argparse.Namespace) -> int:
     write_mesh(arguments.output, V, mesh.F)
     _say(f"{arguments.output}: {mesh.n} vertices carried by {binding.proxy.n}")
     if degenerate:
-        _say(f"note: {degenerate} proxy triangles have no area; they turn with their neighbours")
+        _say(f"note: {degenerate} frames of the proxy stand on no area; they turn with their neighbours")
     return 0
 
 

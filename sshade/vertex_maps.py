@@ -39,17 +39,15 @@ class VertexMaps:
     F : (l, 3) int64
     edges : (e, 2) int64
     c : (e, 2, 3) float64
-        c_ij and c_ji of each edge, in 1 / length.
+        c_ij and c_ji of each edge, in 1 / length. Zero, like d_i, where the rest
+        edges at i are on a line.
     d : (k, 3) float64
-    known : (k,) bool
-        False where the rest edges at a vertex determine no map.
     """
 
     F: np.ndarray
     edges: np.ndarray
     c: np.ndarray
     d: np.ndarray
-    known: np.ndarray
 
     @classmethod
     def at_rest(cls, mesh: Mesh) -> VertexMaps:
@@ -57,8 +55,7 @@ class VertexMaps:
         edges = mesh.edges
         length = np.linalg.norm(mesh.V[edges[:, 1]] - mesh.V[edges[:, 0]], axis=1)
         weight = np.maximum(length, SHORTEST * length.mean()) ** -3.0
-        c, d, known = _dual(mesh.V, _normals(mesh.V, mesh.F), edges, weight)
-        return cls(mesh.F, edges, c, d, known)
+        return cls(mesh.F, edges, *_dual(mesh.V, _normals(mesh.V, mesh.F), edges, weight))
 
     def __call__(self, V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Fit the maps to a deformed shape.
@@ -75,7 +72,7 @@ class VertexMaps:
             point; such a vertex has the mean map of its neighbours.
         """
         A = _maps(V, _normals(V, self.F), self.edges, self.c, self.d)
-        known = self.known & _has_two_dimensions(A)
+        known = _has_two_dimensions(A)
         return spread_means(A.reshape(-1, 3, 3), known, pairs=self.edges), known
 
 
@@ -135,7 +132,7 @@ def _normals(V, F):
 
 @njit(cache=True, nogil=True)
 def _dual(V, normals, edges, weight):
-    """c, d and known of :class:`VertexMaps`."""
+    """c and d of :class:`VertexMaps`."""
     scatter = np.zeros((len(V), 6))
     for p in range(len(edges)):
         i, j, w = edges[p, 0], edges[p, 1], weight[p]
@@ -143,7 +140,6 @@ def _dual(V, normals, edges, weight):
         for r, product in enumerate((x * x, x * y, x * z, y * y, y * z, z * z)):
             scatter[i, r] += w * product
             scatter[j, r] += w * product
-    known = np.empty(len(V), dtype=np.bool_)
     d = np.empty((len(V), 3))
     for i in range(len(V)):
         G, (x, y, z) = scatter[i], normals[i]
@@ -154,8 +150,7 @@ def _dual(V, normals, edges, weight):
         G[0], G[1], G[2] = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
         G[3], G[4], G[5] = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
         determinant = xx * G[0] + xy * G[1] + xz * G[2]
-        known[i] = determinant > FLATTEST * trace**3
-        inverse = 1.0 / determinant if known[i] else 0.0
+        inverse = 1.0 / determinant if determinant > FLATTEST * trace**3 else 0.0
         for r in range(6):
             G[r] *= inverse
         d[i, 0], d[i, 1], d[i, 2] = _product(G, half * x, half * y, half * z)
@@ -165,7 +160,7 @@ def _dual(V, normals, edges, weight):
         x, y, z = w * (V[j, 0] - V[i, 0]), w * (V[j, 1] - V[i, 1]), w * (V[j, 2] - V[i, 2])
         c[p, 0, 0], c[p, 0, 1], c[p, 0, 2] = _product(scatter[i], x, y, z)
         c[p, 1, 0], c[p, 1, 1], c[p, 1, 2] = _product(scatter[j], -x, -y, -z)
-    return c, d, known
+    return c, d
 
 
 @njit(cache=True, nogil=True)

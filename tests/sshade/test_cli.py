@@ -188,7 +188,7 @@ def test_carry_counts_collapsed_triangles(folder, capsys):
     V[proxy.F[0, 1]] = V[proxy.F[0, 0]]
     put("edited.ply", V, proxy.F)
     assert main(["carry", "body.ply", "map.npz", "edited.ply", "-o", "out.ply"]) == 0
-    assert "note: 2 proxy triangles have no area" in capsys.readouterr().err
+    assert "note: 2 frames of the proxy stand on no area" in capsys.readouterr().err
     assert np.isfinite(read_arrays("out.ply")[0]).all()
 
 
