@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -27,6 +28,8 @@ class Binding:
 
     Parameters
     ----------
+    mesh : Mesh
+        M.
     remesh : Remesh
     proxy : Mesh
         N at rest.
@@ -44,6 +47,7 @@ class Binding:
         Time of the stages ``remesh`` and ``bind``.
     """
 
+    mesh: Mesh
     remesh: Remesh
     proxy: Mesh
     projection: Projection
@@ -89,6 +93,7 @@ class Binding:
             np.savez(
                 file,
                 vertices=len(self.local),
+                mesh=_digest(self.mesh.F),
                 samples=self.remesh.samples,
                 faces=self.remesh.faces,
                 region=self.remesh.region,
@@ -123,10 +128,12 @@ class Binding:
                 raise InputError(
                     f"the map is of a mesh with {arrays['vertices']} vertices, this one has {mesh.n}"
                 )
+            if str(arrays["mesh"]) != _digest(mesh.F):
+                raise InputError("the map is of a mesh with other faces; remesh this one")
             remeshed = Remesh(*(arrays[name] for name in ("samples", "faces", "region", "distance")))
             on_proxy = Projection(*(arrays[name] for name in ("face", "barycentric", "to_proxy")))
             values, saved = arrays["values"], str(arrays["frames"])
-            _require_fit(remeshed, on_proxy, values, mesh.n)
+            _require_fit(remeshed, on_proxy, values, saved, mesh.n)
             proxy = proxy_mesh(mesh, remeshed)
             made = make_frames(frames or saved, proxy, values=values)
         except InputError as error:
@@ -134,7 +141,7 @@ class Binding:
         except (OSError, KeyError, IndexError, TypeError, ValueError, EOFError, BadZipFile) as error:
             raise InputError(f"{path}: not a map written by `sshade remesh` ({error})") from error
         local = made.encode(mesh.V, on_proxy)
-        return cls(remeshed, proxy, on_proxy, values, frames or saved, made, local, {})
+        return cls(mesh, remeshed, proxy, on_proxy, values, frames or saved, made, local, {})
 
 
 def make_frames(kind: FrameKind, proxy: Mesh, *, values: np.ndarray) -> Frames:
@@ -146,14 +153,25 @@ def make_frames(kind: FrameKind, proxy: Mesh, *, values: np.ndarray) -> Frames:
     return BlendedFrames.at_rest(proxy, stretch=kind == "blended_affine")
 
 
-def _require_fit(remeshed: Remesh, on_proxy: Projection, values: np.ndarray, n: int) -> None:
+def _digest(F: np.ndarray) -> str:
+    return hashlib.sha256(F.tobytes()).hexdigest()
+
+
+def _require_fit(remeshed: Remesh, on_proxy: Projection, values: np.ndarray, kind: str, n: int) -> None:
     """Raise ValueError unless the arrays of a map fit together: kernels would read out of bounds."""
     k, faces = len(remeshed.samples), len(remeshed.faces)
-    for ids, end in ((remeshed.region, k), (on_proxy.face, faces)):
-        if ids.shape != (n,) or ids.min() < 0 or ids.max() >= end:
+    ids = [(remeshed.samples, (k,), n), (remeshed.faces, (faces, 3), k)]
+    ids += [(remeshed.region, (n,), k), (on_proxy.face, (n,), faces)]
+    reals = [(remeshed.distance, (n,)), (on_proxy.distance, (n,))]
+    reals += [(on_proxy.barycentric, (n, 3)), (values, (faces, 3))]
+    for array, shape, end in ids:
+        if array.shape != shape or array.dtype.kind != "i" or array.min() < 0 or array.max() >= end:
             raise ValueError("its arrays do not fit together")
-    if values.shape != (faces, 3) or remeshed.samples.min() < 0:
-        raise ValueError("its arrays do not fit together")
+    for array, shape in reals:
+        if array.shape != shape or array.dtype != np.float64 or not np.isfinite(array).all():
+            raise ValueError("its arrays do not fit together")
+    if kind not in get_args(FrameKind):
+        raise ValueError(f"unknown frames {kind!r}")
 
 
 def bind(
@@ -219,4 +237,4 @@ def bind(
     made = make_frames(frames, proxy, values=values)
     local = made.encode(mesh.V, on_proxy)
     seconds = {"remesh": sampled - begin, "bind": perf_counter() - sampled}
-    return Binding(remeshed, proxy, on_proxy, values, frames, made, local, seconds)
+    return Binding(mesh, remeshed, proxy, on_proxy, values, frames, made, local, seconds)

@@ -6,7 +6,9 @@ import contextlib
 import importlib
 import io
 import os
+import resource
 import shlex
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -99,7 +101,7 @@ def attempt(case: Case) -> None:
     made = {path for path, data in contents().items() if before.get(path) != data}
     lost = sorted(before.keys() - contents().keys())
     assert not lost, f"lost: {lost}"
-    stray = {p for p in made if not any(p == name or p.startswith(f"{name}/") for name in case.leaves)}
+    stray = {p for p in made if not any(name in (".", p) or p.startswith(f"{name}/") for name in case.leaves)}
     assert not stray, f"left behind: {sorted(stray)}"
     missing = [name for name in case.leaves if not Path(name).exists()]
     assert not missing, f"not made: {missing}"
@@ -142,6 +144,19 @@ def _main(program: str, arguments: list[str]) -> int:
         return importlib.import_module(f"{program}.cli").main(arguments)
     main = importlib.import_module(program).main
     return run_command(lambda: main(arguments))
+
+
+@contextlib.contextmanager
+def limited(size: int) -> Iterator[None]:
+    """No file may grow beyond `size` bytes for a while, as on a full disk."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        signal.signal(signal.SIGXFSZ, before)
 
 
 @contextlib.contextmanager
