@@ -38,7 +38,7 @@ log = logging.getLogger(__name__)
 #: Relative error up to which an exact constraint counts as reached.
 REACHED = 1e-6
 #: Weight of an area that cannot be held exactly, and the steps after which it is given up.
-RELAXED, GIVE_UP = 1.0, 5
+RELAXED, GIVE_UP = 1.0, 30
 #: A volume below this (x area^1.5) is that of a flat body: nothing to be relative to.
 FLAT = 1e-9
 
@@ -171,7 +171,7 @@ class Hold:
         self._scale = np.where(on, 1.0, 0.0) / np.where(on, rest[kinds], 1.0)
         self._goal = np.where(on, ratio, 0.0)
         self._weight = np.where(on, np.array([wanted.volume, wanted.area])[kinds, None], math.inf)
-        self._corners = corners
+        self._now, self._corners = self._weight, corners
         self._G, self._Z = np.zeros((2, n, len(kinds), 3))
         self._slope = np.empty((on.shape[1], len(kinds), len(kinds)))
         self._failures, self._miss = np.zeros((2, on.shape[1]))
@@ -179,7 +179,7 @@ class Hold:
 
     def penalty(self, P: np.ndarray) -> float:
         """What weighted constraints add to the energy of positions P (n, 3)."""
-        weight = np.where(np.isinf(self._weight), 0.0, self._weight)
+        weight = np.where(np.isinf(self._now), 0.0, self._now)
         if not weight.any():
             return 0.0
         error = self._scale * measure(*self._mesh, P)[self._kinds] - self._goal
@@ -195,38 +195,39 @@ class Hold:
         """Move P (n, 3) to where the constraints hold, along the solutions in columns 3.. of X.
 
         Where a component's exact constraints cannot be met together, its area
-        gets the weight `RELAXED` in this step; after `GIVE_UP` such steps in a
-        row, for good.
+        gets the weight `RELAXED` until the next step; after `GIVE_UP` such
+        steps in a row, for good.
         """
         scatter_columns(X, rows, self._Z)
         along(self._G, self._component, self._Z, self._slope)
         area = (self._kinds == AREA)[:, None]
         exact_area = (area & np.isinf(self._weight)).any(axis=0)
         before = P.copy() if exact_area.any() else P
-        self._miss = self._newton(P, self._weight, np.ones_like(self._weight, dtype=bool))
+        self._now = self._weight
+        self._miss = self._newton(P, np.ones_like(self._weight, dtype=bool))
         failed = exact_area & (self._miss > REACHED)
         if failed.any():
             again = failed[self._component]
             P[again] = before[again]
-            relaxed = np.where(area & failed, RELAXED, self._weight)
-            only = np.broadcast_to(failed, relaxed.shape)
-            self._miss = np.where(failed, self._newton(P, relaxed, only), self._miss)
-            self._weight = np.where(self._failures >= GIVE_UP - 1, relaxed, self._weight)
+            self._now = np.where(area & failed, RELAXED, self._weight)
+            only = np.broadcast_to(failed, self._now.shape)
+            self._miss = np.where(failed, self._newton(P, only), self._miss)
         self._failures = np.where(failed, self._failures + 1, 0)
+        self._weight = np.where(self._failures >= GIVE_UP, self._now, self._weight)
 
     def restore(self, P: np.ndarray) -> bool:
         """Move P (n, 3) to where the exact constraints hold, along the directions of the last `pull`.
 
         False where they are missed by more than they were then.
         """
-        exact = np.isinf(self._weight)
-        if not exact.any():
-            return True
-        return bool((self._newton(P, self._weight, exact) <= np.maximum(self._miss, ROUNDING)).all())
+        exact = np.isinf(self._now)
+        return (
+            bool((self._newton(P, exact) <= np.maximum(self._miss, ROUNDING)).all()) if exact.any() else True
+        )
 
-    def _newton(self, P: np.ndarray, weight: np.ndarray, only: np.ndarray) -> np.ndarray:
+    def _newton(self, P: np.ndarray, only: np.ndarray) -> np.ndarray:
         scale, goal = np.where(only, (self._scale, self._goal), 0.0)
-        equations = self._kinds, scale, goal, 1.0 / (weight * self._area)
+        equations = self._kinds, scale, goal, 1.0 / (self._now * self._area)
         return newton(*self._mesh, self._component, *equations, self._Z, self._slope, P)
 
 

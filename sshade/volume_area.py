@@ -159,7 +159,7 @@ def newton(F, start, component, kind, scale, goal, compliance, Z, slope, P):
             else:
                 error[c] = now[c]
                 if now[c] > CLOSE and left > 0 and not stalled:
-                    _solve(J[c], scale[:, c], compliance[:, c], r[c], move[c])
+                    newton_step(J[c], scale[:, c], compliance[:, c], r[c], move[c])
                     taken[c] = move[c]
             done[c] = stalled or now[c] <= CLOSE
             multiplier[c] += move[c]
@@ -227,7 +227,7 @@ def _area_gradient(F, first, end, scale, P, G, q):
 
 
 @njit(cache=True, nogil=True)
-def _solve(J, scale, compliance, r, x):
+def newton_step(J, scale, compliance, r, x):
     """Newton step ``(J + diag(compliance)) x = -r`` for one or two unknowns, 0 where `scale` is.
 
     The least-squares one where two gradients are parallel.

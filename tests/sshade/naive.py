@@ -64,7 +64,8 @@ class Naive:
             L[[k, j, k, j], [k, j, j, k]] += h * np.array([1, 1, -1, -1])
         self.free = np.setdiff1d(np.arange(n), self.index)
         self.to_handles = L[self.free][:, self.index]
-        self.lu = splu(csc_matrix(L[self.free][:, self.free]))
+        self.laplacian = L[self.free][:, self.free]
+        self.lu = splu(csc_matrix(self.laplacian))
 
     def rotations(self, U: np.ndarray) -> np.ndarray:
         S = np.zeros((len(U), 3, 3))
