@@ -2,7 +2,8 @@
 
 One row a case: the rest shape with its handles (blue: static, yellow: dynamic),
 then each method's result, coloured by how much the edges at a vertex changed
-their length, on one scale. Made from run folders; no method is run.
+their length, on one scale. Pose transfers are drawn by :mod:`eval.transfer_figures`.
+Made from run folders; no method is run.
 """
 
 from __future__ import annotations
@@ -14,24 +15,26 @@ from pathlib import Path
 
 import numpy as np
 
+from eval import transfer_figures
 from eval.plotting import new_figure, save
 from eval.recall import load_task
 from eval.store import FOLDER_HELP, VALID, Row, experiment_folder, read_row, read_vertices, run_folders
+from eval.truth import Task
 from sshade.console import run_command
 from sshade.errors import InputError
 from sshade.show import COLOURS, TOWARDS, UP, View, colour_range, edge_error, picture, require_extra
-from sshade.task import DeformationTask
+from sshade.transfer_task import TransferTask
 
 
 @dataclass(frozen=True)
 class Case:
     """A task and the vertices that each method left for it."""
 
-    task: DeformationTask
+    task: Task
     results: dict[str, np.ndarray]
 
 
-def read_cases(folder: Path, *, names: list[str], methods: list[str]) -> list[Case]:
+def read_cases(folder: Path, *, names: list[str], methods: list[str], worst: str | None = None) -> list[Case]:
     """Read tasks and results from the run folders of an experiment.
 
     Parameters
@@ -39,11 +42,13 @@ def read_cases(folder: Path, *, names: list[str], methods: list[str]) -> list[Ca
     folder : path
     names, methods : list of str
         Cases and methods to show; empty: three spread over the cases, and all methods.
+    worst : str, optional
+        A metric: without names, show the one case where a method shown has the largest value.
 
     Raises
     ------
     InputError
-        When there is no such run, or a dataset is not the one that was run on.
+        When there is no such run or metric, or a dataset is not the one that was run on.
     """
     found: dict[str, dict[str, tuple[Row, Path]]] = {}
     for run in run_folders(folder):
@@ -58,6 +63,8 @@ def read_cases(folder: Path, *, names: list[str], methods: list[str]) -> list[Ca
     missing = [name for name in names if name not in found]
     if missing:
         raise InputError(f"{folder}: no case {missing[0]!r}; there are {', '.join(sorted(found))}")
+    if worst and not names:
+        names = [_worst_case(found, methods, metric=worst)]
     if not names:
         known = sorted(found)
         names = [known[i] for i in np.unique(np.linspace(0, len(known) - 1, 3).astype(int))]
@@ -71,6 +78,18 @@ def read_cases(folder: Path, *, names: list[str], methods: list[str]) -> list[Ca
         task = load_task(next(iter(runs.values()))[0])
         cases.append(Case(task, {method: read_vertices(runs[method][1]) for method in shown}))
     return cases
+
+
+def _worst_case(found: dict[str, dict[str, tuple[Row, Path]]], methods: list[str], *, metric: str) -> str:
+    """The case with the largest value of a metric."""
+    values = {
+        name: [row[f"metric.{metric}"] for method, (row, _) in runs.items() if method in (methods or runs)]
+        for name, runs in found.items()
+        if all(row.get(f"metric.{metric}") is not None for row, _ in runs.values())
+    }
+    if not any(values.values()):
+        raise InputError(f"no case has the metric {metric!r}")
+    return max(values, key=lambda name: max(values[name], default=-np.inf))
 
 
 def draw(cases: list[Case], path: Path, *, title: str, towards: np.ndarray, up: np.ndarray) -> None:
@@ -132,21 +151,22 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("folder", nargs="?", type=Path, default=Path("quick"), help=FOLDER_HELP)
     parser.add_argument("--cases", nargs="+", default=[], help="task names (default: three of them)")
     parser.add_argument("--methods", nargs="+", default=[], help="method names (default: all)")
+    parser.add_argument("--worst", metavar="METRIC", help="the one case where this metric is largest")
     parser.add_argument("--towards", nargs=3, type=float, default=TOWARDS, metavar=("X", "Y", "Z"))
     parser.add_argument("--up", nargs=3, type=float, default=UP, metavar=("X", "Y", "Z"))
     parser.add_argument("-o", "--out", type=Path, help="default: results/figures/<experiment>.png")
     options = parser.parse_args(arguments)
     require_extra()
     folder = experiment_folder(options.folder)
-    cases = read_cases(folder, names=options.cases, methods=options.methods)
+    cases = read_cases(folder, names=options.cases, methods=options.methods, worst=options.worst)
     path = options.out or Path("results/figures") / f"{folder.name}.png"
-    draw(
-        cases,
-        path,
-        title=folder.name,
-        towards=np.array(options.towards),
-        up=np.array(options.up),
-    )
+    camera = {"towards": np.array(options.towards), "up": np.array(options.up)}
+    if all(isinstance(case.task, TransferTask) for case in cases):
+        transfer_figures.draw(
+            [(case.task, case.results) for case in cases], path, title=folder.name, **camera
+        )
+    else:
+        draw(cases, path, title=folder.name, **camera)
     print(path)  # noqa: T201
     return 0
 
