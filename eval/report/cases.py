@@ -56,6 +56,8 @@ class Case:
         What the colours say.
     top : float
         Upper end of their scale.
+    handles : bool
+        Whether the rest shape shows handles.
     view : dict, optional
         What the 3D view needs.
     """
@@ -65,6 +67,7 @@ class Case:
     panels: list[Panel] = field(default_factory=list)
     label: str = ""
     top: float = 1.0
+    handles: bool = False
     view: dict[str, Any] | None = None
 
     @property
@@ -105,6 +108,7 @@ def show_case(
     case.top = colour_range(shape.error for shape in shapes if shape.error is not None)
     view = View.of([shape.V for shape in shapes], towards=towards, up=up)
     handles = getattr(task, "handles", None)
+    case.handles = handles is not None
     for shape in shapes:
         pixels = picture(
             task.mesh,

@@ -54,6 +54,7 @@ class Section:
     slug: str
     table: Table
     body: list[list[str]]
+    parts: list[tuple[str, list[list[str]]]]
     refusal: str
     charts: list[Chart]
     curves: list[Chart]
@@ -140,12 +141,8 @@ def _section(
         name=experiment.name,
         slug=slug,
         table=table,
-        body=cells(
-            table,
-            {0: "{}", 1: '<b title="best">{}</b>', 2: '<u title="second best">{}</u>'},
-            not_available="n/a",
-            escape=_escape,
-        ),
+        body=_body(table),
+        parts=[(part.title, _body(part)) for part in table.parts],
         refusal=refusal,
         charts=_charts(distributions(rows) | times(rows)),
         curves=_charts(convergence(experiment)),
@@ -166,6 +163,12 @@ def _table(experiment: Experiment) -> tuple[Table, str]:
     except InputError as error:
         # Rows that make no table at all are refused here again.
         return make_table(experiment.rows, title=experiment.name, with_time=False), str(error)
+
+
+def _body(table: Table) -> list[list[str]]:
+    """The cells of a table as HTML."""
+    marks = {0: "{}", 1: '<b title="best">{}</b>', 2: '<u title="second best">{}</u>'}
+    return cells(table, marks, not_available="n/a", escape=_escape)
 
 
 def _charts(figures: dict[str, Any]) -> list[Chart]:
