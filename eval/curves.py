@@ -90,7 +90,7 @@ def draw(panels: dict[str, Curves], path: Path, *, over: str = "task.vertices") 
                 )
             if over.endswith("vertices"):
                 axes.set_xscale("log")
-            axes.set_ylim(bottom=0)
+            axes.set_ylim(0, 1.06 * max(value for points in lines.values() for _, value in points) or 1.0)
             axes.set_xlabel(over.rpartition(".")[2])
             axes.set_ylabel(f"{metric} ({DRAWN[metric][1]})")
         if one or len(lines) > 1:
