@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from eval.experiment import Experiment
 from eval.recall import load_task
 from eval.report.surface import pack, surface
 from eval.store import Row
+from eval.transfer_figures import error_of
 from eval.truth import Task
 from sshade.errors import InputError
 from sshade.show import View, colour_range, edge_error, picture
@@ -132,20 +134,12 @@ def _shapes(task: Task, found: list[tuple[Row, np.ndarray]]) -> tuple[str, list[
     """What the colours say, and the shapes of a case."""
     counts = f"{task.mesh.n:,} vertices"
     shapes = [Shape("rest", counts, task.mesh.V)]
+    label, error_in = "change of edge length at a vertex (%)", partial(edge_error, task.mesh)
     if isinstance(task, TransferTask) and task.truth is not None:
-        label = "distance to the true place (% of the diagonal)"
+        label, error_in = "distance to the true place (% of the diagonal)", partial(error_of, task)
         shapes.append(Shape("truth", "", task.truth))
-
-        def error_of(V: np.ndarray) -> np.ndarray:
-            return 100 * np.linalg.norm(V - task.truth, axis=1) / task.mesh.diagonal
-    else:
-        label = "change of edge length at a vertex (%)"
-
-        def error_of(V: np.ndarray) -> np.ndarray:
-            return edge_error(task.mesh, V)
-
     for row, V in found:
-        error = error_of(V)
+        error = error_in(V)
         shapes.append(Shape(row["method.name"], f"mean {error.mean():.2g} %", V, error))
     return label, shapes
 

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from eval_cases import bumpy_task
+import numpy as np
+from eval_cases import bumpy_sphere, bumpy_task
 
 from eval.collect import collect
 from eval.run import run
 from eval.store import write_csv
+from sshade.mesh import Mesh
+from sshade.transfer_task import TransferTask
 
 SOURCE = {"_target_": "eval_cases.bumpy_task", "level": 2}
 METHODS = {
@@ -29,5 +32,28 @@ def make_runs(folder: Path, *, name: str = "tiny") -> Path:
         for method, config in METHODS.items():
             run(task, config, name=method, root=root, source={**SOURCE, "angle": angle})
     path = folder / f"{name}.csv"
+    write_csv(path, collect(root))
+    return path
+
+
+def transfer_task(edit: float) -> TransferTask:
+    """A bumpy sphere, made wider by `edit`, that is turned half around."""
+    rest = bumpy_sphere(2)
+    turned = np.array([-1.0, -1.0, 1.0])
+    wider = Mesh(rest.V * [1 + edit, 1, 1], rest.F)
+    meta = {"edit": f"wider_{edit:g}", "class": "sphere", "source_pose": "turned"}
+    return TransferTask(
+        f"sphere/wider_{edit:g}", wider, rest, rest.V * turned, truth=wider.V * turned, meta=meta
+    )
+
+
+def make_transfers(folder: Path) -> Path:
+    """Runs of two pose transfers; the CSV of their rows. The run folders lie in folder/runs/moved."""
+    root = folder / "runs" / "moved"
+    for edit in (0.1, 0.3):
+        source = {"_target_": "report_runs.transfer_task", "edit": edit}
+        method = {"_target_": "eval_cases.stretching", "factor": -1.0}
+        run(transfer_task(edit), method, name="mirror", root=root, source=source)
+    path = folder / "moved.csv"
     write_csv(path, collect(root))
     return path

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import yaml
 from eval_cases import bumpy_sphere
-from report_runs import METHODS, make_runs
+from report_runs import METHODS, make_runs, make_transfers
 
 from eval.store import read_csv, write_csv
 from eval.summary import make_table
@@ -244,6 +244,22 @@ def test_times_that_do_not_compare_are_left_out_with_the_reason(rows_file, tmp_p
     headings = [table[0] for table in page.tables if table[0][:2] == ["method", "runs"]]
     assert ["time (s)" in heading for heading in headings] == [False, True]
     assert {"one", "two"} <= set(page.ids) and len(page.images["time of each method"]) == 1
+
+
+@pytest.mark.usefixtures("without_charts")
+def test_pose_transfers_are_held_against_the_truth(tmp_path):
+    rows = make_transfers(tmp_path)
+    page = Page(report(rows, tmp_path / "r.html", "--runs", str(tmp_path / "runs" / "moved"), *LOOK))
+    assert list(page.images) == ["rest", "truth", "mirror"] and len(page.images["truth"]) == 2
+    assert "distance to the true place (% of the diagonal)" in page.told("scale")
+    assert "static" not in page.told("scale")  # there are no handles
+    assert "edit: wider_0.1" in page.told("summary") and "edit: wider_0.3" in page.told("summary")
+    # The whole, two edits, two cases: each has the numbers of its own runs.
+    at = "distance (%)"
+    distances = [table[1][table[0].index(at)] for table in page.tables if at in table[0]]
+    assert distances[1:3] == distances[3:5] and len(set(distances)) == 3
+    case = json.loads(re.search(r'id="turn-cases"[^>]*>(.*?)</script>', (tmp_path / "r.html").read_text())[1])
+    assert case["cases"][0]["handles"] == case["cases"][0]["targets"] == []
 
 
 def test_a_small_mesh_is_shown_whole_and_a_large_one_by_samples():
