@@ -1,7 +1,8 @@
 # make tables   the main job: builds a small DeFAUST, runs the methods, writes results/
 # make test     lint, architecture rules, tests, the small benchmark
 # make bench    speed against libigl at full size, scaling to 5 million vertices (a quarter of an hour)
-# The first use of either makes .venv and installs; PYTHON=... picks another interpreter.
+# make ablations   one change at a time on two small bodies (a quarter of an hour)
+# The first use of any makes .venv and installs; PYTHON=... picks another interpreter.
 
 PYTHON ?= python3
 VENV   := .venv
@@ -14,7 +15,11 @@ FULL   := data/defaust_170k
 SIZES  := 10000 30000 25000 18750 28125 15625 11719 19532
 BASES  := $(SIZES:%=data/bench/%)
 
-.PHONY: tables test ci-benchmark bench clean
+# Experiments conf/experiment/ablation_*; those over a number are drawn too.
+ABLATIONS := $(addprefix ablation_,samplings vertices projection touching handles function frames coarse)
+CURVES    := --metric volume area edge angle time
+
+.PHONY: tables test ci-benchmark bench ablations clean
 
 tables: $(READY) $(QUICK)/dataset.json
 	$(BIN)/python -m eval -m experiment=quick dataset.root=$(QUICK)
@@ -37,6 +42,13 @@ ci-benchmark: $(READY) $(CI)/dataset.json
 bench: $(READY) $(FULL)/dataset.json $(BASES:%=%/dataset.json)
 	$(BIN)/python -m eval.bench $(FULL)/subject_00/rest.ply $(FULL)/subject_00/pose_1.json --full \
 	  --scaling $(BASES:%=%/subject_00/rest.ply) --plot results/figures/scaling.svg
+
+ablations: $(READY) $(QUICK)/dataset.json
+	for name in $(ABLATIONS); do $(BIN)/python -m eval -m experiment=$$name || exit 1; done
+	$(BIN)/python -m eval.collect $(ABLATIONS)
+	$(BIN)/python -m eval.tables $(ABLATIONS)
+	$(BIN)/python -m eval.curves ablation_samplings --over method.samplings $(CURVES)
+	$(BIN)/python -m eval.curves ablation_vertices --over method.vertices $(CURVES)
 
 $(FULL)/dataset.json: $(READY)
 	$(BIN)/defaust build source=synthetic out=$(FULL) subjects=[0]

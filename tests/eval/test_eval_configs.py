@@ -98,6 +98,21 @@ def test_experiment_composes_with_every_value_that_it_sweeps(name):
             composed(f"experiment={name}", f"{key}={value}")
 
 
+@pytest.mark.parametrize(
+    ("name", "data"),
+    [(name, "faust") for name in names("experiment") if name not in ("resolution", "ablation_touching")]
+    + [("table1", "tosca"), ("table1", "sequence")],
+)
+def test_experiment_takes_other_data_by_its_name_and_folder(name, data):
+    """The two left out make their own data."""
+    config = composed(f"experiment={name}", f"dataset={data}", "dataset.root=there")
+    assert config.dataset.root == "there" and f"source={data}" in config.dataset.build
+    assert config.dataset.build.endswith("out=there")
+    assert config.hydra.sweep.dir.endswith(f"results/runs/{name}_{data}")
+    if name not in ("quick", "all_methods", "full", "ci", "bodies_25k"):  # made for certain bodies
+        assert config.hydra.sweeper.params.subject == config.hydra.sweeper.params.pose == "all"
+
+
 def test_every_method_of_the_ci_experiment_has_bands():
     bands = OmegaConf.to_container(composed("experiment=ci").bands)
     assert set(bands) == {name for name in names("method") if not name.startswith("implicit_arap")}
