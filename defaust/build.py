@@ -30,6 +30,7 @@ from defaust.folder import (
     write_text,
 )
 from defaust.options import BuildOptions
+from defaust.record import FINISHED, require, require_inside
 from defaust.sources import Source
 from defaust.subject import build_subject
 from sshade import InputError
@@ -202,6 +203,8 @@ def _prepare(out: Path, recipe: dict[str, Any]) -> None:
     for path, exists in ((started, begun), (out / DATASET, (out / DATASET).is_file())):
         if exists:
             before = read_json(path)
+            if not isinstance(before, dict):
+                raise InputError(f"{path}: not a record of a build; delete the folder")
             difference = _difference({key: before.get(key) for key in recipe}, recipe)
             if difference:
                 raise InputError(
@@ -214,7 +217,7 @@ def _prepare(out: Path, recipe: dict[str, Any]) -> None:
     _clear_leftovers(out)
     if (out / DATASET).is_file():
         # A finished dataset to be mended: its subjects' records become the work's again.
-        document = read_dataset(out)
+        document = read_dataset(out, intact=False)
         for record in document["subjects"]:
             path = _record_path(out, record["subject"])
             if not path.is_file():
@@ -254,7 +257,13 @@ def _finished(out: Path, subject: int) -> dict[str, Any] | None:
     path = _record_path(out, subject)
     if not path.is_file():
         return None
-    record = read_json(path)
+    try:
+        record = read_json(path)
+        require(record, FINISHED, where=str(path))
+        require_inside(record["files"], where=str(path))
+    except InputError as error:
+        log.warning("%s: subject %d is built again", error, subject)
+        return None
     for name, entry in record["files"].items():
         if not (out / name).is_file() or sha256(out / name) != entry["sha256"]:
             log.warning("%s is missing or damaged: subject %d is built again", out / name, subject)

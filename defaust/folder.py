@@ -8,6 +8,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from defaust.record import DOCUMENT, require, require_inside
 from sshade import InputError
 from sshade.files import replacing
 
@@ -57,13 +58,20 @@ def checksum(document: dict[str, Any]) -> str:
     return hashlib.sha256(dump(rest).encode("utf-8")).hexdigest()
 
 
-def read_dataset(root: str | os.PathLike[str]) -> dict[str, Any]:
+def read_dataset(root: str | os.PathLike[str], *, intact: bool = True) -> dict[str, Any]:
     """Read dataset.json.
+
+    Parameters
+    ----------
+    root : path
+    intact : bool
+        Refuse a record that is not as the build left it, by its own checksum.
 
     Raises
     ------
     InputError
-        When the folder is missing, or is no finished DeFAUST folder of this format.
+        When the folder is missing, is no finished DeFAUST folder of this format,
+        or its record is damaged or leads out of the folder.
     """
     root = Path(root)
     path = root / DATASET
@@ -82,12 +90,28 @@ def read_dataset(root: str | os.PathLike[str]) -> dict[str, Any]:
         raise InputError(f"{path}: not a DeFAUST record")
     if document["format"] != FORMAT:
         raise InputError(f"{path}: format {document['format']} is not the supported {FORMAT}; rebuild it")
+    require(document, DOCUMENT, where=str(path))
+    require_inside(document["files"], where=str(path))
+    _check_classes(document, path)
+    if intact and checksum(document) != document["checksum"]:
+        raise InputError(f"{path}: it was changed after the build; restore it, or build the dataset again")
     return document
+
+
+def _check_classes(document: dict[str, Any], path: Path) -> None:
+    """Raise InputError where a subject has no class although there are classes, or poses are not all told."""
+    classes = document["source"].get("classes")
+    for subject in document["subjects"]:
+        number = subject["subject"]
+        if str(number) not in document["poses"] or (classes is not None and not 0 <= number < len(classes)):
+            raise InputError(f"{path}: damaged, it does not say all of subject {number}; restore the file")
 
 
 def read_json(path: Path) -> Any:
     """Read a JSON file; InputError when it is no JSON."""
     try:
         return json.loads(path.read_text(encoding="utf-8"))
+    except RecursionError as error:
+        raise InputError(f"{path}: not a readable JSON file (nested too deeply)") from error
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: not a readable JSON file ({error})") from error

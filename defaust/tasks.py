@@ -22,6 +22,7 @@ from defaust.folder import (
     subject_folder,
 )
 from defaust.handles import DYNAMIC, UNUSED
+from defaust.record import POSE, require
 from defaust.transfers import Registered, transfer_task
 from sshade import DeformationTask, Handles, InputError, Mesh, TransferTask
 from sshade.meshio import read_mesh
@@ -140,6 +141,7 @@ def load_task(
 
     mesh = read_mesh(root / mesh_name)
     content = read_json(root / pose_name)
+    require(content, POSE, where=str(root / pose_name))
     facts = _facts(document, subject=subject, pose=pose, source_pose=content["source_pose"])
     facts |= {"resolution": resolution, "vertices": mesh.n, "checksum": "+".join(s[:16] for s in sums)}
     registered = resolution == "low" or document["build"]["target_vertices"] is None
@@ -185,6 +187,11 @@ def _check_resolution(resolution: str) -> None:
 def _handles(mesh: Mesh, records: list[dict[str, Any]], *, landmarks: list[str], raw: bool) -> Handles:
     """The stored handles snapped to a mesh."""
     used = [h for h in records if h["kind"] != UNUSED]
+    for handle in used:
+        if handle["landmark"] not in landmarks:
+            raise InputError(f"the dataset has no landmark {handle['landmark']!r}; build it again")
+        if len(handle["source"]) != len(handle["target"]):
+            raise InputError(f"landmark {handle['landmark']} has other numbers of sources and targets")
     count = [len(h["source"]) for h in used]
     return Handles.from_positions(
         mesh,

@@ -55,10 +55,10 @@ def verify(root: str | os.PathLike[str], *, progress: Progress = silent) -> list
     Raises
     ------
     InputError
-        When the folder is no finished DeFAUST folder.
+        When the folder is no finished DeFAUST folder, or its record cannot be used.
     """
     root = Path(root)
-    document = read_dataset(root)
+    document = read_dataset(root, intact=False)
     try:
         return _verify(root, document, progress=progress)
     except (KeyError, TypeError, IndexError, AttributeError) as error:

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from defaust.folder import read_dataset, sha256
+from defaust.folder import checksum, read_dataset, sha256
 from defaust.tasks import TaskId, list_tasks, load_task
 from sshade import InputError
 from sshade.meshio import read_mesh
@@ -112,6 +112,7 @@ def test_damaged_files(dataset):
         load_task(dataset, subject=1, pose=1, resolution="low")
     record = json.loads((dataset / "dataset.json").read_text())
     del record["files"]["subject_02/rest.ply"]
+    record["checksum"] = checksum(record)
     (dataset / "dataset.json").write_text(json.dumps(record))
     with pytest.raises(InputError, match="lists no subject_02/rest.ply"):
         load_task(dataset, subject=2, pose=1)
