@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from eval.store import TRANSFER, Row
 
@@ -82,8 +82,10 @@ def columns_of(rows: list[Row]) -> tuple[Column, ...]:
         return COLUMNS
     if any(row.get("metric.hausdorff") is not None for row in rows):
         return TRANSFER_COLUMNS
-    # Without a truth there is what changed against the rest shape.
-    return tuple(c for c in COLUMNS if c.source not in ("metric.handle", "iterations"))
+    # Without a truth there is what changed against the rest shape, some of which is the pose's own doing.
+    return tuple(
+        replace(c, ranked=c.unit == "s") for c in COLUMNS if c.source not in ("metric.handle", "iterations")
+    )
 
 
 def are_transfers(rows: list[Row]) -> bool:

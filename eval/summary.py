@@ -241,4 +241,6 @@ def _notes(rows: list[Row], *, columns: tuple[Column, ...]) -> list[str]:
     metrics = {f"metric.{name}": metric.equation for name, metric in METRICS.items()}
     said = {column.heading: column.legend or metrics.get(column.source) for column in columns}
     legend = "; ".join(f"{heading}: {text}" for heading, text in said.items() if text)
-    return [*notes, f"{legend}. Lower is better."]
+    if any(column.ranked and column.unit != "s" for column in columns):
+        return [*notes, f"{legend}. Lower is better."]
+    return [*notes, f"{legend}. The pose changes these by itself, and no truth says by how much."]

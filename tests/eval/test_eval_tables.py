@@ -174,6 +174,9 @@ def test_pose_transfers_without_a_truth_show_what_changed():
     unknown = {name: None for name in transfer_row("x") if name.startswith(("metric.hausd", "metric.ch"))}
     table = make_table([transfer_row("x") | unknown], title="t")
     assert [c.heading for c in table.columns] == ["volume", "area", "EL", "FA", "time"]
+    text = to_markdown(table)
+    assert "| x | 1 | 1.00 | 2.00 | 3.00 | 4.000 | **5.00** |" in text
+    assert "no truth says by how much" in text and "Lower is better" not in text
 
 
 def test_latex(rows):
