@@ -49,6 +49,8 @@ ablations: $(READY) $(QUICK)/dataset.json
 	$(BIN)/python -m eval.tables $(ABLATIONS)
 	$(BIN)/python -m eval.curves ablation_samplings --over method.samplings $(CURVES)
 	$(BIN)/python -m eval.curves ablation_vertices --over method.vertices $(CURVES)
+	$(BIN)/python -m eval.figures ablation_touching --cases hairpin/gap_0.01 hairpin/gap_0.05 \
+	  --towards 0 1 0 --up 0 0 1
 
 $(FULL)/dataset.json: $(READY)
 	$(BIN)/defaust build source=synthetic out=$(FULL) subjects=[0]
