@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sshade.affine import affine_maps
+from sshade.affine import adjacent_triangles, affine_maps
 from sshade.binding import Binding, bind
 from sshade.blended import nearest_rotations
 from sshade.console import run_command
@@ -84,22 +84,13 @@ def measure_jumps(rest: Mesh, vertices: np.ndarray, *, binding: Binding) -> Jump
     """
     A, known = affine_maps(rest.V, np.ascontiguousarray(vertices, dtype=np.float64), F=rest.F)
     R = nearest_rotations(A)
-    pairs = neighbours(rest.F)
+    pairs = adjacent_triangles(rest.F)
     pairs = pairs[known[pairs].all(axis=1)]
     # |R - R'|_F = sqrt(8) sin(angle / 2) keeps its digits at small angles.
     apart = np.linalg.norm(R[pairs[:, 0]] - R[pairs[:, 1]], axis=(1, 2))
     angle = np.degrees(2 * np.arcsin(np.minimum(apart / np.sqrt(8), 1.0)))
     follows = np.stack([binding.projection.face, binding.remesh.region], axis=1)[rest.F[pairs].reshape(-1, 6)]
     return Jumps(pairs, angle, (follows != follows[:, :1]).any(axis=(1, 2)))
-
-
-def neighbours(F: np.ndarray) -> np.ndarray:
-    """(p, 2) pairs of triangles that share an edge."""
-    import igl
-
-    beside = np.asarray(igl.triangle_triangle_adjacency(np.array(F))[0])
-    pairs = np.stack([np.repeat(np.arange(len(F)), 3), beside.ravel()], axis=1)
-    return pairs[pairs[:, 0] < pairs[:, 1]]
 
 
 def compare(task: DeformationTask, *, vertices: int, seed: int = 0) -> dict[str, tuple[np.ndarray, Jumps]]:

@@ -47,7 +47,7 @@ class AffineFrames:
         F = self.proxy.F
         A, known = affine_maps(self.proxy.V, NV, F=F)
         if not known.all():
-            A = spread_means(A, known, pairs=_beside(F))
+            A = spread_means(A, known, pairs=adjacent_triangles(F))
         return _decode(local, on.face, A, NV, F), int((~known).sum())
 
 
@@ -70,12 +70,12 @@ def affine_maps(rest: np.ndarray, deformed: np.ndarray, *, F: np.ndarray) -> tup
     return _maps(rest, deformed, F)
 
 
-def _beside(F: np.ndarray) -> np.ndarray:
-    """(e, 2) pairs of triangles that share an edge."""
+def adjacent_triangles(F: np.ndarray) -> np.ndarray:
+    """(p, 2) pairs of triangles that share an edge; F (l, 3) must be manifold."""
     import igl
 
-    neighbours = np.asarray(igl.triangle_triangle_adjacency(np.array(F))[0])
-    pairs = np.stack([np.repeat(np.arange(len(F)), 3), neighbours.ravel()], axis=1)
+    beside = np.asarray(igl.triangle_triangle_adjacency(np.array(F))[0])
+    pairs = np.stack([np.repeat(np.arange(len(F)), 3), beside.ravel()], axis=1)
     return pairs[pairs[:, 0] < pairs[:, 1]]
 
 

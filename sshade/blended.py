@@ -8,30 +8,34 @@ its offset x - p and goes to
     o(w) = sum_i w_i v_i' + sum_{i<j} w_i w_j b_ij .
 
 R(w) is the normalised blend of the corners' quaternions, and o(w) a quadratic
-triangle whose edges pass, half-way, through the point of the screw motion
-between the poses of their ends: with (c, m) the scalar and the vector part of
-the quaternion of R_j R_i^T,
+triangle. Half-way, its edges pass through the middle of the screw motion from
+the pose of one end to that of the other: with (c, m) the scalar and the vector
+part of the quaternion of R_j R_i^T,
 
     b_ij = 2 (v_j' - v_i') x m / (1 + c) .
 
-The result is continuous across the triangles' edges, where only the poses of
-the edge count, and exact at samples; equal rotations give b = 0, so that rigid
+That is continuous across the triangles' edges, where only the two poses of the
+edge count, and exact at samples; equal rotations give b = 0, so that rigid
 motions come out as such. To the second order b_ij = (R_i - R_j) (v_j - v_i) / 2,
-which makes x' exact for quadratic maps that turn N's vertices by R_i: a bent
-edge becomes an arc. (The weighted sum of the motions x -> v_i' + R_i (x - v_i)
-has twice that b and bulges twice as far as the arc; and where the proxy is
-twisted by half a turn between two vertices, its offsets, like those of every
-sum of matrices, fall onto the axis. A screw turns around it, by the shorter
-way; at half a turn exactly both are as short.)
+which is what a quadratic map with these rotations does: a bent edge becomes an
+arc. The plain weighted sum of the motions x -> v_i' + R_i (x - v_i) has twice
+that b and bulges twice as far as the arc. Like every weighted sum of matrices
+it also falls onto the axis where N is twisted by half a turn from one vertex to
+the next (the candy wrapper); the screw goes around, the shorter way. Its limits:
+at half a turn exactly both ways are as short, and rotations fitted to the edges
+around a vertex see only a part of a twist that happens between two vertices.
+Where the corners of one triangle are turned by more than a full turn in all,
+R(w) has a jump at one of its edges, o(w) has none.
 
-Frames that stretch have symmetric S_i beside R_i: A_i = R_i S_i is the affine
-map of the vertex's 1-ring. Then R(w) is followed by S(w) = sum_i w_i S_i, and
-b_ij has in addition R(w at the edge's middle) (S_i - S_j) (v_j - v_i) / 2, its
-second-order part.
+Frames that stretch have symmetric S_i beside R_i: R_i S_i is the affine map of
+the edges around the vertex (:mod:`sshade.vertex_maps`). The offset goes to
+R(w) S(w) (x - p), S(w) = sum_i w_i S_i, and b_ij has the second-order part of
+the stretch in addition, R (S_i - S_j) (v_j - v_i) / 2 with R of the edge's middle.
 
 L. Kavan, S. Collins, J. Zara, C. O'Sullivan, "Geometric skinning with
-approximate dual quaternion blending", 2008 (the screw half-way between poses);
-A. Vlachos, J. Peters, C. Boyd, J. L. Mitchell, "Curved PN triangles", 2001.
+approximate dual quaternion blending", 2008 (screw motions between poses);
+A. Vlachos, J. Peters, C. Boyd, J. L. Mitchell, "Curved PN triangles", 2001
+(curved triangles from what is known at their corners).
 """
 
 from __future__ import annotations
