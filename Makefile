@@ -2,6 +2,7 @@
 # make test     lint, architecture rules, tests, the small benchmark
 # make bench    speed against libigl at full size, scaling to 5 million vertices (a quarter of an hour)
 # make ablations   one change at a time on two small bodies (a quarter of an hour)
+# make transfers   poses rebuilt and transferred, at 20k and at 170k vertices (half an hour)
 # The first use of any makes .venv and installs; PYTHON=... picks another interpreter.
 
 PYTHON ?= python3
@@ -18,8 +19,9 @@ BASES  := $(SIZES:%=data/bench/%)
 # Experiments conf/experiment/ablation_*; those over a number are drawn too.
 ABLATIONS := $(addprefix ablation_,samplings vertices projection touching handles function frames coarse)
 CURVES    := --metric volume area edge angle time
+TRANSFERS := isometric_quick pose_transfer_quick isometric pose_transfer
 
-.PHONY: tables test ci-benchmark bench ablations clean
+.PHONY: tables test ci-benchmark bench ablations transfers clean
 
 tables: $(READY) $(QUICK)/dataset.json
 	$(BIN)/python -m eval -m experiment=quick dataset.root=$(QUICK)
@@ -51,6 +53,14 @@ ablations: $(READY) $(QUICK)/dataset.json
 	$(BIN)/python -m eval.curves ablation_vertices --over method.vertices $(CURVES)
 	$(BIN)/python -m eval.figures ablation_touching --cases hairpin/gap_0.01 hairpin/gap_0.05 \
 	  --towards 0 1 0 --up 0 0 1
+
+transfers: $(READY) $(QUICK)/dataset.json $(FULL)/dataset.json
+	for name in $(TRANSFERS); do $(BIN)/python -m eval -m experiment=$$name || exit 1; done
+	$(BIN)/python -m eval.collect $(TRANSFERS)
+	$(BIN)/python -m eval.tables $(TRANSFERS)
+	$(BIN)/python -m eval.figures isometric --worst hausdorff \
+	  --methods triangle-1 triangle-10 blended_affine-1 blended_affine-10
+	$(BIN)/python -m eval.figures pose_transfer --worst chamfer
 
 $(FULL)/dataset.json: $(READY)
 	$(BIN)/defaust build source=synthetic out=$(FULL) subjects=[0]
