@@ -17,7 +17,11 @@ from sshade.cotangents import corner_vectors, edge_weights, half_cotangents, lap
 from sshade.errors import InputError
 from sshade.linalg import Engine, factor
 from sshade.mesh import Mesh
+from sshade.parallel import Crew
 from sshade.rotations import local_step, right_hand_side
+
+#: Vertices that a thread fits at a time.
+RANGE = 32_768
 
 
 class Elements:
@@ -68,14 +72,15 @@ class Elements:
         near = np.argsort(position[corners].min(axis=1), kind="stable")
         self._corners = np.ascontiguousarray(position[corners[near]])
         self._Y, self._H = np.ascontiguousarray(Y[near]), np.ascontiguousarray(H[near])
+        self._ranges = _ranges(self._corners, mesh.n)
         self.corners = corners.shape[1]
         squares = ((mesh.V[edges[:, 0]] - mesh.V[edges[:, 1]]) ** 2).sum(axis=1)
         self.rest_energy = float(self.corners * (weights @ squares))
         self.constraints = Constraints(mesh, position)
 
-    def iteration(self, targets: np.ndarray, wanted: Wanted) -> Iteration:
+    def iteration(self, targets: np.ndarray, wanted: Wanted, *, crew: Crew) -> Iteration:
         """What maps positions to the next ones, for handles at `targets` (k, 3) float64."""
-        return Iteration(self, targets, self.constraints.hold(wanted, corners=self.corners))
+        return Iteration(self, targets, self.constraints.hold(wanted, corners=self.corners), crew=crew)
 
 
 class Iteration:
@@ -89,10 +94,14 @@ class Iteration:
         Rotation matrices of the last local step, row by row.
     restored : bool
         The last :meth:`restore` succeeded.
+    rest_energy, diagonal : float
+        Of the mesh; unit length^2 and length.
     """
 
-    def __init__(self, elements: Elements, targets: np.ndarray, hold: Hold | None) -> None:
+    def __init__(self, elements: Elements, targets: np.ndarray, hold: Hold | None, *, crew: Crew) -> None:
         n = elements.mesh.n
+        self._crew = crew
+        self.rest_energy, self.diagonal = elements.rest_energy, elements.mesh.diagonal
         self._elements, self._hold, self.restored = elements, hold, True
         self._fixed = -(elements._to_handles @ targets)
         self._X = np.empty((len(self._fixed), 3 + (hold.columns if hold else 0)))
@@ -101,17 +110,27 @@ class Iteration:
     def local_step(self, u: np.ndarray) -> float:
         """Fit the rotations to positions u (n, 3); return the energy there, but for the rest energy."""
         e = self._elements
-        energy = local_step(e._corners, e._Y, e._H, u, self._Q, self.R)
+
+        def piece(number: int) -> float:
+            own, first, end = e._ranges[number]
+            return local_step(e._corners[own], e._Y[own], e._H[own], u, self._Q, self.R, first, end)
+
+        energy = sum(self._crew(piece, len(e._ranges)))
         return energy + self._hold.penalty(u) if self._hold else energy
 
     def global_step(self, u: np.ndarray, g: np.ndarray) -> None:
         """Write to g (n, 3) the best positions for the rotations, near u (n, 3) as for the constraints."""
         e = self._elements
-        right_hand_side(e._corners, e._Y, self.R, self._B)
+
+        def piece(number: int) -> None:
+            own, first, end = e._ranges[number]
+            right_hand_side(e._corners[own], e._Y[own], self.R, self._B, first, end)
+
+        self._crew(piece, len(e._ranges))
         _gather(self._B, e._free, self._fixed, self._X)
         if self._hold:
             self._hold.gather(u, e._free, self._X)
-        e.factor.solve_ordered(self._X)
+        e.factor.solve_ordered(self._X, crew=self._crew)
         _scatter(self._X, e._free, g)
         if self._hold:
             self._hold.pull(self._X, e._free, g)
@@ -134,6 +153,19 @@ def _checked(mesh: Mesh, index: np.ndarray) -> np.ndarray:
     if len(free):
         raise InputError(f"{len(free)} components of the mesh have no handle; every component needs one")
     return index
+
+
+def _ranges(corners: np.ndarray, n: int) -> list[tuple[slice, int, int]]:
+    """Ranges of vertices for threads, which depend on n alone, and the elements that touch each.
+
+    Elements are in the order of their lowest vertices.
+    """
+    low, high = corners.min(axis=1), np.maximum.accumulate(corners.max(axis=1))
+    bounds = [*range(0, n, RANGE), n]
+    return [
+        (slice(int(np.searchsorted(high, first)), int(np.searchsorted(low, end))), first, end)
+        for first, end in zip(bounds, bounds[1:], strict=False)
+    ]
 
 
 @njit(cache=True, nogil=True)

@@ -1,7 +1,7 @@
 """Sparse positive definite systems: factor once, solve often, from any thread.
 
 The default engine lets SuperLU find a symmetric factorisation and then keeps
-only L and D of ``Q = P^T L D L^T P``; the substitutions are a kernel of ours.
+only L and D of ``Q = P^T L D L^T P``; the substitutions are kernels of ours.
 It needs nothing that is not installed anyway, it runs without the GIL (the
 solvers of cholespy and scipy hold it in `solve`), and on meshes of 6,000 to
 50,000 vertices no other engine tried solves faster.
@@ -13,14 +13,17 @@ from abc import ABC, abstractmethod
 from typing import Literal
 
 import numpy as np
-from numba import njit
 from scipy.sparse import csc_array, csc_matrix, sparray, spmatrix
 
 from sshade.errors import InputError
+from sshade.parallel import Crew
+from sshade.substitution import Branches, Factors, divide, substitute, substitute_together
 
 Engine = Literal["auto", "superlu", "cholespy"]
 
 ENGINES = ("auto", "superlu", "cholespy")
+#: Rows from which on several threads share a substitution.
+SHARED = 20_000
 
 
 class Factor(ABC):
@@ -39,13 +42,15 @@ class Factor(ABC):
     order: np.ndarray
 
     @abstractmethod
-    def solve_ordered(self, X: np.ndarray) -> None:
+    def solve_ordered(self, X: np.ndarray, *, crew: Crew | None = None) -> None:
         """Replace right-hand sides by solutions, both with their rows in `order`.
 
         Parameters
         ----------
         X : (n, c) float64, C-contiguous
             Overwritten.
+        crew : Crew, optional
+            Threads to share the work, by engines and for sizes where that pays. The same bits.
         """
 
     def solve(self, B: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
@@ -134,14 +139,21 @@ class _SuperLUFactor(Factor):
                 raise _not_positive_definite()
         lower.sort_indices()
         self.order = np.argsort(position).astype(np.int64)
-        self._start = lower.indptr.astype(np.int64)
-        self._row = lower.indices.astype(np.int32)
-        self._value = np.asarray(lower.data, dtype=np.float64)
-        self._inverse_pivot = 1.0 / pivots
+        self._factors = Factors(
+            lower.indptr.astype(np.int64),
+            lower.indices.astype(np.int32),
+            np.asarray(lower.data, dtype=np.float64),
+            1.0 / pivots,
+        )
+        self._branches: dict[int, Branches] = {}
 
-    def solve_ordered(self, X: np.ndarray) -> None:
-        kernel = _SUBSTITUTE.get(X.shape[1], _substitute)
-        kernel(self._start, self._row, self._value, self._inverse_pivot, X)
+    def solve_ordered(self, X: np.ndarray, *, crew: Crew | None = None) -> None:
+        if crew is None or crew.workers == 1 or len(X) < SHARED:
+            substitute(self._factors, X)
+            return
+        if crew.workers not in self._branches:
+            self._branches[crew.workers] = divide(self._factors, crew.workers)
+        substitute_together(self._factors, self._branches[crew.workers], X, crew=crew)
 
 
 class _CholespyFactor(Factor):
@@ -167,7 +179,7 @@ class _CholespyFactor(Factor):
             except ValueError as error:
                 raise _not_positive_definite() from error
 
-    def solve_ordered(self, X: np.ndarray) -> None:
+    def solve_ordered(self, X: np.ndarray, *, crew: Crew | None = None) -> None:
         if self._solver is not None:
             B = X.copy()
             self._solver.solve(B, X)
@@ -178,75 +190,3 @@ def _not_positive_definite() -> FloatingPointError:
         "the matrix is not positive definite; a component without a handle or a nearly "
         "zero-area triangle does this"
     )
-
-
-@njit(cache=True, nogil=True)
-def _substitute_three(start, row, value, inverse_pivot, X):
-    """Solve L D L^T X = X for three columns; L is unit lower triangular, by columns, without diagonal."""
-    n = len(inverse_pivot)
-    for j in range(n):
-        a, b, c = X[j, 0], X[j, 1], X[j, 2]
-        for k in range(start[j], start[j + 1]):
-            i, v = row[k], value[k]
-            X[i, 0] -= v * a
-            X[i, 1] -= v * b
-            X[i, 2] -= v * c
-    for j in range(n - 1, -1, -1):
-        d = inverse_pivot[j]
-        a, b, c = d * X[j, 0], d * X[j, 1], d * X[j, 2]
-        for k in range(start[j], start[j + 1]):
-            i, v = row[k], value[k]
-            a -= v * X[i, 0]
-            b -= v * X[i, 1]
-            c -= v * X[i, 2]
-        X[j, 0], X[j, 1], X[j, 2] = a, b, c
-
-
-@njit(cache=True, nogil=True)
-def _substitute(start, row, value, inverse_pivot, X):
-    """:func:`_substitute_three` for any number of columns."""
-    n, columns = X.shape
-    for j in range(n):
-        for k in range(start[j], start[j + 1]):
-            i, v = row[k], value[k]
-            for c in range(columns):
-                X[i, c] -= v * X[j, c]
-    for j in range(n - 1, -1, -1):
-        for c in range(columns):
-            X[j, c] *= inverse_pivot[j]
-        for k in range(start[j], start[j + 1]):
-            i, v = row[k], value[k]
-            for c in range(columns):
-                X[j, c] -= v * X[i, c]
-
-
-@njit(cache=True, nogil=True)
-def _substitute_six(start, row, value, inverse_pivot, X):
-    """:func:`_substitute_three` for six columns."""
-    n = len(inverse_pivot)
-    for j in range(n):
-        a, b, c, d, e, f = X[j, 0], X[j, 1], X[j, 2], X[j, 3], X[j, 4], X[j, 5]
-        for k in range(start[j], start[j + 1]):
-            i, v = row[k], value[k]
-            X[i, 0] -= v * a
-            X[i, 1] -= v * b
-            X[i, 2] -= v * c
-            X[i, 3] -= v * d
-            X[i, 4] -= v * e
-            X[i, 5] -= v * f
-    for j in range(n - 1, -1, -1):
-        p = inverse_pivot[j]
-        a, b, c, d, e, f = p * X[j, 0], p * X[j, 1], p * X[j, 2], p * X[j, 3], p * X[j, 4], p * X[j, 5]
-        for k in range(start[j], start[j + 1]):
-            i, v = row[k], value[k]
-            a -= v * X[i, 0]
-            b -= v * X[i, 1]
-            c -= v * X[i, 2]
-            d -= v * X[i, 3]
-            e -= v * X[i, 4]
-            f -= v * X[i, 5]
-        X[j, 0], X[j, 1], X[j, 2], X[j, 3], X[j, 4], X[j, 5] = a, b, c, d, e, f
-
-
-#: Unrolled loops, by number of columns: positions, and with them the gradient of a constraint.
-_SUBSTITUTE = {3: _substitute_three, 6: _substitute_six}

@@ -20,10 +20,11 @@ import numpy as np
 from sshade.anderson import Anderson, largest_move
 from sshade.coarse import Energy, Start, initial_guess
 from sshade.constraints import Wanted
-from sshade.elements import Elements
+from sshade.elements import Elements, Iteration
 from sshade.errors import InputError
 from sshade.linalg import Engine
 from sshade.mesh import Mesh
+from sshade.parallel import Crew
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
 
 #: A rise of the energy below this (x the rest shape's Dirichlet energy) is rounding, not a bad step.
@@ -122,6 +123,7 @@ class LocalGlobal:
         area: float = 0.0,
         volume_ratio: float = 1.0,
         area_ratio: float = 1.0,
+        workers: int = 1,
         progress: Progress = silent,
     ) -> Solution:
         """Iterate local and global steps to a residual.
@@ -153,6 +155,9 @@ class LocalGlobal:
             keep a free volume, with a warning.
         volume_ratio, area_ratio : float
             What to hold them at, over the rest shape's.
+        workers : int
+            Threads that share each iteration, from some 20,000 vertices on; no
+            influence on the result.
         progress : Progress
 
         Returns
@@ -162,7 +167,7 @@ class LocalGlobal:
         Raises
         ------
         InputError
-            On a wrong shape, a window under 1, a negative weight, or a ratio that is not positive.
+            On a wrong shape, a window or workers under 1, a negative weight, or a ratio that is not positive.
         FloatingPointError
             When an iterate is not finite.
         """
@@ -172,48 +177,20 @@ class LocalGlobal:
         wanted = Wanted(volume, area, volume_ratio, area_ratio).checked()
         u = np.ascontiguousarray(start[self._elements.vertex])
         u[self._elements.held] = targets
-        iteration = self._elements.iteration(targets, wanted)
-        mixer = Anderson(u.size, window) if accelerate else None
-        g, slack = u.copy(), ENERGY_ROUNDING * abs(self._elements.rest_energy)
-        iterations, rejected, residual, mixed = 0, 0, np.inf, False
-        energies = [np.inf]
-        while True:
-            energy = iteration.local_step(u)
-            if mixed and not (energy <= energies[-1] + slack and iteration.restored):
-                u[:] = mixer.plain.reshape(-1, 3)
-                energy = iteration.local_step(u)
-                rejected += 1
-            energies.append(energy)
-            if residual < tolerance or iterations >= max_iterations:
-                break
-            iteration.global_step(u, g)
-            residual = float(largest_move(g, u)) / self.mesh.diagonal
-            iterations += 1
-            if not np.isfinite(residual):
-                raise FloatingPointError(f"the positions are not finite after {iterations} iterations")
-            mixed = False
-            if accelerate and residual >= tolerance and iterations < max_iterations:
-                mixed = mixer.advance(u.reshape(-1), g.reshape(-1))
-                if mixed:
-                    iteration.restore(u)
-            else:
-                u[:] = g
-            if iterations % REPORT_EVERY == 0:
-                progress("iterations", iterations, max_iterations, f"residual {residual:.1e}")
-        progress("iterations", iterations, max_iterations, f"residual {residual:.1e}")
-        return self._solution(
-            u,
-            iteration.R,
-            wanted,
-            iterations=iterations,
-            residual=residual,
-            energy=self._elements.rest_energy + energies[-1],
-            energy_initial=self._elements.rest_energy + energies[1],
-            converged=residual < tolerance,
-            rejected=rejected,
-        )
+        with Crew(workers) as crew:
+            iteration = self._elements.iteration(targets, wanted, crew=crew)
+            mixer = Anderson(u.size, window) if accelerate else None
+            facts = _iterate(
+                iteration,
+                u,
+                mixer=mixer,
+                tolerance=tolerance,
+                max_iterations=max_iterations,
+                progress=progress,
+            )
+        return self._solution(u, iteration.R, wanted, facts)
 
-    def _solution(self, u: np.ndarray, R: np.ndarray, wanted: Wanted, **facts) -> Solution:
+    def _solution(self, u: np.ndarray, R: np.ndarray, wanted: Wanted, facts: dict) -> Solution:
         elements, n = self._elements, self.mesh.n
         positions, rotations = np.empty((n, 3)), np.empty((n, 3, 3))
         positions[elements.vertex] = u
@@ -243,6 +220,53 @@ class LocalGlobal:
         return targets, start
 
 
+def _iterate(
+    iteration: Iteration,
+    u: np.ndarray,
+    *,
+    mixer: Anderson | None,
+    tolerance: float,
+    max_iterations: int,
+    progress: Progress,
+) -> dict[str, Any]:
+    """Iterate from u (n, 3), in place; return what a solution tells of it."""
+    g, slack = u.copy(), ENERGY_ROUNDING * abs(iteration.rest_energy)
+    iterations, rejected, residual, mixed = 0, 0, np.inf, False
+    energies = [np.inf]
+    while True:
+        energy = iteration.local_step(u)
+        if mixed and not (energy <= energies[-1] + slack and iteration.restored):
+            u[:] = mixer.plain.reshape(-1, 3)
+            energy = iteration.local_step(u)
+            rejected += 1
+        energies.append(energy)
+        if residual < tolerance or iterations >= max_iterations:
+            break
+        iteration.global_step(u, g)
+        residual = float(largest_move(g, u)) / iteration.diagonal
+        iterations += 1
+        if not np.isfinite(residual):
+            raise FloatingPointError(f"the positions are not finite after {iterations} iterations")
+        mixed = False
+        if mixer and residual >= tolerance and iterations < max_iterations:
+            mixed = mixer.advance(u.reshape(-1), g.reshape(-1))
+            if mixed:
+                iteration.restore(u)
+        else:
+            u[:] = g
+        if iterations % REPORT_EVERY == 0:
+            progress("iterations", iterations, max_iterations, f"residual {residual:.1e}")
+    progress("iterations", iterations, max_iterations, f"residual {residual:.1e}")
+    return {
+        "iterations": iterations,
+        "residual": residual,
+        "energy": iteration.rest_energy + energies[-1],
+        "energy_initial": iteration.rest_energy + energies[1],
+        "converged": residual < tolerance,
+        "rejected": rejected,
+    }
+
+
 def local_global(
     task: DeformationTask,
     *,
@@ -254,6 +278,7 @@ def local_global(
     area: float = 0.0,
     start: Start = "rest",
     engine: Engine = "auto",
+    workers: int = 1,
     seed: int = 0,
     progress: Progress = silent,
 ) -> DeformationResult:
@@ -276,6 +301,8 @@ def local_global(
         See :func:`sshade.coarse.initial_guess`.
     engine : {"auto", "superlu", "cholespy"}
         See :func:`sshade.linalg.factor`.
+    workers : int
+        Threads that share each iteration; no influence on the result.
     seed : int
         Unused: the method is deterministic.
     progress : Progress
@@ -305,6 +332,7 @@ def local_global(
         accelerate=accelerate,
         volume=volume,
         area=area,
+        workers=workers,
         progress=progress,
     )
     own = ("positions", "iterations", "converged")

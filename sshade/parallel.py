@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from typing import TypeVar
 
 from sshade.errors import InputError
@@ -43,3 +43,49 @@ def in_threads(piece: Callable[[int], Result], count: int, *, workers: int | Non
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
+
+
+class Crew:
+    """Threads that stay for many short pieces of work, in a ``with`` block.
+
+    Parameters
+    ----------
+    workers : int
+        Threads, the calling one among them.
+
+    Raises
+    ------
+    InputError
+        On fewer than one worker.
+    """
+
+    def __init__(self, workers: int) -> None:
+        if workers < 1:
+            raise InputError(f"{workers} workers were asked for; at least one is needed")
+        self.workers = workers
+        self._pool = ThreadPoolExecutor(max_workers=workers - 1) if workers > 1 else None
+
+    def __enter__(self) -> Crew:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self._pool is not None:
+            self._pool.shutdown()
+
+    def __call__(self, piece: Callable[[int], Result], count: int) -> list[Result]:
+        """``[piece(0), ..., piece(count - 1)]``, once all are done; the first error of a piece otherwise."""
+        if self._pool is None or count == 1:
+            return [piece(i) for i in range(count)]
+
+        # Every thread takes each so many: pieces are as many as threads, or of one size.
+        def share(thread: int) -> list[Result]:
+            return [piece(i) for i in range(thread, count, self.workers)]
+
+        threads = min(self.workers, count)
+        others = [self._pool.submit(share, thread) for thread in range(1, threads)]
+        try:
+            shares = [share(0)]
+        finally:
+            wait(others)
+        shares += [other.result() for other in others]
+        return [shares[i % threads][i // threads] for i in range(count)]

@@ -17,6 +17,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+#: The end of a range that has none.
+EVERY = 2**62
 #: A Newton step shorter than this (radians) leaves an error of its cube, below rounding.
 LAST_STEP = 1e-6
 #: Beyond this step (radians), or this many, the warm start is no use.
@@ -30,13 +32,13 @@ JACOBI_SWEEPS = 30
 
 
 @njit(cache=True, nogil=True)
-def local_step(corners, Y, H, P, Q, R):
-    """Fit all rotations to positions P.
+def local_step(corners, Y, H, P, Q, R, first=0, end=EVERY):
+    """Fit the rotations of the vertices from `first` to `end`, by default all, to positions P.
 
     Parameters
     ----------
     corners : (e, 2) or (e, 3) int32
-        Vertices of each element.
+        Vertices of each element; at least those that touch the vertices from `first` to `end`.
     Y : (e, 1, 3) or (e, 2, 3) float64
         y of all its corners but the last, whose y is minus their sum.
     H : (e, 1) or (e, 3) float64
@@ -47,79 +49,84 @@ def local_step(corners, Y, H, P, Q, R):
         Unit quaternions: the previous rotations in, the new ones out.
     R : (n, 9) float64
         The new rotation matrices out, row by row.
+    first, end : int
+        Steps over ranges that cover all vertices equal one over all, to the
+        last bit, and may run at the same time.
 
     Returns
     -------
     float
         ``sum_elements corners * sum_edges h |e'|^2 - 2 sum_i tr(R_i S_i)``: the
-        energy, but for the constant that the rest edges add.
+        energy, but for the constant that the rest edges add. Of a range, the
+        part of its vertices and of the elements whose lowest vertex is in it.
     """
-    R[:] = 0.0
+    end = min(end, len(P))
+    R[first:end] = 0.0
     if corners.shape[1] == 3:
-        energy = _triangle_covariances(corners, Y, H, P, R)
+        energy = _triangle_covariances(corners, Y, H, P, R, first, end)
     else:
-        energy = _edge_covariances(corners, Y, H, P, R)
-    return energy - 2.0 * fit_rotations(R, Q)
+        energy = _edge_covariances(corners, Y, H, P, R, first, end)
+    return energy - 2.0 * fit_rotations(R[first:end], Q[first:end])
 
 
 @njit(cache=True, nogil=True)
-def right_hand_side(corners, Y, R, B):
-    """Write the global step's right-hand side, without what constrained vertices add, to B (n, 3)."""
-    B[:] = 0.0
+def right_hand_side(corners, Y, R, B, first=0, end=EVERY):
+    """Write the global step's right-hand side, without what held vertices add, to B (n, 3).
+
+    To its rows from `first` to `end` only, as in :func:`local_step`.
+    """
+    end = min(end, len(B))
+    B[first:end] = 0.0
     if corners.shape[1] == 3:
-        _triangle_right_hand_side(corners, Y, R, B)
+        _triangle_right_hand_side(corners, Y, R, B, first, end)
     else:
-        _edge_right_hand_side(corners, Y, R, B)
+        _edge_right_hand_side(corners, Y, R, B, first, end)
 
 
 @njit(cache=True, nogil=True)
-def _triangle_covariances(corners, Y, H, P, S):
+def _triangle_covariances(corners, Y, H, P, S, first, end):
     energy = 0.0
     for t in range(len(corners)):
         i, j, k = corners[t, 0], corners[t, 1], corners[t, 2]
         ax, ay, az = P[i, 0] - P[k, 0], P[i, 1] - P[k, 1], P[i, 2] - P[k, 2]
         bx, by, bz = P[j, 0] - P[k, 0], P[j, 1] - P[k, 1], P[j, 2] - P[k, 2]
         cx, cy, cz = ax - bx, ay - by, az - bz
-        energy += 3.0 * (
-            H[t, 0] * (cx * cx + cy * cy + cz * cz)
-            + H[t, 1] * (bx * bx + by * by + bz * bz)
-            + H[t, 2] * (ax * ax + ay * ay + az * az)
-        )
-        for r in range(3):
-            y, z = Y[t, 0, r], Y[t, 1, r]
-            sx, sy, sz = y * ax + z * bx, y * ay + z * by, y * az + z * bz
-            S[i, 3 * r] += sx
-            S[i, 3 * r + 1] += sy
-            S[i, 3 * r + 2] += sz
-            S[j, 3 * r] += sx
-            S[j, 3 * r + 1] += sy
-            S[j, 3 * r + 2] += sz
-            S[k, 3 * r] += sx
-            S[k, 3 * r + 1] += sy
-            S[k, 3 * r + 2] += sz
+        if min(i, j, k) >= first:
+            energy += 3.0 * (
+                H[t, 0] * (cx * cx + cy * cy + cz * cz)
+                + H[t, 1] * (bx * bx + by * by + bz * bz)
+                + H[t, 2] * (ax * ax + ay * ay + az * az)
+            )
+        for c in (i, j, k):
+            if first <= c < end:
+                for r in range(3):
+                    y, z = Y[t, 0, r], Y[t, 1, r]
+                    S[c, 3 * r] += y * ax + z * bx
+                    S[c, 3 * r + 1] += y * ay + z * by
+                    S[c, 3 * r + 2] += y * az + z * bz
     return energy
 
 
 @njit(cache=True, nogil=True)
-def _edge_covariances(corners, Y, H, P, S):
+def _edge_covariances(corners, Y, H, P, S, first, end):
     energy = 0.0
     for t in range(len(corners)):
         i, j = corners[t, 0], corners[t, 1]
         ax, ay, az = P[i, 0] - P[j, 0], P[i, 1] - P[j, 1], P[i, 2] - P[j, 2]
-        energy += 2.0 * H[t, 0] * (ax * ax + ay * ay + az * az)
-        for r in range(3):
-            y = Y[t, 0, r]
-            S[i, 3 * r] += y * ax
-            S[i, 3 * r + 1] += y * ay
-            S[i, 3 * r + 2] += y * az
-            S[j, 3 * r] += y * ax
-            S[j, 3 * r + 1] += y * ay
-            S[j, 3 * r + 2] += y * az
+        if min(i, j) >= first:
+            energy += 2.0 * H[t, 0] * (ax * ax + ay * ay + az * az)
+        for c in (i, j):
+            if first <= c < end:
+                for r in range(3):
+                    y = Y[t, 0, r]
+                    S[c, 3 * r] += y * ax
+                    S[c, 3 * r + 1] += y * ay
+                    S[c, 3 * r + 2] += y * az
     return energy
 
 
 @njit(cache=True, nogil=True)
-def _triangle_right_hand_side(corners, Y, R, B):
+def _triangle_right_hand_side(corners, Y, R, B, first, end):
     third = 1.0 / 3.0
     for t in range(len(corners)):
         i, j, k = corners[t, 0], corners[t, 1], corners[t, 2]
@@ -127,24 +134,29 @@ def _triangle_right_hand_side(corners, Y, R, B):
             a = third * (R[i, 3 * r] + R[j, 3 * r] + R[k, 3 * r])
             b = third * (R[i, 3 * r + 1] + R[j, 3 * r + 1] + R[k, 3 * r + 1])
             c = third * (R[i, 3 * r + 2] + R[j, 3 * r + 2] + R[k, 3 * r + 2])
-            first = a * Y[t, 0, 0] + b * Y[t, 0, 1] + c * Y[t, 0, 2]
-            second = a * Y[t, 1, 0] + b * Y[t, 1, 1] + c * Y[t, 1, 2]
-            B[i, r] += first
-            B[j, r] += second
-            B[k, r] -= first + second
+            at_i = a * Y[t, 0, 0] + b * Y[t, 0, 1] + c * Y[t, 0, 2]
+            at_j = a * Y[t, 1, 0] + b * Y[t, 1, 1] + c * Y[t, 1, 2]
+            if first <= i < end:
+                B[i, r] += at_i
+            if first <= j < end:
+                B[j, r] += at_j
+            if first <= k < end:
+                B[k, r] -= at_i + at_j
 
 
 @njit(cache=True, nogil=True)
-def _edge_right_hand_side(corners, Y, R, B):
+def _edge_right_hand_side(corners, Y, R, B, first, end):
     for t in range(len(corners)):
         i, j = corners[t, 0], corners[t, 1]
         for r in range(3):
             a = 0.5 * (R[i, 3 * r] + R[j, 3 * r])
             b = 0.5 * (R[i, 3 * r + 1] + R[j, 3 * r + 1])
             c = 0.5 * (R[i, 3 * r + 2] + R[j, 3 * r + 2])
-            first = a * Y[t, 0, 0] + b * Y[t, 0, 1] + c * Y[t, 0, 2]
-            B[i, r] += first
-            B[j, r] -= first
+            at_i = a * Y[t, 0, 0] + b * Y[t, 0, 1] + c * Y[t, 0, 2]
+            if first <= i < end:
+                B[i, r] += at_i
+            if first <= j < end:
+                B[j, r] -= at_i
 
 
 @njit(cache=True, nogil=True)

@@ -80,7 +80,7 @@ def test_fill_is_that_of_a_symmetric_ordering():
     """A column ordering stores L and U with more entries each than this L alone."""
     Q = system(bumpy(4))
     lu = sp.linalg.splu(sp.csc_matrix(Q))
-    assert len(factor(Q)._value) < 0.5 * (lu.L.nnz + lu.U.nnz)
+    assert len(factor(Q)._factors.value) < 0.5 * (lu.L.nnz + lu.U.nnz)
 
 
 def test_auto_does_not_depend_on_what_is_installed(Q):

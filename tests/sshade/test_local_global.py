@@ -465,3 +465,24 @@ def test_unknown_names(task):
         local_global(task, engine="eigen")
     with pytest.raises(InputError, match="unknown start 'zero'"):
         local_global(task, start="zero")
+
+
+@pytest.mark.parametrize("weights", [(0.0, 0.0), (np.inf, 0.0), (np.inf, np.inf)])
+@pytest.mark.parametrize("energy", ENERGIES)
+def test_ranges_and_workers_change_no_bit(monkeypatch, energy, weights):
+    task = TASKS["bar"]
+    options = {"max_iterations": 12, "tolerance": 0, "volume": weights[0], "area": weights[1]}
+    whole = solver_of(task, energy).solve(task.handles.target, **options)
+    monkeypatch.setattr("sshade.elements.RANGE", 30)
+    monkeypatch.setattr("sshade.linalg.SHARED", 0)
+    solver = solver_of(task, energy)
+    parts = [solver.solve(task.handles.target, workers=workers, **options) for workers in (1, 2, 3)]
+    for part in parts:
+        assert np.array_equal(part.positions, whole.positions)
+        assert np.array_equal(part.rotations, whole.rotations)
+        assert part.energy == parts[0].energy == pytest.approx(whole.energy, rel=1e-13)
+
+
+def test_workers_are_checked(task):
+    with pytest.raises(InputError, match="0 workers were asked for"):
+        solver_of(task).solve(task.handles.target, workers=0)
