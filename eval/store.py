@@ -42,7 +42,19 @@ TRANSFER = "transfer"
 
 _GROUPS = ("task.", "method.", "seed", "status", "reason", "iterations", "converged")
 _LATER_GROUPS = ("metric.", "extra.", "seconds.", "peak_mib", "env.", "date", "schema", "key")
-_TEXT_COLUMNS = ("reason", "key", "task.checksum", "task.source", "method.hash", "method.note", "env.commit")
+_TEXT_COLUMNS = (
+    "reason",
+    "key",
+    "task.checksum",
+    "task.source",
+    "method.hash",
+    "method.sources",
+    "method.note",
+    "env.commit",
+    "env.omp_num_threads",
+    "env.openblas_num_threads",
+    "env.mkl_num_threads",
+)
 
 
 def run_folder(root: str | os.PathLike[str], row: Row) -> Path:
@@ -229,7 +241,7 @@ def _cell(value: Any) -> str:
 def _value(name: str, cell: str) -> Any:
     if cell == "":
         return None
-    # A hash such as 12e4567890123456 is no number.
+    # A hash such as 12e4567890123456 is no number, nor is a variable of the environment.
     if name in _TEXT_COLUMNS or name.startswith("env.version."):
         return cell
     if cell in ("true", "false"):

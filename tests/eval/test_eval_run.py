@@ -262,6 +262,7 @@ def test_csv_gives_rows_back_and_the_same_bytes(task, tmp_path):
 
 def test_a_hash_of_digits_stays_text(tmp_path):
     row = {"status": "ok", "key": "12e4567890123456", "task.checksum": "0012", "env.version.x": "1.0"}
+    row |= {"method.sources": "1234567890123456", "env.omp_num_threads": "1"}
     write_csv(tmp_path / "r.csv", [row])
     assert read_csv(tmp_path / "r.csv") == [row]
 
