@@ -140,8 +140,8 @@ class Faust:
             ],
             "axes": "y up, facing +z in most poses",
             "unit": "metre",
-            "note": f"FAUST's poses {poses}, from rest pose {self.rest_pose}, and the landmarks are a choice "
-            "of this project; the paper names none",
+            "note": f"FAUST's poses {poses}, the rest pose {self.rest_pose} and the landmarks are a choice "
+            "made here; the paper names none",
             "rest_pose": self.rest_pose,
             "target_poses": list(self.target_poses),
             "landmark_vertices": {name: self.landmarks[name] for name in self.landmark_names},

@@ -92,6 +92,7 @@ def load_task(
     pose: int,
     resolution: str = "high",
     raw: bool = False,
+    source: str | None = None,
     edit: Edit | None = None,
 ) -> DeformationTask | TransferTask:
     """Rest mesh and handles of one subject and pose; or, with an edit, the pose to transfer.
@@ -108,6 +109,8 @@ def load_task(
         They are the same, truth included, in a dataset built with target_vertices=null.
     raw : bool
         Keep the stored targets where a handle is snapped to another position.
+    source : str, optional
+        Name of the source that the dataset must have been built from.
     edit : Edit, optional
         One of :mod:`defaust.edits`: the task is to put the edited rest mesh into
         the pose, without handles. :class:`defaust.edits.Unedited` leaves the mesh
@@ -126,13 +129,16 @@ def load_task(
     Raises
     ------
     InputError
-        When the folder is no dataset, has no such subject or pose, or a file
-        is missing or is not the one that the dataset lists.
+        When the folder is no dataset, is of another source, has no such subject
+        or pose, or a file is missing or is not the one that the dataset lists.
     """
     root = Path(root)
     _check_resolution(resolution)
     list_tasks(root, subjects=[subject], poses=[pose])
     document = read_dataset(root)
+    built_from = document["source"]["name"]
+    if source not in (None, built_from):
+        raise InputError(f"{root} was built with source={built_from}, not source={source}")
     folder = subject_folder(subject)
     name = f"{document['name']}/{folder}/pose_{pose}"
     mesh_name = f"{folder}/{REST if resolution == 'high' else REST_LOW}"

@@ -43,7 +43,7 @@ def test_ten_subjects_give_forty_tasks(whole):
     assert [len(set(task.handles.group)) for task in tasks] == [7, 7, 7, 15]
     assert [len(task.handles) for task in tasks] == [210, 210, 210, 450]
     assert all(task.truth.shape == (6890, 3) for task in tasks)
-    assert all("1, 3, 6, 8, from rest pose 0," in task.meta["note"] for task in tasks)
+    assert all("poses 1, 3, 6, 8, the rest pose 0 and" in task.meta["note"] for task in tasks)
 
 
 def test_card_and_info_show_the_facts(whole, capsys):

@@ -86,6 +86,9 @@ def test_meta(finished):
 
 
 def test_wrong_requests(finished, tmp_path):
+    assert load_task(finished, subject=0, pose=1, source="balls").name
+    with pytest.raises(InputError, match="was built with source=balls, not source=faust"):
+        load_task(finished, subject=0, pose=1, source="faust")
     with pytest.raises(InputError, match="no such folder"):
         load_task(tmp_path / "nowhere", subject=0, pose=1)
     with pytest.raises(InputError, match="source.root=.* out=DIR"):

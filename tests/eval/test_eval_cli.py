@@ -73,7 +73,8 @@ def test_a_sweep_over_all_takes_the_cases_that_the_dataset_has(tmp_path):
     assert {name.split("/")[2] for name in files(tmp_path)} == {
         "single_listed"
     }  # apart, by the dataset's tag
-    assert run_eval(tmp_path, *common, "pose=2").stdout.splitlines()[-1] == "2 runs: 0 new, 2 kept"
+    for other in (["pose=2"], ["subject=1", "pose=all"]):
+        assert run_eval(tmp_path, *common, *other).stdout.splitlines()[-1] == "2 runs: 0 new, 2 kept"
     missing = run_eval(tmp_path, *common, "pose=3")
     assert missing.returncode == 2 and missing.stderr == "error: there is no pose 3\n"
 
