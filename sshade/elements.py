@@ -19,6 +19,7 @@ from sshade.linalg import Engine, factor
 from sshade.mesh import Mesh
 from sshade.parallel import Crew
 from sshade.rotations import local_step, right_hand_side
+from sshade.softening import Softening, soften, softened_right_hand_side, weighted_local_step
 
 #: Vertices that a thread fits at a time.
 RANGE = 32_768
@@ -73,14 +74,24 @@ class Elements:
         self._corners = np.ascontiguousarray(position[corners[near]])
         self._Y, self._H = np.ascontiguousarray(Y[near]), np.ascontiguousarray(H[near])
         self._ranges = _ranges(self._corners, mesh.n)
+        self._chunks = [slice(first, first + 2 * RANGE) for first in range(0, len(corners), 2 * RANGE)]
+        # Of each triangle shrunk to a point.
+        self._rest = 6.0 * mesh.face_areas[near] if energy == "spokes_and_rims" else np.empty(0)
         self.corners = corners.shape[1]
         squares = ((mesh.V[edges[:, 0]] - mesh.V[edges[:, 1]]) ** 2).sum(axis=1)
         self.rest_energy = float(self.corners * (weights @ squares))
         self.constraints = Constraints(mesh, position)
 
-    def iteration(self, targets: np.ndarray, wanted: Wanted, *, crew: Crew) -> Iteration:
+    def iteration(
+        self, targets: np.ndarray, wanted: Wanted, softening: Softening, *, crew: Crew
+    ) -> Iteration:
         """What maps positions to the next ones, for handles at `targets` (k, 3) float64."""
-        return Iteration(self, targets, self.constraints.hold(wanted, corners=self.corners), crew=crew)
+        hold = self.constraints.hold(wanted, corners=self.corners)
+        if softening.stiffness == 1.0:
+            return Iteration(self, targets, hold, crew=crew)
+        if self.corners == 2:
+            raise InputError("only triangles soften: take the energy spokes_and_rims, or a stiffness of 1")
+        return SoftenedIteration(self, targets, hold, crew=crew, softening=softening)
 
 
 class Iteration:
@@ -109,24 +120,13 @@ class Iteration:
 
     def local_step(self, u: np.ndarray) -> float:
         """Fit the rotations to positions u (n, 3); return the energy there, but for the rest energy."""
-        e = self._elements
-
-        def piece(number: int) -> float:
-            own, first, end = e._ranges[number]
-            return local_step(e._corners[own], e._Y[own], e._H[own], u, self._Q, self.R, first, end)
-
-        energy = sum(self._crew(piece, len(e._ranges)))
+        energy = self._fit(u)
         return energy + self._hold.penalty(u) if self._hold else energy
 
     def global_step(self, u: np.ndarray, g: np.ndarray) -> None:
         """Write to g (n, 3) the best positions for the rotations, near u (n, 3) as for the constraints."""
         e = self._elements
-
-        def piece(number: int) -> None:
-            own, first, end = e._ranges[number]
-            right_hand_side(e._corners[own], e._Y[own], self.R, self._B, first, end)
-
-        self._crew(piece, len(e._ranges))
+        self._right_hand_side(u)
         _gather(self._B, e._free, self._fixed, self._X)
         if self._hold:
             self._hold.gather(u, e._free, self._X)
@@ -139,6 +139,72 @@ class Iteration:
         """Lead positions u (n, 3) back to the exact constraints, along the last global step's directions."""
         if self._hold:
             self.restored = self._hold.restore(u)
+
+    def _fit(self, u: np.ndarray) -> float:
+        e = self._elements
+
+        def piece(number: int) -> float:
+            own, first, end = e._ranges[number]
+            return local_step(e._corners[own], e._Y[own], e._H[own], u, self._Q, self.R, first, end)
+
+        return sum(self._crew(piece, len(e._ranges)))
+
+    def _right_hand_side(self, u: np.ndarray) -> None:
+        e = self._elements
+
+        def piece(number: int) -> None:
+            own, first, end = e._ranges[number]
+            right_hand_side(e._corners[own], e._Y[own], self.R, self._B, first, end)
+
+        self._crew(piece, len(e._ranges))
+
+
+class SoftenedIteration(Iteration):
+    """An :class:`Iteration` whose triangles soften; see :mod:`sshade.softening`.
+
+    Attributes
+    ----------
+    weight : (m,) float64
+        w of each triangle at the last local step, in the order of the elements.
+    """
+
+    def __init__(
+        self,
+        elements: Elements,
+        targets: np.ndarray,
+        hold: Hold | None,
+        *,
+        crew: Crew,
+        softening: Softening,
+    ) -> None:
+        super().__init__(elements, targets, hold, crew=crew)
+        self.weight = np.ones(len(elements._corners))
+        self._softening = softening
+
+    def _fit(self, u: np.ndarray) -> float:
+        e, (stiffness, strain), weight = self._elements, self._softening, self.weight
+
+        def rotate(number: int) -> None:
+            own, first, end = e._ranges[number]
+            weighted_local_step(e._corners[own], e._Y[own], weight[own], u, self._Q, self.R, first, end)
+
+        def weigh(number: int) -> float:
+            own = e._chunks[number]
+            lists = e._corners[own], e._Y[own], e._H[own], e._rest[own]
+            return soften(*lists, u, self.R, stiffness, strain, weight[own])
+
+        self._crew(rotate, len(e._ranges))
+        return sum(self._crew(weigh, len(e._chunks))) - self.rest_energy
+
+    def _right_hand_side(self, u: np.ndarray) -> None:
+        e = self._elements
+
+        def piece(number: int) -> None:
+            own, first, end = e._ranges[number]
+            lists = e._corners[own], e._Y[own], e._H[own], self.weight[own]
+            softened_right_hand_side(*lists, u, self.R, self._B, first, end)
+
+        self._crew(piece, len(e._ranges))
 
 
 def _checked(mesh: Mesh, index: np.ndarray) -> np.ndarray:

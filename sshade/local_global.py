@@ -12,25 +12,23 @@ elastic deformations", 2010 (spokes and rims: the paper's "Elastic").
 
 from __future__ import annotations
 
+from math import inf
 from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from sshade.anderson import Anderson, largest_move
+from sshade.anderson import Anderson
 from sshade.coarse import Energy, Start, initial_guess
 from sshade.constraints import Wanted
-from sshade.elements import Elements, Iteration
+from sshade.elements import Elements
 from sshade.errors import InputError
+from sshade.iterate import iterate
 from sshade.linalg import Engine
 from sshade.mesh import Mesh
 from sshade.parallel import Crew
+from sshade.softening import Softening
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
-
-#: A rise of the energy below this (x the rest shape's Dirichlet energy) is rounding, not a bad step.
-ENERGY_ROUNDING = 1e-14
-#: Iterations between two calls of the progress callback.
-REPORT_EVERY = 10
 
 
 class Solution(NamedTuple):
@@ -71,6 +69,11 @@ class Solution(NamedTuple):
     area_error: float
     volume_constraint: str
     area_constraint: str
+
+    def facts(self) -> dict[str, Any]:
+        """What belongs into the `extra` of a result."""
+        own = ("positions", "iterations", "converged")
+        return {name: value for name, value in self._asdict().items() if name not in own}
 
 
 class LocalGlobal:
@@ -123,6 +126,9 @@ class LocalGlobal:
         area: float = 0.0,
         volume_ratio: float = 1.0,
         area_ratio: float = 1.0,
+        stiffness: float = 1.0,
+        strain: float = 0.02,
+        max_seconds: float = inf,
         workers: int = 1,
         progress: Progress = silent,
     ) -> Solution:
@@ -155,6 +161,11 @@ class LocalGlobal:
             keep a free volume, with a warning.
         volume_ratio, area_ratio : float
             What to hold them at, over the rest shape's.
+        stiffness, strain : float
+            How triangles soften, of spokes and rims only; see :mod:`sshade.softening`.
+            A stiffness of 1 is the energy as published.
+        max_seconds : float
+            Another cutoff: no iteration begins later. The result then depends on the machine.
         workers : int
             Threads that share each iteration, from some 20,000 vertices on; no
             influence on the result.
@@ -167,7 +178,8 @@ class LocalGlobal:
         Raises
         ------
         InputError
-            On a wrong shape, a window or workers under 1, a negative weight, or a ratio that is not positive.
+            On a wrong shape, a window or workers under 1, a negative weight, a ratio that is not positive,
+            a stiffness out of (0, 1], or one under 1 with spokes.
         FloatingPointError
             When an iterate is not finite.
         """
@@ -175,17 +187,19 @@ class LocalGlobal:
         if window < 1:
             raise InputError(f"the acceleration window must be at least 1, not {window}")
         wanted = Wanted(volume, area, volume_ratio, area_ratio).checked()
+        softening = Softening(stiffness, strain).checked()
         u = np.ascontiguousarray(start[self._elements.vertex])
         u[self._elements.held] = targets
         with Crew(workers) as crew:
-            iteration = self._elements.iteration(targets, wanted, crew=crew)
+            iteration = self._elements.iteration(targets, wanted, softening, crew=crew)
             mixer = Anderson(u.size, window) if accelerate else None
-            facts = _iterate(
+            facts = iterate(
                 iteration,
                 u,
                 mixer=mixer,
                 tolerance=tolerance,
                 max_iterations=max_iterations,
+                deadline=perf_counter() + max_seconds,
                 progress=progress,
             )
         return self._solution(u, iteration.R, wanted, facts)
@@ -220,53 +234,6 @@ class LocalGlobal:
         return targets, start
 
 
-def _iterate(
-    iteration: Iteration,
-    u: np.ndarray,
-    *,
-    mixer: Anderson | None,
-    tolerance: float,
-    max_iterations: int,
-    progress: Progress,
-) -> dict[str, Any]:
-    """Iterate from u (n, 3), in place; return what a solution tells of it."""
-    g, slack = u.copy(), ENERGY_ROUNDING * abs(iteration.rest_energy)
-    iterations, rejected, residual, mixed = 0, 0, np.inf, False
-    energies = [np.inf]
-    while True:
-        energy = iteration.local_step(u)
-        if mixed and not (energy <= energies[-1] + slack and iteration.restored):
-            u[:] = mixer.plain.reshape(-1, 3)
-            energy = iteration.local_step(u)
-            rejected += 1
-        energies.append(energy)
-        if residual < tolerance or iterations >= max_iterations:
-            break
-        iteration.global_step(u, g)
-        residual = float(largest_move(g, u)) / iteration.diagonal
-        iterations += 1
-        if not np.isfinite(residual):
-            raise FloatingPointError(f"the positions are not finite after {iterations} iterations")
-        mixed = False
-        if mixer and residual >= tolerance and iterations < max_iterations:
-            mixed = mixer.advance(u.reshape(-1), g.reshape(-1))
-            if mixed:
-                iteration.restore(u)
-        else:
-            u[:] = g
-        if iterations % REPORT_EVERY == 0:
-            progress("iterations", iterations, max_iterations, f"residual {residual:.1e}")
-    progress("iterations", iterations, max_iterations, f"residual {residual:.1e}")
-    return {
-        "iterations": iterations,
-        "residual": residual,
-        "energy": iteration.rest_energy + energies[-1],
-        "energy_initial": iteration.rest_energy + energies[1],
-        "converged": residual < tolerance,
-        "rejected": rejected,
-    }
-
-
 def local_global(
     task: DeformationTask,
     *,
@@ -276,6 +243,8 @@ def local_global(
     accelerate: bool = True,
     volume: float = 0.0,
     area: float = 0.0,
+    stiffness: float = 1.0,
+    strain: float = 0.02,
     start: Start = "rest",
     engine: Engine = "auto",
     workers: int = 1,
@@ -297,6 +266,8 @@ def local_global(
         Anderson acceleration (window 5), to the same minimum in a fraction of the steps.
     volume, area : float
         Weights of the constraints, 0 (free) to inf (exact); see :class:`sshade.constraints.Wanted`.
+    stiffness, strain : float
+        How triangles soften; see :mod:`sshade.softening`. A stiffness of 1 does not.
     start : {"rest", "rigid"}
         See :func:`sshade.coarse.initial_guess`.
     engine : {"auto", "superlu", "cholespy"}
@@ -317,7 +288,7 @@ def local_global(
     Raises
     ------
     InputError
-        On an unknown energy, start or engine, or a negative weight.
+        On an unknown energy, start or engine, a negative weight, or a stiffness out of (0, 1].
     FloatingPointError
         When triangles have no area.
     """
@@ -332,15 +303,15 @@ def local_global(
         accelerate=accelerate,
         volume=volume,
         area=area,
+        stiffness=stiffness,
+        strain=strain,
         workers=workers,
         progress=progress,
     )
-    own = ("positions", "iterations", "converged")
-    extra: dict[str, Any] = {name: value for name, value in solution._asdict().items() if name not in own}
     return DeformationResult(
         vertices=solution.positions,
         iterations=solution.iterations,
         converged=solution.converged,
         seconds={"precompute": precomputed - begin, "solve": perf_counter() - precomputed},
-        extra={**extra, "engine": solver.engine},
+        extra={**solution.facts(), "engine": solver.engine},
     )
