@@ -133,6 +133,12 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument("mesh", type=Path, metavar="REST", help="rest shape")
         command.add_argument("posed", type=Path, metavar="POSED", help="the same vertices in a pose")
     pose.add_argument("edited", type=Path, metavar="EDITED", help="the rest shape with vertices moved")
+    pose.add_argument(
+        "--residual",
+        action="store_true",
+        help="carry the edit alone: what was not edited ends exactly on POSED",
+    )
+    rebuild.set_defaults(residual=False)
     for command in (rebuild, pose):
         command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="mesh to write")
         _add_vertices(command)
@@ -271,6 +277,7 @@ def _transfer(arguments: argparse.Namespace) -> int:
             vertices=_proxy_vertices(arguments.vertices, mesh.n),
             samplings=arguments.samplings,
             frames=arguments.frames,
+            residual=arguments.residual,
             workers=arguments.workers,
             seed=arguments.seed,
             progress=progress,

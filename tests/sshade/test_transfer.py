@@ -97,6 +97,11 @@ def test_the_commands_write_the_same_as_the_functions(mesh, tmp_path, capsys):
     assert main(["transfer-pose", files["rest"], files["posed"], files["edited"], *end]) == 0
     moved = transfer_pose(mesh, posed, edited, vertices=150, samplings=2).vertices
     assert np.array_equal(read_mesh(files["out"]).V, moved)
+    end += ["--residual", "--frames", "blended_affine"]
+    assert main(["transfer-pose", files["rest"], files["posed"], files["edited"], *end]) == 0
+    options = {"vertices": 150, "samplings": 2, "residual": True, "frames": "blended_affine"}
+    moved = transfer_pose(mesh, posed, edited, **options).vertices
+    assert np.array_equal(read_mesh(files["out"]).V, moved)
 
 
 def test_the_command_refuses_another_mesh(mesh, tmp_path, capsys):
