@@ -138,6 +138,11 @@ def test_a_wrong_configuration_is_an_input_error(task, tmp_path, change, message
         run(task, {**STRETCHING, **change}, name="s", root=tmp_path)
 
 
+def test_a_configuration_without_a_function_is_an_input_error(task, tmp_path):
+    with pytest.raises(InputError, match="configuration with factor names no _target_"):
+        run(task, {"factor": 2.0}, name="s", root=tmp_path)
+
+
 @pytest.mark.parametrize(
     ("parameter", "value"),
     [("tolerance", "small"), ("max_iterations", 1.5), ("max_iterations", True), ("start", "nowhere")],
