@@ -74,6 +74,7 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, int | 
     from omegaconf import OmegaConf
     from omegaconf.errors import OmegaConfBaseException
 
+    from conf import named_functions
     from defaust.options import BuildOptions
 
     try:
@@ -84,6 +85,9 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, int | 
             examples = [EXAMPLES.get(name, f"{name}=VALUE") for name in sorted(missing)]
             raise InputError(f"{', '.join(sorted(missing))} is not set; add e.g. {' '.join(examples)}")
         plain = OmegaConf.to_container(config, resolve=True)
+        target = config.source.get("_target_")
+        if target not in named_functions():
+            raise InputError(f"source._target_={target} is named by no file of conf; put one there for it")
         source = instantiate(config.source, _convert_="all")
     except (HydraException, OmegaConfBaseException) as error:
         # instantiate wraps what a source raises; its own sentence is the useful one.

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import hydra
+from hydra._internal.utils import get_args_parser
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -28,6 +29,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 from omegaconf.errors import OmegaConfBaseException
 
+from eval.allowed import allow_from, check_folders, require_allowed, require_from_command_line
 from eval.check import out_of_band
 from eval.metrics import METRICS
 from eval.run import Outcome, run
@@ -115,6 +117,7 @@ def _write_out_cases(config: DictConfig) -> None:
     with read_write(config), open_dict(config):
         params = {name: v for name, v in (config.hydra.sweeper.params or {}).items() if name not in CASE}
         if "cases" in config.dataset:
+            require_allowed({"cases": config.dataset.cases}, where="the configuration of the dataset")
             cases = locate(config.dataset.cases)(
                 config.dataset.root, **{f"{n}s": _numbers(n, asked[n]) for n in CASE}
             )
@@ -141,6 +144,7 @@ def main() -> int:
     # Hydra would print a traceback and exit with 1 on its own: let errors come through instead.
     os.environ["HYDRA_FULL_ERROR"] = "1"
     try:
+        _check_trust(sys.argv[1:])
         _app()
     except SweepRefused as refused:
         _errors.append(refused.__cause__)
@@ -163,6 +167,16 @@ def main() -> int:
     return 1 if _errors else 0
 
 
+def _check_trust(arguments: list[str]) -> None:
+    """Raise InputError where a folder of configurations names functions that nobody allowed."""
+    known, _ = get_args_parser().parse_known_args(arguments)
+    allow_from(known.overrides)
+    folders = [known.config_dir, known.config_path]
+    if known.config_path is not None:  # Hydra takes it from the folder of this file
+        folders.append(str(Path(__file__).parent / known.config_path))
+    check_folders(folders, overrides=known.overrides)
+
+
 @hydra.main(version_base="1.3", config_path="pkg://conf", config_name="config")
 def _app(config: DictConfig) -> None:
     try:
@@ -183,6 +197,9 @@ def _job(config: DictConfig) -> None:
         raise InputError(f"{', '.join(sorted(missing))} is not set; give it as {min(missing)}=...")
     plain = OmegaConf.to_container(config, resolve=True)
     _check(plain)
+    require_from_command_line(plain["run"]["allow_targets"])
+    for part in ("method", "dataset"):
+        require_allowed(plain[part], where=f"the configuration of the {part}")
     task = _load_task(json.dumps(plain["dataset"]))
     with progress_bar() if single else nullcontext(silent) as progress:
         outcome = run(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+from eval.allowed import require_allowed
 from eval.provenance import task_checksum
 from eval.store import Row
 from eval.targets import instantiate
@@ -22,7 +23,9 @@ def load_task(row: Row) -> Task:
     """
     if not row.get("task.source"):
         raise InputError(f"the row of {row['task.name']} does not say where its task comes from")
-    task = instantiate(json.loads(row["task.source"]))
+    source = json.loads(row["task.source"])
+    require_allowed(source, where=f"the row of {row['task.name']}")
+    task = instantiate(source)
     if task_checksum(task) != row["task.checksum"]:
         raise InputError(f"the dataset of {row['task.name']} has changed since the run; run it again")
     return task

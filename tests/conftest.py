@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import os
+
 import pytest
 from hypothesis import settings
 
 from sshade.mesh import Mesh
 from tests.shapes import bumpy
+
+# Functions of the tests' own that configurations and rows name; processes inherit it.
+os.environ["EVAL_ALLOW_TARGETS"] = "eval_cases.,report_runs.,test_"
 
 settings.register_profile("reproducible", derandomize=True, deadline=None, database=None, max_examples=25)
 settings.load_profile("reproducible")

@@ -48,6 +48,7 @@ def test_build_verify_info(tmp_path, capsys):
         (["out=x", "window=[1]"], "give two numbers around 1"),
         (["out=x", "static_below=a"], "static_below=a is not a number"),
         (["out=x", "source.poses_used=[jump]"], "no pose is called 'jump'"),
+        (["out=x", "source._target_=os.system"], "source._target_=os.system is named by no file of conf"),
         (["out=x", "+source.speed=1"], "unexpected keyword argument 'speed'"),
     ],
 )
