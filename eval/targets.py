@@ -39,7 +39,8 @@ def instantiate(config: Mapping[str, Any]) -> Any:
         When a library that the function's module imports is not installed.
     """
     if "_target_" not in config:
-        raise InputError(f"the configuration with {', '.join(config) or 'nothing in it'} names no _target_")
+        given = [name for name in config if name not in OWN_KEYS]
+        raise InputError(f"the configuration with {', '.join(given) or 'no parameters'} names no _target_")
     function = locate(config["_target_"])
     parameters = {
         name: instantiate(value) if isinstance(value, Mapping) and "_target_" in value else value
