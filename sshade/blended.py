@@ -48,6 +48,7 @@ from numba import njit
 from sshade.errors import InputError
 from sshade.mesh import Mesh
 from sshade.projection import Projection
+from sshade.quaternions import quaternions
 from sshade.rotations import fit_rotations
 from sshade.vertex_maps import VertexMaps
 
@@ -102,7 +103,7 @@ class BlendedFrames:
             missing = int((~known).sum())
         else:
             R = np.ascontiguousarray(rotations, dtype=np.float64)
-        Q, error = _quaternions(R)
+        Q, error = quaternions(R)
         if not error <= ORTHOGONAL:
             raise InputError(f"a rotation of the proxy's vertices is off by {error:.1e}: it is no rotation")
         triangles = _triangles(F, NV, Q)
@@ -129,37 +130,6 @@ def _offsets(V, face, barycentric, NV, F):
             p = barycentric[i, 0] * NV[a, r] + barycentric[i, 1] * NV[b, r] + barycentric[i, 2] * NV[c, r]
             local[i, r] = V[i, r] - p
     return local
-
-
-@njit(cache=True, nogil=True)
-def _quaternions(R):
-    """Unit quaternions (w, x, y, z) of rotations, and how far those are from being some."""
-    Q = np.empty((len(R), 4))
-    error = 0.0
-    for i in range(len(R)):
-        a, b, c = R[i, 0, 0], R[i, 1, 1], R[i, 2, 2]
-        x, y, z = R[i, 2, 1] - R[i, 1, 2], R[i, 0, 2] - R[i, 2, 0], R[i, 1, 0] - R[i, 0, 1]
-        xy, xz, yz = R[i, 0, 1] + R[i, 1, 0], R[i, 0, 2] + R[i, 2, 0], R[i, 1, 2] + R[i, 2, 1]
-        # Four times the largest of the components, times each.
-        if a + b + c > 0.0:
-            q = (1.0 + a + b + c, x, y, z)
-        elif a >= b and a >= c:
-            q = (x, 1.0 + a - b - c, xy, xz)
-        elif b >= c:
-            q = (y, xy, 1.0 - a + b - c, yz)
-        else:
-            q = (z, xz, yz, 1.0 - a - b + c)
-        scale = 1.0 / np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-        w, x, y, z = scale * q[0], scale * q[1], scale * q[2], scale * q[3]
-        Q[i, 0], Q[i, 1], Q[i, 2], Q[i, 3] = w, x, y, z
-        off = abs(a - 1.0 + 2.0 * (y * y + z * z)) + abs(b - 1.0 + 2.0 * (x * x + z * z))
-        off += abs(c - 1.0 + 2.0 * (x * x + y * y))
-        off += abs(R[i, 1, 0] - 2.0 * (x * y + w * z)) + abs(R[i, 0, 1] - 2.0 * (x * y - w * z))
-        off += abs(R[i, 0, 2] - 2.0 * (x * z + w * y)) + abs(R[i, 2, 0] - 2.0 * (x * z - w * y))
-        off += abs(R[i, 2, 1] - 2.0 * (y * z + w * x)) + abs(R[i, 1, 2] - 2.0 * (y * z - w * x))
-        if off > error or off != off:  # NaN stays
-            error = off
-    return Q, error
 
 
 @njit(cache=True, nogil=True)

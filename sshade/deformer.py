@@ -142,6 +142,7 @@ class Deformer:
             solution = self.solvers[number].solve(
                 targets,
                 start=None if last is None else last.positions,
+                rotations=None if last is None else last.rotations,
                 tolerance=tolerance,
                 max_iterations=max_iterations,
                 progress=progress,

@@ -18,6 +18,7 @@ from sshade.errors import InputError
 from sshade.linalg import Engine, factor
 from sshade.mesh import Mesh
 from sshade.parallel import Crew
+from sshade.quaternions import quaternions
 from sshade.rotations import local_step, right_hand_side
 from sshade.softening import Softening, soften, softened_right_hand_side, weighted_local_step
 
@@ -117,6 +118,17 @@ class Iteration:
         self._fixed = -(elements._to_handles @ targets)
         self._X = np.empty((len(self._fixed), 3 + (hold.columns if hold else 0)))
         self._Q, self.R, self._B = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), np.empty((n, 9)), np.empty((n, 3))
+
+    def begin_with(self, rotations: np.ndarray) -> None:
+        """Begin the search for rotations at those (n, 3, 3) of the mesh's vertices."""
+        n = self._elements.mesh.n
+        rotations = np.ascontiguousarray(rotations, dtype=np.float64)
+        if rotations.shape != (n, 3, 3):
+            raise InputError(f"the rotations must have shape ({n}, 3, 3), not {rotations.shape}")
+        Q, error = quaternions(rotations)
+        if not error < 1e-6:
+            raise InputError("a matrix in the rotations to begin with is not a rotation")
+        self._Q[:] = Q[self._elements.vertex]
 
     def local_step(self, u: np.ndarray) -> float:
         """Fit the rotations to positions u (n, 3); return the energy there, but for the rest energy."""

@@ -118,6 +118,7 @@ class LocalGlobal:
         targets: np.ndarray,
         *,
         start: np.ndarray | None = None,
+        rotations: np.ndarray | None = None,
         tolerance: float = 1e-5,
         max_iterations: int = 1000,
         accelerate: bool = True,
@@ -147,6 +148,9 @@ class LocalGlobal:
             Positions of the handle vertices, in the order of `index`.
         start : (n, 3) float64, optional
             Where to begin, by default the rest shape; handles go to their targets first.
+        rotations : (n, 3, 3) float64, optional
+            Those of an earlier solution near `start`: from there the first local
+            step is as quick as the others, and it ends in the same rotations.
         tolerance : float
             Residual under which iteration stops. 0 never stops early.
         max_iterations : int
@@ -179,7 +183,7 @@ class LocalGlobal:
         ------
         InputError
             On a wrong shape, a window or workers under 1, a negative weight, a ratio that is not positive,
-            a stiffness out of (0, 1], or one under 1 with spokes.
+            a stiffness out of (0, 1], one under 1 with spokes, or matrices that are no rotations.
         FloatingPointError
             When an iterate is not finite.
         """
@@ -192,6 +196,8 @@ class LocalGlobal:
         u[self._elements.held] = targets
         with Crew(workers) as crew:
             iteration = self._elements.iteration(targets, wanted, softening, crew=crew)
+            if rotations is not None:
+                iteration.begin_with(rotations)
             mixer = Anderson(u.size, window) if accelerate else None
             facts = iterate(
                 iteration,

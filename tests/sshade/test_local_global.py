@@ -13,6 +13,7 @@ from sshade.anderson import Anderson, largest_move
 from sshade.coarse import initial_guess, libigl_arap
 from sshade.cotangents import corner_vectors, edge_weights, half_cotangents, laplacian_matrix
 from sshade.local_global import LocalGlobal, local_global
+from sshade.quaternions import quaternions
 from sshade.rotations import fit_rotations
 from tests.shapes import bumpy, icosphere, jittered, rotation, strip, tetrahedron, tube
 from tests.sshade.naive import TASKS, Naive, svd_rotations
@@ -205,6 +206,42 @@ def test_a_warm_start_ends_where_a_long_run_does(task):
     assert np.abs(rest.positions - whole.positions).max() < EXACT * task.mesh.diagonal
 
 
+@pytest.mark.parametrize("energy", ENERGIES)
+def test_rotations_to_begin_with_change_the_work_and_not_the_result(task, energy):
+    solver, targets = solver_of(task, energy), task.handles.target
+    half = solver.solve(targets, max_iterations=9, tolerance=0)
+    options = {"start": half.positions, "max_iterations": 5, "tolerance": 0}
+    cold = solver.solve(targets, **options)
+    warm = solver.solve(targets, rotations=half.rotations, **options)
+    assert np.abs(cold.positions - warm.positions).max() < EXACT * task.mesh.diagonal
+    assert np.abs(cold.rotations - warm.rotations).max() < 1e-10
+    again = solver.solve(targets, start=half.positions, rotations=half.rotations, max_iterations=0)
+    assert np.abs(again.rotations - half.rotations).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("rotations", "message"),
+    [
+        (lambda n: np.zeros((n, 9)), "must have shape .*, 3, 3.*, not"),
+        (lambda n: np.tile(np.diag([1.0, 1.0, -1.0]), (n, 1, 1)), "is not a rotation"),
+        (lambda n: np.full((n, 3, 3), np.nan), "is not a rotation"),
+    ],
+)
+def test_rotations_to_begin_with_are_checked(task, rotations, message):
+    with pytest.raises(InputError, match=message):
+        solver_of(task).solve(task.handles.target, rotations=rotations(task.mesh.n))
+
+
+def test_quaternions_are_those_of_the_matrices():
+    turns = Rotation.concatenate(
+        [Rotation.random(500, random_state=1), Rotation.from_rotvec(np.pi * np.eye(3)), Rotation.identity(1)]
+    )
+    Q, error = quaternions(turns.as_matrix())
+    assert error < 1e-14 and np.abs(np.linalg.norm(Q, axis=1) - 1).max() < 1e-15
+    assert np.abs(Rotation.from_quat(Q[:, [1, 2, 3, 0]]).as_matrix() - turns.as_matrix()).max() < 1e-14
+    assert quaternions(1.1 * turns.as_matrix())[1] > 0.1
+
+
 def test_engines_agree(task):
     pytest.importorskip("cholespy")
     a, b = (
@@ -252,13 +289,13 @@ def test_full_resolution_baselines_are_the_two_energies(task):
 # --- rotations
 
 
-def quaternions(count: int) -> np.ndarray:
+def identities(count: int) -> np.ndarray:
     return np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
 
 
 def fitted(S: np.ndarray, Q: np.ndarray | None = None) -> np.ndarray:
     R = np.ascontiguousarray(S.reshape(-1, 9)).copy()
-    fit_rotations(R, quaternions(len(S)) if Q is None else Q)
+    fit_rotations(R, identities(len(S)) if Q is None else Q)
     return R.reshape(-1, 3, 3)
 
 
@@ -287,7 +324,7 @@ KINDS = ("random", "rank two", "nearly rank two", "nearly rank one", "reflected"
 @pytest.mark.parametrize("warm", [False, True])
 def test_rotations_are_those_of_the_svd(kind, warm):
     S = covariances(kind)
-    Q = quaternions(len(S))
+    Q = identities(len(S))
     if warm:
         near = S @ Rotation.from_rotvec(np.random.default_rng(8).normal(0, 0.02, (len(S), 3))).as_matrix()
         fitted(near, Q)
@@ -302,7 +339,7 @@ def test_rotations_are_those_of_the_svd(kind, warm):
 
 def test_fit_returns_the_trace_it_maximises():
     S = covariances("random")
-    assert fit_rotations(S.reshape(-1, 9).copy(), quaternions(len(S))) == pytest.approx(
+    assert fit_rotations(S.reshape(-1, 9).copy(), identities(len(S))) == pytest.approx(
         np.einsum("nij,nji->", svd_rotations(S), S), rel=1e-13
     )
 
