@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import get_args
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from sshade.errors import InputError
 from sshade.files import replacing
 from sshade.frames import FrameKind
 from sshade.meshio import SUFFIXES, check_output, read_arrays, read_mesh, repair, write_mesh
+
+if TYPE_CHECKING:
+    from sshade.task import Method
 
 #: Proxy vertices by default; the paper's number.
 VERTICES = 6000
@@ -87,8 +90,15 @@ def _parser() -> argparse.ArgumentParser:
     deform.add_argument("mesh", type=Path, metavar="MESH", help=f"rest shape ({formats})")
     deform.add_argument("handles", type=Path, metavar="HANDLES", help="handle file (.json, .yaml)")
     deform.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="mesh to write")
+    deform.add_argument(
+        "--method",
+        choices=("sshade_fast", "sshade_fine", "sshade"),
+        default="sshade_fast",
+        help="one proxy, with volume and area held (default); the same, then a polish at full resolution, "
+        "some ten times slower; or the method as published, five proxies averaged",
+    )
     _add_vertices(deform)
-    _add_samplings(deform, default=5)
+    _add_samplings(deform, default=None)
     deform.add_argument(
         "--start",
         choices=("rest", "rigid"),
@@ -149,13 +159,10 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _add_samplings(parser: argparse.ArgumentParser, *, default: int) -> None:
+def _add_samplings(parser: argparse.ArgumentParser, *, default: int | None) -> None:
+    usual = "the method's own" if default is None else f"{default}, as the paper"
     parser.add_argument(
-        "--samplings",
-        type=int,
-        default=default,
-        metavar="K",
-        help=f"proxies averaged (default: {default}, as the paper)",
+        "--samplings", type=int, default=default, metavar="K", help=f"proxies averaged (default: {usual})"
     )
     parser.add_argument("--workers", type=int, metavar="W", help="threads (default: two a processor)")
 
@@ -187,11 +194,10 @@ def _proxy_vertices(asked: int | None, n: int, handles: int = 0) -> int:
 
 def _deform(arguments: argparse.Namespace) -> int:
     from sshade.handlesio import read_handles
-    from sshade.local_global import local_global
-    from sshade.pipeline import deform
     from sshade.task import DeformationTask
 
     check_output(arguments.output)
+    method = _method(arguments)
     if arguments.repair:
         V, F = read_arrays(arguments.mesh)
         mesh, vertex = repair(V, F)
@@ -203,30 +209,41 @@ def _deform(arguments: argparse.Namespace) -> int:
     vertices = _proxy_vertices(arguments.vertices, mesh.n, len(handles))
     begin = perf_counter()
     with progress_bar() as progress:
-        result = deform(
-            task,
-            vertices=vertices,
-            samplings=arguments.samplings,
-            coarse=partial(local_global, start=arguments.start),
-            workers=arguments.workers,
-            seed=arguments.seed,
-            progress=progress,
+        result = method(
+            task, vertices=vertices, workers=arguments.workers, seed=arguments.seed, progress=progress
         )
     seconds = perf_counter() - begin
     moved = np.where((vertex >= 0)[:, None], result.vertices[vertex], V)
     write_mesh(arguments.output, moved, F)
     error = np.linalg.norm(result.vertices[handles.index] - handles.target, axis=1).mean() / mesh.diagonal
+    samplings = result.extra.get("samplings", 1)
+    proxies = f"{samplings} proxies" if samplings > 1 else "a proxy"
     _say(
         f"{arguments.output}: {len(V)} vertices, {len(handles)} handles reached to {100 * error:.2g} % of "
-        f"the diagonal, {arguments.samplings} proxies of {result.extra['proxy_vertices']:.0f} vertices, "
-        f"{seconds:.2f} s"
+        f"the diagonal, {proxies} of {result.extra['proxy_vertices']:.0f} vertices, {seconds:.2f} s"
     )
-    if result.converged is False:
+    if result.converged is False and arguments.method != "sshade_fine":
         _say(
-            f"note: the proxies' iterations stopped at {result.iterations:.0f} in the mean, "
+            f"note: the iterations stopped at {result.iterations:.0f} in the mean, "
             f"with a residual of {result.extra['residual']:.1e}"
         )
     return 0
+
+
+def _method(arguments: argparse.Namespace) -> Method:
+    """The function of --method, with what the arguments say of it."""
+    from sshade.fine import sshade_fast, sshade_fine
+    from sshade.local_global import local_global
+    from sshade.pipeline import deform
+
+    given = {} if arguments.samplings is None else {"samplings": arguments.samplings}
+    if arguments.method == "sshade":
+        return partial(deform, coarse=partial(local_global, start=arguments.start), **given)
+    if arguments.method == "sshade_fast":
+        return partial(sshade_fast, start=arguments.start, **given)
+    if given:
+        raise InputError("sshade_fine has one proxy, which it polishes: leave --samplings out")
+    return partial(sshade_fine, start=arguments.start)
 
 
 def _remesh(arguments: argparse.Namespace) -> int:

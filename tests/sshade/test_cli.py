@@ -12,7 +12,9 @@ import pytest
 from sshade import DeformationTask, Handles, InputError, Mesh, deform
 from sshade.cli import main
 from sshade.console import progress_bar, run_command
-from sshade.handlesio import write_handles
+from sshade.fine import sshade_fast, sshade_fine
+from sshade.handlesio import read_handles, write_handles
+from sshade.local_global import local_global
 from sshade.meshio import read_arrays, read_mesh, write_mesh
 from tests.shapes import bumpy, icosphere, rotation, tetrahedron
 
@@ -67,7 +69,7 @@ def test_deform_writes_the_inputs_vertices_moved_in_their_order(folder, capsys):
     assert np.abs(V - BODY.V).max() > 0.1
     out, err = capsys.readouterr()
     assert out == ""
-    assert f"out.ply: {BODY.n} vertices, {len(handles)} handles" in err and "5 proxies of" in err
+    assert f"out.ply: {BODY.n} vertices, {len(handles)} handles" in err and "a proxy of" in err
     assert sorted(p.name for p in folder.iterdir()) == ["body.ply", "out.ply", "pose.json"]
 
 
@@ -104,28 +106,40 @@ def test_a_small_mesh_gets_a_proxy_by_default(folder, capsys):
     put("tetrahedron.ply", tetrahedron().V, tetrahedron().F)
     put_handles({"vertices": [0]}, {"vertices": [3], "target": [[0, 0, 2]]})
     assert main(["deform", "tetrahedron.ply", "pose.json", "-o", "out.ply"]) == 0
-    assert "proxies of 4 vertices" in capsys.readouterr().err
+    assert "a proxy of 4 vertices" in capsys.readouterr().err
 
 
 def test_iterations_that_do_not_converge_are_said(folder, capsys, monkeypatch):
-    from sshade.local_global import local_global
-
     short = partial(local_global, max_iterations=2)
+    monkeypatch.setattr("sshade.fine.sshade_fast", partial(sshade_fast, max_iterations=2))
     monkeypatch.setattr("sshade.local_global.local_global", short)
     assert main(["deform", "body.ply", "pose.json", "-o", "out.ply"]) == 0
-    assert "note: the proxies' iterations stopped at 2" in capsys.readouterr().err
+    assert "note: the iterations stopped at 2" in capsys.readouterr().err
+    assert main(["deform", "body.ply", "pose.json", "-o", "out.ply", "--method", "sshade"]) == 0
+    assert "note: the iterations stopped at 2" in capsys.readouterr().err
+
+
+METHODS = {
+    "sshade": lambda start: partial(deform, samplings=2, coarse=partial(local_global, start=start)),
+    "sshade_fast": lambda start: partial(sshade_fast, start=start, samplings=2),
+    "sshade_fine": lambda start: partial(sshade_fine, start=start),
+}
 
 
 @pytest.mark.parametrize("start", ["rest", "rigid"])
-def test_the_start_reaches_the_solver(folder, start):
-    from sshade.handlesio import read_handles
-    from sshade.local_global import local_global
-
-    command = ["deform", "body.ply", "pose.json", "-o", "out.ply", "--vertices", "60", "--samplings", "1"]
+@pytest.mark.parametrize("method", METHODS)
+def test_method_and_start_reach_the_solver(folder, method, start):
+    command = ["deform", "body.ply", "pose.json", "-o", "out.ply", "--vertices", "60", "--method", method]
+    command += [] if method == "sshade_fine" else ["--samplings", "2"]
     assert main([*command, "--start", start]) == 0
     task = DeformationTask("body", BODY, read_handles("pose.json", BODY))
-    result = deform(task, vertices=60, samplings=1, coarse=partial(local_global, start=start))
+    result = METHODS[method](start)(task, vertices=60)
     assert np.array_equal(read_arrays("out.ply")[0], result.vertices)
+
+
+def test_fine_has_one_proxy(folder, capsys):
+    command = ["deform", "body.ply", "pose.json", "-o", "out.ply", "--method", "sshade_fine"]
+    assert_refused(capsys, [*command, "--samplings", "3"], "one proxy", "--samplings")
 
 
 def test_repair_deforms_a_soup_and_keeps_its_vertices(folder, capsys):
