@@ -69,7 +69,7 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, int | 
     from dataclasses import fields
 
     from hydra import compose, initialize_config_module
-    from hydra.errors import HydraException
+    from hydra.errors import HydraException, OverrideParseException
     from hydra.utils import instantiate
     from omegaconf import OmegaConf
     from omegaconf.errors import OmegaConfBaseException
@@ -89,6 +89,11 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, int | 
         if target not in named_functions():
             raise InputError(f"source._target_={target} is named by no file of conf; put one there for it")
         source = instantiate(config.source, _convert_="all")
+    except OverrideParseException as error:
+        raise InputError(
+            f"{error.override} is not understood; close its brackets, and put names with spaces or letters "
+            f"outside of a-z in quotes twice, as in \"out='données'\""
+        ) from error
     except (HydraException, OmegaConfBaseException) as error:
         # instantiate wraps what a source raises; its own sentence is the useful one.
         if isinstance(error.__cause__, InputError):

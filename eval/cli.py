@@ -23,7 +23,7 @@ from hydra._internal.utils import get_args_parser
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.errors import HydraException
+from hydra.errors import HydraException, OverrideParseException
 from hydra.experimental.callback import Callback
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf, open_dict, read_write
@@ -311,6 +311,11 @@ def _summary(sweep: Sweep) -> str:
 
 def _one_line(error: Exception) -> str:
     """Hydra's message in one sentence: without its search path and its hints for debugging."""
+    if isinstance(error, OverrideParseException):
+        return (
+            f"{error.override} is not understood; close its brackets, and put names with spaces or letters "
+            f"outside of a-z in quotes twice, as in \"dataset.root='données'\""
+        )
     text = str(error).split("Config search path")[0]
     if isinstance(error.__cause__, OmegaConfBaseException):
         text += f" {error.__cause__}"

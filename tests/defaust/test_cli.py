@@ -39,7 +39,7 @@ def test_build_verify_info(tmp_path, capsys):
         (["source=scape"], "Could not find 'source/scape'"),
         (["out=x", "speed=1"], "Could not override 'speed'"),
         (["out=x", "+speed=1"], "there is no option speed"),
-        (["out=x", "subjects=[a"], "no viable alternative"),
+        (["out=x", "subjects=[a"], "subjects=[a is not understood; close its brackets"),
         (["out=x", "seed=a"], "seed=a is not a whole number"),
         (["out=x", "seed=null"], "seed=None is not a whole number"),
         (["out=x", "target_vertices=2e4"], "target_vertices=20000.0 is not a whole number"),
