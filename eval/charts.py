@@ -121,14 +121,18 @@ def _scale(axes: Axes, numbers: np.ndarray) -> None:
 
 
 def times(rows: list[Row]) -> dict[str, Figure]:
-    """Time against vertices, means over the runs of a method at a size; none where times do not compare."""
+    """Time against vertices; none where times do not compare.
+
+    A point is the mean over the runs of a method at a size, to two digits of it.
+    """
     if not _comparable(rows):
         return {}
-    points: dict[str, dict[float, list[float]]] = {}
+    points: dict[str, dict[str, list[tuple[float, float]]]] = {}
     for row in rows:
         if row["status"] in VALID and row["seconds.total"] > 0:
-            name = _family(row["method.name"], rows)
-            points.setdefault(name, {}).setdefault(row["task.vertices"], []).append(row["seconds.total"])
+            name, size = _family(row["method.name"], rows), f"{row['task.vertices']:.1e}"
+            run = row["task.vertices"], row["seconds.total"]
+            points.setdefault(name, {}).setdefault(size, []).append(run)
     if not points:
         return {}
     with style():
@@ -137,9 +141,8 @@ def times(rows: list[Row]) -> dict[str, Figure]:
         for method, look_of in _looks(rows).items():
             name = _family(method, rows)
             if name in points:
-                sizes, seconds = zip(*sorted(points.pop(name).items()), strict=True)
-                means = [float(np.mean(of_size)) for of_size in seconds]
-                axes.plot(sizes, means, label=name, markersize=4, linewidth=1, **look_of)
+                means = sorted(tuple(np.mean(runs, axis=0)) for runs in points.pop(name).values())
+                axes.plot(*zip(*means, strict=True), label=name, markersize=4, linewidth=1, **look_of)
         axes.set(xscale="log", yscale="log", xlabel="vertices", title="time (s) against vertices")
         low, high = axes.dataLim.intervalx
         if high < 3 * low:  # no power of ten would be seen

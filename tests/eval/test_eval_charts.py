@@ -80,13 +80,13 @@ def test_times_that_do_not_compare_are_not_drawn(rows, change):
 def test_time_against_vertices_joins_the_sizes_of_a_method():
     rows = [
         row("arap-2000", task__vertices=2010, seconds__total=1.0),
-        row("arap-2000", "t2", task__vertices=2010, seconds__total=3.0),
+        row("arap-2000", "t2", task__vertices=2030, seconds__total=3.0),
         row("arap-9000", task__vertices=9020, seconds__total=10.0),
         row("sshade-6000", task__vertices=2010, seconds__total=0.1),  # 6000 is no number of its vertices
     ]
     axes = times(rows)["time_vertices"].axes[0]
     lines = {line.get_label(): (list(line.get_xdata()), list(line.get_ydata())) for line in axes.lines}
-    assert lines == {"arap": ([2010, 9020], [2.0, 10.0]), "sshade-6000": ([2010], [0.1])}
+    assert lines == {"arap": ([2020, 9020], [2.0, 10.0]), "sshade-6000": ([2010], [0.1])}
     assert axes.get_xscale() == axes.get_yscale() == "log"
 
 
