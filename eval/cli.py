@@ -37,6 +37,7 @@ from eval.store import Row, read_row, run_folders
 from eval.targets import instantiate, locate
 from sshade.console import progress_bar
 from sshade.errors import InputError
+from sshade.files import reason
 from sshade.task import DeformationTask, silent
 
 #: What tells the cases of a dataset apart; a sweep takes `all` instead of numbers too.
@@ -152,6 +153,8 @@ def main() -> int:
         _errors.append(error)
     except (HydraException, OmegaConfBaseException) as error:
         _errors.append(InputError(_one_line(error)))
+    except OSError as error:  # of Hydra, which makes folders
+        _errors.append(InputError(f"{error.filename or 'the system'}: {reason(error)}"))
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)  # noqa: T201
         return 130

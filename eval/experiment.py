@@ -76,7 +76,7 @@ class Experiment:
     def vertices(self, row: Row) -> np.ndarray | None:
         """(n, 3) float64: what a run left, or None where that is not here."""
         folder = self.folder(row)
-        return None if folder is None else read_vertices(folder)
+        return None if folder is None else read_vertices(folder, n=row["task.vertices"])
 
     def curves(self, row: Row) -> dict[str, np.ndarray]:
         """The arrays of a line a step that a run left; none where the run is not here."""

@@ -76,7 +76,13 @@ def read_cases(folder: Path, *, names: list[str], methods: list[str], worst: str
         if absent:
             raise InputError(f"{folder}: case {name!r} has no result of {absent[0]!r}")
         task = load_task(next(iter(runs.values()))[0])
-        cases.append(Case(task, {method: read_vertices(runs[method][1]) for method in shown}))
+        chosen = {method: runs[method] for method in shown}
+        cases.append(
+            Case(
+                task,
+                {name: read_vertices(run, n=row["task.vertices"]) for name, (row, run) in chosen.items()},
+            )
+        )
     return cases
 
 

@@ -23,9 +23,14 @@ def load_task(row: Row) -> Task:
     """
     if not row.get("task.source"):
         raise InputError(f"the row of {row['task.name']} does not say where its task comes from")
-    source = json.loads(row["task.source"])
+    try:
+        source = json.loads(row["task.source"])
+    except (ValueError, RecursionError) as error:
+        raise InputError(
+            f"the row of {row['task.name']} has a task.source that is no JSON ({error})"
+        ) from error
     require_allowed(source, where=f"the row of {row['task.name']}")
     task = instantiate(source)
-    if task_checksum(task) != row["task.checksum"]:
+    if task_checksum(task) != row["task.checksum"] or task.mesh.n != row["task.vertices"]:
         raise InputError(f"the dataset of {row['task.name']} has changed since the run; run it again")
     return task

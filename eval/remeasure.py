@@ -72,7 +72,7 @@ def remeasure(folder: Path, *, metrics: Sequence[str] = (), progress: Progress =
 
 def _measure_again(row: Row, run: Path, task: Task, wanted: Sequence[str]) -> bool:
     """Write what is new into the row of a run; whether there was anything."""
-    values = measure(task, read_vertices(run), only=wanted)
+    values = measure(task, read_vertices(run, n=row["task.vertices"]), only=wanted)
     new = {f"metric.{name}": value for name, value in values.items()}
     if not new:  # nothing that this kind of task has
         return False

@@ -12,9 +12,11 @@ import io
 import json
 import os
 import re
-from collections.abc import Iterable, Mapping
+import zlib
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -39,6 +41,11 @@ VALID = ("ok", "not_converged")
 
 #: ``task.kind`` of rows of pose transfers; those of deformations by handles have none.
 TRANSFER = "transfer"
+
+#: What every row has.
+IDENTITY = ("task.name", "method.name", "method.hash", "seed", "status", "key", "date", "env.machine")
+#: Beginnings of columns that hold numbers, or nothing.
+_NUMBERS = ("metric.", "seconds.", "iterations", "task.vertices", "peak_mib")
 
 _GROUPS = ("task.", "method.", "seed", "status", "reason", "iterations", "converged")
 _LATER_GROUPS = ("metric.", "extra.", "seconds.", "peak_mib", "env.", "date", "schema", "key")
@@ -124,17 +131,47 @@ def read_row(folder: str | os.PathLike[str]) -> Row | None:
     if not path.is_file():
         return None
     try:
-        return json.loads(path.read_text())
-    except ValueError as error:
+        row = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: not a row ({error}); remove the folder to run it again") from error
+    problem = _problem(row)
+    if problem:
+        raise InputError(f"{path}: not a row ({problem}); remove the folder to run it again")
+    return row
 
 
-def read_vertices(folder: str | os.PathLike[str]) -> np.ndarray:
-    """(n, 3) float64: the deformed vertices of a run folder."""
+def _problem(row: Any) -> str:
+    """What keeps a row from being used, or nothing."""
+    if not isinstance(row, dict):
+        return "no object"
+    missing = [name for name in IDENTITY if row.get(name) is None]
+    if missing:
+        return f"it has no {missing[0]}"
+    if row["status"] not in STATUSES:
+        return f"its status is {row['status']!r}"
+    for name, value in row.items():
+        if isinstance(value, (list, dict)):
+            return f"{name} is no plain value"
+        if name.startswith(_NUMBERS) and not (value is None or type(value) in (int, float)):
+            return f"{name} is {value!r}, no number"
+    return ""
+
+
+def read_vertices(folder: str | os.PathLike[str], *, n: int) -> np.ndarray:
+    """(n, 3) float64: the deformed vertices of a run folder, whose row says how many there are.
+
+    Raises
+    ------
+    InputError
+        When the file is missing, damaged, or of another shape.
+    """
     path = Path(folder, "vertices.npy")
     if not path.is_file():
         raise InputError(f"{path}: no such file; the run left no vertices")
-    return np.load(path).astype(np.float64)
+    V = _loading(path, lambda: np.load(path, allow_pickle=False).astype(np.float64))
+    if V.shape != (n, 3):
+        raise InputError(f"{path}: has shape {V.shape}, not ({n}, 3); remove the folder to run it again")
+    return V
 
 
 def read_curves(folder: str | os.PathLike[str]) -> dict[str, np.ndarray]:
@@ -142,8 +179,22 @@ def read_curves(folder: str | os.PathLike[str]) -> dict[str, np.ndarray]:
     path = Path(folder, "curves.npz")
     if not path.is_file():
         return {}
-    with np.load(path) as data:
-        return {name: data[name] for name in data.files}
+
+    def read() -> dict[str, np.ndarray]:
+        with np.load(path, allow_pickle=False) as data:
+            return {name: data[name] for name in data.files}
+
+    return _loading(path, read)
+
+
+def _loading(path: Path, read: Callable[[], Any]) -> Any:
+    try:
+        return read()
+    except (OSError, ValueError, EOFError, TypeError, BadZipFile, zlib.error) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(
+            f"{path}: not the file of a run ({reason}); remove the folder to run it again"
+        ) from error
 
 
 def run_folders(root: str | os.PathLike[str]) -> list[Path]:
@@ -223,10 +274,23 @@ def read_csv(path: str | os.PathLike[str]) -> list[Row]:
     path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: no such file; `python -m eval.collect` makes it from runs")
-    with path.open(newline="") as file:
-        rows = [{name: _value(name, cell) for name, cell in line.items()} for line in csv.DictReader(file)]
-    if not rows or "status" not in rows[0]:
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            lines = list(csv.DictReader(file))
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not a readable CSV file ({error})") from error
+    if not lines or "status" not in lines[0]:
         raise InputError(f"{path}: holds no rows of runs")
+    rows = []
+    for number, line in enumerate(lines, start=2):
+        if None in line or None in line.values():
+            raise InputError(
+                f"{path}: line {number} has another number of cells than the first; collect again"
+            )
+        rows.append({name: _value(name, cell) for name, cell in line.items()})
+        problem = _problem(rows[-1])
+        if problem:
+            raise InputError(f"{path}: line {number} is not a row ({problem}); collect again")
     return rows
 
 

@@ -73,8 +73,9 @@ def check(mesh: Mesh, samples: int, *, seed: int = 0) -> dict[str, object]:
 
 def _table(paths: Sequence[Path], samples: Sequence[int], seed: int) -> int:
     failures = rows = 0
+    meshes = list(_named(paths) if paths else _built_in())
     print("  ".join(f"{name:>10}" for name in COLUMNS))  # noqa: T201
-    for name, mesh in _named(paths) if paths else _built_in():
+    for name, mesh in meshes:
         for count in (k for k in samples if k <= mesh.n):
             row = {"mesh": name, **check(mesh, count, seed=seed)}
             print("  ".join(f"{row.get(column, '')!s:>10}" for column in COLUMNS), flush=True)  # noqa: T201

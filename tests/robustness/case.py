@@ -142,7 +142,8 @@ def _main(program: str, arguments: list[str]) -> int:
             return main()
     if program in ("sshade", "defaust"):
         return importlib.import_module(f"{program}.cli").main(arguments)
-    main = importlib.import_module(program).main
+    module = importlib.import_module(program)
+    main = importlib.import_module(f"{program}.__main__").main if hasattr(module, "__path__") else module.main
     return run_command(lambda: main(arguments))
 
 

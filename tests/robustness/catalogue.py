@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
-from tests.robustness import datasets, handle_files, mesh_files, outputs, surfaces
+from tests.robustness import datasets, evaluation, handle_files, mesh_files, outputs, surfaces
 from tests.robustness.case import Case
 
-CASES: list[Case] = [*mesh_files.CASES, *handle_files.CASES, *surfaces.CASES, *outputs.CASES, *datasets.CASES]
+CASES: list[Case] = [
+    *mesh_files.CASES,
+    *handle_files.CASES,
+    *surfaces.CASES,
+    *outputs.CASES,
+    *datasets.CASES,
+    *evaluation.CASES,
+]
 
 #: Too long for the test suite; the command tries them too.
 SLOW: list[Case] = [*surfaces.SLOW]
