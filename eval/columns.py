@@ -53,6 +53,8 @@ COLUMNS = (
     Column("EL", "%", "metric.edge", 2),
     Column("FA", "deg", "metric.angle", 3),
     Column("handle", "%", "metric.handle", 3),
+    Column("flips", "", "metric.flips", 1, optional=True),
+    Column("crossings", "", "metric.self_intersections", 1, optional=True),
     Column(
         "far",
         "%",

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import operator
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from eval.columns import Column, are_transfers, columns_of
 from eval.metrics import METRICS
 from eval.store import VALID, Row, newest
 from sshade.errors import InputError
+
+#: Fewer cases than this have no table of the worst and the best of them.
+LEAST_CASES = 4
 
 
 @dataclass(frozen=True)
@@ -77,7 +81,47 @@ def make_table(rows: list[Row], *, title: str, with_time: bool = True) -> Table:
         and (not column.optional or any(row.get(column.source) for row in rows))
     )
     parts = tuple(Table(name, columns, _lines(part, columns), []) for name, part in _parts(rows).items())
-    return Table(title, columns, _lines(rows, columns), _notes(rows, columns=columns), parts)
+    lines = _lines(rows, columns)
+    return Table(
+        title, columns, lines, _notes(rows, columns=columns), (*parts, *contest(rows, lines, columns))
+    )
+
+
+def contest(rows: list[Row], lines: list[Line], columns: tuple[Column, ...]) -> tuple[Table, ...]:
+    """Of deformations of several cases: each method's worst case, and in how many it is the best.
+
+    The best of a case are those that none prints a lower number than; only
+    methods with a result for every case compete.
+    """
+    complete = [line for line in lines if line.complete]
+    cases = sorted({_case(row) for row in rows})
+    if are_transfers(rows) or len(cases) < LEAST_CASES or len(complete) < 2:
+        return ()
+    row_of = {(row["method.name"], _case(row)): row for row in rows if row["status"] in VALID}
+    worst: dict[str, dict[str, float | None]] = {line.method: {} for line in complete}
+    won: dict[str, dict[str, float | None]] = {line.method: {} for line in complete}
+    for column in columns:
+        values = {name: [row_of[name, case].get(column.source) for case in cases] for name in worst}
+        if any(value is None for own in values.values() for value in own):
+            for name in worst:
+                worst[name][column.heading] = won[name][column.heading] = None
+            continue
+        printed = {name: [float(column.text(value)) for value in values[name]] for name in worst}
+        lowest = [min(numbers) for numbers in zip(*printed.values(), strict=True)]
+        for name in worst:
+            worst[name][column.heading] = max(values[name])
+            count = sum(map(operator.eq, printed[name], lowest))
+            won[name][column.heading] = count if column.ranked else None
+    counts = tuple(replace(column, unit="", decimals=0, ranked=False, scientific=False) for column in columns)
+    return (
+        Table("worst case", columns, [replace(line, means=worst[line.method]) for line in complete], []),
+        Table(
+            f"cases won, of {len(cases)}",
+            counts,
+            [replace(line, means=won[line.method]) for line in complete],
+            [],
+        ),
+    )
 
 
 def _parts(rows: list[Row]) -> dict[str, list[Row]]:

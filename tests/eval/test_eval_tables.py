@@ -327,3 +327,22 @@ def test_every_committed_table_has_its_rows():
     rows = {path.stem for path in (RESULTS / "rows").glob("*.csv")}
     tables = {path.name for path in (RESULTS / "tables").glob("*.*")}
     assert tables == {f"{stem}.{suffix}" for stem in rows for suffix in FORMATS}
+
+
+def test_worst_cases_and_cases_won():
+    """b is better in the mean volume, a in more cases; equal printed numbers count for both."""
+    volumes = {"a": [1.0, 1.0, 1.0, 9.0], "b": [2.0, 2.0, 1.001, 2.0]}
+    rows = [
+        row(method, f"t{i}", metric__volume=volume, key=f"{method}{i}")
+        for method, own in volumes.items()
+        for i, volume in enumerate(own)
+    ]
+    worst, won = make_table(rows, title="x").parts
+    assert [line.means["volume"] for line in worst.lines] == [9.0, 2.0]
+    assert won.title == "cases won, of 4"
+    assert [line.means["volume"] for line in won.lines] == [3, 2]
+    assert [line.means["area"] for line in won.lines] == [4, 4]
+    assert won.lines[0].means["iterations"] is None
+    assert make_table(rows[:3] + rows[4:7], title="x").parts == ()
+    incomplete = [*rows, row("c", "t0")]
+    assert [line.method for line in make_table(incomplete, title="x").parts[0].lines] == ["a", "b"]
