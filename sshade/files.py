@@ -53,5 +53,7 @@ def make_folder(path: str | os.PathLike[str]) -> None:
 
 def reason(error: OSError) -> str:
     """What the system says, such as "No space left on device", without the number and the path."""
-    # numpy's own errors of a full disk have no strerror.
-    return error.strerror or " ".join(str(error).split()) or type(error).__name__
+    if error.strerror:
+        return error.strerror
+    # numpy's own: "12 requested and 0 written"
+    return f"{' '.join(str(error).split()) or type(error).__name__}; the disk may be full"

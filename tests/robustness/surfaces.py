@@ -6,11 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sshade import DeformationTask, Mesh, deform
-from sshade.local_global import local_global
+from sshade import Mesh
 from sshade.meshio import read_arrays, read_mesh, write_mesh
 from tests.robustness.case import Case, run
-from tests.robustness.inputs import BODY, Given, both, handles, mesh, pose, posed
+from tests.robustness.inputs import BODY, Given, both, handles, mesh, pose, posed, write_sound
 from tests.shapes import double_torus, jittered, strip, tetrahedron, torus, tube
 
 DEFORM = "sshade deform body.ply pose.json -o out.ply"
@@ -95,19 +94,15 @@ def _result() -> np.ndarray:
     return moved
 
 
-def _sound() -> np.ndarray:
-    """What the sound body gives."""
-    from functools import partial
-
-    return deform(
-        DeformationTask("sound", BODY, pose(V)), vertices=40, coarse=partial(local_global, start="rigid")
-    ).vertices
-
-
 def _equals(change: Callable[[np.ndarray], np.ndarray], tolerance: float) -> Callable[[], None]:
+    """The result is the sound body's, changed."""
+
     def holds() -> None:
-        expected = change(_sound())
-        gap = np.abs(_result() - expected).max() / np.linalg.norm(np.ptp(expected, axis=0))
+        found = _result()
+        write_sound()
+        assert run(DEFORM)[0] == 0
+        expected = change(_result())
+        gap = np.abs(found - expected).max() / np.linalg.norm(np.ptp(expected, axis=0))
         assert gap <= tolerance, f"{gap:.1e} of the diagonal from the sound body's result"
 
     return holds
@@ -162,7 +157,7 @@ TAKEN = [
     _taken("scale 2^-40", posed((2.0**-40 * V, F)), _equals(lambda X: 2.0**-40 * X, 0.0)),
     _taken("scale 1e-30", posed((1e-30 * V, F)), _equals(lambda X: 1e-30 * X, 1e-9)),
     _taken("scale 1e30", posed((1e30 * V, F)), _equals(lambda X: 1e30 * X, 1e-9)),
-    _taken("2^20 from the origin", _far(2.0**20), lambda: _as_near_the_origin(2.0**20, 1e-9)),
+    _taken("2^20 from the origin", _far(2.0**20), lambda: _as_near_the_origin(2.0**20, 1e-7)),
     _taken("a triangle of no area: two vertices in one place", _edited(_collapse)),
     _taken("a triangle of no area: three vertices on a line", _edited(_flatten)),
     _taken("a needle of 1e-9", _edited(_needle)),

@@ -62,8 +62,11 @@ def test_a_place_that_cannot_be_written_is_an_input_error(tmp_path):
     ("error", "text"),
     [
         (OSError(28, "No space left on device", "x"), "No space left on device"),
-        (OSError("12 requested and 0 written"), "12 requested and 0 written"),
-        (OSError(), "OSError"),
+        (
+            OSError("12 requested and 0 written"),
+            "12 requested and 0 written; the disk may be full",
+        ),
+        (OSError(), "OSError; the disk may be full"),
     ],
 )
 def test_the_reason_of_an_error_of_the_system(error, text):
