@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from tests.robustness import datasets, evaluation, handle_files, mesh_files, outputs, surfaces
+from tests.robustness import api, datasets, evaluation, handle_files, mesh_files, outputs, surfaces
 from tests.robustness.case import Case
 
-CASES: list[Case] = [
-    *mesh_files.CASES,
-    *handle_files.CASES,
-    *surfaces.CASES,
-    *outputs.CASES,
-    *datasets.CASES,
-    *evaluation.CASES,
-]
+_PARTS = (mesh_files, handle_files, surfaces, outputs, datasets, evaluation, api)
+
+CASES: list[Case] = [case for part in _PARTS for case in part.CASES]
 
 #: Too long for the test suite; the command tries them too.
 SLOW: list[Case] = [*surfaces.SLOW]
