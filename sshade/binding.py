@@ -76,11 +76,14 @@ class Binding:
         Raises
         ------
         InputError
-            When `NV` or `rotations` do not fit the proxy's vertices, or a rotation is none.
+            When `NV` or `rotations` do not fit the proxy's vertices, a position is not
+            finite, or a rotation is none.
         """
         NV = np.ascontiguousarray(NV, dtype=np.float64)
         if NV.shape != self.proxy.V.shape:
             raise InputError(f"the proxy has vertices of shape {self.proxy.V.shape}, not {NV.shape}")
+        if not np.isfinite(NV).all():
+            raise InputError("a vertex of the deformed proxy has a NaN or infinite coordinate")
         if rotations is not None and np.shape(rotations) != (self.proxy.n, 3, 3):
             raise InputError(
                 f"the proxy needs rotations of shape {(self.proxy.n, 3, 3)}, not {np.shape(rotations)}"
