@@ -125,7 +125,7 @@ class Binding:
             When the file is unreadable, incomplete, or of a mesh with other counts.
         """
         try:
-            with np.load(path) as data:
+            with np.load(path, allow_pickle=False) as data:
                 arrays = {name: data[name] for name in data.files}
             if arrays["vertices"] != mesh.n or arrays["samples"].max() >= mesh.n:
                 raise InputError(

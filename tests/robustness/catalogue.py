@@ -10,7 +10,7 @@ _PARTS = (mesh_files, handle_files, surfaces, outputs, datasets, evaluation, api
 CASES: list[Case] = [case for part in _PARTS for case in part.CASES]
 
 #: Too long for the test suite; the command tries them too.
-SLOW: list[Case] = [*surfaces.SLOW]
+SLOW: list[Case] = [*surfaces.SLOW, *evaluation.SLOW]
 
 _names = [case.name for case in [*CASES, *SLOW]]
 assert len(set(_names)) == len(_names), sorted(name for name in _names if _names.count(name) > 1)

@@ -284,6 +284,15 @@ FULL = [
         leaves=("t",),
     ),
     Case(
+        "full disk: eval.remeasure",
+        _full_disk_of("python -m eval.remeasure tiny --metrics edge"),
+        runs,
+        leaves=("results",),
+    ),
+]
+#: They draw.
+SLOW = [
+    Case(
         "full disk: eval.report",
         _full_disk_of("python -m eval.report tiny -o r.html", "r.html"),
         runs,
@@ -294,12 +303,6 @@ FULL = [
         _full_disk_of("python -m eval.figures tiny -o f.png", "f.png"),
         runs,
         leaves=("f.png",),
-    ),
-    Case(
-        "full disk: eval.remeasure",
-        _full_disk_of("python -m eval.remeasure tiny --metrics edge"),
-        runs,
-        leaves=("results",),
     ),
 ]
 TAKEN = [
