@@ -192,10 +192,10 @@ class LocalGlobal:
             raise InputError(f"the acceleration window must be at least 1, not {window}")
         wanted = Wanted(volume, area, volume_ratio, area_ratio).checked()
         softening = Softening(stiffness, strain).checked()
-        u = np.ascontiguousarray(start[self._elements.vertex])
-        u[self._elements.held] = targets
+        u = start[self._elements.vertex] - self.mesh.origin
+        u[self._elements.held] = targets - self.mesh.origin
         with Crew(workers) as crew:
-            iteration = self._elements.iteration(targets, wanted, softening, crew=crew)
+            iteration = self._elements.iteration(u[self._elements.held], wanted, softening, crew=crew)
             if rotations is not None:
                 iteration.begin_with(rotations)
             mixer = Anderson(u.size, window) if accelerate else None
@@ -208,12 +208,14 @@ class LocalGlobal:
                 deadline=perf_counter() + max_seconds,
                 progress=progress,
             )
-        return self._solution(u, iteration.R, wanted, facts)
+        solution = self._solution(u, iteration.R, wanted, facts)
+        solution.positions[self.index] = targets
+        return solution
 
     def _solution(self, u: np.ndarray, R: np.ndarray, wanted: Wanted, facts: dict) -> Solution:
         elements, n = self._elements, self.mesh.n
         positions, rotations = np.empty((n, 3)), np.empty((n, 3, 3))
-        positions[elements.vertex] = u
+        positions[elements.vertex] = u + self.mesh.origin
         rotations[elements.vertex] = R.reshape(-1, 3, 3)
         errors = elements.constraints.errors(u, wanted)
         volume_constraint, area_constraint = elements.constraints.status(wanted, errors)

@@ -203,3 +203,25 @@ def test_sizes_near_the_limits_are_not(factor, shift):
     mesh = tetrahedron()
     moved = Mesh(factor * mesh.V + shift, mesh.F)
     assert np.isfinite(moved.face_areas).all() and np.isfinite((moved.face_areas**2).sum())
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.3, -1.0, 1.0])
+def test_the_origin_of_a_mesh_near_zero_is_zero(shift):
+    mesh = tetrahedron()
+    assert np.array_equal(Mesh(mesh.V + shift, mesh.F).origin, np.zeros(3))
+
+
+@pytest.mark.parametrize("shift", [2.0**20, -(2.0**35), 1e9 + 0.5])
+@pytest.mark.parametrize("factor", [1.0, 0.37, 1e-1])
+def test_the_origin_of_a_far_mesh_is_near_and_leaves_no_rest(shift, factor):
+    mesh = tetrahedron()
+    far = Mesh(factor * mesh.V + [shift, 0, -shift], mesh.F)
+    relative = far.V - far.origin
+    assert np.abs(relative).max() <= 8 * np.ptp(far.V, axis=0).max()
+    assert far.origin[1] == 0 and np.array_equal(relative + far.origin, far.V)
+    assert np.array_equal(np.diff(relative, axis=0), np.diff(far.V, axis=0))
+
+
+def test_the_origin_of_a_point_is_zero():
+    mesh = tetrahedron()
+    assert np.array_equal(Mesh(0 * mesh.V + 1e9, mesh.F).origin, np.zeros(3))
