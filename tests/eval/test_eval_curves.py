@@ -12,7 +12,12 @@ from sshade.errors import InputError
 def row(name, vertices, volume, task="t1", status="ok"):
     return {
         "method.name": name,
+        "method.hash": name,
         "task.name": task,
+        "seed": 0,
+        "date": "2026-01-01",
+        "key": f"{name}-{task}",
+        "env.machine": "box",
         "task.vertices": vertices,
         "status": status,
         "metric.volume": volume,
