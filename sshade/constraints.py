@@ -221,9 +221,9 @@ class Hold:
         False where they are missed by more than they were then.
         """
         exact = np.isinf(self._now)
-        return (
-            bool((self._newton(P, exact) <= np.maximum(self._miss, ROUNDING)).all()) if exact.any() else True
-        )
+        if not exact.any():
+            return True
+        return bool((self._newton(P, exact) <= np.maximum(self._miss, ROUNDING)).all())
 
     def _newton(self, P: np.ndarray, only: np.ndarray) -> np.ndarray:
         scale, goal = np.where(only, (self._scale, self._goal), 0.0)
