@@ -8,6 +8,7 @@ from sshade.binding import Binding, bind
 from sshade.deformer import Deformer
 from sshade.errors import InputError
 from sshade.mesh import Mesh
+from sshade.pieces import deform_pieces
 from sshade.pipeline import deform
 from sshade.task import DeformationResult, DeformationTask, Handles, Method
 from sshade.transfer import reconstruct, transfer_pose
@@ -25,6 +26,7 @@ __all__ = [
     "TransferTask",
     "bind",
     "deform",
+    "deform_pieces",
     "reconstruct",
     "transfer_pose",
 ]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
@@ -36,8 +36,8 @@ HANDLES is a .json file of this project or a .yaml file of Implicit-ARAP. In JSO
                                             "target": [[x, y, z], ...]}]}
 
 Handles are vertex ids, or positions on the mesh (snapped to the nearest vertices).
-The mesh must be manifold and of one component; boundary is fine. The output has the
-vertices and faces of the input, in the same order.
+The output has the vertices and faces of the input, in the same order. Components are deformed
+each on its own, with its own handles. Where the mesh is not manifold it is cut, and joined again.
 
 example:
   sshade deform body.ply pose.json -o posed.ply
@@ -112,6 +112,11 @@ def _parser() -> argparse.ArgumentParser:
         action="store_true",
         help="deform a copy with coincident vertices welded and unused ones dropped; "
         "the output still has the input's vertices",
+    )
+    deform.add_argument(
+        "--carry-loose",
+        action="store_true",
+        help="move components without handles rigidly with the nearest one, as eyes with a head",
     )
     deform.set_defaults(run=_deform)
 
@@ -194,7 +199,7 @@ def _proxy_vertices(asked: int | None, n: int, handles: int = 0) -> int:
 
 def _deform(arguments: argparse.Namespace) -> int:
     from sshade.handlesio import read_handles
-    from sshade.task import DeformationTask
+    from sshade.pieces import deform_pieces
 
     check_output(arguments.output)
     method = _method(arguments)
@@ -205,12 +210,18 @@ def _deform(arguments: argparse.Namespace) -> int:
         mesh = read_mesh(arguments.mesh)
         V, F, vertex = mesh.V, mesh.F, np.arange(mesh.n)
     handles = read_handles(arguments.handles, mesh, raw=arguments.raw, vertex=vertex)
-    task = DeformationTask(arguments.mesh.stem, mesh, handles)
     vertices = _proxy_vertices(arguments.vertices, mesh.n, len(handles))
     begin = perf_counter()
     with progress_bar() as progress:
-        result = method(
-            task, vertices=vertices, workers=arguments.workers, seed=arguments.seed, progress=progress
+        result = deform_pieces(
+            mesh,
+            handles,
+            partial(method, workers=arguments.workers),
+            vertices=vertices,
+            carry_loose=arguments.carry_loose,
+            name=arguments.mesh.stem,
+            seed=arguments.seed,
+            progress=progress,
         )
     seconds = perf_counter() - begin
     moved = np.where((vertex >= 0)[:, None], result.vertices[vertex], V)
@@ -222,12 +233,26 @@ def _deform(arguments: argparse.Namespace) -> int:
         f"{arguments.output}: {len(V)} vertices, {len(handles)} handles reached to {100 * error:.2g} % of "
         f"the diagonal, {proxies} of {result.extra['proxy_vertices']:.0f} vertices, {seconds:.2f} s"
     )
+    _say_of_pieces(result.extra)
     if result.converged is False and arguments.method != "sshade_fine":
         _say(
             f"note: the iterations stopped at {result.iterations:.0f} in the mean, "
             f"with a residual of {result.extra['residual']:.1e}"
         )
     return 0
+
+
+def _say_of_pieces(facts: Mapping[str, Any]) -> None:
+    """What was done besides, with a mesh that is no oriented manifold of one component."""
+    if facts["copies"] or facts["turned"]:
+        _say(
+            f"note: no oriented manifold: {facts['turned']} faces were turned, {facts['copies']} copies of "
+            f"vertices made, and joined over at most {100 * facts['gap']:.2g} % of the diagonal"
+        )
+    if facts["pieces"] > 1:
+        _say(f"note: {facts['pieces']} pieces were deformed on their own, with shares of the proxy vertices")
+    if facts["carried"]:
+        _say(f"note: {facts['carried']} components without handles follow the nearest one rigidly")
 
 
 def _method(arguments: argparse.Namespace) -> Method:

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from sshade import Mesh
+from sshade import Handles, Mesh
+from sshade.handlesio import write_handles
 from sshade.meshio import read_arrays, read_mesh, write_mesh
 from tests.robustness.case import Case, run
 from tests.robustness.inputs import BODY, Given, both, handles, mesh, pose, posed, write_sound
 from tests.shapes import double_torus, jittered, strip, tetrahedron, torus, tube
+from tests.sshade.test_cutting import moebius, t_fin
 
 DEFORM = "sshade deform body.ply pose.json -o out.ply"
 REPAIR = f"{DEFORM} --repair"
+REMESH = "sshade remesh body.ply -o n.ply --map map.npz"
 V, F = BODY.V, BODY.F
 
 
@@ -28,6 +31,29 @@ def _at(place: object, value: object, *, of: str = "V") -> Given:
     W, G = V.copy(), F.copy()
     (W if of == "V" else G)[place] = value
     return mesh(W, G)
+
+
+def _two() -> tuple[np.ndarray, np.ndarray]:
+    """A second, smaller body beside the first."""
+    return np.concatenate([V, 0.5 * V + [4, 0, 0]]), np.concatenate([F, F + len(V)])
+
+
+def _handles_of_two() -> None:
+    own = pose(V)
+    further = Handles(own.index + len(V), 0.5 * own.target + [4, 0, 0], dynamic=own.dynamic)
+    index, target = (
+        np.concatenate([getattr(h, name) for h in (own, further)]) for name in ("index", "target")
+    )
+    write_handles("pose.json", Handles(index, target, dynamic=np.tile(own.dynamic, 2)))
+
+
+def _touching() -> tuple[np.ndarray, np.ndarray]:
+    """A second body that shares the topmost vertex with the first."""
+    top, bottom = np.argmax(V[:, 2]), np.argmin(V[:, 2])
+    W, G = np.concatenate([V, V + V[top] - V[bottom]]), np.concatenate([F, F + len(V)])
+    G[len(V) + bottom == G] = top
+    keep = np.arange(len(W)) != len(V) + bottom
+    return W[keep], (np.cumsum(keep) - 1)[G]
 
 
 # What must be refused, whatever else is done.
@@ -55,12 +81,20 @@ REFUSED = [
         mesh([*V, [9, 9, 9]], F),
         says=("1 vertices belong to no face", "--repair"),
     ),
-    Case("a face twice", DEFORM, mesh(V, [*F, F[0]]), says=("has 3 faces", "--repair")),
-    Case("a face twice, once turned", DEFORM, mesh(V, [*F, F[0, ::-1]]), says=("has 3 faces",)),
-    Case("one face turned", DEFORM, _at(11, F[11, ::-1], of="F"), says=("not consistently oriented",)),
+    Case("a face twice, remesh", REMESH, mesh(V, [*F, F[0]]), says=("has 3 faces", "--repair")),
     Case(
-        "every other face turned", DEFORM, _at(slice(None, None, 2), F[::2, ::-1], of="F"), says=("oriented",)
+        "one face turned, remesh", REMESH, _at(11, F[11, ::-1], of="F"), says=("not consistently oriented",)
     ),
+    Case("a fin, remesh", REMESH, mesh(t_fin().V, t_fin().F), says=("not manifold: edge", "3 faces")),
+    Case("two fans at a vertex, remesh", REMESH, mesh(*_touching()), says=("more than one fan",)),
+    Case("two components, remesh", REMESH, mesh(*_two()), says=("2 components", "--repair")),
+    Case(
+        "a component without handles",
+        DEFORM,
+        mesh(*_two()),
+        says=("1 of the mesh's 2 components", "--carry-loose"),
+    ),
+    Case("a soup without --repair", DEFORM, lambda: _soup(), says=("components have no handle", "--repair")),
     Case("all vertices in one place", DEFORM, mesh(np.ones_like(V), F), says=("coincide",)),
     Case("all vertices on a line", DEFORM, mesh(V * [0, 0, 1], F), says=("no area",)),
     Case("coordinates of 1e200", DEFORM, mesh(1e200 * V, F), says=("1e", "scale")),
@@ -74,7 +108,7 @@ REFUSED = [
     ),
     Case(
         "a face out of range, remesh",
-        "sshade remesh body.ply -o n.ply --map map.npz",
+        REMESH,
         _at((3, 2), 999, of="F"),
         says=("face 3",),
     ),
@@ -145,6 +179,12 @@ def _soup() -> None:
     posed((W, G))()
 
 
+def _turned(faces: Sequence[int]) -> Given:
+    G = F.copy()
+    G[list(faces)] = G[list(faces)][:, ::-1]
+    return posed((V, G))
+
+
 def _faces_stay() -> None:
     _result()
     assert np.array_equal(read_arrays("out.ply")[1], read_arrays("body.ply")[1])
@@ -173,6 +213,22 @@ TAKEN = [
     _taken("genus 1", posed(Mesh(jittered(torus(), 0.02).V[:, [1, 2, 0]], torus().F))),
     _taken("genus 2", posed(Mesh(double_torus(cells=3).V[:, [1, 2, 0]], double_torus(cells=3).F))),
     _taken("a tetrahedron", posed(tetrahedron())),
+    _taken("a face twice", posed((V, np.concatenate([F, F[:1]]))), _equals(lambda X: X, 1e-3)),
+    _taken(
+        "a face twice, once turned", posed((V, np.concatenate([F, F[:1, ::-1]]))), _equals(lambda X: X, 1e-3)
+    ),
+    _taken("one face turned", _turned([11]), _equals(lambda X: X, 0.0)),
+    _taken("every third face turned", _turned(range(0, 320, 3)), _equals(lambda X: X, 0.0)),
+    _taken("two components, each with handles", both(mesh(*_two()), _handles_of_two)),
+    _taken(
+        "a component without handles, with --carry-loose",
+        mesh(*_two()),
+        _faces_stay,
+        call=f"{DEFORM} --carry-loose",
+    ),
+    _taken("two closed surfaces that touch in a vertex", posed(_touching())),
+    _taken("a strip with a fin", posed((t_fin().V[:, [1, 2, 0]], t_fin().F))),
+    _taken("a one-sided band", posed(moebius())),
     _taken(
         "one triangle",
         both(

@@ -255,6 +255,9 @@ BAD_MESHES = {
         ["2 vertices belong to no", "--repair"],
     ),
     "no faces": (lambda V, F: (V, F[:0]), ["triangle"]),
+}
+#: What `deform` cuts and turns.
+OTHER_MESHES = {
     "a non-manifold edge": (fin, ["not manifold: edge", "3 faces"]),
     "a non-manifold vertex": (two_fans, ["not manifold: the faces at vertex 0"]),
     "inconsistent orientation": (flipped, ["not consistently oriented"]),
@@ -268,6 +271,20 @@ def test_bad_meshes_are_refused(folder, capsys, name, command):
     put("body.ply", *damage(BODY.V, BODY.F))
     rest = ["pose.json", "-o", "out.ply"] if command == "deform" else ["-o", "out.ply", "--map", "map.npz"]
     assert_refused(capsys, [command, "body.ply", *rest], *words)
+
+
+@pytest.mark.parametrize("name", OTHER_MESHES)
+def test_meshes_that_are_no_oriented_manifold_are_deformed_and_not_remeshed(folder, capsys, name):
+    damage, words = OTHER_MESHES[name]
+    V, F = damage(BODY.V, BODY.F)
+    put("body.ply", V, F)
+    assert_refused(capsys, ["remesh", "body.ply", "-o", "out.ply", "--map", "map.npz"], *words)
+    assert main(["deform", "body.ply", "pose.json", "-o", "out.ply", "--vertices", "60"]) == 0
+    moved, G = read_arrays("out.ply")
+    assert np.array_equal(G, F) and moved.shape == V.shape and np.isfinite(moved).all()
+    assert "note: no oriented manifold" in capsys.readouterr().err
+    handles = pose(BODY)
+    assert np.linalg.norm(moved[handles.index] - handles.target, axis=1).max() < 0.02 * BODY.diagonal
 
 
 @pytest.mark.parametrize(
@@ -293,13 +310,17 @@ def test_unreadable_meshes_are_refused(folder, capsys, name, content, command):
     assert_refused(capsys, [command, name, *rest], name)
 
 
-def test_several_components_are_refused_by_every_command(folder, capsys):
+def test_several_components_are_refused_unless_each_has_handles(folder, capsys):
     put("body.ply", np.concatenate([BODY.V, BODY.V + 9]), np.concatenate([BODY.F, BODY.F + BODY.n]))
     assert_refused(
         capsys, ["deform", "body.ply", "pose.json", "-o", "out.ply"], "1 of the mesh's 2 components"
     )
+    assert main(["deform", "body.ply", "pose.json", "-o", "out.ply", "--carry-loose"]) == 0
+    assert "1 components without handles follow the nearest one" in capsys.readouterr().err
     put_handles({"vertices": [0, BODY.n]})
-    assert_refused(capsys, ["deform", "body.ply", "pose.json", "-o", "out.ply"], "2 components", "--repair")
+    assert main(["deform", "body.ply", "pose.json", "-o", "out.ply"]) == 0
+    assert "2 pieces were deformed on their own" in capsys.readouterr().err
+    Path("out.ply").unlink()
     assert_refused(capsys, ["remesh", "body.ply", "-o", "out.ply", "--map", "map.npz"], "2 components")
 
 
