@@ -1,10 +1,11 @@
 """Target poses of a rest mesh of any resolution, in vertex correspondence with it.
 
 A dataset stores its poses at the resolution of the registered meshes. For a
-finer rest mesh they are computed when a task is loaded, which takes under a
-second: bodies of the package are skinned, with weights carried over from the
-registered mesh; other poses are subdivided as the rest mesh was before its
-remeshing, and its vertices are looked up there.
+finer rest mesh they are computed when a task is loaded, in a second or two. The
+registered mesh is subdivided as it was before the remeshing, so that each vertex
+of the rest mesh lies on a triangle of the subdivided one. Bodies of the package
+are skinned: the weights, subdivided with the mesh, are interpolated there.
+For other meshes the registered pose is subdivided too, and interpolated.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
+from defaust.loop import loop_matrix
 from defaust.skinning import apply_motions
 from defaust.synthetic import SHA256, load_bodies
 from defaust.upsample import subdivide
@@ -47,21 +49,32 @@ class Skin:
     Parameters
     ----------
     rest : Mesh
-        The points' mesh: the registered rest mesh, or any other of the same surface.
+        The points' mesh: the registered rest mesh, or the one remeshed from it.
     low : Mesh
-        The registered rest mesh. A vertex of `rest` gets the motions of the
-        corners of the triangle nearest to it, weighted by the nearest point's
-        barycentric coordinates.
+        The registered rest mesh.
+    steps : int
+        Subdivisions between the two. They take the weights along by Loop's rules:
+        interpolated over the registered triangles, weights would bend at their
+        edges, and the posed surface with them.
     subject : int
     pose : str
         Name of the pose.
+
+    Raises
+    ------
+    InputError
+        As :func:`subdivided_pose`.
     """
 
-    def __init__(self, rest: Mesh, low: Mesh, *, subject: int, pose: str) -> None:
+    def __init__(self, rest: Mesh, low: Mesh, *, steps: int, subject: int, pose: str) -> None:
         bodies = load_bodies()
         k = bodies.pose_names.index(pose)
         motions = bodies.motions(subject, rotations=bodies.rotations[subject, k])
-        self._motions = motions if rest is low else interpolation(rest.V, low)[0] @ motions
+        if rest is not low:
+            # Blending is linear: subdivided and interpolated motions are those of such weights.
+            fine, carry = _on_subdivided(rest, low, steps=steps)
+            motions = carry @ (loop_matrix(low, fine, steps=steps) @ motions)
+        self._motions = motions
         self._shift = bodies.shifts[subject, k]
 
     def __call__(self, V: np.ndarray) -> np.ndarray:
@@ -90,16 +103,23 @@ def subdivided_pose(rest: Mesh, low: Mesh, posed: Mesh, *, steps: int) -> np.nda
         When the subdivisions do not correspond, or `rest` does not lie on the
         subdivided rest mesh.
     """
-    fine, fine_posed = subdivide(low, steps=steps), subdivide(posed, steps=steps)
+    fine, carry = _on_subdivided(rest, low, steps=steps)
+    fine_posed = subdivide(posed, steps=steps)
     if not np.array_equal(fine.F, fine_posed.F):
         raise InputError("the pose is subdivided into other triangles than the rest mesh")
+    return carry @ fine_posed.V
+
+
+def _on_subdivided(rest: Mesh, low: Mesh, *, steps: int) -> tuple[Mesh, csr_array]:
+    """The subdivided registered mesh, and the interpolation from it to a mesh that lies on it."""
+    fine = subdivide(low, steps=steps)
     carry, distance = interpolation(rest.V, fine)
     if distance.max() > ON_SURFACE * low.diagonal:
         raise InputError(
             f"the rest mesh lies up to {distance.max() / low.diagonal:.1g} x its diagonal off the subdivided "
             "registered mesh that it should have been made from; build the dataset again"
         )
-    return carry @ fine_posed.V
+    return fine, carry
 
 
 def interpolation(points: np.ndarray, mesh: Mesh) -> tuple[csr_array, np.ndarray]:

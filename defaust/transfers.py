@@ -60,15 +60,15 @@ def transfer_task(
     subject = facts["subject"]
     edited = edit(rest)
     shape = rest if edited is rest.V else Mesh(edited, rest.F)
+    steps = next(s["high"]["ls3_steps"] for s in document["subjects"] if s["subject"] == subject)
     skin = None
     if has_skin(document["source"]):
-        skin = Skin(rest, low, subject=subject, pose=facts["source_pose"])
+        skin = Skin(rest, low, steps=steps, subject=subject, pose=facts["source_pose"])
     if rest is low:
         target, how = posed.V, "registration"
     elif skin is not None:
         target, how = skin(rest.V), "skinning"
     else:
-        steps = next(s["high"]["ls3_steps"] for s in document["subjects"] if s["subject"] == subject)
         target, how = subdivided_pose(rest, low, posed, steps=steps), "subdivision"
     truth = target if shape is rest else None if skin is None else skin(shape.V)
     classes = document["source"].get("classes")

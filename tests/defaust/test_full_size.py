@@ -25,10 +25,10 @@ def fine(body):
 def test_the_registered_mesh_is_skinned_to_the_registered_poses(body):
     rest, poses = body
     for name, posed in zip(load_bodies().pose_names, poses, strict=True):
-        skin = Skin(rest, rest, subject=3, pose=name)
+        skin = Skin(rest, rest, steps=0, subject=3, pose=name)
         np.testing.assert_array_equal(skin(rest.V), posed.V)
         # Carried from the mesh to itself, the weights stay.
-        again = Skin(Mesh(rest.V, rest.F), rest, subject=3, pose=name)
+        again = Skin(Mesh(rest.V, rest.F), rest, steps=0, subject=3, pose=name)
         np.testing.assert_allclose(again(rest.V), posed.V, atol=1e-12)
 
 
@@ -36,7 +36,7 @@ def test_a_moved_vertex_follows_its_bones(body):
     """Near a vertex that hangs on one bone, skinning is that bone's rigid motion."""
     rest, _ = body
     bodies = load_bodies()
-    skin = Skin(rest, rest, subject=3, pose="squat")
+    skin = Skin(rest, rest, steps=0, subject=3, pose="squat")
     alone = np.flatnonzero(bodies.weight.max(axis=1) == 1)
     assert len(alone) > 100
     offset = np.array([[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
@@ -48,11 +48,11 @@ def test_a_moved_vertex_follows_its_bones(body):
 
 def test_skinned_and_subdivided_poses_of_a_fine_mesh_agree(body, fine):
     rest, poses = body
-    for name, posed in zip(load_bodies().pose_names, poses, strict=True):
-        skinned = Skin(fine, rest, subject=3, pose=name)(fine.V)
+    for name, posed in list(zip(load_bodies().pose_names, poses, strict=True))[::2]:
+        skinned = Skin(fine, rest, steps=1, subject=3, pose=name)(fine.V)
         subdivided = subdivided_pose(fine, rest, posed, steps=1)
         gap = np.linalg.norm(skinned - subdivided, axis=1)
-        assert gap.mean() < 3e-4 and gap.max() < 2e-2  # metres; the largest in a crease
+        assert gap.mean() < 3e-4 and gap.max() < 5e-3  # metres; the largest in a crease
         moved = np.linalg.norm(skinned - fine.V, axis=1)
         assert moved.max() > 0.3
 
@@ -71,6 +71,9 @@ def test_a_rest_mesh_from_elsewhere_is_refused():
     low = bumpy(2)
     with pytest.raises(InputError, match="off the subdivided registered mesh.*build the dataset again"):
         subdivided_pose(Mesh(1.01 * low.V, low.F), low, low, steps=0)
+    rest = SyntheticBodies().rest(0)
+    with pytest.raises(InputError, match="off the subdivided registered mesh"):
+        Skin(Mesh(1.01 * rest.V, rest.F), rest, steps=0, subject=0, pose="squat")
 
 
 def test_interpolation():

@@ -1,0 +1,91 @@
+"""Loop's rules for values at the vertices of a mesh that another program subdivided."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array, eye_array
+
+from sshade import InputError, Mesh
+
+
+def loop_matrix(coarse: Mesh, fine: Mesh, *, steps: int) -> csr_array:
+    """What takes values from the vertices of a mesh to those of its subdivision.
+
+    Parameters
+    ----------
+    coarse : Mesh
+        Closed and manifold.
+    fine : Mesh
+        Its triangles, each cut into four, `steps` times, the vertices of a step
+        before those that it adds, as pymeshlab numbers them. Positions do not matter.
+    steps : int
+
+    Returns
+    -------
+    (fine.n, coarse.n) sparse float64
+        Each row adds up to 1.
+
+    Raises
+    ------
+    InputError
+        When `fine` is no such subdivision.
+
+    References
+    ----------
+    C. Loop, "Smooth subdivision surfaces based on triangles", 1987, with the weights of
+    J. Warren, "Subdivision methods for geometric design", 1995.
+    """
+    # A closed mesh has 3 edges for 2 faces, and each step puts a vertex on each edge.
+    counts = [coarse.n]
+    for step in range(steps):
+        counts.append(counts[-1] + 3 * coarse.m * 4**step // 2)
+    if (fine.n, fine.m) != (counts[-1], coarse.m * 4**steps):
+        raise InputError(
+            f"{fine.n} vertices and {fine.m} faces are not what {steps} subdivisions make of {coarse.n} and "
+            f"{coarse.m}"
+        )
+    product, F = eye_array(fine.n, format="csr"), fine.F
+    for count in counts[-2::-1]:
+        step, F = _one_step(F, count)
+        product = product @ step
+    if not np.array_equal(
+        np.unique(np.sort(F, axis=1), axis=0), np.unique(np.sort(coarse.F, axis=1), axis=0)
+    ):
+        raise InputError("the fine mesh subdivides other faces than those of the coarse one")
+    return product
+
+
+def _one_step(F: np.ndarray, n: int) -> tuple[csr_array, np.ndarray]:
+    """The rules of the last subdivision, and the faces before it, by the count of vertices before it.
+
+    A face in a corner of an old one has one old vertex and two added ones, those
+    in the middle have none; so the old vertices beside an added one are the ends
+    of its edge, and those of a middle face the corners of the old face.
+    """
+    added = n <= F
+    corner, middle = F[added.sum(axis=1) == 2], F[added.all(axis=1)]
+    if 4 * len(middle) != len(F) or 4 * len(corner) != 3 * len(F):
+        raise InputError(
+            "the fine mesh does not number the vertices of each subdivision before the added ones"
+        )
+    old = corner[corner < n].repeat(2)
+    pairs = np.unique(np.stack([corner[corner >= n], old], axis=1), axis=0)
+    total = n + 3 * len(middle) // 2
+    if not np.array_equal(pairs[:, 0], np.arange(n, total).repeat(2)):
+        raise InputError("the fine mesh does not have a vertex on each edge of the coarse one")
+    ends = pairs[:, 1].reshape(-1, 2)
+
+    sums = ends[middle - n].sum(axis=2)
+    corners = sums.sum(axis=1, keepdims=True) // 2 - sums  # opposite each of the three added vertices
+    i, j = ends[:, 0], ends[:, 1]
+    valence = np.bincount(ends.ravel(), minlength=n)
+    share = np.where(valence == 3, 3 / 16, 3 / (8 * valence))
+    parts = (
+        (np.arange(n), np.arange(n), 1 - valence * share),
+        (i, j, share[i]),
+        (j, i, share[j]),
+        (pairs[:, 0], pairs[:, 1], np.full(len(pairs), 3 / 8)),
+        (middle.ravel(), corners.ravel(), np.full(middle.size, 1 / 8)),
+    )
+    rows, columns, values = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return coo_array((values, (rows, columns)), shape=(total, n)).tocsr(), corners

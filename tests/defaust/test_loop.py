@@ -1,0 +1,74 @@
+"""Loop's rules against libigl's, on the subdivisions of pymeshlab."""
+
+import igl
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from defaust.loop import loop_matrix
+from defaust.upsample import subdivide
+from sshade import InputError, Mesh
+from tests.shapes import bumpy, double_torus, icosphere, tetrahedron, torus
+
+MESHES = {
+    "tetrahedron": tetrahedron(),  # valence 3 everywhere
+    "icosphere": icosphere(1),  # valences 5 and 6
+    "torus": torus(9, 5),
+    "double torus": double_torus(cells=1),  # valences up to 8
+}
+
+
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("steps", [0, 1, 2])
+def test_positions_are_those_of_libigl(name, steps):
+    mesh = MESHES[name]
+    fine = subdivide(mesh, steps=steps)
+    L = loop_matrix(mesh, fine, steps=steps)
+    V, F = igl.loop(np.array(mesh.V), np.array(mesh.F), steps) if steps else (mesh.V, mesh.F)
+    distance, place = cKDTree(V).query(L @ mesh.V)
+    assert distance.max() < 1e-12
+    assert len(np.unique(place)) == len(V) == fine.n
+    # The same triangles: each vertex is where libigl has it, not only some vertex.
+    assert {tuple(sorted(f)) for f in place[fine.F].tolist()} == {tuple(sorted(f)) for f in F.tolist()}
+
+
+def test_rows_add_up_to_one_and_constants_stay():
+    mesh = bumpy(2)
+    L = loop_matrix(mesh, subdivide(mesh, steps=2), steps=2)
+    np.testing.assert_allclose(L.sum(axis=1), 1)
+    assert L.data.min() > 0
+
+
+def test_values_become_smooth():
+    """Along the edges of the coarse mesh linear values bend, and Loop's do not."""
+    mesh = icosphere(2)
+    fine = subdivide(mesh, steps=2)
+    values = np.abs(mesh.V[:, 0])
+    smooth = loop_matrix(mesh, fine, steps=2) @ values
+    # A crease in the data itself, so that there is something to round off: its bottom is lifted.
+    bottom = np.abs(fine.V[:, 0]) < 0.02
+    assert smooth[bottom].min() > 0.03
+    far = np.abs(fine.V[:, 0]) > 0.5
+    np.testing.assert_allclose(smooth[far], np.abs(fine.V[far, 0]), atol=0.03)
+
+
+def test_other_meshes_are_refused():
+    mesh = icosphere(1)
+    fine = subdivide(mesh, steps=1)
+    with pytest.raises(InputError, match="not what 2 subdivisions make of"):
+        loop_matrix(mesh, fine, steps=2)
+    rng = np.random.default_rng(0)
+    order = rng.permutation(fine.n)
+    shuffled = Mesh(fine.V[order], np.argsort(order)[fine.F])
+    with pytest.raises(InputError, match="does not number the vertices"):
+        loop_matrix(mesh, shuffled, steps=1)
+    torn = fine.F.copy()
+    corner = np.flatnonzero((torn == 0).any(axis=1))[0]
+    torn[corner] = [0, fine.n - 1, fine.n - 2]
+    with pytest.raises(InputError, match="vertex on each edge"):
+        loop_matrix(mesh, Mesh(fine.V, torn), steps=1)
+    swapped = mesh.F.copy()
+    swapped[swapped == 0], swapped[swapped == 1] = -1, 0
+    swapped[swapped == -1] = 1
+    with pytest.raises(InputError, match="subdivides other faces"):
+        loop_matrix(Mesh(mesh.V, swapped), fine, steps=1)
