@@ -225,10 +225,13 @@ def bind(
     remeshed = remesh(mesh, vertices, first=first, seed=seed, graph=graph)
     proxy = proxy_mesh(mesh, remeshed)
     sampled = perf_counter()
-    if projection == "fan":
-        on_proxy = project_to_fans(mesh.V, proxy, remeshed.region)
-    else:
-        on_proxy = project_to_surface(mesh.V, proxy)
+    # Far from the origin, rounding would decide between triangles that are equally near.
+    V, near = mesh.V, proxy
+    if mesh.origin.any():
+        V, near = V - mesh.origin, Mesh(proxy.V - mesh.origin, proxy.F)
+    on_proxy = (
+        project_to_fans(V, near, remeshed.region) if projection == "fan" else project_to_surface(V, near)
+    )
     if not isinstance(frame_function, str):
         frame_function = np.asarray(frame_function)
         if frame_function.shape != (mesh.n,):

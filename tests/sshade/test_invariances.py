@@ -1,0 +1,186 @@
+"""Invariances of the whole method, over random meshes, handles and motions.
+
+The iterations are fixed in number, so that what is compared differs by rounding
+alone. Coordinates are multiples of 2^-20, which shifts and turns by a quarter keep.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sshade import DeformationTask, Handles, Mesh, deform, reconstruct
+from sshade import remesh as remesh_module
+from sshade.fine import sshade_fast, sshade_fine
+from sshade.local_global import local_global
+from tests.shapes import bumpy, double_torus, rotation, strip, torus, tube
+
+#: Rounding over the bounding-box diagonal, with what 20 iterations make of it.
+ROUNDING = 1e-9
+
+SHAPES = [bumpy(2), tube(10, 20), torus(16, 8), strip(20, 5), double_torus(cells=2)]
+FIXED = partial(local_global, tolerance=0.0, max_iterations=20, start="rigid")
+FEW = {"vertices": 50, "tolerance": 0.0, "max_iterations": 20}
+METHODS = {
+    "paper": partial(deform, vertices=50, samplings=2, coarse=FIXED),
+    "fast": partial(sshade_fast, **FEW),
+    "fine": partial(sshade_fine, **FEW, polish_iterations=5),
+}
+#: Their frames do not follow a coordinate of the mesh.
+ANY_TURN = ("fast", "fine")
+
+NUMBERS = st.integers(0, 10**6)
+Motion = Callable[[np.ndarray], np.ndarray]
+
+
+def drawn(number: int) -> DeformationTask:
+    """A jittered shape with handles held, and others turned and pulled a little."""
+    rng = np.random.default_rng(number)
+    shape = SHAPES[number % len(SHAPES)]
+    edge = shape.diagonal / np.sqrt(shape.n)
+    V = np.round((shape.V + rng.uniform(-0.1, 0.1, shape.V.shape) * edge) * 2**20) / 2**20
+    index = rng.permutation(shape.n)[: int(rng.integers(4, 20))]
+    held = np.arange(len(index)) < len(index) // 2
+    turned = V[index] @ rotation(number).T + rng.normal(size=3)
+    target = np.where(held[:, None], V[index], 0.9 * V[index] + 0.1 * turned)
+    return DeformationTask("drawn", Mesh(V, shape.F), Handles(index, target, dynamic=~held))
+
+
+def moved(task: DeformationTask, motion: Motion, *, F: np.ndarray | None = None) -> DeformationTask:
+    own = task.handles
+    handles = Handles(own.index, motion(own.target), dynamic=own.dynamic, group=own.group)
+    return DeformationTask("moved", Mesh(motion(task.mesh.V), task.mesh.F if F is None else F), handles)
+
+
+def assert_same(
+    found: np.ndarray, expected: np.ndarray, task: DeformationTask, close: float = ROUNDING
+) -> None:
+    gap = np.abs(found - expected).max() / task.mesh.diagonal
+    assert gap <= close, f"{gap:.1e} of the diagonal apart"
+
+
+@pytest.mark.parametrize("name", METHODS)
+@settings(max_examples=4)
+@given(number=NUMBERS, shift=st.tuples(*[st.integers(-(2**24), 2**24)] * 3))
+def test_a_shift(name, number, shift):
+    shift = np.array(shift) / 2**20
+    task = drawn(number)
+    result = METHODS[name](task, seed=1).vertices
+    there = METHODS[name](moved(task, lambda V: V + shift), seed=1).vertices
+    assert_same(there - shift, result, task)
+
+
+@pytest.mark.parametrize("name", METHODS)
+@settings(max_examples=4)
+@given(number=NUMBERS, axes=st.permutations(range(3)), signs=st.tuples(*[st.sampled_from([-1.0, 1.0])] * 2))
+def test_a_turn_by_quarters(name, number, axes, signs):
+    R = np.eye(3)[axes] * [*signs, 1.0]
+    R[:, 2] *= np.linalg.det(R)
+    task = drawn(number)
+    result = METHODS[name](task, seed=1).vertices
+    there = METHODS[name](moved(task, lambda V: V @ R.T), seed=1).vertices
+    assert_same(there @ R, result, task)
+
+
+@pytest.mark.parametrize("name", ANY_TURN)
+@settings(max_examples=4)
+@given(number=NUMBERS, seed=NUMBERS)
+def test_any_turn_where_frames_follow_no_axis(name, number, seed):
+    R = rotation(seed)
+    task = drawn(number)
+    result = METHODS[name](task, seed=1).vertices
+    there = METHODS[name](moved(task, lambda V: V @ R.T), seed=1).vertices
+    assert_same(there @ R, result, task)
+
+
+@pytest.mark.parametrize("name", METHODS)
+@settings(max_examples=4)
+@given(number=NUMBERS, power=st.integers(-60, 60))
+def test_a_scale_of_a_power_of_two_changes_no_bit(name, number, power):
+    task = drawn(number)
+    result = METHODS[name](task, seed=1).vertices
+    there = METHODS[name](moved(task, lambda V: V * 2.0**power), seed=1).vertices
+    assert np.array_equal(there * 2.0**-power, result)
+
+
+@pytest.mark.parametrize("name", METHODS)
+@settings(max_examples=4)
+@given(number=NUMBERS, factor=st.floats(1e-6, 1e6))
+def test_any_scale(name, number, factor):
+    task = drawn(number)
+    result = METHODS[name](task, seed=1).vertices
+    there = METHODS[name](moved(task, lambda V: V * factor), seed=1).vertices
+    assert_same(there / factor, result, task)
+
+
+@pytest.mark.parametrize("name", METHODS)
+@settings(max_examples=4)
+@given(number=NUMBERS)
+def test_faces_turned_inside_out(name, number):
+    task = drawn(number)
+    result = METHODS[name](task, seed=1).vertices
+    there = METHODS[name](moved(task, lambda V: V, F=task.mesh.F[:, ::-1]), seed=1).vertices
+    assert_same(there, result, task)
+
+
+@pytest.mark.parametrize("name", METHODS)
+@settings(max_examples=4)
+@given(number=NUMBERS, seed=NUMBERS)
+def test_vertices_and_faces_in_another_order(name, number, seed):
+    """The vertex that the random choice falls on is that of the other order."""
+    task = drawn(number)
+    rng, mesh, own = np.random.default_rng(seed), task.mesh, task.handles
+    new = rng.permutation(mesh.n)
+    V = np.empty_like(mesh.V)
+    V[new] = mesh.V
+    F = rng.permutation(
+        np.array([np.roll(f, r) for f, r in zip(new[mesh.F], rng.integers(0, 3, mesh.m), strict=True)])
+    )
+    handles = Handles(new[own.index], own.target, dynamic=own.dynamic, group=own.group)
+    result = METHODS[name](task, seed=1).vertices
+    choose = remesh_module._random_other_vertex
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            remesh_module,
+            "_random_other_vertex",
+            lambda n, taken, seed: int(new[choose(n, np.argsort(new)[taken], seed)]),
+        )
+        there = METHODS[name](DeformationTask("other", Mesh(V, F), handles), seed=1).vertices
+    assert_same(there[new], result, task)
+
+
+@pytest.mark.parametrize("name", METHODS)
+@settings(max_examples=4)
+@given(number=NUMBERS, seed=NUMBERS)
+def test_a_seed_gives_the_same_bits_with_any_number_of_workers(name, number, seed):
+    task = drawn(number)
+    one, two, again = (METHODS[name](task, seed=seed, workers=w).vertices for w in (1, 2, None))
+    assert np.array_equal(one, two) and np.array_equal(one, again)
+
+
+@pytest.mark.parametrize("name", METHODS)
+@settings(max_examples=4)
+@given(number=NUMBERS, power=st.integers(21, 31), signs=st.tuples(*[st.sampled_from([-1, 0, 1])] * 3))
+def test_far_from_the_origin(name, number, power, signs):
+    """What the coordinates' own rounding there leaves, times what 20 iterations make of it."""
+    shift = 2.0**power * np.array(signs)
+    task = drawn(number)
+    result = METHODS[name](task, seed=1).vertices
+    there = METHODS[name](moved(task, lambda V: V + shift), seed=1).vertices
+    grain = 2.0 ** (power - 52) / task.mesh.diagonal
+    assert_same(there - shift, result, task, ROUNDING + 1e3 * grain)
+
+
+@settings(max_examples=4)
+@given(number=NUMBERS, seed=NUMBERS)
+def test_reconstruction_of_a_rigid_motion_is_exact(number, seed):
+    task, R = drawn(number), rotation(seed)
+    posed = task.mesh.V @ R.T + [1.0, 2.0, -3.0]
+    for frames in ("triangle", "affine", "blended", "blended_affine"):
+        result = reconstruct(task.mesh, posed, vertices=50, samplings=2, frames=frames).vertices
+        assert_same(result, posed, task)
