@@ -97,12 +97,12 @@ def sshade_fine(
     *,
     vertices: int = 6000,
     volume: float = inf,
-    area: float = inf,
+    area: float = 1.0,
     stiffness: float = STIFFNESS,
     strain: float = STRAIN,
     tolerance: float = 1e-5,
     max_iterations: int = 1000,
-    polish_iterations: int = 40,
+    polish_iterations: int = 60,
     polish_seconds: float | None = None,
     start: Start = "rigid",
     engine: Engine = "auto",
@@ -123,7 +123,9 @@ def sshade_fine(
     vertices, max_iterations, start
         Of the proxy; see :func:`sshade_fast`.
     volume, area, stiffness, strain, tolerance, engine
-        Of the proxy's energy and of that at full resolution.
+        Of the proxy's energy and of that at full resolution. The volume is exact by
+        default; the area has a weight that leaves it some half a percent, for which
+        edges and angles change a twentieth less than with an exact one.
     polish_iterations : int
         Iterations at full resolution, at most.
     polish_seconds : float, optional
@@ -138,7 +140,7 @@ def sshade_fine(
     -------
     DeformationResult
         `iterations` and `converged` are of the polish. Handles are on their
-        targets, volume and area exact to 1e-6. ``seconds``: ``precompute``
+        targets, and exact constraints hold to 1e-6. ``seconds``: ``precompute``
         overlaps with ``proxy``, ``wait`` is what it took longer. ``extra`` as of
         :func:`sshade.local_global.local_global`, and the proxy's iterations.
 
