@@ -22,7 +22,7 @@ from sshade.pipeline import deform
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
 
 #: Stiffness of strongly strained triangles, and the strain about which they soften.
-STIFFNESS, STRAIN = 0.1, 0.015
+STIFFNESS, STRAIN = 0.08, 0.0125
 
 
 def sshade_fast(
