@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import os
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from sshade.errors import InputError
 from sshade.files import replacing
+from sshade.formats import read_obj, read_off, read_stl
 from sshade.mesh import Mesh
 from sshade.ply import read_ply, write_ply
 
+_READERS = {".ply": read_ply, ".obj": read_obj, ".off": read_off, ".stl": read_stl}
 #: Formats read and written, by suffix.
-SUFFIXES = (".ply", ".obj", ".off", ".stl")
+SUFFIXES = tuple(_READERS)
 
 
 def read_mesh(path: str | os.PathLike[str]) -> Mesh:
@@ -48,11 +49,7 @@ def read_arrays(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
     if path.stat().st_size == 0:
         raise InputError(f"{path}: the file is empty")
     try:
-        if path.suffix.lower() == ".ply":
-            return read_ply(path)
-        if path.suffix.lower() == ".obj":
-            return _read_obj(path)
-        return _read_by_trimesh(path)
+        return _READERS[path.suffix.lower()](path)
     except InputError:
         raise
     except Exception as error:  # any reader failure is the file's fault, and becomes one sentence
@@ -135,58 +132,3 @@ def repair(V: np.ndarray, F: np.ndarray) -> tuple[Mesh, np.ndarray]:
 def _check_suffix(path: Path) -> None:
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path}: unknown mesh format {path.suffix!r}; use one of {', '.join(SUFFIXES)}")
-
-
-def _read_obj(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and faces; texture coordinates, normals, groups and materials split neither."""
-    # trimesh makes one mesh a material, and drops faces that a truncated file leaves unfinished.
-    vertices: list[list[float]] = []
-    faces: list[tuple[int, int, int]] = []
-    text = path.read_text(encoding="utf-8", errors="replace").replace("\\\n", " ")
-    for number, line in enumerate(text.splitlines(), start=1):
-        words = line.split()
-        if words[:1] == ["v"]:
-            vertices.append([float(word) for word in words[1:4]])
-            if len(vertices[-1]) < 3:
-                raise ValueError(f"line {number}: a vertex needs three coordinates")
-        elif words[:1] == ["f"]:
-            ids = [int(word.split("/", 1)[0]) for word in words[1:]]
-            if len(ids) < 3 or 0 in ids:
-                raise ValueError(f"line {number}: a face needs three vertices, counted from 1")
-            ids = [i - 1 if i > 0 else len(vertices) + i for i in ids]
-            faces += [(ids[0], b, c) for b, c in pairwise(ids[1:])]
-    if not vertices or not faces:
-        raise InputError(f"{path}: the file holds no triangles")
-    return np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
-
-
-def _read_by_trimesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """OFF and STL."""
-    import trimesh
-
-    if path.suffix.lower() == ".off":
-        _check_off(path)
-    loaded = trimesh.load(path, process=False, maintain_order=True)
-    if not isinstance(loaded, trimesh.Trimesh):
-        geometry = getattr(loaded, "geometry", None)
-        if geometry is not None and len(geometry) > 1:
-            raise InputError(f"{path}: the file holds {len(geometry)} meshes; give one mesh a file")
-        if not geometry or not isinstance(next(iter(geometry.values())), trimesh.Trimesh):
-            raise InputError(f"{path}: the file holds no triangles")
-        loaded = next(iter(geometry.values()))
-    return np.asarray(loaded.vertices, dtype=np.float64), np.asarray(loaded.faces, dtype=np.int64)
-
-
-def _check_off(path: Path) -> None:
-    """Raise ValueError on a truncated file: the reader takes what it finds."""
-    rows = [line.split("#", 1)[0].split() for line in path.read_text(encoding="utf-8").splitlines()]
-    rows = [row for row in rows if row]
-    if not rows or not rows[0][0].upper().endswith("OFF"):
-        raise ValueError("it does not begin with OFF")
-    counts, body = (rows[0][1:], rows[1:]) if len(rows[0]) > 1 else (rows[1], rows[2:])
-    vertices, faces = int(counts[0]), int(counts[1])
-    if len(body) < vertices + faces:
-        raise ValueError(f"{vertices} vertices and {faces} faces are announced, {len(body)} lines follow")
-    last = body[vertices + faces - 1]
-    if faces and len(last) <= int(last[0]):
-        raise ValueError("the last face is not complete")
