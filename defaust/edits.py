@@ -148,6 +148,7 @@ class Fin:
         """(n, 3) edited vertices."""
         import igl
 
+        _require_length(self.width, "width")
         way = _way(mesh, _place(mesh, self.start), _place(mesh, self.end))
         width = self.width * mesh.diagonal
         ridge = _smoothed(mesh.V[way], width)
@@ -174,6 +175,7 @@ class _Region(NamedTuple):
 
 def _around(mesh: Mesh, at: Sequence[float], radius: float) -> _Region:
     """The part of the mesh within a ball about a place that hangs together with its middle."""
+    _require_length(radius, "radius")
     seed = _place(mesh, at)
     distance = np.linalg.norm(mesh.V - mesh.V[seed], axis=1) / (radius * mesh.diagonal)
     vertices = _connected(mesh, distance < 1, np.array([seed]))
@@ -182,6 +184,11 @@ def _around(mesh: Mesh, at: Sequence[float], radius: float) -> _Region:
             f"an edit of radius {radius:g} x the diagonal moves one vertex of this mesh; use a larger one"
         )
     return _Region(seed, vertices, _bump(distance[vertices]))
+
+
+def _require_length(value: float, name: str) -> None:
+    if not 0 < value < np.inf:
+        raise InputError(f"the {name} of an edit is {value}; it must be more than 0")
 
 
 def _bump(t: np.ndarray) -> np.ndarray:
