@@ -89,7 +89,7 @@ def test_only_what_hangs_together_with_the_place_moves():
         (Inflate(at=(0.5, 0.5, np.nan), radius=0.2, amount=0.1), "three fractions"),
         (Stretch(at=(0.5, 0.5, 1.0), radius=1e-6, amount=0.1), "moves one vertex of this mesh"),
         (Horns(at=((0.5, 0.5, 1.0),), radius=0, height=0.1), "radius of an edit is 0; it must be more"),
-        (Fin(start=(0, 0, 0), end=(1, 1, 1), width=-1, height=0.1), "width of an edit is -1; it must be more"),
+        (Fin(start=(0, 0, 0), end=(1, 1, 1), width=-1, height=0.1), "width of an edit is -1; it must be"),
         (Fin(start=(1, 1, 1), end=(1, 1, 1), width=0.1, height=0.1), "not at the same vertex"),
     ],
 )
