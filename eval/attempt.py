@@ -9,10 +9,14 @@ from __future__ import annotations
 import logging
 import math
 import multiprocessing
+import os
 import resource
+import signal
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from multiprocessing.connection import Connection
+from threading import Lock, Thread, current_thread, main_thread
 from time import perf_counter
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -30,6 +34,12 @@ log = logging.getLogger(__name__)
 
 #: Arrays of a result's `extra` whose name ends so hold a line a step, and are kept with the run.
 CURVE = "_curve"
+
+#: What a fresh process sends when its clock starts.
+CLOCK = "clock"
+
+#: Seconds between two messages of progress from a fresh process.
+PROGRESS_PERIOD = 0.2
 
 
 class Attempt(NamedTuple):
@@ -75,7 +85,9 @@ def attempt(
     try:
         call = instantiate({**method, "_partial_": True})
         if row["env.warmed_up"]:
+            progress("warm-up", 0, 1)
             warm_up(call, dict(method.get("warm_up", {})), key=repr(settings(method)), kind=type(task))
+            progress("warm-up", 1, 1)
         before_clock()
         begin = perf_counter()
         result = call(task, seed=seed, progress=progress)
@@ -90,7 +102,14 @@ def attempt(
     return Attempt(row | _facts(result, seconds), result.vertices, _curves(result))
 
 
-def attempt_fresh(method: Mapping[str, Any], task: Task, *, seed: int, time_limit: float | None) -> Attempt:
+def attempt_fresh(
+    method: Mapping[str, Any],
+    task: Task,
+    *,
+    seed: int,
+    time_limit: float | None,
+    progress: Progress = silent,
+) -> Attempt:
     """:func:`attempt` in a process of its own, with ``peak_mib`` and at most `time_limit` seconds of clock.
 
     The limit counts from the end of the warm-up. The peak is that of the whole
@@ -98,29 +117,100 @@ def attempt_fresh(method: Mapping[str, Any], task: Task, *, seed: int, time_limi
     """
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
-    process = context.Process(target=_child, args=(theirs, method, task, seed), daemon=False)
-    process.start()
-    theirs.close()
+    arguments = (theirs, method, task, seed, progress is not silent)
+    process = context.Process(target=_child, args=arguments, daemon=False)
     row: Row = {"status": "failed", "reason": "", "iterations": None, "converged": None}
     try:
-        answer = ours.recv()
-        if answer == "clock":
-            if not ours.poll(time_limit):
-                return Attempt(row | {"status": "timeout", "reason": f"no result within {time_limit:g} s"})
-            answer = ours.recv()
+        with _no_interrupt():
+            process.start()
+        theirs.close()
+        answer = _answer(ours, time_limit, progress)
+        if answer is None:
+            return Attempt(row | {"status": "timeout", "reason": f"no result within {time_limit:g} s"})
         return answer
     except EOFError:
         process.join()
         return Attempt(row | {"reason": f"the process ended with exit code {process.exitcode}"})
     finally:
-        process.kill()
-        process.join()
+        if process.pid is not None:
+            process.kill()
+            process.join()
         ours.close()
 
 
-def _child(connection: Connection, method: Mapping[str, Any], task: Task, seed: int) -> None:
-    done = attempt(method, task, seed=seed, before_clock=lambda: connection.send("clock"))
-    connection.send(done._replace(facts=done.facts | {"peak_mib": _peak_mib()}, curves=dict(done.curves)))
+@contextmanager
+def _no_interrupt() -> Iterator[None]:
+    """Ctrl-C waits for the end of the block, and never reaches a process begun in it: that inherits the mask.
+
+    The mask alone does not hold it up here: another thread, such as one of BLAS, may take the signal.
+    """
+    pressed: list[int] = []
+    handler = signal.getsignal(signal.SIGINT)
+    ours = handler is not None and current_thread() is main_thread()
+    if ours:
+        signal.signal(signal.SIGINT, lambda number, _: pressed.append(number))
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        if ours:
+            signal.signal(signal.SIGINT, handler)
+    if pressed:
+        raise KeyboardInterrupt
+
+
+def _answer(connection: Connection, time_limit: float | None, progress: Progress) -> Attempt | None:
+    """What the child sends last; None if that is not there in time. Its progress is passed on."""
+    end = None
+    while True:
+        if not connection.poll(None if end is None else max(0.0, end - perf_counter())):
+            return None
+        message = connection.recv()
+        if isinstance(message, Attempt):
+            return message
+        if message == CLOCK:
+            end = None if time_limit is None else perf_counter() + time_limit
+        else:
+            progress(*message)
+
+
+def _child(connection: Connection, method: Mapping[str, Any], task: Task, seed: int, report: bool) -> None:
+    Thread(target=_end_with_parent, daemon=True).start()
+    send = _Sender(connection)
+    done = attempt(
+        method,
+        task,
+        seed=seed,
+        progress=send.progress if report else silent,
+        before_clock=lambda: send(CLOCK),
+    )
+    send(done._replace(facts=done.facts | {"peak_mib": _peak_mib()}, curves=dict(done.curves)))
+
+
+def _end_with_parent() -> None:
+    """Wait for the parent to end, killed perhaps, and end this process: nobody waits for the result."""
+    multiprocessing.parent_process().join()
+    os._exit(1)
+
+
+class _Sender:
+    """Sends to the parent, from any thread; of progress a few messages a second."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._lock = Lock()
+        self._next: dict[str, float] = {}
+
+    def __call__(self, message: Any) -> None:
+        with self._lock:
+            self._connection.send(message)
+
+    def progress(self, stage: str, done: int, total: int, note: str = "") -> None:
+        now = perf_counter()
+        if done == total or now >= self._next.get(stage, 0.0):
+            self._next[stage] = now + PROGRESS_PERIOD
+            self((stage, done, total, note))
 
 
 def _peak_mib() -> float:

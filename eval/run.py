@@ -71,7 +71,7 @@ def run(
     force : bool
         Run even if the row exists.
     fresh : bool
-        Run in a process of its own, which measures ``peak_mib``; without progress.
+        Run in a process of its own, which measures ``peak_mib``.
     time_limit : float, optional
         Seconds after which the run is given up with status ``timeout``; implies `fresh`.
     jobs : int
@@ -99,12 +99,14 @@ def run(
     row |= {"date": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ"), "peak_mib": None}
     row["env.time_limit"] = time_limit
     if fresh:
-        done = attempt_fresh(method, task, seed=seed, time_limit=time_limit)
+        done = attempt_fresh(method, task, seed=seed, time_limit=time_limit, progress=progress)
     else:
         done = attempt(method, task, seed=seed, progress=progress)
     row |= done.facts
     if done.vertices is not None:
+        progress("metrics", 0, 1)
         row |= {f"metric.{metric}": value for metric, value in measure(task, done.vertices).items()}
+        progress("metrics", 1, 1)
     write_run(folder, row, vertices=done.vertices, curves=done.curves)
     return Outcome(row, folder, reused=False)
 

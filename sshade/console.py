@@ -7,10 +7,14 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import perf_counter
+from typing import TYPE_CHECKING, Any
 
 from sshade.errors import InputError
 from sshade.files import reason
 from sshade.task import Progress, silent
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bars
 
 
 @contextmanager
@@ -19,6 +23,12 @@ def progress_bar() -> Iterator[Progress]:
     if not sys.stderr.isatty():
         yield silent
         return
+    with stage_bars() as bars:
+        yield stage_progress(bars)
+
+
+def stage_bars() -> Bars:
+    """Bars for standard error, of rich's kind, to be used in a ``with`` block; they vanish at its end."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as Bars
@@ -30,15 +40,21 @@ def progress_bar() -> Iterator[Progress]:
         TimeElapsedColumn(),
         TextColumn("{task.fields[note]}"),
     )
-    with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
-        tasks: dict[str, int] = {}
+    # What is printed meanwhile goes above the bars, unless standard output is elsewhere.
+    redirect = sys.stdout.isatty()
+    return Bars(*columns, console=Console(stderr=True), redirect_stdout=redirect, transient=True)
 
-        def progress(stage: str, done: int, total: int, note: str = "") -> None:
-            if stage not in tasks:
-                tasks[stage] = bars.add_task(stage, total=total, note=note)
-            bars.update(tasks[stage], completed=done, total=total, note=note)
 
-        yield progress
+def stage_progress(bars: Bars) -> Progress:
+    """A callback that draws a bar a stage."""
+    tasks: dict[str, Any] = {}
+
+    def progress(stage: str, done: int, total: int, note: str = "") -> None:
+        if stage not in tasks:
+            tasks[stage] = bars.add_task(stage, total=total, note=note)
+        bars.update(tasks[stage], completed=done, total=total, note=note)
+
+    return progress
 
 
 @contextmanager
