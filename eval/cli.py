@@ -10,145 +10,65 @@ import json
 import os
 import re
 import sys
-from collections.abc import Mapping
 from contextlib import nullcontext
-from dataclasses import dataclass
-from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import hydra
 from hydra._internal.utils import get_args_parser
-from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
-from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException, OverrideParseException
-from hydra.experimental.callback import Callback
 from hydra.types import RunMode
-from omegaconf import DictConfig, OmegaConf, open_dict, read_write
+from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from eval import cli_sweep
 from eval.allowed import allow_from, check_folders, require_allowed, require_from_command_line
 from eval.check import out_of_band
+from eval.cli_sweep import SweepRefused, check_root
 from eval.metrics import METRICS
 from eval.run import Outcome, run
-from eval.store import Row, read_row, run_folders
-from eval.targets import instantiate, locate
+from eval.sweep import SweepRecord, told_status
+from eval.targets import instantiate
 from sshade.console import progress_bar
 from sshade.errors import InputError
 from sshade.files import reason
-from sshade.task import DeformationTask, silent
-
-#: What tells the cases of a dataset apart; a sweep takes `all` instead of numbers too.
-CASE = ("subject", "pose")
-ALL = "all"
+from sshade.task import DeformationTask, Progress, silent
 
 #: Settings of a dataset that are not for its loader: how to build it, where rows go, what lists its cases.
 ABOUT_DATASET = ("build", "tag", "cases")
+
+
+#: Launchers' packages, whose errors mean that a worker was lost; what a run raises is of our own kinds.
+LAUNCHERS = ("joblib", "submitit", "ray")
 
 
 class RunFailed(Exception):
     """A run failed or left its band; its row tells more."""
 
 
-class SweepRefused(BaseException):
-    """A sweep that cannot begin; no Exception, because Hydra turns what a callback raises into warnings."""
+class WorkerLost(Exception):
+    """A launcher lost a worker, or gave up on it; what it ran has left no row."""
 
-
-@dataclass
-class Sweep:
-    """What this process knows of the sweep under way."""
-
-    folder: Path
-    total: int
-    begin: str
-    done: int = 0
-    failed: int = 0
-
-
-_sweep: Sweep | None = None
 
 #: Errors of the runs in this process; None in a launcher's worker, where they must be raised.
 _errors: list[Exception] | None = None
 
 
-class SweepStart(Callback):
-    """Notes where a sweep writes and how many runs it has; Hydra calls it from the configuration."""
-
-    def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
-        """Write out `all`, then count the runs as the basic sweeper does: the product of the swept values."""
-        global _sweep
-        try:
-            _write_out_cases(config)
-        except InputError as error:
-            raise SweepRefused(error) from error
-        total = 1
-        for values in _swept(config).values():
-            total *= len(values)
-        begin = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
-        _sweep = Sweep(Path(config.hydra.sweep.dir), total, begin)
-
-
-def _swept(config: DictConfig) -> dict[str, list[str]]:
-    """Each overridden setting of a sweep with its values, in the sweeper's order."""
-    params = [f"{name}={values}" for name, values in (config.hydra.sweeper.params or {}).items()]
-    parser = OverridesParser.create(GlobalHydra.instance().config_loader())  # the loader resolves glob(*)
-    return {
-        override.get_key_element(): list(override.sweep_string_iterator())
-        if override.is_sweep_override()
-        else [override.get_value_element_as_str()]
-        for override in parser.parse_overrides([*params, *config.hydra.overrides.task])
-    }
-
-
-def _write_out_cases(config: DictConfig) -> None:
-    """Where a sweep takes `all` subjects or poses, put the cases of the dataset into the configuration.
-
-    A dataset need not have every pose of every subject, so the two become one
-    sweep over `case`. One without a list of cases has a single case.
-    """
-    swept = _swept(config)
-    asked = {name: swept.get(name, [str(config[name])]) for name in CASE}
-    if not any(ALL in values for values in asked.values()):
-        return
-    if any(name.split(".")[0] == "dataset" and len(values) > 1 for name, values in swept.items()):
-        raise InputError(f"{ALL} subjects or poses need a single dataset; sweep over one at a time")
-    _check_root(config.dataset)
-    with read_write(config), open_dict(config):
-        params = {name: v for name, v in (config.hydra.sweeper.params or {}).items() if name not in CASE}
-        if "cases" in config.dataset:
-            require_allowed({"cases": config.dataset.cases}, where="the configuration of the dataset")
-            cases = locate(config.dataset.cases)(
-                config.dataset.root, **{f"{n}s": _numbers(n, asked[n]) for n in CASE}
-            )
-            params = {"case": ",".join(f"{{subject:{s},pose:{p}}}" for s, p in cases), **params}
-        config.hydra.sweeper.params = params
-        config.hydra.overrides.task = [
-            text for text in config.hydra.overrides.task if text.split("=", 1)[0] not in CASE
-        ]
-
-
-def _numbers(name: str, values: list[str]) -> list[int] | None:
-    """The numbers of a sweep, None for all."""
-    if ALL in values:
-        return None
-    if not all(value.isdigit() for value in values):
-        raise InputError(f"{name}={','.join(values)} does not fit; it takes numbers from 0, or {ALL}")
-    return [int(value) for value in values]
-
-
 def main() -> int:
     """Entry point; see the module."""
-    global _errors, _sweep
-    _errors, _sweep = [], None
+    global _errors
+    _errors, cli_sweep.monitor = [], None
     # Hydra would print a traceback and exit with 1 on its own: let errors come through instead.
     os.environ["HYDRA_FULL_ERROR"] = "1"
+    interrupted = False
     try:
         _check_trust(sys.argv[1:])
         _app()
     except SweepRefused as refused:
-        _errors.append(refused.__cause__)
+        _errors.extend(refused.args)
     except (RunFailed, InputError) as error:
         _errors.append(error)
     except (HydraException, OmegaConfBaseException) as error:
@@ -156,18 +76,40 @@ def main() -> int:
     except OSError as error:  # of Hydra, which makes folders
         _errors.append(InputError(f"{error.filename or 'the system'}: {reason(error)}"))
     except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)  # noqa: T201
-        return 130
-    mistakes = [error for error in _errors if isinstance(error, InputError)]
-    if mistakes:
+        interrupted = True
+    except Exception as error:
+        if cli_sweep.monitor is not None and type(error).__module__.split(".")[0] in LAUNCHERS:
+            _errors.append(
+                WorkerLost(
+                    f"a worker was lost ({type(error).__name__}); the same command runs what is missing"
+                )
+            )
+        elif isinstance(error, ValueError) and _raised_in(error).split(".")[0] in ("hydra", *LAUNCHERS):
+            _errors.append(InputError(_one_line(error)))  # such as flags that do not go together
+        else:
+            raise
+    finally:
+        summary = cli_sweep.close_sweep()
+    return _exit(_errors, summary, interrupted=interrupted)
+
+
+def _exit(errors: list[Exception], summary: str, *, interrupted: bool) -> int:
+    """Say how the command ended, and give its exit code."""
+    mistakes = [error for error in errors if isinstance(error, InputError)]
+    if mistakes and not interrupted:
         print(f"error: {mistakes[0]}", file=sys.stderr)  # noqa: T201
         return 2
-    if _sweep is not None:
-        print(_summary(_sweep))  # noqa: T201
-    else:
-        for error in _errors:
+    if summary:
+        print(summary)  # noqa: T201
+    if interrupted:
+        goes_on = "; the same command goes on from there" if summary else ""
+        print(f"interrupted{goes_on}", file=sys.stderr)  # noqa: T201
+        return 130
+    for error in errors:
+        # What became of a sweep's runs has been told, line by line.
+        if not summary or isinstance(error, WorkerLost):
             print(f"failed: {error}", file=sys.stderr)  # noqa: T201
-    return 1 if _errors else 0
+    return 1 if errors else 0
 
 
 def _check_trust(arguments: list[str]) -> None:
@@ -182,8 +124,17 @@ def _check_trust(arguments: list[str]) -> None:
 
 @hydra.main(version_base="1.3", config_path="pkg://conf", config_name="config")
 def _app(config: DictConfig) -> None:
+    # Launchers pickle this function with copies of the globals that it uses, so it uses none but the next.
+    _job(config)
+
+
+def _job(config: DictConfig) -> None:
+    """Run a composed configuration; in a launcher's worker, raise what went wrong."""
     try:
-        _job(config)
+        if HydraConfig.get().mode == RunMode.MULTIRUN:
+            _job_of_sweep(config)
+        else:
+            _single_job(config)
     except (RunFailed, InputError) as error:
         # What is raised in this process, Hydra announces with the job's overrides; once is enough.
         if _errors is None:
@@ -191,10 +142,43 @@ def _app(config: DictConfig) -> None:
         _errors.append(error)
 
 
-def _job(config: DictConfig) -> None:
-    """One run of a composed configuration; raises RunFailed if its row is bad."""
-    hydra_config = HydraConfig.get()
-    single = hydra_config.mode == RunMode.RUN
+def _single_job(config: DictConfig) -> None:
+    """A single run; raises RunFailed if its row is bad."""
+    with progress_bar() as progress:
+        outcome, problems = _outcome(config, progress)
+    if outcome.failed and outcome.row["reason"].startswith("InputError: "):
+        raise InputError(outcome.row["reason"].removeprefix("InputError: "))
+    print(_report(outcome), flush=True)  # noqa: T201
+    if problems:
+        raise RunFailed("; ".join(problems))
+
+
+def _job_of_sweep(config: DictConfig) -> None:
+    """A run of a sweep, in this process or in a worker's; what becomes of it goes into the sweep's record."""
+    settings, monitor = HydraConfig.get(), cli_sweep.monitor
+    if _errors is None:
+        os.chdir(settings.runtime.cwd)  # a worker may start elsewhere; relative paths mean those of the sweep
+    record = SweepRecord(config.run.sweep)
+    begin = perf_counter()
+    ended: dict[str, Any] = {"row_folder": None}
+    try:
+        with monitor.run_progress() if monitor is not None else nullcontext(silent) as progress:
+            outcome, problems = _outcome(config, progress)
+        ended = {"row_folder": outcome.folder, "kept": outcome.reused, "problems": problems}
+    except InputError as error:
+        ended["problems"] = [str(error)]
+        raise
+    finally:
+        if "problems" in ended:
+            record.add(settings.job.num, seconds=perf_counter() - begin, **ended)
+        if monitor is not None:
+            monitor.update()
+    if problems:
+        raise RunFailed("; ".join(problems))
+
+
+def _outcome(config: DictConfig, progress: Progress) -> tuple[Outcome, list[str]]:
+    """Run a composed configuration; its outcome, and why it counts as failed if it does."""
     missing = OmegaConf.missing_keys(config)
     if missing:
         raise InputError(f"{', '.join(sorted(missing))} is not set; give it as {min(missing)}=...")
@@ -203,29 +187,27 @@ def _job(config: DictConfig) -> None:
     require_from_command_line(plain["run"]["allow_targets"])
     for part in ("method", "dataset"):
         require_allowed(plain[part], where=f"the configuration of the {part}")
+    progress("reading", 0, 1)
     task = _load_task(json.dumps(plain["dataset"]))
-    with progress_bar() if single else nullcontext(silent) as progress:
-        outcome = run(
-            task,
-            plain["method"],
-            name=plain["label"].rpartition("/")[2],  # of a method in a subgroup, its own name
-            root=Path(plain["paths"]["runs"], plain["run"]["folder"]),
-            seed=plain["seed"],
-            source=_source(plain["dataset"]),
-            force=plain["run"]["force"],
-            fresh=plain["run"]["fresh"],
-            time_limit=plain["run"]["time_limit"],
-            jobs=plain["run"]["jobs"] or (1 if single else _jobs(hydra_config.launcher)),
-            progress=progress,
-        )
-    if single and outcome.failed and outcome.row["reason"].startswith("InputError: "):
-        raise InputError(outcome.row["reason"].removeprefix("InputError: "))
-    problems = out_of_band(outcome.row, plain["bands"]) if plain.get("bands") else []
+    progress("reading", 1, 1)
+    settings = HydraConfig.get()
+    at_once = 1 if settings.mode == RunMode.RUN else _jobs(settings.launcher)
+    outcome = run(
+        task,
+        plain["method"],
+        name=plain["label"].rpartition("/")[2],  # of a method in a subgroup, its own name
+        root=Path(plain["paths"]["runs"], plain["run"]["folder"]),
+        seed=plain["seed"],
+        source=_source(plain["dataset"]),
+        force=plain["run"]["force"],
+        fresh=plain["run"]["fresh"],
+        time_limit=plain["run"]["time_limit"],
+        jobs=plain["run"]["jobs"] or at_once,
+        progress=progress,
+    )
     if outcome.failed:
-        problems = [outcome.row["reason"]]
-    print(_report(outcome) if single else _line(outcome, problems), flush=True)  # noqa: T201
-    if problems:
-        raise RunFailed("; ".join(problems))
+        return outcome, [outcome.row["reason"]]
+    return outcome, out_of_band(outcome.row, plain["bands"]) if plain.get("bands") else []
 
 
 def _check(config: dict[str, Any]) -> None:
@@ -247,16 +229,8 @@ def _check(config: dict[str, Any]) -> None:
 def _load_task(dataset: str) -> DeformationTask:
     """The task of a dataset's configuration (as JSON: it is the cache's key)."""
     config = json.loads(dataset)
-    _check_root(config)
+    check_root(config)
     return instantiate(_source(config))
-
-
-def _check_root(dataset: Mapping[str, Any]) -> None:
-    """Raise InputError, with how to build the dataset, where its folder is missing."""
-    root = dataset.get("root")
-    if root is not None and not Path(root).exists():
-        hint = f"; make it with: {dataset['build']}" if dataset.get("build") else ""
-        raise InputError(f"the dataset folder {root} does not exist{hint}")
 
 
 def _source(dataset: dict[str, Any]) -> dict[str, Any]:
@@ -266,6 +240,10 @@ def _source(dataset: dict[str, Any]) -> dict[str, Any]:
 
 def _jobs(launcher: DictConfig) -> int:
     """Runs at once, from the settings that launchers have; -1 means every core."""
+    if "ray" in launcher:
+        import ray  # this is one of its workers
+
+        return int(ray.cluster_resources()["CPU"] // (launcher.ray.remote.get("num_cpus") or 1))
     jobs = launcher.get("n_jobs") or launcher.get("array_parallelism") or 1
     return jobs if jobs > 0 else os.cpu_count() or 1
 
@@ -273,7 +251,7 @@ def _jobs(launcher: DictConfig) -> int:
 def _report(outcome: Outcome) -> str:
     """A single run in a few lines."""
     row = outcome.row
-    lines = [f"{row['method.name']} on {row['task.name']}: {_status(outcome)}"]
+    lines = [f"{row['method.name']} on {row['task.name']}: {told_status(row, kept=outcome.reused)}"]
     for name, metric in METRICS.items():
         if f"metric.{name}" in row:
             value = row[f"metric.{name}"]
@@ -281,35 +259,12 @@ def _report(outcome: Outcome) -> str:
     return "\n".join([*lines, f"  {outcome.folder}"])
 
 
-def _line(outcome: Outcome, problems: list[str]) -> str:
-    """A sweep's run in one line, with the counts so far where the sweep runs in this process."""
-    row = outcome.row
-    text = f"{row['method.name']} {row['task.name']} seed {row['seed']}: {_status(outcome)}"
-    if problems and not outcome.failed:
-        text += f" - {'; '.join(problems)}"
-    if _sweep is not None:
-        _sweep.done += 1
-        _sweep.failed += bool(problems)
-        text += f" [{_sweep.done} done, {_sweep.failed} failed, {_sweep.total - _sweep.done} remaining]"
-    return text
-
-
-def _status(outcome: Outcome) -> str:
-    row = outcome.row
-    if row.get("seconds.total") is None:
-        return f"{row['status']} ({row['reason']})"
-    text = f"{row['status']}, {row['seconds.total']:.2f} s, {row['iterations']:g} iterations"
-    return f"{text}, already there" if outcome.reused else text
-
-
-def _summary(sweep: Sweep) -> str:
-    """Counts over the rows that the sweep wrote, by whichever process."""
-    rows: list[Row] = [row for folder in run_folders(sweep.folder) if (row := read_row(folder))]
-    new = [row["status"] for row in rows if row["date"] >= sweep.begin]
-    counts = ", ".join(f"{new.count(status)} {status}" for status in sorted(set(new)))
-    return (
-        f"{sweep.total} runs: {len(new)} new{f' ({counts})' if counts else ''}, {sweep.total - len(new)} kept"
-    )
+def _raised_in(error: Exception) -> str:
+    """Name of the module that raised an error."""
+    trace = error.__traceback__
+    while trace.tb_next is not None:
+        trace = trace.tb_next
+    return trace.tb_frame.f_globals["__name__"]
 
 
 def _one_line(error: Exception) -> str:
@@ -323,4 +278,6 @@ def _one_line(error: Exception) -> str:
     if isinstance(error.__cause__, OmegaConfBaseException):
         text += f" {error.__cause__}"
     text = re.sub(r"\s+", " ", re.sub(r"(full_key|object_type|reference_type)[:=].*", "", text))
-    return text.strip()
+    plugin = re.search(r"hydra/launcher/(?:submitit_)?(joblib|slurm|ray)\b", text)
+    hint = f" It needs: pip install 'sshade[{plugin[1]}]'." if plugin else ""
+    return text.strip() + hint

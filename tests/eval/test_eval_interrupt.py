@@ -1,0 +1,110 @@
+"""Ctrl-C, a lost worker and a terminal, as a user meets them: with signals and a pseudo-terminal."""
+
+from __future__ import annotations
+
+import os
+import pty
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from time import monotonic, sleep
+
+import pytest
+
+HERE = Path(__file__).parent
+ENDLESS = ["dataset=bumpy", "dataset.level=2", "method=endless", "run.fresh=true"]
+
+
+def start_eval(folder, *arguments, **streams):
+    """The program as the leader of a process group of its own."""
+    environment = {**os.environ, "PYTHONPATH": str(HERE), "TERM": "xterm", "COLUMNS": "120"}
+    command = [sys.executable, "-m", "eval", "--config-dir", str(HERE / "extra_conf"), *arguments]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **streams}
+    return subprocess.Popen(command, cwd=folder, env=environment, text=True, start_new_session=True, **pipes)
+
+
+def wait_for(condition, seconds=60):
+    end = monotonic() + seconds
+    while not condition():
+        assert monotonic() < end, "waited in vain"
+        sleep(0.05)
+
+
+def alive(group):
+    """Whether any process of a group is there."""
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def children(pid):
+    return Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+
+
+@pytest.mark.parametrize("fresh", ["false", "true"])
+def test_ctrl_c_leaves_complete_rows_and_the_same_command_goes_on(tmp_path, fresh):
+    overrides = ["-m", "dataset=bumpy", "dataset.level=2", f"run.fresh={fresh}"]
+    with start_eval(tmp_path, *overrides, "method=stretching,endless") as process:
+        first = process.stdout.readline()
+        assert "[1 done, 0 failed, 1 remaining" in first
+        sleep(1.0)  # into the run that does not end
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to every process
+        out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert out == "2 runs: 1 new (1 not_converged), 0 kept, 1 not done\n"
+    assert err == "interrupted; the same command goes on from there\n"
+    wait_for(lambda: not alive(process.pid))
+    assert len(list(tmp_path.rglob("row.json"))) == 1
+    assert not list(tmp_path.rglob(".sweeps")) and not list(tmp_path.rglob("*.partial*"))
+    with start_eval(tmp_path, *overrides, "method=stretching,identity") as process:
+        out, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (0, "")
+    assert out.splitlines()[-1] == "2 runs: 1 new (1 ok), 1 kept"
+
+
+def test_ctrl_c_in_a_single_run_is_one_word(tmp_path):
+    with start_eval(tmp_path, *ENDLESS) as process:
+        wait_for(lambda: children(process.pid))
+        sleep(0.5)
+        os.killpg(process.pid, signal.SIGINT)
+        assert process.communicate(timeout=60) == ("", "interrupted\n")
+    assert process.returncode == 130
+    wait_for(lambda: not alive(process.pid))
+
+
+def test_a_killed_program_takes_the_process_of_its_run_along(tmp_path):
+    with start_eval(tmp_path, *ENDLESS) as process:
+        wait_for(lambda: children(process.pid))
+        sleep(2.0)
+        process.kill()
+        process.communicate(timeout=60)
+    wait_for(lambda: not alive(process.pid))
+    assert not list(tmp_path.rglob("row.json"))
+
+
+def test_a_terminal_shows_bars_and_a_file_the_lines(tmp_path):
+    ours, theirs = pty.openpty()
+    overrides = ["-m", "dataset=bumpy", "method=arap", "seed=0,1", "run.fresh=true"]
+    with start_eval(tmp_path, *overrides, stderr=theirs) as process:
+        os.close(theirs)
+        shown = b""
+        while chunk := _read(ours):
+            shown += chunk
+        out = process.stdout.read()
+    os.close(ours)
+    assert process.returncode == 0
+    for text in ("sweep", "reading", "warm-up", "iterations", "residual", "0 failed, 1 remaining", "2/2"):
+        assert text in shown.decode(), text
+    lines = out.splitlines()
+    assert len(lines) == 3 and lines[2].startswith("2 runs: 2 new")
+    assert all(line.startswith("arap bumpy_30 seed ") and "done" not in line for line in lines[:2])
+
+
+def _read(terminal):
+    try:
+        return os.read(terminal, 65536)
+    except OSError:  # the other side is closed
+        return b""
