@@ -1,0 +1,1 @@
+"""Readers on files that nobody wrote: ``python -m tests.fuzz TARGET --executions N``."""

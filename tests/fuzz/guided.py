@@ -1,0 +1,43 @@
+"""The process that atheris drives: ``python -m tests.fuzz.guided TARGET CORPUS [options of libFuzzer]``."""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+
+import atheris
+
+#: What coverage is counted in: ours, and what parses for us.
+WATCHED = ["sshade", "defaust", "eval", "json", "csv", "yaml", "zipfile", "numpy.lib.format"]
+
+with atheris.instrument_imports(include=WATCHED):
+    import csv  # noqa: F401
+    import json  # noqa: F401
+    import zipfile  # noqa: F401
+
+    import yaml  # noqa: F401
+
+    from tests.fuzz.targets import TARGETS, refused_or_read
+
+
+def main() -> None:
+    """Write the seeds and the dictionary, and fuzz; libFuzzer ends the process."""
+    name, corpus, *options = sys.argv[1:]
+    target = TARGETS[name]
+    for number, seed in enumerate(target.seeds()):
+        Path(corpus, f"seed_{number}").write_bytes(seed)
+    words = Path(tempfile.mkdtemp()) / "words"
+    words.write_text("".join('"' + "".join(f"\\x{b:02x}" for b in token) + '"\n' for token in target.tokens))
+    shared = Path("/dev/shm")
+    folder = Path(tempfile.mkdtemp(dir=shared if shared.is_dir() else None))
+
+    def one_input(data: bytes) -> None:
+        refused_or_read(target, data, folder)
+
+    atheris.Setup([sys.argv[0], *options, f"-dict={words}", corpus], one_input)
+    atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,270 @@
+"""What is fuzzed: each target reads bytes as a file, and may only raise InputError."""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from defaust.folder import read_dataset, read_json
+from defaust.record import POSE, require
+from eval.store import read_csv, read_row
+from sshade import Binding, InputError, bind
+from sshade.handlesio import read_handles
+from sshade.meshio import SUFFIXES, read_mesh, write_mesh
+from tests.shapes import bumpy, icosphere
+
+#: A sound mesh for handles and maps.
+BODY = bumpy(1)
+
+
+@dataclass(frozen=True)
+class Target:
+    """A reader.
+
+    Parameters
+    ----------
+    read : callable
+        Takes the bytes and a folder to put them in.
+    seeds : callable
+        Sound inputs, for mutations to begin with.
+    tokens : tuple of bytes
+        Words of the format, to be put into inputs.
+    """
+
+    read: Callable[[bytes, Path], Any]
+    seeds: Callable[[], list[bytes]]
+    tokens: tuple[bytes, ...]
+
+
+def refused_or_read(target: Target, data: bytes, folder: Path) -> bool:
+    """Whether the bytes were read; anything but an InputError comes through."""
+    try:
+        target.read(data, folder)
+    except InputError as error:
+        assert "\n" not in str(error), f"more than a line: {error!r}"
+        return False
+    return True
+
+
+def _put(folder: Path, name: str, data: bytes) -> Path:
+    path = folder / name
+    path.write_bytes(data)
+    return path
+
+
+def _read_mesh(data: bytes, folder: Path) -> None:
+    """The first byte chooses the format."""
+    suffix = SUFFIXES[data[0] % len(SUFFIXES)] if data else ".ply"
+    read_mesh(_put(folder, f"mesh{suffix}", data[1:]))
+
+
+OBJ = b"""mtllib a
+v 0 0 0
+v 1 0 0
+v 1 1 0
+vt 0 0
+vn 0 0 1
+v 0 1 0
+usemtl b
+f 1/1/1 2/1/1 \\
+ 3/1/1 4//1
+f -1 -2 -3
+"""
+STL = b"""solid a
+facet normal 0 0 1
+outer loop
+vertex 0 0 0
+vertex 1 0 0
+vertex 0 1 0
+endloop
+endfacet
+endsolid a
+"""
+
+
+def _mesh_seeds() -> list[bytes]:
+    seeds = []
+    sphere = icosphere(0)
+    folder = Path(_scratch())
+    for number, suffix in enumerate(SUFFIXES):
+        write_mesh(folder / f"seed{suffix}", sphere.V, sphere.F)
+        seeds.append(bytes([number]) + (folder / f"seed{suffix}").read_bytes())
+    ply = SUFFIXES.index(".ply")
+    header = (
+        "ply\nformat {} 1.0\ncomment x\nelement vertex 4\nproperty float x\nproperty float y\n"
+        "property float z\nproperty uchar red\nelement face 2\nproperty list uchar int vertex_indices\n"
+        "property list uchar float texcoord\nend_header\n"
+    )
+    text = "0 0 0 9\n1 0 0 9\n1 1 0 9\n0 1 0 9\n4 0 1 2 3 0\n3 0 2 3 2 .5 .5\n"
+    seeds.append(bytes([ply]) + (header.format("ascii") + text).encode())
+    rows = b"".join(struct.pack(">fffB", *p, 9) for p in ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)))
+    rows += struct.pack(">B4iB", 4, 0, 1, 2, 3, 0) + struct.pack(">B3iB2f", 3, 0, 2, 3, 2, 0.5, 0.5)
+    seeds.append(bytes([ply]) + header.format("binary_big_endian").encode() + rows)
+    seeds.append(bytes([SUFFIXES.index(".obj")]) + OBJ)
+    seeds.append(bytes([SUFFIXES.index(".stl")]) + STL)
+    return seeds
+
+
+@cache
+def _scratch() -> str:
+    import tempfile
+
+    return tempfile.mkdtemp(prefix="fuzz_")
+
+
+def _read_json_handles(data: bytes, folder: Path) -> None:
+    read_handles(_put(folder, "pose.json", data), BODY)
+
+
+def _read_yaml_handles(data: bytes, folder: Path) -> None:
+    """Up to two zero bytes divide the YAML from the points of its part and of its transform."""
+    parts = (data.split(b"\0", 2) + [b"", b""])[:3]
+    for name, content in zip(("parts/a.txt", "transforms/b.txt"), parts[1:], strict=True):
+        (folder / name).parent.mkdir(exist_ok=True)
+        _put(folder, name, content)
+    read_handles(_put(folder, "pose.yaml", parts[0]), BODY)
+
+
+def _json_seeds() -> list[bytes]:
+    V = BODY.V.round(3).tolist()
+    entries = [
+        {"landmark": "a", "kind": "static", "vertices": [0, 1, 2]},
+        {"kind": "dynamic", "vertices": [3], "target": [[1, 2, 3]]},
+        {"kind": "dynamic", "source": V[5:8], "target": V[6:9]},
+        {"kind": "unused"},
+    ]
+    return [json.dumps({"handles": entries[:k]}).encode() for k in range(1, 5)]
+
+
+def _yaml_seeds() -> list[bytes]:
+    points = b"\n".join(b"%g %g %g" % tuple(p) for p in BODY.V[:3] * 0.3)
+    text = b"handles:\n  static: {positions: [a]}\n  moving:\n    positions: [a]\n    transform: [b]\n"
+    return [text + b"\0" + points + b"\0" + points, b"handles: {static: {positions: [a]}}\0" + points]
+
+
+def _read_manifest(data: bytes, folder: Path) -> None:
+    """The first byte chooses dataset.json, a pose file, a row or a table of rows."""
+    kind, content = (data[0] % 4, data[1:]) if data else (0, data)
+    if kind == 0:
+        _put(folder, "dataset.json", content)
+        read_dataset(folder, intact=False)
+    elif kind == 1:
+        require(read_json(_put(folder, "pose.json", content)), POSE, where="pose.json")
+    elif kind == 2:
+        _put(folder, "row.json", content)
+        read_row(folder)
+    else:
+        read_csv(_put(folder, "rows.csv", content))
+
+
+def _manifest_seeds() -> list[bytes]:
+    from defaust.build import build
+    from eval.store import write_csv
+    from tests.defaust.toy import OPTIONS, Balls
+
+    out = Path(_scratch()) / "balls"
+    build(Balls(subjects=(0,)), out, options=OPTIONS, workers=1)
+    row = {"task.name": "t", "method.name": "m", "method.hash": "h", "seed": 0, "status": "ok", "key": "k"}
+    row |= {
+        "date": "2026-01-01",
+        "env.machine": "box",
+        "metric.edge": 1.5,
+        "seconds.total": 2.0,
+        "reason": "",
+    }
+    write_csv(out / "rows.csv", [row, row | {"seed": 1}])
+    contents = [(out / "dataset.json").read_bytes(), (out / "subject_00/pose_1.json").read_bytes()]
+    contents += [json.dumps(row).encode(), (out / "rows.csv").read_bytes()]
+    return [bytes([kind]) + content for kind, content in enumerate(contents)]
+
+
+@cache
+def _sound_map() -> dict[str, np.ndarray]:
+    buffer = Path(_scratch()) / "map.npz"
+    bind(BODY, 12).save(buffer)
+    with np.load(buffer, allow_pickle=False) as data:
+        return dict(data)
+
+
+def _read_map(data: bytes, folder: Path) -> None:
+    """Bytes tell what to do to a sound map: a mutated archive would fail its checksums and get no further."""
+    path = folder / "map.npz"
+    if data[:1] == b"P":  # an archive as it stands
+        path.write_bytes(data)
+    else:
+        np.savez(path, **_damaged(data))
+    binding = Binding.load(path, BODY)
+    V, _ = binding.carry(binding.proxy.V)
+    assert V.shape == BODY.V.shape
+
+
+def _damaged(data: bytes) -> dict[str, np.ndarray]:
+    """Six bytes a change: which array, what to do, where, and a value."""
+    arrays = {name: array.copy() for name, array in _sound_map().items()}
+    names = sorted(arrays)
+    for at in range(0, len(data) - 5, 6):
+        which, what, place, value = struct.unpack_from("<BBHh", data, at)
+        name = names[which % len(names)]
+        array = arrays.get(name)
+        if array is None:
+            continue
+        kind = what % 8
+        if kind == 0:
+            del arrays[name]
+        elif kind == 1 and array.size and array.dtype.kind in "if":
+            array.reshape(-1)[place % array.size] = value
+        elif kind == 2 and array.size and array.dtype.kind == "f":
+            array.reshape(-1)[place % array.size] = (np.nan, np.inf, -np.inf, 1e300)[value % 4]
+        elif kind == 3:
+            arrays[name] = array[: place % (len(array) + 1)] if array.ndim else array.reshape(1)
+        elif kind == 4:
+            types = ("f4", "i4", "i8", "f8", "u1", "U5", "c16", "?")
+            arrays[name] = (
+                array.astype(types[value % 8], casting="unsafe") if array.dtype.kind in "if" else array
+            )
+        elif kind == 5:
+            arrays[name] = array.reshape(-1)
+        elif kind == 6:
+            arrays[name] = np.repeat(array.reshape(-1), 2)
+        else:
+            arrays[name] = arrays.get(names[value % len(names)], array)
+    return arrays
+
+
+def _map_seeds() -> list[bytes]:
+    buffer = io.BytesIO()
+    np.savez(buffer, **_sound_map())
+    changes = [struct.pack("<BBHh", which, what, 3, 5) for which in range(11) for what in range(8)]
+    return [b"", *changes, b"".join(changes[::9]), buffer.getvalue()]
+
+
+NUMBERS = b"nan inf 1e999 -1 0 99999999999999999999 1e-320 0x10 true null".split()
+_MESH = [
+    *b"v vt f solid endsolid facet vertex endloop OFF COFF".split(),
+    *b"ply;format ascii 1.0;format binary_little_endian 1.0;end_header;element vertex ;element face ".split(
+        b";"
+    ),
+    b"property list uchar int vertex_indices",
+    b"property list int int vertex_index",
+    b"\n",
+]
+_JSON = [*b'"handles" "vertices" "source" "target" "kind" "static" [] {} [['.split(), b"[" * 99]
+_YAML = b"handles: static: moving: positions: transform: &a *a !!python/object: ../ <<: {a: [".split()
+_MANIFEST = [*b'"files" "format" status ../ "subjects" "poses"'.split(), *_JSON]
+_MAP = [b"PK\x03\x04", b"\x93NUMPY", b"'descr'", b"'|O'"]
+
+TARGETS = {
+    "mesh": Target(_read_mesh, _mesh_seeds, (*_MESH, *NUMBERS)),
+    "handles": Target(_read_json_handles, _json_seeds, (*_JSON, *NUMBERS)),
+    "yaml": Target(_read_yaml_handles, _yaml_seeds, (*_YAML, *NUMBERS)),
+    "manifest": Target(_read_manifest, _manifest_seeds, (*_MANIFEST, *NUMBERS)),
+    "map": Target(_read_map, _map_seeds, tuple(_MAP)),
+}
