@@ -95,13 +95,17 @@ def main(arguments: list[str] | None = None) -> int:
     """Command line of ``python -m eval.front``."""
     parser = argparse.ArgumentParser(prog="python -m eval.front", description=__doc__)
     parser.add_argument("rows", nargs="+", type=rows_file, help=ROWS_HELP)
+    parser.add_argument(
+        "--leave-out", nargs="*", default=["identity"], metavar="METHOD", help="default: identity"
+    )
     parser.add_argument("-o", "--out", type=Path, help="default: results/figures/<first experiment>.png")
     options = parser.parse_args(arguments)
     require_extra("matplotlib")
-    path = options.out or Path("results/figures") / f"{options.rows[0].stem}.png"
-    points = front(row for rows in options.rows for row in read_csv(rows))
-    draw(points, path)
-    print(path)  # noqa: T201
+    out = options.out or Path("results/figures") / f"{options.rows[0].stem}.png"
+    rows = [row for path in options.rows for row in read_csv(path)]
+    points = front(rows, leave_out=tuple(options.leave_out))
+    draw(points, out)
+    print(out)  # noqa: T201
     return 0
 
 

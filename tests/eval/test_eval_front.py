@@ -55,3 +55,5 @@ def test_command_draws_rows_of_several_files(tmp_path, capsys):
     text = pictures[0].read_text()
     assert text.count("<!-- fine -->") == text.count("<!-- arap -->") == 1
     assert str(pictures[1]) in capsys.readouterr().out
+    assert main([*paths, "-o", str(pictures[0]), "--leave-out", "arap"]) == 0
+    assert "<!-- arap -->" not in pictures[0].read_text()
