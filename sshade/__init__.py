@@ -7,6 +7,7 @@ deformation via local representations".
 from sshade.binding import Binding, bind
 from sshade.deformer import Deformer
 from sshade.errors import InputError
+from sshade.fine import sshade_fast, sshade_fine
 from sshade.mesh import Mesh
 from sshade.pieces import deform_pieces
 from sshade.pipeline import deform
@@ -28,5 +29,7 @@ __all__ = [
     "deform",
     "deform_pieces",
     "reconstruct",
+    "sshade_fast",
+    "sshade_fine",
     "transfer_pose",
 ]
