@@ -29,6 +29,7 @@ from defaust.folder import (
     subject_folder,
     write_text,
 )
+from defaust.lock import LOCK, sole_builder
 from defaust.options import BuildOptions
 from defaust.record import FINISHED, require, require_inside
 from defaust.sources import Source
@@ -80,14 +81,31 @@ def build(
     ------
     InputError
         When `out` holds something else or a dataset built with other options,
-        or a subject cannot be built.
+        when another process builds there, or a subject cannot be built.
     """
     out = Path(out)
     subjects = _subjects(source, options.subjects)
     if workers is not None and workers < 1:
         raise InputError(f"workers is {workers}; it must be at least 1")
     recipe = _recipe(source, options, subjects=subjects)
-    _prepare(out, recipe)
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out} is a file; give a folder")
+    with sole_builder(out):
+        _prepare(out, recipe)
+        return _work_through(source, out, recipe, options=options, workers=workers, progress=progress)
+
+
+def _work_through(
+    source: Source,
+    out: Path,
+    recipe: dict[str, Any],
+    *,
+    options: BuildOptions,
+    workers: int | None,
+    progress: Progress,
+) -> dict[str, Any]:
+    """Build what is missing in a folder that is prepared."""
+    subjects = recipe["build"]["subjects"]
     done = {s: record for s in subjects if (record := _finished(out, s)) is not None}
     missing = [s for s in subjects if s not in done]
     log.info("%d of %d subjects are there already", len(done), len(subjects))
@@ -194,9 +212,7 @@ def _recipe(source: Source, options: BuildOptions, *, subjects: tuple[int, ...])
 
 
 def _prepare(out: Path, recipe: dict[str, Any]) -> None:
-    """Make the folder, or check that what is there was built by the same recipe."""
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out} is a file; give a folder")
+    """Check that what is in the folder was built by the same recipe, and begin or go on with it."""
     started = out / WORK / RECIPE
     # A recipe under which no subject was finished binds nobody.
     begun = started.is_file() and any((out / WORK).glob("subject_*.json"))
@@ -211,7 +227,8 @@ def _prepare(out: Path, recipe: dict[str, Any]) -> None:
                     f"{out} was built with another configuration: {difference}; "
                     "give another out, or delete the folder"
                 )
-    if not started.is_file() and not (out / DATASET).is_file() and out.is_dir() and any(out.iterdir()):
+    others = [path for path in out.iterdir() if path.name not in (LOCK, WORK)]
+    if not started.is_file() and not (out / DATASET).is_file() and others:
         raise InputError(f"{out} is not empty and holds no DeFAUST build; give another out")
     make_folder(out / WORK)
     _clear_leftovers(out)
