@@ -2,7 +2,10 @@
 
 import sys
 
-from eval.cli import main
-
 if __name__ == "__main__":
+    try:
+        from eval.cli import main
+    except KeyboardInterrupt:  # while the libraries are read
+        print("interrupted", file=sys.stderr)  # noqa: T201
+        sys.exit(130)
     sys.exit(main())

@@ -102,8 +102,7 @@ def _exit(errors: list[Exception], summary: str, *, interrupted: bool) -> int:
     if summary:
         print(summary)  # noqa: T201
     if interrupted:
-        goes_on = "; the same command goes on from there" if summary else ""
-        print(f"interrupted{goes_on}", file=sys.stderr)  # noqa: T201
+        print(f"interrupted{cli_sweep.told_interrupted()}", file=sys.stderr)  # noqa: T201
         return 130
     for error in errors:
         # What became of a sweep's runs has been told, line by line.
@@ -158,7 +157,7 @@ def _job_of_sweep(config: DictConfig) -> None:
     settings, monitor = HydraConfig.get(), cli_sweep.monitor
     if _errors is None:
         os.chdir(settings.runtime.cwd)  # a worker may start elsewhere; relative paths mean those of the sweep
-    record = SweepRecord(config.run.sweep)
+    record = SweepRecord(config.run.sweep.record)
     begin = perf_counter()
     ended: dict[str, Any] = {"row_folder": None}
     try:
@@ -191,7 +190,7 @@ def _outcome(config: DictConfig, progress: Progress) -> tuple[Outcome, list[str]
     task = _load_task(json.dumps(plain["dataset"]))
     progress("reading", 1, 1)
     settings = HydraConfig.get()
-    at_once = 1 if settings.mode == RunMode.RUN else _jobs(settings.launcher)
+    at_once = 1 if settings.mode == RunMode.RUN else _jobs(settings.launcher, config.run.sweep.runs)
     outcome = run(
         task,
         plain["method"],
@@ -238,14 +237,16 @@ def _source(dataset: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in dataset.items() if name not in ABOUT_DATASET}
 
 
-def _jobs(launcher: DictConfig) -> int:
-    """Runs at once, from the settings that launchers have; -1 means every core."""
+def _jobs(launcher: DictConfig, runs: int) -> int:
+    """Runs of a sweep at once, from the settings that launchers have; all of them where there is no limit."""
     if "ray" in launcher:
         import ray  # this is one of its workers
 
-        return int(ray.cluster_resources()["CPU"] // (launcher.ray.remote.get("num_cpus") or 1))
-    jobs = launcher.get("n_jobs") or launcher.get("array_parallelism") or 1
-    return jobs if jobs > 0 else os.cpu_count() or 1
+        return min(runs, int(ray.cluster_resources()["CPU"] // (launcher.ray.remote.get("num_cpus") or 1)))
+    if launcher._target_.endswith(".BasicLauncher"):
+        return 1
+    jobs = launcher.get("n_jobs") or launcher.get("array_parallelism") or runs
+    return min(runs, jobs if jobs > 0 else os.cpu_count() or 1)
 
 
 def _report(outcome: Outcome) -> str:

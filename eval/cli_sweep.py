@@ -52,8 +52,9 @@ class SweepStart(Callback):
         except OSError as error:  # of the record's folder
             raise SweepRefused(InputError(f"{error.filename}: {reason(error)}")) from error
         folder = str(record.folder).replace("\\", "\\\\").replace("'", "\\'")
+        told = f"run.sweep={{record:'{folder}',runs:{len(plan.runs)}}}"
         with read_write(config), open_dict(config):
-            config.hydra.overrides.task = [*config.hydra.overrides.task, f"run.sweep='{folder}'"]
+            config.hydra.overrides.task = [*config.hydra.overrides.task, told]
         monitor = Monitor(record, watch=launcher != "basic")
         monitor.start()
 
@@ -122,6 +123,15 @@ def close_sweep() -> str:
     elif plan.launcher not in QUEUES:  # runs in a queue outlive this process, and eval.progress follows them
         monitor.record.remove()
     return told_summary(plan, ended)
+
+
+def told_interrupted() -> str:
+    """What to know after Ctrl-C, as the rest of a sentence."""
+    if monitor is None:
+        return ""
+    if monitor.plan.launcher in QUEUES:
+        return "; the jobs in the queue go on: scancel ends them, python -m eval.progress follows them"
+    return "; the same command goes on from there"
 
 
 def check_root(dataset: Mapping[str, Any]) -> None:

@@ -118,10 +118,17 @@ def test_settings_that_no_run_could_use_are_input_errors(change):
 
 @pytest.mark.parametrize(
     ("launcher", "jobs"),
-    [({}, 1), ({"n_jobs": 4}, 4), ({"n_jobs": -1}, os.cpu_count()), ({"array_parallelism": 8}, 8)],
+    [
+        ({"_target_": "hydra._internal.core_plugins.basic_launcher.BasicLauncher"}, 1),
+        ({"n_jobs": 4}, 4),
+        ({"n_jobs": -1}, os.cpu_count()),
+        ({"array_parallelism": 8}, 8),
+        ({"array_parallelism": 256}, 100),
+        ({}, 100),  # submitit on this machine starts all at once
+    ],
 )
 def test_runs_at_once_come_from_the_launcher(launcher, jobs):
-    assert cli._jobs(OmegaConf.create(launcher)) == jobs
+    assert cli._jobs(OmegaConf.create({"_target_": "a.Launcher", **launcher}), 100) == jobs
 
 
 @pytest.mark.parametrize(

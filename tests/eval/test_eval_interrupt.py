@@ -13,7 +13,7 @@ from time import monotonic, sleep
 import pytest
 
 HERE = Path(__file__).parent
-ENDLESS = ["dataset=bumpy", "dataset.level=2", "method=endless", "run.fresh=true"]
+INTERRUPTED = "interrupted; the same command goes on from there"
 
 
 def start_eval(folder, *arguments, **streams):
@@ -46,39 +46,26 @@ def children(pid):
 
 @pytest.mark.parametrize("fresh", ["false", "true"])
 def test_ctrl_c_leaves_complete_rows_and_the_same_command_goes_on(tmp_path, fresh):
-    overrides = ["-m", "dataset=bumpy", "dataset.level=2", f"run.fresh={fresh}"]
-    with start_eval(tmp_path, *overrides, "method=stretching,endless") as process:
-        first = process.stdout.readline()
-        assert "[1 done, 0 failed, 1 remaining" in first
-        sleep(1.0)  # into the run that does not end
-        os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to every process
-        out, err = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert out == "2 runs: 1 new (1 not_converged), 0 kept, 1 not done\n"
-    assert err == "interrupted; the same command goes on from there\n"
-    wait_for(lambda: not alive(process.pid))
-    assert len(list(tmp_path.rglob("row.json"))) == 1
-    assert not list(tmp_path.rglob(".sweeps")) and not list(tmp_path.rglob("*.partial*"))
-    with start_eval(tmp_path, *overrides, "method=stretching,identity") as process:
-        out, err = process.communicate(timeout=60)
-    assert (process.returncode, err) == (0, "")
-    assert out.splitlines()[-1] == "2 runs: 1 new (1 ok), 1 kept"
-
-
-def test_ctrl_c_in_a_single_run_is_one_word(tmp_path):
-    with start_eval(tmp_path, *ENDLESS) as process:
-        wait_for(lambda: children(process.pid))
-        sleep(0.5)
-        os.killpg(process.pid, signal.SIGINT)
-        assert process.communicate(timeout=60) == ("", "interrupted\n")
-    assert process.returncode == 130
-    wait_for(lambda: not alive(process.pid))
+    overrides = ["-m", "dataset=bumpy", "dataset.level=2", "method=stretching,endless", f"run.fresh={fresh}"]
+    for new, kept in ((1, 0), (0, 1)):
+        with start_eval(tmp_path, *overrides) as process:
+            assert "[1 done, 0 failed, 1 remaining" in process.stdout.readline()
+            sleep(1.0)  # into the run that does not end
+            os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to every process
+            out, err = process.communicate(timeout=60)
+        assert process.returncode == 130
+        counts = f"{new} new{' (1 not_converged)' * new}, {kept} kept"
+        assert (out, err) == (f"2 runs: {counts}, 1 not done\n", f"{INTERRUPTED}\n")
+        wait_for(lambda group=process.pid: not alive(group))
+        assert len(list(tmp_path.rglob("row.json"))) == 1
+        assert not list(tmp_path.rglob(".sweeps")) and not list(tmp_path.rglob("*.partial*"))
 
 
 def test_a_killed_program_takes_the_process_of_its_run_along(tmp_path):
-    with start_eval(tmp_path, *ENDLESS) as process:
+    overrides = ["dataset=bumpy", "dataset.level=2", "method=endless", "run.fresh=true"]
+    with start_eval(tmp_path, *overrides) as process:
         wait_for(lambda: children(process.pid))
-        sleep(2.0)
+        sleep(2.0)  # into the run that does not end
         process.kill()
         process.communicate(timeout=60)
     wait_for(lambda: not alive(process.pid))
