@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import platform
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -16,7 +18,8 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
 
     On any error, an interrupt included, the temporary file is removed and what
     stood at `path` stays. The temporary name keeps the suffix, which many
-    writers take the format from.
+    writers take the format from. What a process left there that was killed on
+    this machine is removed too.
 
     Raises
     ------
@@ -25,7 +28,9 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         not writable.
     """
     path = Path(path)
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
+    mark = f"{_host()}-{os.getpid()}"
+    temporary = path.with_name(f".{path.stem}.{mark}.partial{path.suffix}")
+    _remove_leftovers(path)
     try:
         yield temporary
         os.replace(temporary, path)
@@ -35,6 +40,31 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         if isinstance(error, OSError):
             raise InputError(f"{path}: cannot be written ({reason(error)})") from error
         raise
+
+
+def _host() -> str:
+    return re.sub(r"[^A-Za-z0-9]", "_", platform.node())[:40]
+
+
+def _remove_leftovers(path: Path) -> None:
+    """Remove temporary files for `path` of processes of this machine that are no more."""
+    beginning, end = f".{path.stem}.{_host()}-", f".partial{path.suffix}"
+    with suppress(OSError):
+        for name in os.listdir(path.parent):
+            if name.startswith(beginning) and name.endswith(end):
+                pid = name[len(beginning) : -len(end)]
+                if pid.isdecimal() and int(pid) != os.getpid() and not _alive(int(pid)):
+                    (path.parent / name).unlink(missing_ok=True)
+
+
+def _alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:  # it is another user's
+        return True
+    return True
 
 
 def make_folder(path: str | os.PathLike[str]) -> None:

@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -71,3 +74,22 @@ def test_a_place_that_cannot_be_written_is_an_input_error(tmp_path):
 )
 def test_the_reason_of_an_error_of_the_system(error, text):
     assert reason(error) == text
+
+
+def test_what_a_killed_process_left_is_removed_and_that_of_a_living_one_is_not(tmp_path):
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    path = tmp_path / "a.txt"
+    with replacing(path) as temporary:
+        temporary.write_text("new")
+        name = temporary.name
+    mine = str(os.getpid())
+    for pid in (dead.pid, os.getppid()):
+        (tmp_path / name.replace(mine, str(pid))).write_text("half")
+    (tmp_path / name.replace("a.", "b.").replace(mine, str(dead.pid))).write_text("of another file")
+    (tmp_path / name.replace(mine, "x")).write_text("no process")
+    with replacing(path) as temporary:
+        temporary.write_text("newer")
+    left = {name.replace(mine, str(os.getppid())), name.replace(mine, "x"), "a.txt"}
+    left.add(name.replace("a.", "b.").replace(mine, str(dead.pid)))
+    assert {p.name for p in tmp_path.iterdir()} == left and path.read_text() == "newer"
