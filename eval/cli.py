@@ -79,11 +79,7 @@ def main() -> int:
         interrupted = True
     except Exception as error:
         if cli_sweep.monitor is not None and type(error).__module__.split(".")[0] in LAUNCHERS:
-            _errors.append(
-                WorkerLost(
-                    f"a worker was lost ({type(error).__name__}); the same command runs what is missing"
-                )
-            )
+            _errors.append(WorkerLost(cli_sweep.told_lost(error)))
         elif isinstance(error, ValueError) and _raised_in(error).split(".")[0] in ("hydra", *LAUNCHERS):
             _errors.append(InputError(_one_line(error)))  # such as flags that do not go together
         else:

@@ -125,6 +125,14 @@ def close_sweep() -> str:
     return told_summary(plan, ended)
 
 
+def told_lost(error: Exception) -> str:
+    """What to do where a launcher gave up, in a sentence."""
+    others = ""
+    if monitor.plan.launcher in QUEUES:
+        others = "the other jobs go on (python -m eval.progress follows them); after them "
+    return f"a worker was lost ({type(error).__name__}); {others}the same command runs what is missing"
+
+
 def told_interrupted() -> str:
     """What to know after Ctrl-C, as the rest of a sentence."""
     if monitor is None:
