@@ -7,6 +7,7 @@ import pty
 import signal
 import subprocess
 import sys
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from time import monotonic, sleep
 
@@ -16,12 +17,30 @@ HERE = Path(__file__).parent
 INTERRUPTED = "interrupted; the same command goes on from there"
 
 
+@contextmanager
 def start_eval(folder, *arguments, **streams):
-    """The program as the leader of a process group of its own."""
+    """The program as the leader of a process group of its own, ended in the end.
+
+    It hears Ctrl-C even where the tests do not, as in the background of a shell.
+    """
     environment = {**os.environ, "PYTHONPATH": str(HERE), "TERM": "xterm", "COLUMNS": "120"}
     command = [sys.executable, "-m", "eval", "--config-dir", str(HERE / "extra_conf"), *arguments]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **streams}
-    return subprocess.Popen(command, cwd=folder, env=environment, text=True, start_new_session=True, **pipes)
+    process = subprocess.Popen(
+        command,
+        cwd=folder,
+        env=environment,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        **pipes,
+    )
+    try:
+        yield process
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
 
 
 def wait_for(condition, seconds=60):
