@@ -130,7 +130,7 @@ def attempt_fresh(
         return answer
     except EOFError:
         process.join()
-        return Attempt(row | {"reason": f"the process ended with exit code {process.exitcode}"})
+        return Attempt(row | {"reason": _end(process.exitcode)})
     finally:
         if process.pid is not None:
             process.kill()
@@ -173,6 +173,14 @@ def _answer(connection: Connection, time_limit: float | None, progress: Progress
             end = None if time_limit is None else perf_counter() + time_limit
         else:
             progress(*message)
+
+
+def _end(code: int) -> str:
+    """How a process ended that gave no answer."""
+    if code < 0:
+        why = "; the system does this when memory runs out" if -code == signal.SIGKILL else ""
+        return f"the process was killed by signal {-code}{why}"
+    return f"the process ended with exit code {code}"
 
 
 def _child(connection: Connection, method: Mapping[str, Any], task: Task, seed: int, report: bool) -> None:

@@ -1,0 +1,26 @@
+"""Methods that take their process to its limits; for runs in a process of their own."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+
+import numpy as np
+
+from eval.provenance import process_memory
+from sshade.task import DeformationResult, DeformationTask, silent
+
+
+def hungry(task: DeformationTask, *, seed: int, progress=silent) -> DeformationResult:
+    """Wants a GiB more where 100 MiB more are allowed."""
+    limit = process_memory("VmSize") + 100 * 2**20
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+    V = np.ones((2**27, 1))[: task.mesh.n] * task.mesh.V
+    return DeformationResult(V, iterations=0, converged=None)
+
+
+def killed(task: DeformationTask, *, seed: int, progress=silent) -> DeformationResult:
+    """Ends as under the system's own answer to a lack of memory."""
+    os.kill(os.getpid(), signal.SIGKILL)
+    raise AssertionError("it lives")
