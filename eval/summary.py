@@ -201,10 +201,11 @@ def check_times(rows: list[Row]) -> None:
         )
 
 
-def _place(name: str) -> tuple[bool, list[str | int]]:
+def _place(name: str) -> tuple[bool, list[str | float]]:
     """Where a method stands: ours last, the others by name, numbers in it as such (7000 before 25000)."""
-    parts = re.split(r"(\d+)", name)
-    return name.startswith("sshade"), [int(part) if part.isdigit() else part for part in parts]
+    parts: list[str | float] = list(re.split(r"(\d+(?:\.\d+)?)", name))
+    parts[1::2] = map(float, parts[1::2])
+    return name.startswith("sshade"), parts
 
 
 def _case(row: Row) -> tuple[str, int]:
