@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Literal, get_args
+from typing import Literal, cast, get_args
 from zipfile import BadZipFile
 
 import numpy as np
@@ -138,13 +138,14 @@ class Binding:
             values, saved = arrays["values"], str(arrays["frames"])
             _require_fit(remeshed, on_proxy, values, saved, mesh.n)
             proxy = proxy_mesh(mesh, remeshed)
-            made = make_frames(frames or saved, proxy, values=values)
+            kind = frames or cast(FrameKind, saved)  # one of them, as was checked
+            made = make_frames(kind, proxy, values=values)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
         except (OSError, KeyError, IndexError, TypeError, ValueError, EOFError, BadZipFile) as error:
             raise InputError(f"{path}: not a map written by `sshade remesh` ({error})") from error
         local = made.encode(mesh.V, on_proxy)
-        return cls(mesh, remeshed, proxy, on_proxy, values, frames or saved, made, local, {})
+        return cls(mesh, remeshed, proxy, on_proxy, values, kind, made, local, {})
 
 
 def make_frames(kind: FrameKind, proxy: Mesh, *, values: np.ndarray) -> Frames:
@@ -163,9 +164,12 @@ def _digest(F: np.ndarray) -> str:
 def _require_fit(remeshed: Remesh, on_proxy: Projection, values: np.ndarray, kind: str, n: int) -> None:
     """Raise ValueError unless the arrays of a map fit together: kernels would read out of bounds."""
     k, faces = len(remeshed.samples), len(remeshed.faces)
-    ids = [(remeshed.samples, (k,), n), (remeshed.faces, (faces, 3), k)]
+    ids: list[tuple[np.ndarray, tuple[int, ...], int]] = [
+        (remeshed.samples, (k,), n),
+        (remeshed.faces, (faces, 3), k),
+    ]
     ids += [(remeshed.region, (n,), k), (on_proxy.face, (n,), faces)]
-    reals = [(remeshed.distance, (n,)), (on_proxy.distance, (n,))]
+    reals: list[tuple[np.ndarray, tuple[int, ...]]] = [(remeshed.distance, (n,)), (on_proxy.distance, (n,))]
     reals += [(on_proxy.barycentric, (n, 3)), (values, (faces, 3))]
     for array, shape, end in ids:
         if array.shape != shape or array.dtype.kind != "i" or array.min() < 0 or array.max() >= end:

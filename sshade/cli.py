@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -20,7 +20,7 @@ from sshade.frames import FrameKind
 from sshade.meshio import SUFFIXES, check_output, read_arrays, read_mesh, repair, write_mesh
 
 if TYPE_CHECKING:
-    from sshade.task import Method
+    from sshade.task import DeformationResult
 
 #: Proxy vertices by default; the paper's number.
 VERTICES = 6000
@@ -255,7 +255,7 @@ def _say_of_pieces(facts: Mapping[str, Any]) -> None:
         _say(f"note: {facts['carried']} components without handles follow the nearest one rigidly")
 
 
-def _method(arguments: argparse.Namespace) -> Method:
+def _method(arguments: argparse.Namespace) -> Callable[..., DeformationResult]:
     """The function of --method, with what the arguments say of it."""
     from sshade.fine import sshade_fast, sshade_fine
     from sshade.local_global import local_global

@@ -89,8 +89,8 @@ def cut_to_manifold(mesh: Mesh) -> Cut:
     forward = edges.forward ^ flipped[edges.face]
     pairs = _joined(mesh, edges, forward)
     while True:
-        made, origin = _fans(mesh, edges, pairs)
-        made = Mesh(mesh.V[origin], np.where(flipped[:, None], made[:, ::-1], made))
+        F, origin = _fans(mesh, edges, pairs)
+        made = Mesh(mesh.V[origin], np.where(flipped[:, None], F[:, ::-1], F))
         if made.is_manifold and made.is_oriented:
             return Cut(made, origin, int(flipped.sum()))
         # Two pairs of an edge whose fans hang together around both of its ends.
@@ -182,9 +182,8 @@ def _best_pairs(
     cosine = np.round(away @ away.T / SAME_COSINE)
     sine = np.einsum("ijk,k->ij", np.cross(away[:, None], away[None]), along)
     angle = np.arctan2(sine, away @ away.T) % (2 * np.pi)  # from a face to another one, about the edge
-    choices = sorted(
-        (cosine[f, b], angle[b, f], f, b) for f in np.flatnonzero(forward) for b in np.flatnonzero(~forward)
-    )
+    ahead, back = np.flatnonzero(forward).tolist(), np.flatnonzero(~forward).tolist()
+    choices = sorted((cosine[f, b], angle[b, f], f, b) for f in ahead for b in back)
     taken: set[int] = set()
     pairs = []
     for _, _, f, b in choices:

@@ -33,7 +33,7 @@ def iterate(
     energies = [np.inf]
     while True:
         energy = iteration.local_step(u)
-        if mixed and not (energy <= energies[-1] + slack and iteration.restored):
+        if mixer and mixed and not (energy <= energies[-1] + slack and iteration.restored):
             u[:] = mixer.plain.reshape(-1, 3)
             energy = iteration.local_step(u)
             rejected += 1

@@ -35,15 +35,15 @@ _CORNERS = ("vertex_indices", "vertex_index")
 
 
 class Property(NamedTuple):
-    """A number of an element, or a list of them; `count` is the type of its length."""
+    """A number of an element, or a list of them; `length` is the type of its length."""
 
     name: str
     kind: np.dtype
-    count: np.dtype | None = None
+    length: np.dtype | None = None
 
     def as_double(self) -> Property:
         """The same where every number of the file is a float64."""
-        return Property(self.name, _TYPES["double"], self.count and _TYPES["double"])
+        return Property(self.name, _TYPES["double"], self.length and _TYPES["double"])
 
 
 @dataclass
@@ -86,7 +86,7 @@ def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
             for which, rows in groups:
                 V[which] = np.stack([rows[f"p{place[axis]}"] for axis in "xyz"], axis=1)
         elif element.name == "face" and element.rows:
-            corners = [i for name, i in place.items() if name in _CORNERS and element.properties[i].count]
+            corners = [i for name, i in place.items() if name in _CORNERS and element.properties[i].length]
             if len(corners) != 1:
                 raise ValueError("its faces have no list vertex_indices")
             fans = [_fans(rows[f"p{corners[0]}"]) for _, rows in groups]
@@ -200,14 +200,14 @@ def _lengths(data: bytes, at: int, element: Element, order: str) -> tuple[int | 
     lengths: list[int | None] = []
     for one in element.properties:
         length = None
-        if one.count is not None:
-            if at + one.count.itemsize > len(data):
+        if one.length is not None:
+            if at + one.length.itemsize > len(data):
                 break
-            (length,) = unpack_from(order + one.count.char, data, at)
+            (length,) = unpack_from(order + one.length.char, data, at)
             if length < 0 or length != int(length):
                 raise ValueError(f"a list of its element {element.name} has a length of {length}")
             length = int(length)
-            at += one.count.itemsize
+            at += one.length.itemsize
         lengths.append(length)
         at += one.kind.itemsize * (1 if length is None else length)
     if len(lengths) < len(element.properties) or at > len(data):
@@ -218,11 +218,11 @@ def _lengths(data: bytes, at: int, element: Element, order: str) -> tuple[int | 
 def _layout(element: Element, lengths: tuple[int | None, ...], order: str) -> np.dtype:
     fields: list[tuple] = []
     for i, (one, length) in enumerate(zip(element.properties, lengths, strict=True)):
-        kind = one.kind.newbyteorder(order)
-        if length is None:
+        kind = order + one.kind.char
+        if one.length is None:
             fields.append((f"p{i}", kind))
         else:
-            fields += [(f"n{i}", one.count.newbyteorder(order)), (f"p{i}", kind, (length,))]
+            fields += [(f"n{i}", order + one.length.char), (f"p{i}", kind, (length,))]
     return np.dtype(fields)
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sshade.errors import InputError
 from sshade.mesh import Mesh
@@ -52,7 +53,7 @@ class View:
     depth: float
 
     @classmethod
-    def of(cls, shapes: Iterable[np.ndarray], *, towards: np.ndarray = TOWARDS, up: np.ndarray = UP) -> View:
+    def of(cls, shapes: Iterable[np.ndarray], *, towards: ArrayLike = TOWARDS, up: ArrayLike = UP) -> View:
         """The view in which every shape (n, 3) fits, with a margin.
 
         Raises
@@ -60,17 +61,18 @@ class View:
         InputError
             When the camera would look along the upright direction.
         """
-        towards = np.asarray(towards, dtype=np.float64)
-        right = np.cross(up, towards)
-        if np.linalg.norm(right) <= 1e-9 * np.linalg.norm(up) * np.linalg.norm(towards):
+        forward, upright = np.asarray(towards, dtype=np.float64), np.asarray(up, dtype=np.float64)
+        right = np.cross(upright, forward)
+        if np.linalg.norm(right) <= 1e-9 * np.linalg.norm(upright) * np.linalg.norm(forward):
             raise InputError("the camera looks along the upright direction; choose another --towards or --up")
-        towards = towards / np.linalg.norm(towards)
+        forward = forward / np.linalg.norm(forward)
         right = right / np.linalg.norm(right)
-        axes = np.stack([right, np.cross(towards, right), towards])
+        axes = np.stack([right, np.cross(forward, right), forward])
         points = np.concatenate([np.asarray(shape) for shape in shapes]) @ axes.T
         low, high = points.min(axis=0), points.max(axis=0)
         size = np.maximum(1.06 * (high - low), 1e-3 * np.linalg.norm(high - low))
-        return cls(*axes, 0.5 * (low + high) @ axes, *(float(extent) for extent in size))
+        width, height, depth = (float(extent) for extent in size)
+        return cls(axes[0], axes[1], axes[2], 0.5 * (low + high) @ axes, width, height, depth)
 
     def with_foot(self, share: float) -> View:
         """The same view with free space below, of a share of its height."""

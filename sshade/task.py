@@ -54,9 +54,10 @@ class Handles:
 
     index: np.ndarray
     target: np.ndarray
-    dynamic: np.ndarray | None = None
-    group: np.ndarray | None = None
-    snap_distance: np.ndarray | None = None
+    # None only as a parameter: arrays once the object is made.
+    dynamic: np.ndarray = None  # type: ignore[assignment]
+    group: np.ndarray = None  # type: ignore[assignment]
+    snap_distance: np.ndarray = None  # type: ignore[assignment]
     merged: int = 0
 
     def __post_init__(self) -> None:

@@ -7,11 +7,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import eval_cases
 import pytest
 from omegaconf import OmegaConf
 
 from eval import cli
 from sshade.errors import InputError
+from sshade.handlesio import write_handles
+from sshade.meshio import write_mesh
 
 HERE = Path(__file__).parent
 
@@ -34,6 +37,18 @@ def test_one_run_from_any_folder_leaves_its_row_and_nothing_else(tmp_path):
     found = files(tmp_path)
     assert len(found) == 2
     assert all(name.startswith("results/runs/single/identity/bumpy_30/seed_0_") for name in found)
+
+
+def test_warnings_of_a_method_reach_the_user_of_a_run_and_of_a_sweep(tmp_path):
+    task = eval_cases.bumpy_task()
+    write_mesh(tmp_path / "open.ply", task.mesh.V, task.mesh.F[:-1])
+    write_handles(tmp_path / "pose.json", task.handles)
+    overrides = ["dataset=mesh", "dataset.mesh=open.ply", "dataset.handles=pose.json", "method=sshade_fast"]
+    overrides += ["method.vertices=60"]
+    for mode in ([], ["-m"]):
+        done = run_eval(tmp_path, *mode, *overrides, "run.force=true")
+        assert done.returncode == 0, done.stderr
+        assert "WARNING sshade.constraints: the volume constraint is off" in done.stderr
 
 
 def test_a_sweep_goes_on_after_a_failure_and_is_resumed(tmp_path):
