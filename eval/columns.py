@@ -1,10 +1,16 @@
-"""What the columns of a table are, for deformations by handles and for pose transfers."""
+"""What the columns of a table are, of deformations and of pose transfers; what no table ranks."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 from eval.store import TRANSFER, Row
+
+#: Functions that are no methods, whatever their label, and what tables say of them.
+REFERENCES = {
+    "baselines.identity.identity": "no method but what doing nothing costs: the rest shape with its handles "
+    "on their targets. It takes part in no ranking.",
+}
 
 
 @dataclass(frozen=True)
@@ -93,3 +99,8 @@ def columns_of(rows: list[Row]) -> tuple[Column, ...]:
 def are_transfers(rows: list[Row]) -> bool:
     """Whether rows are of pose transfers."""
     return any(row.get("task.kind") == TRANSFER for row in rows)
+
+
+def is_reference(row: Row) -> bool:
+    """Whether a row stands beside the methods without being one."""
+    return row.get("method.target") in REFERENCES

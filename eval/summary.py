@@ -6,7 +6,7 @@ import operator
 import re
 from dataclasses import dataclass, replace
 
-from eval.columns import Column, are_transfers, columns_of
+from eval.columns import REFERENCES, Column, are_transfers, columns_of, is_reference
 from eval.metrics import METRICS
 from eval.store import VALID, Row, newest
 from sshade.errors import InputError
@@ -24,6 +24,8 @@ class Line:
     method : str
     valid, runs : int
         Runs with a result, and all runs.
+    competes : bool
+        It has a result for every case, and is no reference.
     converged : str
         "5/8" runs met the stopping rule; "-" for methods without one.
     means : dict
@@ -33,7 +35,7 @@ class Line:
     method: str
     valid: int
     runs: int
-    complete: bool
+    competes: bool
     outcome: str
     converged: str
     means: dict[str, float | None]
@@ -90,16 +92,16 @@ def make_table(rows: list[Row], *, title: str, with_time: bool = True) -> Table:
 def contest(rows: list[Row], lines: list[Line], columns: tuple[Column, ...]) -> tuple[Table, ...]:
     """Of deformations of several cases: each method's worst case, and in how many it is the best.
 
-    The best of a case are those that none prints a lower number than; only
-    methods with a result for every case compete.
+    The best of a case are those that none prints a lower number than. Only
+    methods with a result for every case compete; references do not.
     """
-    complete = [line for line in lines if line.complete]
+    competing = [line for line in lines if line.competes]
     cases = sorted({_case(row) for row in rows})
-    if are_transfers(rows) or len(cases) < LEAST_CASES or len(complete) < 2:
+    if are_transfers(rows) or len(cases) < LEAST_CASES or len(competing) < 2:
         return ()
     row_of = {(row["method.name"], _case(row)): row for row in rows if row["status"] in VALID}
-    worst: dict[str, dict[str, float | None]] = {line.method: {} for line in complete}
-    won: dict[str, dict[str, float | None]] = {line.method: {} for line in complete}
+    worst: dict[str, dict[str, float | None]] = {line.method: {} for line in competing}
+    won: dict[str, dict[str, float | None]] = {line.method: {} for line in competing}
     for column in columns:
         values = {name: [row_of[name, case].get(column.source) for case in cases] for name in worst}
         if any(value is None for own in values.values() for value in own):
@@ -114,11 +116,11 @@ def contest(rows: list[Row], lines: list[Line], columns: tuple[Column, ...]) -> 
             won[name][column.heading] = count if column.ranked else None
     counts = tuple(replace(column, unit="", decimals=0, ranked=False, scientific=False) for column in columns)
     return (
-        Table("worst case", columns, [replace(line, means=worst[line.method]) for line in complete], []),
+        Table("worst case", columns, [replace(line, means=worst[line.method]) for line in competing], []),
         Table(
             f"cases won, of {len(cases)}",
             counts,
-            [replace(line, means=won[line.method]) for line in complete],
+            [replace(line, means=won[line.method]) for line in competing],
             [],
         ),
     )
@@ -162,14 +164,14 @@ def method_names(rows: list[Row]) -> list[str]:
 def ranks(table: Table, column: Column) -> dict[str, int]:
     """Method -> 1 (best) or 2 (second best), by the printed numbers, so that equal ones share a rank.
 
-    Only methods with a result for every case compete.
+    Only methods with a result for every case compete; references do not.
     """
     if not column.ranked:
         return {}
     printed = {
         line.method: column.text(line.means[column.heading])
         for line in table.lines
-        if line.means[column.heading] is not None and line.complete
+        if line.means[column.heading] is not None and line.competes
     }
     order = sorted(set(printed.values()), key=float)
     return {method: order.index(text) + 1 for method, text in printed.items() if text in order[:2]}
@@ -236,7 +238,7 @@ def _line(name: str, rows: list[Row], *, cases: set[tuple[str, int]], columns: t
         method=name,
         valid=len(valid),
         runs=len(rows),
-        complete={_case(row) for row in valid} == cases,
+        competes={_case(row) for row in valid} == cases and not any(map(is_reference, rows)),
         outcome="ok" if valid else rows[0]["status"],
         converged=f"{sum(rule)}/{len(rule)}" if rule else "-",
         means=means,
@@ -276,6 +278,7 @@ def _notes(rows: list[Row], *, columns: tuple[Column, ...]) -> list[str]:
             for name, reasons in sorted(by_method.items())
         ]
     own = {(row["method.name"], row["method.note"]) for row in rows if row.get("method.note")}
+    own |= {(row["method.name"], REFERENCES[row["method.target"]]) for row in rows if is_reference(row)}
     notes += [f"{name}: {note}" for name, note in sorted(own, key=lambda pair: (_place(pair[0]), pair[1]))]
     posed_by = sorted({row["task.meta.posed_by"] for row in rows if row.get("task.meta.posed_by")})
     notes += [f"The poses come from {', '.join(posed_by)}."] if posed_by else []

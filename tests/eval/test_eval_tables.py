@@ -9,6 +9,7 @@ import pytest
 from eval.check import main as check_main
 from eval.check import out_of_band, read_bands, suggest
 from eval.store import read_csv, write_csv
+from eval.summary import ranks
 from eval.tables import FORMATS, main, make_table, to_csv, to_latex, to_markdown
 from sshade.errors import InputError
 
@@ -71,6 +72,23 @@ def test_markdown(rows):
     notes = "\n".join(lines[9:])
     assert "2 cases of 1,000 vertices" in notes and "Machine: box." in notes
     assert "bad: 1 failed (ValueError: no)" in notes
+
+
+def test_a_reference_takes_part_in_no_ranking():
+    best_of_all = {f"metric__{name}": 0.0 for name in ("volume", "area", "edge", "angle", "handle")}
+    reference = {"method__target": "baselines.identity.identity", "seconds__total": 0.0, **best_of_all}
+    tasks = ["t1", "t2", "t3", "t4"]
+    methods = [row(name, task, metric__volume=v) for name, v in (("arap", 2), ("x", 3)) for task in tasks]
+    alone = to_markdown(make_table(methods, title="t"))
+    table = make_table([*methods, *(row("nothing", task, **reference) for task in tasks)], title="t")
+    text = to_markdown(table)
+    line = "| nothing | 4 | 0.00 | 0.00 | 0.00 | 0.000 | 0.000 | 10 (4/4) | 0.000 |\n"
+    note = next(note for note in table.notes if note.startswith("nothing: "))
+    # The rest of the table, the worst cases and the contest are as without it.
+    assert "no ranking" in note and text.replace(line, "", 1).replace(f"- {note}\n", "") == alone
+    assert "| arap | 4 | **2.00** |" in text and "cases won, of 4" in text
+    for one in table.columns:
+        assert "nothing" not in ranks(table, one)
 
 
 def test_notes_of_methods_stand_under_the_table_once(rows, tmp_path):
