@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import re
-import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from defaust.matlab import read_surface
 from defaust.registered import MESH_SUFFIXES, shortened
 from sshade import InputError, Mesh
 from sshade.meshio import read_arrays
@@ -133,14 +134,18 @@ def _archive_shapes(path: Path) -> tuple[Shape, ...]:
     return tuple(Shape(name, path, name) for name in sorted(names, key=_natural))
 
 
-def _open_archive(path: Path) -> Any:
-    try:
-        archive = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: not a readable .npz file ({error})") from error
-    if not isinstance(archive, np.lib.npyio.NpzFile):
-        raise InputError(f"{path}: not an .npz file; give a folder of meshes or an .npz")
-    return archive
+@contextmanager
+def _open_archive(path: Path) -> Iterator[Any]:
+    with path.open("rb") as file:
+        try:
+            archive = np.load(file, allow_pickle=False)
+        except Exception as error:  # zipfile and numpy fail in many ways, all of them the file's fault
+            why = " ".join(str(error).split())
+            raise InputError(f"{path}: not a readable .npz file ({why})") from error
+        if not isinstance(archive, np.lib.npyio.NpzFile):
+            raise InputError(f"{path}: not an .npz file; give a folder of meshes or an .npz")
+        with archive:
+            yield archive
 
 
 def _read_archive(path: Path, *, array: str) -> tuple[np.ndarray, np.ndarray]:
@@ -157,16 +162,7 @@ def _read_vert_tri(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 def _read_mat(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """A struct with X, Y, Z and TRIV, as TOSCA's `surface`; the triangles count from 1."""
-    from scipy.io import loadmat
-
-    def read() -> tuple[np.ndarray, np.ndarray]:
-        for value in loadmat(path, simplify_cells=True).values():
-            if isinstance(value, Mapping) and {"X", "Y", "Z", "TRIV"} <= set(value):
-                V = np.stack([np.ravel(value[axis]).astype(np.float64) for axis in "XYZ"], axis=1)
-                return V, np.atleast_2d(value["TRIV"]).astype(np.int64)
-        raise ValueError("it holds no struct with X, Y, Z and TRIV")
-
-    V, F = _reading(path, read)
+    V, F = _reading(path, lambda: read_surface(path))
     return V, _from_one(F, path=path)
 
 

@@ -140,7 +140,8 @@ def environment(*, jobs: int) -> dict[str, Any]:
     facts = dict(_machine())
     facts["python"] = platform.python_version()
     facts["commit"], facts["modified"] = _commit()
-    facts["numba_threads"] = numba.get_num_threads()
+    # numba.get_num_threads() would start a threading layer, for no kernel of ours.
+    facts["numba_threads"] = numba.config.NUMBA_NUM_THREADS
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         facts[variable.lower()] = os.environ.get(variable, "")
     facts["jobs"] = jobs

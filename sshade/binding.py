@@ -8,13 +8,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Literal, cast, get_args
-from zipfile import BadZipFile
 
 import numpy as np
 
 from sshade.affine import AffineFrames
 from sshade.blended import BlendedFrames
 from sshade.errors import InputError
+from sshade.files import reason
 from sshade.frames import FrameKind, Frames, TriangleFrames, frame_values
 from sshade.graph import VertexGraph
 from sshade.mesh import Mesh
@@ -124,9 +124,8 @@ class Binding:
         InputError
             When the file is unreadable, incomplete, or of a mesh with other counts.
         """
+        arrays = _arrays_of_a_map(path)
         try:
-            with np.load(path, allow_pickle=False) as data:
-                arrays = {name: data[name] for name in data.files}
             if arrays["vertices"] != mesh.n or arrays["samples"].max() >= mesh.n:
                 raise InputError(
                     f"the map is of a mesh with {arrays['vertices']} vertices, this one has {mesh.n}"
@@ -142,8 +141,8 @@ class Binding:
             made = make_frames(kind, proxy, values=values)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
-        except (OSError, KeyError, IndexError, TypeError, ValueError, EOFError, BadZipFile) as error:
-            raise InputError(f"{path}: not a map written by `sshade remesh` ({error})") from error
+        except (KeyError, IndexError, TypeError, ValueError) as error:
+            raise _no_map(path, error) from error
         local = made.encode(mesh.V, on_proxy)
         return cls(mesh, remeshed, proxy, on_proxy, values, kind, made, local, {})
 
@@ -155,6 +154,19 @@ def make_frames(kind: FrameKind, proxy: Mesh, *, values: np.ndarray) -> Frames:
     if kind == "affine":
         return AffineFrames(proxy)
     return BlendedFrames.at_rest(proxy, stretch=kind == "blended_affine")
+
+
+def _arrays_of_a_map(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
+    try:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
+            return {name: data[name] for name in data.files}
+    except Exception as error:  # zipfile and numpy fail in many ways, all of them the file's fault
+        raise _no_map(path, error) from error
+
+
+def _no_map(path: str | os.PathLike[str], error: Exception) -> InputError:
+    why = " ".join(str(reason(error) if isinstance(error, OSError) else error).split())
+    return InputError(f"{path}: not a map written by `sshade remesh` ({why})")
 
 
 def _digest(F: np.ndarray) -> str:
