@@ -80,6 +80,8 @@ $(READY): pyproject.toml constraints.txt
 	  || { echo "Python 3.11 or newer is needed: make PYTHON=/path/to/python3.11 ..."; exit 2; }
 	@$(PYTHON) -c 'import ctypes; ctypes.CDLL("libGL.so.1")' 2>/dev/null \
 	  || { echo "pymeshlab needs the system library libGL.so.1 (Debian, Ubuntu: apt install libgl1)"; exit 2; }
+	@$(PYTHON) -c 'import ctypes; ctypes.CDLL("libEGL.so.1")' 2>/dev/null \
+	  || { echo "pictures need the system library libEGL.so.1 (Debian, Ubuntu: apt install libegl1 libgl1-mesa-dri)"; exit 2; }
 	@begin=$$(date +%s); \
 	  $(PYTHON) -m venv $(VENV) \
 	  && $(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[fast,figures,test]' \

@@ -6,7 +6,9 @@ Needs pyvista, of the extra ``figures``; it is imported where something is drawn
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -146,14 +148,41 @@ def picture(
 
 
 def new_plotter(**options: Any) -> Any:
-    """An off-screen plotter of pyvista on white; `options` override that."""
+    """An off-screen plotter of pyvista on white; `options` override that.
+
+    Raises
+    ------
+    InputError
+        Where there is neither a screen nor a library that draws without one.
+    """
     import pyvista
 
     # Without a display VTK warns about it, then renders off-screen as it should.
     pyvista.vtk_verbosity("error")
+    _require_renderer()
     plotter = pyvista.Plotter(**{"off_screen": True, "border": False, **options})
     plotter.set_background("white")
     return plotter
+
+
+@cache
+def _require_renderer() -> None:
+    """Raise InputError where VTK would end the process, having nothing to draw with."""
+    from ctypes import CDLL
+
+    import vtkmodules.vtkRenderingOpenGL2  # noqa: F401 - what vtkRenderWindow() chooses from
+    from vtkmodules.vtkRenderingCore import vtkRenderWindow
+
+    # VTK's last resort, which it takes without asking whether its library is there.
+    if vtkRenderWindow().GetClassName() == "vtkOSOpenGLRenderWindow":
+        for name in ("libOSMesa.so.8", "libOSMesa.so"):
+            with suppress(OSError):
+                CDLL(name)
+                return
+        raise InputError(
+            "pictures need a screen, or libEGL and a software renderer "
+            "(Debian, Ubuntu: apt install libegl1 libgl1-mesa-dri)"
+        )
 
 
 def add_shape(

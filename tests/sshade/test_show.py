@@ -11,7 +11,7 @@ from sshade.cli import main
 from sshade.errors import InputError
 from sshade.mesh import Mesh
 from sshade.meshio import write_mesh
-from sshade.show import View, colour_range, edge_error, picture
+from sshade.show import View, _require_renderer, colour_range, edge_error, picture
 from sshade.task import Handles
 from tests.shapes import rotation
 
@@ -164,6 +164,30 @@ def test_without_a_display_a_picture_is_asked_for(files, monkeypatch, capsys):
         monkeypatch.delenv(variable, raising=False)
     assert main(["show", str(files[0])]) == 2
     assert "no display" in capsys.readouterr().err
+
+
+def test_with_nothing_to_draw_with_the_libraries_are_told(files, tmp_path, monkeypatch, capsys):
+    pytest.importorskip("pyvista")
+
+    class Last:
+        def GetClassName(self):
+            return "vtkOSOpenGLRenderWindow"
+
+    found = {"libOSMesa.so"}
+
+    def load(name):
+        if name not in found:
+            raise OSError(name)
+
+    monkeypatch.setattr("vtkmodules.vtkRenderingCore.vtkRenderWindow", Last)
+    monkeypatch.setattr("ctypes.CDLL", load)
+    _require_renderer.cache_clear()
+    _require_renderer()
+    found.clear()
+    _require_renderer.cache_clear()
+    assert main(["show", str(files[0]), "-o", str(tmp_path / "shape.png")]) == 2
+    assert "apt install libegl1 libgl1-mesa-dri" in capsys.readouterr().err
+    assert not (tmp_path / "shape.png").exists()
 
 
 def test_without_the_extra_its_name_is_told(files, monkeypatch, capsys):
