@@ -2,13 +2,13 @@
 
 A global step of the free problem solves ``L u = b``. With constraints C_q, the
 volume and the area of a component over their rest values, it becomes ``L u = b
-+ sum_q lambda_q grad C_q(u)``. From u, one substitution gives the solution of
-the free problem and the directions ``z_q = L^-1 grad C_q(u)``; Newton's method
-on the multipliers then moves along the z_q to where ``C_q - goal_q + s_q
-lambda_q = 0``. An exact constraint has s = 0; a weighted one is the penalty
-``weight / 2 x rest energy x (C_q - goal_q)^2``, for which ``s = 1 / (weight x
-rest area)``. The first Newton step finds the minimiser under the linearised
-constraints, the others lead back to the true ones.
++ sum_q lambda_q grad C_q(u)``, with the multipliers of the step before; Newton's
+method on their changes then moves along directions ``z_q = L^-1 grad C_q`` to
+where ``C_q - goal_q + s_q lambda_q = 0``. An exact constraint has s = 0; a
+weighted one is the penalty ``weight / 2 x rest energy x (C_q - goal_q)^2``, for
+which ``s = 1 / (weight x rest area)``. In the end the multipliers change no more:
+directions need not be those of the present shape, and new ones, a right-hand
+side for each constraint, are found every `EVERY` steps only.
 """
 
 from __future__ import annotations
@@ -30,10 +30,13 @@ from sshade.volume_area import (
     gradients,
     measure,
     newton,
+    push,
     scatter_columns,
 )
 
 log = logging.getLogger(__name__)
+#: Steps that share the directions.
+EVERY = 4
 
 #: Relative error up to which an exact constraint counts as reached.
 REACHED = 1e-6
@@ -175,7 +178,8 @@ class Hold:
         self._G, self._Z = np.zeros((2, n, len(kinds), 3))
         self._slope = np.empty((on.shape[1], len(kinds), len(kinds)))
         self._failures, self._miss = np.zeros((2, on.shape[1]))
-        self.columns = 3 * len(kinds)
+        self._multiplier = np.zeros((on.shape[1], len(kinds)))
+        self.columns, self._steps = 3 * len(kinds), 0
 
     def penalty(self, P: np.ndarray) -> float:
         """What weighted constraints add to the energy of positions P (n, 3)."""
@@ -186,49 +190,63 @@ class Hold:
         # The rest energy of a component is 2 corners x area; of the penalty's 1/2 a 1 remains.
         return float((weight * self._corners * self._area * error**2).sum())
 
+    @property
+    def turns(self) -> bool:
+        """Whether the next step needs new directions."""
+        return self._steps % EVERY == 0
+
+    def push(self, P: np.ndarray, B: np.ndarray) -> None:
+        """Add what the multipliers do at positions P (n, 3) to right-hand sides B (n, 3)."""
+        push(*self._mesh, self._kinds, self._scale * self._multiplier.T, P, B)
+
     def gather(self, P: np.ndarray, rows: np.ndarray, X: np.ndarray) -> None:
         """Write the gradients at P (n, 3) of the vertices `rows` to columns 3.. of X (f, 3 + columns)."""
         gradients(*self._mesh, self._kinds, self._scale, P, self._G)
         gather_columns(self._G, rows, X)
 
-    def pull(self, X: np.ndarray, rows: np.ndarray, P: np.ndarray) -> None:
-        """Move P (n, 3) to where the constraints hold, along the solutions in columns 3.. of X.
+    def turn(self, X: np.ndarray, rows: np.ndarray) -> None:
+        """Take the solutions in columns 3.. of X for directions."""
+        scatter_columns(X, rows, self._Z)
+        along(self._G, self._component, self._Z, self._slope)
+
+    def pull(self, P: np.ndarray) -> None:
+        """Move P (n, 3) to where the constraints hold.
 
         Where a component's exact constraints cannot be met together, its area
         gets the weight `RELAXED` until the next step; after `GIVE_UP` such
         steps in a row, for good.
         """
-        scatter_columns(X, rows, self._Z)
-        along(self._G, self._component, self._Z, self._slope)
+        self._steps += 1
         area = (self._kinds == AREA)[:, None]
         exact_area = (area & np.isinf(self._weight)).any(axis=0)
-        before = P.copy() if exact_area.any() else P
+        before = (P.copy(), self._multiplier.copy()) if exact_area.any() else (P, self._multiplier)
         self._now = self._weight
-        self._miss = self._newton(P, np.ones_like(self._weight, dtype=bool))
+        self._miss = self._newton(P, np.ones_like(self._weight, dtype=bool), self._multiplier)
         failed = exact_area & (self._miss > REACHED)
         if failed.any():
             again = failed[self._component]
-            P[again] = before[again]
+            P[again], self._multiplier[failed] = before[0][again], before[1][failed]
             self._now = np.where(area & failed, RELAXED, self._weight)
             only = np.broadcast_to(failed, self._now.shape)
-            self._miss = np.where(failed, self._newton(P, only), self._miss)
+            self._miss = np.where(failed, self._newton(P, only, self._multiplier), self._miss)
         self._failures = np.where(failed, self._failures + 1, 0)
         self._weight = np.where(self._failures >= GIVE_UP, self._now, self._weight)
 
     def restore(self, P: np.ndarray) -> bool:
-        """Move P (n, 3) to where the exact constraints hold, along the directions of the last `pull`.
+        """Move P (n, 3) to where the exact constraints hold, along the present directions.
 
         False where they are missed by more than they were then.
         """
         exact = np.isinf(self._now)
         if not exact.any():
             return True
-        return bool((self._newton(P, exact) <= np.maximum(self._miss, ROUNDING)).all())
+        miss = self._newton(P, exact, np.zeros_like(self._multiplier))
+        return bool((miss <= np.maximum(self._miss, ROUNDING)).all())
 
-    def _newton(self, P: np.ndarray, only: np.ndarray) -> np.ndarray:
+    def _newton(self, P: np.ndarray, only: np.ndarray, multiplier: np.ndarray) -> np.ndarray:
         scale, goal = np.where(only, (self._scale, self._goal), 0.0)
         equations = self._kinds, scale, goal, 1.0 / (self._now * self._area)
-        return newton(*self._mesh, self._component, *equations, self._Z, self._slope, P)
+        return newton(*self._mesh, self._component, *equations, self._Z, self._slope, multiplier, P)
 
 
 def _lacking_volume(mesh: Mesh, rest: np.ndarray) -> np.ndarray:

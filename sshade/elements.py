@@ -116,7 +116,8 @@ class Iteration:
         self.rest_energy, self.diagonal = elements.rest_energy, elements.mesh.diagonal
         self._elements, self._hold, self.restored = elements, hold, True
         self._fixed = -(elements._to_handles @ targets)
-        self._X = np.empty((len(self._fixed), 3 + (hold.columns if hold else 0)))
+        free = len(self._fixed)
+        self._X, self._wide = np.empty((free, 3)), np.empty((free, 3 + (hold.columns if hold else 0)))
         self._Q, self.R, self._B = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), np.empty((n, 9)), np.empty((n, 3))
 
     def begin_with(self, rotations: np.ndarray) -> None:
@@ -137,20 +138,30 @@ class Iteration:
 
     def global_step(self, u: np.ndarray, g: np.ndarray) -> None:
         """Write to g (n, 3) the best positions for the rotations, near u (n, 3) as for the constraints."""
-        e = self._elements
+        e, hold = self._elements, self._hold
         self._right_hand_side(u)
-        _gather(self._B, e._free, self._fixed, self._X)
-        if self._hold:
-            self._hold.gather(u, e._free, self._X)
-        e.factor.solve_ordered(self._X, crew=self._crew)
-        _scatter(self._X, e._free, g)
-        if self._hold:
-            self._hold.pull(self._X, e._free, g)
+        if hold is None:
+            self._solve(self._X, g)
+            return
+        hold.push(u, self._B)
+        if hold.turns:
+            hold.gather(u, e._free, self._wide)
+            self._solve(self._wide, g)
+            hold.turn(self._wide, e._free)
+        else:
+            self._solve(self._X, g)
+        hold.pull(g)
 
     def restore(self, u: np.ndarray) -> None:
-        """Lead positions u (n, 3) back to the exact constraints, along the last global step's directions."""
+        """Lead positions u (n, 3) back to the exact constraints, along the present directions."""
         if self._hold:
             self.restored = self._hold.restore(u)
+
+    def _solve(self, X: np.ndarray, g: np.ndarray) -> None:
+        e = self._elements
+        _gather(self._B, e._free, self._fixed, X)
+        e.factor.solve_ordered(X, crew=self._crew)
+        _scatter(X, e._free, g)
 
     def _fit(self, u: np.ndarray) -> float:
         e = self._elements

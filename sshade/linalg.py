@@ -116,7 +116,6 @@ class _SuperLUFactor(Factor):
     engine = "superlu"
 
     def __init__(self, Q: sparray | spmatrix) -> None:
-        from scipy.sparse import tril
         from scipy.sparse.linalg import splu
 
         n = Q.shape[0]
@@ -134,15 +133,17 @@ class _SuperLUFactor(Factor):
                 )
             except RuntimeError as error:  # "Factor is exactly singular"
                 raise _not_positive_definite() from error
-            lower, pivots, position = csc_array(tril(lu.L, -1)), lu.U.diagonal(), lu.perm_c
+            lower, pivots, position = lu.L, lu.U.diagonal(), lu.perm_c
             if not (np.array_equal(lu.perm_r, lu.perm_c) and (pivots > 0).all()):
                 raise _not_positive_definite()
         lower.sort_indices()
+        below = np.ones(lower.nnz, dtype=bool)
+        below[lower.indptr[:-1]] = False  # the unit diagonal is the first entry of each column
         self.order = np.argsort(position).astype(np.int64)
         self._factors = Factors(
-            lower.indptr.astype(np.int64),
-            lower.indices.astype(np.int32),
-            np.asarray(lower.data, dtype=np.float64),
+            lower.indptr.astype(np.int64) - np.arange(n + 1),
+            lower.indices[below].astype(np.int32),
+            lower.data[below].astype(np.float64),
             1.0 / pivots,
         )
         self._branches: dict[int, Branches] = {}

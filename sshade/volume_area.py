@@ -82,6 +82,19 @@ def gradients(F, start, kind, scale, P, G):
 
 
 @njit(cache=True, nogil=True)
+def push(F, start, kind, scale, P, B):
+    """Add to B (n, 3) what :func:`gradients` tells, summed over the quantities; other parameters as there."""
+    total = B.reshape((len(B), 1, 3))
+    for q in range(len(kind)):
+        for c in range(len(start) - 1):
+            if scale[q, c] != 0.0:
+                if kind[q] == VOLUME:
+                    _volume_gradient(F, start[c], start[c + 1], scale[q, c] / 6.0, P, total, 0)
+                else:
+                    _area_gradient(F, start[c], start[c + 1], scale[q, c] / 2.0, P, total, 0)
+
+
+@njit(cache=True, nogil=True)
 def along(G, component, Z, slope):
     """Derivatives of each quantity along each direction, by component: ``sum_i G_i . Z_i``.
 
@@ -103,10 +116,10 @@ def along(G, component, Z, slope):
 
 
 @njit(cache=True, nogil=True)
-def newton(F, start, component, kind, scale, goal, compliance, Z, slope, P):
+def newton(F, start, component, kind, scale, goal, compliance, Z, slope, multiplier, P):
     """Move P along Z to where ``scale C - goal + compliance x multiplier = 0``.
 
-    The multipliers, one for each quantity and component, begin at zero. Steps
+    Moves along Z count towards the multipliers, one for each quantity and component. Steps
     use the slopes given while they shrink the worst equation of a component
     tenfold, then Newton's. A step that makes it worse is halved, and taken back
     if that does not help.
@@ -120,6 +133,8 @@ def newton(F, start, component, kind, scale, goal, compliance, Z, slope, P):
         Directions.
     slope : (c, q, q) float64
         Derivatives along Z somewhere near P, of equations that `scale` leaves out too.
+    multiplier : (c, q) float64
+        Overwritten. Those that P has in it already.
     P : (n, 3) float64
         Overwritten.
 
@@ -130,7 +145,7 @@ def newton(F, start, component, kind, scale, goal, compliance, Z, slope, P):
     """
     count, held = len(start) - 1, len(kind)
     J, G = slope.copy(), np.empty((0, held, 3))
-    r, multiplier, move, taken = np.zeros((4, count, held))
+    r, move, taken = np.zeros((3, count, held))
     error, now, done = np.full(count, np.inf), np.empty(count), np.zeros(count, dtype=np.bool_)
     for left in range(MOST_EVALUATIONS - 1, -1, -1):
         value = measure(F, start, P)
