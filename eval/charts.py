@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from eval.columns import is_reference
 from eval.experiment import Experiment, read_experiments
 from eval.metrics import METRICS
 from eval.plotting import SUFFIXES, look, new_figure, save, style
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
 #: A chart whose values span more than this factor has a logarithmic axis.
 LOG_ABOVE = 30.0
 
+#: Powers of ten that an axis shows at most: what is smaller is what rounding left of zero.
+DECADES = 6
+
 #: Width of a chart in inches: a column of a paper, and of a telephone.
 WIDTH = 4.4
 
@@ -45,8 +49,9 @@ def distributions(rows: list[Row]) -> dict[str, Figure]:
     """A chart for each metric, and for time and memory, that is not the same in every run.
 
     Every run is a dot; the box spans the quartiles, its line is the median and
-    its whiskers reach the last runs within 1.5 boxes.
+    its whiskers reach the last runs within 1.5 boxes. References are left out.
     """
+    rows = _methods_alone(rows)
     measures = {f"metric.{name}": (name, metric.unit) for name, metric in METRICS.items()}
     measures |= {"seconds.total": ("time", "s"), "peak_mib": ("memory", "MiB")}
     if not _comparable(rows):
@@ -109,13 +114,15 @@ def _distribution(values: dict[str, np.ndarray], *, label: str, looks: dict) -> 
 
 def _scale(axes: Axes, numbers: np.ndarray) -> None:
     """A logarithmic axis for what spans orders of magnitude, else one that begins at zero."""
-    positive = numbers[numbers > 0]
-    if len(positive) == len(numbers) and numbers.max() > LOG_ABOVE * numbers.min():
+    seen = numbers[numbers > numbers.max() / 10**DECADES]
+    wide = seen.max() > LOG_ABOVE * seen.min()
+    if wide and len(seen) == len(numbers):
         axes.set_xscale("log")
-    elif len(positive) and numbers.max() > LOG_ABOVE * np.median(positive):
-        axes.set_xscale("symlog", linthresh=float(np.median(positive)))
-        axes.set_xlim(left=0)
     else:
+        if wide:
+            axes.set_xscale("symlog", linthresh=float(seen.min()))
+        else:
+            axes.locator_params(axis="x", nbins=6)
         axes.set_xlim(left=0)
     axes.grid(axis="x", alpha=0.3)
 
@@ -124,7 +131,9 @@ def times(rows: list[Row]) -> dict[str, Figure]:
     """Time against vertices; none where times do not compare.
 
     A point is the mean over the runs of a method at a size, to two digits of it.
+    References are left out.
     """
+    rows = _methods_alone(rows)
     if not _comparable(rows):
         return {}
     points: dict[str, dict[str, list[tuple[float, float]]]] = {}
@@ -203,6 +212,11 @@ def _curves(title: str, lines: list[tuple[str, np.ndarray]], *, looks: dict) -> 
         axes.grid(alpha=0.3)
         figure.legend(loc="outside lower center", ncols=3)
     return figure
+
+
+def _methods_alone(rows: list[Row]) -> list[Row]:
+    """Rows without references, which would take most of an axis."""
+    return [row for row in rows if not is_reference(row)]
 
 
 def _comparable(rows: list[Row]) -> bool:

@@ -32,7 +32,7 @@ FACTS = {
     "env.commit": "commit",
     "env.modified": "with changes to it",
     "env.numba_threads": "threads of numba",
-    "env.omp_num_threads": "OMP_NUM_THREADS",
+    "env.omp_num_threads": "threads of OpenMP",
     "env.jobs": "runs at once",
     "env.load": "load at the start",
 }
@@ -200,7 +200,7 @@ def _convergence(experiment: Experiment) -> list[list[str]]:
             [
                 method,
                 f"{sum(rule)}/{len(rule)}" if rule else "no rule",
-                _range(row["iterations"] for row in rows),
+                _range((row["iterations"] for row in rows), form="{:,.0f}"),
                 _range(row.get("extra.residual") for row in rows),
                 _range(row.get("extra.energy") for row in rows),
             ]
@@ -209,12 +209,12 @@ def _convergence(experiment: Experiment) -> list[list[str]]:
     return [[line[i] for i in kept] for line in lines]
 
 
-def _range(values: Iterable[float | None]) -> str:
+def _range(values: Iterable[float | None], *, form: str = "{:.3g}") -> str:
     """Smallest, median and largest of numbers."""
     numbers = [value for value in values if value is not None]
     if not numbers:
         return "-"
-    return " / ".join(f"{bound:.3g}" for bound in (min(numbers), float(np.median(numbers)), max(numbers)))
+    return " / ".join(map(form.format, (min(numbers), float(np.median(numbers)), max(numbers))))
 
 
 def _configuration(rows: list[Row], method: str) -> str:

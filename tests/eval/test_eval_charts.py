@@ -69,6 +69,22 @@ def test_zeros_among_orders_of_magnitude_stay_visible():
     rows = [row("a", f"t{i}", metric__volume=v) for i, v in enumerate([0.0, 0.1, 0.2, 50.0])]
     axes = distributions(rows)["volume"].axes[0]
     assert axes.get_xscale() == "symlog" and axes.get_xlim()[0] == 0
+    assert axes.xaxis.get_transform().linthresh == 0.1
+
+
+def test_what_rounding_left_counts_as_zero():
+    rows = [row("a", f"t{i}", metric__volume=v) for i, v in enumerate([3e-13, 0.1, 0.2, 50.0])]
+    axes = distributions(rows)["volume"].axes[0]
+    assert axes.get_xscale() == "symlog" and axes.get_xlim()[0] == 0
+    assert axes.xaxis.get_transform().linthresh == 0.1
+
+
+def test_references_are_in_no_chart(rows):
+    reference = row("nothing", method__target="baselines.identity.identity", metric__volume=1e6)
+    axes = distributions([*rows, reference])["volume"].axes[0]
+    assert dots(axes) == [[4.0, 8.0], [2.0]]
+    (axes,) = times([*rows, reference])["time_vertices"].axes
+    assert [line.get_label() for line in axes.lines] == ["arap", "sshade"]
 
 
 @pytest.mark.parametrize("change", [{"env__machine": "laptop"}, {"env__concurrent": True}])
