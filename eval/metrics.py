@@ -17,8 +17,8 @@ from typing import Literal
 import numpy as np
 
 from eval.geometry import corner_angles, edge_lengths, opposes_neighbours
-from eval.intersections import new_self_intersections
 from eval.truth import Task, chamfer, hausdorff, truth_angle, truth_distance, truth_edge
+from sshade.intersections import new_self_intersections
 from sshade.mesh import Mesh
 
 
@@ -112,7 +112,7 @@ def flips(task: Task, vertices: np.ndarray) -> float:
 
 
 def self_intersections(task: Task, vertices: np.ndarray) -> float:
-    """Faces that intersect others in M' and did not in M; see :mod:`eval.intersections`."""
+    """Faces that intersect others in M' and did not in M; see :mod:`sshade.intersections`."""
     return float(new_self_intersections(task.mesh, vertices))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eval.hairpin import BEND, HANDLES, PARTING, SIDE_BY_SIDE, hairpin, hairpin_task
-from eval.intersections import intersecting_faces
+from sshade.intersections import intersecting_faces
 from sshade.errors import InputError
 
 

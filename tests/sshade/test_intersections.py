@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from eval_cases import box, bumpy_sphere
 from scipy.optimize import linprog
 
-import eval.intersections as module
-from eval.intersections import intersecting_faces, new_self_intersections
-from eval.warmup import icosphere
+import sshade.intersections as module
+from sshade.intersections import intersecting_faces, new_self_intersections
 from sshade.mesh import Mesh
+from tests.shapes import block, bumpy, icosphere
 
 
 def pymeshlab_faces(V, F):
@@ -31,7 +30,7 @@ def dented(level):
 
 
 def noisy(level):
-    mesh = bumpy_sphere(level)
+    mesh = bumpy(level)
     return mesh.V + np.random.default_rng(0).normal(0, 0.5 * 2.0**-level, mesh.V.shape), mesh.F
 
 
@@ -163,7 +162,8 @@ def test_where_pymeshlab_differs_is_known():
 
 
 def test_flat_faces_of_a_box_do_not_intersect():
-    mesh = box(5, 4, 3, size=(1.0, 0.7, 0.3))
+    mesh = block(np.ones((5, 4, 3)))
+    mesh = Mesh(mesh.V * [0.2, 0.17, 0.1], mesh.F)
     # Coplanar neighbours after a rotation: coplanar only up to rounding.
     turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
     assert not intersecting_faces(mesh.V @ turn.T + 5, mesh.F).any()
@@ -182,3 +182,21 @@ def test_only_new_intersections_count_and_the_rest_mesh_is_tested_once(monkeypat
     assert new_self_intersections(rest, V) == 0
     assert new_self_intersections(Mesh(V.copy(), F), worse) == expected > 0
     assert len(tested) == 3
+
+
+def test_only_pairs_with_one_of_the_faces_asked_for_and_any_number_of_threads(monkeypatch):
+    V, F = dented(3)
+    every = intersecting_faces(V, F)
+    assert 0 < every.sum() < len(F)
+    for faces in (np.flatnonzero(every)[:1], np.flatnonzero(every)[::7], np.flatnonzero(~every)[:5]):
+        among = np.zeros(len(F), dtype=bool)
+        among[faces] = True
+        found = intersecting_faces(V, F, among=among)
+        assert np.array_equal(found[among], every[among]) and not (found & ~every).any()
+        for face in np.flatnonzero(found & ~among):  # each has its partner among them
+            pair = among.copy()
+            pair[:] = False
+            pair[face] = True
+            assert (intersecting_faces(V, F, among=pair) & among).any()
+    monkeypatch.setattr(module, "PIECE", 5)
+    assert np.array_equal(intersecting_faces(V, F, workers=3), every)
