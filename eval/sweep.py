@@ -13,6 +13,7 @@ import shutil
 import socket
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -101,7 +102,13 @@ class SweepRecord:
         """Begin the record of a sweep in the folder of its experiment."""
         name = f"{plan.begin:%Y%m%dT%H%M%S.%f}_{os.getpid()}"
         record = cls(experiment / RECORDS / name)
-        record.folder.mkdir(parents=True)
+        for last in (*[False] * 9, True):
+            try:
+                record.folder.mkdir(parents=True)
+                break
+            except FileNotFoundError:  # a sweep beside this one has just removed the folder above
+                if last:
+                    raise
         content = asdict(plan) | {"begin": plan.begin.isoformat(), "host": plan.host or socket.gethostname()}
         with replacing(record.folder / "sweep.json") as temporary:
             temporary.write_text(json.dumps(content))
@@ -148,7 +155,7 @@ class SweepRecord:
     def remove(self) -> None:
         """Delete the record; the rows stay."""
         shutil.rmtree(self.folder, ignore_errors=True)
-        if self.folder.parent.is_dir() and not any(self.folder.parent.iterdir()):
+        with suppress(OSError):  # records of others are there, or they have removed it
             self.folder.parent.rmdir()
 
 

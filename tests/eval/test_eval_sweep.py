@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 from time import monotonic, sleep
 
 import pytest
@@ -68,6 +69,34 @@ def test_the_record_gives_back_what_was_put_in(tmp_path):
     assert [path.name for path in experiment.iterdir()] == ["s"]
     record.add(0, seconds=0.5, row_folder=None)  # a worker that outlives its sweep
     assert [path.name for path in experiment.iterdir()] == ["s"]
+
+
+def test_two_sweeps_in_one_folder_begin_and_end_at_any_time(tmp_path, monkeypatch):
+    """Each removes the folder of records when it is the last: the other may be about to use it."""
+    one = SweepRecord.create(tmp_path, plan("a"))
+    two = SweepRecord.create(tmp_path, plan("b", begin=at(1)))
+    one.remove()
+    assert two.plan().runs == [{"pose": "0", "method": "b"}]
+    real = Path.rmdir
+
+    def gone_already(folder):
+        real(folder)
+        real(folder)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "rmdir", gone_already)
+        two.remove()
+    assert not list(tmp_path.iterdir())
+    made, calls = Path.mkdir, []
+
+    def made_too_late(folder, **options):
+        calls.append(folder)
+        if len(calls) == 1:
+            raise FileNotFoundError(folder)
+        made(folder, **options)
+
+    monkeypatch.setattr(Path, "mkdir", made_too_late)
+    assert SweepRecord.create(tmp_path, plan("c")).plan().runs == [{"pose": "0", "method": "c"}]
 
 
 def test_runs_come_in_the_order_of_discovery(tmp_path):
