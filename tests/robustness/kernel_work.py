@@ -1,0 +1,138 @@
+"""Work on tiny meshes that calls every kernel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csc_array
+
+from baselines.accelerated import accelerated_arap
+from baselines.arap import arap
+from baselines.arap_sr import arap_sr
+from baselines.deformation_graph import deformation_graph
+from sshade import DeformationTask, Deformer, bind, deform, reconstruct, sshade_fast, sshade_fine
+from sshade.cutting import cut_to_manifold
+from sshade.intersections import intersecting_faces, new_self_intersections
+from sshade.local_global import local_global
+from sshade.parallel import Crew
+from sshade.projection import _closest_in_triangle, sent_far
+from sshade.remesh import remesh
+from sshade.substitution import Factors, divide, substitute, substitute_together
+from tests.robustness.inputs import pose
+from tests.shapes import bent, bumpy, double_torus, folded, jittered, torus
+from tests.sshade.test_cutting import moebius, t_fin
+
+BODY = bumpy(2)
+FEW: dict[str, Any] = {"tolerance": 0.0, "max_iterations": 4}
+
+
+def task() -> DeformationTask:
+    """A body of 162 vertices with its ends held and moved."""
+    return DeformationTask("body", BODY, pose(BODY.V))
+
+
+def _of_method(method: Callable[..., Any]) -> Callable[[], np.ndarray]:
+    return lambda: method(task(), seed=0).vertices
+
+
+def _bound(frames: str) -> np.ndarray:
+    binding = bind(BODY, 40, frames=frames)
+    return binding.carry(bent(binding.proxy.V))[0]
+
+
+def _dragged() -> np.ndarray:
+    handles = pose(BODY.V)
+    return Deformer(BODY, handles.index, vertices=50)(handles.target, max_iterations=4).vertices
+
+
+def _remeshed() -> np.ndarray:
+    found = remesh(jittered(torus(12, 6), 0.05), 20, seed=1)
+    return np.concatenate([found.samples, found.faces.ravel(), found.region])
+
+
+def _cut() -> np.ndarray:
+    return np.concatenate([cut_to_manifold(mesh).mesh.F.ravel() for mesh in (t_fin(), moebius())])
+
+
+def _remeshed_with_few() -> np.ndarray:
+    """Closed balls are mended where regions touch in too little."""
+    found = remesh(double_torus(cells=2), 4, seed=1)
+    return np.concatenate([found.samples, found.faces.ravel(), found.region])
+
+
+def _sent_far() -> np.ndarray:
+    sheet = folded(30, 4, gap=0.01)
+    binding = bind(sheet, 40, projection="surface")
+    regions = binding.remesh.region
+    far = sent_far(binding.projection, binding.proxy, region=regions, radius=0.1 * sheet.diagonal)
+    return np.flatnonzero(far)
+
+
+def _on_needles() -> np.ndarray:
+    """Triangles whose corners lie on a line but for rounding."""
+    rng = np.random.default_rng(0)
+    found = []
+    for _ in range(200):
+        begin, way = rng.normal(size=(2, 3))
+        V = begin + np.array([0.0, rng.uniform(0.1, 1), rng.uniform(0.1, 2)])[:, None] * way
+        found.append(_closest_in_triangle(*(begin + 0.5 * way + 1e-16 * rng.normal(size=3)), V, 0, 1, 2))
+    return np.array(found)
+
+
+def _crossing() -> np.ndarray:
+    sheet = folded(12, 4, gap=0.05)
+    through = bent(sheet.V, 2.0)
+    found = [new_self_intersections(sheet, through), *intersecting_faces(through, sheet.F).tolist()]
+    flat = [[0, 0, 0], [2, 0, 0], [0, 2, 0], [0.5, 0.5, 0], [3, 0, 0], [3, 3, 0], [1, 0.1, 0], [0.1, 1, 0]]
+    for F in ([[0, 1, 2], [3, 4, 5]], [[0, 1, 2], [0, 6, 7]]):
+        found += intersecting_faces(np.array(flat, dtype=float), np.array(F)).tolist()
+    return np.array(found)
+
+
+def _substituted() -> np.ndarray:
+    """A tree of eight branches below a top."""
+    rng, n = np.random.default_rng(0), 60
+    L = np.zeros((n, n))
+    for j in range(n - 1):
+        L[j + 1 if j >= 48 or (j + 1) % 6 else 48, j] = rng.normal()
+    L[50:, 48:50] = rng.normal(size=(10, 2))
+    lower = csc_array(np.tril(L, -1))
+    parts = lower.indptr.astype(np.int64), lower.indices.astype(np.int32), lower.data
+    factors = Factors(*parts, rng.uniform(1, 2, n))
+    found = []
+    for columns in (1, 3, 6):
+        X = rng.normal(size=(n, columns))
+        Y = X.copy()
+        substitute(factors, X)
+        with Crew(1) as crew:
+            substitute_together(factors, divide(factors, 2), Y, crew=crew)
+        found += [X.ravel(), Y.ravel()]
+    return np.concatenate(found)
+
+
+COARSE = partial(local_global, **FEW)
+WORK: dict[str, Callable[[], np.ndarray]] = {
+    "the paper's": _of_method(partial(deform, vertices=50, samplings=1, coarse=COARSE)),
+    "fast": _of_method(partial(sshade_fast, vertices=50, **FEW)),
+    "fine": _of_method(partial(sshade_fine, vertices=50, polish_iterations=3, workers=1, **FEW)),
+    "arap": _of_method(partial(arap, **FEW)),
+    "accelerated arap": _of_method(partial(accelerated_arap, **FEW)),
+    "arap sr": _of_method(partial(arap_sr, **FEW)),
+    "accelerated arap sr": _of_method(partial(arap_sr, accelerate=True, **FEW)),
+    "deformation graph": _of_method(partial(deformation_graph, nodes=40, **FEW)),
+    "affine frames": partial(_bound, "affine"),
+    "blended frames": partial(_bound, "blended"),
+    "blended affine frames": partial(_bound, "blended_affine"),
+    "reconstruction": lambda: reconstruct(BODY, bent(BODY.V), vertices=50, samplings=1).vertices,
+    "dragging": _dragged,
+    "remeshing a torus": _remeshed,
+    "cutting": _cut,
+    "remeshing with few samples": _remeshed_with_few,
+    "intersections": _crossing,
+    "points sent far": _sent_far,
+    "points near needles": _on_needles,
+    "substitution": _substituted,
+}
