@@ -89,11 +89,11 @@ def test_two_sweeps_in_one_folder_begin_and_end_at_any_time(tmp_path, monkeypatc
     assert not list(tmp_path.iterdir())
     made, calls = Path.mkdir, []
 
-    def made_too_late(folder, **options):
+    def made_too_late(folder, *arguments, **options):
         calls.append(folder)
         if len(calls) == 1:
             raise FileNotFoundError(folder)
-        made(folder, **options)
+        made(folder, *arguments, **options)
 
     monkeypatch.setattr(Path, "mkdir", made_too_late)
     assert SweepRecord.create(tmp_path, plan("c")).plan().runs == [{"pose": "0", "method": "c"}]
