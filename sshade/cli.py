@@ -281,7 +281,7 @@ def _remesh(arguments: argparse.Namespace) -> int:
     binding = bind(mesh, _proxy_vertices(arguments.vertices, mesh.n), seed=arguments.seed)
     with replacing(arguments.map) as temporary:
         binding.save(temporary)
-    write_mesh(arguments.output, binding.proxy.V, binding.proxy.F)
+        write_mesh(arguments.output, binding.proxy.V, binding.proxy.F)  # without it there shall be no map
     _say(f"{arguments.output}: {binding.proxy.n} vertices, {binding.proxy.m} faces; map in {arguments.map}")
     return 0
 

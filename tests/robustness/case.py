@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import importlib
 import io
 import os
 import resource
 import shlex
 import signal
+import struct
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -136,10 +138,11 @@ def run(command: str) -> tuple[int, str, str]:
 
 def _main(program: str, arguments: list[str]) -> int:
     if program == "eval":  # Hydra reads the command line itself
-        from eval.cli import main
+        from eval import cli
 
+        cli._load_task.cache_clear()  # another case's folder has the same name
         with mock.patch.object(sys, "argv", ["eval", *arguments]):
-            return main()
+            return cli.main()
     if program in ("sshade", "defaust"):
         return importlib.import_module(f"{program}.cli").main(arguments)
     module = importlib.import_module(program)
@@ -158,6 +161,39 @@ def limited(size: int) -> Iterator[None]:
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
         signal.signal(signal.SIGXFSZ, before)
+
+
+@contextlib.contextmanager
+def read_only(folder: str) -> Iterator[None]:
+    """Nothing below a folder may be written for a while, not even by root."""
+    places = [Path(folder), *(path for path in Path(folder).rglob("*") if path.is_dir())]
+    modes = [place.stat().st_mode for place in places]
+    with _without_privileges():
+        for place in places:
+            place.chmod(0o555)
+        try:
+            yield
+        finally:
+            for place, mode in zip(places, modes, strict=True):
+                place.chmod(mode)
+
+
+@contextlib.contextmanager
+def _without_privileges() -> Iterator[None]:
+    """Take from this thread what lets root write anywhere (Linux: two capabilities)."""
+    if os.geteuid() != 0:
+        yield
+        return
+    header, words = struct.pack("=Ii", 0x20080522, 0), ctypes.create_string_buffer(24)
+    library = ctypes.CDLL(None, use_errno=True)
+    assert library.capget(header, words) == 0, os.strerror(ctypes.get_errno())
+    effective, *others = struct.unpack("=6I", words.raw)
+    fewer = effective & ~0b110  # CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH
+    assert library.capset(header, struct.pack("=6I", fewer, *others)) == 0, os.strerror(ctypes.get_errno())
+    try:
+        yield
+    finally:
+        assert library.capset(header, words) == 0, os.strerror(ctypes.get_errno())
 
 
 @contextlib.contextmanager

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from tests.robustness import api, datasets, evaluation, handle_files, mesh_files, outputs, surfaces
+from tests.robustness import api, datasets, evaluation, handle_files, mesh_files, outputs, places, surfaces
 from tests.robustness.case import Case
 
-_PARTS = (mesh_files, handle_files, surfaces, outputs, datasets, evaluation, api)
+_PARTS = (mesh_files, handle_files, surfaces, outputs, places, datasets, evaluation, api)
 
 CASES: list[Case] = [case for part in _PARTS for case in part.CASES]
 

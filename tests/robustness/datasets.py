@@ -197,7 +197,7 @@ FILES = [
 ]
 
 
-def _shapes(*names: str, suffix: str = ".ply") -> Given:
+def shapes(*names: str, suffix: str = ".ply") -> Given:
     """A folder of bodies in correspondence."""
 
     def write() -> None:
@@ -245,28 +245,28 @@ BUILDS = [
     _build(
         "a subject that is not there", "defaust build out=out subjects=[77]", lambda: None, "no subject 77"
     ),
-    _build("out is a file", f"{SMALL} out=body.ply", _shapes("a", "b"), "body.ply is a file; give a folder"),
-    _build("out is below a file", f"{SMALL} out=body.ply/x", _shapes("a", "b"), "the folder cannot be made"),
+    _build("out is a file", f"{SMALL} out=body.ply", shapes("a", "b"), "body.ply is a file; give a folder"),
+    _build("out is below a file", f"{SMALL} out=body.ply/x", shapes("a", "b"), "the folder cannot be made"),
     _build(
         "out holds something else",
         f"{SMALL} out=.",
-        _shapes("a", "b"),
+        shapes("a", "b"),
         "is not empty and holds no DeFAUST build",
     ),
     _build("a missing root", SMALL, lambda: None, "meshes"),
     _build("a root without meshes", SMALL, text("meshes/a.txt", "x"), "holds no meshes"),
-    _build("a root of one mesh", SMALL, _shapes("a"), "no target pose"),
-    _build("no workers", f"{SMALL} workers=0", _shapes("a", "b"), "workers is 0"),
+    _build("a root of one mesh", SMALL, shapes("a"), "no target pose"),
+    _build("no workers", f"{SMALL} workers=0", shapes("a", "b"), "workers is 0"),
     _build(
         "more handles than vertices around",
         f"{SMALL} handles_per_landmark=11",
-        _shapes("a", "b"),
+        shapes("a", "b"),
         "cannot be drawn",
     ),
     _build(
         "a foreign function as source",
         f"{SMALL} source._target_=os.system",
-        _shapes("a", "b"),
+        shapes("a", "b"),
         "named by no file of conf",
     ),
     _build(
@@ -289,11 +289,11 @@ BUILDS = [
     ),
 ]
 TAKEN = [
-    Case("build: a full disk", _full_disk, _shapes("a0", "a1", "b0", "b1"), leaves=("out",)),
+    Case("build: a full disk", _full_disk, shapes("a0", "a1", "b0", "b1"), leaves=("out",)),
     Case(
         "build: names in other scripts",
         f"{SMALL} \"source.root='мешы'\" \"out='体'\"",
-        both(_shapes("a", "b"), lambda: Path("meshes").rename("мешы")),
+        both(shapes("a", "b"), lambda: Path("meshes").rename("мешы")),
         leaves=("体", "мешы"),
         holds=lambda: _no_faults("体"),
     ),
@@ -311,11 +311,11 @@ def _build_refused_leaves() -> list[Case]:
     """A build whose subject fails has begun: its recipe stays, for the next."""
     cases = []
     for name, given, words in (
-        ("a mesh of garbage", both(_shapes("a", "b"), garbage("meshes/b.ply")), "b.ply"),
-        ("a cut mesh", both(_shapes("a", "b"), cut("meshes/b.ply", 0.5)), "b.ply"),
+        ("a mesh of garbage", both(shapes("a", "b"), garbage("meshes/b.ply")), "b.ply"),
+        ("a cut mesh", both(shapes("a", "b"), cut("meshes/b.ply", 0.5)), "b.ply"),
         (
             "meshes of other counts",
-            both(_shapes("a", "b"), lambda: write_mesh("meshes/b.ply", np.eye(3), [[0, 1, 2]])),
+            both(shapes("a", "b"), lambda: write_mesh("meshes/b.ply", np.eye(3), [[0, 1, 2]])),
             "b.ply",
         ),
     ):

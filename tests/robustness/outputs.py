@@ -21,7 +21,7 @@ DEFORM = "sshade deform body.ply pose.json -o {}"
 CARRY = "sshade carry body.ply map.npz proxy.ply -o out.ply"
 
 
-def _remeshed() -> None:
+def remeshed() -> None:
     assert run("sshade remesh body.ply -o proxy.ply --map map.npz --vertices 40")[0] == 0
 
 
@@ -29,7 +29,7 @@ def _map(**changes: Any) -> Given:
     """A sound map with arrays replaced; None leaves one out."""
 
     def write() -> None:
-        _remeshed()
+        remeshed()
         with np.load("map.npz") as stored:
             arrays = dict(stored)
         for name, change in changes.items():
@@ -50,7 +50,7 @@ class _Hostile:
 
 
 def _pickled_map() -> None:
-    _remeshed()
+    remeshed()
     payload = io.BytesIO()
     np.lib.format.write_array_header_1_0(payload, {"descr": "|O", "fortran_order": False, "shape": (1,)})
     payload.write(pickle.dumps([_Hostile()]))
@@ -77,18 +77,18 @@ def _carry(name: str, given: Given, *says: str) -> Case:
 NOT_A_MAP = "not a map written by `sshade remesh`"
 MAPS = [
     _carry("no map", mesh(np.eye(3), [[0, 1, 2]], "proxy.ply"), "map.npz", NOT_A_MAP),
-    _carry("an empty map", both(_remeshed, data("map.npz", b"")), NOT_A_MAP),
-    _carry("binary garbage for a map", both(_remeshed, garbage("map.npz")), NOT_A_MAP),
-    _carry("a cut map", both(_remeshed, cut("map.npz", 0.5)), NOT_A_MAP),
+    _carry("an empty map", both(remeshed, data("map.npz", b"")), NOT_A_MAP),
+    _carry("binary garbage for a map", both(remeshed, garbage("map.npz")), NOT_A_MAP),
+    _carry("a cut map", both(remeshed, cut("map.npz", 0.5)), NOT_A_MAP),
     _carry(
         "a mesh for a map",
-        both(_remeshed, _copy("body.ply", "map.npz")),
+        both(remeshed, _copy("body.ply", "map.npz")),
         NOT_A_MAP,
     ),
     _carry("a map with a pickle in it", _pickled_map, NOT_A_MAP),
     _carry(
         "a map that is a pickle",
-        both(_remeshed, data("map.npz", pickle.dumps(_Hostile()))),
+        both(remeshed, data("map.npz", pickle.dumps(_Hostile()))),
         NOT_A_MAP,
     ),
     _carry("a map without regions", _map(region=None), NOT_A_MAP),
@@ -101,16 +101,16 @@ MAPS = [
     _carry("a map with unknown frames", _map(frames=np.array("quaternion")), "map.npz"),
     _carry("a map with words for values", _map(values=lambda v: v.astype(str)), "map.npz"),
     _carry("a map of another mesh", _map(vertices=np.array(99)), "a mesh with 99 vertices, this one has 162"),
-    _carry("a map of a mesh with other faces", both(_remeshed, mesh(BODY.V, BODY.F[::-1])), "other faces"),
+    _carry("a map of a mesh with other faces", both(remeshed, mesh(BODY.V, BODY.F[::-1])), "other faces"),
     _carry(
         "an edited proxy of other counts",
-        both(_remeshed, mesh(np.eye(3), [[0, 1, 2]], "proxy.ply")),
+        both(remeshed, mesh(np.eye(3), [[0, 1, 2]], "proxy.ply")),
         "not (3, 3)",
     ),
     _carry(
         "an edited proxy with NaN",
         both(
-            _remeshed,
+            remeshed,
             lambda: mesh(
                 np.full_like(read_arrays("proxy.ply")[0], np.nan), read_arrays("proxy.ply")[1], "proxy.ply"
             )(),
@@ -213,7 +213,7 @@ FULL = [
     _on_a_full_disk("deform to OFF", DEFORM.format("out.off")),
     _on_a_full_disk("deform to STL", DEFORM.format("out.stl")),
     _on_a_full_disk("remesh", "sshade remesh body.ply -o n.ply --map map.npz"),
-    _on_a_full_disk("carry", CARRY, _remeshed),
+    _on_a_full_disk("carry", CARRY, remeshed),
     _on_a_full_disk("reconstruct", "sshade reconstruct body.ply body.ply -o out.ply"),
     _on_a_full_disk("transfer-pose", "sshade transfer-pose body.ply body.ply body.ply -o out.ply"),
     _on_a_full_disk("show", "sshade show body.ply -o out.png"),
