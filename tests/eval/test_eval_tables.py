@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -364,3 +365,22 @@ def test_worst_cases_and_cases_won():
     assert make_table(rows[:3] + rows[4:7], title="x").parts == ()
     incomplete = [*rows, row("c", "t0")]
     assert [line.method for line in make_table(incomplete, title="x").parts[0].lines] == ["a", "b"]
+
+
+README = (RESULTS.parent / "README.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(("name", "text"), re.findall(r"<!-- (\w+) -->\n((?:\|.*\n)+)", README))
+def test_numbers_of_the_readme_are_those_of_the_tables(name, text):
+    def read(lines):
+        table = [[cell.strip(" *") for cell in line.strip("|").split("|")] for line in lines]
+        return {line[0].split()[0]: dict(zip(table[0], line, strict=True)) for line in table[2:]}
+
+    committed = re.sub("<u>|</u>", "", (RESULTS / "tables" / f"{name}.md").read_text())
+    there = read(committed.split("\n\n")[1].splitlines())
+    for method, numbers in read(text.splitlines()).items():
+        assert {head: there[method][head] for head in list(numbers)[1:]} == dict(list(numbers.items())[1:])
+
+
+def test_the_readme_has_numbers():
+    assert re.findall(r"<!-- (\w+) -->\n\|", README) == ["full", "bodies_25k"]
