@@ -82,7 +82,9 @@ def write_mesh(path: str | os.PathLike[str], V: np.ndarray, F: np.ndarray) -> No
         else:
             import trimesh
 
-            trimesh.Trimesh(V, F, process=False).export(temporary, **_EXPORT.get(path.suffix.lower(), {}))
+            kind = path.suffix.lower()
+            content = trimesh.Trimesh(V, F, process=False).export(file_type=kind[1:], **_EXPORT.get(kind, {}))
+            temporary.write_bytes(content if isinstance(content, bytes) else content.encode())
 
 
 _EXPORT = {".obj": {"digits": 17, "include_normals": False}, ".off": {"digits": 17}}

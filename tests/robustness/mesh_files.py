@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from sshade.meshio import SUFFIXES
@@ -47,7 +49,7 @@ def _of_each_format() -> list[Case]:
 
 
 def _copy(source: str, target: str) -> None:
-    data(target, open(source, "rb").read())()  # noqa: SIM115
+    data(target, Path(source).read_bytes())()
 
 
 def _announcing(n: object, m: object) -> Given:
