@@ -12,16 +12,44 @@ RAY="$(dirname "$PYTHON")/ray"
 SWEEP=${SWEEP:-"experiment=ci method=identity,arap,elastic,sshade solver.max_iterations=100 ~bands"}
 export RAY_USAGE_STATS_ENABLED=0
 
+node() { # a log, then options; each has a session of its own, so that its daemons end with it
+    log=$1
+    shift
+    setsid "$RAY" start --num-cpus=1 --block "$@" > "$STATE/$log" 2>&1 &
+    nodes="$! $nodes"
+}
+
+stop() {
+    # shellcheck disable=SC2086
+    kill $nodes 2> /dev/null || true
+    wait
+    for one in $nodes; do kill -- "-$one" 2> /dev/null || true; done # what a node that failed left
+    rm -f /tmp/ray/ray_current_cluster # which would send others there
+}
+
+wait_for() { # a text in the status of the cluster, as long as the nodes live
+    until "$RAY" status --address=127.0.0.1:6399 2> /dev/null | grep -q "$1"; do
+        for one in $nodes; do
+            kill -0 "$one" 2> /dev/null || { tail -n 5 "$STATE"/*.log && exit 1; }
+        done
+        sleep 1
+    done
+}
+
 check() {
     rm -rf "$OUT"
     mkdir -p "$STATE"
-    "$RAY" start --head --port=6399 --num-cpus=1 --include-dashboard=false --block > "$STATE/head.log" 2>&1 &
-    nodes=$!
-    trap 'kill $nodes; wait; rm -f /tmp/ray/ray_current_cluster' EXIT # which would send others there
-    until "$RAY" status --address=127.0.0.1:6399 > /dev/null 2>&1; do sleep 1; done
-    "$RAY" start --address=127.0.0.1:6399 --num-cpus=1 --block > "$STATE/worker.log" 2>&1 &
-    nodes="$! $nodes"
-    until "$RAY" status --address=127.0.0.1:6399 | grep -q '/2.0 CPU'; do sleep 1; done
+    rm -f "$STATE"/*.log
+    # Some of Ray's commands ask for a token where the user has one, others do not: this cluster has its own.
+    (umask 077 && od -An -N32 -tx1 /dev/urandom | tr -d ' \n' > "$STATE/token")
+    export RAY_AUTH_MODE=token RAY_AUTH_TOKEN_PATH="$STATE/token"
+    nodes=
+    trap stop EXIT
+    trap 'exit 1' INT TERM
+    node head.log --head --port=6399 --include-dashboard=false
+    wait_for '/1.0 CPU'
+    node worker.log --address=127.0.0.1:6399
+    wait_for '/2.0 CPU'
     "$RAY" status --address=127.0.0.1:6399 | sed -n '/^Node status/,/^Total Usage/p'
 
     echo "== one after the other, in this process"
