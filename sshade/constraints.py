@@ -229,6 +229,9 @@ class Hold:
             self._now = np.where(area & failed, RELAXED, self._weight)
             only = np.broadcast_to(failed, self._now.shape)
             self._miss = np.where(failed, self._newton(P, only, self._multiplier), self._miss)
+        lost = self._miss > REACHED
+        if lost.any():  # their multipliers would add up from step to step: begin anew
+            self._multiplier[lost], self._steps = 0.0, 0
         self._failures = np.where(failed, self._failures + 1, 0)
         self._weight = np.where(self._failures >= GIVE_UP, self._now, self._weight)
 
