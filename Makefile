@@ -1,6 +1,7 @@
 # make tables   the main job: builds a small DeFAUST, runs the methods, writes results/
 # make test     lint, architecture rules, tests, the small benchmark
 # make bench    speed against libigl at full size, scaling to 5 million vertices (a quarter of an hour)
+# make robustness   bad inputs, kills, fuzzing, the same bits, coverage, at full strength (an hour)
 # make ablations   one change at a time on two small bodies (a quarter of an hour)
 # make transfers   poses rebuilt and transferred, at 20k and at 170k vertices (half an hour)
 # The first use of any makes .venv and installs; PYTHON=... picks another interpreter.
@@ -21,7 +22,7 @@ ABLATIONS := $(addprefix ablation_,samplings vertices projection touching handle
 CURVES    := --metric volume area edge angle time
 TRANSFERS := isometric_quick pose_transfer_quick isometric pose_transfer
 
-.PHONY: tables test ci-benchmark bench ablations transfers clean
+.PHONY: tables test ci-benchmark bench robustness ablations transfers clean
 
 tables: $(READY) $(QUICK)/dataset.json
 	$(BIN)/python -m eval -m experiment=quick dataset.root=$(QUICK)
@@ -45,6 +46,11 @@ ci-benchmark: $(READY) $(CI)/dataset.json
 bench: $(READY) $(FULL)/dataset.json $(BASES:%=%/dataset.json)
 	$(BIN)/python -m eval.bench $(FULL)/subject_00/rest.ply $(FULL)/subject_00/pose_1.json --full \
 	  --scaling $(BASES:%=%/subject_00/rest.ply) --plot results/figures/scaling.svg
+
+# What was done is kept and not repeated, an interruption costs a few minutes of it; AGAIN=--again begins anew.
+robustness: $(READY)
+	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[fuzz]'
+	$(BIN)/python -m tests.full $(AGAIN)
 
 ablations: $(READY) $(QUICK)/dataset.json
 	for name in $(ABLATIONS); do $(BIN)/python -m eval -m experiment=$$name || exit 1; done

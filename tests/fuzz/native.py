@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import multiprocessing
 import tempfile
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
@@ -50,10 +51,9 @@ def read(folder: Path, suffix: str) -> None:
         Shape("a", folder / f"a{'.vert' if suffix == '.tri' else suffix}").mesh()
 
 
-def _work(connection) -> None:
+def _work(connection: Connection, folder: Path) -> None:
     """Read mutated files as they are asked for, and say how each ended."""
     sound = seeds()
-    folder = Path(tempfile.mkdtemp())
     for suffix, content in sound.items():
         (folder / f"a{suffix}").write_bytes(content[0])
     while True:
@@ -70,32 +70,60 @@ def _work(connection) -> None:
         (folder / f"a{suffix}").write_bytes(sound[suffix][0])
 
 
-def fuzz_native(executions: int, *, seed: int, crashes: Path) -> int:
-    """How many of so many mutated files crashed, hung, or raised something else than InputError."""
-    context = multiprocessing.get_context("spawn")
-    sound = seeds()
-    suffixes = list(sound)
-    child, failures = None, 0
-    for number in range(executions):
-        if child is None:
-            ours, theirs = context.Pipe()
-            child = context.Process(target=_work, args=(theirs,), daemon=True)
-            child.start()
-            theirs.close()
-        suffix = suffixes[number % len(suffixes)]
-        place = seed * 10**9 + number
+class _Child:
+    """A process that reads, begun again after each that ended or hung."""
+
+    def __init__(self, folder: Path) -> None:
+        self._context = multiprocessing.get_context("spawn")
+        self._folder = folder
+        self._begin()
+
+    def _begin(self) -> None:
+        self._connection, theirs = self._context.Pipe()
+        # No daemon: it has a child of its own for some formats.
+        self._process = self._context.Process(target=_work, args=(theirs, self._folder))
+        self._process.start()
+        theirs.close()
+
+    def read(self, suffix: str, number: int) -> str:
+        """What went wrong with a mutated file; empty where it was read or refused."""
         try:
-            ours.send((suffix, place))
-            problem = ours.recv() if ours.poll(SECONDS) else f"no answer within {SECONDS} s"
-        except (EOFError, BrokenPipeError):
+            self._connection.send((suffix, number))
+            answered = self._connection.poll(SECONDS)
+            problem = self._connection.recv() if answered else f"no answer within {SECONDS} s"
+        except (EOFError, BrokenPipeError, ConnectionResetError):
             problem = "the process ended"
         if problem:
-            failures += 1
-            (crashes / f"native-{place}{suffix}").write_bytes(mutated(sound[suffix], (), number=place))
-            print(f"{suffix} {place}: {problem}")  # noqa: T201
-            child.kill()
-            child = None
-    if child is not None:
-        child.kill()
-        child.join()
+            self._end()
+            self._begin()
+        return problem
+
+    def _end(self) -> None:
+        self._process.kill()
+        self._process.join()
+
+    def __enter__(self) -> _Child:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end()
+
+
+def fuzz_native(executions: int, *, seed: int, crashes: Path, begin: int = 0) -> int:
+    """How many of so many mutated files crashed, hung, or raised something else than InputError.
+
+    They are those from number `begin` on of the seed.
+    """
+    sound = seeds()
+    suffixes = list(sound)
+    failures = 0
+    with tempfile.TemporaryDirectory() as folder, _Child(Path(folder)) as child:
+        for number in range(begin, begin + executions):
+            suffix = suffixes[number % len(suffixes)]
+            place = seed * 10**9 + number
+            problem = child.read(suffix, place)
+            if problem:
+                failures += 1
+                (crashes / f"native-{place}{suffix}").write_bytes(mutated(sound[suffix], (), number=place))
+                print(f"{suffix} {place}: {problem}")  # noqa: T201
     return failures

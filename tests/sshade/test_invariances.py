@@ -6,6 +6,7 @@ alone. Coordinates are multiples of 2^-20, which shifts and turns by a quarter k
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from functools import partial
 
@@ -34,6 +35,8 @@ METHODS = {
 #: Their frames do not follow a coordinate of the mesh.
 ANY_TURN = ("fast", "fine")
 
+#: Of each property; `make robustness` asks for more.
+EXAMPLES = int(os.environ.get("INVARIANCE_EXAMPLES", "4"))
 NUMBERS = st.integers(0, 10**6)
 Motion = Callable[[np.ndarray], np.ndarray]
 
@@ -65,7 +68,7 @@ def assert_same(
 
 
 @pytest.mark.parametrize("name", METHODS)
-@settings(max_examples=4)
+@settings(max_examples=EXAMPLES)
 @given(number=NUMBERS, shift=st.tuples(*[st.integers(-(2**24), 2**24)] * 3))
 def test_a_shift(name, number, shift):
     shift = np.array(shift) / 2**20
@@ -76,7 +79,7 @@ def test_a_shift(name, number, shift):
 
 
 @pytest.mark.parametrize("name", METHODS)
-@settings(max_examples=4)
+@settings(max_examples=EXAMPLES)
 @given(number=NUMBERS, axes=st.permutations(range(3)), signs=st.tuples(*[st.sampled_from([-1.0, 1.0])] * 2))
 def test_a_turn_by_quarters(name, number, axes, signs):
     R = np.eye(3)[axes] * [*signs, 1.0]
@@ -88,7 +91,7 @@ def test_a_turn_by_quarters(name, number, axes, signs):
 
 
 @pytest.mark.parametrize("name", ANY_TURN)
-@settings(max_examples=4)
+@settings(max_examples=EXAMPLES)
 @given(number=NUMBERS, seed=NUMBERS)
 def test_any_turn_where_frames_follow_no_axis(name, number, seed):
     R = rotation(seed)
@@ -99,7 +102,7 @@ def test_any_turn_where_frames_follow_no_axis(name, number, seed):
 
 
 @pytest.mark.parametrize("name", METHODS)
-@settings(max_examples=4)
+@settings(max_examples=EXAMPLES)
 @given(number=NUMBERS, power=st.integers(-60, 60))
 def test_a_scale_of_a_power_of_two_changes_no_bit(name, number, power):
     task = drawn(number)
@@ -109,7 +112,7 @@ def test_a_scale_of_a_power_of_two_changes_no_bit(name, number, power):
 
 
 @pytest.mark.parametrize("name", METHODS)
-@settings(max_examples=4)
+@settings(max_examples=EXAMPLES)
 @given(number=NUMBERS, factor=st.floats(1e-6, 1e6))
 def test_any_scale(name, number, factor):
     task = drawn(number)
@@ -119,7 +122,7 @@ def test_any_scale(name, number, factor):
 
 
 @pytest.mark.parametrize("name", METHODS)
-@settings(max_examples=4)
+@settings(max_examples=EXAMPLES)
 @given(number=NUMBERS)
 def test_faces_turned_inside_out(name, number):
     task = drawn(number)
@@ -129,7 +132,7 @@ def test_faces_turned_inside_out(name, number):
 
 
 @pytest.mark.parametrize("name", METHODS)
-@settings(max_examples=4)
+@settings(max_examples=EXAMPLES)
 @given(number=NUMBERS, seed=NUMBERS)
 def test_vertices_and_faces_in_another_order(name, number, seed):
     """The vertex that the random choice falls on is that of the other order."""
@@ -155,7 +158,7 @@ def test_vertices_and_faces_in_another_order(name, number, seed):
 
 
 @pytest.mark.parametrize("name", METHODS)
-@settings(max_examples=4)
+@settings(max_examples=EXAMPLES)
 @given(number=NUMBERS, seed=NUMBERS)
 def test_a_seed_gives_the_same_bits_with_any_number_of_workers(name, number, seed):
     task = drawn(number)
@@ -164,7 +167,7 @@ def test_a_seed_gives_the_same_bits_with_any_number_of_workers(name, number, see
 
 
 @pytest.mark.parametrize("name", METHODS)
-@settings(max_examples=4)
+@settings(max_examples=EXAMPLES)
 @given(number=NUMBERS, power=st.integers(21, 31), signs=st.tuples(*[st.sampled_from([-1, 0, 1])] * 3))
 def test_far_from_the_origin(name, number, power, signs):
     """What the coordinates' own rounding there leaves, times what 20 iterations make of it."""
@@ -176,7 +179,7 @@ def test_far_from_the_origin(name, number, power, signs):
     assert_same(there - shift, result, task, ROUNDING + 1e3 * grain)
 
 
-@settings(max_examples=4)
+@settings(max_examples=EXAMPLES)
 @given(number=NUMBERS, seed=NUMBERS)
 def test_reconstruction_of_a_rigid_motion_is_exact(number, seed):
     task, R = drawn(number), rotation(seed)

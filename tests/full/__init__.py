@@ -1,0 +1,1 @@
+"""Everything that may go wrong, tried at full strength: ``make robustness``."""

@@ -1,0 +1,109 @@
+"""Steps of whole programs: property tests on more examples, kernels uncompiled, coverage by lines."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+
+from tests.full.record import ROOT, Figures
+from tests.robustness import uncompiled
+
+PACKAGES = ("sshade", "baselines", "defaust", "eval")
+#: Lines of each package that must be run, in percent; modules with less than this of theirs are named.
+ENOUGH, LITTLE = 90.0, 85.0
+
+
+def properties(figures: Figures, *, examples: int) -> Iterator[Figures]:
+    """The invariances of the whole method, with more examples than the test suite has."""
+    summary, failures = _pytest(["tests/sshade/test_invariances.py"], INVARIANCE_EXAMPLES=str(examples))
+    yield {"examples": examples, "properties": summary.get("passed", 0), "failures": failures}
+
+
+def kernels(figures: Figures) -> Iterator[Figures]:
+    """Every kernel as plain Python."""
+    found = uncompiled.compare()
+    yield {
+        "kernels": len(found.called),
+        "pieces": len(found.apart),
+        "apart": max(found.apart.values()),
+        "failures": found.failures,
+    }
+
+
+def coverage(figures: Figures) -> Iterator[Figures]:
+    """The test suite, and the kernels uncompiled: what lines they run."""
+    with tempfile.TemporaryDirectory() as name:
+        place = {"COVERAGE_FILE": str(Path(name, "data"))}
+        measured = [sys.executable, "-m", "coverage"]
+        summary, failures = _pytest([], prefix=[*measured, "run", "-m", "pytest"], **place)
+        plain = ["run", "-m", "tests.robustness.uncompiled", "--write", str(Path(name, "plain.npz"))]
+        report = Path(name, "report.json")
+        for words, environment in (
+            (plain, {"NUMBA_DISABLE_JIT": "1"}),
+            (["combine", "-q"], {}),
+            (["json", "-q", "-o", str(report)], {}),
+        ):
+            done = _run([*measured, *words], **place, **environment)
+            if done.returncode:
+                failures.append(f"coverage {words[0]}: {done.stderr[-500:]}")
+        shares, low = by_package(json.loads(report.read_text())["files"]) if report.is_file() else ({}, {})
+    failures += [f"{name}: {share:.1f} % of lines" for name, share in shares.items() if share < ENOUGH]
+    yield {
+        "tests": summary.get("passed", 0),
+        "skipped": summary.get("skipped", 0),
+        "warnings": summary.get("warnings", 0),
+        "shares": shares,
+        "low": low,
+        "least": min(shares.values(), default=0.0),
+        "failures": failures,
+    }
+
+
+def by_package(files: dict[str, dict]) -> tuple[dict[str, float], dict[str, float]]:
+    """Percent of lines that were run: of each package, and of each module where that is little.
+
+    Parameters
+    ----------
+    files : dict
+        Of coverage's JSON report: path -> ``{"summary": {"covered_lines": .., "num_statements": ..}}``.
+    """
+    run, lines = defaultdict(int), defaultdict(int)
+    low = {}
+    for path, content in sorted(files.items()):
+        summary = content["summary"]
+        package = Path(path).parts[0]
+        run[package] += summary["covered_lines"]
+        lines[package] += summary["num_statements"]
+        if summary["covered_lines"] < LITTLE / 100 * summary["num_statements"]:
+            low[path] = 100 * summary["covered_lines"] / summary["num_statements"]
+    return {name: 100 * run[name] / lines[name] for name in PACKAGES if lines[name]}, low
+
+
+def _pytest(
+    arguments: list[str], *, prefix: list[str] | None = None, **environment: str
+) -> tuple[dict[str, int], list[str]]:
+    """Counts of pytest's last line, and what failed."""
+    done = _run([*(prefix or [sys.executable, "-m", "pytest"]), "-q", *arguments], **environment)
+    counts = {
+        word: int(count)
+        for count, word in re.findall(
+            r"(\d+) (passed|failed|errors?|skipped|warnings?)\b", done.stdout.splitlines()[-1]
+        )
+    }
+    failures = re.findall(r"^((?:FAILED|ERROR) .*)$", done.stdout, re.MULTILINE)
+    if done.returncode and not failures:
+        failures = [f"pytest: exit code {done.returncode}: {done.stdout[-500:]} {done.stderr[-500:]}"]
+    return counts, failures
+
+
+def _run(command: list[str], **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        command, cwd=ROOT, env={**os.environ, **environment}, capture_output=True, text=True, errors="replace"
+    )
