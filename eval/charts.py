@@ -114,10 +114,16 @@ def _distribution(values: dict[str, np.ndarray], *, label: str, looks: dict) -> 
 
 def _scale(axes: Axes, numbers: np.ndarray) -> None:
     """A logarithmic axis for what spans orders of magnitude, else one that begins at zero."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     seen = numbers[numbers > numbers.max() / 10**DECADES]
     wide = seen.max() > LOG_ABOVE * seen.min()
     if wide and len(seen) == len(numbers):
         axes.set_xscale("log")
+        if seen.max() < 1000 * seen.min():  # one or two powers of ten are too few ticks
+            axes.xaxis.set_major_locator(LogLocator(subs=(1, 3)))
+            axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter(NullFormatter())
     else:
         if wide:
             axes.set_xscale("symlog", linthresh=float(seen.min()))

@@ -79,6 +79,15 @@ def test_what_rounding_left_counts_as_zero():
     assert axes.xaxis.get_transform().linthresh == 0.1
 
 
+def test_ticks_of_a_logarithmic_axis_do_not_crowd():
+    rows = [row("a", f"t{i}", metric__volume=v) for i, v in enumerate([0.15, 0.9, 7.0])]
+    figure = distributions(rows)["volume"]
+    figure.draw_without_rendering()
+    axes = figure.axes[0]
+    texts = [text.get_text() for text in axes.get_xticklabels(which="both") if text.get_text()]
+    assert axes.get_xscale() == "log" and {"0.3", "1", "3"} <= set(texts) and len(texts) < 9
+
+
 def test_references_are_in_no_chart(rows):
     reference = row("nothing", method__target="baselines.identity.identity", metric__volume=1e6)
     axes = distributions([*rows, reference])["volume"].axes[0]
