@@ -126,7 +126,7 @@ def _scale(axes: Axes, numbers: np.ndarray) -> None:
         axes.xaxis.set_minor_formatter(NullFormatter())
     else:
         if wide:
-            axes.set_xscale("symlog", linthresh=float(seen.min()))
+            axes.set_xscale("symlog", linthresh=10 ** float(np.floor(np.log10(seen.min()))))
         else:
             axes.locator_params(axis="x", nbins=6)
         axes.set_xlim(left=0)

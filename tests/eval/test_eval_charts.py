@@ -69,14 +69,14 @@ def test_zeros_among_orders_of_magnitude_stay_visible():
     rows = [row("a", f"t{i}", metric__volume=v) for i, v in enumerate([0.0, 0.1, 0.2, 50.0])]
     axes = distributions(rows)["volume"].axes[0]
     assert axes.get_xscale() == "symlog" and axes.get_xlim()[0] == 0
-    assert axes.xaxis.get_transform().linthresh == 0.1
+    assert axes.xaxis.get_transform().linthresh == pytest.approx(0.1)
 
 
 def test_what_rounding_left_counts_as_zero():
     rows = [row("a", f"t{i}", metric__volume=v) for i, v in enumerate([3e-13, 0.1, 0.2, 50.0])]
     axes = distributions(rows)["volume"].axes[0]
     assert axes.get_xscale() == "symlog" and axes.get_xlim()[0] == 0
-    assert axes.xaxis.get_transform().linthresh == 0.1
+    assert axes.xaxis.get_transform().linthresh == pytest.approx(0.1)
 
 
 def test_ticks_of_a_logarithmic_axis_do_not_crowd():
