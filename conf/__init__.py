@@ -24,6 +24,17 @@ def named_functions() -> frozenset[str]:
     return frozenset(name for text in texts for name in _NAMES.findall(text))
 
 
+def told(text: str) -> str:
+    """Hydra's complaint in one sentence: without its search path and its hints for programmers."""
+    text = re.sub(r"\s+", " ", text.split("Config search path")[0]).strip()
+    choice = re.search(r"Could not find '(.+)/([^/']+)' Available options in '[^']*': (.+)", text)
+    if choice:
+        group, name, known = choice.groups()
+        return f"there is no {group} {name!r}; choose one of {', '.join(known.split())}"
+    setting = re.match(r"Could not override '([^']+)'\. To append", text)
+    return f"there is no setting {setting[1]}" if setting else text
+
+
 def _files(folder: Traversable) -> Iterator[Traversable]:
     for path in folder.iterdir():
         if path.is_dir():

@@ -74,7 +74,7 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, int | 
     from omegaconf import OmegaConf
     from omegaconf.errors import OmegaConfBaseException
 
-    from conf import named_functions
+    from conf import named_functions, told
     from defaust.options import BuildOptions
 
     try:
@@ -98,7 +98,7 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, int | 
         # instantiate wraps what a source raises; its own sentence is the useful one.
         if isinstance(error.__cause__, InputError):
             raise error.__cause__ from error
-        raise InputError(" ".join(str(error).split())) from error
+        raise InputError(told(str(error))) from error
     names = [field.name for field in fields(BuildOptions)]
     unknown = sorted(set(plain) - {*names, "source", "out", "workers"})
     if unknown:

@@ -24,6 +24,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from conf import told
 from eval import cli_sweep
 from eval.allowed import allow_from, check_folders, require_allowed, require_from_command_line
 from eval.check import out_of_band
@@ -271,10 +272,9 @@ def _one_line(error: Exception) -> str:
             f"{error.override} is not understood; close its brackets, and put names with spaces or letters "
             f"outside of a-z in quotes twice, as in \"dataset.root='données'\""
         )
-    text = str(error).split("Config search path")[0]
+    text = str(error)
     if isinstance(error.__cause__, OmegaConfBaseException):
-        text += f" {error.__cause__}"
-    text = re.sub(r"\s+", " ", re.sub(r"(full_key|object_type|reference_type)[:=].*", "", text))
+        text = f"{text.split('Config search path')[0]} {error.__cause__}"
     plugin = re.search(r"hydra/launcher/(?:submitit_)?(joblib|slurm|ray)\b", text)
     hint = f" It needs: pip install 'sshade[{plugin[1]}]'." if plugin else ""
-    return text.strip() + hint
+    return told(re.sub(r"(full_key|object_type|reference_type)[:=].*", "", text)) + hint

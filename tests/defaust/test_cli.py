@@ -36,8 +36,8 @@ def test_build_verify_info(tmp_path, capsys):
     ("overrides", "message"),
     [
         (["seed=1"], "out is not set"),
-        (["source=scape"], "Could not find 'source/scape'"),
-        (["out=x", "speed=1"], "Could not override 'speed'"),
+        (["source=scape"], "there is no source 'scape'; choose one of faust, seq"),
+        (["out=x", "speed=1"], "there is no setting speed"),
         (["out=x", "+speed=1"], "there is no option speed"),
         (["out=x", "subjects=[a"], "subjects=[a is not understood; close its brackets"),
         (["out=x", "seed=a"], "seed=a is not a whole number"),

@@ -149,9 +149,9 @@ def test_runs_at_once_come_from_the_launcher(launcher, jobs):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["dataset=bumpy", "method=nope"], "method/nope"),
+        (["dataset=bumpy", "method=nope"], "there is no method 'nope'; choose one of acc"),
         (["dataset=bumpy", "method=arap", "method.tolerance=small"], "tolerance='small'"),
-        (["dataset=bumpy", "method=arap", "method.foo=1"], "'foo' is not in struct"),
+        (["dataset=bumpy", "method=arap", "method.foo=1"], "there is no setting method.foo"),
         (["dataset=bumpy", "method=arap", "seed=-1"], "seed=-1"),
         (["dataset=bumpy", "method=sshade", "proxy.vertices=9999"], "9999 proxy vertices"),
         (["dataset.root=nowhere", "method=arap"], "nowhere does not exist; make it with: defaust build"),

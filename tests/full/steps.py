@@ -140,7 +140,7 @@ def steps(share: float = 1.0) -> dict[str, Step]:
     }
     found["properties"] = Step(
         "property tests: rigid motions, scales, orders, orientation, seeds and workers, far from the origin",
-        partial(properties, examples=of(25)),
+        partial(properties, examples=of(100)),
         "{properties} properties on {examples} random tasks each",
     )
     found["kernels"] = Step(

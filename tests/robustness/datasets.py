@@ -231,7 +231,7 @@ def _full_disk() -> None:
 BUILDS = [
     _build("no out", "defaust build seed=1", lambda: None, "out is not set; add e.g. out=data/defaust"),
     _build("an unknown option", "defaust build out=out speed=1", lambda: None, "speed"),
-    _build("an unknown source", "defaust build out=out source=scape", lambda: None, "source/scape"),
+    _build("an unknown source", "defaust build out=out source=scape", lambda: None, "no source 'scape'"),
     _build(
         "an option of another type",
         "defaust build out=out seed=many",

@@ -207,7 +207,7 @@ _CONFIGS = both(text("configs/x.yaml", "_target_: os.system\n"), text("broken/x.
 METHODS = [
     Case(f"run: {name}", f"{RUN} {change}", _CONFIGS, says=says)
     for name, change, says in (
-        ("an unknown method", "method=magic", ("Could not find 'method/magic'",)),
+        ("an unknown method", "method=magic", ("there is no method 'magic'; choose one of acc",)),
         ("an unknown parameter", "method=arap method.colour=red", ("colour",)),
         ("an unknown parameter, added", "method=arap +method.colour=red", ("has no parameter 'colour'",)),
         ("a parameter of another type", "method=arap method.max_iterations=many", ("max_iterations='many'",)),
@@ -228,7 +228,7 @@ METHODS = [
         ),
         ("a foreign function", "method._target_=os.system", ("names the function os.system",)),
         ("a value that is not closed", "'proxy.vertices=[1'", ("proxy.vertices=[1 is not understood",)),
-        ("an unknown dataset", "dataset=moon", ("Could not find 'dataset/moon'",)),
+        ("an unknown dataset", "dataset=moon", ("there is no dataset 'moon'",)),
         (
             "a missing dataset",
             "dataset.root=nowhere",
