@@ -33,12 +33,12 @@ def test_a_second_builder_is_refused_and_told_of_the_first(tmp_path):
 
 
 def test_a_killed_process_leaves_no_lock(tmp_path):
-    process = subprocess.Popen([sys.executable, "-c", HOLD, tmp_path], stdout=subprocess.PIPE, text=True)
-    assert process.stdout.readline() == "held\n"
-    with pytest.raises(InputError, match=f"process {process.pid} on"), sole_builder(tmp_path):
-        pass
-    process.kill()
-    process.wait()
+    command = [sys.executable, "-c", HOLD, tmp_path]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "held\n"
+        with pytest.raises(InputError, match=f"process {process.pid} on"), sole_builder(tmp_path):
+            pass
+        process.kill()
     assert (tmp_path / LOCK).is_file()
     with sole_builder(tmp_path):
         assert (tmp_path / LOCK).read_text().startswith(f"process {os.getpid()} on ")

@@ -41,6 +41,9 @@ def start_eval(folder, *arguments, **streams):
         with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
         process.wait()
+        for pipe in (process.stdout, process.stderr):
+            if pipe is not None:
+                pipe.close()
 
 
 def wait_for(condition, seconds=60):
