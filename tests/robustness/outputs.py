@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import io
 import pickle
-import subprocess
-import sys
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -189,22 +187,6 @@ def _on_a_full_disk(name: str, call: str, given: Given = lambda: None) -> Case:
         assert before == {p: p.read_bytes() for p in Path().rglob("*") if p.is_file()}
 
     return Case(f"full disk: {name}", attempt, given, leaves=(".",))
-
-
-def _to_a_full_device() -> None:
-    """What is printed goes to a device that takes nothing, as a log on a full disk."""
-    command = [sys.executable, "-m", "eval.tables", "rows.csv", "-o", "tables"]
-    with open("/dev/full", "w") as full:
-        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
-    assert done.returncode == 2 and done.stderr == "error: No space left on device\n", done
-
-
-def _to_nobody() -> None:
-    """As ``| head -0`` does."""
-    command = [sys.executable, "-m", "eval.tables", "rows.csv", "-o", "tables"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    process.stdout.close()
-    assert process.stderr.read() == "" and process.wait(60) == 141
 
 
 FULL = [

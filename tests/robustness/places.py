@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 from tests.robustness.case import Case, contents, read_only, run
@@ -73,6 +75,22 @@ def _sweep_goes_on() -> None:
     assert Path("rows/tiny.csv").read_text().count("\n") == 3
 
 
+def _to_a_full_device() -> None:
+    """What is printed goes to a device that takes nothing, as a log on a full disk."""
+    command = [sys.executable, "-m", "eval.tables", "tiny", "-o", "tables"]
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert done.returncode == 2 and done.stderr == "error: No space left on device\n", done
+
+
+def _to_nobody() -> None:
+    """As ``| head -0`` does."""
+    command = [sys.executable, "-m", "eval.tables", "tiny", "-o", "tables"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        process.stdout.close()
+        assert process.stderr.read() == "" and process.wait(60) == 141
+
+
 DEFORM = "sshade deform {} pose.json -o {}"
 REMESH = "sshade remesh body.ply -o {} --map {} --vertices 40"
 CASES = [
@@ -92,6 +110,8 @@ CASES = [
     Case("read-only: runs with rows", _sweep_goes_on, runs, leaves=(".",)),
     _taken("the input's folder", DEFORM.format("d/body.ply", "out.ply"), _moved("d"), place="d"),
     _taken("the dataset of a run", RUN, dataset, place="balls"),
+    Case("full disk: what is printed", _to_a_full_device, runs, leaves=("tables",)),
+    Case("nobody reads what is printed", _to_nobody, runs, leaves=("tables",)),
     _unreadable("a mesh", DEFORM.format("body.ply", "out.ply"), "body.ply"),
     _unreadable("handles", DEFORM.format("body.ply", "out.ply"), "pose.json"),
     _unreadable("a map", CARRY, "map.npz", remeshed),
