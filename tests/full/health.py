@@ -7,15 +7,17 @@ import os
 import re
 import subprocess
 import sys
-import tempfile
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
-from tests.full.record import ROOT, Figures
+from tests.full.record import FOLDER, ROOT, Figures
 from tests.robustness import uncompiled
 
 PACKAGES = ("sshade", "baselines", "defaust", "eval")
+#: Parts of the test suite, the quick ones first; what they leave is kept between them.
+FOLDERS = ("sshade", "robustness", "fuzz", "full", "faults", "contract", "defaust", "baselines", "eval")
+DATA = FOLDER / "coverage"
 #: Lines of each package that must be run, in percent; modules with less than this of theirs are named.
 ENOUGH, LITTLE = 90.0, 85.0
 
@@ -38,32 +40,43 @@ def kernels(figures: Figures) -> Iterator[Figures]:
 
 
 def coverage(figures: Figures) -> Iterator[Figures]:
-    """The test suite, and the kernels uncompiled: what lines they run."""
-    with tempfile.TemporaryDirectory() as name:
-        place = {"COVERAGE_FILE": str(Path(name, "data"))}
-        measured = [sys.executable, "-m", "coverage"]
-        summary, failures = _pytest([], prefix=[*measured, "run", "-m", "pytest"], **place)
-        plain = ["run", "-m", "tests.robustness.uncompiled", "--write", str(Path(name, "plain.npz"))]
-        report = Path(name, "report.json")
-        for words, environment in (
-            (plain, {"NUMBA_DISABLE_JIT": "1"}),
-            (["combine", "-q"], {}),
-            (["json", "-q", "-o", str(report)], {}),
-        ):
-            done = _run([*measured, *words], **place, **environment)
-            if done.returncode:
-                failures.append(f"coverage {words[0]}: {done.stderr[-500:]}")
-        shares, low = by_package(json.loads(report.read_text())["files"]) if report.is_file() else ({}, {})
+    """The test suite, a folder of it at a time, and the kernels uncompiled: what lines they run."""
+    DATA.mkdir(parents=True, exist_ok=True)
+    done = figures.get("folders", [])
+    if not done:
+        for path in DATA.iterdir():
+            path.unlink()
+    place = {"COVERAGE_FILE": str(DATA / "data")}
+    counts = {name: figures.get(name, 0) for name in ("tests", "skipped", "warnings")}
+    for folder in [name for name in FOLDERS if name not in done]:
+        prefix = [sys.executable, "-m", "coverage", "run", "-m", "pytest"]
+        summary, failures = _pytest(
+            [f"tests/{folder}", "-n", "2", "--dist", "loadfile"], prefix=prefix, **place
+        )
+        for name, word in (("tests", "passed"), ("skipped", "skipped"), ("warnings", "warnings")):
+            counts[name] += summary.get(word, 0)
+        done = [*done, folder]
+        yield {**counts, "folders": done, "failures": failures}
+    yield {**counts, "folders": done, **_lines(place)}
+
+
+def _lines(place: dict[str, str]) -> Figures:
+    """Add the uncompiled kernels, and count."""
+    measured = [sys.executable, "-m", "coverage"]
+    plain = ["run", "-m", "tests.robustness.uncompiled", "--write", str(DATA / "plain.npz")]
+    report = DATA / "report.json"
+    failures = []
+    for words, environment in (
+        (plain, {"NUMBA_DISABLE_JIT": "1"}),
+        (["combine", "-q", "--keep"], {}),
+        (["json", "-q", "-o", str(report)], {}),
+    ):
+        done = _run([*measured, *words], **place, **environment)
+        if done.returncode:
+            failures.append(f"coverage {words[0]}: {done.stderr[-500:]}")
+    shares, low = by_package(json.loads(report.read_text())["files"]) if report.is_file() else ({}, {})
     failures += [f"{name}: {share:.1f} % of lines" for name, share in shares.items() if share < ENOUGH]
-    yield {
-        "tests": summary.get("passed", 0),
-        "skipped": summary.get("skipped", 0),
-        "warnings": summary.get("warnings", 0),
-        "shares": shares,
-        "low": low,
-        "least": min(shares.values(), default=0.0),
-        "failures": failures,
-    }
+    return {"shares": shares, "low": low, "least": min(shares.values(), default=0.0), "failures": failures}
 
 
 def by_package(files: dict[str, dict]) -> tuple[dict[str, float], dict[str, float]]:

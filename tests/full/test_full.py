@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 
-from tests.full.health import by_package
+from tests.full.health import FOLDERS, by_package
 from tests.full.page import write_page
-from tests.full.record import Record, fill, load
+from tests.full.record import ROOT, Record, fill, load
 from tests.full.steps import Step, steps
 
 
@@ -73,6 +74,10 @@ def test_a_small_share_of_every_step_has_the_figures_that_its_line_names():
         assert figures["failures"] == []
         assert "{" not in small[name].told.format(**figures)
     assert figures["kills"] == 1
+
+
+def test_coverage_leaves_no_folder_of_tests_out():
+    assert sorted(FOLDERS) == sorted({path.parent.name for path in Path(ROOT, "tests").glob("*/test_*.py")})
 
 
 def test_coverage_is_counted_by_package():
