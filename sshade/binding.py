@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Literal, cast, get_args
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 
@@ -156,7 +156,7 @@ def make_frames(kind: FrameKind, proxy: Mesh, *, values: np.ndarray) -> Frames:
     return BlendedFrames.at_rest(proxy, stretch=kind == "blended_affine")
 
 
-def _arrays_of_a_map(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
+def _arrays_of_a_map(path: str | os.PathLike[str]) -> dict[str, Any]:
     try:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
             return {name: data[name] for name in data.files}
