@@ -137,10 +137,12 @@ def main(arguments: list[str] | None = None) -> int:
         raise InputError(f"{ROWS} holds no rows; `python -m eval.collect` makes them from runs")
     if any(path.parent.resolve() == options.out.resolve() for path in paths):
         raise InputError(f"{options.out} holds the rows, which the tables would replace; name another -o")
-    make_folder(options.out)
+    tables = []  # all of them, before anything is written
     for path in paths:
         rows = of_machine(read_csv(path), options.machine or "")
-        table = make_table(rows, title=path.stem, with_time=not options.no_time)
+        tables.append(make_table(rows, title=path.stem, with_time=not options.no_time))
+    make_folder(options.out)
+    for path, table in zip(paths, tables, strict=True):
         for suffix, write in FORMATS.items():
             with replacing(options.out / f"{path.stem}.{suffix}") as temporary:
                 temporary.write_text(write(table))
