@@ -134,6 +134,12 @@ ROWS = [
         says=("body.ply: the folder cannot be made",),
     ),
     Case(
+        "eval.tables: rows that are not there beside sound ones",
+        "python -m eval.tables tiny nosuch -o t",
+        runs,
+        says=("nosuch.csv: no such file",),
+    ),
+    Case(
         "eval.curves: an unknown metric",
         "python -m eval.curves tiny --metric beauty",
         runs,
