@@ -307,12 +307,27 @@ def _no_faults(out: str) -> None:
     assert run(f"defaust verify '{out}'")[0] == 0
 
 
+def _matlab() -> None:
+    """TOSCA's format; in the second file the struct is announced as a sparse matrix, which ends SciPy."""
+    from scipy.io import savemat
+
+    Path("meshes").mkdir()
+    columns = {axis: BODY.V[:, c : c + 1] for c, axis in enumerate("XYZ")}
+    for name in ("a", "b"):
+        savemat(f"meshes/{name}.mat", {"surface": {**columns, "TRIV": BODY.F + 1}})
+    content = bytearray(Path("meshes/b.mat").read_bytes())
+    assert content[144] == 2
+    content[144] = 5
+    Path("meshes/b.mat").write_bytes(content)
+
+
 def _build_refused_leaves() -> list[Case]:
     """A build whose subject fails has begun: its recipe stays, for the next."""
     cases = []
     for name, given, words in (
         ("a mesh of garbage", both(shapes("a", "b"), garbage("meshes/b.ply")), "b.ply"),
         ("a cut mesh", both(shapes("a", "b"), cut("meshes/b.ply", 0.5)), "b.ply"),
+        ("a MATLAB file that ends its reader", _matlab, "b.mat: not readable as .mat"),
         (
             "meshes of other counts",
             both(shapes("a", "b"), lambda: write_mesh("meshes/b.ply", np.eye(3), [[0, 1, 2]])),

@@ -72,6 +72,19 @@ def _carry(name: str, given: Given, *says: str) -> Case:
     return Case(f"carry: {name}", CARRY, given, says=says)
 
 
+def _member(offset: int, value: int) -> Given:
+    """A sound map with two bytes of its archive's first entry replaced."""
+
+    def write() -> None:
+        remeshed()
+        content = bytearray(Path("map.npz").read_bytes())
+        at = content.index(b"PK\x01\x02") + offset
+        content[at : at + 2] = value.to_bytes(2, "little")
+        Path("map.npz").write_bytes(content)
+
+    return write
+
+
 NOT_A_MAP = "not a map written by `sshade remesh`"
 MAPS = [
     _carry("no map", mesh(np.eye(3), [[0, 1, 2]], "proxy.ply"), "map.npz", NOT_A_MAP),
@@ -89,6 +102,9 @@ MAPS = [
         both(remeshed, data("map.npz", pickle.dumps(_Hostile()))),
         NOT_A_MAP,
     ),
+    _carry("a map of an archive of a later version", _member(6, 99), NOT_A_MAP, "zip file version 9.9"),
+    _carry("a map that is encrypted", _member(8, 1), NOT_A_MAP, "encrypted"),
+    _carry("a map of an unknown compression", _member(10, 77), NOT_A_MAP, "compression"),
     _carry("a map without regions", _map(region=None), NOT_A_MAP),
     _carry("a map with regions out of range", _map(region=lambda r: r + 40), "do not fit together"),
     _carry("a map with faces out of range", _map(faces=lambda f: f + 1), "map.npz"),
