@@ -28,7 +28,7 @@ def main(argv: list[str] | None = None) -> int:
         parser.error(f"there is no step {unknown[0]}; there are {', '.join(known)}")
     for name in [] if options.page else options.step or known:
         step, record = known[name], load(name, FOLDER)
-        if options.again or record.figures.get("failures"):
+        if options.again or (record.figures.get("failures") and not step.keeps):
             record = Record(name)
         if not record.complete:
             fill(record, step.parts(record.figures), FOLDER)

@@ -53,11 +53,15 @@ def coverage(figures: Figures) -> Iterator[Figures]:
         summary, failures = _pytest(
             [f"tests/{folder}", "-n", "2", "--dist", "loadfile"], prefix=prefix, **place
         )
+        if failures:
+            yield {**figures, "failures": failures}
+            return
         for name, word in (("tests", "passed"), ("skipped", "skipped"), ("warnings", "warnings")):
             counts[name] += summary.get(word, 0)
         done = [*done, folder]
-        yield {**counts, "folders": done, "failures": failures}
-    yield {**counts, "folders": done, **_lines(place)}
+        figures = {**counts, "folders": done, "failures": []}
+        yield figures
+    yield {**figures, **_lines(place)}
 
 
 def _lines(place: dict[str, str]) -> Figures:

@@ -67,7 +67,7 @@ def _duration(seconds: float) -> str:
 def _coverage(done: Mapping[str, tuple[Step, Record]]) -> Sequence[str]:
     """Lines run, by package."""
     figures = done["coverage"][1].figures
-    if not figures:
+    if "shares" not in figures:
         return []
     table = ["| package | lines run |", "| --- | ---: |"]
     table += [f"| {name} | {share:.1f} % |" for name, share in figures["shares"].items()]

@@ -36,11 +36,14 @@ class Step:
         Takes the figures so far.
     told : str
         For the page: what came of it, with the figures' names in braces.
+    keeps : bool
+        After a failure, the parts before it count; otherwise the step begins anew.
     """
 
     about: str
     parts: Callable[[Figures], Iterator[Figures]]
     told: str
+    keeps: bool = False
 
 
 def _cases(figures: Figures, *, cases: list[Case]) -> Iterator[Figures]:
@@ -169,5 +172,6 @@ def steps(share: float = 1.0) -> dict[str, Step]:
         "the test suite, with coverage by lines",
         coverage,
         "{tests} tests passed, {skipped} skipped, {warnings} warnings; {least:.1f} % of lines or more",
+        keeps=True,
     )
     return found

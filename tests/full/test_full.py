@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.full import health
 from tests.full.health import FOLDERS, by_package
 from tests.full.page import write_page
 from tests.full.record import ROOT, Record, fill, load
@@ -57,7 +58,9 @@ def test_the_page_tells_what_passed_what_failed_and_what_is_not_done(tmp_path):
         "half": (step, Record("half", {"count": 1, "failures": []}, False, 1.0, ["abc"], "2026-01-01")),
         "coverage": (step, Record("coverage", figures, True, 600.0, ["abc", "def+"], "2026-01-02")),
     }
+    half = dict(done, coverage=(step, Record("coverage", {"count": 1, "failures": []}, False)))
     page = tmp_path / "page.md"
+    assert write_page(half, page)[-1] == "coverage is not done" and "sshade" not in page.read_text()
     assert write_page(done, page) == ["bad failed: it broke", "later is not done", "half is not done"]
     text = page.read_text()
     assert "| counting | 1,234,567 counted | 60 s | 2026-01-01 | abc |" in text
@@ -74,6 +77,26 @@ def test_a_small_share_of_every_step_has_the_figures_that_its_line_names():
         assert figures["failures"] == []
         assert "{" not in small[name].told.format(**figures)
     assert figures["kills"] == 1
+
+
+def test_coverage_goes_on_after_a_failure_with_the_folder_that_failed(tmp_path, monkeypatch):
+    asked, failing = [], ["b"]
+
+    def tests_of(arguments, **_):
+        asked.append(arguments[0])
+        failures = [f"FAILED {name}" for name in failing if arguments[0] == f"tests/{name}"]
+        return {"passed": 7, "warnings": 1}, failures
+
+    monkeypatch.setattr(health, "DATA", tmp_path / "data")
+    monkeypatch.setattr(health, "FOLDERS", ("a", "b"))
+    monkeypatch.setattr(health, "_pytest", tests_of)
+    monkeypatch.setattr(health, "_lines", lambda place: {"least": 95.0, "failures": []})
+    *_, stopped = health.coverage({})
+    assert stopped["failures"] == ["FAILED b"] and stopped["folders"] == ["a"]
+    failing.clear()
+    *_, figures = health.coverage(stopped)
+    assert asked == ["tests/a", "tests/b", "tests/b"]
+    assert figures["tests"] == 14 and figures["warnings"] == 2 and figures["failures"] == []
 
 
 def test_coverage_leaves_no_folder_of_tests_out():

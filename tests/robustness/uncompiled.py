@@ -77,9 +77,9 @@ def compare() -> Comparison:
     called = set(plain.pop("called").tolist())
     apart = {}
     for name, work in WORK.items():
-        expected = work()
-        same = expected.shape == plain[name].shape
-        apart[name] = np.abs(plain[name] - expected).max() / np.abs(expected).max() if same else np.inf
+        expected, found = np.asarray(work(), dtype=float), np.asarray(plain[name], dtype=float)
+        same = expected.shape == found.shape
+        apart[name] = np.abs(found - expected).max() / np.abs(expected).max() if same else np.inf
     known = kernels()
     return Comparison(apart, [k for k in known if k in called], [k for k in known if k not in called])
 
