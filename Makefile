@@ -49,7 +49,8 @@ bench: $(READY) $(FULL)/dataset.json $(BASES:%=%/dataset.json)
 
 # What was done is kept and not repeated, an interruption costs a few minutes of it; AGAIN=--again begins anew.
 robustness: $(READY)
-	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[fuzz]'
+	$(BIN)/python -c 'import atheris' 2>/dev/null \
+	  || $(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt atheris
 	$(BIN)/python -m tests.full $(AGAIN)
 
 ablations: $(READY) $(QUICK)/dataset.json
