@@ -11,7 +11,7 @@ from tests.full.steps import Step
 
 PAGE = ROOT / "results" / "robustness.md"
 
-HEAD = """# What was tried against it
+HEAD = """# Robustness: what was tried, and what came of it
 
 Made by `make robustness` from records of real runs, one for each line. A commit with a `+` had changes
 of its own beside it.

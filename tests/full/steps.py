@@ -155,7 +155,8 @@ def steps(share: float = 1.0) -> dict[str, Step]:
         found[f"kills_{scene.replace(' ', '_')}"] = Step(
             f"kill -9 at random moments: {scene}",
             partial(_kills, scene=scene, kills=of(kills), part=11),
-            "{kills} kills, after each some a rerun equal to an undisturbed run; {pairs} pairs at once",
+            "{kills} kills: what was left was whole, and reruns gave what an undisturbed run gives; so did "
+            "two at once, {pairs} times",
         )
     for name in TARGETS:
         found[f"fuzz_{name}"] = Step(
