@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+from contextlib import suppress
 from pathlib import Path
 from time import sleep
 
@@ -40,10 +41,7 @@ def kill_at_random(
         # Now and then before or just after the beginning, where little is there yet.
         sleep(float(rng.uniform(0, seconds) if rng.integers(4) else rng.uniform(0, 0.05)))
         if run.process.is_alive():
-            if done % 2:
-                os.kill(run.process.pid, signal.SIGKILL)
-            else:
-                os.killpg(run.process.pid, signal.SIGKILL)
+            _kill(run.process.pid, workers=done % 2 == 0)
             done, since = done + 1, since + 1
         run.end()
         scene.check(folder / scene.out)
@@ -52,6 +50,14 @@ def kill_at_random(
             assert scene.result(folder / scene.out) == expected, f"{scene.name}: another result after kills"
             clear(scene, folder)
             since = 0
+
+
+def _kill(pid: int, *, workers: bool) -> None:
+    if workers:
+        with suppress(ProcessLookupError):  # so young that it leads no group yet
+            os.killpg(pid, signal.SIGKILL)
+            return
+    os.kill(pid, signal.SIGKILL)
 
 
 def two_at_once(scene: Scene, folder: Path, *, expected: Result) -> list[int]:
