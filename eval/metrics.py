@@ -16,9 +16,10 @@ from typing import Literal
 
 import numpy as np
 
-from eval.geometry import corner_angles, edge_lengths, opposes_neighbours
+from eval.geometry import corner_angles, edge_lengths
 from eval.truth import Task, chamfer, hausdorff, truth_angle, truth_distance, truth_edge
-from sshade.intersections import new_self_intersections
+from sshade.flips import new_flips
+from sshade.intersections import new_crossings
 from sshade.mesh import Mesh
 
 
@@ -107,13 +108,12 @@ def handle(task: Task, vertices: np.ndarray) -> float:
 
 def flips(task: Task, vertices: np.ndarray) -> float:
     """Faces whose normal opposes the mean of their edge-neighbours' in M' and did not in M."""
-    rest = task.mesh
-    return float((opposes_neighbours(Mesh(vertices, rest.F)) & ~opposes_neighbours(rest)).sum())
+    return float(new_flips(task.mesh, vertices).sum())
 
 
 def self_intersections(task: Task, vertices: np.ndarray) -> float:
     """Faces that intersect others in M' and did not in M; see :mod:`sshade.intersections`."""
-    return float(new_self_intersections(task.mesh, vertices))
+    return float(new_crossings(task.mesh, vertices).sum())
 
 
 METRICS: dict[str, Metric] = {

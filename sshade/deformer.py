@@ -13,9 +13,10 @@ from sshade.errors import InputError
 from sshade.frames import FrameKind
 from sshade.graph import vertex_graph
 from sshade.linalg import Engine
-from sshade.local_global import LocalGlobal, Solution
+from sshade.local_global import LocalGlobal
 from sshade.mesh import Mesh
 from sshade.parallel import in_threads
+from sshade.solution import Solution
 from sshade.task import DeformationResult, Progress, silent
 
 

@@ -117,7 +117,7 @@ class Iteration:
         self._elements, self._hold, self.restored = elements, hold, True
         self._fixed = -(elements._to_handles @ targets)
         free = len(self._fixed)
-        self._X, self._wide = np.empty((free, 3)), np.empty((free, 3 + (hold.columns if hold else 0)))
+        self._X, self._wide = np.empty((free, 3)), np.zeros((free, 3 + (hold.columns if hold else 0)))
         self._Q, self.R, self._B = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), np.empty((n, 9)), np.empty((n, 3))
 
     def begin_with(self, rotations: np.ndarray) -> None:
@@ -156,6 +156,15 @@ class Iteration:
         """Lead positions u (n, 3) back to the exact constraints, along the present directions."""
         if self._hold:
             self.restored = self._hold.restore(u)
+
+    def correct(self, u: np.ndarray) -> None:
+        """Lead positions u (n, 3) to the exact constraints, along directions of their own."""
+        if self._hold:
+            e = self._elements
+            self._hold.gather(u, e._free, self._wide)
+            e.factor.solve_ordered(self._wide, crew=self._crew)
+            self._hold.turn(self._wide, e._free)
+            self.restore(u)
 
     def _solve(self, X: np.ndarray, g: np.ndarray) -> None:
         e = self._elements

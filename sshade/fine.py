@@ -3,7 +3,8 @@
 `sshade_fast` is one proxy: its volume and its area held, its triangles softening
 (:mod:`sshade.softening`), its motion blended over each triangle
 (:mod:`sshade.blended`). `sshade_fine` goes on from there with a few accelerated
-iterations of the same energy at full resolution.
+iterations of the same energy at full resolution, and leads apart what crosses in
+the end (:mod:`sshade.contact`).
 """
 
 from __future__ import annotations
@@ -13,16 +14,21 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from math import inf
 from time import perf_counter
+from typing import Any
 
 from sshade.coarse import Start
+from sshade.contact import MARGIN, separate
 from sshade.frames import FrameKind
 from sshade.linalg import Engine
 from sshade.local_global import LocalGlobal, local_global
 from sshade.pipeline import deform
+from sshade.solution import Solution
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
 
 #: Stiffness of strongly strained triangles, and the strain about which they soften.
 STIFFNESS, STRAIN = 0.08, 0.0125
+#: Times that crossings are led apart and the constraints restored.
+PASSES = 5
 
 
 def sshade_fast(
@@ -104,6 +110,7 @@ def sshade_fine(
     max_iterations: int = 1000,
     polish_iterations: int = 60,
     polish_seconds: float | None = None,
+    contact: bool = True,
     start: Start = "rigid",
     engine: Engine = "auto",
     workers: int | None = None,
@@ -130,6 +137,9 @@ def sshade_fine(
         Iterations at full resolution, at most.
     polish_seconds : float, optional
         Another limit to them; the result then depends on the machine.
+    contact : bool
+        Whether to lead apart what crosses in the end, and to unfold what is flipped, unless
+        it was so at rest; see :mod:`sshade.contact`.
     workers : int, optional
         Threads at full resolution; by default one a processor. No influence on the result.
     seed : int
@@ -142,7 +152,8 @@ def sshade_fine(
         `iterations` and `converged` are of the polish. Handles are on their
         targets, and exact constraints hold to 1e-6. ``seconds``: ``precompute``
         overlaps with ``proxy``, ``wait`` is what it took longer. ``extra`` as of
-        :func:`sshade.local_global.local_global`, and the proxy's iterations.
+        :func:`sshade.local_global.local_global`, the proxy's iterations, and the faces
+        that cross others or are flipped after the polish and in the end.
 
     Raises
     ------
@@ -169,28 +180,80 @@ def sshade_fine(
         arrived = perf_counter()
         solver, precompute = bound.result()
     ready = perf_counter()
+    workers = workers or os.cpu_count() or 1
+    energy: dict[str, Any] = {
+        "volume": volume,
+        "area": area,
+        "stiffness": stiffness,
+        "strain": strain,
+        "workers": workers,
+    }
     solution = solver.solve(
         task.handles.target,
         start=proxy.vertices,
         tolerance=tolerance,
         max_iterations=polish_iterations,
         max_seconds=inf if polish_seconds is None else polish_seconds,
-        volume=volume,
-        area=area,
-        stiffness=stiffness,
-        strain=strain,
-        workers=workers or os.cpu_count() or 1,
         progress=lambda _, done, total, note="": progress("polish", done, total, note),
+        **energy,
     )
-    seconds = {"proxy": arrived - begin, "precompute": precompute, "wait": ready - arrived}
+    polished = perf_counter()
     facts = {"engine": solver.engine, "proxy_iterations": proxy.iterations}
+    if contact:
+        solution, tangled = _lead_apart(solver, solution, energy, engine=engine, progress=progress)
+        facts |= tangled
+    seconds = {
+        "proxy": arrived - begin,
+        "precompute": precompute,
+        "wait": ready - arrived,
+        "polish": polished - ready,
+        "contact": perf_counter() - polished,
+    }
     return DeformationResult(
         vertices=solution.positions,
         iterations=solution.iterations,
         converged=solution.converged,
-        seconds={**seconds, "polish": perf_counter() - ready},
+        seconds=seconds,
         extra={**solution.facts(), **facts, "proxy_vertices": proxy.extra["proxy_vertices"]},
     )
+
+
+def _lead_apart(
+    solver: LocalGlobal, solution: Solution, energy: dict[str, Any], *, engine: Engine, progress: Progress
+) -> tuple[Solution, dict[str, int]]:
+    """The solution without crossings and flips, and how many faces there were before and still are.
+
+    What is led apart loses the volume of the overlap; with that given back to the
+    whole, some of it may cross again.
+    """
+    local = {name: energy[name] for name in ("stiffness", "strain", "workers")}
+    exact = {name: energy[name] for name in ("volume", "area", "workers")}
+    positions, counts = solution.positions, []
+    best = positions
+    for attempt in range(1, PASSES + 1):
+        parted = separate(
+            solver.mesh,
+            positions,
+            solver.index,
+            margin=attempt * MARGIN,
+            engine=engine,
+            progress=progress,
+            **local,
+        )
+        counts.append(parted.before)
+        if parted.before <= min(counts):
+            best = positions
+        if parted.before == 0:
+            break
+        positions = solver.constrained(parted.positions, **exact)
+    tangled = {"tangled_polished": counts[0], "tangled": min(counts)}
+    if best is solution.positions:
+        return solution, tangled
+    after = solver.solve(
+        best[solver.index], start=best, rotations=solution.rotations, max_iterations=0, **energy
+    )
+    kept = {name: getattr(solution, name) for name in ("iterations", "residual", "converged", "rejected")}
+    return after._replace(**kept, energy_initial=solution.energy_initial), tangled
 
 
 def _bind(task: DeformationTask, engine: Engine) -> tuple[LocalGlobal, float]:

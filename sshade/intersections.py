@@ -22,11 +22,10 @@ folded flat, or that are there twice; it does count faces without a plane.
 
 from __future__ import annotations
 
-import hashlib
-
 import numpy as np
 from numba import njit
 
+from sshade.boxes import box_tree
 from sshade.mesh import Mesh
 from sshade.parallel import Crew
 
@@ -37,27 +36,6 @@ PLANE_TOLERANCE = 1e-12
 LEAF_SIZE = 4
 #: Leaves that a thread takes at a time.
 PIECE = 1024
-
-_REST_KEPT = 4
-_rest_results: dict[bytes, np.ndarray] = {}
-
-
-def new_self_intersections(rest: Mesh, vertices: np.ndarray) -> int:
-    """Count the faces that intersect others in the deformed mesh and did not at rest.
-
-    Parameters
-    ----------
-    rest : Mesh
-        Its own intersections are kept for the last few meshes of the process.
-    vertices : (n, 3) float64
-        Deformed positions.
-    """
-    key = hashlib.sha256(rest.V.tobytes() + rest.F.tobytes()).digest()
-    if key not in _rest_results:
-        while len(_rest_results) >= _REST_KEPT:
-            del _rest_results[next(iter(_rest_results))]
-        _rest_results[key] = intersecting_faces(rest.V, rest.F)
-    return int((intersecting_faces(vertices, rest.F) & ~_rest_results[key]).sum())
 
 
 def intersecting_faces(
@@ -80,7 +58,7 @@ def intersecting_faces(
     """
     V = np.ascontiguousarray(V, dtype=np.float64)
     F = np.ascontiguousarray(F, dtype=np.int64)
-    order, face_boxes, boxes = _box_tree(V, F)
+    order, face_boxes, boxes = box_tree(V, F, LEAF_SIZE)
     tolerance = PLANE_TOLERANCE * float(np.linalg.norm(np.ptp(V, axis=0)))
     # In the tree's order the faces of a leaf, and nearby leaves, lie together in memory.
     F = F[order]
@@ -102,6 +80,29 @@ def intersecting_faces(
     return result
 
 
+def new_crossings(
+    mesh: Mesh, positions: np.ndarray, *, among: np.ndarray | None = None, workers: int = 1
+) -> np.ndarray:
+    """Mark the faces that intersect others in a deformed mesh and did not at rest.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Rest shape.
+    positions : (n, 3) float64
+    among, workers
+        See :func:`intersecting_faces`.
+
+    Returns
+    -------
+    (m,) bool
+    """
+    now = intersecting_faces(positions, mesh.F, among=among, workers=workers)
+    if now.any():
+        now &= ~intersecting_faces(mesh.V, mesh.F, among=now, workers=workers)
+    return now
+
+
 def _unit_normals(V: np.ndarray, F: np.ndarray, tolerance: float) -> np.ndarray:
     """(m, 3) unit normals; zero where the height over the longest edge is within the tolerance."""
     a, b, c = V[F[:, 0]], V[F[:, 1]], V[F[:, 2]]
@@ -110,54 +111,6 @@ def _unit_normals(V: np.ndarray, F: np.ndarray, tolerance: float) -> np.ndarray:
     longest = np.sqrt(np.max([((q - p) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0))
     flat = length <= tolerance * longest
     return np.where(flat[:, None], 0.0, normals / np.where(flat, 1.0, length)[:, None])
-
-
-def _box_tree(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The order of the faces along a Morton curve, their boxes in it, and a complete binary tree over them.
-
-    A box is (low, high) in six numbers. Node i of the tree, counted from 1, has
-    the children 2i and 2i + 1; the last half of the nodes are leaves, a power of
-    two, of ``LEAF_SIZE`` faces each. An unused leaf has an empty box, which
-    overlaps nothing.
-    """
-    corners = V[F]
-    low, high = corners.min(axis=1), corners.max(axis=1)
-    order = np.argsort(_morton(0.5 * (low + high)), kind="stable")
-    low, high = low[order], high[order]
-    filled = -(-len(F) // LEAF_SIZE)
-    leaves = 1 << max(0, int(np.ceil(np.log2(filled))))
-    boxes = np.empty((2 * leaves, 6))
-    boxes[:, :3], boxes[:, 3:] = np.inf, -np.inf
-    start = np.arange(0, len(F), LEAF_SIZE)
-    boxes[leaves : leaves + filled, :3] = np.minimum.reduceat(low, start)
-    boxes[leaves : leaves + filled, 3:] = np.maximum.reduceat(high, start)
-    level = leaves
-    while level > 1:
-        below = boxes[level : 2 * level]
-        boxes[level // 2 : level, :3] = np.minimum(below[0::2, :3], below[1::2, :3])
-        boxes[level // 2 : level, 3:] = np.maximum(below[0::2, 3:], below[1::2, 3:])
-        level //= 2
-    return order, np.hstack([low, high]), boxes
-
-
-def _morton(points: np.ndarray) -> np.ndarray:
-    """(m,) uint64 position of each point along a Morton curve, 20 bits an axis."""
-    extent = float(np.ptp(points, axis=0).max())
-    grid = (points - points.min(axis=0)) * ((2**20 - 1) / extent if extent > 0 else 0.0)
-    code = np.zeros(len(points), dtype=np.uint64)
-    for axis in range(3):
-        bits = grid[:, axis].astype(np.uint64)
-        # The usual magic numbers: each step moves half of the bits apart.
-        for shift, mask in (
-            (32, 0x1F00000000FFFF),
-            (16, 0x1F0000FF0000FF),
-            (8, 0x100F00F00F00F00F),
-            (4, 0x10C30C30C30C30C3),
-            (2, 0x1249249249249249),
-        ):
-            bits = (bits | (bits << np.uint64(shift))) & np.uint64(mask)
-        code |= bits << np.uint64(axis)
-    return code
 
 
 @njit(cache=True, nogil=True)
@@ -278,11 +231,19 @@ def _edge_meets(V, p, q, p_side, q_side, triangle, normal, tolerance):
     """
     if p_side * q_side > 0 or (p_side == 0 and q_side == 0):
         return False
-    x = V[p] + (V[q] - V[p]) * (p_side / (p_side - q_side))
+    # Written out: arrays of three numbers take five times as long.
+    share = p_side / (p_side - q_side)
+    x = V[p, 0] + (V[q, 0] - V[p, 0]) * share
+    y = V[p, 1] + (V[q, 1] - V[p, 1]) * share
+    z = V[p, 2] + (V[q, 2] - V[p, 2]) * share
     for i in range(3):
-        a = V[triangle[i]]
-        along = V[triangle[(i + 1) % 3]] - a
-        if (np.cross(along, x - a) * normal).sum() < -tolerance * np.sqrt((along * along).sum()):
+        a, b = triangle[i], triangle[(i + 1) % 3]
+        ex, ey, ez = V[b, 0] - V[a, 0], V[b, 1] - V[a, 1], V[b, 2] - V[a, 2]
+        rx, ry, rz = x - V[a, 0], y - V[a, 1], z - V[a, 2]
+        inward = (ey * rz - ez * ry) * normal[0]
+        inward += (ez * rx - ex * rz) * normal[1]
+        inward += (ex * ry - ey * rx) * normal[2]
+        if inward < -tolerance * np.sqrt(ex * ex + ey * ey + ez * ez):
             return False
     return True
 

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from math import inf
 from time import perf_counter
-from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,52 +27,8 @@ from sshade.linalg import Engine
 from sshade.mesh import Mesh
 from sshade.parallel import Crew
 from sshade.softening import Softening
+from sshade.solution import Solution
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
-
-
-class Solution(NamedTuple):
-    """A deformed shape and how the iteration went.
-
-    Attributes
-    ----------
-    positions : (n, 3) float64
-        The handles are on their targets exactly.
-    rotations : (n, 3, 3) float64
-        The local step at `positions`: det 1, carrying rest edges to deformed ones.
-    iterations : int
-        Global steps.
-    residual : float
-        Largest move of a vertex in the last plain iteration / bounding-box diagonal.
-    energy, energy_initial : float
-        After the local steps at `positions` and at the start, with the penalties
-        of weighted constraints; unit length^2. The start fulfils no constraint,
-        so that its energy may be the lower one.
-    converged : bool
-    rejected : int
-        Accelerated iterates given up because the energy rose.
-    volume_error, area_error : float
-        Relative, of the worst component; NaN where none encloses a volume.
-    volume_constraint, area_constraint : str
-        See :meth:`sshade.constraints.Constraints.status`.
-    """
-
-    positions: np.ndarray
-    rotations: np.ndarray
-    iterations: int
-    residual: float
-    energy: float
-    energy_initial: float
-    converged: bool
-    rejected: int
-    volume_error: float
-    area_error: float
-    volume_constraint: str
-    area_constraint: str
-
-    def facts(self) -> dict[str, Any]:
-        """What belongs into the `extra` of a result."""
-        own = ("positions", "iterations", "converged")
-        return {name: value for name, value in self._asdict().items() if name not in own}
 
 
 class LocalGlobal:
@@ -211,6 +166,41 @@ class LocalGlobal:
         solution = self._solution(u, iteration.R, wanted, facts)
         solution.positions[self.index] = targets
         return solution
+
+    def constrained(
+        self, positions: np.ndarray, *, volume: float = 0.0, area: float = 0.0, workers: int = 1
+    ) -> np.ndarray:
+        """Lead positions back to the constraints held exactly, by what costs the energy least.
+
+        Parameters
+        ----------
+        positions : (n, 3) float64
+            Near a shape that fulfils them. Handles stay.
+        volume, area : float
+            Weights; only inf matters.
+        workers : int
+            Threads; no influence on the result.
+
+        Returns
+        -------
+        (n, 3) float64
+
+        Raises
+        ------
+        InputError
+            As :meth:`solve`.
+        """
+        targets, positions = self._checked_positions(np.asarray(positions)[self.index], positions)
+        u = positions[self._elements.vertex] - self.mesh.origin
+        with Crew(workers) as crew:
+            iteration = self._elements.iteration(
+                targets, Wanted(volume, area).checked(), Softening(), crew=crew
+            )
+            iteration.correct(u)
+        result = np.empty_like(positions)
+        result[self._elements.vertex] = u + self.mesh.origin
+        result[self.index] = targets
+        return result
 
     def _solution(self, u: np.ndarray, R: np.ndarray, wanted: Wanted, facts: dict) -> Solution:
         elements, n = self._elements, self.mesh.n

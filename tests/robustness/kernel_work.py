@@ -15,7 +15,7 @@ from baselines.arap_sr import arap_sr
 from baselines.deformation_graph import deformation_graph
 from sshade import DeformationTask, Deformer, bind, deform, reconstruct, sshade_fast, sshade_fine
 from sshade.cutting import cut_to_manifold
-from sshade.intersections import intersecting_faces, new_self_intersections
+from sshade.intersections import intersecting_faces, new_crossings
 from sshade.local_global import local_global
 from sshade.parallel import Crew
 from sshade.projection import _closest_in_triangle, sent_far
@@ -85,7 +85,7 @@ def _on_needles() -> np.ndarray:
 def _crossing() -> np.ndarray:
     sheet = folded(12, 4, gap=0.05)
     through = bent(sheet.V, 2.0)
-    found = [new_self_intersections(sheet, through), *intersecting_faces(through, sheet.F).tolist()]
+    found = [*new_crossings(sheet, through).tolist(), *intersecting_faces(through, sheet.F).tolist()]
     flat = [[0, 0, 0], [2, 0, 0], [0, 2, 0], [0.5, 0.5, 0], [3, 0, 0], [3, 3, 0], [1, 0.1, 0], [0.1, 1, 0]]
     for F in ([[0, 1, 2], [3, 4, 5]], [[0, 1, 2], [0, 6, 7]]):
         found += intersecting_faces(np.array(flat, dtype=float), np.array(F)).tolist()

@@ -17,7 +17,8 @@ from baselines.accelerated import accelerated_arap, accelerated_elastic
 from sshade import DeformationTask, Handles, InputError, Mesh
 from sshade.anderson import largest_move
 from sshade.constraints import EVERY
-from sshade.local_global import LocalGlobal, Solution, local_global
+from sshade.local_global import LocalGlobal, local_global
+from sshade.solution import Solution
 from sshade.volume_area import AREA, VOLUME, along, gradients, measure, newton_step
 from tests.shapes import bent, bumpy, double_torus, icosphere, jittered, rotation, strip, torus
 from tests.sshade.naive import TASKS, Naive
