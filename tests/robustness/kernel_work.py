@@ -14,6 +14,7 @@ from baselines.arap import arap
 from baselines.arap_sr import arap_sr
 from baselines.deformation_graph import deformation_graph
 from sshade import DeformationTask, Deformer, bind, deform, reconstruct, sshade_fast, sshade_fine
+from sshade.contact import separate
 from sshade.cutting import cut_to_manifold
 from sshade.intersections import intersecting_faces, new_crossings
 from sshade.local_global import local_global
@@ -22,7 +23,7 @@ from sshade.projection import _closest_in_triangle, sent_far
 from sshade.remesh import remesh
 from sshade.substitution import Factors, divide, substitute, substitute_together
 from tests.robustness.inputs import pose
-from tests.shapes import bent, bumpy, double_torus, folded, jittered, torus
+from tests.shapes import bent, bumpy, double_torus, folded, icosphere, jittered, torus
 from tests.sshade.test_cutting import moebius, t_fin
 
 BODY = bumpy(2)
@@ -92,6 +93,14 @@ def _crossing() -> np.ndarray:
     return np.array(found)
 
 
+def _separated() -> np.ndarray:
+    """A sphere whose front is pushed out through its back."""
+    ball = icosphere(2)
+    around = ball.V[:, 1] ** 2 + ball.V[:, 2] ** 2
+    V = ball.V - np.where(ball.V[:, 0] > 0, 2.1 * np.exp(-8 * around), 0.0)[:, None] * [1, 0, 0]
+    return separate(ball, V, np.flatnonzero(ball.V[:, 0] < -0.9), rounds=2).positions
+
+
 def _substituted() -> np.ndarray:
     """A tree of eight branches below a top."""
     rng, n = np.random.default_rng(0), 60
@@ -134,5 +143,6 @@ WORK: dict[str, Callable[[], np.ndarray]] = {
     "intersections": _crossing,
     "points sent far": _sent_far,
     "points near needles": _on_needles,
+    "leading apart": _separated,
     "substitution": _substituted,
 }
