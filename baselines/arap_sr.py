@@ -136,7 +136,7 @@ def arap_sr(
     u = U[order]
     if task.guess is not None:
         cells.fit(u, step.Q, step.R, smooth=False)
-    iterations, residual = iterate(
+    residuals = iterate(
         step.advance,
         u,
         scale=mesh.diagonal,
@@ -148,12 +148,13 @@ def arap_sr(
     )
     return DeformationResult(
         vertices=u[position],
-        iterations=iterations,
-        converged=residual < tolerance,
+        iterations=len(residuals),
+        converged=bool(len(residuals) and residuals[-1] < tolerance),
         seconds={"precompute": precomputed - begin, "solve": perf_counter() - precomputed},
         extra={
             "rotations": step.R.reshape(-1, 3, 3)[position],
-            "residual": residual,
+            "residual": float(residuals[-1]) if len(residuals) else np.inf,
+            "residual_curve": residuals,
             "restarts": step.restarts,
             "colours": int(colour.max()) + 1,
             "engine": global_step.engine,

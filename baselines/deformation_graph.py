@@ -96,7 +96,7 @@ def deformation_graph(
 
     q = initial_guess(task, start)[fronts.samples]
     solver = _NodeSolver(coarse, held=np.arange(len(handles)), targets=handles.target, engine=engine)
-    iterations, residual = iterate(
+    residuals = iterate(
         solver.advance,
         q,
         scale=mesh.diagonal,
@@ -113,8 +113,8 @@ def deformation_graph(
     V[handles.index] = handles.target
     return DeformationResult(
         vertices=V,
-        iterations=iterations,
-        converged=residual < tolerance,
+        iterations=len(residuals),
+        converged=bool(len(residuals) and residuals[-1] < tolerance),
         seconds={
             "precompute": precomputed - begin,
             "solve": solved - precomputed,
@@ -124,7 +124,8 @@ def deformation_graph(
             "handle_before": float(missed.mean()) / mesh.diagonal,
             "nodes": len(q),
             "edges": len(coarse.edges),
-            "residual": residual,
+            "residual": float(residuals[-1]) if len(residuals) else np.inf,
+            "residual_curve": residuals,
             "engine": solver.engine,
         },
     )

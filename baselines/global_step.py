@@ -68,7 +68,7 @@ def iterate(
     progress: Progress,
     mix: Callable[[np.ndarray, np.ndarray], None] = np.copyto,
     other_move: Callable[[], float] = float,
-) -> tuple[int, float]:
+) -> np.ndarray:
     """Repeat ``u <- g(u)`` until no vertex moves by more than a tolerance.
 
     Parameters
@@ -92,9 +92,8 @@ def iterate(
 
     Returns
     -------
-    iterations : int
-    residual : float
-        Of the last iteration; infinite where there was none.
+    (iterations,) float64
+        The residual of each.
 
     Raises
     ------
@@ -102,11 +101,12 @@ def iterate(
         When an iterate is not finite.
     """
     g = u.copy()
-    iterations, residual = 0, np.inf
-    while iterations < max_iterations and residual >= tolerance:
+    residuals, residual = [], np.inf
+    while len(residuals) < max_iterations and residual >= tolerance:
         advance(u, g)
         residual = max(float(largest_move(g, u)) / scale, other_move())
-        iterations += 1
+        residuals.append(residual)
+        iterations = len(residuals)
         if not np.isfinite(residual):
             raise FloatingPointError(f"the positions are not finite after {iterations} iterations")
         if residual < tolerance or iterations == max_iterations:
@@ -115,5 +115,5 @@ def iterate(
             mix(u, g)
         if iterations % REPORT_EVERY == 0:
             progress("iterations", iterations, max_iterations, f"residual {residual:.1e}")
-    progress("iterations", iterations, max_iterations, f"residual {residual:.1e}")
-    return iterations, residual
+    progress("iterations", len(residuals), max_iterations, f"residual {residual:.1e}")
+    return np.array(residuals)

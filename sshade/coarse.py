@@ -82,7 +82,7 @@ def libigl_arap(
     Returns
     -------
     DeformationResult
-        ``extra`` holds the last ``residual`` and the ``engine``.
+        ``extra`` holds the last ``residual``, the ``residual_curve`` of all, and the ``engine``.
 
     Raises
     ------
@@ -110,20 +110,21 @@ def libigl_arap(
     targets = np.array(handles.target)
     U = initial_guess(task, start)
     scale = mesh.diagonal
-    residual, iterations = np.inf, 0
-    while iterations < max_iterations and residual >= tolerance:
+    residual = np.inf
+    residuals: list[float] = []
+    while len(residuals) < max_iterations and residual >= tolerance:
         moved = igl.arap_solve(targets, data, U)
         residual = float(np.sqrt(((moved - U) ** 2).sum(axis=1).max())) / scale
         U = moved
-        iterations += 1
+        residuals.append(residual)
         if not np.isfinite(residual):
             break
-        progress("iterations", iterations, max_iterations, f"residual {residual:.1e}")
+        progress("iterations", len(residuals), max_iterations, f"residual {residual:.1e}")
     solved = perf_counter()
     return DeformationResult(
         vertices=U,
-        iterations=iterations,
+        iterations=len(residuals),
         converged=residual < tolerance,
         seconds={"precompute": precomputed - begin, "solve": solved - precomputed},
-        extra={"residual": residual, "engine": "libigl"},
+        extra={"residual": residual, "residual_curve": np.array(residuals), "engine": "libigl"},
     )

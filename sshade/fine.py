@@ -252,8 +252,8 @@ def _lead_apart(
     after = solver.solve(
         best[solver.index], start=best, rotations=solution.rotations, max_iterations=0, **energy
     )
-    kept = {name: getattr(solution, name) for name in ("iterations", "residual", "converged", "rejected")}
-    return after._replace(**kept, energy_initial=solution.energy_initial), tangled
+    names = "iterations", "residual", "residual_curve", "converged", "rejected", "energy_initial"
+    return after._replace(**{name: getattr(solution, name) for name in names}), tangled
 
 
 def _bind(task: DeformationTask, engine: Engine) -> tuple[LocalGlobal, float]:

@@ -30,7 +30,7 @@ def iterate(
     """Iterate from u (n, 3), in place; return what a solution tells of it."""
     g, slack = u.copy(), ENERGY_ROUNDING * abs(iteration.rest_energy)
     iterations, rejected, residual, mixed = 0, 0, np.inf, False
-    energies = [np.inf]
+    energies, residuals = [np.inf], []
     while True:
         energy = iteration.local_step(u)
         if mixer and mixed and not (energy <= energies[-1] + slack and iteration.restored):
@@ -42,6 +42,7 @@ def iterate(
             break
         iteration.global_step(u, g)
         residual = float(largest_move(g, u)) / iteration.diagonal
+        residuals.append(residual)
         iterations += 1
         if not np.isfinite(residual):
             raise FloatingPointError(f"the positions are not finite after {iterations} iterations")
@@ -58,6 +59,7 @@ def iterate(
     return {
         "iterations": iterations,
         "residual": residual,
+        "residual_curve": np.array(residuals),
         "energy": iteration.rest_energy + energies[-1],
         "energy_initial": iteration.rest_energy + energies[1],
         "converged": residual < tolerance,

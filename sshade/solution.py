@@ -20,6 +20,8 @@ class Solution(NamedTuple):
         Global steps.
     residual : float
         Largest move of a vertex in the last plain iteration / bounding-box diagonal.
+    residual_curve : (iterations,) float64
+        That of each iteration.
     energy, energy_initial : float
         After the local steps at `positions` and at the start, with the penalties
         of weighted constraints; unit length^2. The start fulfils no constraint,
@@ -37,6 +39,7 @@ class Solution(NamedTuple):
     rotations: np.ndarray
     iterations: int
     residual: float
+    residual_curve: np.ndarray
     energy: float
     energy_initial: float
     converged: bool

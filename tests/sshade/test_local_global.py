@@ -274,9 +274,11 @@ def test_result_and_progress_of_the_method(task):
     assert [call[1] for call in calls] == [10, 20, 25] and calls[0][0] == "iterations"
     assert set(result.seconds) == {"precompute", "solve"}
     assert set(result.extra) == {
-        "rotations", "residual", "energy", "energy_initial", "rejected", "engine",
+        "rotations", "residual", "residual_curve", "energy", "energy_initial", "rejected", "engine",
         "volume_error", "area_error", "volume_constraint", "area_constraint",
     }  # fmt: skip
+    curve = result.extra["residual_curve"]
+    assert len(curve) == 25 and curve[-1] == result.extra["residual"] and (curve > 0).all()
     assert result.iterations == 25 and result.converged is False and result.extra["engine"] == "superlu"
 
 
