@@ -36,8 +36,8 @@ MARGIN = 0.25
 HELD = 5.0
 #: How much farther than needed vertices move: the one to begin with, others where a round did not help.
 SHARES = 1.3, 1.0
-#: Where no move helps, first the faces alone, then up to so many rings less one about them are smoothed out.
-PINCH = 4
+#: Where no move helps, so many attempts to smooth out: the faces alone, then two more rings each time.
+PINCH = 5
 #: Rings of vertices around a contact that move along, and averagings of the field.
 RINGS, AVERAGINGS = 4, 200
 #: Width of the patch that settles, over the size of the contact, and its iterations.
@@ -55,12 +55,15 @@ class Separated(NamedTuple):
     before, after : int
         Faces that cross others, or oppose their neighbours, and did not at rest.
     rounds : int
+    met : (n,) bool
+        Vertices that were behind others in some round.
     """
 
     positions: np.ndarray
     before: int
     after: int
     rounds: int
+    met: np.ndarray
 
 
 def separate(
@@ -68,10 +71,11 @@ def separate(
     positions: np.ndarray,
     index: np.ndarray,
     *,
+    met: np.ndarray | None = None,
     stiffness: float = 1.0,
     strain: float = 0.02,
     margin: float = MARGIN,
-    rounds: int = 12,
+    rounds: int = 24,
     engine: Engine = "auto",
     workers: int = 1,
     progress: Progress = silent,
@@ -85,6 +89,8 @@ def separate(
     positions : (n, 3) float64
     index : (k,) int
         Vertices that stay, the handles.
+    met : (n,) bool, optional
+        Of an earlier call: they are held apart from the first round on.
     stiffness, strain
         How the triangles of the patch soften; see :mod:`sshade.softening`.
     margin : float
@@ -112,31 +118,29 @@ def separate(
         raise InputError(f"the positions must be finite and of shape ({mesh.n}, 3)")
     tangled = _tangled(mesh, positions, workers=workers)
     before = int(tangled.sum())
+    met = np.zeros(mesh.n, dtype=bool) if met is None else met
     if before == 0:
-        return Separated(positions.copy(), 0, 0, 0)
-    surface, done, failed = _Surface(mesh, index), 0, 0
-    best, touched = positions, np.zeros(mesh.n, dtype=bool)
+        return Separated(positions.copy(), 0, 0, 0, met)
+    surface, done, failed, best = _Surface(mesh, index), 0, 0, positions
     while tangled.any() and done < rounds and failed < len(SHARES) + PINCH:
         progress("contact", done, rounds, f"{int(tangled.sum())} faces cross or flip")
         seeds = np.zeros(mesh.n, dtype=bool)
         seeds[mesh.F[tangled]] = True
-        patch = surface.near(seeds | touched)
-        met = touched | surface.enclosed(seeds, patch)
         P = best.copy()
+        patch = surface.near(seeds | met)
+        behind = met | surface.enclosed(seeds, patch)
         if failed < len(SHARES):
-            held = _move_apart(surface, P, met, share=SHARES[failed], margin=margin)
+            held = _move_apart(surface, P, behind, share=SHARES[failed], margin=margin)
             _settle(surface, P, patch, held, stiffness=stiffness, strain=strain, engine=engine)
         else:
-            _smooth_out(surface, P, surface.grown(seeds, failed - len(SHARES)))
-        done += 1
+            _smooth_out(surface, P, surface.grown(seeds, 2 * (failed - len(SHARES))))
+        done, failed = done + 1, failed + 1
         moved = np.any(best != P, axis=1)[mesh.F].any(axis=1)
         now = _tangled(mesh, P, among=moved | tangled, workers=workers)
         if now.sum() < tangled.sum():
-            best, touched, tangled, failed = P, met, now, 0
-        else:
-            failed += 1
+            best, met, tangled, failed = P, behind, now, 0
     progress("contact", rounds, rounds, f"{int(tangled.sum())} faces cross or flip")
-    return Separated(best.copy(), before, int(tangled.sum()), done)
+    return Separated(best.copy(), before, int(tangled.sum()), done, met)
 
 
 def _tangled(mesh: Mesh, P: np.ndarray, *, among: np.ndarray | None = None, workers: int = 1) -> np.ndarray:
@@ -210,7 +214,7 @@ def _move_apart(
             need[corner] = max(need[corner], lack[i])
             pull[corner] -= lack[i] * way[i]
     _move_smoothly(surface, P, met, share * need, pull)
-    held = still.copy()
+    held = still | (need > 0)
     held[ids[2.0 * lack > (1.0 - HELD) * margin]] = True
     return held
 

@@ -228,18 +228,20 @@ def _lead_apart(
     """
     local = {name: energy[name] for name in ("stiffness", "strain", "workers")}
     exact = {name: energy[name] for name in ("volume", "area", "workers")}
-    positions, counts = solution.positions, []
+    positions, counts, met = solution.positions, [], None
     best = positions
     for attempt in range(1, PASSES + 1):
         parted = separate(
             solver.mesh,
             positions,
             solver.index,
+            met=met,
             margin=attempt * MARGIN,
             engine=engine,
             progress=progress,
             **local,
         )
+        met = parted.met
         counts.append(parted.before)
         if parted.before <= min(counts):
             best = positions
