@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import Future
 from time import perf_counter
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from sshade.parallel import in_threads
 from sshade.projection import sent_far
 from sshade.remesh import Remesh
 from sshade.task import DeformationResult, DeformationTask, Handles, Method, Progress, rigid_motion, silent
+
+#: What a coarse method may tell, and the result then does too.
+PROXY_FACTS = "energy", "volume_error", "area_error", "volume_constraint", "area_constraint"
 
 
 def deform(
@@ -76,7 +79,8 @@ def deform(
         ``iterations`` is the mean over samplings, ``converged`` is true if all did.
         ``extra`` has the mean number ``far_vertices`` that the projection put onto
         another part of the surface (:func:`sshade.projection.sent_far`), and the
-        same as ``far_share`` in percent.
+        same as ``far_share`` in percent; ``proxy_energy``, ``proxy_volume_error`` and the like are
+        the means, and the largest errors, of what the coarse method tells of its proxies.
 
     Raises
     ------
@@ -146,8 +150,21 @@ def deform(
             "far_share": 100 * far / task.mesh.n,
             "residual": max(r.extra["residual"] for r in results),
             "engine": results[0].extra["engine"],
+            **_of_proxies([r.extra["proxy"] for r in results]),
         },
     )
+
+
+def _of_proxies(found: list[dict[str, Any]]) -> dict[str, Any]:
+    """What the solvers of the proxies tell of energy and constraints, for all samplings together."""
+    facts: dict[str, Any] = {}
+    for name, value in found[0].items():
+        values = [each[name] for each in found]
+        if isinstance(value, str):
+            facts[f"proxy_{name}"] = ", ".join(dict.fromkeys(values))
+        else:
+            facts[f"proxy_{name}"] = float(max(values) if name.endswith("error") else np.mean(values))
+    return facts
 
 
 def _one_sampling(
@@ -200,6 +217,7 @@ def _one_sampling(
             "degenerate_frames": degenerate,
             "residual": solved.extra.get("residual", float("nan")),
             "engine": solved.extra.get("engine", ""),
+            "proxy": {name: solved.extra[name] for name in PROXY_FACTS if name in solved.extra},
         },
     )
 

@@ -26,6 +26,17 @@ def test_fast_keeps_volume_area_and_handles_nearly(task):
     assert after.area == pytest.approx(task.mesh.area, rel=2e-3)
     gap = np.abs(result.vertices[task.handles.index] - task.handles.target).max()
     assert gap < 1e-12 * task.mesh.diagonal
+    assert result.extra["proxy_volume_constraint"] == result.extra["proxy_area_constraint"] == "exact"
+    assert result.extra["proxy_volume_error"] < 1e-6 and result.extra["proxy_area_error"] < 1e-6
+
+
+def test_the_energies_of_two_starts_can_be_told_apart(task):
+    """Of several proxies the mean."""
+    one, two = (sshade_fast(task, vertices=600, samplings=k, tolerance=1e-7).extra for k in (1, 2))
+    other = sshade_fast(task, vertices=600, start="rest", tolerance=1e-7).extra
+    assert other["proxy_energy"] == pytest.approx(one["proxy_energy"], rel=1e-4)
+    assert 0 < abs(two["proxy_energy"] / one["proxy_energy"] - 1) < 0.1
+
 
 
 def test_fine_keeps_them_exactly(task):
