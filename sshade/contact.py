@@ -38,6 +38,8 @@ HELD = 5.0
 SHARES = 1.3, 1.0
 #: Where no move helps, so many attempts to smooth out: the faces alone, then two more rings each time.
 PINCH = 5
+#: So many faces are few, and every one less counts. Of more, no more than this share may be left.
+FEW, WORTH = 100, 0.97
 #: Rings of vertices around a contact that move along, and averagings of the field.
 RINGS, AVERAGINGS = 4, 200
 #: Width of the patch that settles, over the size of the contact, and its iterations.
@@ -75,7 +77,7 @@ def separate(
     stiffness: float = 1.0,
     strain: float = 0.02,
     margin: float = MARGIN,
-    rounds: int = 24,
+    rounds: int = 16,
     engine: Engine = "auto",
     workers: int = 1,
     progress: Progress = silent,
@@ -122,7 +124,7 @@ def separate(
     if before == 0:
         return Separated(positions.copy(), 0, 0, 0, met)
     surface, done, failed, best = _Surface(mesh, index), 0, 0, positions
-    while tangled.any() and done < rounds and failed < len(SHARES) + PINCH:
+    while tangled.any() and done < rounds and failed < len(SHARES) + PINCH * (tangled.sum() <= FEW):
         progress("contact", done, rounds, f"{int(tangled.sum())} faces cross or flip")
         seeds = np.zeros(mesh.n, dtype=bool)
         seeds[mesh.F[tangled]] = True
@@ -137,7 +139,7 @@ def separate(
         done, failed = done + 1, failed + 1
         moved = np.any(best != P, axis=1)[mesh.F].any(axis=1)
         now = _tangled(mesh, P, among=moved | tangled, workers=workers)
-        if now.sum() < tangled.sum():
+        if now.sum() < tangled.sum() * (1.0 if tangled.sum() <= FEW else WORTH):
             best, met, tangled, failed = P, behind, now, 0
     progress("contact", rounds, rounds, f"{int(tangled.sum())} faces cross or flip")
     return Separated(best.copy(), before, int(tangled.sum()), done, met)

@@ -245,7 +245,8 @@ def _lead_apart(
         counts.append(parted.before)
         if parted.before <= min(counts):
             best = positions
-        if parted.before == 0:
+        # Handles that force parts through each other leave most of the crossings.
+        if parted.before == 0 or parted.after > 0.5 * parted.before:
             break
         positions = solver.constrained(parted.positions, **exact)
     tangled = {"tangled_polished": counts[0], "tangled": min(counts)}
