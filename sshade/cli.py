@@ -253,6 +253,8 @@ def _say_of_pieces(facts: Mapping[str, Any]) -> None:
         _say(f"note: {facts['pieces']} pieces were deformed on their own, with shares of the proxy vertices")
     if facts["carried"]:
         _say(f"note: {facts['carried']} components without handles follow the nearest one rigidly")
+    if facts.get("tangled"):
+        _say(f"note: {facts['tangled']} faces cross others or are flipped, where handles force that")
 
 
 def _method(arguments: argparse.Namespace) -> Callable[..., DeformationResult]:

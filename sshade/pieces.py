@@ -63,7 +63,7 @@ def deform_pieces(
     -------
     DeformationResult
         `iterations` is the mean over pieces. ``extra`` has ``proxy_vertices`` in
-        all, the largest ``residual``, and the numbers of ``pieces`` deformed, of
+        all, the largest ``residual``, the faces left ``tangled``, and the numbers of ``pieces`` deformed, of
         components ``carried``, of ``copies`` of vertices that cutting made and of
         faces ``turned`` to agree; ``gap`` is how far copies came apart before
         they were joined, over the diagonal.
@@ -248,6 +248,7 @@ def _joined(V: np.ndarray, results: list[DeformationResult], **facts: Any) -> De
             "proxy_vertices": sum(r.extra.get("proxy_vertices", 0) for r in results),
             "residual": max(r.extra.get("residual", 0.0) for r in results),
             "engine": results[0].extra.get("engine", ""),
+            "tangled": sum(r.extra.get("tangled", 0) for r in results),
             **facts,
         },
     )

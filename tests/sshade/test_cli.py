@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from functools import partial
@@ -13,7 +14,9 @@ from sshade import DeformationTask, Handles, InputError, Mesh, deform
 from sshade.cli import main
 from sshade.console import progress_bar, run_command
 from sshade.fine import sshade_fast, sshade_fine
+from sshade.flips import new_flips
 from sshade.handlesio import read_handles, write_handles
+from sshade.intersections import new_crossings
 from sshade.local_global import local_global
 from sshade.meshio import read_arrays, read_mesh, write_mesh
 from tests.shapes import bumpy, icosphere, rotation, tetrahedron
@@ -135,6 +138,19 @@ def test_method_and_start_reach_the_solver(folder, method, start):
     task = DeformationTask("body", BODY, read_handles("pose.json", BODY))
     result = METHODS[method](start)(task, vertices=60)
     assert np.array_equal(read_arrays("out.ply")[0], result.vertices)
+
+
+def test_what_handles_force_through_the_body_is_said(folder, capsys):
+    z = BODY.V[:, 2]
+    low, high = np.flatnonzero(z < z.min() + 0.4), np.flatnonzero(z > z.max() - 0.4)
+    through = BODY.V[high] - [0, 0, 1.2 * np.ptp(z)]
+    write_handles("pose.json", Handles(np.r_[low, high], np.concatenate([BODY.V[low], through])))
+    command = ["deform", "body.ply", "pose.json", "-o", "out.ply", "--method", "sshade_fine"]
+    assert main([*command, "--vertices", "80"]) == 0
+    said = capsys.readouterr().err
+    left = int(re.search(r"note: (\d+) faces cross others or are flipped", said)[1])
+    V = read_mesh("out.ply").V
+    assert left == (new_crossings(BODY, V) | new_flips(BODY, V)).sum() > 0
 
 
 def test_fine_has_one_proxy(folder, capsys):

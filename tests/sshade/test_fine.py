@@ -38,7 +38,6 @@ def test_the_energies_of_two_starts_can_be_told_apart(task):
     assert 0 < abs(two["proxy_energy"] / one["proxy_energy"] - 1) < 0.1
 
 
-
 def test_fine_keeps_them_exactly(task):
     result = sshade_fine(task, vertices=600, area=np.inf)
     after = Mesh(result.vertices, task.mesh.F)
