@@ -60,7 +60,8 @@ def front(rows: Iterable[Row], *, leave_out: tuple[str, ...] = ("identity",)) ->
         columns = ("metric.volume", *(f"metric.{name}" for name in AGAINST))
         mean = tuple(sum(row[column] for row in own) / len(own) for column in columns)
         points.setdefault(method, []).append(mean)
-    return points
+    # A row by the plain name, of another experiment, has its place among those of the curve.
+    return {method: sorted(own, reverse=True) for method, own in points.items()}
 
 
 def draw(points: dict[str, list[Point]], path: Path) -> None:

@@ -20,12 +20,13 @@ def test_weights_make_a_curve_and_other_methods_points():
         row("fine-inf", volume=0.0, weight=float("inf")),
         row("fine-0.0", volume=4.0, weight=0.0),
         row("fine-0.1", volume=2.0, weight=0.1),
+        row("fine", volume=3.0, weight=0.05),  # by the plain name
         row("arap", volume=9.0),
         row("accelerated-2", volume=7.0),  # a number, but no weight
         row("identity", volume=5.0),
     ]
     points = front(rows)
-    assert points["fine"] == [(4.0, 8.0, 12.0), (2.0, 4.0, 6.0), (0.0, 0.0, 0.0)]
+    assert points["fine"] == [(4.0, 8.0, 12.0), (3.0, 6.0, 9.0), (2.0, 4.0, 6.0), (0.0, 0.0, 0.0)]
     assert points["arap"] == [(9.0, 18.0, 27.0)] and points["accelerated-2"] == [(7.0, 14.0, 21.0)]
     assert "identity" not in points
 
