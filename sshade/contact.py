@@ -167,10 +167,8 @@ class _Surface:
         """(n,) bool: vertices as near to the seeds, along edges, as the largest region of seeds tells."""
         ids = np.flatnonzero(seeds)
         _, region = connected_components(self.lengths[ids][:, ids], directed=False)
-        size = max(
-            float(np.linalg.norm(np.ptp(self.mesh.V[ids[region == r]], axis=0)))
-            for r in range(region.max() + 1)
-        )
+        places = [self.mesh.V[ids[region == r]] for r in range(region.max() + 1)]
+        size = 2 * max(float(np.linalg.norm(own - own.mean(axis=0), axis=1).max()) for own in places)
         far = WIDTH * size + (RINGS + 1) * self.mean_edge
         return np.isfinite(dijkstra(self.lengths, directed=False, indices=ids, min_only=True, limit=far))
 
@@ -267,11 +265,12 @@ def _settle(
         place = np.full(mesh.n, -1)
         place[ids] = np.arange(len(ids))
         solver = LocalGlobal(Mesh(mesh.V[ids], place[mesh.F[whole]]), index, engine=engine)
+        # No tolerance: it is relative to the diagonal, which turns change.
         P[ids] = solver.solve(
             P[ids[index]],
             start=P[ids],
+            tolerance=0.0,
             max_iterations=ITERATIONS,
-            tolerance=1e-6,
             stiffness=stiffness,
             strain=strain,
         ).positions
