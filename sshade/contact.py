@@ -130,17 +130,24 @@ def separate(
         seeds[mesh.F[tangled]] = True
         P = best.copy()
         patch = surface.near(seeds | met)
-        behind = met | surface.enclosed(seeds, patch)
+        behind = surface.enclosed(seeds, patch) | (met if failed == 0 else False)
         if failed < len(SHARES):
             held = _move_apart(surface, P, behind, share=SHARES[failed], margin=margin)
-            _settle(surface, P, patch, held, stiffness=stiffness, strain=strain, engine=engine)
+            shapes = [_settled(surface, P, patch, held, stiffness=stiffness, strain=strain, engine=engine), P]
         else:
             _smooth_out(surface, P, surface.grown(seeds, 2 * (failed - len(SHARES))))
+            shapes = [P]
         done, failed = done + 1, failed + 1
-        moved = np.any(best != P, axis=1)[mesh.F].any(axis=1)
-        now = _tangled(mesh, P, among=moved | tangled, workers=workers)
+        now = np.ones(mesh.m, dtype=bool)
+        for shape in shapes:  # what settles may cross again: then better not
+            moved = np.any(best != shape, axis=1)[mesh.F].any(axis=1)
+            found = _tangled(mesh, shape, among=moved | tangled, workers=workers)
+            if found.sum() < now.sum():
+                P, now = shape, found
+            if not now.any():
+                break
         if now.sum() < tangled.sum() * (1.0 if tangled.sum() <= FEW else WORTH):
-            best, met, tangled, failed = P, behind, now, 0
+            best, met, tangled, failed = P, met | behind, now, 0
     progress("contact", rounds, rounds, f"{int(tangled.sum())} faces cross or flip")
     return Separated(best.copy(), before, int(tangled.sum()), done, met)
 
@@ -244,7 +251,7 @@ def _smooth_out(surface: _Surface, P: np.ndarray, zone: np.ndarray) -> None:
         P[ids] = mean @ P / degree
 
 
-def _settle(
+def _settled(
     surface: _Surface,
     P: np.ndarray,
     patch: np.ndarray,
@@ -253,9 +260,9 @@ def _settle(
     stiffness: float,
     strain: float,
     engine: Engine,
-) -> None:
-    """Lower the energy of the patch (n,) bool in P; its boundary and the vertices `held` (n,) bool stay."""
-    mesh = surface.mesh
+) -> np.ndarray:
+    """P (n, 3) with a lower energy of the patch (n,) bool; its boundary and the vertices `held` (n,) stay."""
+    mesh, P = surface.mesh, P.copy()
     whole = patch[mesh.F].all(axis=1)
     stay = held.copy()
     stay[mesh.F[~whole]] = True
@@ -274,6 +281,7 @@ def _settle(
             stiffness=stiffness,
             strain=strain,
         ).positions
+    return P
 
 
 @njit(cache=True, nogil=True)
