@@ -15,6 +15,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from threading import Lock, Thread, current_thread, main_thread
 from time import perf_counter
@@ -121,6 +122,8 @@ def attempt_fresh(
     process = context.Process(target=_child, args=arguments, daemon=False)
     row: Row = {"status": "failed", "reason": "", "iterations": None, "converged": None}
     try:
+        # Begun by `start` itself, it would lift the mask there.
+        resource_tracker.ensure_running()
         with _no_interrupt():
             process.start()
         theirs.close()
