@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
@@ -346,6 +347,13 @@ def test_every_committed_table_has_its_rows():
     rows = {path.stem for path in (RESULTS / "rows").glob("*.csv")}
     tables = {path.name for path in (RESULTS / "tables").glob("*.*")}
     assert tables == {f"{stem}.{suffix}" for stem in rows for suffix in FORMATS}
+
+
+@pytest.mark.parametrize("path", sorted((RESULTS / "rows").glob("*.csv")), ids=lambda path: path.stem)
+def test_committed_rows_name_files_by_their_place_in_the_project(path):
+    sources = [json.loads(row["task.source"]) for row in read_csv(path) if row.get("task.source")]
+    roots = {source["root"] for source in sources if "root" in source}
+    assert all(root.startswith("./") for root in roots)
 
 
 def test_worst_cases_and_cases_won():
