@@ -24,7 +24,7 @@ from typing import Literal
 
 import numpy as np
 
-from baselines.global_step import GlobalStep, iterate
+from baselines.global_step import GlobalStep, iterate, last
 from baselines.smooth_rotations import Cells, band_position, largest_turn, matrices, vertex_colours
 from sshade.anderson import Anderson
 from sshade.coarse import Start, initial_guess
@@ -149,11 +149,11 @@ def arap_sr(
     return DeformationResult(
         vertices=u[position],
         iterations=len(residuals),
-        converged=bool(len(residuals) and residuals[-1] < tolerance),
+        converged=last(residuals) < tolerance,
         seconds={"precompute": precomputed - begin, "solve": perf_counter() - precomputed},
         extra={
             "rotations": step.R.reshape(-1, 3, 3)[position],
-            "residual": float(residuals[-1]) if len(residuals) else np.inf,
+            "residual": last(residuals),
             "residual_curve": residuals,
             "restarts": step.restarts,
             "colours": int(colour.max()) + 1,

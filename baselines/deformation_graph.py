@@ -24,7 +24,7 @@ from time import perf_counter
 import numpy as np
 from numba import njit
 
-from baselines.global_step import GlobalStep, iterate
+from baselines.global_step import GlobalStep, iterate, last
 from baselines.node_graph import NodeGraph, bind_to_nodes, node_graph
 from sshade.coarse import Start, initial_guess
 from sshade.cotangents import laplacian_matrix
@@ -114,7 +114,7 @@ def deformation_graph(
     return DeformationResult(
         vertices=V,
         iterations=len(residuals),
-        converged=bool(len(residuals) and residuals[-1] < tolerance),
+        converged=last(residuals) < tolerance,
         seconds={
             "precompute": precomputed - begin,
             "solve": solved - precomputed,
@@ -124,7 +124,7 @@ def deformation_graph(
             "handle_before": float(missed.mean()) / mesh.diagonal,
             "nodes": len(q),
             "edges": len(coarse.edges),
-            "residual": float(residuals[-1]) if len(residuals) else np.inf,
+            "residual": last(residuals),
             "residual_curve": residuals,
             "engine": solver.engine,
         },

@@ -117,3 +117,8 @@ def iterate(
             progress("iterations", iterations, max_iterations, f"residual {residual:.1e}")
     progress("iterations", len(residuals), max_iterations, f"residual {residual:.1e}")
     return np.array(residuals)
+
+
+def last(residuals: np.ndarray) -> float:
+    """The residual that :func:`iterate` ended with; infinite where there was no iteration."""
+    return float(residuals[-1]) if len(residuals) else np.inf

@@ -143,6 +143,11 @@ class Mesh:
         return np.stack([keys // self.n, keys % self.n], axis=1)
 
     @cached_property
+    def face_edges(self) -> np.ndarray:
+        """(m, 3) row in :attr:`edges` of each side of each face, from corner 0 to 1, 1 to 2, 2 to 0."""
+        return np.unique(self._edge_keys, return_inverse=True)[1].reshape(-1, 3)
+
+    @cached_property
     def boundary_edges(self) -> np.ndarray:
         """(b, 2) edges with exactly one incident face."""
         keys, counts = np.unique(self._edge_keys, return_counts=True)

@@ -72,26 +72,13 @@ def gradients(F, start, kind, scale, P, G):
         Overwritten.
     """
     G[:] = 0.0
-    for q in range(len(kind)):
-        for c in range(len(start) - 1):
-            if scale[q, c] != 0.0:
-                if kind[q] == VOLUME:
-                    _volume_gradient(F, start[c], start[c + 1], scale[q, c] / 6.0, P, G, q)
-                else:
-                    _area_gradient(F, start[c], start[c + 1], scale[q, c] / 2.0, P, G, q)
+    _add_gradients(F, start, kind, scale, P, G, 1)
 
 
 @njit(cache=True, nogil=True)
 def push(F, start, kind, scale, P, B):
     """Add to B (n, 3) what :func:`gradients` tells, summed over the quantities; other parameters as there."""
-    total = B.reshape((len(B), 1, 3))
-    for q in range(len(kind)):
-        for c in range(len(start) - 1):
-            if scale[q, c] != 0.0:
-                if kind[q] == VOLUME:
-                    _volume_gradient(F, start[c], start[c + 1], scale[q, c] / 6.0, P, total, 0)
-                else:
-                    _area_gradient(F, start[c], start[c + 1], scale[q, c] / 2.0, P, total, 0)
+    _add_gradients(F, start, kind, scale, P, B.reshape((len(B), 1, 3)), 0)
 
 
 @njit(cache=True, nogil=True)
@@ -209,6 +196,18 @@ def _cross(P, i, j, k):
     ax, ay, az = P[j, 0] - P[i, 0], P[j, 1] - P[i, 1], P[j, 2] - P[i, 2]
     bx, by, bz = P[k, 0] - P[i, 0], P[k, 1] - P[i, 1], P[k, 2] - P[i, 2]
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+
+
+@njit(cache=True, nogil=True)
+def _add_gradients(F, start, kind, scale, P, G, apart):
+    """Add the gradient of quantity q to column ``apart x q`` of G: 1 keeps them apart, 0 sums them up."""
+    for q in range(len(kind)):
+        for c in range(len(start) - 1):
+            if scale[q, c] != 0.0:
+                if kind[q] == VOLUME:
+                    _volume_gradient(F, start[c], start[c + 1], scale[q, c] / 6.0, P, G, apart * q)
+                else:
+                    _area_gradient(F, start[c], start[c + 1], scale[q, c] / 2.0, P, G, apart * q)
 
 
 @njit(cache=True, nogil=True)

@@ -67,6 +67,12 @@ def assert_same(
     assert gap <= close, f"{gap:.1e} of the diagonal apart"
 
 
+def assert_turns_along(name: str, task: DeformationTask, R: np.ndarray) -> None:
+    result = METHODS[name](task, seed=1).vertices
+    there = METHODS[name](moved(task, lambda V: V @ R.T), seed=1).vertices
+    assert_same(there @ R, result, task)
+
+
 @pytest.mark.parametrize("name", METHODS)
 @settings(max_examples=EXAMPLES)
 @given(number=NUMBERS, shift=st.tuples(*[st.integers(-(2**24), 2**24)] * 3))
@@ -84,10 +90,7 @@ def test_a_shift(name, number, shift):
 def test_a_turn_by_quarters(name, number, axes, signs):
     R = np.eye(3)[axes] * [*signs, 1.0]
     R[:, 2] *= np.linalg.det(R)
-    task = drawn(number)
-    result = METHODS[name](task, seed=1).vertices
-    there = METHODS[name](moved(task, lambda V: V @ R.T), seed=1).vertices
-    assert_same(there @ R, result, task)
+    assert_turns_along(name, drawn(number), R)
 
 
 @pytest.mark.parametrize("name", ANY_TURN)
@@ -95,10 +98,7 @@ def test_a_turn_by_quarters(name, number, axes, signs):
 @given(number=NUMBERS, seed=NUMBERS)
 def test_any_turn_where_frames_follow_no_axis(name, number, seed):
     R = rotation(seed)
-    task = drawn(number)
-    result = METHODS[name](task, seed=1).vertices
-    there = METHODS[name](moved(task, lambda V: V @ R.T), seed=1).vertices
-    assert_same(there @ R, result, task)
+    assert_turns_along(name, drawn(number), R)
 
 
 @pytest.mark.parametrize("name", METHODS)
