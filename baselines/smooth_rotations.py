@@ -14,8 +14,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from sshade.cotangents import edge_weights, half_cotangents, laplacian_matrix
+from sshade.fitting import fit_rotations
 from sshade.mesh import Mesh
-from sshade.rotations import fit_rotations
 
 
 def vertex_colours(mesh: Mesh) -> np.ndarray:

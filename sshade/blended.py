@@ -46,10 +46,10 @@ import numpy as np
 from numba import njit
 
 from sshade.errors import InputError
+from sshade.fitting import fit_rotations
 from sshade.mesh import Mesh
 from sshade.projection import Projection
 from sshade.quaternions import quaternions
-from sshade.rotations import fit_rotations
 from sshade.vertex_maps import VertexMaps
 
 #: How far R^T R of a given rotation may be from the identity.

@@ -146,15 +146,16 @@ class _SuperLUFactor(Factor):
             lower.data[below].astype(np.float64),
             1.0 / pivots,
         )
-        self._branches: dict[int, Branches] = {}
+        self._branches: Branches | None = None
+        if n >= SHARED:
+            divided, self._factors, self._branches = divide(self._factors)
+            self.order = self.order[divided]
 
     def solve_ordered(self, X: np.ndarray, *, crew: Crew | None = None) -> None:
-        if crew is None or crew.workers == 1 or len(X) < SHARED:
+        if crew is None or crew.workers == 1 or self._branches is None or X.shape[1] % 3:
             substitute(self._factors, X)
-            return
-        if crew.workers not in self._branches:
-            self._branches[crew.workers] = divide(self._factors, crew.workers)
-        substitute_together(self._factors, self._branches[crew.workers], X, crew=crew)
+        else:
+            substitute_together(self._factors, self._branches, X, crew=crew)
 
 
 class _CholespyFactor(Factor):

@@ -26,7 +26,8 @@ import numpy as np
 from numba import njit
 
 from sshade.errors import InputError
-from sshade.rotations import EVERY, fit_rotations
+from sshade.fitting import fit_rotations
+from sshade.rotations import EVERY
 
 
 class Softening(NamedTuple):

@@ -15,7 +15,7 @@ from numba import njit
 
 VOLUME, AREA = 0, 1
 #: Error of an equation at which Newton's method stops.
-CLOSE = 1e-12
+CLOSE = 1e-10
 #: An error below this that a step does not halve is rounding.
 ROUNDING = 1e-9
 #: Condition number beyond which two gradients count as parallel.
@@ -159,6 +159,8 @@ def newton(F, start, component, kind, scale, goal, compliance, Z, slope, multipl
                 move[c] = -share * taken[c]
                 taken[c] *= 1.0 - share
             else:
+                if 0.0 < now[c] < error[c] and not slow:  # Broyden's update: so much was left of r by `taken`
+                    _update(J[c], r[c], taken[c])
                 error[c] = now[c]
                 if now[c] > CLOSE and left > 0 and not stalled:
                     newton_step(J[c], scale[:, c], compliance[:, c], r[c], move[c])
@@ -201,43 +203,59 @@ def _cross(P, i, j, k):
 @njit(cache=True, nogil=True)
 def _add_gradients(F, start, kind, scale, P, G, apart):
     """Add the gradient of quantity q to column ``apart x q`` of G: 1 keeps them apart, 0 sums them up."""
-    for q in range(len(kind)):
-        for c in range(len(start) - 1):
-            if scale[q, c] != 0.0:
-                if kind[q] == VOLUME:
-                    _volume_gradient(F, start[c], start[c + 1], scale[q, c] / 6.0, P, G, apart * q)
-                else:
-                    _area_gradient(F, start[c], start[c + 1], scale[q, c] / 2.0, P, G, apart * q)
+    for c in range(len(start) - 1):
+        volume = area = 0.0
+        to_volume = to_area = 0
+        for q in range(len(kind)):
+            if kind[q] == VOLUME:
+                volume, to_volume = scale[q, c] / 6.0, apart * q
+            else:
+                area, to_area = scale[q, c] / 2.0, apart * q
+        if volume != 0.0 or area != 0.0:
+            _add_component(F, start[c], start[c + 1], volume, area, P, G, to_volume, to_area)
 
 
-@njit(cache=True, nogil=True)
-def _volume_gradient(F, first, end, scale, P, G, q):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_component(F, first, end, volume, area, P, G, to_volume, to_area):
     for t in range(first, end):
         i, j, k = F[t, 0], F[t, 1], F[t, 2]
-        x, y, z = _cross(P, i, j, k)
-        x, y, z = scale * x, scale * y, scale * z
-        for corner in (i, j, k):
-            G[corner, q, 0] += x
-            G[corner, q, 1] += y
-            G[corner, q, 2] += z
-
-
-@njit(cache=True, nogil=True)
-def _area_gradient(F, first, end, scale, P, G, q):
-    for t in range(first, end):
-        i, j, k = F[t, 0], F[t, 1], F[t, 2]
-        x, y, z = _cross(P, i, j, k)
+        ax, ay, az = P[j, 0] - P[i, 0], P[j, 1] - P[i, 1], P[j, 2] - P[i, 2]
+        bx, by, bz = P[k, 0] - P[i, 0], P[k, 1] - P[i, 1], P[k, 2] - P[i, 2]
+        x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        if volume != 0.0:
+            vx, vy, vz = volume * x, volume * y, volume * z
+            for corner in (i, j, k):
+                G[corner, to_volume, 0] += vx
+                G[corner, to_volume, 1] += vy
+                G[corner, to_volume, 2] += vz
         length = np.sqrt(x * x + y * y + z * z)
-        if length == 0.0:  # no direction is better than another
-            continue
-        factor = scale / length
-        x, y, z = factor * x, factor * y, factor * z
-        # Each corner: the unit normal times the edge opposite.
-        for corner, a, b in ((i, j, k), (j, k, i), (k, i, j)):
-            ex, ey, ez = P[b, 0] - P[a, 0], P[b, 1] - P[a, 1], P[b, 2] - P[a, 2]
-            G[corner, q, 0] += y * ez - z * ey
-            G[corner, q, 1] += z * ex - x * ez
-            G[corner, q, 2] += x * ey - y * ex
+        if area != 0.0 and length > 0.0:  # without a normal, no direction is better than another
+            factor = area / length
+            x, y, z = factor * x, factor * y, factor * z
+            # Each corner: the unit normal times the edge opposite. The three add up to nothing.
+            jx, jy, jz = z * by - y * bz, x * bz - z * bx, y * bx - x * by
+            kx, ky, kz = y * az - z * ay, z * ax - x * az, x * ay - y * ax
+            G[i, to_area, 0] -= jx + kx
+            G[i, to_area, 1] -= jy + ky
+            G[i, to_area, 2] -= jz + kz
+            G[j, to_area, 0] += jx
+            G[j, to_area, 1] += jy
+            G[j, to_area, 2] += jz
+            G[k, to_area, 0] += kx
+            G[k, to_area, 1] += ky
+            G[k, to_area, 2] += kz
+
+
+@njit(cache=True, nogil=True)
+def _update(J, left, step):
+    """Broyden's update of the slopes J (q, q), for what a step leaves of the equations."""
+    square = 0.0
+    for p in range(len(step)):
+        square += step[p] * step[p]
+    if square > 0.0:
+        for q in range(len(left)):
+            for p in range(len(step)):
+                J[q, p] += left[q] * step[p] / square
 
 
 @njit(cache=True, nogil=True)

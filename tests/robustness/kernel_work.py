@@ -116,8 +116,10 @@ def _substituted() -> np.ndarray:
         X = rng.normal(size=(n, columns))
         Y = X.copy()
         substitute(factors, X)
-        with Crew(1) as crew:
-            substitute_together(factors, divide(factors, 2), Y, crew=crew)
+        _, divided, branches = divide(factors, parts=2)
+        if columns > 1:
+            with Crew(1) as crew:
+                substitute_together(divided, branches, Y, crew=crew)
         found += [X.ravel(), Y.ravel()]
     return np.concatenate(found)
 

@@ -12,9 +12,9 @@ from sshade import DeformationTask, Handles, InputError, Mesh
 from sshade.anderson import Anderson, largest_move
 from sshade.coarse import initial_guess, libigl_arap
 from sshade.cotangents import corner_vectors, edge_weights, half_cotangents, laplacian_matrix
+from sshade.fitting import fit_rotations
 from sshade.local_global import LocalGlobal, local_global
 from sshade.quaternions import quaternions
-from sshade.rotations import fit_rotations
 from tests.shapes import bumpy, icosphere, jittered, rotation, strip, tetrahedron, tube
 from tests.sshade.naive import TASKS, Naive, svd_rotations
 
@@ -511,9 +511,9 @@ def test_unknown_names(task):
 def test_ranges_and_workers_change_no_bit(monkeypatch, energy, weights):
     task = TASKS["bar"]
     options = {"max_iterations": 12, "tolerance": 0, "volume": weights[0], "area": weights[1]}
+    monkeypatch.setattr("sshade.linalg.SHARED", 0)
     whole = solver_of(task, energy).solve(task.handles.target, **options)
     monkeypatch.setattr("sshade.elements.RANGE", 30)
-    monkeypatch.setattr("sshade.linalg.SHARED", 0)
     solver = solver_of(task, energy)
     parts = [solver.solve(task.handles.target, workers=workers, **options) for workers in (1, 2, 3)]
     for part in parts:
