@@ -233,14 +233,30 @@ def bind(
     InputError
         See :func:`sshade.remesh.remesh` and :func:`sshade.frames.frame_values`.
     """
-    if projection not in ("fan", "surface"):
-        raise InputError(f"unknown projection {projection!r}; use 'fan' or 'surface'")
-    if frames not in get_args(FrameKind):
-        raise InputError(f"unknown frames {frames!r}; use one of {', '.join(get_args(FrameKind))}")
+    require_binding(mesh, projection=projection, frames=frames, frame_function=frame_function)
     begin = perf_counter()
     remeshed = remesh(mesh, vertices, first=first, seed=seed, graph=graph)
+    seconds = perf_counter() - begin
+    binding = bind_proxy(mesh, remeshed, projection=projection, frames=frames, frame_function=frame_function)
+    binding.seconds["remesh"] = seconds
+    return binding
+
+
+def bind_proxy(
+    mesh: Mesh,
+    remeshed: Remesh,
+    *,
+    projection: Literal["fan", "surface"] = "fan",
+    frames: FrameKind = "triangle",
+    frame_function: str | np.ndarray = "extent",
+) -> Binding:
+    """Encode M's vertices in the frames of a proxy N: what :func:`bind` does with a remesh.
+
+    Parameters and errors as there.
+    """
+    require_binding(mesh, projection=projection, frames=frames, frame_function=frame_function)
+    begin = perf_counter()
     proxy = proxy_mesh(mesh, remeshed)
-    sampled = perf_counter()
     # Far from the origin, rounding would decide between triangles that are equally near.
     V, near = mesh.V, proxy
     if mesh.origin.any():
@@ -249,14 +265,21 @@ def bind(
         project_to_fans(V, near, remeshed.region) if projection == "fan" else project_to_surface(V, near)
     )
     if not isinstance(frame_function, str):
-        frame_function = np.asarray(frame_function)
-        if frame_function.shape != (mesh.n,):
-            raise InputError(
-                f"a frame function needs {mesh.n} values, one a vertex, not {frame_function.shape}"
-            )
-        frame_function = frame_function[remeshed.samples]
+        frame_function = np.asarray(frame_function)[remeshed.samples]
     values = frame_values(proxy, frame_function)
     made = make_frames(frames, proxy, values=values)
     local = made.encode(mesh.V, on_proxy)
-    seconds = {"remesh": sampled - begin, "bind": perf_counter() - sampled}
+    seconds = {"bind": perf_counter() - begin}
     return Binding(mesh, remeshed, proxy, on_proxy, values, frames, made, local, seconds)
+
+
+def require_binding(mesh: Mesh, *, projection: str, frames: str, frame_function: str | np.ndarray) -> None:
+    """Raise InputError on parameters of :func:`bind` that no proxy makes right."""
+    if projection not in ("fan", "surface"):
+        raise InputError(f"unknown projection {projection!r}; use 'fan' or 'surface'")
+    if frames not in get_args(FrameKind):
+        raise InputError(f"unknown frames {frames!r}; use one of {', '.join(get_args(FrameKind))}")
+    if not isinstance(frame_function, str) and np.shape(frame_function) != (mesh.n,):
+        raise InputError(
+            f"a frame function needs {mesh.n} values, one a vertex, not {np.shape(frame_function)}"
+        )

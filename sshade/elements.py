@@ -7,6 +7,8 @@ elastic deformations", 2010 (spokes and rims: the paper's "Elastic").
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 from numba import njit
 from scipy.sparse.csgraph import reverse_cuthill_mckee
@@ -57,15 +59,24 @@ class Elements:
         held = np.zeros(mesh.n, dtype=bool)
         held[index] = True
         free = np.flatnonzero(~held)
-        rows = laplacian[free]
         self.mesh, self.index = mesh, index
-        self.factor = factor(rows[:, free], engine=engine)
-        self.vertex = reverse_cuthill_mckee(laplacian, symmetric_mode=True)
-        position = np.empty(mesh.n, dtype=np.int32)
-        position[self.vertex] = np.arange(mesh.n)
+        with ThreadPoolExecutor(max_workers=1) as pool:
+            factorised = pool.submit(factor, laplacian[free][:, free], engine=engine)
+            self.vertex = reverse_cuthill_mckee(laplacian, symmetric_mode=True)
+            position = np.empty(mesh.n, dtype=np.int32)
+            position[self.vertex] = np.arange(mesh.n)
+            self._list(position, h, edges=edges, weights=weights, energy=energy)
+            self.constraints = Constraints(mesh, position)
+            self.factor = factorised.result()
         free = free[self.factor.order]
         self._to_handles = laplacian[free][:, index]
         self._free, self.held = position[free], position[index]
+
+    def _list(
+        self, position: np.ndarray, h: np.ndarray, *, edges: np.ndarray, weights: np.ndarray, energy: Energy
+    ) -> None:
+        """The element lists in the order of `position` (n,), for half cotangents h (m, 3)."""
+        mesh = self.mesh
         if energy == "spokes":
             corners, H = edges, weights[:, None]
             Y = (weights[:, None] * (mesh.V[edges[:, 0]] - mesh.V[edges[:, 1]]))[:, None]
@@ -81,7 +92,6 @@ class Elements:
         self.corners = corners.shape[1]
         squares = ((mesh.V[edges[:, 0]] - mesh.V[edges[:, 1]]) ** 2).sum(axis=1)
         self.rest_energy = float(self.corners * (weights @ squares))
-        self.constraints = Constraints(mesh, position)
 
     def iteration(
         self, targets: np.ndarray, wanted: Wanted, softening: Softening, *, crew: Crew

@@ -129,6 +129,9 @@ class _SuperLUFactor(Factor):
                     csc_matrix(Q),
                     permc_spec="MMD_AT_PLUS_A",
                     diag_pivot_thresh=0.0,
+                    # Of Laplacians: a quarter less time than with the defaults, and fewer explicit zeros.
+                    panel_size=2,
+                    relax=1,
                     options={"SymmetricMode": True},
                 )
             except RuntimeError as error:  # "Factor is exactly singular"
@@ -142,8 +145,8 @@ class _SuperLUFactor(Factor):
         self.order = np.argsort(position).astype(np.int64)
         self._factors = Factors(
             lower.indptr.astype(np.int64) - np.arange(n + 1),
-            lower.indices[below].astype(np.int32),
-            lower.data[below].astype(np.float64),
+            lower.indices[below].astype(np.int32, copy=False),
+            lower.data[below].astype(np.float64, copy=False),
             1.0 / pivots,
         )
         self._branches: Branches | None = None

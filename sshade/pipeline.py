@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from time import perf_counter
 from typing import Any, Literal
 
 import numpy as np
 
-from sshade.binding import Binding, bind
+from sshade.binding import Binding, bind_proxy, require_binding
 from sshade.errors import InputError
 from sshade.frames import FrameKind
 from sshade.graph import VertexGraph, vertex_graph
@@ -17,7 +17,7 @@ from sshade.local_global import local_global
 from sshade.mesh import Mesh
 from sshade.parallel import in_threads
 from sshade.projection import sent_far
-from sshade.remesh import Remesh
+from sshade.remesh import Remesh, proxy_mesh, remesh
 from sshade.task import DeformationResult, DeformationTask, Handles, Method, Progress, rigid_motion, silent
 
 #: What a coarse method may tell, and the result then does too.
@@ -75,7 +75,8 @@ def deform(
     Returns
     -------
     DeformationResult
-        ``seconds`` are summed over samplings, which overlap in time.
+        ``seconds`` are summed over samplings, which overlap in time, and so do
+        ``bind`` and ``solve`` of each.
         ``iterations`` is the mean over samplings, ``converged`` is true if all did.
         ``extra`` has the mean number ``far_vertices`` that the projection put onto
         another part of the surface (:func:`sshade.projection.sent_far`), and the
@@ -96,6 +97,7 @@ def deform(
         raise InputError(f"{samplings} samplings were asked for; at least one is needed")
     if handle_mode not in ("samples", "nearest"):
         raise InputError(f"unknown handle mode {handle_mode!r}; use 'samples' or 'nearest'")
+    require_binding(task.mesh, projection=projection, frames=frames, frame_function=frame_function)
     task.mesh.require_manifold()
     task.mesh.require_one_component()
     begin = perf_counter()
@@ -183,33 +185,44 @@ def _one_sampling(
     progress: Progress,
 ) -> DeformationResult:
     """M' from one proxy; `guess` waits for an M' to begin from."""
-    binding = bind(
-        task.mesh,
-        vertices,
-        first=task.handles.index if handle_mode == "samples" else None,
-        seed=(seed, number),
-        projection=projection,
-        frames=frames,
-        frame_function=frame_function,
-        graph=graph,
-    )
     begin = perf_counter()
-    handles = proxy_handles(task.handles, task.mesh, binding.remesh, mode=handle_mode)
+    first = task.handles.index if handle_mode == "samples" else None
+    remeshed = remesh(task.mesh, vertices, first=first, seed=(seed, number), graph=graph)
+    sampled = perf_counter()
+    handles = proxy_handles(task.handles, task.mesh, remeshed, mode=handle_mode)
     proxy_task = DeformationTask(
         f"{task.name} proxy {number}",
-        binding.proxy,
+        proxy_mesh(task.mesh, remeshed),
         handles,
-        guess=guess()[binding.remesh.samples] if guess else None,
+        guess=guess()[remeshed.samples] if guess else None,
     )
-    solved = coarse(proxy_task, seed=seed, progress=progress)
-    end = perf_counter()
+    # Where the mesh's vertices are on the proxy, the coarse method need not know.
+    with ThreadPoolExecutor(max_workers=1) as pool:
+        bound = pool.submit(
+            bind_proxy,
+            task.mesh,
+            remeshed,
+            projection=projection,
+            frames=frames,
+            frame_function=frame_function,
+        )
+        begin_solve = perf_counter()
+        solved = coarse(proxy_task, seed=seed, progress=progress)
+        end = perf_counter()
+        binding = bound.result()
+    ready = perf_counter()
     V, degenerate = binding.carry(solved.vertices, rotations=solved.extra.get("rotations"))
     carried = perf_counter()
     return DeformationResult(
         vertices=V,
         iterations=solved.iterations,
         converged=solved.converged,
-        seconds={**binding.seconds, "solve": end - begin, "carry": carried - end},
+        seconds={
+            "remesh": sampled - begin,
+            **binding.seconds,
+            "solve": end - begin_solve,
+            "carry": carried - ready,
+        },
         extra={
             "far_vertices": _far_vertices(binding) if projection == "surface" else 0,
             "proxy_vertices": binding.proxy.n,
