@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sshade.boxes import bounds, curve_order
 from sshade.connectivity import Connectivity, connectivity
 from sshade.errors import InputError
 
@@ -95,7 +96,8 @@ class Mesh:
     @cached_property
     def diagonal(self) -> float:
         """Length of the bounding box's diagonal: the scale of every relative tolerance."""
-        return float(np.linalg.norm(np.ptp(self.V, axis=0)))
+        low, high = bounds(self.V)
+        return float(np.linalg.norm(high - low))
 
     @cached_property
     def origin(self) -> np.ndarray:
@@ -104,7 +106,7 @@ class Mesh:
         A coordinate 10^9 extents from zero has seven digits of its place on the mesh. Taken from
         there it keeps them, while sums and products of it as it stands would lose them.
         """
-        low, high = self.V.min(axis=0), self.V.max(axis=0)
+        low, high = bounds(self.V)
         extent = float((high - low).max())
         if extent == 0.0:
             return np.zeros(3)
@@ -148,6 +150,11 @@ class Mesh:
         return np.unique(self._edge_keys, return_inverse=True)[1].reshape(-1, 3)
 
     @cached_property
+    def curve_order(self) -> np.ndarray:
+        """(m,) the faces along a space-filling curve, near ones near each other; of use deformed, too."""
+        return curve_order(self.V, self.F)
+
+    @cached_property
     def boundary_edges(self) -> np.ndarray:
         """(b, 2) edges with exactly one incident face."""
         keys, counts = np.unique(self._edge_keys, return_counts=True)
@@ -188,6 +195,20 @@ class Mesh:
             components=facts.components,
             boundary_loops=facts.boundary_loops,
         )
+
+    def checked(self, positions: np.ndarray) -> np.ndarray:
+        """Other positions (n, 3) of the vertices, as float64.
+
+        Raises
+        ------
+        InputError
+            On another shape, or positions that a mesh cannot have.
+        """
+        V = _as_vertices(positions)
+        if V.shape != self.V.shape:
+            raise InputError(f"the positions must be of shape {self.V.shape}, not {V.shape}")
+        _check_numbers(V)
+        return V
 
     def require_manifold(self) -> None:
         """Raise InputError unless the mesh is manifold and consistently oriented."""
@@ -234,7 +255,7 @@ class Mesh:
 
 def _check_numbers(V: np.ndarray) -> None:
     """Raise InputError where positions are no numbers, or have too few digits or a size to compute with."""
-    low, high = V.min(axis=0), V.max(axis=0)
+    low, high = bounds(V)
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
         bad = int(np.flatnonzero(~np.isfinite(V).all(axis=1))[0])
         raise InputError(f"vertex {bad} has a NaN or infinite coordinate")

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
+import sshade.boxes as boxes
 import sshade.intersections as module
+from sshade.boxes import curve_order
+from sshade.errors import InputError
 from sshade.intersections import intersecting_faces, new_crossings
 from sshade.mesh import Mesh
 from tests.shapes import block, bumpy, icosphere
@@ -48,6 +51,13 @@ def test_agrees_with_pymeshlab(make, level):
     np.testing.assert_array_equal(found, pymeshlab_faces(V, F))
 
 
+def hulls_meet(A, B):
+    # Two convex combinations that are one point.
+    ones = np.repeat(np.eye(2), [len(A), len(B)], axis=1)
+    equal = np.vstack([np.hstack([A.T, -B.T]), ones])
+    return linprog(np.zeros(len(A) + len(B)), A_eq=equal, b_eq=[0, 0, 0, 1, 1]).status == 0
+
+
 def test_agrees_with_linear_programming_on_loose_triangles():
     rng = np.random.default_rng(1)
     corners = rng.uniform(size=(40, 1, 3)) + rng.normal(0, 0.2, (40, 3, 3))
@@ -55,10 +65,7 @@ def test_agrees_with_linear_programming_on_loose_triangles():
     expected = np.zeros(40, dtype=bool)
     for i in range(40):
         for j in range(i + 1, 40):
-            # Two convex combinations of the corners that are one point.
-            equal = np.vstack([np.hstack([corners[i].T, -corners[j].T]), np.repeat(np.eye(2), 3, axis=1)])
-            meets = linprog(np.zeros(6), A_eq=equal, b_eq=[0, 0, 0, 1, 1]).status == 0
-            expected[[i, j]] |= meets
+            expected[[i, j]] |= hulls_meet(corners[i], corners[j])
     assert expected.any() and not expected.all()
     np.testing.assert_array_equal(found, expected)
 
@@ -193,5 +200,46 @@ def test_only_pairs_with_one_of_the_faces_asked_for_and_any_number_of_threads(mo
             pair[:] = False
             pair[face] = True
             assert (intersecting_faces(V, F, among=pair) & among).any()
-    monkeypatch.setattr(module, "PIECE", 5)
-    assert np.array_equal(intersecting_faces(V, F, workers=3), every)
+    for owner, name, value in ((module, "PIECE", 5), (boxes, "PIECE", 5), (module, "PARTS", 8)):
+        monkeypatch.setattr(owner, name, value)
+        assert np.array_equal(intersecting_faces(V, F, workers=3), every)
+
+
+def test_the_order_of_the_tree_and_the_size_of_its_leaves_have_no_influence(monkeypatch):
+    V, F = noisy(3)
+    order = curve_order(V, F)
+    assert np.array_equal(np.sort(order), np.arange(len(F)))
+    # Along the curve the next face is near.
+    middles = V[F].mean(axis=1)
+    steps = [np.linalg.norm(np.diff(middles[ids], axis=0), axis=1).mean() for ids in (order, order[::-1])]
+    scattered = np.random.default_rng(0).permutation(len(F))
+    assert max(steps) < 0.3 * np.linalg.norm(np.diff(middles[scattered], axis=0), axis=1).mean()
+    expected = intersecting_faces(V, F)
+    assert expected.any() and not expected.all()
+    for leaf_size in (1, 3, 4, len(F)):
+        monkeypatch.setattr(module, "LEAF_SIZE", leaf_size)
+        for ids in (order, scattered):
+            assert np.array_equal(intersecting_faces(V, F, order=ids), expected)
+
+
+def test_faces_at_a_corner_agree_with_linear_programming():
+    rng = np.random.default_rng(3)
+    F, found = np.array([[0, 1, 2], [4, 0, 3]]), []
+    for _ in range(100):
+        V = rng.normal(size=(5, 3)) * [1, 1, rng.choice([1e-3, 0.1, 1])]
+        expected = hulls_meet(V[[1, 2]], V[[0, 3, 4]]) or hulls_meet(V[[3, 4]], V[[0, 1, 2]])
+        assert intersecting_faces(V, F).tolist() == [expected] * 2
+        found.append(expected)
+    assert 0.1 < np.mean(found) < 0.9
+
+
+def test_positions_and_faces_that_do_not_belong_together_are_refused():
+    V, F = dented(2)
+    rest = icosphere(2)
+    worse = V.copy()
+    worse[3, 1] = np.nan
+    for bad in (worse, V[:-1]):
+        with pytest.raises(InputError):
+            intersecting_faces(bad, F)
+        with pytest.raises(InputError):
+            new_crossings(rest, bad)
