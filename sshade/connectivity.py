@@ -51,6 +51,45 @@ def connectivity(F: np.ndarray, n: int) -> Connectivity:
 
 
 @njit(cache=True, nogil=True)
+def rows_of_edges(F, n):
+    """Number the edges of faces (m, 3) by their smaller id, then by the larger; (m, 3) int64.
+
+    Of a face the edges from corner 0 to 1, 1 to 2, and 2 to 0.
+    """
+    m = F.shape[0]
+    start = np.zeros(n + 1, dtype=np.int32)
+    for f in range(m):
+        for c in range(3):
+            start[min(F[f, c], F[f, c - 2]) + 1] += 1  # c - 2 is the next corner: 0 is -3
+    for i in range(n):
+        start[i + 1] += start[i]
+    fill = start[:-1].copy()
+    # Of each side of a face the larger id, and which side it is, in the row of the smaller id.
+    sides = np.empty((3 * m, 2), dtype=np.int32)
+    for f in range(m):
+        for c in range(3):
+            i, j = F[f, c], F[f, c - 2]
+            low = min(i, j)
+            p = fill[low]
+            fill[low] += 1
+            sides[p, 0], sides[p, 1] = max(i, j), 3 * f + c
+    rows = np.empty(3 * m, dtype=np.int64)
+    row = -1
+    for i in range(n):
+        for p in range(start[i] + 1, start[i + 1]):
+            larger, side, q = sides[p, 0], sides[p, 1], p - 1
+            while q >= start[i] and sides[q, 0] > larger:
+                sides[q + 1, 0], sides[q + 1, 1] = sides[q, 0], sides[q, 1]
+                q -= 1
+            sides[q + 1, 0], sides[q + 1, 1] = larger, side
+        for p in range(start[i], start[i + 1]):
+            if p == start[i] or sides[p, 0] != sides[p - 1, 0]:
+                row += 1
+            rows[sides[p, 1]] = row
+    return rows.reshape(m, 3)
+
+
+@njit(cache=True, nogil=True)
 def _find(parent, i):
     while parent[i] != i:
         parent[i] = parent[parent[i]]

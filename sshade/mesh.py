@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sshade.boxes import bounds, curve_order
-from sshade.connectivity import Connectivity, connectivity
+from sshade.connectivity import Connectivity, connectivity, rows_of_edges
 from sshade.errors import InputError
 
 #: Largest coordinate, and one over the smallest extent, with which areas can be squared.
@@ -147,7 +147,7 @@ class Mesh:
     @cached_property
     def face_edges(self) -> np.ndarray:
         """(m, 3) row in :attr:`edges` of each side of each face, from corner 0 to 1, 1 to 2, 2 to 0."""
-        return np.unique(self._edge_keys, return_inverse=True)[1].reshape(-1, 3)
+        return rows_of_edges(self.F, self.n)
 
     @cached_property
     def curve_order(self) -> np.ndarray:

@@ -6,7 +6,7 @@ import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from sshade.connectivity import connectivity
+from sshade.connectivity import connectivity, rows_of_edges
 from tests import shapes
 
 
@@ -48,6 +48,9 @@ def test_facts_equal_those_of_sets_scipy_and_libigl(case):
     facts, edges = connectivity(F, n), sides(F)
     rim = [edge for edge, through in edges.items() if len(through) == 1]
     assert facts.edges == len(edges)
+    number = {edge: row for row, edge in enumerate(sorted(edges))}
+    own = [[number[min(i, j), max(i, j)] for i, j in zip(f, f[1:] + f[:1], strict=True)] for f in F.tolist()]
+    assert rows_of_edges(F, n).tolist() == own
     assert facts.boundary_edges == len(rim)
     count, component = labels(n, list(edges))
     assert facts.components == count
