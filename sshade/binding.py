@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any, Literal, cast, get_args
 
@@ -238,8 +238,7 @@ def bind(
     remeshed = remesh(mesh, vertices, first=first, seed=seed, graph=graph)
     seconds = perf_counter() - begin
     binding = bind_proxy(mesh, remeshed, projection=projection, frames=frames, frame_function=frame_function)
-    binding.seconds["remesh"] = seconds
-    return binding
+    return replace(binding, seconds={"remesh": seconds, **binding.seconds})
 
 
 def bind_proxy(
