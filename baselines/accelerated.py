@@ -1,9 +1,9 @@
 """ARAP and Elastic at full resolution through this project's own accelerated solver.
 
 Not one of the paper's methods: libigl iterates plainly, and its iteration count
-is what makes it slow. These two reach the same minimum with Anderson
-acceleration, a fairer peer of a method that works on a proxy. With a weight on
-the volume they trade it for stretch, from the free minimum to the exact volume.
+is what makes it slow. These two reach the same minimum with quasi-Newton
+steps, a fairer peer of a method that works on a proxy. With a weight on the
+volume they trade it for stretch, from the free minimum to the exact volume.
 """
 
 from __future__ import annotations

@@ -24,9 +24,9 @@ from typing import Literal
 
 import numpy as np
 
+from baselines.anderson import Anderson
 from baselines.global_step import GlobalStep, iterate, last
 from baselines.smooth_rotations import Cells, band_position, largest_turn, matrices, vertex_colours
-from sshade.anderson import Anderson
 from sshade.coarse import Start, initial_guess
 from sshade.errors import InputError
 from sshade.linalg import Engine
@@ -212,7 +212,7 @@ class _Iteration:
 
 
 class _Acceleration:
-    """Anderson acceleration of positions and quaternions as one vector; see :mod:`sshade.anderson`.
+    """Anderson acceleration of positions and quaternions as one vector; see :mod:`baselines.anderson`.
 
     The rotations are part of what is iterated: a sweep does not fit them to the
     positions alone. The sweep decreases no energy that could tell a bad iterate

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from scipy.sparse import csr_array
 
-from sshade.anderson import largest_move
 from sshade.linalg import Engine, factor
+from sshade.quasi_newton import largest_move
 from sshade.task import Progress
 
 #: Iterations between two calls of the progress callback.

@@ -65,6 +65,9 @@ class Elements:
             self.vertex = reverse_cuthill_mckee(laplacian, symmetric_mode=True)
             position = np.empty(mesh.n, dtype=np.int32)
             position[self.vertex] = np.arange(mesh.n)
+            banded = laplacian[self.vertex][:, self.vertex]
+            banded.sort_indices()
+            self._laplacian = banded.indptr, banded.indices, banded.data
             self._list(position, h, edges=edges, weights=weights, energy=energy)
             self.constraints = Constraints(mesh, position)
             self.factor = factorised.result()
@@ -176,6 +179,16 @@ class Iteration:
             self._hold.turn(self._wide, e._free)
             self.restore(u)
 
+    def laplacian(self, F: np.ndarray, out: np.ndarray) -> None:
+        """Write the Laplacian of the rest shape times F (n, 3) to `out` (n, 3)."""
+        e = self._elements
+
+        def piece(number: int) -> None:
+            _, first, end = e._ranges[number]
+            _multiply(*e._laplacian, F, out, first, end)
+
+        self._crew(piece, len(e._ranges))
+
     def _solve(self, X: np.ndarray, g: np.ndarray) -> None:
         e = self._elements
         _gather(self._B, e._free, self._fixed, X)
@@ -274,6 +287,19 @@ def _ranges(corners: np.ndarray, n: int) -> list[tuple[slice, int, int]]:
         (slice(int(np.searchsorted(high, first)), int(np.searchsorted(low, end))), first, end)
         for first, end in zip(bounds, bounds[1:], strict=False)
     ]
+
+
+@njit(cache=True, nogil=True)
+def _multiply(start, column, value, F, out, first, end):
+    """Write the rows from `first` to `end` of a sparse matrix times F (n, 3) to `out`."""
+    for i in range(first, end):
+        x = y = z = 0.0
+        for k in range(start[i], start[i + 1]):
+            j, v = column[k], value[k]
+            x += v * F[j, 0]
+            y += v * F[j, 1]
+            z += v * F[j, 2]
+        out[i, 0], out[i, 1], out[i, 2] = x, y, z
 
 
 @njit(cache=True, nogil=True)

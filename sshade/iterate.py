@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from sshade.anderson import Anderson, largest_move
 from sshade.elements import Iteration
+from sshade.quasi_newton import QuasiNewton, largest_move
 from sshade.task import Progress
 
 #: A rise of the energy below this (x the rest shape's Dirichlet energy) is rounding, not a bad step.
@@ -21,7 +21,7 @@ def iterate(
     iteration: Iteration,
     u: np.ndarray,
     *,
-    mixer: Anderson | None,
+    mixer: QuasiNewton | None,
     tolerance: float,
     max_iterations: int,
     deadline: float,
@@ -34,9 +34,13 @@ def iterate(
     while True:
         energy = iteration.local_step(u)
         if mixer and mixed and not (energy <= energies[-1] + slack and iteration.restored):
-            u[:] = mixer.plain.reshape(-1, 3)
-            energy = iteration.local_step(u)
             rejected += 1
+            mixer.half(u)
+            iteration.restore(u)
+            energy = iteration.local_step(u)
+            if not (energy <= energies[-1] + slack and iteration.restored):
+                u[:] = mixer.plain
+                energy = iteration.local_step(u)
         energies.append(energy)
         if residual < tolerance or iterations >= max_iterations or perf_counter() >= deadline:
             break
@@ -48,7 +52,7 @@ def iterate(
             raise FloatingPointError(f"the positions are not finite after {iterations} iterations")
         mixed = False
         if mixer and residual >= tolerance and iterations < max_iterations:
-            mixed = mixer.advance(u.reshape(-1), g.reshape(-1))
+            mixed = mixer.advance(u, g)
             if mixed:
                 iteration.restore(u)
         else:

@@ -1,4 +1,4 @@
-"""As-rigid-as-possible deformation by a local/global solver of our own, with Anderson acceleration.
+"""As-rigid-as-possible deformation by a local/global solver of our own, with quasi-Newton steps.
 
 The mesh and the choice of handle vertices are bound once (:class:`LocalGlobal`:
 weights, element lists, Cholesky factor), then solved for any number of handle
@@ -17,7 +17,6 @@ from time import perf_counter
 
 import numpy as np
 
-from sshade.anderson import Anderson
 from sshade.coarse import Energy, Start, initial_guess
 from sshade.constraints import Wanted
 from sshade.elements import Elements
@@ -26,6 +25,7 @@ from sshade.iterate import iterate
 from sshade.linalg import Engine
 from sshade.mesh import Mesh
 from sshade.parallel import Crew
+from sshade.quasi_newton import QuasiNewton
 from sshade.softening import Softening
 from sshade.solution import Solution
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
@@ -94,8 +94,8 @@ class LocalGlobal:
         over the rest shape's diagonal, also under acceleration. The safeguard
         compares energies after local steps: where an accelerated iterate has a
         higher one than the iterate before, or cannot be led back to the exact
-        constraints, the plain one takes its place. Deterministic, and safe to
-        call from several threads at once.
+        constraints, half of its step is tried, and then the plain one takes its
+        place. Deterministic, and safe to call from several threads at once.
 
         Parameters
         ----------
@@ -110,9 +110,9 @@ class LocalGlobal:
             Residual under which iteration stops. 0 never stops early.
         max_iterations : int
         accelerate : bool
-            Anderson acceleration.
+            Quasi-Newton steps, L-BFGS; see :mod:`sshade.quasi_newton`.
         window : int
-            Differences it keeps.
+            Steps that they remember.
         volume, area : float
             Weights of the constraints on the volume that each component encloses
             and on its area, without unit: 0 leaves it free, inf holds it exactly;
@@ -153,7 +153,7 @@ class LocalGlobal:
             iteration = self._elements.iteration(u[self._elements.held], wanted, softening, crew=crew)
             if rotations is not None:
                 iteration.begin_with(rotations)
-            mixer = Anderson(u.size, window) if accelerate else None
+            mixer = QuasiNewton(len(u), window, iteration.laplacian) if accelerate else None
             facts = iterate(
                 iteration,
                 u,
@@ -261,7 +261,7 @@ def local_global(
     max_iterations : int
         Cutoff; the paper's is 1000.
     accelerate : bool
-        Anderson acceleration (window 5), to the same minimum in a fraction of the steps.
+        Quasi-Newton steps (L-BFGS, window 5), to the same minimum in a fraction of the steps.
     volume, area : float
         Weights of the constraints, 0 (free) to inf (exact); see :class:`sshade.constraints.Wanted`.
     stiffness, strain : float

@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 
 from baselines.accelerated import accelerated_arap, accelerated_elastic
 from sshade import DeformationTask, Handles, InputError, Mesh
-from sshade.anderson import largest_move
 from sshade.constraints import EVERY
 from sshade.local_global import LocalGlobal, local_global
+from sshade.quasi_newton import largest_move
 from sshade.solution import Solution
 from sshade.volume_area import AREA, CLOSE, VOLUME, along, gradients, measure, newton_step
 from tests.shapes import bent, bumpy, double_torus, icosphere, jittered, rotation, strip, torus
@@ -356,7 +356,9 @@ def test_plain_steps_descend(weights):
 
 @pytest.mark.parametrize("weights", [*EXACT.values(), (0.5, 0.2)])
 def test_acceleration_reaches_the_same_minimum_in_fewer_steps(weights):
-    options = {"tolerance": 1e-8, "max_iterations": 20000}
+    # With both held exactly the bar has two minima: begin where it is clear which is near.
+    begin = solve(BAR, weights, accelerate=False, max_iterations=30).positions
+    options = {"tolerance": 1e-8, "max_iterations": 20000, "start": begin}
     fast, plain = (solve(BAR, weights, accelerate=accelerate, **options) for accelerate in (True, False))
     assert fast.converged and plain.converged and plain.rejected == 0
     assert fast.energy == pytest.approx(plain.energy, rel=1e-6)

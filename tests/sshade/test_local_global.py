@@ -8,12 +8,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from baselines.accelerated import accelerated_arap, accelerated_elastic
+from baselines.anderson import Anderson
 from sshade import DeformationTask, Handles, InputError, Mesh
-from sshade.anderson import Anderson, largest_move
 from sshade.coarse import initial_guess, libigl_arap
 from sshade.cotangents import corner_vectors, edge_weights, half_cotangents, laplacian_matrix
 from sshade.fitting import fit_rotations
 from sshade.local_global import LocalGlobal, local_global
+from sshade.quasi_newton import largest_move
 from sshade.quaternions import quaternions
 from tests.shapes import bumpy, icosphere, jittered, rotation, strip, tetrahedron, tube
 from tests.sshade.naive import TASKS, Naive, svd_rotations

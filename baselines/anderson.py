@@ -1,4 +1,4 @@
-"""Anderson acceleration of a fixed-point iteration, and its residual.
+"""Anderson acceleration of a fixed-point iteration.
 
 Y. Peng, B. Deng, J. Zhang, F. Geng, W. Qin, L. Liu, "Anderson acceleration for
 geometry optimization and physics simulation", ACM TOG 37(4), 2018.
@@ -52,20 +52,6 @@ class Anderson:
         _advance(u, g, self._count, self._last_F, self.plain, self._dF, self._dG, self._gram)
         self._count += 1
         return self._count > 1
-
-
-@njit(cache=True, nogil=True)
-def largest_move(A, B):
-    """Return ``max_i |A_i - B_i|`` of two (n, 3) arrays; NaN where one has NaN."""
-    largest = 0.0
-    for i in range(len(A)):
-        x, y, z = A[i, 0] - B[i, 0], A[i, 1] - B[i, 1], A[i, 2] - B[i, 2]
-        square = x * x + y * y + z * z
-        if not square <= largest:  # also true for NaN, which then stays
-            largest = square
-            if np.isnan(square):
-                break
-    return np.sqrt(largest)
 
 
 @njit(cache=True, nogil=True)
