@@ -36,7 +36,7 @@ from sshade.volume_area import (
 
 log = logging.getLogger(__name__)
 #: Steps that share the directions.
-EVERY = 8
+EVERY = 4
 
 #: Relative error up to which an exact constraint counts as reached.
 REACHED = 1e-6
