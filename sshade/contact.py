@@ -1,10 +1,10 @@
 """Parts of a deformed surface that run through each other are led apart.
 
 No energy of the shape alone keeps a chin out of a chest. Where faces cross that
-did not at rest, the vertices behind the other side are moved out, half of the
-way each, by a field that is smooth along the surface; handles stay, and what
-meets them goes the whole way. The sides are held there while the energy of a
-patch around them settles. A few rounds of that, and nothing crosses.
+did not at rest, the vertices behind the other side are moved out by a field that
+is smooth along the surface, half of the way each; handles stay, and the nearer to
+one a side is, the more of the way the other goes. The sides are held there while
+the energy of a patch around them settles. A few rounds of that, and nothing crosses.
 
 Which vertices those are, the crossing faces tell: they are loops that cut the
 part inside the other side off from the rest of the surface (cf. D. Baraff,
@@ -17,13 +17,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components, dijkstra
 
+from sshade.apart import AVERAGINGS, Surface, move_apart
 from sshade.errors import InputError
 from sshade.flips import new_flips
-from sshade.graph import vertex_graph
 from sshade.intersections import new_crossings
 from sshade.linalg import Engine
 from sshade.local_global import LocalGlobal
@@ -32,20 +29,14 @@ from sshade.task import Progress, silent
 
 #: Gap between separated sides by default, over the mean edge around the contact.
 MARGIN = 0.25
-#: Vertices with a gap of less than this many margins are held while the patch settles.
-HELD = 5.0
 #: How much farther than needed vertices move: the one to begin with, others where a round did not help.
 SHARES = 1.3, 1.0
 #: Where no move helps, so many attempts to smooth out: the faces alone, then two more rings each time.
 PINCH = 5
 #: So many faces are few, and every one less counts. Of more, no more than this share may be left.
 FEW, WORTH = 100, 0.97
-#: Rings of vertices around a contact that move along, and averagings of the field.
-RINGS, AVERAGINGS = 4, 200
-#: Width of the patch that settles, over the size of the contact, and its iterations.
-WIDTH, ITERATIONS = 0.5, 30
-#: Squared: a face is across if it was this many times as far at rest. The back of a thin part was not.
-ACROSS = 4.0
+#: Iterations of the patch that settles.
+ITERATIONS = 30
 
 
 class Separated(NamedTuple):
@@ -123,16 +114,17 @@ def separate(
     met = np.zeros(mesh.n, dtype=bool) if met is None else met
     if before == 0:
         return Separated(positions.copy(), 0, 0, 0, met)
-    surface, done, failed, best = _Surface(mesh, index), 0, 0, positions
+    surface, done, failed, best = Surface(mesh, index), 0, 0, positions
     while tangled.any() and done < rounds and failed < len(SHARES) + PINCH * (tangled.sum() <= FEW):
         progress("contact", done, rounds, f"{int(tangled.sum())} faces cross or flip")
         seeds = np.zeros(mesh.n, dtype=bool)
         seeds[mesh.F[tangled]] = True
         P = best.copy()
-        patch = surface.near(seeds | met)
+        patch, far = surface.near(seeds | met)
         behind = surface.enclosed(seeds, patch) | (met if failed == 0 else False)
         if failed < len(SHARES):
-            held = _move_apart(surface, P, behind, share=SHARES[failed], margin=margin)
+            mobility = surface.mobility(far)
+            held = move_apart(surface, P, behind, mobility, share=SHARES[failed], margin=margin)
             shapes = [_settled(surface, P, patch, held, stiffness=stiffness, strain=strain, engine=engine), P]
         else:
             _smooth_out(surface, P, surface.grown(seeds, 2 * (failed - len(SHARES))))
@@ -157,92 +149,7 @@ def _tangled(mesh: Mesh, P: np.ndarray, *, among: np.ndarray | None = None, work
     return new_crossings(mesh, P, among=among, workers=workers) | new_flips(mesh, P)
 
 
-class _Surface:
-    """The rest mesh as a graph of its edges, and the vertices that stay."""
-
-    def __init__(self, mesh: Mesh, index: np.ndarray) -> None:
-        graph = vertex_graph(mesh)
-        self.mesh, self.mean_edge = mesh, float(graph.lengths.mean())
-        self.lengths = csr_array((graph.lengths, graph.indices, graph.indptr), shape=(mesh.n, mesh.n))
-        self.ones = csr_array(
-            (np.ones(len(graph.indices)), graph.indices, graph.indptr), shape=(mesh.n, mesh.n)
-        )
-        self.still = np.zeros(mesh.n, dtype=bool)
-        self.still[index] = True
-
-    def near(self, seeds: np.ndarray) -> np.ndarray:
-        """(n,) bool: vertices as near to the seeds, along edges, as the largest region of seeds tells."""
-        ids = np.flatnonzero(seeds)
-        _, region = connected_components(self.lengths[ids][:, ids], directed=False)
-        places = [self.mesh.V[ids[region == r]] for r in range(region.max() + 1)]
-        size = 2 * max(float(np.linalg.norm(own - own.mean(axis=0), axis=1).max()) for own in places)
-        far = WIDTH * size + (RINGS + 1) * self.mean_edge
-        return np.isfinite(dijkstra(self.lengths, directed=False, indices=ids, min_only=True, limit=far))
-
-    def grown(self, seeds: np.ndarray, rings: int) -> np.ndarray:
-        """(n,) bool: the seeds and some rings of neighbours."""
-        for _ in range(rings):
-            seeds = seeds | (self.ones @ seeds > 0)
-        return seeds
-
-    def enclosed(self, seeds: np.ndarray, patch: np.ndarray) -> np.ndarray:
-        """(n,) bool: the seeds, and what they cut off from the patch's boundary and from still vertices."""
-        rest = np.flatnonzero(patch & ~seeds)
-        result = seeds.copy()
-        if len(rest):
-            count, region = connected_components(self.lengths[rest][:, rest], directed=False)
-            reached = np.zeros(count, dtype=bool)
-            reached[region[(self.still | (self.ones @ ~patch > 0))[rest]]] = True
-            if not reached.any():
-                reached[np.bincount(region).argmax()] = True
-            result[rest[~reached[region]]] = True
-        return result
-
-
-def _move_apart(
-    surface: _Surface, P: np.ndarray, met: np.ndarray, *, share: float, margin: float
-) -> np.ndarray:
-    """Move vertices that are met (n,) bool, and those near them, in P; return which to hold there."""
-    mesh, still, ids = surface.mesh, surface.still, np.flatnonzero(met)
-    faces = mesh.F[met[mesh.F].any(axis=1)]
-    corners = P[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    at = np.zeros_like(P)
-    for corner in range(3):
-        np.add.at(at, faces[:, corner], normals)
-    rest = mesh.V[faces]
-    margin *= float(np.linalg.norm(rest - np.roll(rest, 1, axis=1), axis=2).mean())
-    way, lack, across = _lacks(P, mesh.V, faces, normals, still, ids, at[ids], margin)
-    need, pull = np.zeros(mesh.n), np.zeros_like(P)
-    need[ids] = np.maximum(lack, 0.0)
-    pull[ids] = need[ids, None] * way
-    for i in np.flatnonzero(still[ids] & (lack > 0)):  # a few handles: what they are behind goes instead
-        for corner in faces[across[i]]:
-            need[corner] = max(need[corner], lack[i])
-            pull[corner] -= lack[i] * way[i]
-    _move_smoothly(surface, P, met, share * need, pull)
-    held = still | (need > 0)
-    held[ids[2.0 * lack > (1.0 - HELD) * margin]] = True
-    return held
-
-
-def _move_smoothly(
-    surface: _Surface, P: np.ndarray, met: np.ndarray, need: np.ndarray, pull: np.ndarray
-) -> None:
-    """Move P by a field at least as long as `need` (n,), along averages of the vectors `pull` (n, 3)."""
-    zone = np.flatnonzero(surface.grown(met, RINGS) & ~surface.still)
-    near, degree = surface.ones[zone][:, zone], surface.ones[zone].sum(axis=1)
-    need, pull = need[zone], pull[zone]
-    size, way = need, pull
-    for _ in range(AVERAGINGS):
-        size = np.maximum(need, near @ size / degree)
-        way = pull + near @ way / degree[:, None]
-    length = np.linalg.norm(way, axis=1)
-    moving = length > 0
-    P[zone[moving]] += (size[moving] / length[moving])[:, None] * way[moving]
-
-
-def _smooth_out(surface: _Surface, P: np.ndarray, zone: np.ndarray) -> None:
+def _smooth_out(surface: Surface, P: np.ndarray, zone: np.ndarray) -> None:
     """Bring each vertex of the zone (n,) bool to the mean of its neighbours, in P."""
     ids = np.flatnonzero(zone & ~surface.still)
     mean = surface.ones[ids]
@@ -252,7 +159,7 @@ def _smooth_out(surface: _Surface, P: np.ndarray, zone: np.ndarray) -> None:
 
 
 def _settled(
-    surface: _Surface,
+    surface: Surface,
     P: np.ndarray,
     patch: np.ndarray,
     held: np.ndarray,
@@ -282,62 +189,3 @@ def _settled(
             strain=strain,
         ).positions
     return P
-
-
-@njit(cache=True, nogil=True)
-def _lacks(P, V, F, normal, still, ids, at, margin):
-    """How vertices get out from behind the faces across from them.
-
-    Parameters
-    ----------
-    P, V : (n, 3) float64
-        Deformed and rest positions.
-    F : (m, 3) int64
-        Faces that may be across, with normals `normal` (m, 3) of any length.
-    still : (n,) bool
-        Vertices that cannot move.
-    ids : (k,) int64
-        The vertices, with normals `at` (k, 3).
-    margin : float
-        Gap wanted.
-
-    Returns
-    -------
-    way : (k, 3) float64
-        Unit normal of the nearest face across.
-    lack : (k,) float64
-        How far to go along it: half of what the gap lacks, all if the vertex or the face cannot
-        move; negative where the gap is wider, minus infinity where no face is across.
-    across : (k,) int64
-        That face, or -1.
-    """
-    way, lack, across = np.zeros((len(ids), 3)), np.full(len(ids), -np.inf), np.full(len(ids), -1)
-    centre = np.empty((len(F), 3))
-    for t in range(len(F)):
-        for d in range(3):
-            centre[t, d] = (P[F[t, 0], d] + P[F[t, 1], d] + P[F[t, 2], d]) / 3.0
-    for i in range(len(ids)):
-        v = ids[i]
-        least, nearest = np.inf, -1
-        for t in range(len(F)):
-            dx, dy, dz = P[v, 0] - centre[t, 0], P[v, 1] - centre[t, 1], P[v, 2] - centre[t, 2]
-            square = dx * dx + dy * dy + dz * dz
-            if square >= least or v in (F[t, 0], F[t, 1], F[t, 2]):
-                continue
-            if normal[t, 0] * at[i, 0] + normal[t, 1] * at[i, 1] + normal[t, 2] * at[i, 2] >= 0.0:
-                continue
-            c = F[t, 0]
-            dx, dy, dz = V[v, 0] - V[c, 0], V[v, 1] - V[c, 1], V[v, 2] - V[c, 2]
-            if dx * dx + dy * dy + dz * dz > ACROSS * square:
-                least, nearest = square, t
-        if nearest < 0:
-            continue
-        size = np.sqrt(normal[nearest, 0] ** 2 + normal[nearest, 1] ** 2 + normal[nearest, 2] ** 2)
-        gap = 0.0
-        for d in range(3):
-            way[i, d] = normal[nearest, d] / size
-            gap += way[i, d] * (P[v, d] - centre[nearest, d])
-        alone = still[v] or still[F[nearest, 0]] or still[F[nearest, 1]] or still[F[nearest, 2]]
-        lack[i] = (margin - gap) * (1.0 if alone else 0.5)
-        across[i] = nearest
-    return way, lack, across
