@@ -68,7 +68,7 @@ def separate(
     stiffness: float = 1.0,
     strain: float = 0.02,
     margin: float = MARGIN,
-    rounds: int = 16,
+    rounds: int = 24,
     engine: Engine = "auto",
     workers: int = 1,
     progress: Progress = silent,
@@ -114,22 +114,23 @@ def separate(
     met = np.zeros(mesh.n, dtype=bool) if met is None else met
     if before == 0:
         return Separated(positions.copy(), 0, 0, 0, met)
-    surface, done, failed, best = Surface(mesh, index), 0, 0, positions
-    while tangled.any() and done < rounds and failed < len(SHARES) + PINCH * (tangled.sum() <= FEW):
+    surface, best, attempts = Surface(mesh, index), positions, len(SHARES) + PINCH
+    done, failed, attempt = 0, 0, 0
+    while tangled.any() and done < rounds and failed < attempts:
         progress("contact", done, rounds, f"{int(tangled.sum())} faces cross or flip")
         seeds = np.zeros(mesh.n, dtype=bool)
         seeds[mesh.F[tangled]] = True
         P = best.copy()
         patch, far = surface.near(seeds | met)
-        behind = surface.enclosed(seeds, patch) | (met if failed == 0 else False)
-        if failed < len(SHARES):
+        behind = surface.enclosed(seeds, patch) | (met if failed == attempt == 0 else False)
+        if attempt < len(SHARES):
             mobility = surface.mobility(far)
-            held = move_apart(surface, P, behind, mobility, share=SHARES[failed], margin=margin)
+            held = move_apart(surface, P, behind, mobility, share=SHARES[attempt], margin=margin)
             shapes = [_settled(surface, P, patch, held, stiffness=stiffness, strain=strain, engine=engine), P]
         else:
-            _smooth_out(surface, P, surface.grown(seeds, 2 * (failed - len(SHARES))))
+            _smooth_out(surface, P, surface.grown(seeds, 2 * (attempt - len(SHARES))))
             shapes = [P]
-        done, failed = done + 1, failed + 1
+        done += 1
         now = np.ones(mesh.m, dtype=bool)
         for shape in shapes:  # what settles may cross again: then better not
             moved = np.any(best != shape, axis=1)[mesh.F].any(axis=1)
@@ -140,6 +141,8 @@ def separate(
                 break
         if now.sum() < tangled.sum() * (1.0 if tangled.sum() <= FEW else WORTH):
             best, met, tangled, failed = P, met | behind, now, 0
+        else:  # what helped last comes first again: a crease takes no moves
+            failed, attempt = failed + 1, (attempt + 1) % attempts
     progress("contact", rounds, rounds, f"{int(tangled.sum())} faces cross or flip")
     return Separated(best.copy(), before, int(tangled.sum()), done, met)
 
