@@ -17,6 +17,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from sshade.apart import AVERAGINGS, Surface, move_apart
 from sshade.errors import InputError
@@ -133,8 +134,8 @@ def separate(
         done += 1
         now = np.ones(mesh.m, dtype=bool)
         for shape in shapes:  # what settles may cross again: then better not
-            moved = np.any(best != shape, axis=1)[mesh.F].any(axis=1)
-            found = _tangled(mesh, shape, among=moved | tangled, workers=workers)
+            among = tangled | _moved_faces(mesh.F, best, shape)
+            found = _tangled(mesh, shape, among=among, workers=workers)
             if found.sum() < now.sum():
                 P, now = shape, found
             if not now.any():
@@ -148,8 +149,8 @@ def separate(
 
 
 def _tangled(mesh: Mesh, P: np.ndarray, *, among: np.ndarray | None = None, workers: int = 1) -> np.ndarray:
-    """(m,) bool: faces that cross others `among` (m,) or are flipped at P and were not at rest."""
-    return new_crossings(mesh, P, among=among, workers=workers) | new_flips(mesh, P)
+    """(m,) bool: faces that cross others `among` (m,), or are flipped near these, and did not at rest."""
+    return new_crossings(mesh, P, among=among, workers=workers) | new_flips(mesh, P, among=among)
 
 
 def _smooth_out(surface: Surface, P: np.ndarray, zone: np.ndarray) -> None:
@@ -192,3 +193,15 @@ def _settled(
             strain=strain,
         ).positions
     return P
+
+
+@njit(cache=True, nogil=True)
+def _moved_faces(F, A, B):
+    """(m,) bool: faces with a corner at which the positions A and B differ."""
+    moved = np.empty(len(A), dtype=np.bool_)
+    for i in range(len(A)):
+        moved[i] = (A[i, 0] != B[i, 0]) | (A[i, 1] != B[i, 1]) | (A[i, 2] != B[i, 2])
+    found = np.empty(len(F), dtype=np.bool_)
+    for f in range(len(F)):
+        found[f] = moved[F[f, 0]] | moved[F[f, 1]] | moved[F[f, 2]]
+    return found

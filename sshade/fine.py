@@ -108,7 +108,7 @@ def sshade_fine(
     strain: float = STRAIN,
     tolerance: float = 1e-5,
     max_iterations: int = 1000,
-    polish_iterations: int = 60,
+    polish_iterations: int = 50,
     polish_seconds: float | None = None,
     contact: bool = True,
     start: Start = "rigid",

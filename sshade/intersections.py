@@ -83,8 +83,14 @@ def intersecting_faces(
     low, high = bounds(V)
     tolerance = PLANE_TOLERANCE * float(np.linalg.norm(high - low))
     order = curve_order(V, F) if order is None else order
+    if among is not None:
+        order = order[_in_reach(V, F, among, tolerance)[order]]
+    result = np.zeros(len(F), dtype=np.bool_)
+    if len(order) == 0:
+        return result
     # In the tree's order the faces of a leaf, and nearby leaves, lie together in memory.
-    F, planes, marked = F.take(order, axis=0), np.empty((len(F), 4)), np.zeros(len(F), dtype=np.bool_)
+    F = F.take(order, axis=0)
+    planes, marked = np.empty((len(F), 4)), np.zeros(len(F), dtype=np.bool_)
     asked = np.ones(len(F), dtype=np.bool_) if among is None else among[order]
 
     def planes_of(piece: int) -> None:
@@ -102,7 +108,6 @@ def intersecting_faces(
             )
 
         crew(part, parts)
-    result = np.empty_like(marked)
     result[order] = marked
     return result
 
@@ -134,6 +139,25 @@ def new_crossings(
     if now.any():
         now &= ~find(mesh.V, among=now)
     return now
+
+
+@njit(cache=True, nogil=True)
+def _in_reach(V, F, among, tolerance):
+    """(m,) bool: faces whose box overlaps the box around all those among these."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for f in range(len(F)):
+        if among[f]:
+            for corner in range(3):
+                for c in range(3):
+                    low[c], high[c] = min(low[c], V[F[f, corner], c]), max(high[c], V[F[f, corner], c])
+    found = np.empty(len(F), dtype=np.bool_)
+    for f in range(len(F)):
+        found[f] = True
+        for c in range(3):
+            x, y, z = V[F[f, 0], c], V[F[f, 1], c], V[F[f, 2], c]
+            apart = (min(x, y, z) > high[c] + tolerance) | (max(x, y, z) < low[c] - tolerance)
+            found[f] = found[f] & (not apart)
+    return found
 
 
 @njit(cache=True, nogil=True)
