@@ -120,6 +120,7 @@ def newton(F, start, component, kind, scale, goal, compliance, Z, slope, multipl
         Directions.
     slope : (c, q, q) float64
         Derivatives along Z somewhere near P, of equations that `scale` leaves out too.
+        Overwritten with better ones, where steps told.
     multiplier : (c, q) float64
         Overwritten. Those that P has in it already.
     P : (n, 3) float64
@@ -131,7 +132,7 @@ def newton(F, start, component, kind, scale, goal, compliance, Z, slope, multipl
         The largest absolute value of a component's equations in the end.
     """
     count, held = len(start) - 1, len(kind)
-    J, G = slope.copy(), np.empty((0, held, 3))
+    G = np.empty((0, held, 3))
     r, move, taken = np.zeros((3, count, held))
     error, now, done = np.full(count, np.inf), np.empty(count), np.zeros(count, dtype=np.bool_)
     for left in range(MOST_EVALUATIONS - 1, -1, -1):
@@ -147,7 +148,7 @@ def newton(F, start, component, kind, scale, goal, compliance, Z, slope, multipl
         if slow:
             G = np.empty(Z.shape) if len(G) == 0 else G
             gradients(F, start, kind, scale, P, G)
-            along(G, component, Z, J)
+            along(G, component, Z, slope)
         busy = False
         for c in range(count):
             stalled = error[c] < ROUNDING and now[c] > 0.5 * error[c]
@@ -160,10 +161,10 @@ def newton(F, start, component, kind, scale, goal, compliance, Z, slope, multipl
                 taken[c] *= 1.0 - share
             else:
                 if 0.0 < now[c] < error[c] and not slow:  # Broyden's update: so much was left of r by `taken`
-                    _update(J[c], r[c], taken[c])
+                    _update(slope[c], r[c], taken[c])
                 error[c] = now[c]
                 if now[c] > CLOSE and left > 0 and not stalled:
-                    newton_step(J[c], scale[:, c], compliance[:, c], r[c], move[c])
+                    newton_step(slope[c], scale[:, c], compliance[:, c], r[c], move[c])
                     taken[c] = move[c]
             done[c] = stalled or now[c] <= CLOSE
             multiplier[c] += move[c]
