@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -21,6 +22,9 @@ def warm_up(
 ) -> None:
     """Run a method once on a tiny task of a kind, unless this process has done so for `key`.
 
+    Where its module has a function ``prepare``, that is called, too: it compiles what
+    only other tasks need.
+
     Parameters
     ----------
     method : callable
@@ -34,6 +38,8 @@ def warm_up(
     if key in _done:
         return
     method(tiny_transfer() if kind is TransferTask else tiny_task(), seed=0, **overrides)
+    module = sys.modules[getattr(method, "func", method).__module__]
+    getattr(module, "prepare", lambda: None)()
     _done.add(key)
 
 

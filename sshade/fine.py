@@ -16,13 +16,20 @@ from math import inf
 from time import perf_counter
 from typing import Any
 
+import numpy as np
+
 from sshade.coarse import Start
 from sshade.contact import MARGIN, separate
 from sshade.frames import FrameKind
+from sshade.geodesic import farthest_point_sampling
+from sshade.graph import vertex_graph
 from sshade.linalg import Engine
 from sshade.local_global import LocalGlobal, local_global
+from sshade.mesh import Mesh
+from sshade.parallel import Crew
 from sshade.pipeline import deform
 from sshade.solution import Solution
+from sshade.substitution import Factors, divide, substitute_together
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
 
 #: Stiffness of strongly strained triangles, and the strain about which they soften.
@@ -216,6 +223,23 @@ def sshade_fine(
         seconds=seconds,
         extra={**solution.facts(), **facts, "proxy_vertices": proxy.extra["proxy_vertices"]},
     )
+
+
+def prepare() -> None:
+    """Compile the kernels that :func:`sshade_fine` needs for large meshes or crossing surfaces only.
+
+    For those who time it, and run it on something small first.
+    """
+    chain = Factors(np.array([0, 1, 2, 2]), np.array([1, 2], dtype=np.int32), np.ones(2), np.ones(3))
+    _, factors, branches = divide(chain, parts=2)
+    with Crew(1) as crew:
+        substitute_together(factors, branches, np.zeros((3, 3)), crew=crew)
+    V = np.concatenate([np.eye(3), -np.eye(3)])
+    F = [[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]]
+    octahedron = Mesh(V, np.array(F))
+    farthest_point_sampling(vertex_graph(octahedron), 2, first=np.array([0])).insert(np.array([1]))
+    V[2, 2] = -2.0
+    separate(octahedron, V, np.array([5]), rounds=2)
 
 
 def _lead_apart(
