@@ -8,7 +8,7 @@ where ``C_q - goal_q + s_q lambda_q = 0``. An exact constraint has s = 0; a
 weighted one is the penalty ``weight / 2 x rest energy x (C_q - goal_q)^2``, for
 which ``s = 1 / (weight x rest area)``. In the end the multipliers change no more:
 directions need not be those of the present shape, and new ones, a right-hand
-side for each constraint, are found every `EVERY` steps only.
+side for each constraint, are found every few steps only.
 """
 
 from __future__ import annotations
@@ -35,8 +35,9 @@ from sshade.volume_area import (
 )
 
 log = logging.getLogger(__name__)
-#: Steps that share the directions.
-EVERY = 4
+#: Steps that share the directions, and how many where both constraints are exact: one may then not make
+#: up for what the other lacks.
+EVERY, EVERY_OF_BOTH = 8, 4
 
 #: Relative error up to which an exact constraint counts as reached.
 REACHED = 1e-6
@@ -180,6 +181,8 @@ class Hold:
         self._failures, self._miss = np.zeros((2, on.shape[1]))
         self._multiplier = np.zeros((on.shape[1], len(kinds)))
         self.columns, self._steps = 3 * len(kinds), 0
+        both = math.isinf(wanted.volume) and math.isinf(wanted.area)
+        self._every = EVERY_OF_BOTH if both else EVERY
 
     def penalty(self, P: np.ndarray) -> float:
         """What weighted constraints add to the energy of positions P (n, 3)."""
@@ -193,10 +196,11 @@ class Hold:
     @property
     def turns(self) -> bool:
         """Whether the next step needs new directions."""
-        return self._steps % EVERY == 0
+        return self._steps % self._every == 0
 
     def push(self, P: np.ndarray, B: np.ndarray) -> None:
-        """Add what the multipliers do at positions P (n, 3) to right-hand sides B (n, 3)."""
+        """Write to B (n, 3) what the multipliers add to right-hand sides at positions P (n, 3)."""
+        B[:] = 0.0
         push(*self._mesh, self._kinds, self._scale * self._multiplier.T, P, B)
 
     def gather(self, P: np.ndarray, rows: np.ndarray, X: np.ndarray) -> None:

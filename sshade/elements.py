@@ -132,6 +132,7 @@ class Iteration:
         free = len(self._fixed)
         self._X, self._wide = np.empty((free, 3)), np.zeros((free, 3 + (hold.columns if hold else 0)))
         self._Q, self.R, self._B = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), np.empty((n, 9)), np.empty((n, 3))
+        self._push = np.empty((n if hold else 0, 3))
 
     def begin_with(self, rotations: np.ndarray) -> None:
         """Begin the search for rotations at those (n, 3, 3) of the mesh's vertices."""
@@ -152,11 +153,19 @@ class Iteration:
     def global_step(self, u: np.ndarray, g: np.ndarray) -> None:
         """Write to g (n, 3) the best positions for the rotations, near u (n, 3) as for the constraints."""
         e, hold = self._elements, self._hold
-        self._right_hand_side(u)
         if hold is None:
+            self._crew(lambda number: self._right_hand_side(u, number), len(e._ranges))
             self._solve(self._X, g)
             return
-        hold.push(u, self._B)
+
+        def piece(number: int) -> None:
+            if number == 0:  # the longest first
+                hold.push(u, self._push)
+            else:
+                self._right_hand_side(u, number - 1)
+
+        self._crew(piece, 1 + len(e._ranges))
+        self._B += self._push
         if hold.turns:
             hold.gather(u, e._free, self._wide)
             self._solve(self._wide, g)
@@ -191,9 +200,20 @@ class Iteration:
 
     def _solve(self, X: np.ndarray, g: np.ndarray) -> None:
         e = self._elements
-        _gather(self._B, e._free, self._fixed, X)
+        count = len(X)
+
+        def gather(number: int) -> None:
+            own = slice(number * RANGE, min(count, (number + 1) * RANGE))
+            _gather(self._B, e._free[own], self._fixed[own], X[own])
+
+        self._crew(gather, -(-count // RANGE))
         e.factor.solve_ordered(X, crew=self._crew)
-        _scatter(X, e._free, g)
+
+        def scatter(number: int) -> None:
+            own = slice(number * RANGE, min(count, (number + 1) * RANGE))
+            _scatter(X[own], e._free[own], g)
+
+        self._crew(scatter, -(-count // RANGE))
 
     def _fit(self, u: np.ndarray) -> float:
         e = self._elements
@@ -204,14 +224,11 @@ class Iteration:
 
         return sum(self._crew(piece, len(e._ranges)))
 
-    def _right_hand_side(self, u: np.ndarray) -> None:
+    def _right_hand_side(self, u: np.ndarray, number: int) -> None:
+        """Write the rows of one range, without what constraints and held vertices add, to B."""
         e = self._elements
-
-        def piece(number: int) -> None:
-            own, first, end = e._ranges[number]
-            right_hand_side(e._corners[own], e._Y[own], self.R, self._B, first, end)
-
-        self._crew(piece, len(e._ranges))
+        own, first, end = e._ranges[number]
+        right_hand_side(e._corners[own], e._Y[own], self.R, self._B, first, end)
 
 
 class SoftenedIteration(Iteration):
@@ -251,15 +268,11 @@ class SoftenedIteration(Iteration):
         self._crew(rotate, len(e._ranges))
         return sum(self._crew(weigh, len(e._chunks))) - self.rest_energy
 
-    def _right_hand_side(self, u: np.ndarray) -> None:
+    def _right_hand_side(self, u: np.ndarray, number: int) -> None:
         e = self._elements
-
-        def piece(number: int) -> None:
-            own, first, end = e._ranges[number]
-            lists = e._corners[own], e._Y[own], e._H[own], self.weight[own]
-            softened_right_hand_side(*lists, u, self.R, self._B, first, end)
-
-        self._crew(piece, len(e._ranges))
+        own, first, end = e._ranges[number]
+        lists = e._corners[own], e._Y[own], e._H[own], self.weight[own]
+        softened_right_hand_side(*lists, u, self.R, self._B, first, end)
 
 
 def _checked(mesh: Mesh, index: np.ndarray) -> np.ndarray:

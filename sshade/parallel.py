@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
-from typing import TypeVar
+from typing import TypeVar, cast
 
 from sshade.errors import InputError
 
@@ -77,15 +77,18 @@ class Crew:
         if self._pool is None or count == 1:
             return [piece(i) for i in range(count)]
 
-        # Every thread takes each so many: pieces are as many as threads, or of one size.
-        def share(thread: int) -> list[Result]:
-            return [piece(i) for i in range(thread, count, self.workers)]
+        results: list[Result | None] = [None] * count
+        following = iter(range(count))
 
-        threads = min(self.workers, count)
-        others = [self._pool.submit(share, thread) for thread in range(1, threads)]
+        def share() -> None:
+            for i in following:  # whoever is free takes the next: threads may not be equally fast
+                results[i] = piece(i)
+
+        others = [self._pool.submit(share) for _ in range(min(self.workers, count) - 1)]
         try:
-            shares = [share(0)]
+            share()
         finally:
             wait(others)
-        shares += [other.result() for other in others]
-        return [shares[i % threads][i // threads] for i in range(count)]
+        for other in others:
+            other.result()
+        return cast(list[Result], results)

@@ -15,7 +15,7 @@ from numba import njit
 
 VOLUME, AREA = 0, 1
 #: Error of an equation at which Newton's method stops.
-CLOSE = 1e-10
+CLOSE = 1e-9
 #: An error below this that a step does not halve is rounding.
 ROUNDING = 1e-9
 #: Condition number beyond which two gradients count as parallel.

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from baselines.accelerated import accelerated_arap, accelerated_elastic
 from sshade import DeformationTask, Handles, InputError, Mesh
-from sshade.constraints import EVERY
+from sshade.constraints import EVERY, EVERY_OF_BOTH
 from sshade.local_global import LocalGlobal, local_global
 from sshade.quasi_newton import largest_move
 from sshade.solution import Solution
@@ -178,7 +178,7 @@ def constrained_iterations(task: DeformationTask, U: np.ndarray, energy: str, we
         fresh = np.zeros_like(gradient)
         for q in range(len(held)):
             fresh[naive.free, q] = naive.lu.solve(gradient[naive.free, q])
-        if step % EVERY == 0:
+        if step % (EVERY_OF_BOTH if min(weights) == inf else EVERY) == 0:
             Z = fresh
         x = naive.iterate(U) + np.einsum("q,nqd->nd", multipliers, fresh)
 
