@@ -26,6 +26,7 @@ from sshade.graph import vertex_graph
 from sshade.linalg import Engine
 from sshade.local_global import LocalGlobal, local_global
 from sshade.mesh import Mesh
+from sshade.multilevel import multilevel
 from sshade.parallel import Crew
 from sshade.pipeline import deform
 from sshade.solution import Solution
@@ -66,6 +67,7 @@ def sshade_fast(
         See :func:`sshade.deform`.
     volume, area, stiffness, strain, tolerance, max_iterations, start, engine
         Of the proxy's energy, the spokes and rims; see :func:`sshade.local_global.local_global`.
+        Large proxies begin with a coarser one's result: see :mod:`sshade.multilevel`.
     seed : int
         Of the sampling.
     progress : Progress
@@ -82,13 +84,12 @@ def sshade_fast(
     InputError
         Those of :func:`sshade.deform` and :func:`sshade.local_global.local_global`.
     """
-    coarse = partial(
+    solver = partial(
         local_global,
         volume=volume,
         area=area,
         stiffness=stiffness,
         strain=strain,
-        tolerance=tolerance,
         max_iterations=max_iterations,
         start=start,
         engine=engine,
@@ -97,7 +98,7 @@ def sshade_fast(
         task,
         vertices=vertices,
         samplings=samplings,
-        coarse=coarse,
+        coarse=partial(multilevel, coarse=solver, tolerance=tolerance),
         frames=frames,
         workers=workers,
         seed=seed,

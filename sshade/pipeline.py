@@ -21,7 +21,14 @@ from sshade.remesh import Remesh, proxy_mesh, remesh
 from sshade.task import DeformationResult, DeformationTask, Handles, Method, Progress, rigid_motion, silent
 
 #: What a coarse method may tell, and the result then does too.
-PROXY_FACTS = "energy", "volume_error", "area_error", "volume_constraint", "area_constraint"
+PROXY_FACTS = (
+    "energy",
+    "volume_error",
+    "area_error",
+    "volume_constraint",
+    "area_constraint",
+    "coarser_iterations",
+)
 
 
 def deform(
