@@ -1,19 +1,64 @@
+"""The untimed first run, and the mesh that it uses."""
+
 from __future__ import annotations
 
 import sys
 from functools import partial
 from types import ModuleType
 
-from eval.warmup import tiny_task, tiny_transfer, warm_up
+import numpy as np
+import pytest
+
+from eval.warmup import icosphere, tiny_task, tiny_transfer, warm_up
 from sshade.apart import _lacks
 from sshade.fine import prepare
 from sshade.geodesic import _insert
 from sshade.substitution import _rows
-from sshade.task import DeformationTask
+from sshade.task import DeformationResult, DeformationTask
 from sshade.transfer_task import TransferTask
 
 
-def test_a_method_runs_once_and_what_its_module_prepares_too(monkeypatch):
+@pytest.mark.parametrize("level", [0, 1, 3])
+def test_icosphere(level):
+    mesh = icosphere(level)
+    assert mesh.m == 20 * 4**level and mesh.topology == (2, 1, 0)
+    assert mesh.is_closed and mesh.is_manifold and mesh.is_oriented and mesh.volume > 0
+    np.testing.assert_allclose(np.linalg.norm(mesh.V, axis=1), 1, rtol=1e-15)
+
+
+def test_icosahedron_has_the_closed_form_volume():
+    edge = 4 / np.sqrt(10 + 2 * np.sqrt(5))
+    assert icosphere(0).volume == pytest.approx(5 / 12 * (3 + 5**0.5) * edge**3)
+
+
+def test_a_method_is_warmed_up_once_for_each_key_with_its_overrides():
+    calls = []
+
+    def method(task, *, seed, size=100):
+        calls.append((type(task), size))
+        return DeformationResult(vertices=task.mesh.V, iterations=0, converged=None)
+
+    kinds = {"first": DeformationTask, "second": TransferTask}
+    for key in ("first", "first", "second"):
+        warm_up(method, {"size": 3}, key=f"{__name__} {key}", kind=kinds[key])
+    assert calls == [(DeformationTask, 3), (TransferTask, 3)]
+
+
+def test_the_tiny_task_moves_some_handles_and_holds_others():
+    handles, mesh = tiny_task().handles, tiny_task().mesh
+    moves = np.linalg.norm(handles.target - mesh.V[handles.index], axis=1) > 0
+    np.testing.assert_array_equal(moves, handles.dynamic)
+    assert 0 < handles.dynamic.sum() < len(handles)
+
+
+def test_the_tiny_transfer_edits_the_shape_and_bends_it():
+    task = tiny_transfer()
+    for other in (task.mesh.V, task.posed):
+        assert 0.05 < np.linalg.norm(other - task.rest.V, axis=1).max() < 1
+    assert np.array_equal(task.mesh.F, task.rest.F)
+
+
+def test_what_a_method_s_module_prepares_is_prepared_once(monkeypatch):
     said = []
 
     def method(task, *, seed: int, size: int) -> None:
