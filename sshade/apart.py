@@ -32,6 +32,8 @@ class Surface:
         )
         self.still = np.zeros(mesh.n, dtype=bool)
         self.still[index] = True
+        #: -1 where normals point inwards.
+        self.side = -1.0 if mesh.is_closed and mesh.is_oriented and mesh.volume < 0 else 1.0
 
     def near(self, seeds: np.ndarray) -> tuple[np.ndarray, float]:
         """(n,) bool, vertices near the seeds along edges; how near, the largest region of seeds tells."""
@@ -56,7 +58,7 @@ class Surface:
         return seeds
 
     def enclosed(self, seeds: np.ndarray, patch: np.ndarray) -> np.ndarray:
-        """(n,) bool: the seeds, and what they cut off from the patch's boundary and from still vertices."""
+        """(n,) bool: the seeds, and what they cut off from the patch's boundary, or from still vertices."""
         rest = np.flatnonzero(patch & ~seeds)
         result = seeds.copy()
         if len(rest):
@@ -79,7 +81,7 @@ def move_apart(
     mesh, still, ids = surface.mesh, surface.still, np.flatnonzero(met)
     faces = mesh.F[met[mesh.F].any(axis=1)]
     corners = P[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = surface.side * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     at = np.zeros_like(P)
     for corner in range(3):
         np.add.at(at, faces[:, corner], normals)
@@ -160,8 +162,10 @@ def _lacks(P, V, F, normal, mobility, ids, at, margin):
                 continue
             if normal[t, 0] * at[i, 0] + normal[t, 1] * at[i, 1] + normal[t, 2] * at[i, 2] >= 0.0:
                 continue
-            c = F[t, 0]
-            dx, dy, dz = V[v, 0] - V[c, 0], V[v, 1] - V[c, 1], V[v, 2] - V[c, 2]
+            a, b, c = F[t, 0], F[t, 1], F[t, 2]
+            dx = V[v, 0] - (V[a, 0] + V[b, 0] + V[c, 0]) / 3.0
+            dy = V[v, 1] - (V[a, 1] + V[b, 1] + V[c, 1]) / 3.0
+            dz = V[v, 2] - (V[a, 2] + V[b, 2] + V[c, 2]) / 3.0
             if dx * dx + dy * dy + dz * dz > ACROSS * square:
                 least, nearest = square, t
         if nearest < 0:
