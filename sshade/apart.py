@@ -162,11 +162,12 @@ def _lacks(P, V, F, normal, mobility, ids, at, margin):
                 continue
             if normal[t, 0] * at[i, 0] + normal[t, 1] * at[i, 1] + normal[t, 2] * at[i, 2] >= 0.0:
                 continue
-            a, b, c = F[t, 0], F[t, 1], F[t, 2]
-            dx = V[v, 0] - (V[a, 0] + V[b, 0] + V[c, 0]) / 3.0
-            dy = V[v, 1] - (V[a, 1] + V[b, 1] + V[c, 1]) / 3.0
-            dz = V[v, 2] - (V[a, 2] + V[b, 2] + V[c, 2]) / 3.0
-            if dx * dx + dy * dy + dz * dz > ACROSS * square:
+            rest = np.inf
+            for corner in range(3):
+                c = F[t, corner]
+                dx, dy, dz = V[v, 0] - V[c, 0], V[v, 1] - V[c, 1], V[v, 2] - V[c, 2]
+                rest = min(rest, dx * dx + dy * dy + dz * dz)
+            if rest > ACROSS * square:
                 least, nearest = square, t
         if nearest < 0:
             continue
