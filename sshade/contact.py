@@ -79,7 +79,7 @@ def separate(
     Parameters
     ----------
     mesh : Mesh
-        Rest shape; manifold.
+        Rest shape; manifold. Of one with a boundary, the normals tell which side is out.
     positions : (n, 3) float64
     index : (k,) int
         Vertices that stay, the handles.

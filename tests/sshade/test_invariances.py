@@ -125,9 +125,11 @@ def test_any_scale(name, number, factor):
 @settings(max_examples=EXAMPLES)
 @given(number=NUMBERS)
 def test_faces_turned_inside_out(name, number):
-    task = drawn(number)
-    result = METHODS[name](task, seed=1).vertices
-    there = METHODS[name](moved(task, lambda V: V, F=task.mesh.F[:, ::-1]), seed=1).vertices
+    task, method = drawn(number), METHODS[name]
+    if name == "fine" and not task.mesh.is_closed:
+        method = partial(method, contact=False)  # which side of a sheet is out, its normals tell
+    result = method(task, seed=1).vertices
+    there = method(moved(task, lambda V: V, F=task.mesh.F[:, ::-1]), seed=1).vertices
     assert_same(there, result, task)
 
 
