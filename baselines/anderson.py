@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from sshade.quasi_newton import inner
+
 #: Pivot, relative to unit columns, under which a difference adds nothing to the others.
 DEPENDENT = 1e-12
 
@@ -67,7 +69,7 @@ def _advance(u, g, count, last_F, last_g, dF, dG, gram):
             last_F[i] = F
             last_g[i] = g[i]
         for c in range(used):
-            gram[newest, c] = gram[c, newest] = _dot(dF[newest], dF[c])
+            gram[newest, c] = gram[c, newest] = inner(dF[newest], dF[c])
     else:
         for i in range(size):
             last_F[i] = g[i] - u[i]
@@ -76,28 +78,12 @@ def _advance(u, g, count, last_F, last_g, dF, dG, gram):
     if used > 0:
         target = np.empty(used)
         for c in range(used):
-            target[c] = _dot(dF[c], last_F)
+            target[c] = inner(dF[c], last_F)
         theta = _least_squares(gram[:used, :used], target)
         for c in range(used):
             if theta[c] != 0.0:
                 for i in range(size):
                     u[i] -= theta[c] * dG[c, i]
-
-
-@njit(cache=True, nogil=True)
-def _dot(a, b):
-    """Dot product in four partial sums: in a single one each addition waits for the last."""
-    s0 = s1 = s2 = s3 = 0.0
-    n = len(a)
-    end = n - n % 4
-    for i in range(0, end, 4):
-        s0 += a[i] * b[i]
-        s1 += a[i + 1] * b[i + 1]
-        s2 += a[i + 2] * b[i + 2]
-        s3 += a[i + 3] * b[i + 3]
-    for i in range(end, n):
-        s0 += a[i] * b[i]
-    return (s0 + s1) + (s2 + s3)
 
 
 @njit(cache=True, nogil=True)

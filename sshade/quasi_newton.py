@@ -141,7 +141,7 @@ def _direction(F, G, S, Y, Z, curvature, newest_first, q, way):
     share = np.empty(last + 1)
     q[:] = G
     way[:] = F
-    dot = _dot(S[newest_first[0]].reshape(-1), q)
+    dot = inner(S[newest_first[0]].reshape(-1), q)
     for k in range(last + 1):
         p = newest_first[k]
         share[k] = dot / curvature[p]
@@ -152,7 +152,7 @@ def _direction(F, G, S, Y, Z, curvature, newest_first, q, way):
             own = slice(begin, min(begin + BLOCK, size))
             _add(-share[k], y[own], q[own])
             _add(-share[k], z[own], way[own])
-            dot += _dot(other[own], q[own] if k < last else way[own])
+            dot += inner(other[own], q[own] if k < last else way[own])
     for k in range(last, -1, -1):
         p = newest_first[k]
         change, s = share[k] - dot / curvature[p], S[p].reshape(-1)
@@ -161,7 +161,7 @@ def _direction(F, G, S, Y, Z, curvature, newest_first, q, way):
         for begin in range(0, size, BLOCK):
             own = slice(begin, min(begin + BLOCK, size))
             _add(change, s[own], way[own])
-            dot += _dot(other[own], way[own])
+            dot += inner(other[own], way[own])
     return dot > 0.0
 
 
@@ -178,7 +178,7 @@ def _add(share, a, b):
 
 
 @njit(cache=True, nogil=True)
-def _dot(a, b):
+def inner(a, b):
     """Dot product in four partial sums: in a single one each addition waits for the last."""
     s0 = s1 = s2 = s3 = 0.0
     n = len(a)

@@ -8,7 +8,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from baselines.accelerated import accelerated_arap, accelerated_elastic
-from baselines.anderson import Anderson
 from sshade import DeformationTask, Handles, InputError, Mesh
 from sshade.coarse import initial_guess, libigl_arap
 from sshade.cotangents import corner_vectors, edge_weights, half_cotangents, laplacian_matrix
@@ -371,49 +370,6 @@ def test_an_undetermined_rotation_stays_near_the_previous_one():
     turn = (Rotation.from_matrix(R) * before.inv()).magnitude()
     least = np.arccos(np.clip(np.einsum("ni,ni->n", before.apply(a), b), -1, 1))
     assert turn == pytest.approx(least, abs=1e-6)
-
-
-# --- acceleration
-
-
-def test_acceleration_solves_a_small_linear_iteration_in_as_many_steps_as_unknowns():
-    rng = np.random.default_rng(10)
-    A = 0.9 * np.linalg.qr(rng.normal(size=(4, 4)))[0] * [0.5, 1.0, 0.8, 0.9]
-    b, u, mixer = rng.normal(size=4), np.zeros(4), Anderson(4, 5)
-    for _ in range(6):
-        g = A @ u + b
-        mixer.advance(u, g)
-        assert np.array_equal(mixer.plain, g)
-    assert u == pytest.approx(np.linalg.solve(np.eye(4) - A, b), abs=1e-10)
-
-
-def test_acceleration_step_equals_the_least_squares_formula():
-    rng = np.random.default_rng(11)
-    U, G = rng.normal(size=(2, 9, 30))
-    mixer, u = Anderson(30, 3), np.empty(30)
-    for k in range(9):
-        u[:] = U[k]
-        mixer.advance(u, G[k])
-        first = max(0, k - 3)
-        dF, dG = np.diff((G - U)[first : k + 1], axis=0).T, np.diff(G[first : k + 1], axis=0).T
-        theta = np.linalg.lstsq(dF, G[k] - U[k], rcond=None)[0] if k else np.zeros(0)
-        assert u == pytest.approx(G[k] - dG @ theta, abs=1e-11)
-
-
-def test_acceleration_survives_repeated_differences():
-    mixer, u = Anderson(6, 4), np.zeros(6)
-    for _ in range(6):
-        u[:] = 0.0
-        mixer.advance(u, np.ones(6))
-    assert np.array_equal(u, np.ones(6))
-
-
-def test_largest_move():
-    A = np.zeros((3, 3))
-    B = np.array([[0, 3.0, 4], [1, 0, 0], [0, 0, 2]])
-    assert largest_move(A, B) == 5.0 and largest_move(A, A) == 0.0
-    B[1, 2] = np.nan
-    assert np.isnan(largest_move(A, B))
 
 
 # --- weights

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sshade.quasi_newton import QuasiNewton
+from sshade.quasi_newton import QuasiNewton, largest_move
 
 N = 7
 
@@ -73,3 +73,11 @@ def test_where_the_energy_curves_down_nothing_is_learnt():
     for u in rng.normal(size=(5, N, 3)):
         g, now = plain(u, L, -A), u.copy()
         assert not mixer.advance(now, g) and np.array_equal(now, g)
+
+
+def test_largest_move():
+    A = np.zeros((3, 3))
+    B = np.array([[0, 3.0, 4], [1, 0, 0], [0, 0, 2]])
+    assert largest_move(A, B) == 5.0 and largest_move(A, A) == 0.0
+    B[1, 2] = np.nan
+    assert np.isnan(largest_move(A, B))
