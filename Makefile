@@ -26,10 +26,10 @@ TRANSFERS := isometric_quick pose_transfer_quick isometric pose_transfer
 
 tables: $(READY) $(QUICK)/dataset.json
 	$(BIN)/python -m eval -m experiment=quick dataset.root=$(QUICK)
-	$(BIN)/python -m eval.collect quick
-	$(BIN)/python -m eval.tables results/rows/quick.csv
-	$(BIN)/python -m eval.figures quick
-	$(BIN)/python -m eval.report quick
+	$(BIN)/python -m eval.rows.collect quick
+	$(BIN)/python -m eval.publish.tables results/rows/quick.csv
+	$(BIN)/python -m eval.publish.figures quick
+	$(BIN)/python -m eval.publish.report quick
 	@echo "tables in results/tables, the picture in results/figures, all of it in results/report.html"
 
 test: $(READY)
@@ -44,7 +44,7 @@ ci-benchmark: $(READY) $(CI)/dataset.json
 	$(BIN)/python -m eval -m experiment=ci dataset.root=$(CI)
 
 bench: $(READY) $(FULL)/dataset.json $(BASES:%=%/dataset.json)
-	$(BIN)/python -m eval.bench $(FULL)/subject_00/rest.ply $(FULL)/subject_00/pose_1.json --full \
+	$(BIN)/python -m eval.timing $(FULL)/subject_00/rest.ply $(FULL)/subject_00/pose_1.json --full \
 	  --scaling $(BASES:%=%/subject_00/rest.ply) --plot results/figures/scaling.svg
 
 # What was done is kept and not repeated, an interruption costs a few minutes of it; AGAIN=--again begins anew.
@@ -55,20 +55,20 @@ robustness: $(READY)
 
 ablations: $(READY) $(QUICK)/dataset.json
 	for name in $(ABLATIONS); do $(BIN)/python -m eval -m experiment=$$name || exit 1; done
-	$(BIN)/python -m eval.collect $(ABLATIONS)
-	$(BIN)/python -m eval.tables $(ABLATIONS)
-	$(BIN)/python -m eval.curves ablation_samplings --over method.samplings $(CURVES)
-	$(BIN)/python -m eval.curves ablation_vertices --over method.vertices $(CURVES)
-	$(BIN)/python -m eval.figures ablation_touching --cases hairpin/gap_0.01 hairpin/gap_0.05 \
+	$(BIN)/python -m eval.rows.collect $(ABLATIONS)
+	$(BIN)/python -m eval.publish.tables $(ABLATIONS)
+	$(BIN)/python -m eval.publish.curves ablation_samplings --over method.samplings $(CURVES)
+	$(BIN)/python -m eval.publish.curves ablation_vertices --over method.vertices $(CURVES)
+	$(BIN)/python -m eval.publish.figures ablation_touching --cases hairpin/gap_0.01 hairpin/gap_0.05 \
 	  --towards 0 1 0 --up 0 0 1
 
 transfers: $(READY) $(QUICK)/dataset.json $(FULL)/dataset.json
 	for name in $(TRANSFERS); do $(BIN)/python -m eval -m experiment=$$name || exit 1; done
-	$(BIN)/python -m eval.collect $(TRANSFERS)
-	$(BIN)/python -m eval.tables $(TRANSFERS)
-	$(BIN)/python -m eval.figures isometric --worst hausdorff \
+	$(BIN)/python -m eval.rows.collect $(TRANSFERS)
+	$(BIN)/python -m eval.publish.tables $(TRANSFERS)
+	$(BIN)/python -m eval.publish.figures isometric --worst hausdorff \
 	  --methods triangle-1 triangle-10 blended_affine-1 blended_affine-10
-	$(BIN)/python -m eval.figures pose_transfer --worst chamfer
+	$(BIN)/python -m eval.publish.figures pose_transfer --worst chamfer
 
 $(FULL)/dataset.json: $(READY)
 	$(BIN)/defaust build source=synthetic out=$(FULL) subjects=[0]

@@ -8,9 +8,9 @@ volume they trade it for stretch, from the free minimum to the exact volume.
 
 from __future__ import annotations
 
-from sshade.coarse import Start
-from sshade.linalg import Engine
-from sshade.local_global import local_global
+from sshade.solver.coarse import Start
+from sshade.solver.factor import Engine
+from sshade.solver.local_global import local_global
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
 
 
@@ -27,7 +27,7 @@ def accelerated_arap(
     seed: int = 0,
     progress: Progress = silent,
 ) -> DeformationResult:
-    """Minimise the spokes energy; see :func:`sshade.local_global.local_global`."""
+    """Minimise the spokes energy; see :func:`sshade.solver.local_global.local_global`."""
     return local_global(
         task,
         energy="spokes",
@@ -56,7 +56,7 @@ def accelerated_elastic(
     seed: int = 0,
     progress: Progress = silent,
 ) -> DeformationResult:
-    """Minimise the spokes-and-rims energy; see :func:`sshade.local_global.local_global`."""
+    """Minimise the spokes-and-rims energy; see :func:`sshade.solver.local_global.local_global`."""
     return local_global(
         task,
         energy="spokes_and_rims",

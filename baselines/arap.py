@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sshade.coarse import Start, libigl_arap
+from sshade.solver.coarse import Start, libigl_arap
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
 
 
@@ -15,7 +15,7 @@ def arap(
     seed: int = 0,
     progress: Progress = silent,
 ) -> DeformationResult:
-    """ARAP: the spokes energy of Sorkine and Alexa (2007); see :func:`sshade.coarse.libigl_arap`."""
+    """ARAP: the spokes energy of Sorkine and Alexa (2007); see :func:`sshade.solver.coarse.libigl_arap`."""
     return libigl_arap(
         task,
         energy="spokes",
@@ -36,7 +36,7 @@ def elastic(
     seed: int = 0,
     progress: Progress = silent,
 ) -> DeformationResult:
-    """Elastic: the spokes-and-rims energy of Chao et al. (2010); see :func:`sshade.coarse.libigl_arap`."""
+    """Elastic: the spokes-and-rims energy of Chao et al. (2010); see :func:`libigl_arap`."""
     return libigl_arap(
         task,
         energy="spokes_and_rims",

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from scipy.sparse import csr_array
 
-from sshade.linalg import Engine, factor
-from sshade.quasi_newton import largest_move
+from sshade.solver.factor import Engine, factor
+from sshade.solver.quasi_newton import largest_move
 from sshade.task import Progress
 
 #: Iterations between two calls of the progress callback.
@@ -21,13 +21,13 @@ class GlobalStep:
     Parameters
     ----------
     laplacian : (n, n) sparse float64
-        Symmetric, positive semi-definite; see :func:`sshade.cotangents.laplacian_matrix`.
+        Symmetric, positive semi-definite; see :func:`sshade.solver.cotangents.laplacian_matrix`.
     held : (k,) int
         Rows with prescribed positions, at least one per component.
     targets : (k, 3) float64
         Those positions, in the mesh's unit of length.
     engine : {"auto", "superlu", "cholespy"}
-        See :func:`sshade.linalg.factor`.
+        See :func:`sshade.solver.factor.factor`.
 
     Raises
     ------

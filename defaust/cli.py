@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sshade import InputError
-from sshade.console import progress_bar, run_command
+from sshade.cli.console import progress_bar, run_command
 
 if TYPE_CHECKING:
-    from defaust.options import BuildOptions
+    from defaust.build.options import BuildOptions
 
 EPILOG = """examples:
   defaust build out=data/defaust                                   all subjects, 170,000 vertices
@@ -48,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _build(args: argparse.Namespace) -> int:
-    from defaust.build import build
+    from defaust.build.build import build
 
     source, out, options, workers = configure(args.overrides)
     with progress_bar() as progress:
@@ -75,7 +75,7 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, int | 
     from omegaconf.errors import OmegaConfBaseException
 
     from conf import named_functions, told
-    from defaust.options import BuildOptions
+    from defaust.build.options import BuildOptions
 
     try:
         with initialize_config_module("conf.defaust", version_base="1.3"):
@@ -146,7 +146,7 @@ def _number(name: str, value: Any) -> Any:
 
 
 def _verify(args: argparse.Namespace) -> int:
-    from defaust.verify import verify
+    from defaust.folder.verify import verify
 
     with progress_bar() as progress:
         faults = verify(args.folder, progress=progress)
@@ -161,8 +161,8 @@ def _info(args: argparse.Namespace) -> int:
     from rich.console import Console
     from rich.table import Table
 
-    from defaust.card import subject_names
-    from defaust.folder import read_dataset
+    from defaust.folder.card import subject_names
+    from defaust.folder.folder import read_dataset
 
     document = read_dataset(args.folder)
     build = document["build"]

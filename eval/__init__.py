@@ -1,5 +1,5 @@
 """The benchmark: metrics, one run to one row, tables and figures from rows.
 
-``python -m eval`` runs methods; ``eval.collect``, ``eval.tables``, ``eval.figures`` and
-``eval.check`` work on what it left.
+``python -m eval`` runs methods; ``eval.rows.collect``, ``eval.publish.tables``, ``eval.publish.figures`` and
+``eval.rows.bands`` work on what it left.
 """

@@ -4,16 +4,16 @@ F. Maggioli, D. Baieri, Z. Laehner, S. Melzi, "SShaDe: scalable shape
 deformation via local representations".
 """
 
-from sshade.binding import Binding, bind
-from sshade.deformer import Deformer
+from sshade.carry.binding import Binding, bind
 from sshade.errors import InputError
-from sshade.fine import sshade_fast, sshade_fine
-from sshade.mesh import Mesh
-from sshade.pieces import deform_pieces
-from sshade.pipeline import deform
+from sshade.mesh.mesh import Mesh
+from sshade.pipeline.components import deform_pieces
+from sshade.pipeline.deform import deform
+from sshade.pipeline.deformer import Deformer
+from sshade.pipeline.fine import sshade_fast, sshade_fine
+from sshade.pipeline.transfer import reconstruct, transfer_pose
+from sshade.pipeline.transfer_task import TransferTask
 from sshade.task import DeformationResult, DeformationTask, Handles, Method
-from sshade.transfer import reconstruct, transfer_pose
-from sshade.transfer_task import TransferTask
 
 __all__ = [
     "Binding",

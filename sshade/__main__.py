@@ -2,6 +2,6 @@
 
 import sys
 
-from sshade.cli import main
+from sshade.cli.main import main
 
 sys.exit(main())

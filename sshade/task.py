@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.mesh import Mesh
+from sshade.mesh.mesh import Mesh
 
 #: Two targets of one vertex that differ by more than this (x diagonal) contradict each other.
 SAME_TARGET = 1e-9

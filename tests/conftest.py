@@ -7,7 +7,7 @@ import os
 import pytest
 from hypothesis import settings
 
-from sshade.mesh import Mesh
+from sshade.mesh.mesh import Mesh
 from tests.shapes import bumpy
 
 # Functions of the tests' own that configurations and rows name; processes inherit it.

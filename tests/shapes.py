@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sshade.mesh import Mesh
+from sshade.mesh.mesh import Mesh
 
 
 def tetrahedron() -> Mesh:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from sshade.mesh import Mesh
+from sshade.mesh.mesh import Mesh
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
 
 if TYPE_CHECKING:

@@ -30,10 +30,10 @@ from defaust.bake.template import (
     quantise_weights,
     smooth_weights,
 )
-from defaust.synthetic import QUANTUM, Bodies
+from defaust.sources.synthetic import QUANTUM, Bodies
 from sshade import InputError, Mesh
-from sshade.console import run_command
-from sshade.files import replacing
+from sshade.cli.console import run_command
+from sshade.io.files import replacing
 
 log = logging.getLogger("defaust.bake")
 

@@ -7,7 +7,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from defaust.bake.morphs import BONES
-from defaust.skinning import apply_motions, bone_motions
+from defaust.sources.skinning import apply_motions, bone_motions
 
 #: Rotation vectors in degrees. x bends forward where positive, y turns to the
 #: left, z raises the left arm. A name without side stands for both: the right

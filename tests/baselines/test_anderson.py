@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from baselines.anderson import Anderson
+from baselines.arap_sr.anderson import Anderson
 
 
 def test_acceleration_solves_a_small_linear_iteration_in_as_many_steps_as_unknowns():

@@ -7,11 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from baselines.arap import arap
-from baselines.arap_sr import arap_sr
-from baselines.smooth_rotations import largest_turn, vertex_colours
-from sshade.coarse import initial_guess
+from baselines.arap_sr.arap_sr import arap_sr
+from baselines.arap_sr.smooth_rotations import largest_turn, vertex_colours
 from sshade.errors import InputError
-from sshade.mesh import Mesh
+from sshade.mesh.mesh import Mesh
+from sshade.solver.coarse import initial_guess
 from sshade.task import DeformationTask, Handles, rigid_motion
 from tests.baselines.tasks import bent_bar, errors, held_ends
 from tests.shapes import bumpy, double_torus, family, jittered, strip, tube
@@ -256,7 +256,7 @@ def test_acceleration_reaches_the_same_minimum_sooner(mesh):
 
 
 def test_an_acceleration_that_always_begins_anew_is_the_plain_iteration(body, monkeypatch):
-    monkeypatch.setattr("baselines.arap_sr.LONGER", 0.0)
+    monkeypatch.setattr("baselines.arap_sr.arap_sr.LONGER", 0.0)
     task = held_ends(body)
     plain = arap_sr(task, tolerance=0, max_iterations=40)
     restarted = arap_sr(task, tolerance=0, max_iterations=40, accelerate=True)

@@ -8,12 +8,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from baselines.deformation_graph import deformation_graph
-from baselines.node_graph import FEWEST_NEIGHBOURS, bind_to_nodes, node_graph
+from baselines.deformation_graph.deformation_graph import deformation_graph
+from baselines.deformation_graph.node_graph import FEWEST_NEIGHBOURS, bind_to_nodes, node_graph
 from sshade.errors import InputError
-from sshade.geodesic import farthest_point_sampling
-from sshade.graph import vertex_graph
-from sshade.mesh import Mesh
+from sshade.mesh.graph import vertex_graph
+from sshade.mesh.mesh import Mesh
+from sshade.sampling.fronts import farthest_point_sampling
 from sshade.task import DeformationTask, Handles
 from tests.baselines.tasks import held_ends
 from tests.shapes import block, family, jittered, strip

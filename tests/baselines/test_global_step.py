@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baselines.global_step import REPORT_EVERY, GlobalStep, iterate
-from sshade.cotangents import edge_weights, half_cotangents, laplacian_matrix
+from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
 from sshade.task import silent
 
 

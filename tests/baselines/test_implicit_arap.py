@@ -10,8 +10,8 @@ import pytest
 
 from baselines.implicit_arap import implicit_arap
 from baselines.implicit_arap.method import normalised
-from eval.attempt import attempt
-from sshade.mesh import Mesh
+from eval.run.attempt import attempt
+from sshade.mesh.mesh import Mesh
 from tests.baselines.tasks import held_ends
 from tests.shapes import bumpy
 

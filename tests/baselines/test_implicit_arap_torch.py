@@ -28,7 +28,7 @@ from baselines.implicit_arap.patches import (  # noqa: E402
 )
 from baselines.implicit_arap.sdf import GridSdf, Surface, fit_network_sdf, grid_sdf  # noqa: E402
 from baselines.implicit_arap.training import Constraints, Plan, displacements, make_field  # noqa: E402
-from sshade.mesh import Mesh  # noqa: E402
+from sshade.mesh.mesh import Mesh  # noqa: E402
 from sshade.task import DeformationTask, Handles, silent  # noqa: E402
 from tests.baselines.tasks import held_ends  # noqa: E402
 from tests.shapes import bumpy, icosphere, rotation  # noqa: E402

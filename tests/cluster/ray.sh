@@ -61,7 +61,7 @@ check() {
     "$PYTHON" -m eval -m $SWEEP "paths.runs=$OUT/ray" hydra/launcher=ray_cluster \
         hydra.launcher.ray.init.address=127.0.0.1:6399
     echo "== the same rows"
-    "$PYTHON" -m eval.compare_rows "$OUT"/basic/* "$OUT"/ray/*
+    "$PYTHON" -m eval.rows.compare "$OUT"/basic/* "$OUT"/ray/*
 }
 
 case ${1:-} in

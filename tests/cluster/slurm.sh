@@ -114,13 +114,13 @@ check() {
     echo "exit code $code"
     [ $code -eq 1 ]
     while [ -n "$(squeue -h)" ]; do sleep 1; done
-    "$PYTHON" -m eval.progress "$OUT"/slurm/*
+    "$PYTHON" -m eval.run.progress "$OUT"/slurm/*
 
     echo "== the same command again"
     # shellcheck disable=SC2086
     sweep slurm $slurm
     echo "== the same rows"
-    "$PYTHON" -m eval.compare_rows "$OUT"/basic/* "$OUT"/slurm/*
+    "$PYTHON" -m eval.rows.compare "$OUT"/basic/* "$OUT"/slurm/*
 }
 
 case ${1:-} in

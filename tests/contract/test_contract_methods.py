@@ -11,8 +11,8 @@ from hydra import compose, initialize_config_module
 from omegaconf import OmegaConf
 from scipy.spatial.transform import Rotation
 
-from eval.targets import instantiate
-from sshade.mesh import Mesh
+from eval.configure.targets import instantiate
+from sshade.mesh.mesh import Mesh
 from sshade.task import DeformationTask, Handles
 
 METHODS = sorted(

@@ -13,10 +13,10 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import OmegaConf
 from scipy.spatial.transform import Rotation
 
-from eval.targets import OWN_KEYS, check_parameters, instantiate, locate
-from sshade.mesh import Mesh
+from eval.configure.targets import OWN_KEYS, check_parameters, instantiate, locate
+from sshade.mesh.mesh import Mesh
+from sshade.pipeline.transfer_task import TransferTask
 from sshade.task import Method
-from sshade.transfer_task import TransferTask
 
 METHODS = sorted(
     file.name.removesuffix(".yaml")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from defaust.build.options import BuildOptions
 from defaust.cli import configure
-from defaust.options import BuildOptions
-from defaust.synthetic import SyntheticBodies
-from sshade.meshio import write_mesh
+from defaust.sources.synthetic import SyntheticBodies
+from sshade.io.meshes import write_mesh
 
 #: FAUST's numbers of a rest pose and the four default target poses.
 POSES = (0, 1, 3, 6, 8)

@@ -8,8 +8,8 @@ from defaust.bake.landmarks import find_landmarks
 from defaust.bake.morphs import AGES, BONES, BaseMesh, Shape, morph, read_base
 from defaust.bake.poses import POSES, make_pose
 from defaust.bake.template import carry, fill, neighbour_average, quantise_weights, smooth_weights
-from defaust.skinning import apply_motions, bone_motions
-from defaust.synthetic import load_bodies
+from defaust.sources.skinning import apply_motions, bone_motions
+from defaust.sources.synthetic import load_bodies
 from tests.shapes import icosphere
 
 

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import pytest
 
-from defaust import build as module
-from defaust.build import build
-from defaust.folder import checksum, read_dataset
-from defaust.options import BuildOptions
-from defaust.verify import verify
+from defaust.build import build as module
+from defaust.build.build import build
+from defaust.build.options import BuildOptions
+from defaust.folder.folder import checksum, read_dataset
+from defaust.folder.verify import verify
 from sshade import InputError
-from sshade.meshio import read_mesh
+from sshade.io.meshes import read_mesh
 from tests.defaust.toy import OPTIONS, Balls
 
 

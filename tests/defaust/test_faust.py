@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from defaust.cli import main
-from defaust.folder import sha256
-from defaust.synthetic import SyntheticBodies
+from defaust.folder.folder import sha256
+from defaust.sources.synthetic import SyntheticBodies
 from sshade import InputError
-from sshade.meshio import write_mesh
+from sshade.io.meshes import write_mesh
 from tests.defaust.registrations import POSES, faust, write_faust
 from tests.shapes import icosphere
 

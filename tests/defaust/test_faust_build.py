@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import pytest
 
-from defaust.build import build
+from defaust.build.build import build
 from defaust.cli import main
-from defaust.folder import read_dataset
-from defaust.tasks import list_tasks, load_task
-from defaust.verify import verify
+from defaust.folder.folder import read_dataset
+from defaust.folder.verify import verify
+from defaust.tasks.tasks import list_tasks, load_task
 from sshade import InputError
 from tests.defaust.registrations import SMALL, contents, faust, write_faust
 

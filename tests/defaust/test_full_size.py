@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from defaust.full_size import Skin, has_skin, interpolation, subdivided_pose
-from defaust.synthetic import SHA256, SyntheticBodies, load_bodies
-from defaust.upsample import subdivide, upsample
+from defaust.build.upsample import subdivide, upsample
+from defaust.sources.synthetic import SHA256, SyntheticBodies, load_bodies
+from defaust.tasks.full_size import Skin, has_skin, interpolation, subdivided_pose
 from sshade import InputError, Mesh
 from tests.shapes import bumpy, icosphere, rotation
 

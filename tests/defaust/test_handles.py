@@ -5,8 +5,8 @@ import heapq
 import numpy as np
 import pytest
 
-from defaust.handles import choose_handles, displacement, handle_records, nearest_vertices
-from defaust.synthetic import SyntheticBodies
+from defaust.build.handles import choose_handles, displacement, handle_records, nearest_vertices
+from defaust.sources.synthetic import SyntheticBodies
 from sshade import InputError, Mesh
 
 

@@ -7,14 +7,14 @@ import sys
 
 import pytest
 
-from defaust import lock as module
-from defaust.build import build
-from defaust.lock import LOCK, sole_builder
+from defaust.build import lock as module
+from defaust.build.build import build
+from defaust.build.lock import LOCK, sole_builder
 from sshade import InputError
 from tests.defaust.toy import OPTIONS, Balls
 
 HOLD = (
-    "import sys, time; from pathlib import Path; from defaust.lock import sole_builder\n"
+    "import sys, time; from pathlib import Path; from defaust.build.lock import sole_builder\n"
     "with sole_builder(Path(sys.argv[1])): print('held', flush=True); time.sleep(60)"
 )
 

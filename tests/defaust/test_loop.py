@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from defaust.loop import loop_matrix
-from defaust.upsample import subdivide
+from defaust.build.upsample import subdivide
+from defaust.tasks.loop import loop_matrix
 from sshade import InputError, Mesh
 from tests.shapes import bumpy, double_torus, icosphere, tetrahedron, torus
 

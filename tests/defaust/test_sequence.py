@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from defaust.build import build
+from defaust.build.build import build
+from defaust.build.options import BuildOptions
 from defaust.cli import configure, main
-from defaust.folder import read_dataset
-from defaust.options import BuildOptions
-from defaust.tasks import list_tasks, load_task
-from defaust.verify import verify
-from defaust.winding import same_triangles, wound_outward
+from defaust.folder.folder import read_dataset
+from defaust.folder.verify import verify
+from defaust.sources.winding import same_triangles, wound_outward
+from defaust.tasks.tasks import list_tasks, load_task
 from sshade import InputError, Mesh
-from sshade.meshio import read_mesh, write_mesh
+from sshade.io.meshes import read_mesh, write_mesh
 from tests.defaust.registrations import contents
 from tests.shapes import icosphere, strip, torus
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from defaust import synthetic
-from defaust.skinning import apply_motions, blend_motions, bone_motions
-from defaust.sources import SourcePose
-from defaust.synthetic import SHA256, SyntheticBodies, load_bodies
-from defaust.upsample import count_self_intersections
+from defaust.build.upsample import count_self_intersections
+from defaust.sources import synthetic
+from defaust.sources.skinning import apply_motions, blend_motions, bone_motions
+from defaust.sources.source import SourcePose
+from defaust.sources.synthetic import SHA256, SyntheticBodies, load_bodies
 from sshade import InputError
 
 SUBJECTS = range(10)

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from defaust.build import build
-from defaust.edits import Inflate, Unedited
-from defaust.folder import checksum, dump
-from defaust.options import BuildOptions
-from defaust.synthetic import SyntheticBodies
-from defaust.tasks import load_task
-from defaust.transfers import Registered, transfer_task
+from defaust.build.build import build
+from defaust.build.options import BuildOptions
+from defaust.folder.folder import checksum, dump
+from defaust.sources.synthetic import SyntheticBodies
+from defaust.tasks.edits import Inflate, Unedited
+from defaust.tasks.tasks import load_task
+from defaust.tasks.transfers import Registered, transfer_task
 from sshade import InputError, TransferTask
-from sshade.meshio import read_mesh
+from sshade.io.meshes import read_mesh
 
 BELLY = Inflate(at=(0.5, 0.62, 0.5), radius=0.12, amount=0.05)
 

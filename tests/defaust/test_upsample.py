@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from defaust import upsample as module
-from defaust.upsample import check_window, default_steps, edge_length_for, subdivide, upsample
+from defaust.build import upsample as module
+from defaust.build.upsample import check_window, default_steps, edge_length_for, subdivide, upsample
 from sshade import InputError, Mesh
 from tests.shapes import icosphere, torus
 

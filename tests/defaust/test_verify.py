@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from defaust.folder import checksum, dump, sha256
-from defaust.verify import verify
+from defaust.folder.folder import checksum, dump, sha256
+from defaust.folder.verify import verify
 from sshade import InputError
-from sshade.meshio import read_mesh, write_mesh
+from sshade.io.meshes import read_mesh, write_mesh
 
 
 def relist(root, name):

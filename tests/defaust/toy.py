@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from defaust.options import BuildOptions
-from defaust.sources import SourcePose
+from defaust.build.options import BuildOptions
+from defaust.sources.source import SourcePose
 from sshade import InputError, Mesh
 from tests.shapes import icosphere
 

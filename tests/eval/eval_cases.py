@@ -7,9 +7,9 @@ from time import sleep
 
 import numpy as np
 
-from eval.warmup import icosphere
+from eval.run.warmup import icosphere
 from sshade.errors import InputError
-from sshade.mesh import Mesh
+from sshade.mesh.mesh import Mesh
 from sshade.task import DeformationResult, DeformationTask, Handles, silent
 
 

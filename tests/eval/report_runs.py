@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 from eval_cases import bumpy_sphere, bumpy_task
 
-from eval.collect import collect
-from eval.run import run
-from eval.store import write_csv
-from sshade.mesh import Mesh
-from sshade.transfer_task import TransferTask
+from eval.rows.collect import collect
+from eval.rows.store import write_csv
+from eval.run.run import run
+from sshade.mesh.mesh import Mesh
+from sshade.pipeline.transfer_task import TransferTask
 
 SOURCE = {"_target_": "eval_cases.bumpy_task", "level": 2}
 METHODS = {

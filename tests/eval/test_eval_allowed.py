@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from conf import named_functions
-from eval.allowed import (
+from eval.configure.allowed import (
     VARIABLE,
     allow_from,
     check_folders,
@@ -17,7 +17,7 @@ from eval.allowed import (
     require_allowed,
     require_from_command_line,
 )
-from eval.recall import load_task
+from eval.rows.recall import load_task
 from sshade.errors import InputError
 from tests.robustness.case import contents, run
 
@@ -40,16 +40,20 @@ def test_what_the_conf_package_names_is_allowed():
     for path in files:
         walk(yaml.safe_load(path.read_text()))
     assert len(files) > 30 and found == named_functions() and all(map(is_allowed, found))
-    assert {"sshade.pipeline.deform", "defaust.tasks.load_task", "defaust.tasks.list_tasks"} <= found
+    assert {
+        "sshade.pipeline.deform.deform",
+        "defaust.tasks.tasks.load_task",
+        "defaust.tasks.tasks.list_tasks",
+    } <= found
 
 
 @pytest.mark.parametrize(
     "name",
     [
         "os.system",
-        "defaust.folder.write_text",
-        "sshade.meshio.write_mesh",
-        "sshade.pipeline.deform.x",
+        "defaust.folder.folder.write_text",
+        "sshade.io.meshes.write_mesh",
+        "sshade.pipeline.deform.deform.x",
         "",
         None,
         3,
@@ -117,7 +121,7 @@ def theirs(tmp_path, monkeypatch):
         "from pathlib import Path\nfrom baselines.identity import identity\n"
         "def method(task, *, seed, progress=None):\n    Path('called').touch()\n"
         "    return identity(task, seed=seed)\n"
-        "def task():\n    from eval.warmup import tiny_task\n    return tiny_task()\n"
+        "def task():\n    from eval.run.warmup import tiny_task\n    return tiny_task()\n"
     )
     for name, target in (("method/theirs", "method"), ("dataset/theirs", "task")):
         path = tmp_path / "configs" / f"{name}.yaml"

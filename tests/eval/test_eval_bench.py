@@ -5,12 +5,12 @@ import re
 import numpy as np
 import pytest
 
-from eval.bench.__main__ import main
-from eval.bench.scaling import scaling
-from eval.bench.timing import take_turns
-from eval.warmup import tiny_task
-from sshade.handlesio import write_handles
-from sshade.meshio import write_mesh
+from eval.run.warmup import tiny_task
+from eval.timing.__main__ import main
+from eval.timing.scaling import scaling
+from eval.timing.timing import take_turns
+from sshade.io.handles import write_handles
+from sshade.io.meshes import write_mesh
 
 
 @pytest.fixture(scope="module")

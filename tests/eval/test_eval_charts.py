@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eval.experiment import Experiment, read_experiments
-from eval.store import run_folder, write_csv, write_run
+from eval.rows.experiment import Experiment, read_experiments
+from eval.rows.store import run_folder, write_csv, write_run
 from sshade.errors import InputError
 
 pytest.importorskip("matplotlib")
 
-from eval.charts import charts, convergence, distributions, main, times
-from eval.plotting import look, new_figure, save
+from eval.publish.charts import charts, convergence, distributions, main, times
+from eval.publish.plotting import look, new_figure, save
 
 
 def row(method, task="t1", **changes):

@@ -11,10 +11,10 @@ import eval_cases
 import pytest
 from omegaconf import OmegaConf
 
-from eval import cli
+from eval.configure import app as cli
 from sshade.errors import InputError
-from sshade.handlesio import write_handles
-from sshade.meshio import write_mesh
+from sshade.io.handles import write_handles
+from sshade.io.meshes import write_mesh
 
 HERE = Path(__file__).parent
 
@@ -48,7 +48,7 @@ def test_warnings_of_a_method_reach_the_user_of_a_run_and_of_a_sweep(tmp_path):
     for mode in ([], ["-m"]):
         done = run_eval(tmp_path, *mode, *overrides, "run.force=true")
         assert done.returncode == 0, done.stderr
-        assert "WARNING sshade.constraints: the volume constraint is off" in done.stderr
+        assert "WARNING sshade.solver.constraints: the volume constraint is off" in done.stderr
 
 
 def test_a_sweep_goes_on_after_a_failure_and_is_resumed(tmp_path):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from eval.collect import main
-from eval.store import newest, read_csv, write_run
+from eval.rows.collect import main
+from eval.rows.store import newest, read_csv, write_run
 from sshade.errors import InputError
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from eval_cases import bumpy_task
 
-from eval.collect import collect
-from eval.compare_rows import compared, differences, main
-from eval.run import run
-from eval.store import write_csv
+from eval.rows.collect import collect
+from eval.rows.compare import compared, differences, main
+from eval.rows.store import write_csv
+from eval.run.run import run
 from sshade.errors import InputError
 
 STRETCHING = {"_target_": "eval_cases.stretching", "factor": 2.0}

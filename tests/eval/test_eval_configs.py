@@ -14,9 +14,9 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.utils import instantiate as hydra_instantiate
 from omegaconf import OmegaConf
 
-from eval.cli import ABOUT_DATASET
-from eval.targets import OWN_KEYS, check_parameters, instantiate, locate
-from sshade.local_global import local_global
+from eval.configure.app import ABOUT_DATASET
+from eval.configure.targets import OWN_KEYS, check_parameters, instantiate, locate
+from sshade.solver.local_global import local_global
 from sshade.task import Method
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from eval.curves import curves, main
-from eval.store import write_csv
+from eval.publish.curves import curves, main
+from eval.rows.store import write_csv
 from sshade.errors import InputError
 
 

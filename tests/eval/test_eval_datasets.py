@@ -12,10 +12,10 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import OmegaConf
 
 from defaust.cli import main as defaust
-from eval.cli import _load_task
-from eval.targets import locate
+from eval.configure.app import _load_task
+from eval.configure.targets import locate
 from sshade.errors import InputError
-from sshade.meshio import write_mesh
+from sshade.io.meshes import write_mesh
 from tests.defaust.registrations import write_faust
 from tests.shapes import bumpy
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from eval_cases import box, bumpy_task
 
-from eval.figures import Case as FigureCase
-from eval.figures import main, read_cases, view_of
-from eval.run import run
+from eval.publish.figures import Case as FigureCase
+from eval.publish.figures import main, read_cases, view_of
+from eval.run.run import run
 from sshade.errors import InputError
-from sshade.show import edge_error
+from sshade.figures import edge_error
 
 SOURCE = {"_target_": "eval_cases.bumpy_task", "level": 2}
 

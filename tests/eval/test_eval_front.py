@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from eval.front import front, main
-from eval.store import write_csv
+from eval.publish.front import front, main
+from eval.rows.store import write_csv
 from sshade.errors import InputError
 
 

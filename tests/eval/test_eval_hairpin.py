@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eval.hairpin import BEND, HANDLES, PARTING, SIDE_BY_SIDE, hairpin, hairpin_task
+from defaust.tasks.hairpin import BEND, HANDLES, PARTING, SIDE_BY_SIDE, hairpin, hairpin_task
+from sshade.contact.intersections import intersecting_faces
 from sshade.errors import InputError
-from sshade.intersections import intersecting_faces
 
 
 @pytest.mark.parametrize("around", [8, 9, 40])

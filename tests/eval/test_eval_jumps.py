@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from eval_cases import bumpy_sphere, ends_task
 
-from eval.jumps import SETTINGS, Jumps, at_vertices, busiest, compare, main, measure_jumps, table
+from eval.studies.jumps import SETTINGS, Jumps, at_vertices, busiest, compare, main, measure_jumps, table
 from sshade import InputError, bind
-from sshade.handlesio import write_handles
-from sshade.meshio import write_mesh
+from sshade.io.handles import write_handles
+from sshade.io.meshes import write_mesh
 from tests.shapes import bent, bumpy, rotation, strip
 
 
@@ -94,7 +94,7 @@ def test_the_largest_jumps_are_found_at_vertices():
 
 def test_command(results, tmp_path, capsys, monkeypatch):
     pytest.importorskip("pyvista")
-    monkeypatch.setattr("eval.jumps.PANEL", 60)
+    monkeypatch.setattr("eval.studies.jumps.PANEL", 60)
     task, compared = results
     files = [str(tmp_path / "mesh.ply"), str(tmp_path / "handles.json")]
     write_mesh(files[0], task.mesh.V, task.mesh.F)

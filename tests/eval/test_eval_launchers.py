@@ -11,9 +11,9 @@ import pytest
 from hydra import compose, initialize_config_module
 from hydra.errors import HydraException
 
-from eval import cli
-from eval.collect import collect
-from eval.compare_rows import differences
+from eval.configure import app as cli
+from eval.rows.collect import collect
+from eval.rows.compare import differences
 
 HERE = Path(__file__).parent
 NEEDS = {

@@ -9,10 +9,10 @@ import trimesh
 from eval_cases import box, bumpy_sphere, ends_task
 from scipy.spatial.transform import Rotation
 
-from eval.geometry import corner_angles
-from eval.metrics import METRICS, measure
-from sshade.flips import opposes_neighbours
-from sshade.mesh import Mesh
+from eval.metrics.geometry import corner_angles
+from eval.metrics.metrics import METRICS, measure
+from sshade.contact.flips import opposes_neighbours
+from sshade.mesh.mesh import Mesh
 from sshade.task import DeformationTask, Handles
 
 

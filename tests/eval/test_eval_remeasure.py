@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 from eval_cases import bumpy_task
 
-from eval import remeasure as module
-from eval.metrics import METRICS, Metric
-from eval.remeasure import main, remeasure
-from eval.run import run
-from eval.store import read_row, run_folders, write_row
+from eval.metrics.metrics import METRICS, Metric
+from eval.rows import remeasure as module
+from eval.rows.remeasure import main, remeasure
+from eval.rows.store import read_row, run_folders, write_row
+from eval.run.run import run
 from sshade.errors import InputError
 
 SOURCE = {"_target_": "eval_cases.bumpy_task", "level": 2}

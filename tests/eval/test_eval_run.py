@@ -10,14 +10,12 @@ import numpy as np
 import pytest
 from eval_cases import bumpy_task
 
-import eval.attempt as attempt_module
-import eval.run as run_module
-from eval import provenance
-from eval.collect import collect
-from eval.collect import main as collect_main
-from eval.metrics import METRICS, measure
-from eval.run import run
-from eval.store import (
+import eval.run.attempt as attempt_module
+import eval.run.run as run_module
+from eval.metrics.metrics import METRICS, measure
+from eval.rows.collect import collect
+from eval.rows.collect import main as collect_main
+from eval.rows.store import (
     read_csv,
     read_curves,
     read_row,
@@ -26,6 +24,8 @@ from eval.store import (
     write_csv,
     write_run,
 )
+from eval.run import provenance
+from eval.run.run import run
 from sshade.errors import InputError
 from sshade.task import DeformationResult, silent
 
@@ -196,7 +196,7 @@ def test_the_key_follows_the_sources_a_method_imports_and_no_other_file(task, tm
 
     first = key()
     sources = provenance.dependencies("third_party.method").sources
-    assert {"third_party.method", "third_party.helper", "eval_cases", "sshade.mesh"} <= set(sources)
+    assert {"third_party.method", "third_party.helper", "eval_cases", "sshade.mesh.mesh"} <= set(sources)
     assert "third_party.unused" not in sources
     (package / "unused.py").write_text("changed = True\n")
     (package / "README.md").write_text("changed")
@@ -207,9 +207,9 @@ def test_the_key_follows_the_sources_a_method_imports_and_no_other_file(task, tm
 
 def test_a_method_does_not_depend_on_all_of_our_package():
     sources = provenance.dependencies("baselines.arap").sources
-    assert "sshade.coarse" in sources and "sshade.mesh" in sources
-    assert "sshade.frames" not in sources and "baselines.identity" not in sources
-    assert "sshade.frames" in provenance.dependencies("sshade.pipeline").sources
+    assert "sshade.solver.coarse" in sources and "sshade.mesh.mesh" in sources
+    assert "sshade.carry.frames" not in sources and "baselines.identity" not in sources
+    assert "sshade.carry.frames" in provenance.dependencies("sshade.pipeline.deform").sources
 
 
 def test_versions_of_the_libraries_are_known_and_in_the_key(task, tmp_path, monkeypatch):

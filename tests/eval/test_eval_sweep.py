@@ -10,10 +10,10 @@ from time import monotonic, sleep
 import pytest
 from eval_cases import bumpy_task
 
-from eval.monitor import Monitor
-from eval.progress import main as progress_main
-from eval.run import run
-from eval.sweep import (
+from eval.run.monitor import Monitor
+from eval.run.progress import main as progress_main
+from eval.run.run import run
+from eval.run.sweep import (
     Ended,
     Plan,
     SweepRecord,

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from eval.check import main as check_main
-from eval.check import out_of_band, read_bands, suggest
-from eval.store import read_csv, write_csv
-from eval.summary import ranks
-from eval.tables import FORMATS, main, make_table, to_csv, to_latex, to_markdown
+from eval.publish.summary import ranks
+from eval.publish.tables import FORMATS, main, make_table, to_csv, to_latex, to_markdown
+from eval.rows.bands import main as check_main
+from eval.rows.bands import out_of_band, read_bands, suggest
+from eval.rows.store import read_csv, write_csv
 from sshade.errors import InputError
 
 RESULTS = Path(__file__).parents[2] / "results"
@@ -290,7 +290,7 @@ def test_rows_are_named_by_their_experiment(rows, tmp_path, monkeypatch, capsys)
     write_csv("results/rows/tiny.csv", rows)
     assert main(["tiny"]) == 0
     assert (tmp_path / "results/tables/tiny.md").is_file()
-    with pytest.raises(InputError, match=r"results/rows/huge.csv: no such file; .*eval.collect"):
+    with pytest.raises(InputError, match=r"results/rows/huge.csv: no such file; .*eval.rows.collect"):
         main(["huge"])
 
 

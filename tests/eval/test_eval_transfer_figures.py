@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from eval_cases import bumpy_sphere
 
-from eval.figures import main, read_cases
-from eval.run import run
-from eval.transfer_figures import error_of, rows_of, surroundings
+from eval.publish.figures import main, read_cases
+from eval.publish.transfer_figures import error_of, rows_of, surroundings
+from eval.run.run import run
 from sshade.errors import InputError
-from sshade.mesh import Mesh
-from sshade.show import edge_error
-from sshade.transfer_task import TransferTask
+from sshade.figures import edge_error
+from sshade.mesh.mesh import Mesh
+from sshade.pipeline.transfer_task import TransferTask
 
 CAMERA = {"towards": np.array([1.0, 0, 0.2]), "up": np.array([0.0, 0, 1])}
 
@@ -29,7 +29,10 @@ def task(edited=True, known=True, *, bend=0.2, name="t") -> TransferTask:
 def runs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs") / "bends"
     for bend in (0.1, 0.4):
-        for name, target in (("vertex", "baselines.vertex_frames"), ("sshade", "sshade.transfer_task")):
+        for name, target in (
+            ("vertex", "baselines.vertex_frames"),
+            ("sshade", "sshade.pipeline.transfer_task"),
+        ):
             method = {"_target_": f"{target}.transfer"} | ({"vertices": 100} if name == "sshade" else {})
             source = {"_target_": "test_eval_transfer_figures.task", "bend": bend, "name": f"bend {bend}"}
             run(task(bend=bend, name=f"bend {bend}"), method, name=name, root=folder, source=source)

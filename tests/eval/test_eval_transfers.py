@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from defaust.cli import main as defaust
-from eval.collect import collect
-from eval.summary import make_table
-from eval.tables import to_markdown
-from sshade.meshio import write_mesh
+from eval.publish.summary import make_table
+from eval.publish.tables import to_markdown
+from eval.rows.collect import collect
+from sshade.io.meshes import write_mesh
 from tests.shapes import bent, bumpy
 
 

@@ -9,13 +9,13 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from eval.warmup import icosphere, tiny_task, tiny_transfer, warm_up
-from sshade.apart import _lacks
-from sshade.fine import prepare
-from sshade.geodesic import _insert
-from sshade.substitution import _rows
+from eval.run.warmup import icosphere, tiny_task, tiny_transfer, warm_up
+from sshade.contact.apart import _lacks
+from sshade.pipeline.fine import prepare
+from sshade.pipeline.transfer_task import TransferTask
+from sshade.sampling.fronts import _insert
+from sshade.solver.substitution import _rows
 from sshade.task import DeformationResult, DeformationTask
-from sshade.transfer_task import TransferTask
 
 
 @pytest.mark.parametrize("level", [0, 1, 3])

@@ -15,19 +15,19 @@ import yaml
 from eval_cases import bumpy_sphere
 from report_runs import METHODS, make_runs, make_transfers
 
-from eval.store import read_csv, write_csv
-from eval.summary import make_table
-from eval.tables import cells
+from eval.publish.summary import make_table
+from eval.publish.tables import cells
+from eval.rows.store import read_csv, write_csv
 from sshade.errors import InputError
-from sshade.mesh import Mesh
+from sshade.mesh.mesh import Mesh
 from tests.shapes import bumpy, torus
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("pyvista")
 pytest.importorskip("jinja2")
 
-from eval.report.__main__ import main
-from eval.report.surface import pack, surface
+from eval.publish.report.__main__ import main
+from eval.publish.report.surface import pack, surface
 
 
 class Page(HTMLParser):
@@ -202,7 +202,7 @@ def test_the_same_rows_and_runs_give_the_same_page(rows_file, text, tmp_path):
 @pytest.fixture
 def without_charts(monkeypatch):
     """Charts take most of a small report's time."""
-    monkeypatch.setattr("eval.report.page._charts", lambda figures: [])
+    monkeypatch.setattr("eval.publish.report.page._charts", lambda figures: [])
 
 
 @pytest.mark.usefixtures("without_charts")
@@ -227,7 +227,7 @@ def test_without_runs_the_tables_stand_and_the_gap_is_told(rows_file, text, tmp_
 @pytest.mark.usefixtures("without_charts")
 def test_a_changed_dataset_is_told(rows_file, tmp_path, monkeypatch):
     runs = rows_file.parent / "runs" / "tiny"
-    monkeypatch.setattr("eval.recall.task_checksum", lambda task: "other")
+    monkeypatch.setattr("eval.rows.recall.task_checksum", lambda task: "other")
     page = Page(report(rows_file, tmp_path / "r.html", "--runs", str(runs)))
     assert "No pictures: the dataset of bumpy_10 has changed since the run" in page.told("warning")
 

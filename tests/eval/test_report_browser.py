@@ -17,7 +17,7 @@ pytest.importorskip("playwright")
 
 from playwright.sync_api import sync_playwright
 
-from eval.report.__main__ import main
+from eval.publish.report.__main__ import main
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 

@@ -8,7 +8,7 @@ import signal
 
 import numpy as np
 
-from eval.provenance import process_memory
+from eval.run.provenance import process_memory
 from sshade.task import DeformationResult, DeformationTask, silent
 
 

@@ -17,10 +17,10 @@ from pathlib import Path
 from time import perf_counter, sleep
 from typing import Any, NamedTuple
 
-from defaust.build import build
-from defaust.verify import verify
-from eval.store import read_row, run_folders
-from sshade.meshio import write_mesh
+from defaust.build.build import build
+from defaust.folder.verify import verify
+from eval.rows.store import read_row, run_folders
+from sshade.io.meshes import write_mesh
 from tests.defaust.toy import OPTIONS, Balls
 from tests.shapes import bent, bumpy
 
@@ -98,7 +98,13 @@ def _context() -> ForkServerContext:
     os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(
-        ["tests.faults.scenes", "eval.cli", "eval.attempt", "defaust.cli", "sshade.fine"]
+        [
+            "tests.faults.scenes",
+            "eval.configure.app",
+            "eval.run.attempt",
+            "defaust.cli",
+            "sshade.pipeline.fine",
+        ]
     )
     return context
 
@@ -111,7 +117,8 @@ def _work(command: Sequence[str], folder: Path, log: Path) -> None:
     os.dup2(output, 1)
     os.dup2(output, 2)
     program, *sys.argv[1:] = command
-    main = importlib.import_module(f"{program}.cli").main
+    modules = {"sshade": "sshade.cli.main", "defaust": "defaust.cli", "eval": "eval.configure.app"}
+    main = importlib.import_module(modules[program]).main
     sys.exit(main())
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from eval.store import read_row, run_folders
+from eval.rows.store import read_row, run_folders
 from tests.faults.disturb import kill_at_random, two_at_once, undisturbed
 from tests.faults.scenes import ROOT, SCENES
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from sshade.files import replacing
+from sshade.io.files import replacing
 from tests.full.record import ROOT, Record
 from tests.full.steps import Step
 

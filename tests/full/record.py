@@ -10,8 +10,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from eval.provenance import environment, version_of
-from sshade.files import make_folder, replacing
+from eval.run.provenance import environment, version_of
+from sshade.io.files import make_folder, replacing
 
 ROOT = Path(__file__).parents[2]
 #: Not committed; the page made of it is.

@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from defaust.folder import read_dataset, read_json
-from defaust.record import POSE, require
-from eval.store import read_csv, read_row
+from defaust.folder.folder import read_dataset, read_json
+from defaust.folder.record import POSE, require
+from eval.rows.store import read_csv, read_row
 from sshade import Binding, InputError, bind
-from sshade.handlesio import read_handles
-from sshade.meshio import SUFFIXES, read_mesh, write_mesh
+from sshade.io.handles import read_handles
+from sshade.io.meshes import SUFFIXES, read_mesh, write_mesh
 from tests.shapes import bumpy, icosphere
 
 #: A sound mesh for handles and maps.
@@ -166,8 +166,8 @@ def _read_manifest(data: bytes, folder: Path) -> None:
 
 
 def _manifest_seeds() -> list[bytes]:
-    from defaust.build import build
-    from eval.store import write_csv
+    from defaust.build.build import build
+    from eval.rows.store import write_csv
     from tests.defaust.toy import OPTIONS, Balls
 
     out = Path(_scratch()) / "balls"

@@ -20,9 +20,9 @@ from sshade import (
     reconstruct,
     transfer_pose,
 )
-from sshade.local_global import LocalGlobal, local_global
-from sshade.meshio import write_mesh
-from sshade.remesh import remesh
+from sshade.io.meshes import write_mesh
+from sshade.sampling.remesh import remesh
+from sshade.solver.local_global import LocalGlobal, local_global
 from tests.robustness.case import Case
 from tests.robustness.inputs import BODY, pose
 

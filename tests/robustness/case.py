@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from sshade.console import run_command
+from sshade.cli.console import run_command
 from sshade.errors import InputError
 
 #: Lines of the first call on a machine, which compiles kernels.
@@ -42,7 +42,7 @@ class Case:
         Unique in the catalogue.
     call : str or callable
         A command line, such as ``sshade deform body.ply pose.json -o out.ply``
-        or ``python -m eval.tables rows.csv``; or a function of no arguments.
+        or ``python -m eval.publish.tables rows.csv``; or a function of no arguments.
     given : callable
         Writes the input into the working folder, which has a sound ``body.ply``
         and ``pose.json``.
@@ -138,13 +138,14 @@ def run(command: str) -> tuple[int, str, str]:
 
 def _main(program: str, arguments: list[str]) -> int:
     if program == "eval":  # Hydra reads the command line itself
-        from eval import cli
+        from eval.configure import app as cli
 
         cli._load_task.cache_clear()  # another case's folder has the same name
         with mock.patch.object(sys, "argv", ["eval", *arguments]):
             return cli.main()
     if program in ("sshade", "defaust"):
-        return importlib.import_module(f"{program}.cli").main(arguments)
+        name = "sshade.cli.main" if program == "sshade" else "defaust.cli"
+        return importlib.import_module(name).main(arguments)
     module = importlib.import_module(program)
     main = importlib.import_module(f"{program}.__main__").main if hasattr(module, "__path__") else module.main
     return run_command(lambda: main(arguments))

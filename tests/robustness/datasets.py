@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from defaust.build import build
-from defaust.folder import checksum, dump, sha256
-from sshade.meshio import write_mesh
+from defaust.build.build import build
+from defaust.folder.folder import checksum, dump, sha256
+from sshade.io.meshes import write_mesh
 from tests.defaust.toy import OPTIONS, Balls
 from tests.robustness.case import Case, limited, run
 from tests.robustness.inputs import BODY, Given, both, cut, data, folder, garbage, text

@@ -20,8 +20,14 @@ from tests.robustness.inputs import Given, both, cut, data, garbage, text
 
 CASES_OF_TWO = "dataset=defaust dataset.root=balls subject=0 pose=1,2"
 SWEEP = f"python -m eval -m {CASES_OF_TWO} method=identity run.experiment=tiny"
-OF_ROWS = ("eval.tables", "eval.charts", "eval.report", "eval.check", "eval.curves")
-OF_RUNS = ("eval.collect", "eval.figures", "eval.remeasure")
+OF_ROWS = (
+    "eval.publish.tables",
+    "eval.publish.charts",
+    "eval.publish.report",
+    "eval.rows.bands",
+    "eval.publish.curves",
+)
+OF_RUNS = ("eval.rows.collect", "eval.publish.figures", "eval.rows.remeasure")
 
 
 @cache
@@ -32,7 +38,7 @@ def _done() -> Path:
     with working_in(place):
         dataset()
         assert run(SWEEP)[0] == 0
-        assert run("python -m eval.collect tiny")[0] == 0
+        assert run("python -m eval.rows.collect tiny")[0] == 0
     return place
 
 
@@ -122,33 +128,38 @@ ROWS = [
     ),
     *_each(OF_ROWS, "a CSV without dates", _csv(_cells("date", "")), "it has no date"),
     Case(
-        "eval.tables: an unknown machine",
-        "python -m eval.tables tiny --machine abacus",
+        "eval.publish.tables: an unknown machine",
+        "python -m eval.publish.tables tiny --machine abacus",
         runs,
         says=("no row is of a machine with 'abacus'",),
     ),
     Case(
-        "eval.tables: a file for the output folder",
-        "python -m eval.tables tiny -o body.ply",
+        "eval.publish.tables: a file for the output folder",
+        "python -m eval.publish.tables tiny -o body.ply",
         runs,
         says=("body.ply: the folder cannot be made",),
     ),
     Case(
-        "eval.tables: rows that are not there beside sound ones",
-        "python -m eval.tables tiny nosuch -o t",
+        "eval.publish.tables: rows that are not there beside sound ones",
+        "python -m eval.publish.tables tiny nosuch -o t",
         runs,
         says=("nosuch.csv: no such file",),
     ),
     Case(
-        "eval.curves: an unknown metric",
-        "python -m eval.curves tiny --metric beauty",
+        "eval.publish.curves: an unknown metric",
+        "python -m eval.publish.curves tiny --metric beauty",
         runs,
         says=("no metric 'beauty'",),
     ),
-    Case("eval.curves: methods without a size", "python -m eval.curves tiny", runs, says=("label",)),
     Case(
-        "eval.check: unknown bands",
-        "python -m eval.check results/rows/tiny.csv --bands rubber",
+        "eval.publish.curves: methods without a size",
+        "python -m eval.publish.curves tiny",
+        runs,
+        says=("label",),
+    ),
+    Case(
+        "eval.rows.bands: unknown bands",
+        "python -m eval.rows.bands results/rows/tiny.csv --bands rubber",
         runs,
         says=("no bands 'rubber'",),
     ),
@@ -166,8 +177,8 @@ RUNS = [
     *_each(OF_RUNS, "a row with a word for a number", _row(metric__edge="small"), "metric.edge is 'small'"),
 ]
 READERS = (
-    ("eval.figures", "python -m eval.figures tiny"),
-    ("eval.remeasure", "python -m eval.remeasure tiny --metrics edge"),
+    ("eval.publish.figures", "python -m eval.publish.figures tiny"),
+    ("eval.rows.remeasure", "python -m eval.rows.remeasure tiny --metrics edge"),
 )
 for _program, _call in READERS:
     RUNS += [
@@ -278,20 +289,20 @@ def _full_disk_of(command: str, *made: str) -> Callable[[], None]:
 FULL = [
     Case("full disk: a run", _full_disk, runs, leaves=("results",)),
     Case(
-        "full disk: eval.collect",
-        _full_disk_of("python -m eval.collect tiny -o rows", "rows/tiny.csv"),
+        "full disk: eval.rows.collect",
+        _full_disk_of("python -m eval.rows.collect tiny -o rows", "rows/tiny.csv"),
         runs,
         leaves=("rows",),
     ),
     Case(
-        "full disk: eval.tables",
-        _full_disk_of("python -m eval.tables tiny -o t", "t/tiny.md", "t/tiny.tex", "t/tiny.csv"),
+        "full disk: eval.publish.tables",
+        _full_disk_of("python -m eval.publish.tables tiny -o t", "t/tiny.md", "t/tiny.tex", "t/tiny.csv"),
         runs,
         leaves=("t",),
     ),
     Case(
-        "full disk: eval.remeasure",
-        _full_disk_of("python -m eval.remeasure tiny --metrics edge"),
+        "full disk: eval.rows.remeasure",
+        _full_disk_of("python -m eval.rows.remeasure tiny --metrics edge"),
         runs,
         leaves=("results",),
     ),
@@ -299,46 +310,46 @@ FULL = [
 #: They draw.
 SLOW = [
     Case(
-        "full disk: eval.report",
-        _full_disk_of("python -m eval.report tiny -o r.html", "r.html"),
+        "full disk: eval.publish.report",
+        _full_disk_of("python -m eval.publish.report tiny -o r.html", "r.html"),
         runs,
         leaves=("r.html",),
     ),
     Case(
-        "full disk: eval.figures",
-        _full_disk_of("python -m eval.figures tiny -o f.png", "f.png"),
+        "full disk: eval.publish.figures",
+        _full_disk_of("python -m eval.publish.figures tiny -o f.png", "f.png"),
         runs,
         leaves=("f.png",),
     ),
 ]
 TAKEN = [
-    Case("eval.collect: sound runs", "python -m eval.collect tiny -o rows", runs, leaves=("rows",)),
-    Case("eval.tables: sound rows", "python -m eval.tables tiny -o t", runs, leaves=("t",)),
-    Case("eval.remeasure: nothing lacks", "python -m eval.remeasure tiny", runs),
+    Case("eval.rows.collect: sound runs", "python -m eval.rows.collect tiny -o rows", runs, leaves=("rows",)),
+    Case("eval.publish.tables: sound rows", "python -m eval.publish.tables tiny -o t", runs, leaves=("t",)),
+    Case("eval.rows.remeasure: nothing lacks", "python -m eval.rows.remeasure tiny", runs),
     Case("run: what is there already", SWEEP, runs, leaves=("results/runs/tiny/multirun.yaml",)),
 ]
 BENCH = [
     Case(
-        "eval.topology: a mesh of garbage",
-        "python -m eval.topology body.ply",
+        "eval.studies.topology: a mesh of garbage",
+        "python -m eval.studies.topology body.ply",
         garbage("body.ply"),
         says=("body.ply",),
     ),
     Case(
-        "eval.jumps: a mesh of garbage",
-        "python -m eval.jumps body.ply pose.json",
+        "eval.studies.jumps: a mesh of garbage",
+        "python -m eval.studies.jumps body.ply pose.json",
         garbage("body.ply"),
         says=("body.ply",),
     ),
     Case(
-        "eval.jumps: handles of garbage",
-        "python -m eval.jumps body.ply pose.json",
+        "eval.studies.jumps: handles of garbage",
+        "python -m eval.studies.jumps body.ply pose.json",
         garbage("pose.json"),
         says=("pose.json",),
     ),
     Case(
-        "eval.bench: a mesh of garbage",
-        "python -m eval.bench body.ply pose.json",
+        "eval.timing: a mesh of garbage",
+        "python -m eval.timing body.ply pose.json",
         garbage("body.ply"),
         says=("body.ply",),
     ),

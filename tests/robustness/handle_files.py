@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 
-from sshade.meshio import read_arrays
+from sshade.io.meshes import read_arrays
 from tests.robustness.case import Case, run
 from tests.robustness.inputs import BODY, Given, both, cut, data, garbage, handles, text
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from sshade import Handles, Mesh
-from sshade.handlesio import write_handles
-from sshade.meshio import write_mesh
+from sshade.io.handles import write_handles
+from sshade.io.meshes import write_mesh
 from tests.shapes import bumpy
 
 BODY = bumpy(2)

@@ -11,20 +11,20 @@ from scipy.sparse import csc_array
 
 from baselines.accelerated import accelerated_arap
 from baselines.arap import arap
-from baselines.arap_sr import arap_sr
-from baselines.deformation_graph import deformation_graph
+from baselines.arap_sr.arap_sr import arap_sr
+from baselines.deformation_graph.deformation_graph import deformation_graph
 from sshade import DeformationTask, Deformer, bind, deform, reconstruct, sshade_fast, sshade_fine
-from sshade.contact import separate
-from sshade.cutting import cut_to_manifold
-from sshade.intersections import intersecting_faces, new_crossings
-from sshade.local_global import local_global
-from sshade.parallel import Crew
-from sshade.projection import _closest_in_triangle, sent_far
-from sshade.remesh import remesh
-from sshade.substitution import Factors, divide, substitute, substitute_together
+from sshade.carry.projection import _closest_in_triangle, sent_far
+from sshade.contact.intersections import intersecting_faces, new_crossings
+from sshade.contact.separate import separate
+from sshade.mesh.cutting import cut_to_manifold
+from sshade.sampling.remesh import remesh
+from sshade.solver.local_global import local_global
+from sshade.solver.substitution import Factors, divide, substitute, substitute_together
+from sshade.threads import Crew
 from tests.robustness.inputs import pose
 from tests.shapes import bent, bumpy, double_torus, folded, icosphere, jittered, torus
-from tests.sshade.test_cutting import moebius, t_fin
+from tests.sshade.mesh.test_cutting import moebius, t_fin
 
 BODY = bumpy(2)
 FEW: dict[str, Any] = {"tolerance": 0.0, "max_iterations": 4}

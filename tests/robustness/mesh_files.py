@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sshade.meshio import SUFFIXES
+from sshade.io.meshes import SUFFIXES
 from tests.robustness.case import Case
 from tests.robustness.inputs import BODY, Given, both, cut, data, folder, garbage, mesh, patched, text
 

@@ -19,7 +19,7 @@ from functools import partial
 import numpy as np
 
 from sshade import DeformationTask, deform
-from sshade.fine import sshade_fast, sshade_fine
+from sshade.pipeline.fine import sshade_fast, sshade_fine
 from tests.robustness.inputs import BODY, pose
 
 METHODS = {

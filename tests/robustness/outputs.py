@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from sshade.meshio import read_arrays
+from sshade.io.meshes import read_arrays
 from tests.robustness.case import Case, limited, run
 from tests.robustness.inputs import BODY, Given, both, cut, data, folder, garbage, mesh, text
 

@@ -7,12 +7,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from sshade import Handles, Mesh
-from sshade.handlesio import write_handles
-from sshade.meshio import read_arrays, read_mesh, write_mesh
+from sshade.io.handles import write_handles
+from sshade.io.meshes import read_arrays, read_mesh, write_mesh
 from tests.robustness.case import Case, run
 from tests.robustness.inputs import BODY, Given, both, handles, mesh, pose, posed, write_sound
 from tests.shapes import double_torus, jittered, strip, tetrahedron, torus, tube
-from tests.sshade.test_cutting import moebius, t_fin
+from tests.sshade.mesh.test_cutting import moebius, t_fin
 
 DEFORM = "sshade deform body.ply pose.json -o out.ply"
 REPAIR = f"{DEFORM} --repair"

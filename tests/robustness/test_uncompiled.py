@@ -14,7 +14,7 @@ def test_every_kernel_gives_uncompiled_what_it_gives_compiled():
 
 
 def test_kernels_are_found_by_their_decorator():
-    assert "sshade/frames.py:_decode" in kernels() and len(kernels()) > 100
+    assert "sshade/carry/frames.py:_decode" in kernels() and len(kernels()) > 100
     assert not any(name.endswith((":deform", ":frame_values")) for name in kernels())
 
 

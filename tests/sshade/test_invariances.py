@@ -16,9 +16,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sshade import DeformationTask, Handles, Mesh, deform, reconstruct
-from sshade import remesh as remesh_module
-from sshade.fine import sshade_fast, sshade_fine
-from sshade.local_global import local_global
+from sshade.pipeline.fine import sshade_fast, sshade_fine
+from sshade.sampling import remesh as remesh_module
+from sshade.solver.local_global import local_global
 from tests.shapes import bumpy, double_torus, rotation, strip, torus, tube
 
 #: Rounding over the bounding-box diagonal, with what 20 iterations make of it.

@@ -15,7 +15,7 @@ MODULES = ["sshade", *(f"sshade.{info.name}" for info in pkgutil.iter_modules(ss
 
 
 def test_importing_the_package_loads_no_heavy_library():
-    code = f"import sys, sshade, sshade.cli; print([name for name in {HEAVY} if name in sys.modules])"
+    code = f"import sys, sshade, sshade.cli.main; print([name for name in {HEAVY} if name in sys.modules])"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"
 

@@ -5,7 +5,7 @@ import threading
 import pytest
 
 from sshade import InputError
-from sshade.parallel import Crew, in_threads
+from sshade.threads import Crew, in_threads
 
 
 def square(i: int) -> int:

@@ -7,11 +7,11 @@ import json
 import numpy as np
 import pytest
 
-from sshade.cli import main
+from sshade.cli.main import main
 from sshade.errors import InputError
-from sshade.mesh import Mesh
-from sshade.meshio import write_mesh
-from sshade.show import View, _require_renderer, colour_range, edge_error, picture
+from sshade.figures import View, _require_renderer, colour_range, edge_error, picture
+from sshade.io.meshes import write_mesh
+from sshade.mesh.mesh import Mesh
 from sshade.task import Handles
 from tests.shapes import rotation
 

@@ -1,0 +1,1 @@
+"""ARAP with smooth rotations."""

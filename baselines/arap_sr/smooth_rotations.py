@@ -1,0 +1,171 @@
+"""The local step of ARAP-SR: rotations that fit their neighbours' as well as the edges.
+
+The rotation of vertex i maximises ``tr(R_i S~_i)``,
+``S~_i = sum_j w_ij e_ij e'_ij^T + (alpha A / deg(i)) sum_j R_j^T``, given those of
+its neighbours; see :mod:`baselines.arap_sr.arap_sr`. Vertices of one colour are not
+neighbours, so their rotations may be fitted in any order, or in one call.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+from sshade.mesh.mesh import Mesh
+from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
+from sshade.solver.fitting import fit_rotations
+
+
+def vertex_colours(mesh: Mesh) -> np.ndarray:
+    """Greedy colouring in the order of the vertices: no edge has two ends of one colour.
+
+    Vertices of a colour do not see each other, so their order in a sweep means nothing.
+
+    Returns
+    -------
+    (n,) int64
+        Counted from 0; at most one more than the highest degree.
+    """
+    adjacency = _symmetric(mesh, np.ones(len(mesh.edges)), edges=mesh.edges)
+    return _greedy_colours(adjacency.indptr, adjacency.indices)
+
+
+class Cells:
+    """The vertex cells of a mesh whose vertices are sorted by colour.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Rest shape.
+    alpha : float
+        Weight of the rotations' smoothness.
+    clamp : bool
+        Raise negative cotangents to zero.
+    colour : (n,) int64
+        Of each vertex, ascending.
+
+    Raises
+    ------
+    FloatingPointError
+        When triangles have no area.
+
+    Attributes
+    ----------
+    laplacian : (n, n) sparse float64
+    corners : (e, 2) int32
+    Y : (e, 1, 3) float64
+        The edges as elements of :mod:`sshade.solver.rotations`.
+    """
+
+    def __init__(self, mesh: Mesh, *, alpha: float, clamp: bool, colour: np.ndarray) -> None:
+        h = half_cotangents(mesh)
+        if clamp:
+            # Two angles of a triangle are acute at least, so the positive edges connect its
+            # corners and the Laplacian keeps its rank.
+            h = np.maximum(h, 0.0)
+        edges, weights = edge_weights(mesh, h)
+        self.laplacian = laplacian_matrix(mesh.n, edges, weights)
+        self.corners = edges.astype(np.int32)
+        self.Y = (weights[:, None] * (mesh.V[edges[:, 0]] - mesh.V[edges[:, 1]]))[:, None]
+        star = _symmetric(mesh, weights, edges=edges)
+        degree = np.diff(star.indptr)
+        centre = np.repeat(np.arange(mesh.n), degree)
+        self._start, self._neighbour = star.indptr, star.indices
+        self._edges = star.data[:, None] * (mesh.V[centre] - mesh.V[star.indices])
+        self._smooth = alpha * mesh.area / degree
+        self._first = np.searchsorted(colour, np.arange(colour[-1] + 2))
+
+    def rotations(self, R0: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Quaternions (n, 4) and matrices (n, 9), all of the rotation R0."""
+        from scipy.spatial.transform import Rotation
+
+        n = len(self._smooth)
+        x, y, z, w = Rotation.from_matrix(R0).as_quat()
+        return np.tile([w, x, y, z], (n, 1)), np.tile(R0.ravel(), (n, 1))
+
+    def fit(self, P: np.ndarray, Q: np.ndarray, R: np.ndarray, *, smooth: bool = True) -> None:
+        """One sweep: fit all rotations to positions P (n, 3), replacing Q and R."""
+        weight = self._smooth if smooth else np.zeros_like(self._smooth)
+        _sweep(self._start, self._neighbour, self._edges, weight, self._first, P, Q, R)
+
+
+def _symmetric(mesh: Mesh, values: np.ndarray, *, edges: np.ndarray):
+    """Symmetric (n, n) matrix with a value at each edge, zeros kept, columns ascending."""
+    i, j = edges.T
+    both = (np.concatenate([i, j]), np.concatenate([j, i]))
+    matrix = coo_array((np.tile(values, 2), both), shape=(mesh.n, mesh.n)).tocsr()
+    matrix.sort_indices()
+    return matrix
+
+
+def band_position(mesh: Mesh) -> np.ndarray:
+    """(n,) place of each vertex in an order that keeps neighbours close in memory."""
+    adjacency = _symmetric(mesh, np.ones(len(mesh.edges)), edges=mesh.edges)
+    position = np.empty(mesh.n, dtype=np.int64)
+    position[reverse_cuthill_mckee(adjacency, symmetric_mode=True)] = np.arange(mesh.n)
+    return position
+
+
+@njit(cache=True, nogil=True)
+def _greedy_colours(start, neighbour):
+    n = len(start) - 1
+    colour = np.full(n, -1, dtype=np.int64)
+    seen = np.full(n + 1, -1, dtype=np.int64)
+    for i in range(n):
+        for p in range(start[i], start[i + 1]):
+            c = colour[neighbour[p]]
+            if c >= 0:
+                seen[c] = i
+        c = 0
+        while seen[c] == i:
+            c += 1
+        colour[i] = c
+    return colour
+
+
+@njit(cache=True, nogil=True)
+def _sweep(start, neighbour, edges, smooth, first, P, Q, R):
+    """Gauss-Seidel over the colours; `first` is where each begins."""
+    for colour in range(len(first) - 1):
+        begin, end = first[colour], first[colour + 1]
+        for i in range(begin, end):
+            # No vertex of this colour reads R[i], so it holds the covariance meanwhile.
+            S = R[i]
+            S[:] = 0.0
+            for p in range(start[i], start[i + 1]):
+                j = neighbour[p]
+                x, y, z = P[i, 0] - P[j, 0], P[i, 1] - P[j, 1], P[i, 2] - P[j, 2]
+                for r in range(3):
+                    e = edges[p, r]
+                    S[3 * r] += e * x + smooth[i] * R[j, r]
+                    S[3 * r + 1] += e * y + smooth[i] * R[j, 3 + r]
+                    S[3 * r + 2] += e * z + smooth[i] * R[j, 6 + r]
+        fit_rotations(R[begin:end], Q[begin:end])
+
+
+@njit(cache=True, nogil=True)
+def matrices(Q, R):
+    """Bring quaternions to unit length and write their matrices, row by row."""
+    for i in range(len(Q)):
+        norm = np.sqrt(Q[i, 0] ** 2 + Q[i, 1] ** 2 + Q[i, 2] ** 2 + Q[i, 3] ** 2)
+        for c in range(4):
+            Q[i, c] /= norm
+        w, x, y, z = Q[i, 0], Q[i, 1], Q[i, 2], Q[i, 3]
+        R[i, 0], R[i, 1], R[i, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+        R[i, 3], R[i, 4], R[i, 5] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+        R[i, 6], R[i, 7], R[i, 8] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+
+
+@njit(cache=True, nogil=True)
+def largest_turn(Q, before):
+    """Return ``max_i |Q_i - before_i|`` of unit quaternions up to their signs: half the angle, if small."""
+    largest = 0.0
+    for i in range(len(Q)):
+        minus = plus = 0.0
+        for c in range(4):
+            minus += (Q[i, c] - before[i, c]) ** 2
+            plus += (Q[i, c] + before[i, c]) ** 2
+        largest = max(largest, min(minus, plus))
+    return np.sqrt(largest)

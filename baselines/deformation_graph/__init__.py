@@ -1,0 +1,1 @@
+"""ARAP on a deformation graph."""

@@ -1,0 +1,306 @@
+"""Builds a DeFAUST folder from a source, subject by subject, and resumes an unfinished one."""
+
+from __future__ import annotations
+
+import logging
+import multiprocessing
+import os
+import shutil
+import signal
+import threading
+from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from dataclasses import asdict
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from defaust.folder.card import render_card
+from defaust.folder.folder import (
+    CARD,
+    DATASET,
+    FORMAT,
+    WORK,
+    checksum,
+    dump,
+    read_dataset,
+    read_json,
+    sha256,
+    subject_folder,
+    write_text,
+)
+from defaust.build.lock import LOCK, sole_builder
+from defaust.build.options import BuildOptions
+from defaust.folder.record import FINISHED, require, require_inside
+from defaust.sources.source import Source
+from defaust.build.subject import build_subject
+from sshade import InputError
+from sshade.io.files import make_folder
+from sshade.task import Progress, silent
+
+log = logging.getLogger(__name__)
+
+#: In WORK: what determines the result.
+RECIPE = "recipe.json"
+#: Seconds between two looks at what the workers report.
+POLL = 0.2
+#: Packages whose version can change the result.
+TOOLS = ("numpy", "scipy", "pymeshlab")
+
+
+def build(
+    source: Source,
+    out: str | os.PathLike[str],
+    *,
+    options: BuildOptions,
+    workers: int | None = None,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """Build a DeFAUST folder, or what is missing of it.
+
+    A rerun with the same source and options keeps the subjects that are
+    complete and intact; the result does not depend on interruptions nor on the
+    number of workers.
+
+    Parameters
+    ----------
+    source : Source
+    out : path
+        The folder; its parent must exist.
+    options : BuildOptions
+    workers : int, optional
+        Processes; by default one a core. 1 works in this process.
+    progress : Progress
+
+    Returns
+    -------
+    dict
+        The content of dataset.json.
+
+    Raises
+    ------
+    InputError
+        When `out` holds something else or a dataset built with other options,
+        when another process builds there, or a subject cannot be built.
+    """
+    out = Path(out)
+    subjects = _subjects(source, options.subjects)
+    if workers is not None and workers < 1:
+        raise InputError(f"workers is {workers}; it must be at least 1")
+    recipe = _recipe(source, options, subjects=subjects)
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out} is a file; give a folder")
+    with sole_builder(out):
+        _prepare(out, recipe)
+        return _work_through(source, out, recipe, options=options, workers=workers, progress=progress)
+
+
+def _work_through(
+    source: Source,
+    out: Path,
+    recipe: dict[str, Any],
+    *,
+    options: BuildOptions,
+    workers: int | None,
+    progress: Progress,
+) -> dict[str, Any]:
+    """Build what is missing in a folder that is prepared."""
+    subjects = recipe["build"]["subjects"]
+    done = {s: record for s in subjects if (record := _finished(out, s)) is not None}
+    missing = [s for s in subjects if s not in done]
+    log.info("%d of %d subjects are there already", len(done), len(subjects))
+    workers = min(workers or _cores(), max(1, len(missing)))
+    progress("subjects", len(done), len(subjects))
+    for subject, record in _build_missing(
+        source, out, missing=missing, options=options, workers=workers, progress=progress
+    ):
+        done[subject] = record
+        write_text(_record_path(out, subject), dump(record))
+        progress("subjects", len(done), len(subjects), f"subject {subject} done")
+    return _finish(out, recipe, records=[done[s] for s in subjects])
+
+
+def _build_missing(
+    source: Source,
+    out: Path,
+    *,
+    missing: Sequence[int],
+    options: BuildOptions,
+    workers: int,
+    progress: Progress,
+) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Build subjects here or in worker processes; yield each as it is done."""
+    if workers == 1:
+        for subject in missing:
+            yield subject, build_subject(source, out, subject=subject, options=options, progress=progress)
+        return
+    # Spawned, because forking a process with threads (numba, BLAS) can hang.
+    context = multiprocessing.get_context("spawn")
+    stages = context.SimpleQueue()
+    with ProcessPoolExecutor(
+        workers, mp_context=context, initializer=_start_worker, initargs=(stages,)
+    ) as pool:
+        jobs = {pool.submit(_work, source, out, subject=s, options=options): s for s in missing}
+        waiting = set(jobs)
+        try:
+            while waiting:
+                done, waiting = wait(waiting, timeout=POLL, return_when=FIRST_COMPLETED)
+                while not stages.empty():
+                    progress(*stages.get())
+                for job in done:
+                    yield jobs[job], job.result()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+#: In a worker: where its progress goes. A queue cannot travel with each job, only at the start.
+_stages: Any = None
+
+
+def _start_worker(stages: Any) -> None:
+    """Remember the queue, and end with the main process: killed, it could not tell its workers."""
+    global _stages
+    _stages = stages
+    # Ctrl-C reaches the workers too: they end at once, and the main process says so.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+    def watch() -> None:
+        multiprocessing.parent_process().join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def _work(source: Source, out: Path, *, subject: int, options: BuildOptions) -> dict[str, Any]:
+    """Build a subject in a worker, its progress sent to the process that draws."""
+
+    def forward(stage: str, done: int, total: int, note: str = "") -> None:
+        _stages.put((stage, done, total, note))
+
+    return build_subject(source, out, subject=subject, options=options, progress=forward)
+
+
+def _subjects(source: Source, wanted: tuple[int, ...] | None) -> tuple[int, ...]:
+    for subject in wanted or ():
+        if subject not in source.subjects:
+            raise InputError(
+                f"the source {source.name} has no subject {subject}; it has {list(source.subjects)}"
+            )
+    return source.subjects if wanted is None else wanted
+
+
+def _recipe(source: Source, options: BuildOptions, *, subjects: tuple[int, ...]) -> dict[str, Any]:
+    """What determines the result: the first part of dataset.json, as it reads back from JSON."""
+    files = source.checksums(subjects)
+    build = asdict(options) | {"subjects": list(subjects), "window": list(options.window)}
+    return {
+        "format": FORMAT,
+        "name": f"defaust-{source.name}",
+        "source": {"name": source.name, **source.provenance, **({"files": dict(files)} if files else {})},
+        "build": build,
+        "tools": {name: metadata.version(name) for name in TOOLS},
+        "landmarks": list(source.landmark_names),
+        "poses": {
+            str(s): [
+                {"pose": k, "name": p.name, "aligned": p.aligned, "landmarks": list(p.landmarks)}
+                for k, p in enumerate(source.poses(s), start=1)
+            ]
+            for s in subjects
+        },
+    }
+
+
+def _prepare(out: Path, recipe: dict[str, Any]) -> None:
+    """Check that what is in the folder was built by the same recipe, and begin or go on with it."""
+    started = out / WORK / RECIPE
+    # A recipe under which no subject was finished binds nobody.
+    begun = started.is_file() and any((out / WORK).glob("subject_*.json"))
+    for path, exists in ((started, begun), (out / DATASET, (out / DATASET).is_file())):
+        if exists:
+            before = read_json(path)
+            if not isinstance(before, dict):
+                raise InputError(f"{path}: not a record of a build; delete the folder")
+            difference = _difference({key: before.get(key) for key in recipe}, recipe)
+            if difference:
+                raise InputError(
+                    f"{out} was built with another configuration: {difference}; "
+                    "give another out, or delete the folder"
+                )
+    others = [path for path in out.iterdir() if path.name not in (LOCK, WORK)]
+    if not started.is_file() and not (out / DATASET).is_file() and others:
+        raise InputError(f"{out} is not empty and holds no DeFAUST build; give another out")
+    make_folder(out / WORK)
+    _clear_leftovers(out)
+    if (out / DATASET).is_file():
+        # A finished dataset to be mended: its subjects' records become the work's again.
+        document = read_dataset(out, intact=False)
+        for record in document["subjects"]:
+            path = _record_path(out, record["subject"])
+            if not path.is_file():
+                inside = f"{subject_folder(record['subject'])}/"
+                files = {name: e for name, e in document["files"].items() if name.startswith(inside)}
+                write_text(path, dump(record | {"files": files}))
+    write_text(started, dump(recipe))
+
+
+def _clear_leftovers(out: Path) -> None:
+    """Remove what a killed build left half written."""
+    for folder in (out, out / WORK):
+        for path in folder.glob(".*.partial*"):
+            if path.is_dir():
+                shutil.rmtree(path)
+            else:
+                path.unlink()
+
+
+def _difference(before: Any, now: Any, *, where: str = "") -> str:
+    """First difference of two JSON documents, in words; empty if there is none."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        for key in [*now, *(k for k in before if k not in now)]:
+            found = _difference(before.get(key), now.get(key), where=f"{where}.{key}" if where else key)
+            if found:
+                return found
+        return ""
+    return "" if before == now else f"{where} was {before!r} and is now {now!r}"
+
+
+def _record_path(out: Path, subject: int) -> Path:
+    return out / WORK / f"{subject_folder(subject)}.json"
+
+
+def _finished(out: Path, subject: int) -> dict[str, Any] | None:
+    """Record of a subject whose files are all there and intact."""
+    path = _record_path(out, subject)
+    if not path.is_file():
+        return None
+    try:
+        record = read_json(path)
+        require(record, FINISHED, where=str(path))
+        require_inside(record["files"], where=str(path))
+    except InputError as error:
+        log.warning("%s: subject %d is built again", error, subject)
+        return None
+    for name, entry in record["files"].items():
+        if not (out / name).is_file() or sha256(out / name) != entry["sha256"]:
+            log.warning("%s is missing or damaged: subject %d is built again", out / name, subject)
+            return None
+    return record
+
+
+def _finish(out: Path, recipe: dict[str, Any], *, records: list[dict[str, Any]]) -> dict[str, Any]:
+    """Write the card and dataset.json, and drop what was kept for resuming."""
+    files = {name: entry for record in records for name, entry in record["files"].items()}
+    subjects = [{key: value for key, value in record.items() if key != "files"} for record in records]
+    document = recipe | {"subjects": subjects, "files": files}
+    write_text(out / CARD, render_card(document))
+    path = out / CARD
+    document["files"] = files | {CARD: {"sha256": sha256(path), "bytes": path.stat().st_size}}
+    document["checksum"] = checksum(document)
+    write_text(out / DATASET, dump(document))
+    shutil.rmtree(out / WORK)
+    return document
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

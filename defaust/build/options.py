@@ -1,0 +1,64 @@
+"""Parameters of a build."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from defaust.build.handles import NEIGHBOURHOOD, PER_LANDMARK, STATIC_BELOW
+from defaust.build.upsample import check_window
+from sshade import InputError
+
+
+@dataclass(frozen=True)
+class BuildOptions:
+    """Everything besides the source that the result depends on.
+
+    Parameters
+    ----------
+    subjects : sequence of int, optional
+        By default every subject of the source.
+    seed : int
+        Of the handles.
+    target_vertices : int, optional
+        Of the high-resolution rest mesh; None keeps the registered mesh as it is.
+    window : (2,) float
+        Accepted vertex counts, as multiples of `target_vertices`.
+    ls3_steps : int, optional
+        Subdivisions before the remeshing; by default from the target.
+    remesh_iterations : int
+    handles_per_landmark, neighbourhood : int
+    static_below : float
+        Relative to the bounding-box diagonal.
+    """
+
+    subjects: tuple[int, ...] | None = None
+    seed: int = 0
+    target_vertices: int | None = 170_000
+    window: tuple[float, float] = (0.9, 1.1)
+    ls3_steps: int | None = None
+    remesh_iterations: int = 5
+    handles_per_landmark: int = PER_LANDMARK
+    neighbourhood: int = NEIGHBOURHOOD
+    static_below: float = STATIC_BELOW
+
+    def __post_init__(self) -> None:
+        for name in ("target_vertices", "remesh_iterations", "handles_per_landmark", "neighbourhood"):
+            if getattr(self, name) is not None and getattr(self, name) < 1:
+                raise InputError(f"{name} is {getattr(self, name)}; it must be at least 1")
+        if self.seed < 0:
+            raise InputError(f"seed is {self.seed}; it must be 0 or more")
+        if self.ls3_steps is not None and self.ls3_steps < 0:
+            raise InputError(f"ls3_steps is {self.ls3_steps}; it must be 0 or more")
+        if not self.static_below > 0:
+            raise InputError(f"static_below is {self.static_below}; it must be more than 0")
+        if self.handles_per_landmark > self.neighbourhood:
+            raise InputError(
+                f"{self.handles_per_landmark} handles cannot be drawn from a neighbourhood "
+                f"of {self.neighbourhood} vertices"
+            )
+        check_window(self.window)
+        if self.subjects is not None:
+            if not self.subjects:
+                raise InputError("subjects is empty; list at least one, or leave it null for all")
+            object.__setattr__(self, "subjects", tuple(sorted(set(self.subjects))))
+        object.__setattr__(self, "window", tuple(float(x) for x in self.window))

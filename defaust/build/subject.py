@@ -1,0 +1,147 @@
+"""Builds the files of one subject."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+
+from defaust.folder.folder import REST, REST_LOW, dump, pose_file, pose_mesh, sha256, subject_folder, write_text
+from defaust.build.handles import choose_handles, handle_records
+from defaust.build.options import BuildOptions
+from defaust.sources.source import Source
+from defaust.build.upsample import Upsampled, count_self_intersections, upsample
+from sshade import InputError, Mesh
+from sshade.io.files import make_folder
+from sshade.io.meshes import write_mesh
+from sshade.task import Progress, silent
+
+
+def build_subject(
+    source: Source, out: Path, *, subject: int, options: BuildOptions, progress: Progress = silent
+) -> dict[str, Any]:
+    """Write a subject's folder, under a temporary name until it is complete.
+
+    Returns
+    -------
+    dict
+        The subject's entry in dataset.json: number, landmark vertices, poses,
+        measured facts, and its files with sha256, size and counts.
+
+    Raises
+    ------
+    InputError
+        When the source's meshes do not correspond, or the subject cannot be
+        upsampled or has too few vertices for its handles.
+    """
+    name = subject_folder(subject)
+    final, folder = out / name, out / f".{name}.{os.getpid()}.partial"
+    make_folder(folder)
+    try:
+        record = _fill(source, folder, subject=subject, options=options, progress=progress)
+    except InputError as error:
+        shutil.rmtree(folder)
+        raise InputError(f"subject {subject}: {error}") from error
+    shutil.rmtree(final, ignore_errors=True)
+    folder.rename(final)
+    return record
+
+
+def _fill(
+    source: Source, folder: Path, *, subject: int, options: BuildOptions, progress: Progress
+) -> dict[str, Any]:
+    stage = f"subject {subject}"
+    poses = source.poses(subject)
+    steps = len(poses) + 2
+    progress(stage, 0, steps, "rest pose")
+    rest = source.rest(subject)
+    meshes = {REST_LOW: rest}
+    write_mesh(folder / REST_LOW, rest.V, rest.F)
+    landmarks = source.landmark_vertices(subject)
+    chosen = choose_handles(
+        rest,
+        landmarks,
+        subject=subject,
+        seed=options.seed,
+        per_landmark=options.handles_per_landmark,
+        neighbourhood=options.neighbourhood,
+    )
+    facts = []
+    for k, pose in enumerate(poses, start=1):
+        progress(stage, k, steps, pose.name)
+        posed = source.posed(subject, pose)
+        if posed.F.shape != rest.F.shape or (posed.F != rest.F).any():
+            raise InputError(f"pose {pose.name} has other faces than the rest pose")
+        meshes[pose_mesh(k)] = posed
+        write_mesh(folder / pose_mesh(k), posed.V, posed.F)
+        handles = handle_records(
+            rest, posed.V, chosen=chosen, used=pose.landmarks, static_below=options.static_below
+        )
+        content = dump({"source_pose": pose.name, "handles": handles}, indent=None)
+        write_text(folder / pose_file(k), content)
+        facts.append(_pose_facts(k, pose.name, handles, volume=posed.volume if posed.is_closed else None))
+
+    progress(stage, steps - 1, steps, "upsampling")
+    high = _high_resolution(rest, options)
+    meshes[REST] = high.mesh
+    write_mesh(folder / REST, high.mesh.V, high.mesh.F)
+    progress(stage, steps, steps)
+    return {
+        "subject": subject,
+        "landmark_vertices": {name: int(vertex) for name, vertex in landmarks.items()},
+        "poses": facts,
+        "low": _mesh_facts(rest),
+        "high": _mesh_facts(high.mesh)
+        | {
+            "ls3_steps": high.ls3_steps,
+            "edge_length": high.edge_length,
+            "remeshings": high.attempts,
+        },
+        "files": {
+            f"{subject_folder(subject)}/{path.name}": _entry(path, meshes.get(path.name))
+            for path in sorted(folder.iterdir())
+        },
+    }
+
+
+def _high_resolution(rest: Mesh, options: BuildOptions) -> Upsampled:
+    if options.target_vertices is None:
+        return Upsampled(rest, ls3_steps=0, edge_length=None, attempts=0)
+    return upsample(
+        rest,
+        target_vertices=options.target_vertices,
+        window=options.window,
+        ls3_steps=options.ls3_steps,
+        iterations=options.remesh_iterations,
+    )
+
+
+def _mesh_facts(mesh: Mesh) -> dict[str, Any]:
+    loops = mesh.topology.boundary_loops
+    return {
+        "vertices": mesh.n,
+        "faces": mesh.m,
+        "euler": mesh.topology.euler,
+        **({"boundary_loops": loops} if loops else {}),
+        "volume": mesh.volume if mesh.is_closed else None,
+        "area": mesh.area,
+        "diagonal": mesh.diagonal,
+        "self_intersecting_faces": count_self_intersections(mesh),
+    }
+
+
+def _pose_facts(k: int, name: str, handles: list[dict[str, Any]], *, volume: float | None) -> dict[str, Any]:
+    kinds = [h["kind"] for h in handles]
+    return {
+        "pose": k,
+        "name": name,
+        "static": kinds.count("static"),
+        "dynamic": kinds.count("dynamic"),
+        "volume": volume,
+    }
+
+
+def _entry(path: Path, mesh: Mesh | None) -> dict[str, Any]:
+    entry = {"sha256": sha256(path), "bytes": path.stat().st_size}
+    return entry if mesh is None else entry | {"vertices": mesh.n, "faces": mesh.m}

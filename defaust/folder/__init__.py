@@ -1,0 +1,1 @@
+"""The files of a DeFAUST folder: names, records, checks, the dataset card."""

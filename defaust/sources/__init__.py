@@ -1,0 +1,1 @@
+"""Where registered shapes come from: synthetic bodies, FAUST, TOSCA, sequences."""

@@ -1,0 +1,67 @@
+"""MATLAB's files of surfaces, read in a process of their own.
+
+SciPy's compiled reader can end its process on a damaged file; so it ends one
+that was begun for that file. ``python -m defaust.sources.matlab FILE`` writes the arrays to
+standard output; nothing but NumPy and SciPy is imported, to begin soon.
+"""
+
+from __future__ import annotations
+
+import io
+import signal
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+#: Seconds that a file may take.
+TIME_LIMIT = 120
+
+
+def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (n, 3) float64 and triangles (m, 3) int64, counted from 1, of a struct with X, Y, Z and TRIV.
+
+    Raises
+    ------
+    ValueError
+        When the file has none, or cannot be read, whatever that does to the reader.
+    """
+    command = [sys.executable, "-m", "defaust.sources.matlab", str(path)]
+    try:
+        done = subprocess.run(command, capture_output=True, timeout=TIME_LIMIT)
+    except subprocess.TimeoutExpired as error:
+        raise ValueError(f"reading it took more than {TIME_LIMIT} s") from error
+    if done.returncode < 0:
+        raise ValueError(f"its reader was ended by {signal.Signals(-done.returncode).name}")
+    if done.returncode:
+        lines = done.stderr.decode(errors="replace").split("\n")
+        raise ValueError(" ".join(line for line in lines[-2:] if line) or "its reader failed")
+    with np.load(io.BytesIO(done.stdout), allow_pickle=False) as arrays:
+        return arrays["V"], arrays["F"]
+
+
+def _surface(path: str) -> tuple[np.ndarray, np.ndarray]:
+    """The same, in this process: a struct as TOSCA's `surface`."""
+    from scipy.io import loadmat
+
+    for value in loadmat(path, simplify_cells=True).values():
+        if isinstance(value, Mapping) and {"X", "Y", "Z", "TRIV"} <= set(value):
+            V = np.stack([np.ravel(value[axis]).astype(np.float64) for axis in "XYZ"], axis=1)
+            return V, np.atleast_2d(value["TRIV"]).astype(np.int64)
+    raise ValueError("it holds no struct with X, Y, Z and TRIV")
+
+
+def _main(path: str) -> int:
+    try:
+        V, F = _surface(path)
+    except Exception as error:  # a reader fails in many ways, all of them the file's fault
+        sys.stderr.write(f"{' '.join(str(error).split()) or type(error).__name__}\n")
+        return 1
+    np.savez(sys.stdout.buffer, V=V, F=F)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(_main(sys.argv[1]))

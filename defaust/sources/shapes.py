@@ -1,0 +1,185 @@
+"""Files of registered sequences: TOSCA's layouts, numbered meshes, archives of arrays."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from defaust.sources.matlab import read_surface
+from defaust.sources.registered import MESH_SUFFIXES, shortened
+from sshade import InputError, Mesh
+from sshade.io.meshes import read_arrays
+
+#: Formats of one mesh a file, the first that is there first. A .vert has its .tri beside it.
+SUFFIXES = (*MESH_SUFFIXES, ".vert", ".mat")
+LAYOUTS = ("auto", "tosca", "sequence")
+#: Name of the class where a folder is one sequence: the folder's own must not enter the record.
+SEQUENCE = "sequence"
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One mesh of a sequence.
+
+    Parameters
+    ----------
+    name : str
+        The file's name without its suffix, or the array's name.
+    path : Path
+    array : str
+        Name of the positions in an archive; empty for a file of its own.
+    """
+
+    name: str
+    path: Path
+    array: str = ""
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """What it is read from."""
+        second = (self.path.with_suffix(".tri"),) if self.path.suffix.lower() == ".vert" else ()
+        return (self.path, *second)
+
+    @property
+    def label(self) -> str:
+        """What complaints about it begin with."""
+        return f"{self.path}, {self.array}" if self.array else str(self.path)
+
+    def arrays(self) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (n, 3) float64 and triangles (m, 3) int64, counted from 0, as they stand there."""
+        for path in self.files:
+            if not path.is_file():
+                raise InputError(f"{path}: no such file")
+        if self.array:
+            return _read_archive(self.path, array=self.array)
+        read = {".vert": _read_vert_tri, ".mat": _read_mat}.get(self.path.suffix.lower(), read_arrays)
+        return read(self.path)
+
+    def mesh(self) -> Mesh:
+        """The mesh, validated; InputError with the file's name."""
+        V, F = self.arrays()
+        try:
+            return Mesh(V, F)
+        except InputError as error:
+            raise InputError(f"{self.label}: {error}") from error
+
+
+def find_shapes(root: Path, *, layout: str) -> dict[str, tuple[Shape, ...]]:
+    """The classes of a folder, by name, or the one sequence of a folder or of an .npz file.
+
+    Parameters
+    ----------
+    root : Path
+    layout : str
+        ``tosca``: <class><number>.<suffix>, in the order of the numbers;
+        ``sequence``: all files are one sequence, sorted by name, numbers in
+        the names as numbers; ``auto``: tosca where every name fits it.
+
+    Raises
+    ------
+    InputError
+        When there are no meshes, or names do not fit the layout.
+    """
+    if root.is_file():
+        return {root.stem: _archive_shapes(root)}
+    paths: dict[str, Path] = {}
+    for path in sorted(root.iterdir()):
+        if path.suffix.lower() in SUFFIXES and path.is_file() and not path.name.startswith("."):
+            before = paths.get(path.stem)
+            if before is None or _rank(path) < _rank(before):
+                paths[path.stem] = path
+    if not paths:
+        raise InputError(
+            f"{root} holds no meshes ({', '.join(SUFFIXES)}); set source.root to their folder, or to an .npz"
+        )
+    shapes = sorted((Shape(name, path) for name, path in paths.items()), key=lambda s: _natural(s.name))
+    parts = {s.name: re.fullmatch(r"([A-Za-z]+)(\d+)", s.name) for s in shapes}
+    if layout == "sequence" or (layout == "auto" and not all(parts.values())):
+        return {SEQUENCE: tuple(shapes)}
+    unfit = [name for name, match in parts.items() if not match]
+    if unfit:
+        raise InputError(
+            f"{root}: {shortened(unfit)} do not read as a class and a number, like cat0; "
+            "remove them, or set source.layout=sequence"
+        )
+    classes: dict[str, list[Shape]] = {}
+    for shape in shapes:
+        classes.setdefault(parts[shape.name][1], []).append(shape)
+    return {name: tuple(classes[name]) for name in sorted(classes)}
+
+
+def _rank(path: Path) -> int:
+    return SUFFIXES.index(path.suffix.lower())
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    """Sorts frame9 before frame10."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]
+
+
+def _archive_shapes(path: Path) -> tuple[Shape, ...]:
+    with _open_archive(path) as archive:
+        names = [name for name in archive.files if re.fullmatch(r"V_\d+", name)]
+        if not names or "F" not in archive.files:
+            raise InputError(
+                f"{path}: holds {shortened(archive.files) or 'nothing'}; it needs positions V_0, V_1, ... "
+                "and triangles F"
+            )
+    return tuple(Shape(name, path, name) for name in sorted(names, key=_natural))
+
+
+@contextmanager
+def _open_archive(path: Path) -> Iterator[Any]:
+    with path.open("rb") as file:
+        try:
+            archive = np.load(file, allow_pickle=False)
+        except Exception as error:  # zipfile and numpy fail in many ways, all of them the file's fault
+            why = " ".join(str(error).split())
+            raise InputError(f"{path}: not a readable .npz file ({why})") from error
+        if not isinstance(archive, np.lib.npyio.NpzFile):
+            raise InputError(f"{path}: not an .npz file; give a folder of meshes or an .npz")
+        with archive:
+            yield archive
+
+
+def _read_archive(path: Path, *, array: str) -> tuple[np.ndarray, np.ndarray]:
+    with _open_archive(path) as archive:
+        return _reading(path, lambda: (archive[array].astype(np.float64), archive["F"].astype(np.int64)))
+
+
+def _read_vert_tri(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Two text tables; the triangles count from 1."""
+    V = _reading(path, lambda: np.loadtxt(path, dtype=np.float64, ndmin=2))
+    tri = path.with_suffix(".tri")
+    return V, _from_one(_reading(tri, lambda: np.loadtxt(tri, dtype=np.int64, ndmin=2)), path=tri)
+
+
+def _read_mat(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """A struct with X, Y, Z and TRIV, as TOSCA's `surface`; the triangles count from 1."""
+    V, F = _reading(path, lambda: read_surface(path))
+    return V, _from_one(F, path=path)
+
+
+def _reading(path: Path, read: Callable[[], Any]) -> Any:
+    """What `read` returns; any failure becomes one sentence that names the file."""
+    import warnings
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # an empty table: the next check says so
+            return read()
+    except Exception as error:  # a reader fails in many ways, all of them the file's fault
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path}: not readable as {path.suffix} ({reason})") from error
+
+
+def _from_one(F: np.ndarray, *, path: Path) -> np.ndarray:
+    if F.size and F.min() < 1:
+        raise InputError(f"{path}: its vertices must count from 1, but one is {int(F.min())}")
+    return F - 1

@@ -1,0 +1,1 @@
+"""From a DeFAUST folder to deformation and transfer tasks."""

@@ -1,0 +1,148 @@
+"""Target poses of a rest mesh of any resolution, in vertex correspondence with it.
+
+A dataset stores its poses at the resolution of the registered meshes. For a
+finer rest mesh they are computed when a task is loaded, in a second or two. The
+registered mesh is subdivided as it was before the remeshing, so that each vertex
+of the rest mesh lies on a triangle of the subdivided one. Bodies of the package
+are skinned: the weights, subdivided with the mesh, are interpolated there.
+For other meshes the registered pose is subdivided too, and interpolated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from defaust.build.upsample import subdivide
+from defaust.sources.skinning import apply_motions
+from defaust.sources.synthetic import SHA256, load_bodies
+from defaust.tasks.loop import loop_matrix
+from sshade import InputError, Mesh
+
+#: A remeshed surface lies so near to the one that it was made from (x diagonal).
+ON_SURFACE = 1e-6
+
+
+def has_skin(source: Mapping[str, Any]) -> bool:
+    """Whether a dataset's record of its source says that it can be skinned.
+
+    Raises
+    ------
+    InputError
+        When its bodies are those of another version of the package.
+    """
+    asset = source.get("asset_sha256")
+    if asset not in (None, SHA256):
+        raise InputError(
+            f"the dataset was made from other bodies (asset {asset[:12]}) than those of this version "
+            f"({SHA256[:12]}); build it again"
+        )
+    return asset is not None
+
+
+class Skin:
+    """A synthetic body in a pose: what moves points that hang on its rest mesh.
+
+    Parameters
+    ----------
+    rest : Mesh
+        The points' mesh: the registered rest mesh, or the one remeshed from it.
+    low : Mesh
+        The registered rest mesh.
+    steps : int
+        Subdivisions between the two. They take the weights along by Loop's rules:
+        interpolated over the registered triangles, weights would bend at their
+        edges, and the posed surface with them.
+    subject : int
+    pose : str
+        Name of the pose.
+
+    Raises
+    ------
+    InputError
+        As :func:`subdivided_pose`.
+    """
+
+    def __init__(self, rest: Mesh, low: Mesh, *, steps: int, subject: int, pose: str) -> None:
+        bodies = load_bodies()
+        k = bodies.pose_names.index(pose)
+        motions = bodies.motions(subject, rotations=bodies.rotations[subject, k])
+        if rest is not low:
+            # Blending is linear: subdivided and interpolated motions are those of such weights.
+            fine, carry = _on_subdivided(rest, low, steps=steps)
+            motions = carry @ (loop_matrix(low, fine, steps=steps) @ motions)
+        self._motions = motions
+        self._shift = bodies.shifts[subject, k]
+
+    def __call__(self, V: np.ndarray) -> np.ndarray:
+        """(n, 3) posed positions of the mesh's vertices, which may have been moved by an edit."""
+        return apply_motions(self._motions, V) + self._shift
+
+
+def subdivided_pose(rest: Mesh, low: Mesh, posed: Mesh, *, steps: int) -> np.ndarray:
+    """Where the vertices of a rest mesh go in a registered pose.
+
+    Parameters
+    ----------
+    rest : Mesh
+        Remeshed from the registered rest mesh after `steps` subdivisions.
+    low, posed : Mesh
+        The registered rest mesh and pose, in correspondence.
+    steps : int
+
+    Returns
+    -------
+    (n, 3) float64
+
+    Raises
+    ------
+    InputError
+        When the subdivisions do not correspond, or `rest` does not lie on the
+        subdivided rest mesh.
+    """
+    fine, carry = _on_subdivided(rest, low, steps=steps)
+    fine_posed = subdivide(posed, steps=steps)
+    if not np.array_equal(fine.F, fine_posed.F):
+        raise InputError("the pose is subdivided into other triangles than the rest mesh")
+    return carry @ fine_posed.V
+
+
+def _on_subdivided(rest: Mesh, low: Mesh, *, steps: int) -> tuple[Mesh, csr_array]:
+    """The subdivided registered mesh, and the interpolation from it to a mesh that lies on it."""
+    fine = subdivide(low, steps=steps)
+    carry, distance = interpolation(rest.V, fine)
+    if distance.max() > ON_SURFACE * low.diagonal:
+        raise InputError(
+            f"the rest mesh lies up to {distance.max() / low.diagonal:.1g} x its diagonal off the subdivided "
+            "registered mesh that it should have been made from; build the dataset again"
+        )
+    return fine, carry
+
+
+def interpolation(points: np.ndarray, mesh: Mesh) -> tuple[csr_array, np.ndarray]:
+    """Barycentric interpolation of values at a mesh's vertices to the surface points nearest to others.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+    mesh : Mesh
+
+    Returns
+    -------
+    (n, mesh.n) sparse float64
+        Three entries a row, which add up to 1.
+    (n,) float64
+        Distances to the surface.
+    """
+    import igl
+
+    squared, face, nearest = igl.point_mesh_squared_distance(points, mesh.V, mesh.F)
+    corners = mesh.F[face]
+    a, b, c = (np.ascontiguousarray(mesh.V[corners[:, k]]) for k in range(3))
+    weights = np.maximum(0.0, igl.barycentric_coordinates(nearest, a, b, c))
+    weights /= weights.sum(axis=1, keepdims=True)
+    rows = 3 * np.arange(len(points) + 1)
+    return csr_array((weights.ravel(), corners.ravel(), rows), shape=(len(points), mesh.n)), np.sqrt(squared)

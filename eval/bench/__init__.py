@@ -1,1 +1,0 @@
-"""``python -m eval.bench``: speed, measured against peers that run beside it in the same process."""

@@ -1,0 +1,280 @@
+"""``python -m eval``: the Hydra program that runs methods on tasks.
+
+Exit codes: 0 if no run failed, 1 if one did or left its committed band, 2 for a
+mistake in the configuration, told in one sentence.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import sys
+from contextlib import nullcontext
+from functools import lru_cache
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import hydra
+from hydra._internal.utils import get_args_parser
+from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException, OverrideParseException
+from hydra.types import RunMode
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from conf import told
+from eval.configure import sweep as cli_sweep
+from eval.configure.allowed import allow_from, check_folders, require_allowed, require_from_command_line
+from eval.configure.sweep import SweepRefused, check_root
+from eval.configure.targets import instantiate
+from eval.metrics.metrics import METRICS
+from eval.rows.bands import out_of_band
+from eval.run.run import Outcome, run
+from eval.run.sweep import SweepRecord, told_status
+from sshade.cli.console import progress_bar
+from sshade.errors import InputError
+from sshade.io.files import reason
+from sshade.task import DeformationTask, Progress, silent
+
+#: Settings of a dataset that are not for its loader: how to build it, where rows go, what lists its cases.
+ABOUT_DATASET = ("build", "tag", "cases")
+
+
+#: Launchers' packages, whose errors mean that a worker was lost; what a run raises is of our own kinds.
+LAUNCHERS = ("joblib", "submitit", "ray")
+
+
+class RunFailed(Exception):
+    """A run failed or left its band; its row tells more."""
+
+
+class WorkerLost(Exception):
+    """A launcher lost a worker, or gave up on it; what it ran has left no row."""
+
+
+#: Errors of the runs in this process; None in a launcher's worker, where they must be raised.
+_errors: list[Exception] | None = None
+
+
+def main() -> int:
+    """Entry point; see the module."""
+    global _errors
+    _errors, cli_sweep.monitor = [], None
+    # Hydra would print a traceback and exit with 1 on its own: let errors come through instead.
+    os.environ["HYDRA_FULL_ERROR"] = "1"
+    interrupted = False
+    try:
+        _check_trust(sys.argv[1:])
+        _app()
+    except SweepRefused as refused:
+        _errors.extend(refused.args)
+    except (RunFailed, InputError) as error:
+        _errors.append(error)
+    except (HydraException, OmegaConfBaseException) as error:
+        _errors.append(InputError(_one_line(error)))
+    except OSError as error:  # of Hydra, which makes folders
+        _errors.append(InputError(f"{error.filename or 'the system'}: {reason(error)}"))
+    except KeyboardInterrupt:
+        interrupted = True
+    except Exception as error:
+        if cli_sweep.monitor is not None and type(error).__module__.split(".")[0] in LAUNCHERS:
+            _errors.append(WorkerLost(cli_sweep.told_lost(error)))
+        elif isinstance(error, ValueError) and _raised_in(error).split(".")[0] in ("hydra", *LAUNCHERS):
+            _errors.append(InputError(_one_line(error)))  # such as flags that do not go together
+        else:
+            raise
+    finally:
+        summary = cli_sweep.close_sweep()
+    return _exit(_errors, summary, interrupted=interrupted)
+
+
+def _exit(errors: list[Exception], summary: str, *, interrupted: bool) -> int:
+    """Say how the command ended, and give its exit code."""
+    mistakes = [error for error in errors if isinstance(error, InputError)]
+    if mistakes and not interrupted:
+        print(f"error: {mistakes[0]}", file=sys.stderr)  # noqa: T201
+        return 2
+    if summary:
+        print(summary)  # noqa: T201
+    if interrupted:
+        print(f"interrupted{cli_sweep.told_interrupted()}", file=sys.stderr)  # noqa: T201
+        return 130
+    for error in errors:
+        # What became of a sweep's runs has been told, line by line.
+        if not summary or isinstance(error, WorkerLost):
+            print(f"failed: {error}", file=sys.stderr)  # noqa: T201
+    return 1 if errors else 0
+
+
+def _check_trust(arguments: list[str]) -> None:
+    """Raise InputError where a folder of configurations names functions that nobody allowed."""
+    known, _ = get_args_parser().parse_known_args(arguments)
+    allow_from(known.overrides)
+    folders = [known.config_dir, known.config_path]
+    if known.config_path is not None:  # Hydra takes it from the folder of this file
+        folders.append(str(Path(__file__).parent / known.config_path))
+    check_folders(folders, overrides=known.overrides)
+
+
+@hydra.main(version_base="1.3", config_path="pkg://conf", config_name="config")
+def _app(config: DictConfig) -> None:
+    # Launchers pickle this function with copies of the globals that it uses, so it uses none but the next.
+    _job(config)
+
+
+def _job(config: DictConfig) -> None:
+    """Run a composed configuration; in a launcher's worker, raise what went wrong."""
+    try:
+        if HydraConfig.get().mode == RunMode.MULTIRUN:
+            _job_of_sweep(config)
+        else:
+            _single_job(config)
+    except (RunFailed, InputError) as error:
+        # What is raised in this process, Hydra announces with the job's overrides; once is enough.
+        if _errors is None:
+            raise
+        _errors.append(error)
+
+
+def _single_job(config: DictConfig) -> None:
+    """A single run; raises RunFailed if its row is bad."""
+    with progress_bar() as progress:
+        outcome, problems = _outcome(config, progress)
+    if outcome.failed and outcome.row["reason"].startswith("InputError: "):
+        raise InputError(outcome.row["reason"].removeprefix("InputError: "))
+    print(_report(outcome), flush=True)  # noqa: T201
+    if problems:
+        raise RunFailed("; ".join(problems))
+
+
+def _job_of_sweep(config: DictConfig) -> None:
+    """A run of a sweep, in this process or in a worker's; what becomes of it goes into the sweep's record."""
+    settings, monitor = HydraConfig.get(), cli_sweep.monitor
+    if _errors is None:
+        os.chdir(settings.runtime.cwd)  # a worker may start elsewhere; relative paths mean those of the sweep
+    record = SweepRecord(config.run.sweep.record)
+    begin = perf_counter()
+    ended: dict[str, Any] = {"row_folder": None}
+    try:
+        with monitor.run_progress() if monitor is not None else nullcontext(silent) as progress:
+            outcome, problems = _outcome(config, progress)
+        ended = {"row_folder": outcome.folder, "kept": outcome.reused, "problems": problems}
+    except InputError as error:
+        ended["problems"] = [str(error)]
+        raise
+    finally:
+        if "problems" in ended:
+            record.add(settings.job.num, seconds=perf_counter() - begin, **ended)
+        if monitor is not None:
+            monitor.update()
+    if problems:
+        raise RunFailed("; ".join(problems))
+
+
+def _outcome(config: DictConfig, progress: Progress) -> tuple[Outcome, list[str]]:
+    """Run a composed configuration; its outcome, and why it counts as failed if it does."""
+    missing = OmegaConf.missing_keys(config)
+    if missing:
+        raise InputError(f"{', '.join(sorted(missing))} is not set; give it as {min(missing)}=...")
+    plain = OmegaConf.to_container(config, resolve=True)
+    _check(plain)
+    require_from_command_line(plain["run"]["allow_targets"])
+    for part in ("method", "dataset"):
+        require_allowed(plain[part], where=f"the configuration of the {part}")
+    progress("reading", 0, 1)
+    task = _load_task(json.dumps(plain["dataset"]))
+    progress("reading", 1, 1)
+    settings = HydraConfig.get()
+    at_once = 1 if settings.mode == RunMode.RUN else _jobs(settings.launcher, config.run.sweep.runs)
+    outcome = run(
+        task,
+        plain["method"],
+        name=plain["label"].rpartition("/")[2],  # of a method in a subgroup, its own name
+        root=Path(plain["paths"]["runs"], plain["run"]["folder"]),
+        seed=plain["seed"],
+        source=_source(plain["dataset"]),
+        force=plain["run"]["force"],
+        fresh=plain["run"]["fresh"],
+        time_limit=plain["run"]["time_limit"],
+        jobs=plain["run"]["jobs"] or at_once,
+        progress=progress,
+    )
+    if outcome.failed:
+        return outcome, [outcome.row["reason"]]
+    return outcome, out_of_band(outcome.row, plain["bands"]) if plain.get("bands") else []
+
+
+def _check(config: dict[str, Any]) -> None:
+    """Raise InputError on values of our own settings that no run could use."""
+    seed, settings = config["seed"], config["run"]
+    if type(seed) is not int or seed < 0:
+        raise InputError(f"seed={seed!r} is no seed; it takes a whole number from 0")
+    for name in ("force", "fresh"):
+        if not isinstance(settings[name], bool):
+            raise InputError(f"run.{name}={settings[name]!r} does not fit; it takes true or false")
+    limit, jobs = settings["time_limit"], settings["jobs"]
+    if limit is not None and (type(limit) not in (int, float) or limit <= 0):
+        raise InputError(f"run.time_limit={limit!r} does not fit; it takes seconds, or null for none")
+    if jobs is not None and (type(jobs) is not int or jobs < 1):
+        raise InputError(f"run.jobs={jobs!r} does not fit; it takes a whole number from 1, or null")
+
+
+@lru_cache(maxsize=1)
+def _load_task(dataset: str) -> DeformationTask:
+    """The task of a dataset's configuration (as JSON: it is the cache's key)."""
+    config = json.loads(dataset)
+    check_root(config)
+    return instantiate(_source(config))
+
+
+def _source(dataset: dict[str, Any]) -> dict[str, Any]:
+    """What loads the task: a dataset's configuration without what is about the dataset."""
+    return {name: value for name, value in dataset.items() if name not in ABOUT_DATASET}
+
+
+def _jobs(launcher: DictConfig, runs: int) -> int:
+    """Runs of a sweep at once, from the settings that launchers have; all of them where there is no limit."""
+    if "ray" in launcher:
+        import ray  # this is one of its workers
+
+        return min(runs, int(ray.cluster_resources()["CPU"] // (launcher.ray.remote.get("num_cpus") or 1)))
+    if launcher._target_.endswith(".BasicLauncher"):
+        return 1
+    jobs = launcher.get("n_jobs") or launcher.get("array_parallelism") or runs
+    return min(runs, jobs if jobs > 0 else os.cpu_count() or 1)
+
+
+def _report(outcome: Outcome) -> str:
+    """A single run in a few lines."""
+    row = outcome.row
+    lines = [f"{row['method.name']} on {row['task.name']}: {told_status(row, kept=outcome.reused)}"]
+    for name, metric in METRICS.items():
+        if f"metric.{name}" in row:
+            value = row[f"metric.{name}"]
+            lines.append(f"  {name:<20} {'n/a' if value is None else f'{value:.4g} {metric.unit}'}")
+    return "\n".join([*lines, f"  {outcome.folder}"])
+
+
+def _raised_in(error: Exception) -> str:
+    """Name of the module that raised an error."""
+    trace = error.__traceback__
+    while trace.tb_next is not None:
+        trace = trace.tb_next
+    return trace.tb_frame.f_globals["__name__"]
+
+
+def _one_line(error: Exception) -> str:
+    """Hydra's message in one sentence: without its search path and its hints for debugging."""
+    if isinstance(error, OverrideParseException):
+        return (
+            f"{error.override} is not understood; close its brackets, and put names with spaces or letters "
+            f"outside of a-z in quotes twice, as in \"dataset.root='données'\""
+        )
+    text = str(error)
+    if isinstance(error.__cause__, OmegaConfBaseException):
+        text = f"{text.split('Config search path')[0]} {error.__cause__}"
+    plugin = re.search(r"hydra/launcher/(?:submitit_)?(joblib|slurm|ray)\b", text)
+    hint = f" It needs: pip install 'sshade[{plugin[1]}]'." if plugin else ""
+    return told(re.sub(r"(full_key|object_type|reference_type)[:=].*", "", text)) + hint

@@ -1,0 +1,1 @@
+"""From rows to tables, charts, pictures and the report."""

@@ -1,0 +1,95 @@
+"""What the drawn figures share: colours, fonts, and files that the same rows give byte by byte."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sshade.errors import InputError
+from sshade.io.files import make_folder, replacing
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: Colours of methods in the order of the table; told apart by people who do not see all of them.
+PALETTE = (
+    "#0072b2",
+    "#e69f00",
+    "#009e73",
+    "#d55e00",
+    "#cc79a7",
+    "#56b4e9",
+    "#8c6d31",
+    "#6b6ecf",
+    "#637939",
+    "#7f7f7f",
+)
+MARKERS = "osD^vPX*<>"
+
+#: Formats of figures, by suffix.
+SUFFIXES = (".svg", ".pdf", ".png")
+
+_STYLE = {
+    "font.size": 8,
+    "axes.titlesize": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "legend.fontsize": 7,
+    "svg.hashsalt": "sshade",
+    "pdf.fonttype": 42,
+}
+
+#: Without the time and the library's version in the file the same rows give the same bytes.
+_METADATA = {
+    ".png": {"Software": None},
+    ".pdf": {"CreationDate": None, "Producer": None, "Creator": None},
+    ".svg": {"Date": None, "Creator": None},
+}
+
+
+def style() -> Any:
+    """A context in which figures are made and saved."""
+    import matplotlib
+
+    return matplotlib.rc_context(_STYLE)
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure of a size in inches; it belongs to no window system."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def look(methods: list[str]) -> dict[str, dict[str, Any]]:
+    """Colour and marker of each method, by its place."""
+    return {
+        method: {"color": PALETTE[i % len(PALETTE)], "marker": MARKERS[i // len(PALETTE) % len(MARKERS)]}
+        for i, method in enumerate(methods)
+    }
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure as .svg, .pdf or .png, by the path's suffix.
+
+    Raises
+    ------
+    InputError
+        On another suffix.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise InputError(f"{path}: unknown figure format {path.suffix!r}; use {', '.join(SUFFIXES)}")
+    make_folder(path.parent)
+    with style(), replacing(path) as temporary:
+        figure.savefig(temporary, format=suffix[1:], dpi=200, metadata=_METADATA[suffix])
+
+
+def to_svg(figure: Figure) -> str:
+    """A figure as SVG text."""
+    text = io.StringIO()
+    with style():
+        figure.savefig(text, format="svg", metadata=_METADATA[".svg"])
+    return text.getvalue()

@@ -1,0 +1,185 @@
+"""The sections of cases: pictures of the rest shape and of each result, and the shapes for the 3D view."""
+
+from __future__ import annotations
+
+import base64
+import io
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from eval.metrics.truth import Task
+from eval.publish.report.surface import pack, surface
+from eval.publish.transfer_figures import error_of
+from eval.rows.experiment import Experiment
+from eval.rows.recall import load_task
+from eval.rows.store import Row
+from sshade.errors import InputError
+from sshade.figures import View, colour_range, edge_error, picture
+from sshade.pipeline.transfer_task import TransferTask
+
+#: Width of a rendering in pixels.
+PANEL = 360
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A shape of a case: the rest shape (no error), the truth, or what a method left."""
+
+    name: str
+    caption: str
+    V: np.ndarray
+    error: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A rendering: its title, the line under it, and the image as a data URI."""
+
+    name: str
+    caption: str
+    image: str
+
+
+@dataclass
+class Case:
+    """A section of the report.
+
+    Parameters
+    ----------
+    rows : list of rows
+        One a method.
+    missing : list of str
+        Why something is not shown, in sentences.
+    panels : list of Panel
+    label : str
+        What the colours say.
+    top : float
+        Upper end of their scale.
+    handles : bool
+        Whether the rest shape shows handles.
+    view : dict, optional
+        What the 3D view needs.
+    """
+
+    rows: list[Row]
+    missing: list[str] = field(default_factory=list)
+    panels: list[Panel] = field(default_factory=list)
+    label: str = ""
+    top: float = 1.0
+    handles: bool = False
+    view: dict[str, Any] | None = None
+
+    @property
+    def name(self) -> str:
+        """Of the task."""
+        return self.rows[0]["task.name"]
+
+
+def show_case(
+    experiment: Experiment, rows: list[Row], *, towards: np.ndarray, up: np.ndarray, turnable: bool
+) -> Case:
+    """Render a case from its stored runs.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    rows : list of rows
+        Of one case, a method each.
+    towards, up : (3,) float64
+        From the scene to the camera, and the upright direction.
+    turnable : bool
+        Pack the shapes for the 3D view too.
+    """
+    case = Case(rows)
+    found = [(row, V) for row in rows if (V := experiment.vertices(row)) is not None]
+    absent = [row["method.name"] for row in rows if experiment.folder(row) is None]
+    if absent:
+        where = ", ".join(str(root) for root in experiment.runs)
+        case.missing.append(f"No stored vertices of {', '.join(absent)} in {where}: only the numbers.")
+    if not found:
+        return case
+    try:
+        task = load_task(found[0][0])
+    except (InputError, OSError, ImportError) as error:
+        case.missing.append(f"No pictures: {error}.")
+        return case
+    case.label, shapes = _shapes(task, found)
+    case.top = colour_range(shape.error for shape in shapes if shape.error is not None)
+    view = View.of([shape.V for shape in shapes], towards=towards, up=up)
+    handles = getattr(task, "handles", None)
+    case.handles = handles is not None
+    for shape in shapes:
+        pixels = picture(
+            task.mesh,
+            shape.V,
+            view=view,
+            width=PANEL,
+            error=shape.error,
+            top=case.top,
+            handles=handles if shape.name == "rest" else None,
+        )
+        case.panels.append(Panel(shape.name, shape.caption, image_uri(pixels)))
+    if turnable:
+        try:
+            case.view = _packed(case, task, shapes)
+        except InputError as error:
+            case.missing.append(f"Not in the 3D view: {error}.")
+    return case
+
+
+def _shapes(task: Task, found: list[tuple[Row, np.ndarray]]) -> tuple[str, list[Shape]]:
+    """What the colours say, and the shapes of a case."""
+    counts = f"{task.mesh.n:,} vertices"
+    shapes = [Shape("rest", counts, task.mesh.V)]
+    label, error_in = "change of edge length at a vertex (%)", partial(edge_error, task.mesh)
+    if isinstance(task, TransferTask) and task.truth is not None:
+        label, error_in = "distance to the true place (% of the diagonal)", partial(error_of, task)
+        shapes.append(Shape("truth", "", task.truth))
+    for row, V in found:
+        error = error_in(V)
+        shapes.append(Shape(row["method.name"], f"mean {error.mean():.2g} %", V, error))
+    return label, shapes
+
+
+def _packed(case: Case, task: Task, shapes: list[Shape]) -> dict[str, Any]:
+    """The case as the 3D view reads it."""
+    handles = getattr(task, "handles", None)
+    index = np.zeros(0, dtype=np.int64) if handles is None else handles.index
+    shown = surface(task.mesh, keep=index)
+    place = np.full(task.mesh.n, -1)
+    place[shown.samples] = np.arange(len(shown.samples))
+    reduced = len(shown.samples) < task.mesh.n
+    packed = pack(
+        [shape.V[shown.samples] for shape in shapes],
+        [None if shape.error is None else shown.mean(shape.error) for shape in shapes],
+        shown.faces,
+        top=case.top,
+    )
+    return packed | {
+        "name": case.name,
+        "note": f"{len(shown.samples):,} of {task.mesh.n:,} vertices are shown." if reduced else "",
+        "vertices": len(shown.samples),
+        "faces": len(shown.faces),
+        "diagonal": task.mesh.diagonal,
+        "label": case.label,
+        "top": case.top,
+        "shapes": [
+            {"name": shape.name, "caption": shape.caption, "error": shape.error is not None}
+            for shape in shapes
+        ],
+        "handles": place[index].tolist(),
+        "dynamic": [] if handles is None else handles.dynamic.tolist(),
+        "targets": [] if handles is None else handles.target.round(6).tolist(),
+    }
+
+
+def image_uri(pixels: np.ndarray) -> str:
+    """(h, w, 3) uint8 as a data URI."""
+    from PIL import Image
+
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, "WEBP", quality=82, method=4)
+    return f"data:image/webp;base64,{base64.b64encode(file.getvalue()).decode('ascii')}"

@@ -1,0 +1,299 @@
+"""The report's page: what stands in it, and the template that it is made by."""
+
+from __future__ import annotations
+
+import base64
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+from eval.publish.charts import convergence, distributions, times
+from eval.publish.plotting import to_svg
+from eval.publish.report.cases import Case, show_case
+from eval.publish.summary import Column, Table, make_table
+from eval.publish.tables import cells
+from eval.rows.experiment import Experiment
+from eval.rows.store import VALID, Row
+from sshade.errors import InputError
+from sshade.figures import COLOURS
+from sshade.task import Progress, silent
+
+#: Cases of an experiment in the 3D view, unless they are named.
+TURNABLE = 3
+
+#: Facts about runs that the page tells, and their headings.
+FACTS = {
+    "env.machine": "machine",
+    "env.python": "Python",
+    "env.commit": "commit",
+    "env.modified": "with changes to it",
+    "env.numba_threads": "threads of numba",
+    "env.omp_num_threads": "threads of OpenMP",
+    "env.jobs": "runs at once",
+    "env.load": "load at the start",
+}
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A chart's name and the image as a data URI."""
+
+    name: str
+    image: str
+
+
+@dataclass(frozen=True)
+class Section:
+    """An experiment as the template needs it."""
+
+    name: str
+    slug: str
+    table: Table
+    body: list[list[str]]
+    parts: list[tuple[str, list[list[str]]]]
+    refusal: str
+    charts: list[Chart]
+    curves: list[Chart]
+    convergence: list[list[str]]
+    cases: list[Case]
+    numbers: list[list[list[str]]]
+    columns: tuple[Column, ...]
+    failures: list[Row]
+    configurations: list[tuple[str, str]]
+    facts: list[tuple[str, str]]
+
+
+def write_page(
+    experiments: list[Experiment],
+    *,
+    cases: list[str],
+    towards: np.ndarray,
+    up: np.ndarray,
+    progress: Progress = silent,
+) -> str:
+    """The page as HTML text.
+
+    Parameters
+    ----------
+    experiments : list of Experiment
+    cases : list of str
+        Names of tasks to show; empty: every case in pictures, and of each
+        experiment three in the 3D view.
+    towards, up : (3,) float64
+        From the scene to the camera, and the upright direction.
+    progress : Progress
+
+    Raises
+    ------
+    InputError
+        When no experiment has such a case, or the rows of one make no table.
+    """
+    known = {row["task.name"] for experiment in experiments for row in experiment.rows}
+    unknown = [name for name in cases if name not in known]
+    if unknown:
+        raise InputError(f"there is no case {unknown[0]!r}; there are {', '.join(sorted(known))}")
+    sections = [
+        _section(experiment, cases=cases, towards=towards, up=up, progress=progress)
+        for experiment in experiments
+    ]
+    views = [
+        case.view | {"experiment": section.name, "id": f"{section.slug}-case-{i}"}
+        for section in sections
+        for i, case in enumerate(section.cases)
+        if case.view is not None
+    ]
+    every = [row for experiment in experiments for row in experiment.rows]
+    return _template().render(
+        sections=sections,
+        views=[{name: value for name, value in view.items() if name != "data"} for view in views],
+        data=[view["data"] for view in views],
+        overview=_charts(times(every)) if len(experiments) > 1 else [],
+        camera={"towards": list(towards), "up": list(up)},
+        ramp=_ramp(),
+        style=_text("style.css"),
+        script=_text("viewer.js"),
+        three=_text("three.min.js"),
+        valid=sum(row["status"] in VALID for row in every),
+        runs=len(every),
+    )
+
+
+def _section(
+    experiment: Experiment, *, cases: list[str], towards: np.ndarray, up: np.ndarray, progress: Progress
+) -> Section:
+    rows = experiment.rows
+    table, refusal = _table(experiment)
+    groups = [group for group in experiment.cases() if not cases or group[0]["task.name"] in cases]
+    turnable = set(range(len(groups)))
+    if not cases:
+        turnable = set(np.unique(np.linspace(0, len(groups) - 1, TURNABLE).astype(int)).tolist())
+    shown = []
+    for i, group in enumerate(groups):
+        progress(experiment.name, i, len(groups), group[0]["task.name"])
+        shown.append(show_case(experiment, group, towards=towards, up=up, turnable=i in turnable))
+    progress(experiment.name, len(groups), len(groups))
+    slug = re.sub(r"[^a-z0-9]+", "-", experiment.name.lower())
+    return Section(
+        name=experiment.name,
+        slug=slug,
+        table=table,
+        body=_body(table),
+        parts=[(part.title, _body(part)) for part in table.parts],
+        refusal=refusal,
+        charts=_charts(distributions(rows) | times(rows)),
+        curves=_charts(convergence(experiment)),
+        convergence=_convergence(experiment),
+        cases=shown,
+        numbers=[_numbers(case, table.columns) for case in shown],
+        columns=table.columns,
+        failures=[row for row in rows if row["status"] not in VALID],
+        configurations=[(method, _configuration(rows, method)) for method in experiment.methods],
+        facts=_facts(rows),
+    )
+
+
+def _table(experiment: Experiment) -> tuple[Table, str]:
+    """The experiment's table; where times do not compare, one without them and the reason."""
+    try:
+        return make_table(experiment.rows, title=experiment.name), ""
+    except InputError as error:
+        # Rows that make no table at all are refused here again.
+        return make_table(experiment.rows, title=experiment.name, with_time=False), str(error)
+
+
+def _body(table: Table) -> list[list[str]]:
+    """The cells of a table as HTML."""
+    marks = {0: "{}", 1: '<b title="best">{}</b>', 2: '<u title="second best">{}</u>'}
+    return cells(table, marks, not_available="n/a", escape=_escape)
+
+
+def _charts(figures: dict[str, Any]) -> list[Chart]:
+    def uri(figure: Any) -> str:
+        return f"data:image/svg+xml;base64,{base64.b64encode(to_svg(figure).encode()).decode('ascii')}"
+
+    return [Chart(name, uri(figure)) for name, figure in figures.items()]
+
+
+def _numbers(case: Case, columns: tuple[Column, ...]) -> list[list[str]]:
+    """A case's numbers, method by method."""
+    body = []
+    for row in case.rows:
+        values = [row.get(column.source) for column in columns]
+        texts = ["n/a" if v is None else c.text(v) for c, v in zip(columns, values, strict=True)]
+        body.append([row["method.name"], *texts])
+    return body
+
+
+def _convergence(experiment: Experiment) -> list[list[str]]:
+    """Headings, then what iterating methods tell of their iterations; without columns that say nothing."""
+    lines = [["method", "converged", "iterations", "last residual", "energy"]]
+    for method in experiment.methods:
+        rows = [row for row in experiment.valid if row["method.name"] == method and row["iterations"]]
+        if not rows:
+            continue
+        rule = [row["converged"] for row in rows if row["converged"] is not None]
+        lines.append(
+            [
+                method,
+                f"{sum(rule)}/{len(rule)}" if rule else "no rule",
+                _range((row["iterations"] for row in rows), form="{:,.0f}"),
+                _range(row.get("extra.residual") for row in rows),
+                _range(row.get("extra.energy") for row in rows),
+            ]
+        )
+    kept = [i for i in range(len(lines[0])) if any(line[i] != "-" for line in lines[1:])]
+    return [[line[i] for i in kept] for line in lines]
+
+
+def _range(values: Iterable[float | None], *, form: str = "{:.3g}") -> str:
+    """Smallest, median and largest of numbers."""
+    numbers = [value for value in values if value is not None]
+    if not numbers:
+        return "-"
+    return " / ".join(map(form.format, (min(numbers), float(np.median(numbers)), max(numbers))))
+
+
+def _configuration(rows: list[Row], method: str) -> str:
+    """A method's settings as YAML, nested as in its configuration."""
+    import yaml
+
+    row = next(row for row in rows if row["method.name"] == method)
+    nested: dict[str, Any] = {}
+    for column, value in row.items():
+        group, _, name = column.partition(".")
+        if group != "method" or name in ("name", "hash", "note", "sources"):
+            continue
+        *parents, last = name.split(".")
+        place = nested
+        for parent in parents:
+            place = place.setdefault(parent, {})
+        # A column that only other methods fill is none of this one's settings.
+        place["_target_" if last == "target" else last] = value
+    text = yaml.safe_dump(_pruned(nested), sort_keys=False, default_flow_style=False)
+    return f"# configuration {row['method.hash']}, sources {row['method.sources']}\n{text}"
+
+
+def _pruned(settings: dict[str, Any]) -> dict[str, Any]:
+    """Settings without empty ones, the function first."""
+    kept = {
+        name: _pruned(value) if isinstance(value, dict) else value
+        for name, value in settings.items()
+        if value is not None
+    }
+    return dict(sorted(((n, v) for n, v in kept.items() if v != {}), key=lambda pair: pair[0] != "_target_"))
+
+
+def _facts(rows: list[Row]) -> list[tuple[str, str]]:
+    """Where and when the rows were made; several values are listed."""
+    facts = []
+    for column, heading in FACTS.items():
+        values = sorted({row[column] for row in rows if row.get(column) not in (None, "")})
+        if len(values) > 4 and all(isinstance(value, (int, float)) for value in values):
+            facts.append((heading, f"{values[0]:g} to {values[-1]:g}"))
+        elif values:
+            facts.append((heading, ", ".join(_word(value) for value in values)))
+    versions = sorted({column for row in rows for column in row if column.startswith("env.version.")})
+    for column in versions:
+        values = sorted({row[column] for row in rows if row.get(column)})
+        facts.append((column.removeprefix("env.version."), ", ".join(values)))
+    dates = sorted(row["date"][:10] for row in rows)
+    return [("dates", dates[0] if dates[0] == dates[-1] else f"{dates[0]} to {dates[-1]}"), *facts]
+
+
+def _word(value: Any) -> str:
+    """A fact as text: a bool in words, a commit by its beginning."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    text = str(value)
+    return text[:12] if re.fullmatch("[0-9a-f]{40}", text) else text
+
+
+def _ramp() -> str:
+    """256 colours of errors, three bytes each, as base64."""
+    import matplotlib
+
+    colours = matplotlib.colormaps[COLOURS](np.arange(256), bytes=True)[:, :3]
+    return base64.b64encode(colours.tobytes()).decode("ascii")
+
+
+def _escape(text: str) -> str:
+    from markupsafe import escape
+
+    return str(escape(text))
+
+
+def _text(name: str) -> str:
+    return files("eval.publish.report").joinpath(name).read_text(encoding="utf-8")
+
+
+def _template() -> Any:
+    from jinja2 import Environment, StrictUndefined
+
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    return environment.from_string(_text("page.html"))

@@ -1,0 +1,86 @@
+"""A case's shapes for the 3D view: few enough vertices, packed into text."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+from dataclasses import dataclass
+
+import numpy as np
+
+from sshade.mesh.mesh import Mesh
+from sshade.sampling.remesh import remesh
+
+#: A mesh of more vertices is shown in 3D by some of them; ids fit into 16 bits.
+LIMIT, SAMPLES = 28_000, 20_000
+
+
+@dataclass(frozen=True)
+class Surface:
+    """What is shown of a mesh.
+
+    Parameters
+    ----------
+    samples : (k,) int
+        Vertices of the mesh.
+    faces : (l, 3) int
+        Faces between them, ids counted in `samples`.
+    region : (n,) int
+        For each vertex of the mesh the one in `samples` that stands for it.
+    """
+
+    samples: np.ndarray
+    faces: np.ndarray
+    region: np.ndarray
+
+    def mean(self, values: np.ndarray) -> np.ndarray:
+        """(k,) means over the vertices that each sample stands for, of values (n,)."""
+        return np.bincount(self.region, values) / np.bincount(self.region)
+
+
+def surface(mesh: Mesh, *, keep: np.ndarray, limit: int = LIMIT, samples: int = SAMPLES) -> Surface:
+    """The mesh itself, or above `limit` vertices its remeshing by `samples`, among them `keep`.
+
+    A remeshing's vertices are vertices of the mesh, so that a deformation of the
+    mesh moves them too.
+
+    Raises
+    ------
+    InputError
+        When a large mesh is not manifold or has several components.
+    """
+    if mesh.n <= limit:
+        return Surface(np.arange(mesh.n), mesh.F, np.arange(mesh.n))
+    coarse = remesh(mesh, max(samples, len(keep)), first=keep)
+    return Surface(coarse.samples, coarse.faces, coarse.region)
+
+
+def pack(shapes: list[np.ndarray], errors: list[np.ndarray | None], faces: np.ndarray, *, top: float) -> dict:
+    """Shapes of one mesh as compressed base64.
+
+    Little-endian: the faces as uint16, then for each shape its positions as
+    uint16 in the box of all shapes, coordinate by coordinate, and, where it has an
+    error, that as uint8 of the range from 0 to `top`.
+
+    Parameters
+    ----------
+    shapes : list of (k, 3) float64
+    errors : list of (k,) float64 or None
+    faces : (l, 3) int
+    top : float
+
+    Returns
+    -------
+    dict
+        ``low`` and ``span`` of the box, and the ``data``.
+    """
+    points = np.concatenate(shapes)
+    low = points.min(axis=0)
+    span = np.maximum(points.max(axis=0) - low, np.finfo(np.float32).tiny)
+    parts = [np.ascontiguousarray(faces, dtype="<u2").tobytes()]
+    for V, error in zip(shapes, errors, strict=True):
+        parts.append(np.rint((V - low) / span * 65535).astype("<u2").T.tobytes())
+        if error is not None:
+            parts.append(np.rint(255 * np.clip(error / top, 0, 1)).astype("u1").tobytes())
+    packed = gzip.compress(b"".join(parts), compresslevel=9, mtime=0)
+    return {"low": low.tolist(), "span": span.tolist(), "data": base64.b64encode(packed).decode("ascii")}

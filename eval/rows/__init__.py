@@ -1,0 +1,1 @@
+"""Rows of runs: stored, gathered, compared, measured again, held against bands."""

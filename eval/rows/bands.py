@@ -1,0 +1,104 @@
+"""Committed bands of quality: ``python -m eval.rows.bands ROWS.csv [--bands ci]``.
+
+A band file ``conf/bands/<name>.yaml`` maps method -> task -> column -> [low,
+high]. A metric that is not available is out of its band. Times have no bands:
+they depend on the machine. ``--suggest`` prints bands around the rows instead,
+for a new method or data set: look at the numbers before committing them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+
+from eval.metrics.metrics import METRICS
+from eval.rows.store import VALID, Row, read_csv
+from sshade.cli.console import run_command
+from sshade.errors import InputError
+
+Bands = Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]]
+
+#: Width of a suggested band: a factor, and for values near zero an amount in the metric's unit.
+FACTOR, AMOUNT = 1.25, {"%": 0.05, "deg": 0.05, "count": 20.0, "-": 0.0}
+
+
+def out_of_band(row: Row, bands: Bands) -> list[str]:
+    """What is wrong with a row, one short text for each column out of its band.
+
+    A skipped row passes: an extra that is not installed is no defect.
+
+    Parameters
+    ----------
+    row : mapping
+    bands : mapping
+        ``{method: {task: {column: [low, high]}}}``.
+    """
+    method, task = row["method.name"], row["task.name"]
+    if row["status"] == "skipped":
+        return []
+    if row["status"] not in VALID:
+        return [f"status {row['status']}: {row['reason']}"]
+    if task not in bands.get(method, {}):
+        return [f"no band for {method} on {task}"]
+    problems = []
+    for column, (low, high) in bands[method][task].items():
+        value = row.get(column)
+        if value is None or not low <= value <= high:
+            problems.append(f"{column} is {value}, not in [{low}, {high}]")
+    return problems
+
+
+def suggest(rows: list[Row]) -> dict[str, dict[str, dict[str, list[float]]]]:
+    """Bands around the metrics of valid rows; what is not available gets none."""
+    bands: dict[str, dict[str, dict[str, list[float]]]] = {}
+    for row in rows:
+        if row["status"] not in VALID:
+            continue
+        of_task = bands.setdefault(row["method.name"], {}).setdefault(row["task.name"], {})
+        for name, metric in METRICS.items():
+            value = row.get(f"metric.{name}")
+            if value is not None:
+                low = max(0.0, min(value / FACTOR, value - AMOUNT[metric.unit]))
+                high = max(value * FACTOR, value + AMOUNT[metric.unit])
+                of_task[f"metric.{name}"] = [float(f"{low:.3g}"), float(f"{high:.3g}")]
+    return bands
+
+
+def read_bands(name: str) -> Bands:
+    """The bands of ``conf/bands/<name>.yaml``."""
+    import yaml
+
+    path = resources.files("conf").joinpath("bands", f"{name}.yaml")
+    if not path.is_file():
+        raise InputError(f"there are no bands {name!r} in conf/bands")
+    return yaml.safe_load(path.read_text())
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Command line of ``python -m eval.rows.bands``: exit code 1 if a row is out of its band."""
+    parser = argparse.ArgumentParser(prog="python -m eval.rows.bands", description=__doc__)
+    parser.add_argument("rows", type=Path, help="CSV made by eval.rows.collect")
+    parser.add_argument("--bands", default="ci", help="name of a file in conf/bands (default: %(default)s)")
+    parser.add_argument("--suggest", action="store_true", help="print bands around the rows instead")
+    options = parser.parse_args(arguments)
+    rows = read_csv(options.rows)
+    if options.suggest:
+        import yaml
+
+        print(yaml.safe_dump(suggest(rows), default_flow_style=None, width=200), end="")  # noqa: T201
+        return 0
+    bands = read_bands(options.bands)
+    bad = 0
+    for row in rows:
+        for problem in out_of_band(row, bands):
+            bad += 1
+            print(f"{row['method.name']} {row['task.name']}: {problem}")  # noqa: T201
+    print(f"{len(rows)} rows, {bad} values out of band")  # noqa: T201
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(run_command(main))

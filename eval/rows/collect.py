@@ -1,0 +1,74 @@
+"""Gather the rows of runs: ``python -m eval.rows.collect [EXPERIMENT ...]`` writes one CSV an experiment.
+
+Folders of the same name, such as ``alice/runs/quick`` and ``bob/runs/quick``,
+are one experiment: their rows go into one CSV. Of equal runs the latest one is
+kept; runs of different machines are kept apart.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from eval.rows.store import (
+    FOLDER_HELP,
+    ROWS,
+    RUNS,
+    Row,
+    experiment_folder,
+    newest,
+    read_row,
+    run_folders,
+    write_csv,
+)
+from sshade.cli.console import run_command
+from sshade.errors import InputError
+
+
+def collect(*folders: Path) -> list[Row]:
+    """The rows under folders of runs: the newest of each method, task, seed and machine, in a fixed order.
+
+    Raises
+    ------
+    InputError
+        When there are none.
+    """
+    rows = newest(read_row(run) for folder in folders for run in run_folders(folder))
+    if not rows:
+        raise InputError(
+            f"{folders[0]}: no runs there; `python -m eval -m experiment={folders[0].name}` makes them"
+        )
+    return rows
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Command line of ``python -m eval.rows.collect``."""
+    parser = argparse.ArgumentParser(
+        prog="python -m eval.rows.collect",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("folders", nargs="*", type=Path, help=f"{FOLDER_HELP} (default: all)")
+    parser.add_argument("-o", "--out", type=Path, default=ROWS)
+    options = parser.parse_args(arguments)
+    folders = [experiment_folder(folder) for folder in options.folders]
+    # A refused run leaves an empty folder behind.
+    folders = folders or sorted(path for path in RUNS.glob("*") if run_folders(path))
+    if not folders:
+        raise InputError(f"{RUNS} holds no experiment; name the folders of runs to collect")
+    experiments: dict[str, list[Path]] = {}
+    for folder in folders:
+        experiments.setdefault(folder.resolve().name, []).append(folder)
+    for name, parts in experiments.items():
+        rows = collect(*parts)
+        path = options.out / f"{name}.csv"
+        write_csv(path, rows)
+        machines = len({row["env.machine"] for row in rows})
+        counts = f"{len(rows)} row{'s' * (len(rows) > 1)}"
+        print(f"{path}: {counts}" + (f" of {machines} machines" if machines > 1 else ""))  # noqa: T201
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(run_command(main))

@@ -1,0 +1,36 @@
+"""What a stored row came from: its task, loaded again."""
+
+from __future__ import annotations
+
+import json
+
+from eval.configure.allowed import require_allowed
+from eval.configure.targets import instantiate
+from eval.metrics.truth import Task
+from eval.rows.store import Row
+from eval.run.provenance import task_checksum
+from sshade.errors import InputError
+
+
+def load_task(row: Row) -> Task:
+    """The task that a row is about, from its dataset.
+
+    Raises
+    ------
+    InputError
+        When the row does not say where its task comes from, or the dataset is
+        missing or no longer the one that was run on.
+    """
+    if not row.get("task.source"):
+        raise InputError(f"the row of {row['task.name']} does not say where its task comes from")
+    try:
+        source = json.loads(row["task.source"])
+    except (ValueError, RecursionError) as error:
+        raise InputError(
+            f"the row of {row['task.name']} has a task.source that is no JSON ({error})"
+        ) from error
+    require_allowed(source, where=f"the row of {row['task.name']}")
+    task = instantiate(source)
+    if task_checksum(task) != row["task.checksum"] or task.mesh.n != row["task.vertices"]:
+        raise InputError(f"the dataset of {row['task.name']} has changed since the run; run it again")
+    return task

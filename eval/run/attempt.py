@@ -1,0 +1,267 @@
+"""A method on a task: the timed call, here or in a process of its own.
+
+A fresh process is what gives a peak of memory that means something, and what
+can be stopped at a time limit.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import multiprocessing
+import os
+import resource
+import signal
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection
+from threading import Lock, Thread, current_thread, main_thread
+from time import perf_counter
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eval.configure.targets import instantiate, settings
+from eval.metrics.truth import Task
+from eval.rows.store import Row
+from eval.run.provenance import process_memory
+from eval.run.warmup import warm_up
+from sshade.task import DeformationResult, Progress, silent
+
+log = logging.getLogger(__name__)
+
+#: Arrays of a result's `extra` whose name ends so hold a line a step, and are kept with the run.
+CURVE = "_curve"
+
+#: What a fresh process sends when its clock starts.
+CLOCK = "clock"
+
+#: Seconds between two messages of progress from a fresh process.
+PROGRESS_PERIOD = 0.2
+
+
+class Attempt(NamedTuple):
+    """What a run gave.
+
+    Attributes
+    ----------
+    facts : dict
+        status, reason, iterations, converged, seconds.*, extra.*, env.warmed_up.
+    vertices : (n, 3) float64 or None
+        None where the method failed.
+    curves : dict
+        Arrays of a line a step, such as losses, by name.
+    """
+
+    facts: Row
+    vertices: np.ndarray | None = None
+    curves: Mapping[str, np.ndarray] = MappingProxyType({})
+
+
+def attempt(
+    method: Mapping[str, Any],
+    task: Task,
+    *,
+    seed: int,
+    progress: Progress = silent,
+    before_clock: Callable[[], None] = lambda: None,
+) -> Attempt:
+    """Run a method; whatever it raises becomes the row's status and reason.
+
+    Parameters
+    ----------
+    method : mapping
+        Its configuration: ``_target_``, parameters, ``warm_up``.
+    task : DeformationTask or TransferTask
+    seed : int
+    progress : Progress
+    before_clock : callable
+        Called after the warm-up.
+    """
+    row: Row = {"status": "failed", "reason": "", "iterations": None, "converged": None}
+    row["env.warmed_up"] = method.get("warm_up", {}) is not None
+    try:
+        call = instantiate({**method, "_partial_": True})
+        if row["env.warmed_up"]:
+            progress("warm-up", 0, 1)
+            warm_up(call, dict(method.get("warm_up", {})), key=repr(settings(method)), kind=type(task))
+            progress("warm-up", 1, 1)
+        before_clock()
+        begin = perf_counter()
+        result = call(task, seed=seed, progress=progress)
+        seconds = perf_counter() - begin
+        if np.shape(result.vertices) != task.mesh.V.shape:
+            raise ValueError(f"vertices of shape {np.shape(result.vertices)} for {task.mesh.V.shape}")
+    except ImportError as error:
+        return Attempt(row | {"status": "skipped", "reason": _sentence(error)})
+    except Exception as error:  # whatever a method raises belongs into its row; the sweep goes on
+        log.debug("%s on %s", method["_target_"], task.name, exc_info=True)
+        return Attempt(row | {"reason": _sentence(error)})
+    return Attempt(row | _facts(result, seconds), result.vertices, _curves(result))
+
+
+def attempt_fresh(
+    method: Mapping[str, Any],
+    task: Task,
+    *,
+    seed: int,
+    time_limit: float | None,
+    progress: Progress = silent,
+) -> Attempt:
+    """:func:`attempt` in a process of its own, with ``peak_mib`` and at most `time_limit` seconds of clock.
+
+    The limit counts from the end of the warm-up. The peak is that of the whole
+    process: libraries, warm-up and the method.
+    """
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    arguments = (theirs, method, task, seed, progress is not silent)
+    process = context.Process(target=_child, args=arguments, daemon=False)
+    row: Row = {"status": "failed", "reason": "", "iterations": None, "converged": None}
+    try:
+        # Begun by `start` itself, it would lift the mask there.
+        resource_tracker.ensure_running()
+        with _no_interrupt():
+            process.start()
+        theirs.close()
+        answer = _answer(ours, time_limit, progress)
+        if answer is None:
+            return Attempt(row | {"status": "timeout", "reason": f"no result within {time_limit:g} s"})
+        return answer
+    except EOFError:
+        process.join()
+        return Attempt(row | {"reason": _end(process.exitcode)})
+    finally:
+        if process.pid is not None:
+            process.kill()
+            process.join()
+        ours.close()
+
+
+@contextmanager
+def _no_interrupt() -> Iterator[None]:
+    """Ctrl-C waits for the end of the block, and never reaches a process begun in it: that inherits the mask.
+
+    The mask alone does not hold it up here: another thread, such as one of BLAS, may take the signal.
+    """
+    pressed: list[int] = []
+    handler = signal.getsignal(signal.SIGINT)
+    ours = handler is not None and current_thread() is main_thread()
+    if ours:
+        signal.signal(signal.SIGINT, lambda number, _: pressed.append(number))
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        if ours:
+            signal.signal(signal.SIGINT, handler)
+    if pressed:
+        raise KeyboardInterrupt
+
+
+def _answer(connection: Connection, time_limit: float | None, progress: Progress) -> Attempt | None:
+    """What the child sends last; None if that is not there in time. Its progress is passed on."""
+    end = None
+    while True:
+        if not connection.poll(None if end is None else max(0.0, end - perf_counter())):
+            return None
+        message = connection.recv()
+        if isinstance(message, Attempt):
+            return message
+        if message == CLOCK:
+            end = None if time_limit is None else perf_counter() + time_limit
+        else:
+            progress(*message)
+
+
+def _end(code: int) -> str:
+    """How a process ended that gave no answer."""
+    if code < 0:
+        why = "; the system does this when memory runs out" if -code == signal.SIGKILL else ""
+        return f"the process was killed by signal {-code}{why}"
+    return f"the process ended with exit code {code}"
+
+
+def _child(connection: Connection, method: Mapping[str, Any], task: Task, seed: int, report: bool) -> None:
+    Thread(target=_end_with_parent, daemon=True).start()
+    send = _Sender(connection)
+    done = attempt(
+        method,
+        task,
+        seed=seed,
+        progress=send.progress if report else silent,
+        before_clock=lambda: send(CLOCK),
+    )
+    send(done._replace(facts=done.facts | {"peak_mib": _peak_mib()}, curves=dict(done.curves)))
+
+
+def _end_with_parent() -> None:
+    """Wait for the parent to end, killed perhaps, and end this process: nobody waits for the result."""
+    multiprocessing.parent_process().join()
+    os._exit(1)
+
+
+class _Sender:
+    """Sends to the parent, from any thread; of progress a few messages a second."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._lock = Lock()
+        self._next: dict[str, float] = {}
+
+    def __call__(self, message: Any) -> None:
+        with self._lock:
+            self._connection.send(message)
+
+    def progress(self, stage: str, done: int, total: int, note: str = "") -> None:
+        now = perf_counter()
+        if done == total or now >= self._next.get(stage, 0.0):
+            self._next[stage] = now + PROGRESS_PERIOD
+            self((stage, done, total, note))
+
+
+def _peak_mib() -> float:
+    """High-water mark of this process's memory in MiB."""
+    # On Linux ru_maxrss starts at the parent's peak, which exec hands down; VmHWM does not.
+    high_water = process_memory("VmHWM")
+    if high_water is not None:
+        return high_water / 2**20
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (2**20 if sys.platform == "darwin" else 2**10)
+
+
+def _facts(result: DeformationResult, seconds: float) -> Row:
+    row: Row = {
+        "status": "not_converged" if result.converged is False else "ok",
+        "iterations": float(result.iterations),
+        "converged": None if result.converged is None else bool(result.converged),
+        "seconds.total": seconds,
+    }
+    row |= {f"seconds.{stage}": float(value) for stage, value in result.seconds.items() if stage != "total"}
+    row |= {f"extra.{name}": _plain(value) for name, value in result.extra.items() if is_scalar(value)}
+    return row
+
+
+def _curves(result: DeformationResult) -> dict[str, np.ndarray]:
+    return {name: np.asarray(value) for name, value in result.extra.items() if name.endswith(CURVE)}
+
+
+def is_scalar(value: Any) -> bool:
+    """Whether a fact fits into a row."""
+    return value is None or isinstance(value, (bool, int, float, str, np.generic))
+
+
+def _plain(value: Any) -> Any:
+    """A Python scalar that JSON knows: no numpy types, None for NaN and infinities."""
+    value = value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _sentence(error: BaseException) -> str:
+    """The error on one line."""
+    text = " ".join(str(error).split())
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__

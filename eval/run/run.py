@@ -1,0 +1,168 @@
+"""One run: a method on a task becomes one row and one folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from eval.configure.targets import flat, instantiate, require_kind, settings, target_modules
+from eval.metrics.metrics import measure
+from eval.metrics.truth import Task
+from eval.rows.store import SCHEMA, TRANSFER, VALID, Row, read_row, run_folder, write_run
+from eval.run.attempt import attempt, attempt_fresh, is_scalar
+from eval.run.provenance import config_hash, dependencies, digest, environment, source_hash, task_checksum
+from sshade.task import DeformationTask, Progress, silent
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A run and where it lies; `reused` if it was there already."""
+
+    row: Row
+    folder: Path
+    reused: bool
+
+    @property
+    def failed(self) -> bool:
+        """Whether the run counts as a failure for the exit code."""
+        return self.row["status"] in ("failed", "timeout")
+
+
+def run(
+    task: Task,
+    method: Mapping[str, Any],
+    *,
+    name: str,
+    root: Path,
+    seed: int = 0,
+    source: Mapping[str, Any] | None = None,
+    force: bool = False,
+    fresh: bool = False,
+    time_limit: float | None = None,
+    jobs: int = 1,
+    progress: Progress = silent,
+) -> Outcome:
+    """Run a method on a task, measure it and store the row; or find the row of an equal run.
+
+    The clock runs around the method only. A method that raises leaves a row of
+    status ``failed``; an extra that is not installed one of status ``skipped``.
+    Such rows are run again next time; valid ones are not, nor those that met a
+    time limit as long as this one.
+
+    Parameters
+    ----------
+    task : DeformationTask or TransferTask
+    method : mapping
+        Its configuration: ``_target_``, parameters, and optionally ``warm_up``,
+        the parameters that shrink the untimed first run (``warm_up: null``
+        leaves that out), and ``note``, a sentence that tables show. Neither is
+        part of the key: a kept row keeps the note that it was written with.
+    name : str
+        The method's name in tables.
+    root : path
+        Folder of the experiment.
+    seed : int
+    source : mapping, optional
+        Configuration that loads the task again, for figures.
+    force : bool
+        Run even if the row exists.
+    fresh : bool
+        Run in a process of its own, which measures ``peak_mib``.
+    time_limit : float, optional
+        Seconds after which the run is given up with status ``timeout``; implies `fresh`.
+    jobs : int
+        How many runs are executed at once.
+    progress : Progress
+
+    Raises
+    ------
+    InputError
+        When the configuration names a function or a parameter that does not exist,
+        or a method for another kind of task.
+    """
+    row = _identity(task, method, name=name, seed=seed, source=source)
+    folder = run_folder(root, row)
+    fresh = fresh or time_limit is not None
+    existing = None if force else read_row(folder)
+    if existing is not None and _settled(existing, fresh=fresh, time_limit=time_limit):
+        return Outcome(existing, folder, reused=True)
+    try:
+        call = instantiate({**method, "_partial_": True})  # a mistake in the configuration ends here
+        require_kind(call, task, target=method["_target_"])
+    except ImportError:
+        fresh = False  # to be skipped, which needs no process
+    row |= {f"env.{fact}": value for fact, value in environment(jobs=jobs).items()}
+    row |= {"date": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ"), "peak_mib": None}
+    row["env.time_limit"] = time_limit
+    if fresh:
+        done = attempt_fresh(method, task, seed=seed, time_limit=time_limit, progress=progress)
+    else:
+        done = attempt(method, task, seed=seed, progress=progress)
+    row |= done.facts
+    if done.vertices is not None:
+        progress("metrics", 0, 1)
+        row |= {f"metric.{metric}": value for metric, value in measure(task, done.vertices).items()}
+        progress("metrics", 1, 1)
+    write_run(folder, row, vertices=done.vertices, curves=done.curves)
+    return Outcome(row, folder, reused=False)
+
+
+def _settled(row: Row, *, fresh: bool, time_limit: float | None) -> bool:
+    """Whether a stored row answers what is asked."""
+    if row["status"] == "timeout":
+        return time_limit is not None and row["env.time_limit"] >= time_limit
+    return row["status"] in VALID and not (fresh and row["peak_mib"] is None)
+
+
+def _identity(
+    task: Task,
+    method: Mapping[str, Any],
+    *,
+    name: str,
+    seed: int,
+    source: Mapping[str, Any] | None,
+) -> Row:
+    """What is known before the run, with the key that an equal run would have."""
+    plain = settings(method)
+    row: Row = {"seed": seed, "schema": SCHEMA, "method.name": name, "method.hash": config_hash(plain)}
+    row |= flat(plain, "method")
+    if "note" in method:
+        row["method.note"] = " ".join(method["note"].split())
+    row |= _task_facts(task)
+    if source is not None:
+        row["task.source"] = json.dumps(source)
+    found = dependencies(*target_modules(method))
+    row["method.sources"] = source_hash(found.sources)
+    row |= {f"env.version.{library}": version for library, version in found.versions.items()}
+    row["key"] = digest(
+        config_hash({"method": plain, "seed": seed, "schema": SCHEMA, "versions": found.versions}).encode(),
+        row["task.checksum"].encode(),
+        row["method.sources"].encode(),
+    )
+    return row
+
+
+def _task_facts(task: Task) -> Row:
+    mesh = task.mesh
+    facts = {
+        "name": task.name,
+        "checksum": task_checksum(task),
+        "vertices": mesh.n,
+        "faces": mesh.m,
+        "closed": mesh.is_closed,
+    }
+    if isinstance(task, DeformationTask):
+        facts |= {
+            "handles": len(task.handles),
+            "dynamic": int(task.handles.dynamic.sum()),
+            "merged": task.handles.merged,
+            "snap_max": float(task.handles.snap_distance.max()) / mesh.diagonal,
+        }
+    else:
+        facts["kind"] = TRANSFER
+    facts |= {f"meta.{name}": value for name, value in task.meta.items() if is_scalar(value)}
+    return {f"task.{name}": value for name, value in facts.items()}

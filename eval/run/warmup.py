@@ -1,0 +1,98 @@
+"""Compilation outside of the clock: a method is run once on a task too small to matter."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from eval.metrics.truth import Task
+from sshade.mesh.mesh import Mesh
+from sshade.pipeline.transfer_task import TransferTask
+from sshade.task import DeformationResult, DeformationTask, Handles
+
+_done: set[str] = set()
+
+
+def warm_up(
+    method: Callable[..., DeformationResult], overrides: dict[str, Any], *, key: str, kind: type[Task]
+) -> None:
+    """Run a method once on a tiny task of a kind, unless this process has done so for `key`.
+
+    Where its module has a function ``prepare``, that is called, too: it compiles what
+    only other tasks need.
+
+    Parameters
+    ----------
+    method : callable
+    overrides : dict
+        Parameters that shrink the work, such as the size of the proxy.
+    key : str
+        Stands for the method and its parameters: others may compile other code.
+    kind : type
+        Chooses :func:`tiny_transfer` or :func:`tiny_task`.
+    """
+    if key in _done:
+        return
+    method(tiny_transfer() if kind is TransferTask else tiny_task(), seed=0, **overrides)
+    module = sys.modules[getattr(method, "func", method).__module__]
+    getattr(module, "prepare", lambda: None)()
+    _done.add(key)
+
+
+@cache
+def tiny_task() -> DeformationTask:
+    """An icosphere of 642 vertices: one cap held, the opposite one turned and lifted a little."""
+    mesh = icosphere(3)
+    static = np.flatnonzero(mesh.V[:, 2] < -0.9)
+    dynamic = np.flatnonzero(mesh.V[:, 2] > 0.9)
+    cos, sin = np.cos(np.radians(20)), np.sin(np.radians(20))
+    turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
+    handles = Handles(
+        index=np.concatenate([static, dynamic]),
+        target=np.concatenate([mesh.V[static], mesh.V[dynamic] @ turn.T + [0, 0, 0.1]]),
+        dynamic=np.repeat([False, True], [len(static), len(dynamic)]),
+        group=np.repeat([0, 1], [len(static), len(dynamic)]),
+    )
+    return DeformationTask(name="icosphere", mesh=mesh, handles=handles)
+
+
+@cache
+def tiny_transfer() -> TransferTask:
+    """A sphere of 642 vertices with a bump at its top, to be bent."""
+    mesh = icosphere(3)
+    x, y, z = mesh.V.T
+    bump = Mesh(mesh.V * (1 + 0.2 * np.maximum(0, z) ** 4)[:, None], mesh.F)
+    return TransferTask("icosphere", bump, mesh, np.stack([x + 0.3 * z**2, y, z], axis=1))
+
+
+def icosphere(levels: int) -> Mesh:
+    """Unit icosahedron, each face split in four `levels` times, with its vertices on the unit sphere."""
+    golden = (1 + np.sqrt(5)) / 2
+    V = np.array([[0, s, t * golden] for s in (-1, 1) for t in (-1, 1)])
+    V = np.concatenate([np.roll(V, shift, axis=1) for shift in range(3)])
+    V /= np.linalg.norm(V[0])
+    close = np.linalg.norm(V[:, None] - V[None], axis=2) < 1.1
+    F = np.array(
+        [
+            (i, j, k)
+            for i in range(12)
+            for j in range(i + 1, 12)
+            for k in range(j + 1, 12)
+            if close[i, j] and close[j, k] and close[k, i]
+        ]
+    )
+    inward = np.einsum("ij,ij->i", V[F[:, 0]], np.cross(V[F[:, 1]], V[F[:, 2]])) < 0
+    F[inward] = F[inward][:, ::-1]
+    for _ in range(levels):
+        sides = np.sort(np.stack([F, F[:, [1, 2, 0]]], axis=2), axis=2).reshape(-1, 2)
+        edges, middle = np.unique(sides, axis=0, return_inverse=True)
+        ab, bc, ca = (len(V) + middle.reshape(-1, 3)).T
+        V = np.concatenate([V, V[edges].sum(axis=1)])
+        V /= np.linalg.norm(V, axis=1, keepdims=True)
+        a, b, c = F.T
+        F = np.stack([a, ab, ca, ab, b, bc, ca, bc, c, ab, bc, ca], axis=1).reshape(-1, 3)
+    return Mesh(V, F)

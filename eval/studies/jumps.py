@@ -1,0 +1,229 @@
+"""How far the deformation jumps across the proxy's edges: ``python -m eval.studies.jumps MESH HANDLES``.
+
+Each triangle of M turns by some rotation, that of its affine map. Neighbouring
+triangles of a smooth deformation turn nearly alike, wherever they lie; frames
+that change abruptly from one triangle of the proxy to the next show as lines
+along the proxy's edges, and as larger angles between the rotations there.
+
+A pair of neighbouring triangles *crosses* when its four vertices do not all
+follow the same triangle of the proxy from the same Voronoi region; the others
+are *inside*. The proxy is that of the first sampling, which all settings share.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from sshade.carry.affine import adjacent_triangles, affine_maps
+from sshade.carry.binding import Binding, bind
+from sshade.carry.blended import nearest_rotations
+from sshade.cli.console import run_command
+from sshade.errors import InputError
+from sshade.figures import UP, View, picture, require_extra
+from sshade.io.handles import read_task
+from sshade.mesh.mesh import Mesh
+from sshade.pipeline.deform import deform
+from sshade.solver.local_global import local_global
+from sshade.task import DeformationTask
+
+#: What is compared: the kind of frames and the number of samplings.
+SETTINGS = (("triangle", 1), ("triangle", 5), ("affine", 1), ("blended", 1), ("blended_affine", 1))
+
+#: Width of a panel of the close-up in pixels, and in inches.
+PANEL, INCHES = 700, 2.2
+
+#: Radius of the close-up over the bounding-box diagonal.
+RADIUS = 0.08
+
+
+@dataclass(frozen=True)
+class Jumps:
+    """Angles between the rotations of neighbouring triangles, in degrees.
+
+    Parameters
+    ----------
+    pairs : (p, 2) int64
+        Neighbouring triangles of M that have an area in M and M'.
+    angle : (p,) float64
+        In degrees.
+    crossing : (p,) bool
+        Whether the pair crosses from one triangle or region of the proxy to another.
+    """
+
+    pairs: np.ndarray
+    angle: np.ndarray
+    crossing: np.ndarray
+
+    def summary(self) -> dict[str, float]:
+        """Median and 99th percentile across and inside; NaN where there is no such pair."""
+        result = {}
+        for name, chosen in (("across", self.crossing), ("inside", ~self.crossing)):
+            values = self.angle[chosen]
+            for word, percent in (("median", 50), ("p99", 99)):
+                result[f"{name} {word}"] = float(np.percentile(values, percent)) if len(values) else np.nan
+        return result
+
+
+def measure_jumps(rest: Mesh, vertices: np.ndarray, *, binding: Binding) -> Jumps:
+    """Measure the angles between the rotations of neighbouring triangles.
+
+    Parameters
+    ----------
+    rest : Mesh
+        M.
+    vertices : (n, 3) float64
+        M'.
+    binding : Binding
+        Of M to the proxy whose edges count.
+    """
+    A, known = affine_maps(rest.V, np.ascontiguousarray(vertices, dtype=np.float64), F=rest.F)
+    R = nearest_rotations(A)
+    pairs = adjacent_triangles(rest.F)
+    pairs = pairs[known[pairs].all(axis=1)]
+    # |R - R'|_F = sqrt(8) sin(angle / 2) keeps its digits at small angles.
+    apart = np.linalg.norm(R[pairs[:, 0]] - R[pairs[:, 1]], axis=(1, 2))
+    angle = np.degrees(2 * np.arcsin(np.minimum(apart / np.sqrt(8), 1.0)))
+    follows = np.stack([binding.projection.face, binding.remesh.region], axis=1)[rest.F[pairs].reshape(-1, 6)]
+    return Jumps(pairs, angle, (follows != follows[:, :1]).any(axis=(1, 2)))
+
+
+def compare(task: DeformationTask, *, vertices: int, seed: int = 0) -> dict[str, tuple[np.ndarray, Jumps]]:
+    """Deform with each of the :data:`SETTINGS`: positions (n, 3) and jumps by the setting's name."""
+    binding = bind(task.mesh, vertices, first=task.handles.index, seed=(seed, 0))
+    result = {}
+    for frames, samplings in SETTINGS:
+        V = deform(
+            task,
+            vertices=vertices,
+            samplings=samplings,
+            frames=frames,
+            coarse=partial(local_global, start="rigid"),
+            seed=seed,
+        ).vertices
+        result[f"{frames} x{samplings}"] = V, measure_jumps(task.mesh, V, binding=binding)
+    return result
+
+
+def table(results: dict[str, tuple[np.ndarray, Jumps]]) -> str:
+    """The summaries as a Markdown table, in degrees."""
+    rows = {name: jumps.summary() for name, (_, jumps) in results.items()}
+    names = list(next(iter(rows.values())))
+    lines = ["| frames | " + " | ".join(names) + " |", "| --- |" + " ---: |" * len(names)]
+    lines += [
+        f"| {name} | " + " | ".join(f"{value:.2f}" for value in row.values()) + " |"
+        for name, row in rows.items()
+    ]
+    return "\n".join(lines)
+
+
+def close_up(
+    mesh: Mesh,
+    results: dict[str, tuple[np.ndarray, Jumps]],
+    *,
+    centre: int,
+    radius: float,
+    path: Path,
+    towards: np.ndarray | None = None,
+) -> None:
+    """Draw the surroundings of a vertex in each result: shaded above, coloured by the jumps below.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        M.
+    results : mapping
+        From :func:`compare`.
+    centre : int
+        Vertex in the middle of the picture.
+    radius : float
+        In the mesh's unit of length, around the vertex at rest.
+    path : path
+    towards : (3,) float64, optional
+        From the scene to the camera, by default along the normal.
+    """
+    from eval.publish.plotting import new_figure, save
+
+    near = np.linalg.norm(mesh.V - mesh.V[centre], axis=1) < radius
+    shown = np.flatnonzero(near[mesh.F].all(axis=1))
+    if len(shown) == 0:
+        raise InputError(f"no triangle within {radius:.3g} of vertex {centre}; choose a larger --radius")
+    if towards is None:
+        towards = Mesh(next(iter(results.values()))[0], mesh.F).face_normals[shown].sum(axis=0)
+    up = np.array(UP) if abs(towards[1]) < 0.9 * np.linalg.norm(towards) else np.array([0.0, 0.0, 1.0])
+    view = View.of([V[near] for V, _ in results.values()], towards=towards, up=up)
+    errors = {name: at_vertices(mesh, jumps) for name, (_, jumps) in results.items()}
+    top = float(np.percentile(next(iter(errors.values()))[near], 99))
+    figure = new_figure(INCHES * len(results), 2 * INCHES * view.height / view.width + 0.7)
+    panels = figure.subplots(2, len(results), squeeze=False)
+    for column, (name, (V, _)) in zip(panels.T, results.items(), strict=True):
+        column[0].imshow(picture(mesh, V, view=view, width=PANEL))
+        column[1].imshow(picture(mesh, V, view=view, width=PANEL, error=errors[name], top=top))
+        column[0].set_title(name, fontsize=9)
+        for panel in column:
+            panel.set_axis_off()
+    figure.suptitle(
+        f"below: angles between neighbouring triangles' rotations, light 0 to dark {top:.0f} degrees",
+        fontsize=9,
+    )
+    save(figure, path)
+
+
+def at_vertices(mesh: Mesh, jumps: Jumps) -> np.ndarray:
+    """(n,) largest angle of the pairs whose triangles touch a vertex, in degrees."""
+    result = np.zeros(mesh.n)
+    np.maximum.at(result, mesh.F[jumps.pairs].reshape(-1, 6), jumps.angle[:, None])
+    return result
+
+
+def busiest(mesh: Mesh, jumps: Jumps, *, radius: float) -> int:
+    """The vertex with the most of the largest hundredth of the crossing jumps within a radius."""
+    from scipy.spatial import cKDTree
+
+    angle = np.where(jumps.crossing, jumps.angle, -1.0)
+    largest = np.argsort(-angle, kind="stable")[: max(1, int(jumps.crossing.sum()) // 100)]
+    at = mesh.F[jumps.pairs[largest, 0], 0]
+    tree = cKDTree(mesh.V[at])
+    return int(at[np.argmax(tree.query_ball_point(mesh.V[at], radius, return_length=True))])
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Command line of ``python -m eval.studies.jumps``."""
+    parser = argparse.ArgumentParser(prog="python -m eval.studies.jumps", description=__doc__)
+    parser.add_argument("mesh", metavar="MESH", help="rest shape")
+    parser.add_argument("handles", metavar="HANDLES", help="handle file")
+    parser.add_argument("--vertices", type=int, default=6000, metavar="N", help="of the proxy (6000)")
+    parser.add_argument("--seed", type=int, default=0, metavar="S")
+    parser.add_argument("-o", "--out", type=Path, help="picture of the place with the most large jumps")
+    parser.add_argument("--centre", type=int, metavar="VERTEX", help="another place")
+    parser.add_argument("--towards", nargs=3, type=float, metavar=("X", "Y", "Z"), help="the camera's side")
+    parser.add_argument(
+        "--radius", type=float, metavar="R", help="of the picture (default: a tenth of the diagonal)"
+    )
+    options = parser.parse_args(arguments)
+    if options.out is not None:
+        require_extra()
+    task = read_task(options.mesh, handles=options.handles)
+    results = compare(task, vertices=options.vertices, seed=options.seed)
+    print(f"{task.name}: angles between neighbouring triangles' rotations, in degrees\n")  # noqa: T201
+    print(table(results))  # noqa: T201
+    if options.out is not None:
+        radius = RADIUS * task.mesh.diagonal if options.radius is None else options.radius
+        centre = options.centre
+        if centre is None:
+            centre = busiest(task.mesh, next(iter(results.values()))[1], radius=radius)
+        if not 0 <= centre < task.mesh.n:
+            raise InputError(f"the mesh has no vertex {centre}; it has {task.mesh.n}")
+        towards = None if options.towards is None else np.array(options.towards)
+        close_up(task.mesh, results, centre=centre, radius=radius, path=options.out, towards=towards)
+        print(f"\n{options.out}: around vertex {centre}")  # noqa: T201
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(run_command(main))

@@ -1,0 +1,146 @@
+"""End to end and stage by stage, against libigl's Elastic and a sparse Cholesky factorisation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from importlib.util import find_spec
+
+import numpy as np
+
+from eval.metrics.metrics import measure
+from eval.timing.timing import Timing, take_turns
+from sshade.pipeline.deform import deform
+from sshade.pipeline.fine import sshade_fast, sshade_fine
+from sshade.sampling.remesh import remesh
+from sshade.solver.coarse import libigl_arap
+from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
+from sshade.solver.factor import factor
+from sshade.task import DeformationTask
+
+#: Iterations that Elastic is compared at: the paper's cutoff.
+ITERATIONS = 1000
+#: Metrics printed for the quality of both.
+QUALITY = ("volume", "area", "edge", "angle", "handle")
+
+Say = Callable[[str], None]
+
+
+def speed(
+    task: DeformationTask,
+    say: Say,
+    *,
+    vertices: int,
+    samplings: Sequence[int],
+    repeats: int,
+    block: int,
+    full: bool,
+) -> None:
+    """Print the times of SShaDe, its remeshing and one factorisation beside Elastic's iterations.
+
+    Parameters
+    ----------
+    task : DeformationTask
+    say : callable
+        Takes each line.
+    vertices : int
+        Proxy vertices.
+    samplings : sequence of int
+        Numbers of samplings to time.
+    repeats : int
+    block : int
+        Elastic iterations a repeat; 1000 are extrapolated from them.
+    full : bool
+        Run Elastic to its end as well, and compare the results' quality.
+    """
+    ours = {}
+    for k in samplings:
+        ours[_name(k)] = partial(deform, task, vertices=vertices, samplings=k)
+        if k > 1:
+            ours[f"{_name(k)}, warm start"] = partial(
+                deform, task, vertices=vertices, samplings=k, warm_start=True
+            )
+    ours["sshade_fast"] = partial(sshade_fast, task, vertices=vertices)
+    ours["sshade_fine"] = partial(sshade_fine, task, vertices=vertices)
+    elastic = partial(libigl_arap, task, tolerance=0.0, max_iterations=block)
+    remeshing = partial(remesh, task.mesh, vertices, first=task.handles.index, seed=(0, 0))
+    factorisations = {f"factor, {engine}": run for engine, run in _factorisations(task).items()}
+    for run in (*ours.values(), remeshing):  # compiles
+        run()
+    timings = take_turns({"elastic": elastic, **ours, "remesh": remeshing}, repeats)
+    timings |= take_turns(factorisations, min(repeats, 3))
+
+    one = timings["elastic"].stage("solve") / block
+    whole = timings["elastic"].stage("precompute") + ITERATIONS * one
+    say(
+        f"elastic (libigl): precomputation {timings['elastic'].stage('precompute'):.2f} s, {one:.4f} s an "
+        f"iteration; {ITERATIONS} iterations, extrapolated from {repeats} x {block}: {whole:.1f} s"
+    )
+    for name in ours:
+        timing = timings[name]
+        stages = ", ".join(f"{stage} {timing.stage(stage):.3f}" for stage in timing.stages[0])
+        say(
+            f"{name}: {timing.median:.3f} s, {whole / timing.median:.0f}x faster than {ITERATIONS} "
+            f"iterations of elastic\n  stages, which may overlap in time: {stages}\n"
+            f"  {timing.result.iterations:.0f} iterations, engine {timing.result.extra['engine']}"
+        )
+    remesh_time = timings["remesh"].median
+    say(f"remesh (one thread): {remesh_time:.3f} s = {remesh_time / one:.2f} iterations of elastic")
+    _say_factorisations(say, timings, list(factorisations), _name(min(samplings)))
+    _say_warm_start(say, task, timings)
+    if full:
+        _full(task, say, {name: timings[name] for name in ours})
+
+
+def _name(samplings: int) -> str:
+    return f"sshade, {samplings} sampling{'s' if samplings > 1 else ''}"
+
+
+def _factorisations(task: DeformationTask) -> dict[str, Callable[[], object]]:
+    """One full-resolution factorisation of L_ff for each engine installed."""
+    mesh = task.mesh
+    laplacian = laplacian_matrix(mesh.n, *edge_weights(mesh, half_cotangents(mesh)))
+    free = np.setdiff1d(np.arange(mesh.n), task.handles.index)
+    matrix = laplacian[free][:, free]
+    engines = ["superlu"] + (["cholespy"] if find_spec("cholespy") else [])
+    return {engine: partial(factor, matrix, engine=engine) for engine in engines}
+
+
+def _say_factorisations(say: Say, timings: dict[str, Timing], names: list[str], ours: str) -> None:
+    fastest = min(names, key=lambda name: timings[name].median)
+    each = ", ".join(f"{name.removeprefix('factor, ')} {timings[name].median:.2f} s" for name in names)
+    ratio = timings[ours].median / timings[fastest].median
+    say(f"one full-resolution Cholesky factorisation: {each}; {ours} takes {ratio:.2f} of the fastest")
+
+
+def _say_warm_start(say: Say, task: DeformationTask, timings: dict[str, Timing]) -> None:
+    """How far a warm start of the later samplings moves the result."""
+    for name, timing in timings.items():
+        if name.endswith(", warm start"):
+            cold = timings[name.removesuffix(", warm start")].result
+            gap = np.linalg.norm(timing.result.vertices - cold.vertices, axis=1) / task.mesh.diagonal
+            say(
+                f"{name} moves the result by {gap.max():.1e} of the diagonal at most, "
+                f"{gap.mean():.1e} in the mean"
+            )
+
+
+def _full(task: DeformationTask, say: Say, ours: dict[str, Timing]) -> None:
+    """Elastic to its end, once; ratios and quality."""
+    results = {name: timing.result for name, timing in ours.items()}
+    for name, tolerance in (("stopping rule", 1e-5), (f"{ITERATIONS} iterations", 0.0)):
+        timing = Timing()
+        timing.add(partial(libigl_arap, task, tolerance=tolerance, max_iterations=ITERATIONS))
+        results[f"elastic, {name}"] = timing.result
+        ratios = ", ".join(f"{timing.median / t.median:.0f}x {own}" for own, t in ours.items())
+        say(
+            f"elastic, {name}: {timing.median:.1f} s, {timing.result.iterations} iterations, "
+            f"residual {timing.result.extra['residual']:.1e}; {ratios}"
+        )
+        if timing.result.iterations == ITERATIONS:
+            break  # the rule never fired: a second run would be the same
+    say(f"{'':32}" + "".join(f"{name:>10}" for name in QUALITY))
+    for name, result in results.items():
+        values = measure(task, result.vertices)
+        cells = ("n/a" if values[metric] is None else f"{values[metric]:.4f}" for metric in QUALITY)
+        say(f"{name:32}" + "".join(f"{cell:>10}" for cell in cells))

@@ -1,0 +1,1 @@
+"""The command ``sshade``, and what all commands of the project share."""

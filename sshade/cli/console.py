@@ -1,0 +1,126 @@
+"""A progress bar for terminals, and how a command ends on bad input."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+from sshade.errors import InputError
+from sshade.io.files import reason
+from sshade.task import Progress, silent
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bars
+
+
+@contextmanager
+def progress_bar() -> Iterator[Progress]:
+    """Draw progress on standard error; silent where that is no terminal."""
+    if not sys.stderr.isatty():
+        yield silent
+        return
+    with stage_bars() as bars:
+        yield stage_progress(bars)
+
+
+def stage_bars() -> Bars:
+    """Bars for standard error, of rich's kind, to be used in a ``with`` block; they vanish at its end."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bars
+
+    columns = (
+        TextColumn("{task.description:<24}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[note]}"),
+    )
+    # What is printed meanwhile goes above the bars, unless standard output is elsewhere.
+    redirect = sys.stdout.isatty()
+    return Bars(*columns, console=Console(stderr=True), redirect_stdout=redirect, transient=True)
+
+
+def stage_progress(bars: Bars) -> Progress:
+    """A callback that draws a bar a stage."""
+    tasks: dict[str, Any] = {}
+
+    def progress(stage: str, done: int, total: int, note: str = "") -> None:
+        if stage not in tasks:
+            tasks[stage] = bars.add_task(stage, total=total, note=note)
+        bars.update(tasks[stage], completed=done, total=total, note=note)
+
+    return progress
+
+
+@contextmanager
+def announced_compilation() -> Iterator[None]:
+    """Say so on standard error when kernels are compiled, as at their first use, and how long it took."""
+    from numba.core import event
+
+    class Announce(event.Listener):
+        """Times the outermost of nested compilations, of all threads together."""
+
+        def __init__(self) -> None:
+            self.depth, self.begin, self.seconds = 0, 0.0, 0.0
+
+        def on_start(self, _: event.Event) -> None:
+            if self.depth == 0:
+                if self.seconds == 0.0:
+                    print("compiling kernels, once for this installation ...", file=sys.stderr)  # noqa: T201
+                self.begin = perf_counter()
+            self.depth += 1
+
+        def on_end(self, _: event.Event) -> None:
+            self.depth -= 1
+            if self.depth == 0:
+                self.seconds += perf_counter() - self.begin
+
+    listener = Announce()
+    with event.install_listener("numba:compile", listener):
+        yield
+    if listener.seconds:
+        print(f"compiled in {listener.seconds:.1f} s; later calls start at once", file=sys.stderr)  # noqa: T201
+
+
+def run_command(main: Callable[[], int]) -> int:
+    """Call `main`; turn an InputError into one line on standard error and exit code 2.
+
+    So too a FloatingPointError: a mesh on which the numbers gave out, as with zero-area
+    triangles; and an OSError or a MemoryError: what the system refused. Where nobody reads
+    the output any more, as after ``| head``, the command ends silently.
+    """
+    try:
+        code = main()
+        sys.stdout.flush()
+        return code
+    except (InputError, FloatingPointError) as error:
+        return _mistake(str(error))
+    except BrokenPipeError:
+        _drop_output()
+        return 141
+    except OSError as error:
+        _drop_output()
+        return _mistake(f"{error.filename}: {reason(error)}" if error.filename else reason(error))
+    except MemoryError as error:
+        return _mistake(f"there is not enough memory ({' '.join(str(error).split()) or 'out of memory'})")
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)  # noqa: T201
+        return 130
+
+
+def _drop_output() -> None:
+    """What standard output did not take would fail again when the interpreter ends: let it go."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _mistake(text: str) -> int:
+    print(f"error: {text}", file=sys.stderr)  # noqa: T201
+    return 2

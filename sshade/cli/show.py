@@ -1,0 +1,151 @@
+"""``sshade show``: a mesh, its handles and a deformed copy, in a window or as a picture."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from sshade.errors import InputError
+from sshade.figures import (
+    TOWARDS,
+    UP,
+    View,
+    add_handles,
+    add_shape,
+    aim,
+    colour_range,
+    edge_error,
+    new_plotter,
+    require_extra,
+)
+from sshade.io.files import replacing
+from sshade.io.meshes import SUFFIXES, read_arrays, read_mesh
+from sshade.mesh.mesh import Mesh
+from sshade.task import Handles
+
+SHOW = """\
+Show a mesh; with HANDLES, where they are (blue: static, yellow: dynamic) and, paler, where the
+dynamic ones are to go; with --deformed, that shape beside it, coloured by how much the edges
+at a vertex changed their length. With -o into a picture, else into a window.
+
+example:
+  sshade show body.ply pose.json --deformed posed.ply -o posed.png
+
+Needs pyvista: pip install sshade[figures].
+"""
+
+#: Formats of pictures, by suffix.
+PICTURES = (".png", ".jpg", ".jpeg")
+
+#: Width of a panel in pixels, and the height that it must not exceed.
+PANEL = 900
+
+
+def add_show(commands: argparse._SubParsersAction) -> None:
+    """Add the subcommand."""
+    show = commands.add_parser(
+        "show",
+        help="look at a mesh, its handles and a result",
+        description=SHOW,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    show.add_argument("mesh", type=Path, metavar="MESH", help=f"rest shape ({', '.join(SUFFIXES)})")
+    show.add_argument("handles", type=Path, nargs="?", metavar="HANDLES", help="handle file (.json, .yaml)")
+    show.add_argument("--deformed", type=Path, metavar="OUT", help="the same vertices, deformed")
+    show.add_argument("-o", "--output", type=Path, metavar="PICTURE", help=f"{', '.join(PICTURES)} to write")
+    for name, default, text in (("towards", TOWARDS, "direction to the camera"), ("up", UP, "upright")):
+        shown = " ".join(f"{x:g}" for x in default)
+        show.add_argument(
+            f"--{name}",
+            type=float,
+            nargs=3,
+            default=default,
+            metavar=("X", "Y", "Z"),
+            help=f"{text} (default: {shown})",
+        )
+    show.set_defaults(run=_show)
+
+
+def _show(arguments: argparse.Namespace) -> int:
+    require_extra()
+    path = arguments.output
+    if path is None and not has_display():
+        raise InputError("there is no display for a window; name a picture to write, such as -o picture.png")
+    if path is not None and path.suffix.lower() not in PICTURES:
+        raise InputError(f"{path}: unknown picture format {path.suffix!r}; use {', '.join(PICTURES)}")
+    if path is not None and not path.absolute().parent.is_dir():
+        raise InputError(f"{path}: the folder {path.absolute().parent} does not exist")
+    mesh = read_mesh(arguments.mesh)
+    handles = None
+    if arguments.handles is not None:
+        from sshade.io.handles import read_handles
+
+        handles = read_handles(arguments.handles, mesh)
+    deformed = None if arguments.deformed is None else _read_deformed(arguments.deformed, mesh)
+    plotter = draw(
+        mesh, handles, deformed=deformed, towards=arguments.towards, up=arguments.up, window=path is None
+    )
+    if path is None:
+        plotter.show(title=f"sshade show {arguments.mesh}")
+        return 0
+    with replacing(path) as temporary:
+        plotter.screenshot(temporary)
+    plotter.close()
+    print(path, file=sys.stderr)  # noqa: T201
+    return 0
+
+
+def has_display() -> bool:
+    """Whether a window can be opened; only X11 and Wayland are told by the environment."""
+    if not sys.platform.startswith("linux"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def _read_deformed(path: Path, mesh: Mesh) -> np.ndarray:
+    V, _ = read_arrays(path)
+    if V.shape != mesh.V.shape:
+        raise InputError(f"{path} has {len(V)} vertices, the rest shape {mesh.n}; they must correspond")
+    if not np.isfinite(V).all():
+        raise InputError(f"{path}: a vertex has a NaN or infinite coordinate")
+    return np.asarray(V, dtype=np.float64)
+
+
+def draw(
+    mesh: Mesh,
+    handles: Handles | None,
+    *,
+    deformed: np.ndarray | None,
+    towards: np.ndarray,
+    up: np.ndarray,
+    window: bool,
+):
+    """A pyvista plotter with the rest shape and, beside it, the deformed one; the panels turn together."""
+    shapes = [mesh.V] if deformed is None else [mesh.V, deformed]
+    around = [*shapes] if handles is None else [*shapes, handles.target]
+    view = View.of(around, towards=towards, up=up)
+    if deformed is not None:
+        view = view.with_foot(0.12)  # for the colour bar
+    width, height = view.pixels(PANEL)
+    scale = min(1.0, PANEL / height)
+    size = (round(len(shapes) * scale * width), round(scale * height))
+    plotter = new_plotter(off_screen=not window, shape=(1, len(shapes)), window_size=size)
+    add_shape(plotter, mesh, mesh.V)
+    if handles is not None:
+        add_handles(plotter, mesh.V, handles, size=mesh.diagonal, targets=True)
+    aim(plotter, view)
+    if deformed is not None:
+        plotter.subplot(0, 1)
+        error = edge_error(mesh, deformed)
+        add_shape(
+            plotter, mesh, deformed, error=error, top=colour_range([error]), bar="edge length change (%)"
+        )
+        if handles is not None:
+            add_handles(plotter, deformed, handles, size=mesh.diagonal)
+        aim(plotter, view)
+        plotter.link_views()
+    return plotter

@@ -1,0 +1,1 @@
+"""Self-intersections and inverted faces: found, and resolved."""

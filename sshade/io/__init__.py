@@ -1,0 +1,1 @@
+"""Files: meshes, handles, and output that appears whole or not at all."""

@@ -1,0 +1,311 @@
+"""Handle files: this project's JSON, and the YAML of the Implicit-ARAP experiments.
+
+JSON::
+
+    {"handles": [
+        {"landmark": "left foot", "kind": "static", "vertices": [12, 13, 14]},
+        {"landmark": "right hand", "kind": "dynamic",
+         "source": [[x, y, z], ...], "target": [[x, y, z], ...]}
+    ]}
+
+Each entry is a group. Handles are given by position (``source``), snapped to
+the nearest vertices, or by ``vertices`` (ids), taken exactly. ``static``
+handles stay where they are and need no target; ``unused`` groups are skipped.
+Other keys are left alone.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from itertools import permutations, product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sshade.errors import InputError
+from sshade.io.files import replacing
+from sshade.io.meshes import read_mesh
+from sshade.mesh.mesh import Mesh
+from sshade.task import DeformationTask, Handles, rigid_motion
+
+#: Half the extent of a mesh in Implicit-ARAP's coordinates.
+HALF_EXTENT = 0.8
+#: Largest mean distance, in those coordinates, between its points and the mesh they belong to.
+ON_SURFACE = 0.01
+
+
+def read_handles(
+    path: str | os.PathLike[str], mesh: Mesh, *, raw: bool = False, vertex: np.ndarray | None = None
+) -> Handles:
+    """Read handles for a mesh from a .json or an Implicit-ARAP .yaml file.
+
+    Parameters
+    ----------
+    path : path
+    mesh : Mesh
+        The rest shape that the handles are snapped to.
+    raw : bool
+        Keep the file's targets as they are; see :meth:`sshade.Handles.from_positions`.
+    vertex : (k,) int, optional
+        Where `mesh` is a repaired copy: the vertex of `mesh`, or -1, for each
+        vertex that the file's ids count; see :func:`sshade.io.meshes.repair`.
+
+    Raises
+    ------
+    InputError
+        When the file is missing, of another format, inconsistent, or does not fit the mesh.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in (".json", ".yaml", ".yml"):
+        raise InputError(f"{path}: unknown handle format {path.suffix!r}; use .json or .yaml")
+    if not path.is_file():
+        raise InputError(f"{path}: no such file")
+    try:
+        if path.suffix.lower() == ".json":
+            vertex = np.arange(mesh.n) if vertex is None else vertex
+            return _from_json(json.loads(path.read_text(encoding="utf-8")), mesh, raw=raw, vertex=vertex)
+        return _from_implicit_arap(path, mesh, raw=raw)
+    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
+        why = "nested too deeply" if isinstance(error, RecursionError) else error
+        raise InputError(f"{path}: not readable as {path.suffix[1:].upper()} ({why})") from error
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def read_task(mesh: str, *, handles: str, raw: bool = False) -> DeformationTask:
+    """A mesh and a handle file as a task, named by both.
+
+    Parameters
+    ----------
+    mesh, handles : path
+    raw : bool
+        Keep the file's targets as they are; see :meth:`sshade.Handles.from_positions`.
+
+    Raises
+    ------
+    InputError
+        See :func:`sshade.io.meshes.read_mesh`, :func:`read_handles` and :class:`sshade.DeformationTask`.
+    """
+    rest = read_mesh(mesh)
+    own = read_handles(handles, rest, raw=raw)
+    return DeformationTask(f"{Path(mesh).stem}/{Path(handles).stem}", rest, own, meta={"raw": raw})
+
+
+def write_handles(path: str | os.PathLike[str], handles: Handles) -> None:
+    """Write handles by vertex id as this project's JSON."""
+    groups = []
+    for group in np.unique(handles.group):
+        for kind, of_kind in (("static", ~handles.dynamic), ("dynamic", handles.dynamic)):
+            own = of_kind & (handles.group == group)
+            if own.any():
+                groups.append(
+                    {
+                        "landmark": int(group),
+                        "kind": kind,
+                        "vertices": handles.index[own].tolist(),
+                        "target": handles.target[own].tolist(),
+                    }
+                )
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps({"handles": groups}, indent=1) + "\n", encoding="utf-8")
+
+
+def _from_json(data: Any, mesh: Mesh, *, raw: bool, vertex: np.ndarray) -> Handles:
+    if not isinstance(data, dict) or not isinstance(data.get("handles"), list):
+        raise InputError('expected an object with a list "handles"')
+    parts, placed = [], []
+    for number, entry in enumerate(data["handles"]):
+        if not isinstance(entry, dict):
+            raise InputError(f"entry {number} of handles is no object")
+        kind = entry.get("kind", "dynamic" if "target" in entry else "static")
+        if kind not in ("static", "dynamic", "unused"):
+            raise InputError(f"entry {number}: unknown kind {kind!r}; use static, dynamic or unused")
+        if kind == "unused":
+            continue
+        if ("vertices" in entry) == ("source" in entry):
+            raise InputError(f'entry {number}: give its handles either as "vertices" or as "source"')
+        if kind == "dynamic" and "target" not in entry:
+            raise InputError(f'entry {number} is dynamic and has no "target"')
+        if "vertices" in entry:
+            parts.append(_by_vertex(entry, number, mesh, kind == "dynamic", raw, vertex))
+        else:
+            placed.append(_by_position(entry, number, kind == "dynamic"))
+    if placed:  # one search tree serves them all
+        source, target, dynamic, group = (np.concatenate(column) for column in zip(*placed, strict=True))
+        parts.append(Handles.from_positions(mesh, source, target, dynamic=dynamic, group=group, raw=raw))
+    if not parts:
+        raise InputError("there are no handles; at least one vertex needs a prescribed position")
+    return _joined(parts)
+
+
+def _by_vertex(entry: dict, number: int, mesh: Mesh, dynamic: bool, raw: bool, vertex: np.ndarray) -> Handles:
+    try:
+        index = np.asarray(entry["vertices"])
+    except ValueError:  # lists of several lengths
+        index = np.zeros(0)
+    if index.ndim != 1 or not np.issubdtype(index.dtype, np.integer):
+        raise InputError(f'entry {number}: "vertices" must be a list of integers, at least one')
+    if index.min() < 0 or index.max() >= len(vertex):
+        raise InputError(
+            f"entry {number}: vertex ids must lie in 0..{len(vertex) - 1}, "
+            f"not {index.min() if index.min() < 0 else index.max()}"
+        )
+    given, index = index, vertex[index]
+    if (index < 0).any():
+        raise InputError(f"entry {number}: vertex {given[np.argmin(index)]} belongs to no face")
+    target = mesh.V[index]
+    if "target" in entry and (dynamic or raw):
+        target = _points(entry["target"], f'"target" of entry {number}')
+        if len(target) != len(index):
+            raise InputError(
+                f"entry {number}: {len(index)} handles have {len(target)} targets; each needs one"
+            )
+    k = len(index)
+    return Handles(index, target, dynamic=np.full(k, dynamic), group=np.full(k, number))
+
+
+def _by_position(
+    entry: dict, number: int, dynamic: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Sources, targets, dynamic flags and group numbers of an entry."""
+    source = _points(entry["source"], f'"source" of entry {number}')
+    target = _points(entry.get("target", entry["source"]), f'"target" of entry {number}')
+    k = len(source)
+    if len(target) != k:
+        raise InputError(f"entry {number}: {k} handles have {len(target)} targets; each needs one")
+    return source, target, np.full(k, dynamic), np.full(k, number)
+
+
+def _joined(parts: list[Handles]) -> Handles:
+    names = ("index", "target", "dynamic", "group", "snap_distance")
+    order = np.argsort(np.concatenate([part.group for part in parts]), kind="stable")
+    joined = {name: np.concatenate([getattr(part, name) for part in parts])[order] for name in names}
+    return Handles(**joined, merged=sum(part.merged for part in parts))
+
+
+def _points(values: Any, what: str) -> np.ndarray:
+    try:
+        points = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        points = np.zeros(0)
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0:
+        raise InputError(f"{what} must be a list of points [x, y, z]")
+    if not np.isfinite(points).all():
+        raise InputError(f"{what} has a NaN or infinite position")
+    return points
+
+
+def _from_implicit_arap(path: Path, mesh: Mesh, *, raw: bool) -> Handles:
+    """D. Baieri, F. Maggioli, Z. Laehner, S. Melzi, E. Rodola, "Implicit-ARAP", 2024."""
+    source, target, dynamic, group = _read_implicit_arap(path)
+    to_mesh = _implicit_arap_frame(source, mesh)
+    return Handles.from_positions(
+        mesh, to_mesh(source), to_mesh(target), dynamic=dynamic, group=group, raw=raw
+    )
+
+
+def _read_implicit_arap(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Points, targets, dynamic flags and part numbers, in the file's own coordinates."""
+    import yaml
+
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except yaml.YAMLError as error:
+        raise InputError(f"not readable as YAML ({str(error).splitlines()[0]})") from error
+    if not isinstance(data, dict) or not isinstance(data.get("handles"), dict):
+        raise InputError("expected a mapping `handles` with `static` and `moving`")
+    static = _names(data["handles"], "static", "positions")
+    moving = _names(data["handles"], "moving", "positions")
+    transforms = _names(data["handles"], "moving", "transform")
+    if len(moving) != len(transforms):
+        raise InputError(f"{len(moving)} moving parts have {len(transforms)} transforms; each needs one")
+    if not static and not moving:
+        raise InputError("there are no handles; name at least one static or moving part")
+    sources, targets, dynamic, group = [], [], [], []
+    for number, (name, transform) in enumerate(
+        [(n, None) for n in static] + list(zip(moving, transforms, strict=True))
+    ):
+        points = _read_points(path.parent / "parts", name)
+        moved = points if transform is None else _read_points(path.parent / "transforms", transform)
+        if len(points) != len(moved):
+            raise InputError(f"part {name} has {len(points)} points, its transform {transform} {len(moved)}")
+        sources.append(points)
+        targets.append(moved)
+        dynamic += [transform is not None] * len(points)
+        group += [number] * len(points)
+    return np.concatenate(sources), np.concatenate(targets), np.array(dynamic), np.array(group)
+
+
+def _names(handles: dict, kind: str, key: str) -> list[str]:
+    parts = handles.get(kind) or {}
+    names = (parts.get(key) or []) if isinstance(parts, dict) else None
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise InputError(f"`handles.{kind}.{key}` must be a list of names")
+    return names
+
+
+def _read_points(folder: Path, name: str) -> np.ndarray:
+    path = folder / f"{name}.txt"
+    if Path(name).is_absolute() or ".." in Path(name).parts:
+        raise InputError(f"{name!r} leads out of the folder {folder.name}; name a file in it")
+    if not path.is_file():
+        raise InputError(f"no such file: {path}")
+    rows = [line.split() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
+    try:
+        values = [[float(word) for word in row] for row in rows]
+    except ValueError as error:
+        raise InputError(f"{path}: each line needs three numbers ({error})") from error
+    return _points(values, str(path))
+
+
+def _implicit_arap_frame(points: np.ndarray, mesh: Mesh):
+    """The map from Implicit-ARAP's coordinates to the mesh's own.
+
+    Its meshes are centred on the area-weighted surface centroid and scaled to
+    a largest coordinate of 0.8. Copies of a model differ in their axes and a
+    little in their centroid: of the 24 axis rotations the one that brings the
+    points nearest to the surface is refined by rigid ICP on all of them.
+    """
+    import igl
+
+    barycentres = mesh.V[mesh.F].mean(axis=1)
+    centre = (barycentres * mesh.face_areas[:, None]).sum(axis=0) / mesh.area
+    scale = HALF_EXTENT / np.abs(mesh.V - centre).max()
+    V, F = (mesh.V - centre) * scale, np.array(mesh.F)
+
+    def closest(queries: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        squared, _, nearest = igl.point_mesh_squared_distance(np.ascontiguousarray(queries), V, F)
+        return np.sqrt(squared), nearest
+
+    rotations = _axis_rotations()
+    distance, _ = closest(np.concatenate([points @ R.T for R in rotations]))
+    mean = distance.reshape(len(rotations), -1).mean(axis=1)
+    R, t = rotations[int(np.argmin(mean))], np.zeros(3)
+    error = float(mean.min())
+    for _ in range(2):
+        dR, dt = rigid_motion(points @ R.T + t, closest(points @ R.T + t)[1])
+        refined = float(closest(points @ (dR @ R).T + dR @ t + dt)[0].mean())
+        if refined >= error:
+            break
+        R, t, error = dR @ R, dR @ t + dt, refined
+    if error >= ON_SURFACE:
+        raise InputError(
+            f"its points lie {error:.3f} from the mesh in the mean, of a half-extent of {HALF_EXTENT}, in "
+            f"the best of 24 axis orientations (at most {ON_SURFACE} is accepted); "
+            "is this the mesh they were made for?"
+        )
+    return lambda x: (x @ R.T + t) / scale + centre
+
+
+def _axis_rotations() -> list[np.ndarray]:
+    """The 24 rotations that permute the axes; the identity first."""
+    rotations = []
+    for order in permutations(range(3)):
+        for signs in product((1.0, -1.0), repeat=3):
+            R = np.zeros((3, 3))
+            R[range(3), order] = signs
+            if np.linalg.det(R) > 0:
+                rotations.append(R)
+    return rotations

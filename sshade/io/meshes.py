@@ -1,0 +1,136 @@
+"""Reading and writing meshes; the order of vertices and faces is kept exactly."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from sshade.errors import InputError
+from sshade.io.files import replacing
+from sshade.io.formats import read_obj, read_off, read_stl
+from sshade.io.ply import read_ply, write_ply
+from sshade.mesh.mesh import Mesh
+
+_READERS = {".ply": read_ply, ".obj": read_obj, ".off": read_off, ".stl": read_stl}
+#: Formats read and written, by suffix.
+SUFFIXES = tuple(_READERS)
+
+
+def read_mesh(path: str | os.PathLike[str]) -> Mesh:
+    """Read a triangle mesh.
+
+    Parameters
+    ----------
+    path : path
+        A .ply, .obj, .off or .stl file. Polygons with more corners are
+        fanned into triangles by the reader; vertices are not merged.
+
+    Raises
+    ------
+    InputError
+        When the file is missing, unreadable, empty, of another format, or
+        holds no valid :class:`Mesh`.
+    """
+    V, F = read_arrays(path)
+    try:
+        return Mesh(V, F)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def read_arrays(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and faces of a mesh file as they stand there, without validation."""
+    path = Path(path)
+    _check_suffix(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file")
+    if path.stat().st_size == 0:
+        raise InputError(f"{path}: the file is empty")
+    try:
+        return _READERS[path.suffix.lower()](path)
+    except InputError:
+        raise
+    except Exception as error:  # any reader failure is the file's fault, and becomes one sentence
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path}: not a readable {path.suffix[1:].upper()} file ({reason})") from error
+
+
+def write_mesh(path: str | os.PathLike[str], V: np.ndarray, F: np.ndarray) -> None:
+    """Write a triangle mesh; PLY is binary with float64 positions.
+
+    The file appears whole or not at all.
+
+    Parameters
+    ----------
+    path : path
+        Its suffix picks the format: .ply, .obj, .off or .stl.
+    V : (n, 3) float64
+    F : (m, 3) int
+
+    Raises
+    ------
+    InputError
+        On an unknown suffix, or a folder that does not exist or is not writable.
+    """
+    path = Path(path)
+    check_output(path)
+    with replacing(path) as temporary:
+        if path.suffix.lower() == ".ply":
+            write_ply(temporary, V, F)
+        else:
+            import trimesh
+
+            kind = path.suffix.lower()
+            content = trimesh.Trimesh(V, F, process=False).export(file_type=kind[1:], **_EXPORT.get(kind, {}))
+            temporary.write_bytes(content if isinstance(content, bytes) else content.encode())
+
+
+_EXPORT = {".obj": {"digits": 17, "include_normals": False}, ".off": {"digits": 17}}
+
+
+def check_output(path: str | os.PathLike[str]) -> None:
+    """Raise InputError if a mesh could not be written to `path`; call it before long work."""
+    path = Path(path)
+    _check_suffix(path)
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: the folder {path.parent} does not exist")
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; give the name of a file")
+    if not os.access(path.parent, os.W_OK):
+        raise InputError(f"{path}: the folder {path.parent} is not writable")
+
+
+def repair(V: np.ndarray, F: np.ndarray) -> tuple[Mesh, np.ndarray]:
+    """Weld coincident vertices and drop what no mesh needs.
+
+    Vertices at exactly the same position become one (an unwelded soup becomes
+    a surface), then repeated-index faces and duplicates of faces go, then
+    vertices without a face.
+
+    Returns
+    -------
+    mesh : Mesh
+    vertex : (n,) int
+        For each input vertex its vertex in `mesh`, -1 where it has none.
+    """
+    V = np.asarray(V, dtype=np.float64)
+    F = np.asarray(F, dtype=np.int64)
+    if len(F) and (F.min() < 0 or F.max() >= len(V)):
+        raise InputError(f"faces refer to vertices outside 0..{len(V) - 1}; no repair can mend that")
+    _, first, weld = np.unique(V, axis=0, return_index=True, return_inverse=True)
+    weld = first[weld.ravel()]
+    F = weld[F]
+    F = F[(F[:, 0] != F[:, 1]) & (F[:, 1] != F[:, 2]) & (F[:, 2] != F[:, 0])]
+    _, keep = np.unique(np.sort(F, axis=1), axis=0, return_index=True)
+    F = F[np.sort(keep)]
+    used = np.zeros(len(V), dtype=bool)
+    used[F] = True
+    new_id = np.where(used, np.cumsum(used) - 1, -1)
+    return Mesh(V[used], new_id[F]), new_id[weld]
+
+
+def _check_suffix(path: Path) -> None:
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError(f"{path}: unknown mesh format {path.suffix!r}; use one of {', '.join(SUFFIXES)}")

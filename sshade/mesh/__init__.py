@@ -1,0 +1,1 @@
+"""Triangle meshes: the validated type, connectivity, adjacency, cutting into manifolds, a tree of boxes."""

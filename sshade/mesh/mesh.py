@@ -1,0 +1,297 @@
+"""Triangle meshes: validated once, read-only, with the facts that the method asks for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from sshade.errors import InputError
+from sshade.mesh.boxes import bounds, curve_order
+from sshade.mesh.connectivity import Connectivity, connectivity, rows_of_edges
+
+#: Largest coordinate, and one over the smallest extent, with which areas can be squared.
+LARGEST = 1e60
+
+#: Largest coordinate over half the extent.
+FARTHEST = 1e12
+
+
+class Topology(NamedTuple):
+    """What a remeshing must keep: Euler characteristic, components, boundary loops."""
+
+    euler: int
+    components: int
+    boundary_loops: int
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A triangle mesh.
+
+    Parameters
+    ----------
+    V : (n, 3) float64
+        Vertex positions, in the unit of length of the file they come from.
+    F : (m, 3) int
+        Corner ids of each triangle, counter-clockwise seen from outside.
+
+    Both are copied where needed and made read-only. Every vertex is used by a
+    triangle, and no triangle repeats a vertex. Manifoldness, orientation and
+    the number of components are properties here, not requirements: whoever
+    needs them calls :meth:`require_manifold` or :meth:`require_one_component`.
+
+    Raises
+    ------
+    InputError
+        On a wrong shape, no faces, NaN or infinite positions, or such as cannot be
+        computed with (too large, too small, too far from the origin), faces out
+        of range, repeated-index faces, or unreferenced vertices.
+    """
+
+    V: np.ndarray
+    F: np.ndarray
+
+    def __post_init__(self) -> None:
+        V, F = _as_vertices(self.V), _as_faces(self.F)
+        if len(V) == 0 or len(F) == 0:
+            raise InputError(
+                f"the mesh has {len(V)} vertices and {len(F)} faces; it needs at least one triangle"
+            )
+        _check_numbers(V)
+        if F.min() < 0 or F.max() >= len(V):
+            bad = int(np.flatnonzero(((F < 0) | (len(V) <= F)).any(axis=1))[0])
+            raise InputError(
+                f"face {bad} refers to vertices {F[bad].tolist()}, but the ids go from 0 to {len(V) - 1}"
+            )
+        repeated = (F[:, 0] == F[:, 1]) | (F[:, 1] == F[:, 2]) | (F[:, 2] == F[:, 0])
+        if repeated.any():
+            bad = int(np.flatnonzero(repeated)[0])
+            raise InputError(
+                f"{int(repeated.sum())} faces repeat a vertex (the first is face {bad}: {F[bad].tolist()}); "
+                "remove them, or pass --repair"
+            )
+        used = np.zeros(len(V), dtype=bool)
+        used[F] = True
+        if not used.all():
+            raise InputError(
+                f"{int((~used).sum())} vertices belong to no face (the first is {int(np.argmin(used))}); "
+                "remove them, or pass --repair"
+            )
+        object.__setattr__(self, "V", _read_only(V, self.V))
+        object.__setattr__(self, "F", _read_only(F, self.F))
+
+    @property
+    def n(self) -> int:
+        """Number of vertices."""
+        return len(self.V)
+
+    @property
+    def m(self) -> int:
+        """Number of faces."""
+        return len(self.F)
+
+    @cached_property
+    def diagonal(self) -> float:
+        """Length of the bounding box's diagonal: the scale of every relative tolerance."""
+        low, high = bounds(self.V)
+        return float(np.linalg.norm(high - low))
+
+    @cached_property
+    def origin(self) -> np.ndarray:
+        """(3,) zero, or of a mesh far from zero a round position near it, to compute from.
+
+        A coordinate 10^9 extents from zero has seven digits of its place on the mesh. Taken from
+        there it keeps them, while sums and products of it as it stands would lose them.
+        """
+        low, high = bounds(self.V)
+        extent = float((high - low).max())
+        if extent == 0.0:
+            return np.zeros(3)
+        grid = 2.0 ** (np.ceil(np.log2(extent)) + 2)  # so that a subtraction leaves no rest
+        return np.round(0.5 * (low + high) / grid) * grid
+
+    @cached_property
+    def face_normals(self) -> np.ndarray:
+        """(m, 3) unit normals; zero on zero-area faces."""
+        cross = self._cross
+        length = np.linalg.norm(cross, axis=1, keepdims=True)
+        return np.divide(cross, length, out=np.zeros_like(cross), where=length > 0)
+
+    @cached_property
+    def face_areas(self) -> np.ndarray:
+        """(m,) triangle areas."""
+        return 0.5 * np.linalg.norm(self._cross, axis=1)
+
+    @property
+    def area(self) -> float:
+        """Total surface area."""
+        return float(self.face_areas.sum())
+
+    @cached_property
+    def volume(self) -> float:
+        """Signed enclosed volume; meaningful on closed, consistently oriented meshes only."""
+        # Moments about the centre of the box: far from the origin the sum would cancel.
+        centre = 0.5 * (self.V.min(axis=0) + self.V.max(axis=0))
+        a, b, c = (self.V[self.F[:, i]] - centre for i in range(3))
+        return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+
+    @cached_property
+    def edges(self) -> np.ndarray:
+        """(e, 2) undirected edges, smaller id first, in lexicographic order."""
+        keys = np.unique(self._edge_keys)
+        return np.stack([keys // self.n, keys % self.n], axis=1)
+
+    @cached_property
+    def face_edges(self) -> np.ndarray:
+        """(m, 3) row in :attr:`edges` of each side of each face, from corner 0 to 1, 1 to 2, 2 to 0."""
+        return rows_of_edges(self.F, self.n)
+
+    @cached_property
+    def curve_order(self) -> np.ndarray:
+        """(m,) the faces along a space-filling curve, near ones near each other; of use deformed, too."""
+        return curve_order(self.V, self.F)
+
+    @cached_property
+    def boundary_edges(self) -> np.ndarray:
+        """(b, 2) edges with exactly one incident face."""
+        keys, counts = np.unique(self._edge_keys, return_counts=True)
+        keys = keys[counts == 1]
+        return np.stack([keys // self.n, keys % self.n], axis=1)
+
+    @property
+    def is_closed(self) -> bool:
+        """Every edge has two faces or more."""
+        return self.connectivity.boundary_edges == 0
+
+    @cached_property
+    def connectivity(self) -> Connectivity:
+        """Counts and checks of the faces; see :class:`sshade.mesh.connectivity.Connectivity`."""
+        return connectivity(self.F, self.n)
+
+    @property
+    def component(self) -> np.ndarray:
+        """(n,) id of the connected component of each vertex."""
+        return self.connectivity.component
+
+    @property
+    def is_manifold(self) -> bool:
+        """Each edge has at most two faces and the faces of each vertex form one fan."""
+        return self.connectivity.crowded_edge[0] == -1 and self.connectivity.split_vertex == -1
+
+    @property
+    def is_oriented(self) -> bool:
+        """No two faces run through an edge in the same direction."""
+        return self.connectivity.oriented
+
+    @property
+    def topology(self) -> Topology:
+        """Euler characteristic, number of components, number of boundary loops."""
+        facts = self.connectivity
+        return Topology(
+            euler=self.n - facts.edges + self.m,
+            components=facts.components,
+            boundary_loops=facts.boundary_loops,
+        )
+
+    def checked(self, positions: np.ndarray) -> np.ndarray:
+        """Other positions (n, 3) of the vertices, as float64.
+
+        Raises
+        ------
+        InputError
+            On another shape, or positions that a mesh cannot have.
+        """
+        V = _as_vertices(positions)
+        if V.shape != self.V.shape:
+            raise InputError(f"the positions must be of shape {self.V.shape}, not {V.shape}")
+        _check_numbers(V)
+        return V
+
+    def require_manifold(self) -> None:
+        """Raise InputError unless the mesh is manifold and consistently oriented."""
+        facts = self.connectivity
+        if facts.crowded_edge[0] != -1:
+            i, j, faces = facts.crowded_edge
+            raise InputError(
+                f"the mesh is not manifold: edge ({i}, {j}) has {faces} faces, "
+                "and at most two are supported; split the mesh there, or drop faces that are there twice "
+                "with --repair"
+            )
+        if facts.split_vertex != -1:
+            raise InputError(
+                f"the mesh is not manifold: the faces at vertex {facts.split_vertex} form more than one fan; "
+                "duplicate the vertex, one copy per fan"
+            )
+        if not self.is_oriented:
+            raise InputError(
+                "the faces are not consistently oriented (two neighbours run through their edge in the "
+                "same direction); flip them to agree, e.g. with trimesh.repair.fix_winding"
+            )
+
+    def require_one_component(self) -> None:
+        """Raise InputError unless the mesh is connected."""
+        count = self.topology.components
+        if count > 1:
+            sizes = np.sort(np.bincount(self.component))[::-1]
+            raise InputError(
+                f"the mesh has {count} components (the largest have {sizes[:3].tolist()} vertices); "
+                "only one is supported: deform them one by one, or weld coincident vertices with --repair"
+            )
+
+    @cached_property
+    def _cross(self) -> np.ndarray:
+        a = self.V[self.F[:, 0]]
+        return np.cross(self.V[self.F[:, 1]] - a, self.V[self.F[:, 2]] - a)
+
+    @property
+    def _edge_keys(self) -> np.ndarray:
+        """(3m,) one integer per side of each face, equal for the two directions."""
+        i, j = self.F.ravel(), self.F[:, [1, 2, 0]].ravel()
+        return np.minimum(i, j) * self.n + np.maximum(i, j)
+
+
+def _check_numbers(V: np.ndarray) -> None:
+    """Raise InputError where positions are no numbers, or have too few digits or a size to compute with."""
+    low, high = bounds(V)
+    if not (np.isfinite(low).all() and np.isfinite(high).all()):
+        bad = int(np.flatnonzero(~np.isfinite(V).all(axis=1))[0])
+        raise InputError(f"vertex {bad} has a NaN or infinite coordinate")
+    farthest, extent = float(np.maximum(-low, high).max()), float((0.5 * high - 0.5 * low).max())
+    if farthest > LARGEST or 0 < extent < 1 / LARGEST:
+        raise InputError(
+            f"the mesh has coordinates up to {farthest:.1e} and an extent of {2 * extent:.1e}, with which "
+            f"areas cannot be squared; scale it to between {1 / LARGEST:.0e} and {LARGEST:.0e}"
+        )
+    if farthest > FARTHEST * extent > 0:
+        raise InputError(
+            f"the mesh is {2 * extent:.1e} wide and {farthest:.1e} from the origin, which leaves its "
+            "coordinates fewer than four digits; move it towards the origin before they are rounded"
+        )
+
+
+def _as_vertices(V: np.ndarray) -> np.ndarray:
+    V = np.ascontiguousarray(V, dtype=np.float64)
+    if V.ndim != 2 or V.shape[1] != 3:
+        raise InputError(f"vertices must be an (n, 3) array, not one of shape {V.shape}")
+    return V
+
+
+def _as_faces(F: np.ndarray) -> np.ndarray:
+    F = np.asarray(F)
+    if F.ndim != 2 or F.shape[1] != 3:
+        raise InputError(f"faces must be an (m, 3) array of triangles, not one of shape {F.shape}")
+    if not np.issubdtype(F.dtype, np.integer):
+        raise InputError(f"faces must be integers, not {F.dtype}")
+    return np.ascontiguousarray(F, dtype=np.int64)
+
+
+def _read_only(array: np.ndarray, original: object) -> np.ndarray:
+    if not array.flags.writeable:
+        return array
+    if array is original or np.may_share_memory(array, np.asarray(original)):
+        array = array.copy()
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,1 @@
+"""From M to N: fronts, farthest point sampling, the closed-ball test, the dual triangulation."""

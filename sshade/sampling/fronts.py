@@ -1,0 +1,292 @@
+"""Graph-geodesic fronts: farthest point sampling and the Voronoi regions of its samples.
+
+Distances run along mesh edges, with Euclidean edge lengths, so that regions
+are connected by construction (ReMatching: F. Maggioli, D. Baieri, S. Melzi,
+E. Rodola, "ReMatching: low-resolution representations for scalable shape
+correspondence", 2024). Inserting a sample updates only what lies nearer to it
+than to every older one; k samples cost O(n log n log k) in expectation.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from sshade.errors import InputError
+from sshade.mesh.graph import VertexGraph
+
+#: Candidates for the next farthest vertex are gathered down to this fraction of the largest distance.
+_BAND = 0.85
+#: Width of the bands in which fronts advance, in mean edge lengths; any positive one gives the same result.
+_BAND_EDGES = 4.0
+
+NOWHERE, NEAR, FAR = 0, 1, 2
+
+
+class Fronts:
+    """Voronoi regions of a growing set of samples.
+
+    Parameters
+    ----------
+    graph : VertexGraph
+    first : (h,) int
+        Samples to begin with, inserted in one multi-source front; ties of
+        distance go to the earlier one, as they would one at a time.
+
+    Raises
+    ------
+    InputError
+        When `first` is empty, repeats a vertex, or is out of range.
+    """
+
+    def __init__(self, graph: VertexGraph, first: np.ndarray) -> None:
+        first = np.asarray(first, dtype=np.int64)
+        if len(first) == 0:
+            raise InputError("farthest point sampling needs a vertex to begin with")
+        if first.min() < 0 or first.max() >= graph.n:
+            raise InputError(f"sample ids must lie in 0..{graph.n - 1}")
+        if len(np.unique(first)) < len(first):
+            raise InputError("the first samples repeat a vertex")
+        self.graph = graph
+        self._samples = [first]
+        self._distance = np.full(graph.n, np.inf)
+        self._region = np.full(graph.n, -1, dtype=np.int32)
+        if not graph.lengths.any():
+            raise InputError("all vertices of the mesh coincide")
+        self._step = _BAND_EDGES * float(graph.lengths.mean())
+        _start_fronts(
+            graph.indptr, graph.indices, graph.lengths, self._step, first, self._distance, self._region
+        )
+
+    def __len__(self) -> int:
+        return sum(len(part) for part in self._samples)
+
+    @property
+    def samples(self) -> np.ndarray:
+        """(k,) int64 vertex ids of the samples, in order of insertion."""
+        return np.concatenate(self._samples)
+
+    @property
+    def region(self) -> np.ndarray:
+        """(n,) int32 for each vertex the sample (its position in `samples`) that is nearest."""
+        return self._region
+
+    @property
+    def distance(self) -> np.ndarray:
+        """(n,) float64 graph distance of each vertex to its sample."""
+        return self._distance
+
+    def insert(self, vertices: np.ndarray) -> None:
+        """Insert vertices as samples, in the given order; none may be a sample already."""
+        vertices = np.asarray(vertices, dtype=np.int64)
+        graph = self.graph
+        _insert(
+            graph.indptr,
+            graph.indices,
+            graph.lengths,
+            self._step,
+            vertices,
+            len(self),
+            self._distance,
+            self._region,
+        )
+        self._samples.append(vertices)
+
+    def insert_farthest(self, count: int) -> None:
+        """Insert `count` samples, each the vertex farthest from all before it.
+
+        Of several at the same distance the smallest id is taken.
+
+        Raises
+        ------
+        InputError
+            When fewer vertices than that lie apart from the samples.
+        """
+        graph = self.graph
+        samples = _insert_farthest(
+            graph.indptr,
+            graph.indices,
+            graph.lengths,
+            self._step,
+            count,
+            len(self),
+            self._distance,
+            self._region,
+        )
+        if len(samples) < count:
+            raise InputError(
+                f"only {len(self) + len(samples)} vertices lie at different places; "
+                "ask for fewer samples, or weld coincident vertices with --repair"
+            )
+        self._samples.append(samples)
+
+
+def farthest_point_sampling(graph: VertexGraph, count: int, *, first: np.ndarray) -> Fronts:
+    """Sample `count` vertices, beginning with `first`.
+
+    Raises
+    ------
+    InputError
+        When `count` exceeds the number of vertices or is under the number of first samples.
+    """
+    if count > graph.n:
+        raise InputError(f"{count} samples were asked for, but the mesh has only {graph.n} vertices")
+    if count < len(first):
+        raise InputError(f"{count} samples cannot hold the {len(first)} given first ones; ask for more")
+    fronts = Fronts(graph, first)
+    fronts.insert_farthest(count - len(first))
+    return fronts
+
+
+@njit(cache=True, nogil=True)
+def _advance(indptr, indices, lengths, step, distance, region, queued, near, far, size):
+    """Spread from the first `size` entries of `near` into what gets nearer.
+
+    Labels are corrected in bands of width `step`, in any order within a band: a vertex may be
+    visited again, but no heap is kept, which would cost several times as much. The labels end
+    the same to the last bit: each is the minimum of sums taken from the samples outwards, and
+    ties go to the smaller sample. `near` is a ring for the band at work, `far` a list for later
+    ones; `queued` says which of the two, if any, a vertex is in.
+    """
+    mask = near.shape[0] - 1
+    head, tail, waiting, limit = 0, size, 0, step
+    while head != tail:
+        while head != tail:
+            u = near[head]
+            head = (head + 1) & mask
+            queued[u] = NOWHERE
+            d, s = distance[u], region[u]
+            for p in range(indptr[u], indptr[u + 1]):
+                w = indices[p]
+                nd = d + lengths[p]
+                if nd < distance[w] or (nd == distance[w] and s < region[w]):
+                    distance[w] = nd
+                    region[w] = s
+                    if nd < limit:
+                        if queued[w] != NEAR:
+                            queued[w] = NEAR
+                            near[tail] = w
+                            tail = (tail + 1) & mask
+                    elif queued[w] == NOWHERE:
+                        queued[w] = FAR
+                        far[waiting] = w
+                        waiting += 1
+        # The next band begins at the nearest vertex that waits.
+        nearest = np.inf
+        for q in range(waiting):
+            if queued[far[q]] == FAR and distance[far[q]] < nearest:
+                nearest = distance[far[q]]
+        limit = nearest + step
+        kept = 0
+        for q in range(waiting):
+            w = far[q]
+            if queued[w] != FAR:
+                continue  # it got nearer and was dealt with
+            if distance[w] < limit:
+                queued[w] = NEAR
+                near[tail] = w
+                tail = (tail + 1) & mask
+            else:
+                far[kept] = w
+                kept += 1
+        waiting = kept
+
+
+@njit(cache=True, nogil=True)
+def _queues(n):
+    """Empty queues for n vertices: marks, a ring of a power of two above n, a list."""
+    ring = 1
+    while ring <= n:
+        ring *= 2
+    return np.zeros(n, dtype=np.uint8), np.empty(ring, dtype=np.int32), np.empty(n, dtype=np.int32)
+
+
+@njit(cache=True, nogil=True)
+def _start_fronts(indptr, indices, lengths, step, first, distance, region):
+    queued, near, far = _queues(distance.shape[0])
+    for s in range(first.shape[0]):
+        distance[first[s]] = 0.0
+        region[first[s]] = s
+        near[s] = first[s]
+    _advance(indptr, indices, lengths, step, distance, region, queued, near, far, first.shape[0])
+
+
+@njit(cache=True, nogil=True)
+def _insert(indptr, indices, lengths, step, vertices, sample, distance, region):
+    queued, near, far = _queues(distance.shape[0])
+    for i in range(vertices.shape[0]):
+        v = vertices[i]
+        distance[v] = 0.0
+        region[v] = sample + i
+        near[0] = v
+        _advance(indptr, indices, lengths, step, distance, region, queued, near, far, 1)
+
+
+@njit(cache=True, nogil=True)
+def _farther(d0, v0, d1, v1):
+    return d0 > d1 or (d0 == d1 and v0 < v1)
+
+
+@njit(cache=True, nogil=True)
+def _sift(far, far_id, size, p, d, v):
+    """Place (d, v) into a max-heap of `size` entries whose position p is free, downwards."""
+    while True:
+        child = 2 * p + 1
+        if child >= size:
+            break
+        if child + 1 < size and _farther(far[child + 1], far_id[child + 1], far[child], far_id[child]):
+            child += 1
+        if not _farther(far[child], far_id[child], d, v):
+            break
+        far[p], far_id[p] = far[child], far_id[child]
+        p = child
+    far[p], far_id[p] = d, v
+
+
+@njit(cache=True, nogil=True)
+def _gather_farthest(distance, far, far_id):
+    """Max-heap of the vertices in the farthest band; return its size and the band's lower end."""
+    largest = distance.max()
+    low = _BAND * largest if np.isfinite(largest) else np.inf
+    size = 0
+    for v in range(distance.shape[0]):
+        if distance[v] >= low:
+            far[size], far_id[size] = distance[v], v
+            size += 1
+    for p in range(size // 2 - 1, -1, -1):
+        _sift(far, far_id, size, p, far[p], far_id[p])
+    return size, low
+
+
+@njit(cache=True, nogil=True)
+def _insert_farthest(indptr, indices, lengths, step, count, sample, distance, region):
+    n = distance.shape[0]
+    samples = np.empty(count, dtype=np.int64)
+    queued, near, far = _queues(n)
+    # Distances only shrink, so an entry of the max-heap is an upper bound: it is brought up to
+    # date when it comes to the top. The heap holds the farthest band alone and is gathered anew
+    # when that is used up, a dozen times in all.
+    key, top = np.empty(n, dtype=np.float64), np.empty(n, dtype=np.int32)
+    size, low = 0, 0.0
+    for i in range(count):
+        while True:
+            if size == 0:
+                size, low = _gather_farthest(distance, key, top)
+            v = top[0]
+            d = distance[v]
+            if d == key[0]:
+                break
+            if d >= low:
+                _sift(key, top, size, 0, d, v)
+            else:
+                size -= 1
+                if size > 0:
+                    _sift(key, top, size, 0, key[size], top[size])
+        if d == 0.0:  # every vertex coincides with a sample
+            return samples[:i]
+        samples[i] = v
+        distance[v] = 0.0
+        region[v] = sample + i
+        near[0] = v
+        _advance(indptr, indices, lengths, step, distance, region, queued, near, far, 1)
+    return samples

@@ -1,0 +1,183 @@
+"""Remeshing by sampling: the proxy N is the dual of geodesic Voronoi regions of M.
+
+F. Maggioli, D. Baieri, S. Melzi, E. Rodola, "ReMatching: low-resolution
+representations for scalable shape correspondence", 2024. The vertices of N are
+vertices of M, and every vertex of M belongs to the region of one of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from sshade.errors import InputError
+from sshade.mesh.graph import VertexGraph, vertex_graph
+from sshade.mesh.mesh import Mesh
+from sshade.sampling.closed_ball import refinements
+from sshade.sampling.fronts import farthest_point_sampling
+
+#: Rounds of closed-ball refinement after which remeshing gives up.
+MAX_ROUNDS = 50
+
+
+@dataclass(frozen=True, eq=False)
+class Remesh:
+    """A proxy N of a mesh M, with what links the two.
+
+    Parameters
+    ----------
+    samples : (k,) int64
+        Vertex of M that each vertex of N is; the given first ones come first.
+    faces : (l, 3) int64
+        Faces of N, oriented as M, each with its smallest id first.
+    region : (n,) int32
+        For each vertex of M the vertex of N whose region it is in.
+    distance : (n,) float64
+        Graph distance of each vertex of M to that sample.
+    rounds : int
+        Rounds of closed-ball refinement that added samples.
+    added : int
+        Samples added by them.
+    """
+
+    samples: np.ndarray
+    faces: np.ndarray
+    region: np.ndarray
+    distance: np.ndarray
+    rounds: int = 0
+    added: int = 0
+
+
+def remesh(
+    mesh: Mesh,
+    vertices: int,
+    *,
+    first: np.ndarray | None = None,
+    seed: int | Sequence[int] = 0,
+    graph: VertexGraph | None = None,
+) -> Remesh:
+    """Sample a mesh and triangulate the dual of the samples' regions.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        M: manifold, consistently oriented, one component; boundary loops are fine.
+    vertices : int
+        Number of samples, before refinement adds the few that the topology needs.
+    first : (h,) int, optional
+        Vertices that must be samples; they get the first ids, in this order.
+    seed : int or sequence of int
+        Chooses the random vertex that follows them, on which the rest depends.
+    graph : VertexGraph, optional
+        The mesh's :func:`sshade.mesh.graph.vertex_graph`, where several remeshes share it.
+
+    Returns
+    -------
+    Remesh
+        Its faces form a manifold with M's Euler characteristic, number of
+        components and boundary loops, and use every sample.
+
+    Raises
+    ------
+    InputError
+        When the mesh is not as required, `vertices` exceeds its number of
+        vertices or is below the number of first ones, `first` repeats a vertex
+        or is out of range, the seed is negative, or refinement ends without a
+        proxy of M's topology.
+    """
+    mesh.require_manifold()
+    mesh.require_one_component()
+    if vertices > mesh.n:
+        raise InputError(
+            f"{vertices} proxy vertices were asked for, but the mesh has only {mesh.n}; ask for fewer"
+        )
+    start = np.zeros(0, dtype=np.int64) if first is None else np.asarray(first, dtype=np.int64)
+    if vertices < len(start):
+        raise InputError(
+            f"{vertices} proxy vertices cannot hold the {len(start)} handle vertices; ask for more"
+        )
+    if vertices > len(start):
+        start = np.append(start, _random_other_vertex(mesh.n, start, seed))
+    fronts = farthest_point_sampling(graph or vertex_graph(mesh), vertices, first=start)
+    rounds, sampled = 0, len(fronts)
+    while True:
+        new, failed = refinements(mesh.F, fronts)
+        if len(failed) == 0:
+            break
+        if rounds == MAX_ROUNDS or len(new) == 0:
+            raise InputError(
+                f"remeshing to {vertices} vertices failed: after {rounds} rounds {len(failed)} regions "
+                f"(around vertices {fronts.samples[failed[:3]].tolist()}) are no discs; ask for more vertices"
+            )
+        fronts.insert(new)
+        rounds += 1
+    result = Remesh(
+        samples=fronts.samples,
+        faces=_dual_faces(mesh.F, fronts.region),
+        region=fronts.region,
+        distance=fronts.distance,
+        rounds=rounds,
+        added=len(fronts) - sampled,
+    )
+    _check_topology(mesh, result)
+    return result
+
+
+def proxy_mesh(mesh: Mesh, remeshed: Remesh) -> Mesh:
+    """The proxy N as a mesh: the samples' positions with the dual faces."""
+    return Mesh(mesh.V[remeshed.samples], remeshed.faces)
+
+
+def _random_other_vertex(n: int, taken: np.ndarray, seed: int | Sequence[int]) -> int:
+    try:
+        rng = np.random.default_rng(seed)
+    except ValueError as error:
+        raise InputError(f"seed {np.min(seed)} is negative; use 0 or a positive integer") from error
+    vertex = int(rng.integers(n - len(taken)))
+    for other in np.sort(taken):  # the vertex of that rank among those not taken
+        vertex += int(other <= vertex)
+    return vertex
+
+
+def _dual_faces(F: np.ndarray, region: np.ndarray) -> np.ndarray:
+    """(l, 3) triples of regions that meet in a triangle, oriented as it, smallest first, each once."""
+    faces = _three_regions(F, region)
+    k = int(region.max()) + 1
+    keys = (faces[:, 0] * k + faces[:, 1]) * k + faces[:, 2]
+    _, first = np.unique(keys, return_index=True)
+    return faces[np.sort(first)]
+
+
+@njit(cache=True, nogil=True)
+def _three_regions(F, region):
+    faces = np.empty((F.shape[0], 3), dtype=np.int64)
+    count = 0
+    for f in range(F.shape[0]):
+        a, b, c = region[F[f, 0]], region[F[f, 1]], region[F[f, 2]]
+        if a == b or b == c or c == a:
+            continue
+        if b < a and b < c:
+            a, b, c = b, c, a
+        elif c < a and c < b:
+            a, b, c = c, a, b
+        faces[count, 0], faces[count, 1], faces[count, 2] = a, b, c
+        count += 1
+    return faces[:count].copy()
+
+
+def _check_topology(mesh: Mesh, result: Remesh) -> None:
+    """Raise InputError unless the proxy is a manifold of M's topology that uses every sample."""
+    hint = "ask for more vertices"
+    try:
+        proxy = proxy_mesh(mesh, result)
+        proxy.require_manifold()
+    except InputError as error:
+        raise InputError(f"remeshing to {len(result.samples)} vertices failed: {error}; {hint}") from error
+    if proxy.topology != mesh.topology:
+        raise InputError(
+            f"remeshing to {len(result.samples)} vertices failed: the proxy has {proxy.topology}, "
+            f"the mesh {mesh.topology}; {hint}"
+        )

@@ -1,0 +1,144 @@
+"""Triangles that soften as they are strained: strain gathers at joints, and limbs keep their shape.
+
+Quadratic energies spread the strain of a bend over all that can take a share
+of it. Here a triangle of rest area A costs
+
+    6 A phi(s^2),   phi(x) = c x + 2 (1 - c) e^2 (sqrt(1 + x / e^2) - 1),
+
+where s^2 is its spokes-and-rims energy over 6 A: the squared strain, if it is
+stretched alike in all directions. Under the strain e that is the quadratic
+energy; far beyond it the stiffness falls to c of the initial one. A pseudo-Huber
+penalty with a floor: the floor bounds how sharply a bend can crease.
+
+The function is concave in s^2, so the quadratic energy with each triangle
+weighted by ``w = phi'(s^2)`` lies above it and touches it. As w <= 1, the one
+without weights does so too once the part (1 - w) pulls towards the present
+positions: the Laplacian stays that of the rest shape, factorised once
+(half-quadratic minimisation; D. Geman, C. Yang, "Nonlinear image recovery with
+half-quadratic regularization", IEEE TIP 4(7), 1995). Neither step raises the energy.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from sshade.errors import InputError
+from sshade.solver.fitting import fit_rotations
+from sshade.solver.rotations import EVERY
+
+
+class Softening(NamedTuple):
+    """How triangles soften.
+
+    Attributes
+    ----------
+    stiffness : float
+        c, of strongly strained triangles over that of unstrained ones. 1 is the quadratic energy.
+    strain : float
+        e, the strain about which it falls; without unit.
+    """
+
+    stiffness: float = 1.0
+    strain: float = 0.02
+
+    def checked(self) -> Softening:
+        """Itself; InputError on a stiffness out of (0, 1], or a strain that is not positive."""
+        if not 0 < self.stiffness <= 1:
+            raise InputError(f"the stiffness goes from above 0 to 1 (no softening), not {self.stiffness}")
+        if not 0 < self.strain < np.inf:
+            raise InputError(f"the strain at which triangles soften must be positive, not {self.strain}")
+        return self
+
+
+@njit(cache=True, nogil=True)
+def weighted_local_step(corners, Y, weight, P, Q, R, first=0, end=EVERY):
+    """Fit the rotations of the vertices from `first` to `end` to positions P, triangles weighted.
+
+    Parameters as of :func:`sshade.solver.rotations.local_step`; `weight` (e,) float64.
+    """
+    end = min(end, len(P))
+    R[first:end] = 0.0
+    for t in range(len(corners)):
+        i, j, k = corners[t, 0], corners[t, 1], corners[t, 2]
+        ax, ay, az = P[i, 0] - P[k, 0], P[i, 1] - P[k, 1], P[i, 2] - P[k, 2]
+        bx, by, bz = P[j, 0] - P[k, 0], P[j, 1] - P[k, 1], P[j, 2] - P[k, 2]
+        for c in (i, j, k):
+            if first <= c < end:
+                for r in range(3):
+                    y, z = weight[t] * Y[t, 0, r], weight[t] * Y[t, 1, r]
+                    R[c, 3 * r] += y * ax + z * bx
+                    R[c, 3 * r + 1] += y * ay + z * by
+                    R[c, 3 * r + 2] += y * az + z * bz
+    fit_rotations(R[first:end], Q[first:end])
+
+
+@njit(cache=True, nogil=True)
+def soften(corners, Y, H, rest, P, R, stiffness, strain, weight):
+    """Write w of each triangle to `weight` (e,), and return the energy of all.
+
+    Parameters
+    ----------
+    corners, Y, H, P, R
+        As of :func:`sshade.solver.rotations.local_step`, for triangles.
+    rest : (e,) float64
+        6 A of each.
+    stiffness, strain : float
+        See :class:`Softening`.
+    """
+    energy = 0.0
+    scale = 1.0 / (strain * strain)
+    for t in range(len(corners)):
+        i, j, k = corners[t, 0], corners[t, 1], corners[t, 2]
+        ax, ay, az = P[i, 0] - P[k, 0], P[i, 1] - P[k, 1], P[i, 2] - P[k, 2]
+        bx, by, bz = P[j, 0] - P[k, 0], P[j, 1] - P[k, 1], P[j, 2] - P[k, 2]
+        cx, cy, cz = ax - bx, ay - by, az - bz
+        quadratic = rest[t] + 3.0 * (
+            H[t, 0] * (cx * cx + cy * cy + cz * cz)
+            + H[t, 1] * (bx * bx + by * by + bz * bz)
+            + H[t, 2] * (ax * ax + ay * ay + az * az)
+        )
+        for r in range(3):
+            y, z = Y[t, 0, r], Y[t, 1, r]
+            quadratic -= 2.0 * (
+                (R[i, r] + R[j, r] + R[k, r]) * (y * ax + z * bx)
+                + (R[i, 3 + r] + R[j, 3 + r] + R[k, 3 + r]) * (y * ay + z * by)
+                + (R[i, 6 + r] + R[j, 6 + r] + R[k, 6 + r]) * (y * az + z * bz)
+            )
+        x = max(quadratic, 0.0) / rest[t]
+        root = np.sqrt(1.0 + scale * x)
+        weight[t] = stiffness + (1.0 - stiffness) / root
+        # root - 1 without cancellation, for strains far below `strain`.
+        energy += rest[t] * x * (stiffness + 2.0 * (1.0 - stiffness) / (1.0 + root))
+    return energy
+
+
+@njit(cache=True, nogil=True)
+def softened_right_hand_side(corners, Y, H, weight, P, R, B, first=0, end=EVERY):
+    """Write the global step's right-hand side, without what held vertices add, to B (n, 3).
+
+    To its rows from `first` to `end` only. Parameters as of the functions above.
+    """
+    third = 1.0 / 3.0
+    end = min(end, len(B))
+    B[first:end] = 0.0
+    for t in range(len(corners)):
+        i, j, k = corners[t, 0], corners[t, 1], corners[t, 2]
+        w, stay = third * weight[t], 1.0 - weight[t]
+        for r in range(3):
+            a = w * (R[i, 3 * r] + R[j, 3 * r] + R[k, 3 * r])
+            b = w * (R[i, 3 * r + 1] + R[j, 3 * r + 1] + R[k, 3 * r + 1])
+            c = w * (R[i, 3 * r + 2] + R[j, 3 * r + 2] + R[k, 3 * r + 2])
+            ij, jk, ki = P[i, r] - P[j, r], P[j, r] - P[k, r], P[k, r] - P[i, r]
+            at_i = a * Y[t, 0, 0] + b * Y[t, 0, 1] + c * Y[t, 0, 2]
+            at_i += stay * (H[t, 0] * ij - H[t, 2] * ki)
+            at_j = a * Y[t, 1, 0] + b * Y[t, 1, 1] + c * Y[t, 1, 2]
+            at_j += stay * (H[t, 1] * jk - H[t, 0] * ij)
+            if first <= i < end:
+                B[i, r] += at_i
+            if first <= j < end:
+                B[j, r] += at_j
+            if first <= k < end:
+                B[k, r] -= at_i + at_j

@@ -1,0 +1,416 @@
+"""Frames at the proxy's vertices, blended over its triangles; and affine maps of triangles."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from sshade import (
+    Binding,
+    DeformationTask,
+    Deformer,
+    Handles,
+    InputError,
+    Mesh,
+    bind,
+    deform,
+    reconstruct,
+    transfer_pose,
+)
+from sshade.carry.affine import AffineFrames, affine_maps
+from sshade.carry.blended import BlendedFrames, nearest_rotations
+from sshade.carry.projection import Projection, project_to_surface
+from sshade.carry.vertex_maps import VertexMaps
+from sshade.cli.main import main
+from sshade.io.meshes import read_mesh, write_mesh
+from sshade.pipeline.deform import proxy_handles
+from sshade.sampling.remesh import remesh
+from sshade.solver.local_global import local_global
+from sshade.task import DeformationResult, silent
+from tests.shapes import bent, bumpy, family, rotation, strip, tube
+
+#: Positions agree to rounding: this times the bounding-box diagonal.
+ROUNDING = 1e-12
+
+MESHES = family()
+KINDS = ["affine", "blended", "blended_affine"]
+
+
+def points_on(mesh: Mesh, count: int, *, seed: int = 0) -> Projection:
+    """Random points in random triangles."""
+    rng = np.random.default_rng(seed)
+    return Projection(rng.integers(0, mesh.m, count), rng.dirichlet([1, 1, 1], count), np.zeros(count))
+
+
+def turns(count: int, *, most: float, seed: int = 0) -> np.ndarray:
+    """(count, 3, 3) rotations about random axes by up to `most` radians."""
+    rng = np.random.default_rng(seed)
+    axes = rng.normal(size=(count, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    return Rotation.from_rotvec(axes * rng.uniform(0, most, (count, 1))).as_matrix()
+
+
+def half_way(R: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The pose in the middle of the screw motion from one pose to another.
+
+    The motion that leads there has the square x -> turn x + shift, which leads all the way.
+    """
+    turn = R[1] @ R[0].T
+    shift = v[1] - turn @ v[0]
+    half = Rotation.from_rotvec(0.5 * Rotation.from_matrix(turn).as_rotvec()).as_matrix()
+    return half @ R[0], half @ v[0] + np.linalg.solve(half + np.eye(3), shift)
+
+
+def one_by_one(
+    proxy: Mesh, V: np.ndarray, *, on: Projection, NV: np.ndarray, R: np.ndarray, S: np.ndarray
+) -> np.ndarray:
+    """What blended frames are, point by point, from the definition."""
+    moved = np.empty_like(V)
+    for i, (t, w) in enumerate(zip(on.face, on.barycentric, strict=True)):
+        corners = proxy.F[t]
+        o = w @ NV[corners]
+        for a, b in ((0, 1), (1, 2), (2, 0)):
+            ends = corners[[a, b]]
+            turn, middle = half_way(R[ends], NV[ends])
+            e = proxy.V[ends[1]] - proxy.V[ends[0]]
+            bulge = 4 * (middle - NV[ends].mean(axis=0))
+            o += w[a] * w[b] * (bulge + 0.5 * turn @ (S[ends[0]] - S[ends[1]]) @ e)
+        q = Rotation.from_matrix(R[corners]).as_quat()
+        turn = Rotation.from_quat(w @ (q * np.where(q @ q[0] < 0, -1.0, 1.0)[:, None])).as_matrix()
+        moved[i] = o + turn @ np.einsum("c,cxy->xy", w, S[corners]) @ (V[i] - w @ proxy.V[corners])
+    return moved
+
+
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_undeformed_and_a_moved_proxy_carry_the_mesh_exactly(name, kind):
+    mesh, turn, shift = MESHES[name], rotation(1), np.array([3.0, -1, 2])
+    binding = bind(mesh, mesh.n // 6, frames=kind)
+    for R, t in ((np.eye(3), np.zeros(3)), (turn, shift)):
+        given = np.broadcast_to(R, (binding.proxy.n, 3, 3))
+        for rotations in (None, given):
+            V, degenerate = binding.carry(binding.proxy.V @ R.T + t, rotations=rotations)
+            assert degenerate == 0
+            assert np.abs(V - (mesh.V @ R.T + t)).max() <= ROUNDING * mesh.diagonal
+
+
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("kind", ["blended", "blended_affine"])
+def test_samples_go_where_their_proxy_vertices_go_to_the_last_bit(name, kind):
+    mesh = MESHES[name]
+    binding = bind(mesh, mesh.n // 6, frames=kind)
+    NV = bent(binding.proxy.V, 0.5) @ rotation(2).T
+    assert np.array_equal(binding.carry(NV)[0][binding.remesh.samples], NV)
+
+
+def test_decoding_follows_the_definition():
+    proxy = bumpy(1)
+    on, rng = points_on(proxy, 60), np.random.default_rng(1)
+    V = np.einsum("nc,ncx->nx", on.barycentric, proxy.V[proxy.F[on.face]]) + 0.1 * rng.normal(size=(60, 3))
+    NV = bent(proxy.V, 0.5) @ rotation(3).T
+    R, unit = turns(proxy.n, most=0.9), np.broadcast_to(np.eye(3), (proxy.n, 3, 3))
+    frames = BlendedFrames.at_rest(proxy)
+    moved, missing = frames.decode(frames.encode(V, on), NV, on=on, rotations=R)
+    assert missing == 0
+    expected = one_by_one(proxy, V, on=on, NV=NV, R=R, S=unit)
+    np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-12)
+    A, _ = VertexMaps.at_rest(proxy)(NV)
+    fitted = nearest_rotations(A)
+    moved, _ = frames.decode(frames.encode(V, on), NV, on=on)
+    expected = one_by_one(proxy, V, on=on, NV=NV, R=fitted, S=unit)
+    np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-12)
+    stretching = BlendedFrames.at_rest(proxy, stretch=True)
+    moved, _ = stretching.decode(stretching.encode(V, on), NV, on=on, rotations=R)
+    expected = one_by_one(proxy, V, on=on, NV=NV, R=fitted, S=fitted.transpose(0, 2, 1) @ A)
+    np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-12)
+
+
+def test_nearest_rotations_are_the_orthogonal_factors():
+    A = np.random.default_rng(5).normal(size=(200, 3, 3))
+    U, _, Vt = np.linalg.svd(A)
+    U[:, :, 2] *= np.linalg.det(U @ Vt)[:, None]
+    np.testing.assert_allclose(nearest_rotations(A), U @ Vt, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("turn", [0.2, 0.1])
+def test_a_bent_sheet_becomes_an_arc(turn):
+    """Flat triangles are off by turn^2 / 8 of the radius, the plain blend of motions by as much outwards."""
+    coarse, fine = strip(6, 4), strip(60, 40)
+    points = fine.V * 0.1
+
+    def rolled(V: np.ndarray) -> np.ndarray:
+        return np.stack([np.sin(V[:, 0] * turn), V[:, 1] * turn, np.cos(V[:, 0] * turn)], axis=1) / turn
+
+    on = project_to_surface(points, coarse)
+    R = Rotation.from_rotvec(np.outer(coarse.V[:, 0] * turn, [0, 1, 0])).as_matrix()
+    lift = coarse.V * [1, 1, 0]
+    for frames in (BlendedFrames.at_rest(coarse), BlendedFrames.at_rest(coarse, stretch=True)):
+        inside = (np.abs(points[:, 0] - 3) < 2) & (np.abs(points[:, 1] - 2) < 1)  # whole 1-rings
+        moved, _ = frames.decode(frames.encode(points, on), rolled(lift), on=on, rotations=R)
+        off = np.linalg.norm(moved - rolled(points), axis=1)[inside] * turn
+        assert off.max() < 0.05 * turn**2 / 8
+        assert off.max() < 0.3 * turn**3
+
+
+@pytest.mark.parametrize("kind", ["blended", "blended_affine"])
+@pytest.mark.parametrize("most", [0.5, np.pi / 2])
+def test_the_two_sides_of_an_edge_agree(kind, most):
+    """A point of the proxy's edge goes to one place whichever of its triangles it is said to be on."""
+    proxy = bumpy(2)
+    rng, sides = np.random.default_rng(2), []
+    pairs = np.stack([proxy.F, np.roll(proxy.F, -1, axis=1)], axis=2).reshape(-1, 2)
+    face, corner = np.divmod(np.arange(len(pairs)), 3)
+    order = np.lexsort(np.sort(pairs, axis=1).T)
+    w = np.repeat(rng.uniform(0, 1, len(order) // 2), 2)
+    for first in (0, 1):
+        i = order[first::2]
+        barycentric = np.zeros((len(i), 3))
+        up = pairs[i, 0] < pairs[i, 1]
+        share = np.where(up, w[::2], 1 - w[::2])
+        barycentric[np.arange(len(i)), corner[i]] = share
+        barycentric[np.arange(len(i)), (corner[i] + 1) % 3] = 1 - share
+        sides.append(Projection(face[i], barycentric, np.zeros(len(i))))
+    frames = BlendedFrames.at_rest(proxy, stretch=kind == "blended_affine")
+    NV, R = bent(proxy.V, 0.5) + 0.05 * rng.normal(size=proxy.V.shape), turns(proxy.n, most=most)
+    offsets = 0.1 * rng.normal(size=(len(w) // 2, 3))
+    one, two = (frames.decode(offsets, NV, on=side, rotations=R)[0] for side in sides)
+    np.testing.assert_allclose(one, two, rtol=0, atol=1e-13)
+
+
+def test_any_rotations_leave_the_proxys_edges_whole_and_every_point_finite():
+    """Also where a triangle's corners are turned by more than half a turn about it."""
+    proxy = bumpy(2)
+    R = turns(proxy.n, most=np.pi, seed=7)
+    frames = BlendedFrames.at_rest(proxy)
+    on = points_on(proxy, 2000)
+    offsets = np.random.default_rng(3).normal(size=(2000, 3))
+    moved, _ = frames.decode(offsets, proxy.V, on=on, rotations=R)
+    plain, _ = frames.decode(0 * offsets, proxy.V, on=on, rotations=R)
+    np.testing.assert_allclose(
+        np.linalg.norm(moved - plain, axis=1), np.linalg.norm(offsets, axis=1), rtol=1e-12
+    )
+
+
+def test_opposite_quaternions_of_nearly_equal_rotations_do_not_cancel():
+    """Of half turns about nearly the same axis, each as far from the third corner's rotation."""
+    triangle = Mesh([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    half = Rotation.from_rotvec(np.pi * np.array([[1, -0.999, 0], [1, -1.001, 0]]) / np.sqrt(2)).as_matrix()
+    half = 2 * np.round((half + np.eye(3)) / 2, 12) - np.eye(3)
+    R = np.concatenate([np.eye(3)[None], half])
+    on = Projection(np.zeros(1, dtype=np.int64), np.array([[0.0, 0.5, 0.5]]), np.zeros(1))
+    frames = BlendedFrames.at_rest(triangle)
+    offset = np.array([[0.3, -0.4, 0.5]])
+    moved, _ = frames.decode(offset, triangle.V, on=on, rotations=R)
+    expected = [0.5, 0.5, 0] + half.mean(axis=0) @ offset[0]
+    np.testing.assert_allclose(moved[0], expected, rtol=0, atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "plain", "blended"), [(90, 0.51, 0.8), (150, 0.07, 0.6), (180, 0.01, 0.5)]
+)
+def test_a_tube_twisted_over_one_edge_keeps_its_cross_section(degrees, plain, blended):
+    """The weighted sum of the vertices' motions falls onto the axis (the candy wrapper)."""
+    coarse, fine = tube(8, 7, length=4.5), tube(48, 73, length=4.5)
+    upper = coarse.V[:, 2] > 2.2
+    turn = Rotation.from_euler("z", degrees, degrees=True).as_matrix()
+    R = np.where(upper[:, None, None], turn, np.eye(3))
+    NV = np.einsum("kxy,ky->kx", R, coarse.V)
+    on = project_to_surface(fine.V, coarse)
+    frames = BlendedFrames.at_rest(coarse)
+    moved, _ = frames.decode(frames.encode(fine.V, on), NV, on=on, rotations=R)
+    corners = coarse.F[on.face]
+    each = NV[corners] + np.einsum("ncxy,ncy->ncx", R[corners], fine.V[:, None] - coarse.V[corners])
+    naive = np.einsum("nc,ncx->nx", on.barycentric, each)
+
+    def smallest_section(V: np.ndarray) -> float:
+        rings = V.reshape(-1, 48, 3)[:, :, :2]
+        after = np.roll(rings, -1, axis=1)
+        areas = 0.5 * (rings[..., 0] * after[..., 1] - rings[..., 1] * after[..., 0]).sum(axis=1)
+        return areas.min() / areas[0]
+
+    assert smallest_section(naive) < plain
+    assert smallest_section(moved) > blended
+
+
+@pytest.mark.parametrize("kind", ["affine", "blended_affine"])
+def test_affine_maps_of_a_plane_are_exact(kind):
+    sheet = strip(30, 12)
+    B = rotation(4) @ np.array([[1.4, 0.5, 0], [-0.3, 0.6, 0], [0, 0, 1]])
+    binding = bind(sheet, 40, frames=kind)
+    V, _ = binding.carry(binding.proxy.V @ B.T + 1)
+    assert np.abs(V - (sheet.V @ B.T + 1)).max() < ROUNDING * sheet.diagonal
+
+
+def test_the_affine_map_of_a_triangle_is_linear_interpolation_in_it_and_a_length_across():
+    proxy = bumpy(2)
+    NV, on = bent(proxy.V, 0.5), points_on(proxy, 300)
+    frames = AffineFrames(proxy)
+    inside = np.einsum("nc,ncx->nx", on.barycentric, proxy.V[proxy.F[on.face]])
+    V = inside + 0.3 * proxy.face_normals[on.face]
+    expected = np.einsum("nc,ncx->nx", on.barycentric, NV[proxy.F[on.face]])
+    expected += 0.3 * Mesh(NV, proxy.F).face_normals[on.face]
+    moved, missing = frames.decode(frames.encode(V, on), NV, on=on)
+    assert missing == 0
+    np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-12)
+
+
+def test_triangles_without_area_take_the_mean_map_of_their_neighbours():
+    proxy = bumpy(2)
+    NV = bent(proxy.V)
+    a, b, c = proxy.F[30]
+    NV[c] = 0.5 * (NV[a] + NV[b])
+    A, known = affine_maps(proxy.V, NV, F=proxy.F)
+    assert np.flatnonzero(~known).tolist() == [30] and not A[30].any()
+    beside = np.flatnonzero(np.isin(proxy.F, proxy.F[30]).sum(axis=1) == 2)
+    on = Projection(np.full(4, 30), np.full((4, 3), 1 / 3), np.zeros(4))
+    frames = AffineFrames(proxy)
+    points = proxy.V[a] + np.concatenate([np.zeros((1, 3)), np.eye(3)])
+    moved, missing = frames.decode(frames.encode(points, on), NV, on=on)
+    assert missing == 1
+    np.testing.assert_allclose(moved[0], NV[a], rtol=0, atol=1e-14)
+    np.testing.assert_allclose((moved[1:] - moved[0]).T, A[beside].mean(axis=0), rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("kind", ["blended", "blended_affine"])
+def test_a_collapsed_part_of_the_proxy_turns_as_what_is_around_it(kind):
+    mesh, turn, shift = bumpy(3), rotation(5), np.array([1.0, 2, 3])
+    binding = bind(mesh, 100, frames=kind)
+    NV = binding.proxy.V @ turn.T + shift
+    near = np.argsort(np.linalg.norm(binding.proxy.V - binding.proxy.V[20], axis=1))[:20]
+    NV[near] = NV[20]
+    V, missing = binding.carry(NV)
+    assert 0 < missing < 20 and np.isfinite(V).all()
+    _, given = binding.carry(NV, rotations=np.broadcast_to(turn, (binding.proxy.n, 3, 3)))
+    assert given == (missing if kind == "blended_affine" else 0)
+
+
+def test_unknown_frames_and_rotations_that_do_not_fit_are_refused():
+    mesh = bumpy(2)
+    with pytest.raises(InputError, match="unknown frames 'rigid'; use one of triangle, affine, blended"):
+        bind(mesh, 40, frames="rigid")
+    binding = bind(mesh, 40, frames="blended")
+    NV, unit = binding.proxy.V, np.tile(np.eye(3), (binding.proxy.n, 1, 1))
+    with pytest.raises(InputError, match=r"needs rotations of shape \(\d+, 3, 3\), not \(3, 3\)"):
+        binding.carry(NV, rotations=np.eye(3))
+    for wrong in (np.diag([1.0, 1, -1]), 1.001 * np.eye(3), np.full((3, 3), np.nan), np.zeros((3, 3))):
+        for place in (3, binding.proxy.n - 1):
+            rotations = unit.copy()
+            rotations[place] = wrong
+            with pytest.raises(InputError, match="it is no rotation"):
+                binding.carry(NV, rotations=rotations)
+
+
+def test_renumbering_the_mesh_renumbers_the_result():
+    mesh, rng = MESHES["bumpy"], np.random.default_rng(4)
+    first = remesh(mesh, 60, seed=1).samples[:60]
+    new_id = rng.permutation(mesh.n)
+    V = np.empty_like(mesh.V)
+    V[new_id] = mesh.V
+    F = np.array([np.roll(f, r) for f, r in zip(new_id[mesh.F], rng.integers(0, 3, mesh.m), strict=True)])
+    for kind in KINDS:
+        a = bind(mesh, 60, first=first, frames=kind)
+        b = bind(Mesh(V, rng.permutation(F)), 60, first=new_id[first], frames=kind)
+        A, B = a.carry(bent(a.proxy.V))[0], b.carry(bent(b.proxy.V))[0]
+        assert np.abs(A - B[new_id]).max() <= 1e-9 * mesh.diagonal
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_scaling_by_a_power_of_two_changes_no_bit(kind):
+    mesh, scale = MESHES["bumpy"], 2.0**20
+    a, b = bind(mesh, 80, frames=kind), bind(Mesh(mesh.V * scale, mesh.F), 80, frames=kind)
+    NV = bent(a.proxy.V)
+    assert np.array_equal(a.carry(NV)[0] * scale, b.carry(NV * scale)[0])
+
+
+@pytest.mark.parametrize("kind", ["triangle", *KINDS])
+def test_a_binding_read_back_has_its_frames_or_those_that_are_asked_for(tmp_path, kind):
+    mesh = MESHES["bumpy"]
+    binding = bind(mesh, 80, frames=kind, frame_function="best")
+    binding.save(tmp_path / "map.npz")
+    NV = bent(binding.proxy.V)
+    again = Binding.load(tmp_path / "map.npz", mesh)
+    assert again.kind == kind
+    assert np.array_equal(binding.carry(NV)[0], again.carry(NV)[0])
+    for other in ("triangle", *KINDS):
+        asked = Binding.load(tmp_path / "map.npz", mesh, frames=other)
+        direct = bind(mesh, 80, frames=other, frame_function="best")
+        assert asked.kind == other
+        assert np.array_equal(asked.carry(NV)[0], direct.carry(NV)[0])
+
+
+def held_ends() -> DeformationTask:
+    mesh = bumpy(3)
+    order = np.argsort(mesh.V[:, 2])
+    index = np.concatenate([order[:8], order[-8:]])
+    target = mesh.V[index] + np.where(np.arange(16) < 8, 0.0, 0.5)[:, None] * [0.5, 0, 1]
+    return DeformationTask("lift", mesh, Handles(index, target))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_deform_carries_with_the_solvers_rotations_on_any_number_of_threads(kind):
+    task = held_ends()
+    one, two = (deform(task, vertices=150, samplings=2, frames=kind, workers=w) for w in (1, 2))
+    assert np.array_equal(one.vertices, two.vertices)
+    bound = Deformer(task.mesh, task.handles.index, vertices=150, samplings=2, frames=kind)
+    assert np.array_equal(bound(task.handles.target).vertices, one.vertices)
+    expected = []
+    for number in range(2):
+        binding = bind(task.mesh, 150, first=task.handles.index, seed=(0, number), frames=kind)
+        handles = proxy_handles(task.handles, task.mesh, binding.remesh)
+        solved = local_global(DeformationTask("one", binding.proxy, handles))
+        expected.append(binding.carry(solved.vertices, rotations=solved.extra["rotations"])[0])
+    assert np.abs(one.vertices - np.mean(expected, axis=0)).max() <= ROUNDING * task.mesh.diagonal
+    assert kind == "affine" or np.array_equal(one.vertices[task.handles.index], task.handles.target)
+
+
+def test_a_coarse_method_without_rotations_has_them_fitted():
+    task = held_ends()
+
+    def silently(task, *, seed, progress=silent) -> DeformationResult:
+        solved = local_global(task)
+        return DeformationResult(solved.vertices, iterations=solved.iterations, converged=solved.converged)
+
+    result = deform(task, vertices=150, samplings=1, frames="blended", coarse=silently)
+    binding = bind(task.mesh, 150, first=task.handles.index, seed=(0, 0), frames="blended")
+    handles = proxy_handles(task.handles, task.mesh, binding.remesh)
+    solved = local_global(DeformationTask("one", binding.proxy, handles))
+    assert np.array_equal(result.vertices, binding.carry(solved.vertices)[0])
+    given = deform(task, vertices=150, samplings=1, frames="blended")
+    assert 0 < np.abs(given.vertices - result.vertices).max() < 0.01 * task.mesh.diagonal
+
+
+def test_one_blended_sampling_comes_nearer_to_a_pose_than_ten_rigid_ones():
+    mesh = bumpy(4)
+    posed = bent(mesh.V)
+
+    def error(samplings: int, frames: str) -> float:
+        result = reconstruct(mesh, posed, vertices=300, samplings=samplings, frames=frames)
+        return np.linalg.norm(result.vertices - posed, axis=1).mean()
+
+    rigid = error(10, "triangle")
+    assert error(1, "blended") < 0.6 * rigid
+    assert error(1, "blended_affine") < 0.3 * rigid
+
+
+@pytest.mark.parametrize("kind", ["triangle", *KINDS])
+def test_the_commands_carry_with_the_frames_that_are_asked_for(tmp_path, monkeypatch, kind):
+    monkeypatch.chdir(tmp_path)
+    mesh = bumpy(3)
+    posed, edited = bent(mesh.V), mesh.V + 0.02 * np.cos(4 * mesh.V)
+    for name, V in (("rest", mesh.V), ("posed", posed), ("edited", edited)):
+        write_mesh(f"{name}.ply", V, mesh.F)
+    binding = bind(mesh, 100, frames=kind)
+    write_mesh("moved.ply", bent(binding.proxy.V), binding.proxy.F)
+    frames = ["--frames", kind]
+    assert main(["remesh", "rest.ply", "-o", "proxy.ply", "--map", "map.npz", "--vertices", "100"]) == 0
+    assert main(["carry", "rest.ply", "map.npz", "moved.ply", "-o", "carried.ply", *frames]) == 0
+    assert np.array_equal(read_mesh("carried.ply").V, binding.carry(bent(binding.proxy.V))[0])
+    sampled = {"vertices": 100, "samplings": 2}
+    end = ["--vertices", "100", "--samplings", "2", *frames]
+    assert main(["reconstruct", "rest.ply", "posed.ply", "-o", "rebuilt.ply", *end]) == 0
+    expected = reconstruct(mesh, posed, frames=kind, **sampled).vertices
+    assert np.array_equal(read_mesh("rebuilt.ply").V, expected)
+    assert main(["transfer-pose", "rest.ply", "posed.ply", "edited.ply", "-o", "out.ply", *end]) == 0
+    expected = transfer_pose(mesh, posed, edited, frames=kind, **sampled).vertices
+    assert np.array_equal(read_mesh("out.ply").V, expected)

@@ -1,0 +1,498 @@
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sshade import DeformationTask, Handles, InputError, Mesh, deform
+from sshade.cli.console import progress_bar, run_command
+from sshade.cli.main import main
+from sshade.contact.flips import new_flips
+from sshade.contact.intersections import new_crossings
+from sshade.io.handles import read_handles, write_handles
+from sshade.io.meshes import read_arrays, read_mesh, write_mesh
+from sshade.pipeline.fine import sshade_fast, sshade_fine
+from sshade.solver.local_global import local_global
+from tests.shapes import bumpy, icosphere, rotation, tetrahedron
+
+BODY = bumpy(2)
+TURN, SHIFT = rotation(2), np.array([0.5, 0.2, 0.1])
+
+
+def pose(mesh: Mesh) -> Handles:
+    """The lower end held, the upper end lifted."""
+    z = mesh.V[:, 2]
+    low, high = np.flatnonzero(z < z.min() + 0.4), np.flatnonzero(z > z.max() - 0.4)
+    target = np.concatenate([mesh.V[low], mesh.V[high] + [0.3, 0, 0.2]])
+    dynamic = np.repeat([False, True], [len(low), len(high)])
+    return Handles(np.concatenate([low, high]), target, dynamic=dynamic, group=dynamic.astype(int))
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch) -> Path:
+    """A folder with a sound mesh and pose, and the place of an output that does not exist yet."""
+    monkeypatch.chdir(tmp_path)
+    write_mesh("body.ply", BODY.V, BODY.F)
+    write_handles("pose.json", pose(BODY))
+    return tmp_path
+
+
+def put(path: str, V, F) -> None:
+    write_mesh(path, np.asarray(V, dtype=float), np.asarray(F))
+
+
+def put_handles(*entries: dict) -> None:
+    Path("pose.json").write_text(json.dumps({"handles": list(entries)}))
+
+
+def assert_refused(capsys, arguments: list[str], *words: str) -> None:
+    """Exit code 2, one line on standard error that begins with `error:`, and no file that was not there."""
+    before = {p: p.read_bytes() for p in Path().rglob("*") if p.is_file()}
+    assert main(arguments) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.startswith("error: ") and err.count("\n") == 1 and err.endswith("\n")
+    for word in words:
+        assert word in err
+    assert {p: p.read_bytes() for p in Path().rglob("*") if p.is_file()} == before
+
+
+def test_deform_writes_the_inputs_vertices_moved_in_their_order(folder, capsys):
+    assert main(["deform", "body.ply", "pose.json", "-o", "out.ply", "--vertices", "60"]) == 0
+    V, F = read_arrays("out.ply")
+    assert np.array_equal(F, BODY.F) and V.shape == BODY.V.shape
+    handles = pose(BODY)
+    gap = np.linalg.norm(V[handles.index] - handles.target, axis=1)
+    assert gap.max() < 0.02 * BODY.diagonal
+    assert np.abs(V - BODY.V).max() > 0.1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert f"out.ply: {BODY.n} vertices, {len(handles)} handles" in err and "a proxy of" in err
+    assert sorted(p.name for p in folder.iterdir()) == ["body.ply", "out.ply", "pose.json"]
+
+
+def test_deform_takes_its_options_and_is_reproducible(folder, capsys):
+    base = ["deform", "body.ply", "pose.json", "--vertices", "50", "--samplings", "2"]
+    for name, extra in {"a": [], "b": ["--workers", "2"], "c": ["--seed", "7"]}.items():
+        assert main([*base, "-o", f"{name}.ply", *extra]) == 0
+    a, b, c = (read_arrays(f"{name}.ply")[0] for name in "abc")
+    assert np.array_equal(a, b) and not np.array_equal(a, c)
+    assert capsys.readouterr().err.count("2 proxies of") == 3
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".off"])
+def test_other_formats_in_and_out(folder, capsys, suffix):
+    put(f"body{suffix}", BODY.V, BODY.F)
+    assert main(["deform", f"body{suffix}", "pose.json", "-o", f"out{suffix}", "--samplings", "1"]) == 0
+    assert np.array_equal(read_arrays(f"out{suffix}")[1], BODY.F)
+
+
+def test_raw_takes_targets_as_they_are(folder):
+    offset = [0.02, 0, 0]
+    put_handles(
+        {"kind": "static", "vertices": [0, 1, 2]},
+        {"source": (BODY.V[[50]] + offset).tolist(), "target": (BODY.V[[50]] + [0.02, 0, 0.3]).tolist()},
+    )
+    for extra, x in (([], 0.0), (["--raw"], 0.02)):
+        command = ["deform", "body.ply", "pose.json", "-o", "out.ply", "--vertices", "162", *extra]
+        assert main([*command, "--samplings", "1"]) == 0
+        gap = read_arrays("out.ply")[0][50] - BODY.V[50] - [x, 0, 0.3]
+        assert np.linalg.norm(gap) < 1e-2
+
+
+def test_a_small_mesh_gets_a_proxy_by_default(folder, capsys):
+    put("tetrahedron.ply", tetrahedron().V, tetrahedron().F)
+    put_handles({"vertices": [0]}, {"vertices": [3], "target": [[0, 0, 2]]})
+    assert main(["deform", "tetrahedron.ply", "pose.json", "-o", "out.ply"]) == 0
+    assert "a proxy of 4 vertices" in capsys.readouterr().err
+
+
+def test_iterations_that_do_not_converge_are_said(folder, capsys, monkeypatch):
+    short = partial(local_global, max_iterations=2)
+    monkeypatch.setattr("sshade.pipeline.fine.sshade_fast", partial(sshade_fast, max_iterations=2))
+    monkeypatch.setattr("sshade.solver.local_global.local_global", short)
+    assert main(["deform", "body.ply", "pose.json", "-o", "out.ply"]) == 0
+    assert "note: the iterations stopped at 2" in capsys.readouterr().err
+    assert main(["deform", "body.ply", "pose.json", "-o", "out.ply", "--method", "sshade"]) == 0
+    assert "note: the iterations stopped at 2" in capsys.readouterr().err
+
+
+METHODS = {
+    "sshade": lambda start: partial(deform, samplings=2, coarse=partial(local_global, start=start)),
+    "sshade_fast": lambda start: partial(sshade_fast, start=start, samplings=2),
+    "sshade_fine": lambda start: partial(sshade_fine, start=start),
+}
+
+
+@pytest.mark.parametrize("start", ["rest", "rigid"])
+@pytest.mark.parametrize("method", METHODS)
+def test_method_and_start_reach_the_solver(folder, method, start):
+    command = ["deform", "body.ply", "pose.json", "-o", "out.ply", "--vertices", "60", "--method", method]
+    command += [] if method == "sshade_fine" else ["--samplings", "2"]
+    assert main([*command, "--start", start]) == 0
+    task = DeformationTask("body", BODY, read_handles("pose.json", BODY))
+    result = METHODS[method](start)(task, vertices=60)
+    assert np.array_equal(read_arrays("out.ply")[0], result.vertices)
+
+
+def test_what_handles_force_through_the_body_is_said(folder, capsys):
+    z = BODY.V[:, 2]
+    low, high = np.flatnonzero(z < z.min() + 0.4), np.flatnonzero(z > z.max() - 0.4)
+    through = BODY.V[high] - [0, 0, 1.2 * np.ptp(z)]
+    write_handles("pose.json", Handles(np.r_[low, high], np.concatenate([BODY.V[low], through])))
+    command = ["deform", "body.ply", "pose.json", "-o", "out.ply", "--method", "sshade_fine"]
+    assert main([*command, "--vertices", "80"]) == 0
+    said = capsys.readouterr().err
+    left = int(re.search(r"note: (\d+) faces cross others or are flipped", said)[1])
+    V = read_mesh("out.ply").V
+    assert left == (new_crossings(BODY, V) | new_flips(BODY, V)).sum() > 0
+
+
+def test_fine_has_one_proxy(folder, capsys):
+    command = ["deform", "body.ply", "pose.json", "-o", "out.ply", "--method", "sshade_fine"]
+    assert_refused(capsys, [*command, "--samplings", "3"], "one proxy", "--samplings")
+
+
+def test_repair_deforms_a_soup_and_keeps_its_vertices(folder, capsys):
+    put("soup.stl", BODY.V, BODY.F)
+    soup, F = read_arrays("soup.stl")
+    handles = pose(BODY)
+    entries = []
+    for kind, own in (("static", ~handles.dynamic), ("dynamic", handles.dynamic)):
+        source, target = BODY.V[handles.index[own]], handles.target[own]
+        entries.append({"kind": kind, "source": source.tolist(), "target": target.tolist()})
+    put_handles(*entries)
+    assert_refused(capsys, ["deform", "soup.stl", "pose.json", "-o", "out.ply"], "components")
+    assert main(["deform", "soup.stl", "pose.json", "-o", "out.ply", "--repair", "--vertices", "60"]) == 0
+    V, G = read_arrays("out.ply")
+    assert np.array_equal(G, F) and V.shape == soup.shape
+    # Corners that were at one place still are.
+    _, first, inverse = np.unique(soup, axis=0, return_index=True, return_inverse=True)
+    assert len(first) == BODY.n and np.array_equal(V, V[first[inverse.ravel()]])
+    assert main(["deform", "body.ply", "pose.json", "-o", "whole.ply", "--vertices", "60"]) == 0
+    assert np.abs(V - read_arrays("whole.ply")[0][BODY.F].reshape(-1, 3)).max() < 0.1 * BODY.diagonal
+
+
+def test_under_repair_vertex_ids_are_those_of_the_input(folder):
+    """Unused vertices at the front shift every id of the repaired copy."""
+    V = np.concatenate([np.full((3, 3), 9.0), BODY.V])
+    put("unused.ply", V, BODY.F + 3)
+    handles = pose(BODY)
+    write_handles(
+        "pose.json",
+        Handles(handles.index + 3, handles.target, dynamic=handles.dynamic, group=handles.group),
+    )
+    assert main(["deform", "unused.ply", "pose.json", "-o", "out.ply", "--repair", "--vertices", "60"]) == 0
+    moved, F = read_arrays("out.ply")
+    assert np.array_equal(F, BODY.F + 3) and np.array_equal(moved[:3], V[:3])
+    gap = np.linalg.norm(moved[handles.index + 3] - handles.target, axis=1)
+    assert gap.max() < 0.02 * BODY.diagonal
+
+
+def test_remesh_and_carry_bring_an_edit_back(folder, capsys):
+    assert main(["remesh", "body.ply", "-o", "proxy.ply", "--map", "map.npz", "--vertices", "40"]) == 0
+    proxy = read_mesh("proxy.ply")
+    assert proxy.topology == BODY.topology
+    assert {tuple(v) for v in proxy.V.tolist()} <= {tuple(v) for v in BODY.V.tolist()}
+    assert f"proxy.ply: {proxy.n} vertices, {proxy.m} faces; map in map.npz" in capsys.readouterr().err
+    put("edited.ply", proxy.V @ TURN.T + SHIFT, proxy.F)
+    assert main(["carry", "body.ply", "map.npz", "edited.ply", "-o", "out.ply"]) == 0
+    V, F = read_arrays("out.ply")
+    assert np.array_equal(F, BODY.F)
+    assert np.allclose(V, BODY.V @ TURN.T + SHIFT, rtol=0, atol=1e-12 * BODY.diagonal)
+    assert f"{BODY.n} vertices carried by {proxy.n}" in capsys.readouterr().err
+    assert sorted(p.name for p in folder.iterdir()) == [
+        "body.ply", "edited.ply", "map.npz", "out.ply", "pose.json", "proxy.ply",
+    ]  # fmt: skip
+
+
+def test_carry_counts_collapsed_triangles(folder, capsys):
+    main(["remesh", "body.ply", "-o", "proxy.ply", "--map", "map.npz", "--vertices", "40"])
+    proxy = read_mesh("proxy.ply")
+    V = proxy.V.copy()
+    V[proxy.F[0, 1]] = V[proxy.F[0, 0]]
+    put("edited.ply", V, proxy.F)
+    assert main(["carry", "body.ply", "map.npz", "edited.ply", "-o", "out.ply"]) == 0
+    assert "note: 2 frames of the proxy stand on no area" in capsys.readouterr().err
+    assert np.isfinite(read_arrays("out.ply")[0]).all()
+
+
+def test_a_seed_chooses_the_proxy(folder):
+    for name, seed in (("a", "1"), ("b", "1"), ("c", "2")):
+        main(["remesh", "body.ply", "-o", f"{name}.ply", "--map", f"{name}.npz", "--seed", seed])
+    a, b, c = (Path(f"{name}.ply").read_bytes() for name in "abc")
+    assert a == b != c
+
+
+def nan_vertex(V, F):
+    V = V.copy()
+    V[5, 1] = np.nan
+    return V, F
+
+
+def out_of_range(V, F):
+    F = F.copy()
+    F[3, 2] = len(V) + 4
+    return V, F
+
+
+def fin(V, F):
+    """A third face at an edge."""
+    return np.concatenate([V, [[9.0, 9, 9]]]), np.concatenate([F, [[F[0, 0], F[0, 1], len(V)]]])
+
+
+def two_fans(V, F):
+    """A second, closed, surface that touches in a vertex."""
+    other = tetrahedron()
+    G = np.where(other.F == 0, 0, other.F + len(V) - 1)
+    return np.concatenate([V, other.V[1:] + 9]), np.concatenate([F, G])
+
+
+def flipped(V, F):
+    F = F.copy()
+    F[11] = F[11, ::-1]
+    return V, F
+
+
+BAD_MESHES = {
+    "NaN": (nan_vertex, ["vertex 5", "NaN"]),
+    "faces out of range": (out_of_range, ["body.ply"]),
+    "repeated-index faces": (
+        lambda V, F: (V, np.concatenate([F, [[4, 4, 7]]])),
+        ["repeat a vertex", "--repair"],
+    ),
+    "unreferenced vertices": (
+        lambda V, F: (np.concatenate([V, V[:2] + 9]), F),
+        ["2 vertices belong to no", "--repair"],
+    ),
+    "no faces": (lambda V, F: (V, F[:0]), ["triangle"]),
+}
+#: What `deform` cuts and turns.
+OTHER_MESHES = {
+    "a non-manifold edge": (fin, ["not manifold: edge", "3 faces"]),
+    "a non-manifold vertex": (two_fans, ["not manifold: the faces at vertex 0"]),
+    "inconsistent orientation": (flipped, ["not consistently oriented"]),
+}
+
+
+@pytest.mark.parametrize("name", BAD_MESHES)
+@pytest.mark.parametrize("command", ["deform", "remesh"])
+def test_bad_meshes_are_refused(folder, capsys, name, command):
+    damage, words = BAD_MESHES[name]
+    put("body.ply", *damage(BODY.V, BODY.F))
+    rest = ["pose.json", "-o", "out.ply"] if command == "deform" else ["-o", "out.ply", "--map", "map.npz"]
+    assert_refused(capsys, [command, "body.ply", *rest], *words)
+
+
+@pytest.mark.parametrize("name", OTHER_MESHES)
+def test_meshes_that_are_no_oriented_manifold_are_deformed_and_not_remeshed(folder, capsys, name):
+    damage, words = OTHER_MESHES[name]
+    V, F = damage(BODY.V, BODY.F)
+    put("body.ply", V, F)
+    assert_refused(capsys, ["remesh", "body.ply", "-o", "out.ply", "--map", "map.npz"], *words)
+    assert main(["deform", "body.ply", "pose.json", "-o", "out.ply", "--vertices", "60"]) == 0
+    moved, G = read_arrays("out.ply")
+    assert np.array_equal(G, F) and moved.shape == V.shape and np.isfinite(moved).all()
+    assert "note: no oriented manifold" in capsys.readouterr().err
+    handles = pose(BODY)
+    assert np.linalg.norm(moved[handles.index] - handles.target, axis=1).max() < 0.02 * BODY.diagonal
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("empty.ply", b""),
+        ("garbage.ply", b"\x00\x01\x02 no mesh"),
+        ("cut.ply", None),
+        ("text.obj", b"hello\n"),
+        ("missing.ply", False),
+        ("body.step", b"ISO-10303-21;"),
+    ],
+)
+@pytest.mark.parametrize("command", ["deform", "remesh", "carry"])
+def test_unreadable_meshes_are_refused(folder, capsys, name, content, command):
+    if content is not False:
+        Path(name).write_bytes(content if content is not None else Path("body.ply").read_bytes()[:-40])
+    rest = {
+        "deform": ["pose.json", "-o", "out.ply"],
+        "remesh": ["-o", "out.ply", "--map", "map.npz"],
+        "carry": ["map.npz", "body.ply", "-o", "out.ply"],
+    }[command]
+    assert_refused(capsys, [command, name, *rest], name)
+
+
+def test_several_components_are_refused_unless_each_has_handles(folder, capsys):
+    put("body.ply", np.concatenate([BODY.V, BODY.V + 9]), np.concatenate([BODY.F, BODY.F + BODY.n]))
+    assert_refused(
+        capsys, ["deform", "body.ply", "pose.json", "-o", "out.ply"], "1 of the mesh's 2 components"
+    )
+    assert main(["deform", "body.ply", "pose.json", "-o", "out.ply", "--carry-loose"]) == 0
+    assert "1 components without handles follow the nearest one" in capsys.readouterr().err
+    put_handles({"vertices": [0, BODY.n]})
+    assert main(["deform", "body.ply", "pose.json", "-o", "out.ply"]) == 0
+    assert "2 pieces were deformed on their own" in capsys.readouterr().err
+    Path("out.ply").unlink()
+    assert_refused(capsys, ["remesh", "body.ply", "-o", "out.ply", "--map", "map.npz"], "2 components")
+
+
+BAD_HANDLES = {
+    "fewer targets than handles": ([{"vertices": [1, 2], "target": [[0, 0, 0]]}], "2 handles have 1 targets"),
+    "contradictory targets on one vertex": (
+        [{"vertices": [1], "target": [[0, 0, 0]]}, {"vertices": [1], "target": [[0, 0, 1]]}],
+        "vertex 1 has contradictory targets",
+    ),
+    "a handle out of range": ([{"vertices": [162]}], "not 162"),
+    "none": ([], "no handles"),
+    "only unused ones": ([{"kind": "unused", "vertices": [1]}], "no handles"),
+    "no target": ([{"kind": "dynamic", "vertices": [1]}], 'no "target"'),
+    "NaN": ([{"vertices": [1], "target": [[float("nan"), 0, 0]]}], "NaN"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_HANDLES)
+def test_bad_handles_are_refused(folder, capsys, name):
+    entries, words = BAD_HANDLES[name]
+    put_handles(*entries)
+    assert_refused(capsys, ["deform", "body.ply", "pose.json", "-o", "out.ply"], "pose.json", words)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"), [("a.json", None), ("b.json", "{"), ("c.txt", ""), ("d.yaml", "x: [")]
+)
+def test_unreadable_handle_files_are_refused(folder, capsys, name, text):
+    if text is not None:
+        Path(name).write_text(text)
+    assert_refused(capsys, ["deform", "body.ply", name, "-o", "out.ply"], name)
+
+
+@pytest.mark.parametrize(
+    ("extra", "words"),
+    [
+        (["--vertices", "163"], "the mesh has only 162"),
+        (["--vertices", "3"], "cannot hold"),
+        (["--vertices", "-1"], "cannot hold"),
+        (["--samplings", "0"], "0 samplings"),
+        (["--workers", "-2"], "-2 workers"),
+        (["--seed", "-1"], "seed -1"),
+    ],
+)
+def test_numbers_out_of_range_are_refused(folder, capsys, extra, words):
+    assert_refused(capsys, ["deform", "body.ply", "pose.json", "-o", "out.ply", *extra], words)
+
+
+@pytest.mark.parametrize("count", ["163", "0", "-1"])
+def test_remesh_refuses_as_many_vertices_as_no_proxy_can_have(folder, capsys, count):
+    assert_refused(capsys, ["remesh", "body.ply", "-o", "out.ply", "--map", "map.npz", "--vertices", count])
+
+
+@pytest.mark.parametrize(
+    ("output", "words"), [("out.xyz", "unknown mesh format"), ("no/out.ply", "does not exist")]
+)
+def test_an_output_that_cannot_be_written_is_refused_before_any_work(folder, capsys, output, words):
+    missing = ["gone.ply", "gone.json"]  # would be the error, were the output not looked at first
+    assert_refused(capsys, ["deform", *missing, "-o", output], words)
+    assert_refused(capsys, ["remesh", "gone.ply", "-o", output, "--map", "map.npz"], words)
+    assert_refused(capsys, ["carry", "gone.ply", "gone.npz", "gone.ply", "-o", output], words)
+
+
+@pytest.mark.parametrize("name", ["map.json", "map", "no/map.npz"])
+def test_a_map_of_another_name_or_in_no_folder_is_refused(folder, capsys, name):
+    assert_refused(capsys, ["remesh", "body.ply", "-o", "out.ply", "--map", name], "must be an .npz file")
+
+
+def test_carry_refuses_what_does_not_belong_together(folder, capsys):
+    main(["remesh", "body.ply", "-o", "proxy.ply", "--map", "map.npz", "--vertices", "40"])
+    capsys.readouterr()
+    proxy = read_mesh("proxy.ply")
+    put("other.ply", icosphere(1).V, icosphere(1).F)
+    put("nan.ply", *nan_vertex(proxy.V, proxy.F))
+    Path("bad.npz").write_bytes(b"no map")
+    assert_refused(
+        capsys, ["carry", "other.ply", "map.npz", "proxy.ply", "-o", "out.ply"], "162", "this one has 42"
+    )
+    assert_refused(capsys, ["carry", "body.ply", "map.npz", "other.ply", "-o", "out.ply"], "(42, 3)")
+    assert_refused(capsys, ["carry", "body.ply", "map.npz", "nan.ply", "-o", "out.ply"], "nan.ply", "NaN")
+    assert_refused(
+        capsys, ["carry", "body.ply", "bad.npz", "proxy.ply", "-o", "out.ply"], "bad.npz: not a map"
+    )
+    assert_refused(
+        capsys, ["carry", "body.ply", "map.npz", "gone.ply", "-o", "out.ply"], "gone.ply: no such file"
+    )
+
+
+def test_zero_area_faces_on_which_the_solver_gives_up_end_in_one_line(folder, capsys):
+    V = BODY.V.copy()
+    a, b, c = BODY.F[0]
+    V[c] = 0.5 * (V[a] + V[b])
+    put("body.ply", V, BODY.F)
+    command = ["deform", "body.ply", "pose.json", "-o", "out.ply", "--vertices", "162"]
+    assert_refused(capsys, command, "no area")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [[], ["bend"], ["deform"], ["deform", "body.ply", "pose.json"], ["remesh", "body.ply", "-o", "a.ply"]],
+)
+def test_wrong_usage_exits_with_2(folder, capsys, arguments):
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 2 and "usage: sshade" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--help"], ["deform", "--help"], ["remesh", "--help"], ["carry", "--help"]]
+)
+def test_help_says_what_each_command_does(capsys, arguments):
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 0 and "usage: sshade" in capsys.readouterr().out
+
+
+def test_an_interrupt_ends_with_130_and_an_error_of_the_program_is_not_hidden(capsys):
+    def interrupted():
+        raise KeyboardInterrupt
+
+    def broken():
+        raise ValueError("a bug")
+
+    def refused():
+        raise InputError("too small")
+
+    assert run_command(interrupted) == 130
+    assert run_command(refused) == 2
+    assert run_command(lambda: 0) == 0
+    assert capsys.readouterr().err == "interrupted\nerror: too small\n"
+    with pytest.raises(ValueError, match="a bug"):
+        run_command(broken)
+
+
+def test_progress_draws_nothing_where_there_is_no_terminal(capsys):
+    with progress_bar() as progress:
+        progress("stage", 1, 2, "note")
+    assert capsys.readouterr() == ("", "")
+
+
+def test_progress_draws_a_bar_on_a_terminal(capsys, monkeypatch):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    with progress_bar() as progress:
+        progress("sampling 1", 1, 2, "residual 1e-3")
+        progress("sampling 1", 2, 2, "residual 1e-6")
+    out, err = capsys.readouterr()
+    assert out == "" and "sampling 1" in err and "residual 1e-6" in err
+
+
+def test_the_package_runs_as_a_module(folder):
+    run = subprocess.run(
+        [sys.executable, "-m", "sshade", "remesh", "gone.ply", "-o", "a.ply", "--map", "a.npz"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 2 and run.stderr == "error: gone.ply: no such file\n"

@@ -1,0 +1,95 @@
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from sshade.errors import InputError
+from sshade.io.files import make_folder, reason, replacing
+
+
+def test_the_file_appears_on_success_under_its_name_alone(tmp_path):
+    path = tmp_path / "a.txt"
+    with replacing(path) as temporary:
+        assert temporary.parent == tmp_path and temporary.suffix == ".txt" and temporary != path
+        temporary.write_text("new")
+        assert not path.exists()
+    assert path.read_text() == "new"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_existing_file_is_replaced_whole(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("old and longer")
+    with replacing(path) as temporary:
+        temporary.write_text("new")
+        assert path.read_text() == "old and longer"
+    assert path.read_text() == "new"
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
+def test_on_an_error_or_interrupt_the_old_file_stays_and_nothing_else(tmp_path, error):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    with pytest.raises(error), replacing(path) as temporary:
+        temporary.write_text("half")
+        raise error
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_error_before_anything_was_written_is_passed_on(tmp_path):
+    with pytest.raises(ZeroDivisionError), replacing(str(tmp_path / "a.txt")):
+        raise ZeroDivisionError
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_place_that_cannot_be_written_is_an_input_error(tmp_path):
+    (tmp_path / "file").write_text("old")
+    for path in (tmp_path / "nowhere" / "a.txt", tmp_path / "file" / "a.txt", Path("/dev/null/a.txt")):
+        with pytest.raises(InputError, match=r"a\.txt: cannot be written \("), replacing(path) as temporary:
+            temporary.write_text("new")
+    for path in (tmp_path / "file", tmp_path / "file" / "below", Path("/dev/null/below")):
+        with pytest.raises(InputError, match=f"{path}: the folder cannot be made"):
+            make_folder(path)
+    assert (tmp_path / "file").read_text() == "old"
+    make_folder(tmp_path / "a" / "b")
+    make_folder(tmp_path / "a" / "b")
+    assert (tmp_path / "a" / "b").is_dir()
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [
+        (OSError(28, "No space left on device", "x"), "No space left on device"),
+        (
+            OSError("12 requested and 0 written"),
+            "12 requested and 0 written; the disk may be full",
+        ),
+        (OSError(), "OSError; the disk may be full"),
+    ],
+)
+def test_the_reason_of_an_error_of_the_system(error, text):
+    assert reason(error) == text
+
+
+def test_what_a_killed_process_left_is_removed_and_that_of_a_living_one_is_not(tmp_path):
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    path = tmp_path / "a.txt"
+    with replacing(path) as temporary:
+        temporary.write_text("new")
+        name = temporary.name
+    mine = str(os.getpid())
+    for pid in (dead.pid, os.getppid()):
+        (tmp_path / name.replace(mine, str(pid))).write_text("half")
+    (tmp_path / name.replace("a.", "b.").replace(mine, str(dead.pid))).write_text("of another file")
+    (tmp_path / name.replace(mine, "x")).write_text("no process")
+    with replacing(path) as temporary:
+        temporary.write_text("newer")
+    left = {name.replace(mine, str(os.getppid())), name.replace(mine, "x"), "a.txt"}
+    left.add(name.replace("a.", "b.").replace(mine, str(dead.pid)))
+    assert {p.name for p in tmp_path.iterdir()} == left and path.read_text() == "newer"

@@ -1,0 +1,360 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from sshade import Handles, InputError, Mesh
+from sshade.io.handles import _axis_rotations, read_handles, write_handles
+from sshade.io.meshes import repair
+from tests.shapes import bumpy, rotation, tetrahedron, torus
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Write handle entries, or any text, to a JSON file."""
+
+    def _write(content, name: str = "pose.json") -> Path:
+        text = content if isinstance(content, str) else json.dumps({"handles": content})
+        (tmp_path / name).write_text(text)
+        return tmp_path / name
+
+    return _write
+
+
+def test_handles_by_vertex_are_taken_exactly(write, body):
+    entries = [
+        {"landmark": "foot", "kind": "static", "vertices": [7, 3]},
+        {"landmark": "hand", "kind": "dynamic", "vertices": [50, 40], "target": [[1, 2, 3], [4, 5, 6]]},
+    ]
+    handles = read_handles(write(entries), body)
+    assert handles.index.tolist() == [7, 3, 50, 40]
+    assert np.array_equal(handles.target, [*body.V[[7, 3]], [1, 2, 3], [4, 5, 6]])
+    assert handles.dynamic.tolist() == [False, False, True, True]
+    assert handles.group.tolist() == [0, 0, 1, 1]
+
+
+def test_handles_by_position_are_snapped_as_positions_are(write, body):
+    rng = np.random.default_rng(0)
+    foot = body.V[[10, 11]] + 1e-3
+    hand = body.V[[200, 201, 202]] + rng.normal(scale=1e-3, size=(3, 3))
+    moved = hand @ rotation(1).T + [1, 0, 0]
+    entries = [
+        {"kind": "static", "source": foot.tolist(), "target": (foot + 1).tolist()},
+        {"kind": "dynamic", "source": hand.tolist(), "target": moved.tolist()},
+    ]
+    handles = read_handles(write(entries), body)
+    parts = [
+        Handles.from_positions(body, foot, foot, dynamic=False),
+        Handles.from_positions(body, hand, moved),
+    ]
+    assert np.array_equal(handles.index, np.concatenate([part.index for part in parts]))
+    assert np.array_equal(handles.target, np.concatenate([part.target for part in parts]))
+    assert np.array_equal(handles.snap_distance, np.concatenate([part.snap_distance for part in parts]))
+    assert handles.group.tolist() == [0, 0, 1, 1, 1]
+
+    raw = read_handles(write(entries), body, raw=True)
+    assert np.allclose(raw.target, np.concatenate([foot + 1, moved]), rtol=0, atol=1e-15)
+
+
+def test_static_handles_ignore_a_target_unless_raw(write, body):
+    entries = [{"kind": "static", "vertices": [5], "target": [[9, 9, 9]]}]
+    assert np.array_equal(read_handles(write(entries), body).target, body.V[[5]])
+    assert read_handles(write(entries), body, raw=True).target.tolist() == [[9, 9, 9]]
+
+
+def test_the_kind_follows_from_the_target_where_it_is_left_out(write, body):
+    entries = [{"vertices": [1]}, {"vertices": [2], "target": [[0, 0, 0]]}]
+    assert read_handles(write(entries), body).dynamic.tolist() == [False, True]
+
+
+def test_unused_groups_are_skipped_and_group_numbers_count_entries(write, body):
+    entries = [
+        {"kind": "unused", "vertices": [10**9], "source": "nonsense"},
+        {"kind": "static", "vertices": [4], "delta": 0.1, "anything": None},
+    ]
+    handles = read_handles(write(entries), body)
+    assert handles.index.tolist() == [4] and handles.group.tolist() == [1]
+
+
+def test_other_keys_of_the_file_are_left_alone(write, body):
+    path = write(json.dumps({"source_pose": "x", "handles": [{"vertices": [1]}]}))
+    assert len(read_handles(path, body)) == 1
+
+
+def test_merged_handles_are_counted_over_all_groups(write):
+    mesh = tetrahedron()
+    entries = [{"kind": "static", "source": [[1, 0, 0], [1.1, 0, 0], [0, 1, 0], [0, 1.1, 0]]}]
+    assert read_handles(write(entries), mesh).merged == 2
+
+
+def test_ids_count_the_vertices_of_the_file_where_the_mesh_is_a_repaired_copy(write):
+    mesh = tetrahedron()
+    soup = np.concatenate([[[9.0, 9, 9]], mesh.V[mesh.F].reshape(-1, 3)])
+    repaired, vertex = repair(soup, 1 + np.arange(12).reshape(-1, 3))
+    entries = [{"vertices": [12]}, {"vertices": [1], "target": [[5, 5, 5]]}]
+    handles = read_handles(write(entries), repaired, vertex=vertex)
+    assert np.array_equal(repaired.V[handles.index], soup[[12, 1]])
+    assert handles.target.tolist() == [soup[12].tolist(), [5, 5, 5]]
+    with pytest.raises(InputError, match="entry 0: vertex 0 belongs to no face"):
+        read_handles(write([{"vertices": [1, 0]}]), repaired, vertex=vertex)
+    with pytest.raises(InputError, match=r"vertex ids must lie in 0\.\.12, not 13"):
+        read_handles(write([{"vertices": [13]}]), repaired, vertex=vertex)
+
+
+def test_written_handles_read_back_the_same(tmp_path, body):
+    rng = np.random.default_rng(3)
+    index, dynamic = rng.permutation(body.n)[:9], rng.random(9) < 0.5
+    target = np.where(dynamic[:, None], rng.normal(size=(9, 3)), body.V[index])
+    handles = Handles(index, target, dynamic=dynamic, group=rng.integers(0, 3, 9))
+    write_handles(tmp_path / "a.json", handles)
+    back = read_handles(tmp_path / "a.json", body)
+    a, b = np.argsort(handles.index), np.argsort(back.index)
+    for name in ("index", "target", "dynamic"):
+        assert np.array_equal(getattr(handles, name)[a], getattr(back, name)[b])
+    # Groups are renumbered, one for each kind in each: equal before means equal or split after.
+    pairs = set(zip(handles.group[a] * 2 + handles.dynamic[a], back.group[b], strict=True))
+    assert len(pairs) == len({p[0] for p in pairs}) == len({p[1] for p in pairs})
+    assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("", "not readable as JSON"),
+        ("{", "not readable as JSON"),
+        ("[]", 'an object with a list "handles"'),
+        ('{"handles": {}}', 'an object with a list "handles"'),
+        ("{}", 'an object with a list "handles"'),
+        ([], "no handles"),
+        ([{"kind": "unused"}], "no handles"),
+        ([3], "entry 0 of handles is no object"),
+        (
+            [{"kind": "fixed", "vertices": [1]}],
+            "entry 0: unknown kind 'fixed'; use static, dynamic or unused",
+        ),
+        ([{"vertices": [1]}, {"kind": "static"}], 'entry 1: .*either as "vertices" or as "source"'),
+        ([{"vertices": [1], "source": [[0, 0, 0]]}], 'either as "vertices" or as "source"'),
+        ([{"kind": "dynamic", "vertices": [1]}], 'entry 0 is dynamic and has no "target"'),
+        ([{"vertices": [1.5]}], '"vertices" must be a list of integers'),
+        ([{"vertices": [True]}], '"vertices" must be a list of integers'),
+        ([{"vertices": []}], '"vertices" must be a list of integers'),
+        ([{"vertices": [[1]]}], '"vertices" must be a list of integers'),
+        ([{"vertices": "1"}], '"vertices" must be a list of integers'),
+        ([{"vertices": [642]}], r"vertex ids must lie in 0\.\.641, not 642"),
+        ([{"vertices": [-1]}], r"vertex ids must lie in 0\.\.641, not -1"),
+        ([{"vertices": [1, 2], "target": [[0, 0, 0]]}], "2 handles have 1 targets"),
+        ([{"source": [[0, 0, 0]], "target": [[0, 0, 0]] * 2}], "1 handles have 2 targets"),
+        (
+            [{"vertices": [1], "target": [[0, 0]]}],
+            r'"target" of entry 0 must be a list of points \[x, y, z\]',
+        ),
+        ([{"source": []}], '"source" of entry 0 must be a list of points'),
+        ([{"source": [["a", 0, 0]]}], '"source" of entry 0 must be a list of points'),
+        ([{"source": [[0, 0, 0], [1, 1]]}], '"source" of entry 0 must be a list of points'),
+        ('{"handles": [{"vertices": [1], "target": [[NaN, 0, 0]]}]}', '"target" of entry 0 has a NaN'),
+        ('{"handles": [{"source": [[Infinity, 0, 0]]}]}', '"source" of entry 0 has a NaN or infinite'),
+        (
+            [{"vertices": [1], "target": [[0, 0, 0]]}, {"vertices": [1], "target": [[1, 0, 0]]}],
+            "vertex 1 has contradictory targets",
+        ),
+    ],
+)
+def test_unusable_json_is_refused_with_the_path(write, body, content, words):
+    path = write(content)
+    with pytest.raises(InputError, match=words) as caught:
+        read_handles(path, body)
+    assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
+
+
+def test_missing_unknown_and_binary_files_are_refused(tmp_path, body):
+    with pytest.raises(InputError, match=r"unknown handle format '.txt'; use .json or .yaml"):
+        read_handles(tmp_path / "a.txt", body)
+    with pytest.raises(InputError, match="no such file"):
+        read_handles(tmp_path / "a.json", body)
+    for name in ("b.json", "b.yaml"):
+        (tmp_path / name).write_bytes(b"\xff\xfe\x00\x80")
+        with pytest.raises(InputError, match="not readable as"):
+            read_handles(tmp_path / name, body)
+
+
+class Experiment:
+    """A folder of Implicit-ARAP: axes of its own, centred on the surface's centroid, scaled to 0.8."""
+
+    def __init__(self, folder: Path, mesh: Mesh, axes: np.ndarray) -> None:
+        self.folder, self.mesh, self.axes = folder, mesh, axes
+        areas = np.linalg.norm(
+            np.cross(
+                mesh.V[mesh.F[:, 1]] - mesh.V[mesh.F[:, 0]], mesh.V[mesh.F[:, 2]] - mesh.V[mesh.F[:, 0]]
+            ),
+            axis=1,
+        )
+        self.centre = np.average(mesh.V[mesh.F].mean(axis=1), axis=0, weights=areas)
+        self.scale = 0.8 / np.abs(mesh.V - self.centre).max()
+        self.parts: dict[str, np.ndarray] = {}
+        for name in ("parts", "transforms"):
+            (folder / name).mkdir(parents=True)
+
+    def to_file(self, V: np.ndarray) -> np.ndarray:
+        return ((V - self.centre) * self.scale) @ self.axes.T
+
+    def to_mesh(self, points: np.ndarray) -> np.ndarray:
+        return points @ self.axes / self.scale + self.centre
+
+    def put(self, kind: str, name: str, points: np.ndarray) -> None:
+        lines = [" ".join(map(repr, point)) for point in points.tolist()]
+        (self.folder / kind / f"{name}.txt").write_text("\n".join(lines) + "\n")
+
+    def yaml(self, text: str) -> Path:
+        (self.folder / "pose.yaml").write_text(text)
+        return self.folder / "pose.yaml"
+
+
+AXES = [
+    np.eye(3),
+    np.diag([-1.0, 1, -1]),
+    np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]),
+    np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]]),
+]
+POSE = """
+handles:
+  static:
+    positions: [foot, heel]
+  moving:
+    positions: [hand]
+    transform: [hand_up]
+"""
+
+
+@pytest.fixture(scope="module")
+def far_body() -> Mesh:
+    """Another unit of length, far from the origin."""
+    mesh = bumpy(3)
+    return Mesh(170 * mesh.V + [300, -50, 20], mesh.F)
+
+
+def experiment(folder: Path, mesh: Mesh, axes: np.ndarray, *, noise: float = 0.0):
+    made = Experiment(folder, mesh, axes)
+    order = np.argsort(mesh.V @ [0.2, 0.3, 1.0])
+    ids = {"foot": order[:20], "heel": order[100:110], "hand": order[-25:]}
+    rng = np.random.default_rng(0)
+    for name, vertices in ids.items():
+        points = made.to_file(mesh.V[vertices]) + rng.normal(scale=noise, size=(len(vertices), 3))
+        made.put("parts", name, points)
+        made.parts[name] = points
+    turn = Rotation.from_rotvec([0.3, 0.5, -0.2]).as_matrix()
+    made.put("transforms", "hand_up", made.parts["hand"] @ turn.T + [0.1, 0.2, 0.3])
+    made.yaml(POSE)
+    moved = made.to_mesh(made.to_file(mesh.V[ids["hand"]]) @ turn.T + [0.1, 0.2, 0.3])
+    return made, ids, moved
+
+
+@pytest.mark.parametrize("axes", AXES, ids=["same", "flipped", "cycled", "turned"])
+def test_implicit_arap_targets_come_back_in_the_meshs_own_coordinates(tmp_path, far_body, axes):
+    made, ids, moved = experiment(tmp_path / "x", far_body, axes)
+    handles = read_handles(tmp_path / "x" / "pose.yaml", far_body)
+    expected = {int(v): far_body.V[v] for name in ("foot", "heel") for v in ids[name]}
+    expected |= {int(v): p for v, p in zip(ids["hand"], moved, strict=True)}
+    assert sorted(handles.index.tolist()) == sorted(expected)
+    gap = [np.linalg.norm(t - expected[int(v)]) for v, t in zip(handles.index, handles.target, strict=True)]
+    assert max(gap) <= 1e-6 * far_body.diagonal
+    assert np.array_equal(np.sort(handles.index[handles.dynamic]), np.sort(ids["hand"]))
+    assert np.unique(handles.group).tolist() == [0, 1, 2]
+    raw = read_handles(tmp_path / "x" / "pose.yaml", far_body, raw=True)
+    gap = [np.linalg.norm(t - expected[int(v)]) for v, t in zip(raw.index, raw.target, strict=True)]
+    assert max(gap) <= 1e-6 * far_body.diagonal
+
+
+def test_points_a_little_off_the_surface_keep_the_parts_rigid_motion(tmp_path, far_body):
+    """As of another copy of the model: handles are vertices, and targets those vertices moved rigidly."""
+    _, _, moved = experiment(tmp_path / "x", far_body, AXES[2], noise=0.003)
+    handles = read_handles(tmp_path / "x" / "pose.yaml", far_body)
+    static = ~handles.dynamic
+    assert np.array_equal(handles.target[static], far_body.V[handles.index[static]])
+    at, to = far_body.V[handles.index[handles.dynamic]], handles.target[handles.dynamic]
+    # Rigid: all distances among the targets are those among their vertices.
+    rest, apart = (np.linalg.norm(x[:, None] - x[None], axis=2) for x in (at, to))
+    assert np.allclose(apart, rest, rtol=0, atol=1e-9 * far_body.diagonal)
+    assert np.linalg.norm(to.mean(axis=0) - moved.mean(axis=0)) < 0.05 * far_body.diagonal
+
+
+def test_a_little_rigid_motion_of_another_copy_is_found_by_icp(tmp_path, far_body):
+    """The centroid of another triangulation lies elsewhere: all points are off by the same shift."""
+    made, ids, _ = experiment(tmp_path / "x", far_body, AXES[3])
+    everywhere = np.random.default_rng(0).permutation(far_body.n)[:200]
+    shift = np.array([0.006, -0.004, 0.005])
+    made.put("parts", "all", made.to_file(far_body.V[everywhere]) + shift)
+    path = made.yaml("handles: {moving: {positions: [all], transform: [moved]}}")
+    made.put("transforms", "moved", made.to_file(far_body.V[everywhere]) + shift + [0, 0, 0.5])
+    handles = read_handles(path, far_body, raw=True)
+    # Raw targets are the file's, mapped: without ICP all would be off by the whole shift.
+    target = made.to_mesh(made.to_file(far_body.V) + [0, 0, 0.5])
+    gap = np.linalg.norm(handles.target - target[handles.index], axis=1)
+    assert np.max(gap) < 0.75 * np.linalg.norm(shift) / made.scale
+
+
+def test_the_axis_rotations_are_the_24_of_the_cube():
+    rotations = _axis_rotations()
+    assert np.array_equal(rotations[0], np.eye(3))
+    assert (
+        len({R.tobytes() for R in np.abs(rotations)}) == 6 and len({str(R.tolist()) for R in rotations}) == 24
+    )
+    for R in rotations:
+        assert np.array_equal(R @ R.T, np.eye(3)) and np.linalg.det(R) == 1
+
+
+def test_static_or_moving_parts_may_be_missing(tmp_path, far_body):
+    made, ids, _ = experiment(tmp_path / "x", far_body, AXES[0])
+    only = made.yaml("handles:\n  static:\n    positions: [foot]\n")
+    assert not read_handles(only, far_body).dynamic.any()
+    only = made.yaml("handles:\n  moving:\n    positions: [hand]\n    transform: [hand_up]\n  static:\n")
+    assert read_handles(only, far_body).dynamic.all()
+
+
+def test_the_wrong_mesh_is_refused(tmp_path, far_body):
+    experiment(tmp_path / "x", far_body, AXES[1])
+    with pytest.raises(InputError, match="is this the mesh they were made for?"):
+        read_handles(tmp_path / "x" / "pose.yaml", torus())
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a: [", "not readable as YAML"),
+        ("", "expected a mapping `handles`"),
+        ("handles: [foot]", "expected a mapping `handles`"),
+        ("handles: {}", "no handles; name at least one static or moving part"),
+        ("handles: {static: [foot]}", "`handles.static.positions` must be a list of names"),
+        ("handles: {static: {positions: foot}}", "`handles.static.positions` must be a list of names"),
+        ("handles: {static: {positions: [1]}}", "`handles.static.positions` must be a list of names"),
+        ("handles: {moving: {positions: [hand]}}", "1 moving parts have 0 transforms"),
+        ("handles: {moving: {positions: [hand], transform: [a, b]}}", "1 moving parts have 2 transforms"),
+        ("handles: {static: {positions: [nose]}}", "no such file: .*nose.txt"),
+        ("handles: {moving: {positions: [hand], transform: [nose]}}", "no such file: .*nose.txt"),
+        (
+            "handles: {moving: {positions: [hand], transform: [short]}}",
+            "hand has 25 points, its transform short 2",
+        ),
+        ("handles: {static: {positions: [words]}}", "words.txt: each line needs three numbers"),
+        ("handles: {static: {positions: [ragged]}}", r"ragged.txt must be a list of points \[x, y, z\]"),
+        ("handles: {static: {positions: [empty]}}", "empty.txt must be a list of points"),
+        ("handles: {static: {positions: [nan]}}", "nan.txt has a NaN or infinite position"),
+    ],
+)
+def test_unusable_experiments_are_refused_with_the_path(tmp_path, far_body, text, words):
+    made, _, _ = experiment(tmp_path / "x", far_body, AXES[0])
+    made.put("transforms", "short", np.zeros((2, 3)))
+    for name, content in {
+        "words": "1 2 x\n",
+        "ragged": "1 2 3\n4 5\n",
+        "empty": "\n",
+        "nan": "nan 0 0\n",
+    }.items():
+        (tmp_path / "x" / "parts" / f"{name}.txt").write_text(content)
+    path = made.yaml(text)
+    with pytest.raises(InputError, match=words) as caught:
+        read_handles(path, far_body)
+    assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)

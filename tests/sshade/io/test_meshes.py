@@ -1,0 +1,262 @@
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pytest
+
+from sshade import InputError, Mesh
+from sshade.io import meshes as meshio
+from sshade.io.meshes import SUFFIXES, check_output, read_arrays, read_mesh, repair, write_mesh
+from tests.shapes import icosphere, strip, tetrahedron
+
+ORDERED = [suffix for suffix in SUFFIXES if suffix != ".stl"]
+
+
+@pytest.fixture(scope="module")
+def shuffled() -> Mesh:
+    """No order that a reader could restore by itself, and digits that need all of a double."""
+    mesh, rng = icosphere(2), np.random.default_rng(0)
+    order = rng.permutation(mesh.n)
+    V = np.empty_like(mesh.V)
+    V[order] = mesh.V * rng.uniform(0.9, 1.1, (mesh.n, 1)) / 3
+    F = np.array([np.roll(f, r) for f, r in zip(order[mesh.F], rng.integers(0, 3, mesh.m), strict=True)])
+    return Mesh(V, rng.permutation(F))
+
+
+@pytest.mark.parametrize("suffix", [*ORDERED, ".PLY", ".Obj"])
+def test_vertices_and_faces_keep_their_order(tmp_path, shuffled, suffix):
+    path = tmp_path / f"mesh{suffix}"
+    write_mesh(path, shuffled.V, shuffled.F)
+    back = read_mesh(path)
+    assert np.array_equal(back.F, shuffled.F)
+    assert np.allclose(back.V, shuffled.V, rtol=0, atol=1e-15 * shuffled.diagonal)
+    assert os.listdir(tmp_path) == [path.name]
+
+
+def test_ply_keeps_every_bit_also_of_odd_numbers(tmp_path, shuffled):
+    V = shuffled.V.copy()
+    V[0], V[1] = [1e-300, -0.0, np.nextafter(1, 2)], [1 / 3, 1e300, 5e-324]
+    write_mesh(tmp_path / "mesh.ply", V, shuffled.F)
+    back, F = read_arrays(tmp_path / "mesh.ply")
+    assert back.tobytes() == V.tobytes() and np.array_equal(F, shuffled.F)
+
+
+def test_coincident_and_unreferenced_vertices_are_neither_merged_nor_dropped(tmp_path):
+    V = np.array([[0.0, 0, 0], [9, 9, 9], [0, 0, 0], [1, 0, 0], [0, 1, 0], [8, 8, 8]])
+    F = np.array([[0, 3, 4], [2, 4, 3]])
+    for suffix in ORDERED:
+        write_mesh(tmp_path / f"mesh{suffix}", V, F)
+        back = read_arrays(tmp_path / f"mesh{suffix}")
+        assert np.array_equal(back[0], V) and np.array_equal(back[1], F)
+
+
+def test_an_stl_is_read_as_the_soup_that_it_is(tmp_path, shuffled):
+    write_mesh(tmp_path / "mesh.stl", shuffled.V, shuffled.F)
+    V, F = read_arrays(tmp_path / "mesh.stl")
+    assert np.array_equal(F, np.arange(3 * shuffled.m).reshape(-1, 3))
+    assert np.allclose(V, shuffled.V[shuffled.F].reshape(-1, 3), rtol=1e-6, atol=1e-7)
+
+
+OBJ = """\
+# quads, texture seams, normals, groups, materials, relative ids and a line that goes on
+mtllib none.mtl
+v 0 0 0
+v 7 7 7 0.5 0.5 0.5
+v 1 0 0
+v 1 1 0
+v 0 1 0
+vt 0 0
+vt 1 1
+vn 0 0 1
+vn 0 1 0
+g one
+usemtl skin
+f 1/1/1 3/2/1 4/1/2 5/2/2
+usemtl cloth
+s off
+f 1//2 \\
+  4//1 3//1
+o two
+f -1 -2 -5
+"""
+
+
+def test_what_an_obj_says_of_texture_normals_and_materials_splits_no_vertex(tmp_path):
+    (tmp_path / "mesh.obj").write_text(OBJ)
+    V, F = read_arrays(tmp_path / "mesh.obj")
+    assert V.tolist() == [[0, 0, 0], [7, 7, 7], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    assert F.tolist() == [[0, 2, 3], [0, 3, 4], [0, 3, 2], [4, 3, 0]]
+
+
+def test_polygons_are_fanned(tmp_path):
+    (tmp_path / "a.off").write_text("OFF # comment\n\n4 1 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n")
+    (tmp_path / "a.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+        "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        "0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n"
+    )
+    for name in ("a.off", "a.ply"):
+        mesh = read_mesh(tmp_path / name)
+        assert mesh.m == 2 and mesh.area == pytest.approx(1)
+        assert np.array_equal(mesh.face_normals, [[0, 0, 1]] * 2)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("share", [0.0005, 0.02, 0.3, 0.7, 0.99])
+def test_truncated_files_are_refused(tmp_path, shuffled, suffix, share):
+    path = tmp_path / f"mesh{suffix}"
+    write_mesh(path, shuffled.V, shuffled.F)
+    data = path.read_bytes()
+    path.write_bytes(data[: int(share * len(data))])
+    with pytest.raises(InputError, match=f"mesh{suffix}: "):
+        read_mesh(path)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".off", ".stl", ".obj"])
+def test_a_file_that_ends_within_its_last_face_is_refused(tmp_path, suffix):
+    path = tmp_path / f"mesh{suffix}"
+    write_mesh(path, icosphere(1).V, icosphere(1).F)
+    data = path.read_bytes().rstrip() if suffix in (".off", ".obj") else path.read_bytes()
+    path.write_bytes(data[:-3])
+    with pytest.raises(InputError):
+        read_mesh(path)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_empty_garbage_and_missing_files_are_refused_in_one_line(tmp_path, suffix):
+    contents = {"empty": b"", "blank": b"\n\n", "random": np.random.default_rng(0).bytes(400)}
+    contents |= {"text": b"a line\nand another\n", "page": b"<html><body>404</body></html>"}
+    for name, content in contents.items():
+        path = tmp_path / f"{name}{suffix}"
+        path.write_bytes(content)
+        with pytest.raises(InputError) as caught:
+            read_mesh(path)
+        assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+    with pytest.raises(InputError, match="the file is empty"):
+        read_mesh(tmp_path / f"empty{suffix}")
+    with pytest.raises(InputError, match="no such file"):
+        read_mesh(tmp_path / f"missing{suffix}")
+    (tmp_path / f"folder{suffix}").mkdir()
+    with pytest.raises(InputError, match="no such file"):
+        read_mesh(tmp_path / f"folder{suffix}")
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n"),
+        ("a.off", "OFF\n3 0 0\n0 0 0\n1 0 0\n0 1 0\n"),
+        (
+            "a.ply",
+            "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+            "end_header\n0 0 0\n",
+        ),
+    ],
+)
+def test_points_without_triangles_are_refused(tmp_path, name, text):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError):
+        read_mesh(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("a.off", "OFF\n3 1 0\n0 0 0\n1 0 0\nnan 1 0\n3 0 1 2\n", "vertex 2 has a NaN"),
+        ("a.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n", "face 0 refers to vertices"),
+        ("a.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 1\n", "repeat a vertex"),
+        ("a.off", "OFF\n3 2 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "2 faces are announced, 4 lines follow"),
+        ("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", "face 0 refers to vertices"),
+        ("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n", "line 4: .*counted from 1"),
+        ("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 x\n", "not a readable OBJ"),
+        ("a.obj", "v 0 0 0\nv 1 0\nv 0 1 0\nf 1 2 3\n", "line 2: .*three coordinates"),
+        ("a.obj", "v 0 0 0\nv 1 0 0\nv 5 5 5\nv 0 1 0\nf 1 2 4\n", "1 vertices belong to no face"),
+    ],
+)
+def test_what_is_wrong_with_the_content_is_said_with_the_path(tmp_path, name, text, words):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=words) as caught:
+        read_mesh(tmp_path / name)
+    assert str(tmp_path / name) in str(caught.value)
+
+
+def test_several_meshes_in_one_file_are_refused(tmp_path):
+    solid = "solid {0}\nfacet normal 0 0 1\nouter loop\nvertex 0 0 {0}\nvertex 1 0 {0}\nvertex 0 1 {0}\n"
+    solid += "endloop\nendfacet\nendsolid {0}\n"
+    (tmp_path / "two.stl").write_text(solid.format(0) + solid.format(1))
+    with pytest.raises(InputError, match="2 meshes; give one mesh a file"):
+        read_mesh(tmp_path / "two.stl")
+
+
+@pytest.mark.parametrize("name", ["mesh.glb", "mesh", "mesh.ply.gz", "mesh.json"])
+def test_unknown_suffixes_are_refused_for_reading_and_writing(tmp_path, name):
+    (tmp_path / name).write_bytes(b"something")
+    for call in (read_mesh, check_output, lambda path: write_mesh(path, np.eye(3), [[0, 1, 2]])):
+        with pytest.raises(InputError, match=r"unknown mesh format .*\.ply, \.obj, \.off, \.stl"):
+            call(tmp_path / name)
+    assert (tmp_path / name).read_bytes() == b"something"
+
+
+def test_a_file_of_another_format_than_its_suffix_is_refused(tmp_path):
+    write_mesh(tmp_path / "mesh.ply", tetrahedron().V, tetrahedron().F)
+    for suffix in (".obj", ".off", ".stl"):
+        (tmp_path / f"wrong{suffix}").write_bytes((tmp_path / "mesh.ply").read_bytes())
+        with pytest.raises(InputError):
+            read_mesh(tmp_path / f"wrong{suffix}")
+
+
+def test_folders_that_cannot_take_the_output_are_refused(tmp_path, monkeypatch):
+    with pytest.raises(InputError, match="the folder .*nowhere does not exist"):
+        write_mesh(tmp_path / "nowhere" / "a.ply", np.eye(3), [[0, 1, 2]])
+    (tmp_path / "folder.ply").mkdir()
+    with pytest.raises(InputError, match="is a folder"):
+        write_mesh(tmp_path / "folder.ply", np.eye(3), [[0, 1, 2]])
+    monkeypatch.setattr(meshio.os, "access", lambda path, mode: mode != os.W_OK)
+    with pytest.raises(InputError, match="is not writable"):
+        write_mesh(tmp_path / "a.ply", np.eye(3), [[0, 1, 2]])
+    assert os.listdir(tmp_path) == ["folder.ply"]
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, suffix):
+    path = tmp_path / f"mesh{suffix}"
+    path.write_text("old")
+    with pytest.raises((ValueError, IndexError)):
+        write_mesh(path, np.eye(3), np.array([["no", "face", "ids"]]))
+    assert path.read_text() == "old" and os.listdir(tmp_path) == [path.name]
+
+
+def test_repair_welds_a_soup_into_the_surface_and_keeps_maps(tmp_path):
+    mesh = icosphere(2)
+    write_mesh(tmp_path / "soup.stl", mesh.V, mesh.F)
+    V, F = read_arrays(tmp_path / "soup.stl")
+    repaired, vertex = repair(V, F)
+    repaired.require_manifold()
+    assert repaired.n == mesh.n and repaired.m == mesh.m and repaired.topology == mesh.topology
+    assert vertex.shape == (len(V),) and vertex.min() == 0
+    assert np.array_equal(repaired.V[vertex], V)
+    assert np.array_equal(vertex[F], repaired.F)
+
+
+def test_repair_drops_unused_vertices_repeated_and_duplicate_faces():
+    V = np.array([[9.0, 9, 9], [0, 0, 0], [1, 0, 0], [0, 1, 0], [-0.0, 0, 0], [1, 1, 0]])
+    F = np.array([[1, 2, 3], [1, 2, 2], [4, 2, 3], [1, 4, 3], [2, 5, 3]])
+    mesh, vertex = repair(V, F)
+    assert mesh.F.tolist() == [[0, 1, 2], [1, 3, 2]]
+    assert vertex.tolist() == [-1, 0, 1, 2, 0, 3]
+    assert np.array_equal(mesh.V, V[[1, 2, 3, 5]])
+
+
+def test_repair_leaves_a_sound_mesh_alone():
+    mesh = strip(5, 3)
+    repaired, vertex = repair(mesh.V, mesh.F)
+    assert np.array_equal(repaired.V, mesh.V) and np.array_equal(repaired.F, mesh.F)
+    assert np.array_equal(vertex, np.arange(mesh.n))
+
+
+def test_repair_cannot_mend_faces_out_of_range_nor_nothing():
+    with pytest.raises(InputError, match=r"outside 0\.\.2; no repair"):
+        repair(np.eye(3), np.array([[0, 1, 3]]))
+    with pytest.raises(InputError, match="at least one triangle"):
+        repair(np.eye(3), np.array([[0, 1, 1]]))

@@ -1,0 +1,144 @@
+"""PLY: every type and byte order, mixed polygons, and what is wrong with a file."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+import pytest
+
+from sshade.io.ply import read_ply, write_ply
+from tests.shapes import icosphere
+
+SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 3]])
+POLYGONS = [(0, 1, 2, 3), (1, 4, 2), (3, 2, 1, 0), (4, 1, 0)]
+FANNED = [[0, 1, 2], [0, 2, 3], [1, 4, 2], [3, 2, 1], [3, 1, 0], [4, 1, 0]]
+CODES = {
+    "char": "b",
+    "uchar": "B",
+    "short": "h",
+    "ushort": "H",
+    "int": "i",
+    "uint": "I",
+    "float": "f",
+    "double": "d",
+}
+SIZED = {"int8": "char", "uint16": "ushort", "int32": "int", "float32": "float", "float64": "double"}
+
+
+def ply(order: str, *, position="double", count="uchar", corner="int", polygons=POLYGONS) -> bytes:
+    """Vertices with a colour in between, edges to skip, faces with a list after their corners."""
+    sign = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}[order]
+    kinds = {name: CODES[SIZED.get(name, name)] for name in (position, count, corner)}
+    header = (
+        f"ply\nformat {order} 1.0\ncomment made by hand\nobj_info nothing\nelement vertex {len(SQUARE)}\n"
+        f"property {position} x\nproperty uchar red\nproperty {position} y\nproperty {position} z\n"
+        "element edge 2\nproperty int vertex1\nproperty list uchar short more\n"
+        f"element face {len(polygons)}\nproperty list {count} {corner} vertex_index\n"
+        "property list uchar float uv\nend_header\n"
+    )
+    rows: list[tuple[str, tuple]] = []
+    for x, y, z in SQUARE:
+        rows.append((f"{kinds[position]}B{kinds[position] * 2}", (x, 200, y, z)))
+    rows += [("iB", (7, 0)), ("iBhh", (8, 2, -5, 6))]
+    for number, face in enumerate(polygons):
+        extra = number % 3
+        form = f"{kinds[count]}{kinds[corner] * len(face)}B{'f' * extra}"
+        rows.append((form, (len(face), *face, extra, *[0.5] * extra)))
+    if sign:
+        return header.encode() + b"".join(struct.pack(sign + form, *values) for form, values in rows)
+    return (header + "\n".join(" ".join(map(repr, map(float, values))) for _, values in rows) + "\n").encode()
+
+
+@pytest.mark.parametrize("order", ["ascii", "binary_little_endian", "binary_big_endian"])
+@pytest.mark.parametrize(
+    ("position", "count", "corner"),
+    [
+        ("double", "uchar", "int"),
+        ("float", "char", "ushort"),
+        ("int", "uint", "uchar"),
+        ("float64", "int8", "uint16"),
+    ],
+)
+def test_types_and_byte_orders(tmp_path, order, position, count, corner):
+    (tmp_path / "a.ply").write_bytes(ply(order, position=position, count=count, corner=corner))
+    V, F = read_ply(tmp_path / "a.ply")
+    assert V.dtype == np.float64 and np.array_equal(V, SQUARE)
+    assert F.dtype == np.int64 and F.tolist() == FANNED
+
+
+def test_faces_of_one_size_are_read_at_once_and_the_same(tmp_path):
+    triangles = [(0, 1, 2), (1, 4, 2), (2, 3, 0)]
+    for order in ("ascii", "binary_big_endian"):
+        (tmp_path / "a.ply").write_bytes(ply(order, polygons=triangles[:1]))
+        assert read_ply(tmp_path / "a.ply")[1].tolist() == [[0, 1, 2]]
+    mesh = icosphere(2)
+    write_ply(tmp_path / "b.ply", mesh.V, mesh.F)
+    V, F = read_ply(tmp_path / "b.ply")
+    assert V.tobytes() == mesh.V.tobytes() and np.array_equal(F, mesh.F)
+
+
+def test_windows_line_ends_and_points_alone(tmp_path):
+    text = ply("ascii").replace(b"\n", b"\r\n")
+    (tmp_path / "a.ply").write_bytes(text)
+    assert read_ply(tmp_path / "a.ply")[1].tolist() == FANNED
+    (tmp_path / "a.ply").write_bytes(ply("ascii", polygons=[]))
+    V, F = read_ply(tmp_path / "a.ply")
+    assert len(V) == 5 and F.shape == (0, 3)
+
+
+@pytest.mark.parametrize("order", ["ascii", "binary_little_endian"])
+def test_any_end_but_the_last_byte_is_too_early(tmp_path, order):
+    whole = ply(order)
+    # A text may lack its last line end, and what it lost of its last number cannot be known.
+    last = len(whole) - (len(whole.split()[-1]) + 1 if order == "ascii" else 0)
+    for end in [*range(0, last, 7), last - 1]:
+        (tmp_path / "a.ply").write_bytes(whole[:end])
+        with pytest.raises(ValueError, match="ends within|its header|begin with ply|to float: b'-'"):
+            read_ply(tmp_path / "a.ply")
+
+
+def test_texture_seams_split_no_vertex_and_no_texture_is_opened(tmp_path):
+    header = (
+        "ply\nformat ascii 1.0\ncomment TextureFile ../secret.png\nelement vertex 4\nproperty float x\n"
+        "property float y\nproperty float z\nelement face 2\nproperty list uchar int vertex_indices\n"
+        "property list uchar float texcoord\nend_header\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n"
+    )
+    (tmp_path / "a.ply").write_text(header + "3 0 1 2 6 0 0 1 0 1 1\n3 0 2 3 6 .5 .5 .1 .2 .3 .4\n")
+    V, F = read_ply(tmp_path / "a.ply")
+    assert V.shape == (4, 3) and F.tolist() == [[0, 1, 2], [0, 2, 3]]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (b"ply\n", b"obj\n", "does not begin with ply"),
+        (b"format ascii 1.0\n", b"", "names no format"),
+        (b"format ascii", b"format utf8", "line 2 of its header"),
+        (b"element vertex 5", b"element vertex -5", "line 5 of its header"),
+        (b"property double y", b"property real y", "line 8 of its header"),
+        (b"list uchar int vertex_index", b"list float int vertex_index", "of its header"),
+        (b"double y", b"double w", "no x, y and z"),
+        (b"vertex_index", b"corners", "no list vertex_indices"),
+        (b"element vertex 5", b"element corner 5", "no vertices"),
+        (
+            b"4.0 0.0 1.0 2.0 3.0 ",
+            b"-4.0 0.0 1.0 2.0 3.0 ",
+            "a list of its element face has a length of -4.0",
+        ),
+        (b"4.0 0.0 1.0 2.0 3.0 ", b"4.5 0.0 1.0 2.0 3.0 ", "a length of 4.5"),
+        (b"4.0 0.0 1.0 2.0 3.0 ", b"4.0 0.5 1.0 2.0 3.0 ", "no whole number"),
+        (b"4.0 0.0 1.0 2.0 3.0 ", b"4.0 1e300 1.0 2.0 3.0 ", "no vertex id"),
+        (b"4.0 0.0 1.0 2.0 3.0 ", b"2.0 0.0 1.0 ", "a face has 2 corners"),
+        (b"4.0 0.0 1.0 2.0 3.0 ", b"4.0 zero 1.0 2.0 3.0 ", "zero"),
+        (b"4.0 0.0 1.0 2.0 3.0 ", b"4.0 nan 1.0 2.0 3.0 ", "no vertex id"),
+        (b"element face 4", b"element face 3", "more follows"),
+        (b"element face 4", b"element face 99999999999999999999", "ends within"),
+    ],
+)
+def test_what_is_wrong_is_said(tmp_path, old, new, words):
+    sound = ply("ascii")
+    assert old in sound
+    (tmp_path / "a.ply").write_bytes(sound.replace(old, new))
+    with pytest.raises(ValueError, match=words):
+        read_ply(tmp_path / "a.ply")

@@ -1,0 +1,130 @@
+"""Cutting into an oriented manifold: what stays, what comes apart, and that faces keep their corners."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sshade import InputError, Mesh
+from sshade.mesh import cutting as module
+from sshade.mesh.cutting import cut_to_manifold
+from tests.shapes import block, bumpy, icosphere, quads, strip, tetrahedron, tube
+
+BODY = bumpy(2)
+
+
+def cut(mesh: Mesh):
+    """The cut, checked for what holds of every one."""
+    made = cut_to_manifold(mesh)
+    assert made.mesh.is_manifold and made.mesh.is_oriented
+    assert np.array_equal(made.origin[: mesh.n], np.arange(mesh.n))  # first the vertices themselves
+    assert np.array_equal(made.mesh.V, mesh.V[made.origin])
+    same = (made.origin[made.mesh.F] == mesh.F).all(axis=1)
+    back = (made.origin[made.mesh.F[:, ::-1]] == mesh.F).all(axis=1)
+    assert (same | back).all() and int((~same).sum()) == made.turned
+    return made
+
+
+def t_fin(height: int = 3) -> Mesh:
+    """A strip with another one standing on its middle line."""
+    base = strip(10, 4)
+    row = 5 * np.arange(11) + 2
+    V, F = [base.V], [base.F]
+    for level in range(1, height + 1):
+        above = base.n + 11 * (level - 1) + np.arange(11)
+        V.append(base.V[5 * np.arange(11) + 2] + [0, 0, level])
+        F += [
+            np.stack([row[:-1], row[1:], above[1:]], axis=1),
+            np.stack([row[:-1], above[1:], above[:-1]], axis=1),
+        ]
+        row = above
+    return Mesh(np.concatenate(V), np.concatenate(F))
+
+
+def moebius(around: int = 24) -> Mesh:
+    """A one-sided band of three vertices across."""
+    a, x = (
+        p.ravel() for p in np.meshgrid(2 * np.pi * np.arange(around) / around, [-0.3, 0, 0.3], indexing="ij")
+    )
+    ring = 1 + x * np.cos(a / 2)
+    V = np.stack([ring * np.cos(a), ring * np.sin(a), x * np.sin(a / 2)], axis=1)
+    F = quads(around + 1, 3)
+    last = 3 * around <= F
+    return Mesh(V, np.where(last, 2 - (F - 3 * around), F))
+
+
+@pytest.mark.parametrize(
+    "mesh", [BODY, tube(), strip(5, 3), tetrahedron()], ids=["body", "tube", "strip", "four"]
+)
+def test_an_oriented_manifold_comes_back_itself(mesh):
+    made = cut(mesh)
+    assert made.mesh is mesh and made.turned == 0
+
+
+@pytest.mark.parametrize("share", [[11], range(0, 320, 7), range(0, 100), range(300)])
+def test_faces_are_turned_to_agree_the_fewer_ones(share):
+    F = BODY.F.copy()
+    F[list(share)] = F[list(share)][:, ::-1]
+    made = cut(Mesh(BODY.V, F))
+    assert made.mesh.n == BODY.n and made.turned == min(len(share), BODY.m - len(share))
+    assert np.array_equal(made.mesh.F, BODY.F if len(share) < 160 else BODY.F[:, ::-1])
+
+
+def test_a_fin_comes_off_and_what_it_stands_on_stays_whole():
+    mesh = t_fin()
+    made = cut(mesh)
+    assert len(made.origin) == mesh.n + 11 and made.turned == 0
+    assert made.mesh.topology == (2, 2, 2)  # two discs
+    assert set(made.origin[mesh.n :]) == set(5 * np.arange(11) + 2)
+    # The strip keeps its own vertices: the straight continuation goes before the corner.
+    assert np.array_equal(made.mesh.F[: strip(10, 4).m], strip(10, 4).F)
+
+
+def test_solids_that_touch_along_an_edge_or_at_a_corner_come_apart():
+    edge, corner = np.zeros((2, 2, 1)), np.zeros((2, 2, 2))
+    edge[0, 0] = edge[1, 1] = 1
+    corner[0, 0, 0] = corner[1, 1, 1] = 1
+    for solid, copies in ((edge, 4), (corner, 1)):
+        mesh = block(solid, cells=3)
+        made = cut(mesh)
+        assert len(made.origin) == mesh.n + copies and made.turned == 0
+        assert made.mesh.topology == (4, 2, 0)  # two closed surfaces
+        volumes = [made.mesh.volume]
+        assert volumes[0] == pytest.approx(2.0)  # both inside out would be -2, one of them 0
+
+
+def test_a_face_that_is_there_twice_comes_off_alone():
+    for turned in (False, True):
+        extra = BODY.F[:1, ::-1] if turned else BODY.F[:1]
+        made = cut(Mesh(BODY.V, np.concatenate([BODY.F, extra])))
+        assert made.mesh.n == BODY.n + 3 and made.mesh.topology == (3, 2, 1)
+
+
+def test_a_one_sided_band_is_cut_open_once():
+    mesh = moebius()
+    assert mesh.is_manifold and not mesh.is_oriented and mesh.topology == (0, 1, 1)
+    made = cut(mesh)
+    assert made.mesh.topology == (1, 1, 1)  # a disc
+    assert len(made.origin) <= mesh.n + 6  # it may zigzag across the three
+
+
+def test_a_soup_stays_a_soup():
+    sphere = icosphere(1)
+    mesh = Mesh(sphere.V[sphere.F].reshape(-1, 3), np.arange(3 * sphere.m).reshape(-1, 3))
+    assert cut(mesh).mesh is mesh
+
+
+def test_many_random_triangles_become_a_manifold():
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        n = int(rng.integers(5, 12))
+        F = np.array([rng.permutation(n)[:3] for _ in range(3 * n)])
+        V = rng.normal(size=(n, 3))
+        used = np.unique(F)
+        cut(Mesh(V[used], np.searchsorted(used, F)))
+
+
+def test_what_no_cut_helps_is_refused(monkeypatch):
+    monkeypatch.setattr(module, "_fans", lambda mesh, edges, pairs: (mesh.F, np.arange(mesh.n)))
+    with pytest.raises(InputError, match="cutting it there does not make it so"):
+        cut_to_manifold(t_fin())

@@ -1,0 +1,227 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sshade import InputError, Mesh
+from sshade.mesh.mesh import Topology
+from tests.shapes import block, double_torus, icosphere, jittered, rotation, strip, tetrahedron, torus, tube
+
+TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+
+
+def refused(V, F, *words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        Mesh(V, F)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_wrong_shapes_are_refused():
+    refused(np.zeros((3, 2)), [[0, 1, 2]], "(n, 3)", "(3, 2)")
+    refused(np.zeros(9), [[0, 1, 2]], "(n, 3)")
+    refused(TRIANGLE, [[0, 1, 2, 0]], "(m, 3)", "(1, 4)")
+    refused(TRIANGLE, [0, 1, 2], "(m, 3)")
+    refused(TRIANGLE, [[0.0, 1.0, 2.0]], "integers", "float64")
+
+
+def test_no_vertices_or_faces_are_refused():
+    refused(np.zeros((0, 3)), np.zeros((0, 3), dtype=int), "0 vertices", "0 faces", "at least one triangle")
+    refused(TRIANGLE, np.zeros((0, 3), dtype=int), "3 vertices", "0 faces")
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_positions_that_are_not_finite_are_refused_with_their_vertex(value):
+    V = TRIANGLE.copy()
+    V[2, 1] = value
+    refused(V, [[0, 1, 2]], "vertex 2", "NaN or infinite")
+
+
+@pytest.mark.parametrize("bad", [3, -1])
+def test_faces_out_of_range_are_refused_with_the_range(bad):
+    refused(TRIANGLE, [[0, 1, 2], [0, 1, bad]], "face 1", str(bad), "0 to 2")
+
+
+@pytest.mark.parametrize("face", [[0, 0, 1], [0, 1, 1], [1, 0, 1]])
+def test_repeated_index_faces_are_refused_with_the_flag_that_removes_them(face):
+    refused(TRIANGLE, [[0, 1, 2], face], "1 faces repeat a vertex", "face 1", "--repair")
+
+
+def test_unreferenced_vertices_are_refused_with_the_flag_that_removes_them():
+    V = np.concatenate([TRIANGLE[:1], [[5.0, 5, 5], [6, 6, 6]], TRIANGLE[1:]])
+    refused(V, [[0, 3, 4]], "2 vertices belong to no face", "first is 1", "--repair")
+
+
+def test_arrays_become_read_only_float64_and_int64_and_leave_the_callers_alone():
+    V, F = TRIANGLE.astype(np.float32), np.array([[0, 1, 2]], dtype=np.uint16)
+    mesh = Mesh(V, F)
+    assert mesh.V.dtype == np.float64 and mesh.F.dtype == np.int64
+    for array in (mesh.V, mesh.F):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+    V, F = TRIANGLE.copy(), np.array([[0, 1, 2]])
+    mesh = Mesh(V, F)
+    V[0], F[0] = 7.0, [2, 1, 0]
+    assert np.array_equal(mesh.V, TRIANGLE) and mesh.F.tolist() == [[0, 1, 2]]
+
+
+def test_lists_are_accepted():
+    assert Mesh(TRIANGLE.tolist(), [[0, 1, 2]]).n == 3
+
+
+def test_areas_normals_volume_and_diagonal_of_a_block_are_exact():
+    mesh = block(np.ones((2, 3, 4)))
+    assert mesh.area == pytest.approx(2 * (6 + 8 + 12), rel=1e-14)
+    assert mesh.volume == pytest.approx(24, rel=1e-14)
+    assert mesh.diagonal == pytest.approx(np.sqrt(4 + 9 + 16), rel=1e-15)
+    assert np.allclose(np.abs(mesh.face_normals).sum(axis=1), 1.0)
+    a, b, c = mesh.V[mesh.F].transpose(1, 0, 2)
+    assert np.allclose(mesh.face_areas[:, None] * mesh.face_normals, np.cross(b - a, c - a) / 2)
+
+
+def test_volume_is_positive_for_outward_faces_and_far_from_the_origin_loses_no_digits():
+    mesh = block(np.ones((1, 1, 1)))
+    assert Mesh(mesh.V, mesh.F[:, ::-1]).volume == pytest.approx(-1.0)
+    # Coordinates there are good to 1e-10; moments about the origin would lose 1e17 x 1e-16.
+    assert Mesh(mesh.V + 1e6 / 3, mesh.F).volume == pytest.approx(1.0, rel=1e-8)
+
+
+def test_zero_area_faces_have_zero_normals():
+    V = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0]])
+    mesh = Mesh(V, [[0, 1, 2], [0, 1, 3]])
+    assert mesh.face_areas.tolist() == [0.0, 0.5]
+    assert mesh.face_normals.tolist() == [[0, 0, 0], [0, 0, 1]]
+
+
+@given(seed=st.integers(0, 1000), shift=st.floats(-10, 10), scale=st.floats(0.1, 10))
+def test_area_volume_and_topology_follow_rigid_motions_and_scale(seed, shift, scale):
+    mesh = jittered(icosphere(1), 0.1, seed=seed)
+    moved = Mesh(scale * mesh.V @ rotation(seed).T + shift, mesh.F)
+    assert moved.area == pytest.approx(scale**2 * mesh.area, rel=1e-11)
+    assert moved.volume == pytest.approx(scale**3 * mesh.volume, rel=1e-10)
+    assert moved.topology == mesh.topology
+
+
+def test_edges_equal_a_set_of_sorted_pairs():
+    for mesh in (icosphere(2), torus(12, 8), double_torus(cells=1), tube(8, 10), strip(9, 3)):
+        sides = [tuple(sorted((int(f[a]), int(f[(a + 1) % 3])))) for f in mesh.F for a in range(3)]
+        assert [tuple(edge) for edge in mesh.edges.tolist()] == sorted(set(sides))
+        alone = sorted(side for side in set(sides) if sides.count(side) == 1)
+        assert [tuple(edge) for edge in mesh.boundary_edges.tolist()] == alone
+        assert mesh.is_closed == (not alone)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "expected"),
+    [
+        (tetrahedron(), Topology(2, 1, 0)),
+        (icosphere(2), Topology(2, 1, 0)),
+        (torus(), Topology(0, 1, 0)),
+        (double_torus(), Topology(-2, 1, 0)),
+        (tube(), Topology(0, 1, 2)),
+        (strip(5, 2), Topology(1, 1, 1)),
+        (Mesh(TRIANGLE, [[0, 1, 2]]), Topology(1, 1, 1)),
+    ],
+)
+def test_topology_of_known_surfaces(mesh, expected):
+    assert mesh.topology == expected
+    assert mesh.is_manifold and mesh.is_oriented
+    mesh.require_manifold()
+    mesh.require_one_component()
+
+
+def test_two_components_are_counted_labelled_and_refused():
+    a, b = icosphere(1), tetrahedron()
+    mesh = Mesh(np.concatenate([a.V, b.V + 5]), np.concatenate([a.F, b.F + a.n]))
+    assert mesh.topology == Topology(4, 2, 0)
+    assert len(set(mesh.component[: a.n])) == 1 and len(set(mesh.component[a.n :])) == 1
+    assert mesh.component[0] != mesh.component[-1]
+    with pytest.raises(InputError, match=r"2 components .*\[42, 4\] vertices.*--repair"):
+        mesh.require_one_component()
+
+
+def test_an_edge_of_three_faces_is_refused_by_name():
+    V = np.concatenate([TRIANGLE, [[0.0, 0, 1], [0, -1, 0]]])
+    mesh = Mesh(V, [[0, 1, 2], [1, 0, 4], [0, 1, 3]])
+    assert not mesh.is_manifold
+    with pytest.raises(InputError, match=r"not manifold: edge \(0, 1\) has 3 faces"):
+        mesh.require_manifold()
+
+
+def test_a_vertex_of_two_fans_is_refused_by_name():
+    V = np.concatenate([TRIANGLE, -TRIANGLE[1:]])
+    mesh = Mesh(V, [[1, 2, 0], [3, 4, 0]])
+    assert not mesh.is_manifold
+    with pytest.raises(InputError, match="not manifold: the faces at vertex 0 form more than one fan"):
+        mesh.require_manifold()
+
+
+def test_two_cubes_that_touch_along_an_edge_are_not_manifold():
+    assert not block(np.array([[[1], [0]], [[0], [1]]])).is_manifold
+
+
+def test_a_flipped_face_is_manifold_but_refused_for_its_orientation():
+    mesh = icosphere(1)
+    F = mesh.F.copy()
+    F[7] = F[7, ::-1]
+    flipped = Mesh(mesh.V, F)
+    assert flipped.is_manifold and not flipped.is_oriented
+    with pytest.raises(InputError, match="not consistently oriented"):
+        flipped.require_manifold()
+
+
+def test_a_moebius_strip_has_no_consistent_orientation():
+    # Five triangles around, each sharing an edge with the next; the last closes with a twist.
+    angle = 2 * np.pi * np.arange(5) / 5
+    V = np.stack([np.cos(angle), np.sin(angle), np.arange(5.0)], axis=1)
+    mesh = Mesh(V, [[i, (i + 1) % 5, (i + 2) % 5] for i in range(5)])
+    assert mesh.is_manifold and mesh.topology == Topology(0, 1, 1)
+    assert not mesh.is_oriented
+
+
+@pytest.mark.parametrize(
+    ("factor", "shift", "words"),
+    [
+        (1e61, 0.0, "scale it to between 1e-60 and 1e\\+60"),
+        (1e-61, 0.0, "scale it"),
+        (1.0, 1e13, "fewer than four digits; move it towards the origin"),
+        (1e-3, -1e10, "fewer than four digits"),
+    ],
+)
+def test_sizes_that_cannot_be_computed_with_are_refused(factor, shift, words):
+    mesh = tetrahedron()
+    with pytest.raises(InputError, match=words):
+        Mesh(factor * mesh.V + shift, mesh.F)
+
+
+@pytest.mark.parametrize(
+    ("factor", "shift"), [(1e59, 0.0), (1e-59, 0.0), (1.0, 1e11), (1.0, -1e11), (0.0, 3.0)]
+)
+def test_sizes_near_the_limits_are_not(factor, shift):
+    mesh = tetrahedron()
+    moved = Mesh(factor * mesh.V + shift, mesh.F)
+    assert np.isfinite(moved.face_areas).all() and np.isfinite((moved.face_areas**2).sum())
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.3, -1.0, 1.0])
+def test_the_origin_of_a_mesh_near_zero_is_zero(shift):
+    mesh = tetrahedron()
+    assert np.array_equal(Mesh(mesh.V + shift, mesh.F).origin, np.zeros(3))
+
+
+@pytest.mark.parametrize("shift", [2.0**20, -(2.0**35), 1e9 + 0.5])
+@pytest.mark.parametrize("factor", [1.0, 0.37, 1e-1])
+def test_the_origin_of_a_far_mesh_is_near_and_leaves_no_rest(shift, factor):
+    mesh = tetrahedron()
+    far = Mesh(factor * mesh.V + [shift, 0, -shift], mesh.F)
+    relative = far.V - far.origin
+    assert np.abs(relative).max() <= 8 * np.ptp(far.V, axis=0).max()
+    assert far.origin[1] == 0 and np.array_equal(relative + far.origin, far.V)
+    assert np.array_equal(np.diff(relative, axis=0), np.diff(far.V, axis=0))
+
+
+def test_the_origin_of_a_point_is_zero():
+    mesh = tetrahedron()
+    assert np.array_equal(Mesh(0 * mesh.V + 1e9, mesh.F).origin, np.zeros(3))

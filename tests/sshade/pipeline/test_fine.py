@@ -1,0 +1,101 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sshade import DeformationTask, Handles, Mesh
+from sshade.pipeline.fine import STIFFNESS, STRAIN, sshade_fast, sshade_fine
+from sshade.solver.local_global import local_global
+from tests.shapes import bumpy, tube
+
+
+@pytest.fixture(scope="module")
+def task() -> DeformationTask:
+    """A bumpy ball with its cap pushed aside."""
+    mesh = bumpy(4)
+    top, bottom = (np.flatnonzero(s * mesh.V[:, 2] > 0.85 * (s * mesh.V[:, 2]).max()) for s in (1, -1))
+    index = np.concatenate([top, bottom])
+    target = mesh.V[index] + np.repeat([[0.5, 0.1, 0.2], [0, 0, 0]], [len(top), len(bottom)], axis=0)
+    return DeformationTask("cap", mesh, Handles(index, target))
+
+
+def test_fast_keeps_volume_area_and_handles_nearly(task):
+    result = sshade_fast(task, vertices=600)
+    after = Mesh(result.vertices, task.mesh.F)
+    assert after.volume == pytest.approx(task.mesh.volume, rel=2e-3)
+    assert after.area == pytest.approx(task.mesh.area, rel=2e-3)
+    gap = np.abs(result.vertices[task.handles.index] - task.handles.target).max()
+    assert gap < 1e-12 * task.mesh.diagonal
+    assert result.extra["proxy_volume_constraint"] == result.extra["proxy_area_constraint"] == "exact"
+    assert result.extra["proxy_volume_error"] < 1e-6 and result.extra["proxy_area_error"] < 1e-6
+
+
+def test_the_energies_of_two_starts_can_be_told_apart(task):
+    """Of several proxies the mean."""
+    one, two = (sshade_fast(task, vertices=600, samplings=k, tolerance=1e-7).extra for k in (1, 2))
+    other = sshade_fast(task, vertices=600, start="rest", tolerance=1e-7).extra
+    assert other["proxy_energy"] == pytest.approx(one["proxy_energy"], rel=1e-4)
+    assert 0 < abs(two["proxy_energy"] / one["proxy_energy"] - 1) < 0.1
+
+
+def test_fine_keeps_them_exactly(task):
+    result = sshade_fine(task, vertices=600, area=np.inf)
+    after = Mesh(result.vertices, task.mesh.F)
+    assert after.volume == pytest.approx(task.mesh.volume, rel=1e-6)
+    assert after.area == pytest.approx(task.mesh.area, rel=1e-6)
+    np.testing.assert_array_equal(result.vertices[task.handles.index], task.handles.target)
+    assert result.extra["volume_constraint"] == result.extra["area_constraint"] == "exact"
+    assert result.extra["proxy_iterations"] > 0 and result.iterations <= 60
+
+
+@pytest.mark.parametrize("volume", [0.0, np.inf])
+def test_fine_ends_in_the_minimum_at_full_resolution(task, volume):
+    """Polished to the end, it is what the solver finds from the rest shape, in fewer iterations."""
+    options = {"volume": volume, "area": 0.0, "tolerance": 1e-7}
+    fine = sshade_fine(task, vertices=600, polish_iterations=3000, **options)
+    plain = local_global(task, stiffness=STIFFNESS, strain=STRAIN, max_iterations=5000, **options)
+    assert fine.converged and plain.converged
+    assert fine.extra["energy"] == pytest.approx(plain.extra["energy"], rel=1e-5)
+    assert np.abs(fine.vertices - plain.vertices).max() < 1e-3 * task.mesh.diagonal
+
+
+def test_more_iterations_give_a_lower_energy(task):
+    energies = [
+        sshade_fine(task, vertices=600, tolerance=0, polish_iterations=k).extra["energy"] for k in (0, 5, 20)
+    ]
+    assert energies[0] > energies[1] > energies[2]
+
+
+def test_no_seconds_no_iterations(task):
+    result = sshade_fine(task, vertices=600, polish_seconds=0.0)
+    assert result.iterations == 0 and not result.converged
+
+
+def test_workers_have_no_influence(task):
+    one, two = (sshade_fine(task, vertices=600, workers=w).vertices for w in (1, 2))
+    np.testing.assert_array_equal(one, two)
+
+
+def test_a_tube_has_no_volume_to_hold(caplog):
+    mesh = tube(16, 60)
+    ends = [
+        np.flatnonzero(mesh.V[:, 2] == mesh.V[:, 2].min()),
+        np.flatnonzero(mesh.V[:, 2] == mesh.V[:, 2].max()),
+    ]
+    if not all(map(len, ends)):
+        pytest.fail("the tube's axis is not z")
+    target = np.concatenate([mesh.V[ends[0]], mesh.V[ends[1]] + [1.0, 0, -0.5]])
+    result = sshade_fine(DeformationTask("tube", mesh, Handles(np.concatenate(ends), target)), vertices=300)
+    assert result.extra["volume_constraint"].startswith("off")
+    assert "volume constraint is off" in caplog.text
+    assert Mesh(result.vertices, mesh.F).area == pytest.approx(mesh.area, rel=0.03)
+
+
+def test_the_area_has_a_weight(task):
+    """By default the volume is exact, and the area is between what it is with and without a constraint."""
+    gap = {}
+    for area in (0.0, 1.0, np.inf):
+        after = Mesh(sshade_fine(task, vertices=600, area=area).vertices, task.mesh.F)
+        assert after.volume == pytest.approx(task.mesh.volume, rel=1e-6)
+        gap[area] = abs(after.area / task.mesh.area - 1)
+    assert gap[np.inf] < 1e-6 < gap[1.0] < 0.5 * gap[0.0]

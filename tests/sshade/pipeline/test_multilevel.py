@@ -1,0 +1,77 @@
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from sshade import DeformationTask, Handles, InputError
+from sshade.pipeline.fine import sshade_fast
+from sshade.pipeline.multilevel import multilevel
+from sshade.solver.local_global import local_global
+from tests.shapes import bent, bumpy, torus
+
+SOLVER = partial(local_global, volume=np.inf, start="rest", max_iterations=5000)
+
+
+@pytest.fixture
+def task() -> DeformationTask:
+    mesh = bumpy(4)
+    index = np.flatnonzero(np.abs(mesh.V[:, 2]) > 0.85 * np.abs(mesh.V[:, 2]).max())
+    return DeformationTask("bent", mesh, Handles(index, bent(mesh.V)[index]))
+
+
+@pytest.fixture
+def always(monkeypatch) -> None:
+    monkeypatch.setattr("sshade.pipeline.multilevel.SMALLEST", 100)
+
+
+def test_it_ends_in_the_same_minimum_with_fewer_iterations(task, always):
+    alone = SOLVER(task, tolerance=1e-7)
+    found = multilevel(task, coarse=SOLVER, tolerance=1e-7)
+    assert found.converged and found.extra["coarser_iterations"] > 5
+    assert found.iterations < alone.iterations
+    assert found.extra["energy"] == pytest.approx(alone.extra["energy"], rel=1e-6)
+    assert np.abs(found.vertices - alone.vertices).max() < 1e-4 * task.mesh.diagonal
+
+
+def test_the_seed_chooses_the_coarser_proxy_and_nothing_else_does(task, always):
+    one, same, other = (multilevel(task, coarse=SOLVER, seed=seed).vertices for seed in (1, 1, 2))
+    assert np.array_equal(one, same) and not np.array_equal(one, other)
+
+
+def small(task: DeformationTask) -> DeformationTask:
+    return task
+
+
+def guessed(task: DeformationTask) -> DeformationTask:
+    return DeformationTask(task.name, task.mesh, task.handles, guess=bent(task.mesh.V))
+
+
+def all_handles(task: DeformationTask) -> DeformationTask:
+    index = np.arange(0, task.mesh.n, 3)
+    return DeformationTask(task.name, task.mesh, Handles(index, bent(task.mesh.V)[index]))
+
+
+def thin(task: DeformationTask) -> DeformationTask:
+    mesh = torus(60, 3, tube=0.05)
+    index = np.flatnonzero(np.abs(mesh.V[:, 0]) > 0.9)
+    return DeformationTask("thin", mesh, Handles(index, bent(mesh.V)[index]))
+
+
+@pytest.mark.parametrize("change", [small, guessed, all_handles, thin])
+def test_where_there_is_no_coarser_proxy_it_is_the_solver_alone(task, monkeypatch, change):
+    monkeypatch.setattr("sshade.pipeline.multilevel.SMALLEST", 10_000 if change is small else 100)
+    task = change(task)
+    found, alone = multilevel(task, coarse=SOLVER), SOLVER(task)
+    assert np.array_equal(found.vertices, alone.vertices) and found.extra["coarser_iterations"] == 0.0
+
+
+def test_errors_of_the_solver_are_told(task, always):
+    with pytest.raises(InputError, match="the volume weight goes from 0"):
+        multilevel(task, coarse=partial(local_global, volume=-1.0))
+
+
+def test_sshade_fast_begins_with_it(task, always):
+    result = sshade_fast(task, vertices=task.mesh.n // 2, start="rest")
+    assert result.extra["proxy_coarser_iterations"] > 0

@@ -1,0 +1,232 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import connected_components, dijkstra
+
+from sshade import InputError, Mesh
+from sshade.mesh.graph import VertexGraph, vertex_graph
+from sshade.sampling.fronts import Fronts, farthest_point_sampling
+from tests.shapes import block, icosphere, jittered, strip, tetrahedron, torus, tube
+
+
+def brute_force_graph(mesh: Mesh) -> dict[tuple[int, int], int]:
+    """Number of faces at each directed pair of neighbours."""
+    faces: dict[tuple[int, int], int] = {}
+    for f in mesh.F.tolist():
+        for a in range(3):
+            i, j = f[a], f[(a + 1) % 3]
+            for pair in ((i, j), (j, i)):
+                faces[pair] = faces.get(pair, 0) + 1
+    return faces
+
+
+def as_matrix(graph: VertexGraph) -> csr_array:
+    return csr_array((graph.lengths, graph.indices, graph.indptr), shape=(graph.n, graph.n))
+
+
+def naive_sampling(graph: VertexGraph, count: int, first: np.ndarray):
+    """Farthest point sampling by the definition: a whole Dijkstra for each sample, ties to the older one."""
+    matrix, samples = as_matrix(graph), []
+    distance, region = np.full(graph.n, np.inf), np.full(graph.n, -1)
+    for i in range(count):
+        v = int(first[i]) if i < len(first) else int(np.argmax(distance))
+        own = dijkstra(matrix, directed=False, indices=v)
+        nearer = own < distance
+        distance[nearer], region[nearer] = own[nearer], i
+        samples.append(v)
+    return np.array(samples), distance, region
+
+
+MESHES = {
+    "closed": jittered(icosphere(2), 0.05),
+    "genus one": jittered(torus(18, 10), 0.02),
+    "two boundary loops": jittered(tube(9, 14), 0.05),
+    "one triangle": Mesh(np.eye(3) * [1, 2, 3], [[0, 1, 2]]),
+    "grid": strip(12, 9),
+    "lattice block": block(np.ones((4, 3, 2))),
+    "inside out": Mesh(strip(6, 4).V, strip(6, 4).F[:, ::-1]),
+    "a hole of one vertex's fan": Mesh(icosphere(1).V, icosphere(1).F[1:]),
+    "two components": Mesh(
+        np.concatenate([tetrahedron().V, tetrahedron().V + 3]),
+        np.concatenate([tetrahedron().F, tetrahedron().F + 4]),
+    ),
+}
+CONNECTED = [name for name in MESHES if name != "two components"]
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_the_graph_equals_a_brute_force_build(name):
+    mesh = MESHES[name]
+    graph, faces = vertex_graph(mesh), brute_force_graph(mesh)
+    assert graph.n == mesh.n
+    owner = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+    # Ascending neighbours make the directed pairs come in lexicographic order.
+    assert list(zip(owner.tolist(), graph.indices.tolist(), strict=True)) == sorted(faces)
+    assert graph.boundary.tolist() == [faces[pair] == 1 for pair in sorted(faces)]
+    lengths = np.linalg.norm(mesh.V[owner] - mesh.V[graph.indices], axis=1)
+    assert np.allclose(graph.lengths, lengths, rtol=4e-16, atol=0)
+
+
+def test_the_graph_of_a_mesh_inside_out_is_the_same():
+    mesh = MESHES["two boundary loops"]
+    flipped = Mesh(mesh.V, mesh.F[:, ::-1])
+    for a, b in zip(vars(vertex_graph(mesh)).values(), vars(vertex_graph(flipped)).values(), strict=True):
+        assert np.array_equal(a, b)
+
+
+def test_the_graph_refuses_faces_that_disagree():
+    mesh = MESHES["two boundary loops"]
+    flip = np.arange(mesh.m) % 2 == 0
+    with pytest.raises(InputError, match="oriented"):
+        vertex_graph(Mesh(mesh.V, np.where(flip[:, None], mesh.F[:, ::-1], mesh.F)))
+
+
+def test_lengths_are_the_same_bits_in_both_directions():
+    graph = vertex_graph(MESHES["closed"])
+    matrix = as_matrix(graph)
+    assert (matrix != matrix.T).nnz == 0
+
+
+@pytest.mark.parametrize("name", ["closed", "genus one", "two boundary loops"])
+@pytest.mark.parametrize("count", [1, 7, 60])
+def test_distances_and_regions_equal_scipys_multi_source_dijkstra(name, count):
+    graph = vertex_graph(MESHES[name])
+    fronts = farthest_point_sampling(graph, count, first=np.array([3]))
+    distance, _, source = dijkstra(
+        as_matrix(graph), directed=False, indices=fronts.samples, min_only=True, return_predecessors=True
+    )
+    assert np.array_equal(fronts.distance, distance)
+    assert np.array_equal(fronts.samples[fronts.region], source)
+
+
+@pytest.mark.parametrize("name", CONNECTED)
+@pytest.mark.parametrize("first", [[0], [2, 0, 1]])
+def test_sampling_equals_the_naive_algorithm_also_with_exact_ties(name, first):
+    mesh = MESHES[name]
+    graph = vertex_graph(mesh)
+    count = min(mesh.n, 40)
+    fronts = farthest_point_sampling(graph, count, first=np.array(first))
+    samples, distance, region = naive_sampling(graph, count, np.array(first))
+    assert np.array_equal(fronts.samples, samples)
+    assert np.array_equal(fronts.distance, distance)
+    assert np.array_equal(fronts.region, region)
+    assert len(fronts) == count
+
+
+@given(seed=st.integers(0, 10_000), starts=st.integers(1, 5), extra=st.integers(0, 20))
+def test_sampling_equals_the_naive_algorithm_on_random_lengths(seed, starts, extra):
+    # Whole lengths from 1 to 3 on a random graph: ties everywhere.
+    rng = np.random.default_rng(seed)
+    pairs = np.unique(np.sort(rng.integers(0, 40, size=(90, 2)), axis=1), axis=0)
+    pairs = np.concatenate([pairs[pairs[:, 0] != pairs[:, 1]], [[i, i + 1] for i in range(39)]])
+    pairs = np.unique(pairs, axis=0)
+    lengths = rng.integers(1, 4, len(pairs)).astype(float)
+    both = np.concatenate([pairs, pairs[:, ::-1]])
+    matrix = coo_array((np.tile(lengths, 2), (both[:, 0], both[:, 1])), shape=(40, 40)).tocsr()
+    matrix.sort_indices()
+    graph = VertexGraph(
+        matrix.indptr.astype(np.int32),
+        matrix.indices.astype(np.int32),
+        matrix.data,
+        np.zeros(matrix.nnz, bool),
+    )
+    first = rng.permutation(40)[:starts]
+    fronts = farthest_point_sampling(graph, starts + extra, first=first)
+    samples, distance, region = naive_sampling(graph, starts + extra, first)
+    assert np.array_equal(fronts.samples, samples)
+    assert np.array_equal(fronts.distance, distance) and np.array_equal(fronts.region, region)
+
+
+@pytest.mark.parametrize("name", CONNECTED)
+def test_a_multi_source_start_equals_insertion_one_at_a_time(name):
+    mesh = MESHES[name]
+    graph = vertex_graph(mesh)
+    first = np.random.default_rng(5).permutation(mesh.n)[: min(mesh.n, 12)]
+    at_once = Fronts(graph, first)
+    one_by_one = Fronts(graph, first[:1])
+    for v in first[1:]:
+        one_by_one.insert(np.array([v]))
+    in_two = Fronts(graph, first[:2])
+    in_two.insert(first[2:])
+    for other in (one_by_one, in_two):
+        assert np.array_equal(at_once.samples, other.samples)
+        assert np.array_equal(at_once.distance, other.distance)
+        assert np.array_equal(at_once.region, other.region)
+
+
+def test_each_sample_is_the_farthest_vertex_of_smallest_id():
+    graph = vertex_graph(MESHES["grid"])
+    fronts = Fronts(graph, np.array([20]))
+    for _ in range(30):
+        expected = int(np.argmax(fronts.distance))
+        fronts.insert_farthest(1)
+        assert fronts.samples[-1] == expected
+
+
+def test_sampling_every_vertex_leaves_no_distance():
+    mesh = MESHES["genus one"]
+    fronts = farthest_point_sampling(vertex_graph(mesh), mesh.n, first=np.array([0]))
+    assert not fronts.distance.any()
+    assert np.array_equal(np.sort(fronts.samples), np.arange(mesh.n))
+    assert np.array_equal(fronts.samples[fronts.region], np.arange(mesh.n))
+
+
+def test_regions_are_connected():
+    mesh = MESHES["genus one"]
+    fronts = farthest_point_sampling(vertex_graph(mesh), 25, first=np.array([0]))
+    i, j = mesh.edges.T
+    inside = mesh.edges[fronts.region[i] == fronts.region[j]]
+    graph = coo_array((np.ones(len(inside)), (inside[:, 0], inside[:, 1])), shape=(mesh.n, mesh.n))
+    assert connected_components(graph, directed=False)[0] == 25
+
+
+def test_another_component_is_farthest_of_all():
+    mesh = MESHES["two components"]
+    fronts = Fronts(vertex_graph(mesh), np.array([0]))
+    assert np.isinf(fronts.distance[4:]).all() and (fronts.region[4:] == -1).all()
+    fronts.insert_farthest(1)
+    assert fronts.samples.tolist() == [0, 4]
+    assert np.isfinite(fronts.distance).all()
+
+
+@pytest.mark.parametrize(
+    ("first", "words"),
+    [([], "needs a vertex"), ([0, 20], r"0\.\.19"), ([-1], r"0\.\.19"), ([3, 5, 3], "repeat a vertex")],
+)
+def test_unusable_first_samples_are_refused(first, words):
+    graph = vertex_graph(strip(4, 3))
+    with pytest.raises(InputError, match=words):
+        Fronts(graph, np.array(first, dtype=np.int64))
+
+
+def test_too_many_or_too_few_samples_are_refused():
+    graph = vertex_graph(strip(4, 3))
+    with pytest.raises(InputError, match="21 samples were asked for, but the mesh has only 20"):
+        farthest_point_sampling(graph, 21, first=np.array([0]))
+    with pytest.raises(InputError, match="2 samples cannot hold the 3 given first ones"):
+        farthest_point_sampling(graph, 2, first=np.arange(3))
+
+
+def test_coincident_vertices_cannot_both_be_sampled():
+    V = strip(2, 1).V.copy()
+    V[1] = V[0]
+    graph = vertex_graph(Mesh(V, strip(2, 1).F))
+    with pytest.raises(InputError, match="only 5 vertices lie at different places.*--repair"):
+        farthest_point_sampling(graph, 6, first=np.array([0]))
+
+
+def test_renumbering_renumbers_the_samples_where_no_distances_are_equal():
+    mesh, rng = MESHES["closed"], np.random.default_rng(6)
+    new_id = rng.permutation(mesh.n)
+    V = np.empty_like(mesh.V)
+    V[new_id] = mesh.V
+    renumbered = Mesh(V, rng.permutation(new_id[mesh.F]))
+    a = farthest_point_sampling(vertex_graph(mesh), 50, first=np.array([7, 3]))
+    b = farthest_point_sampling(vertex_graph(renumbered), 50, first=new_id[[7, 3]])
+    assert np.array_equal(new_id[a.samples], b.samples)
+    assert np.array_equal(a.region, b.region[new_id])
+    assert np.array_equal(a.distance, b.distance[new_id])

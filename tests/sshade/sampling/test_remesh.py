@@ -1,0 +1,213 @@
+from __future__ import annotations
+
+import importlib
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from sshade import InputError, Mesh
+from sshade.mesh.graph import vertex_graph
+from sshade.sampling.remesh import Remesh, proxy_mesh, remesh
+from tests.shapes import bumpy, double_torus, icosphere, jittered, strip, tetrahedron, torus, tube
+
+# `sshade.sampling.remesh` the attribute may be the function; the module is wanted here.
+module = importlib.import_module("sshade.sampling.remesh")
+
+SURFACES = {
+    "sphere": icosphere(2),
+    "icosahedron": icosphere(0),
+    "tetrahedron": tetrahedron(),
+    "triangle": Mesh(np.eye(3), [[0, 1, 2]]),
+    "bumpy": bumpy(2),
+    "torus": torus(),
+    "thin torus": torus(60, 3, tube=0.05),
+    "double torus": double_torus(),
+    "fine double torus": double_torus(cells=4),
+    "tube": tube(),
+    "tube of three sides": tube(3, 40),
+    **{f"strip {width} wide": strip(40, width) for width in range(2, 9)},
+    **{f"jittered strip {width} wide": jittered(strip(40, width), 0.1) for width in range(2, 9)},
+}
+
+
+def assert_valid_proxy(mesh: Mesh, result: Remesh) -> None:
+    """A manifold, oriented proxy of the mesh's topology that uses every sample."""
+    proxy = proxy_mesh(mesh, result)  # the constructor refuses unreferenced samples
+    proxy.require_manifold()
+    assert proxy.topology == mesh.topology
+    assert proxy.is_closed == mesh.is_closed
+    k = len(result.samples)
+    assert len(np.unique(result.samples)) == k
+    assert np.array_equal(proxy.V, mesh.V[result.samples])
+    assert np.array_equal(result.faces.min(axis=1), result.faces[:, 0])
+    assert len(np.unique(result.faces, axis=0)) == len(result.faces)
+    # A sample lies in its own region, at distance zero.
+    assert np.array_equal(result.region[result.samples], np.arange(k))
+    assert np.array_equal(result.distance == 0, np.isin(np.arange(mesh.n), result.samples))
+
+
+def assert_regions_are_voronoi(mesh: Mesh, result: Remesh) -> None:
+    graph = vertex_graph(mesh)
+    matrix = csr_array((graph.lengths, graph.indices, graph.indptr), shape=(mesh.n, mesh.n))
+    to_all = dijkstra(matrix, directed=False, indices=result.samples)
+    assert np.array_equal(result.distance, to_all.min(axis=0))
+    assert np.array_equal(to_all[result.region, np.arange(mesh.n)], result.distance)
+
+
+def assert_dual(mesh: Mesh, result: Remesh) -> None:
+    """The faces are the triples of regions around triangles of M, with M's orientation."""
+    expected = set()
+    for f in mesh.F:
+        a, b, c = result.region[f].tolist()
+        if len({a, b, c}) == 3:
+            expected.add(min((a, b, c), (b, c, a), (c, a, b)))
+    assert {tuple(face) for face in result.faces.tolist()} == expected
+
+
+@pytest.mark.parametrize("name", SURFACES)
+@pytest.mark.parametrize("fraction", ["1", "2", "3", "7", "n/10", "n/4", "n-1", "n"])
+def test_the_proxy_keeps_the_topology(name, fraction):
+    mesh = SURFACES[name]
+    n = mesh.n
+    k = {"n/10": n // 10, "n/4": n // 4, "n-1": n - 1, "n": n}.get(fraction, fraction)
+    k = min(max(int(k), 1), n)
+    result = remesh(mesh, k, seed=1)
+    assert len(result.samples) == k + result.added and (result.added > 0) == (result.rounds > 0)
+    assert_valid_proxy(mesh, result)
+    assert_dual(mesh, result)
+
+
+@given(seed=st.integers(0, 10_000), k=st.integers(1, 150))
+@pytest.mark.parametrize("name", ["double torus", "strip 3 wide", "tube"])
+def test_the_proxy_is_valid_for_any_seed_and_size(name, seed, k):
+    mesh = SURFACES[name]
+    assert_valid_proxy(mesh, remesh(mesh, min(k, mesh.n), seed=seed))
+
+
+@pytest.mark.parametrize("name", ["bumpy", "double torus", "tube", "strip 5 wide"])
+def test_regions_and_distances_are_those_of_all_samples_also_the_added_ones(name):
+    mesh = SURFACES[name]
+    for k in (5, 40):
+        assert_regions_are_voronoi(mesh, remesh(mesh, k, seed=2))
+
+
+def test_refinement_adds_what_a_torus_needs():
+    result = remesh(SURFACES["torus"], 4)
+    assert result.added > 0 and result.rounds > 0
+
+
+def test_all_vertices_as_samples_give_the_mesh_back(small_body):
+    result = remesh(small_body, small_body.n, seed=3)
+    assert result.rounds == result.added == 0 and not result.distance.any()
+    back = result.samples[result.faces]
+    rolled = {tuple(np.roll(face, -int(np.argmin(face))).tolist()) for face in back}
+    assert rolled == {tuple(np.roll(face, -int(np.argmin(face))).tolist()) for face in small_body.F}
+
+
+def test_given_samples_come_first_and_in_order(body):
+    first = np.random.default_rng(0).permutation(body.n)[:30]
+    for k in (30, 31, 120):
+        result = remesh(body, k, first=first, seed=5)
+        assert np.array_equal(result.samples[:30], first)
+        assert_valid_proxy(body, result)
+
+
+def test_clustered_first_samples_keep_the_topology(body):
+    nearest = np.argsort(np.linalg.norm(body.V - body.V[17], axis=1))[:60]
+    assert_valid_proxy(body, remesh(body, 70, first=nearest))
+
+
+def test_one_seed_gives_the_same_bits_and_another_other_samples(body):
+    a, b, c = (remesh(body, 60, first=np.array([4]), seed=seed) for seed in (1, 1, 2))
+    for name in ("samples", "faces", "region", "distance"):
+        assert np.array_equal(getattr(a, name), getattr(b, name))
+    assert not np.array_equal(a.samples, c.samples)
+    assert a.samples[0] == c.samples[0] == 4
+    pair = remesh(body, 60, first=np.array([4]), seed=(1, 1))
+    assert not np.array_equal(a.samples, pair.samples)
+
+
+def test_the_random_vertex_follows_the_given_ones_and_is_none_of_them():
+    mesh = tetrahedron()
+    drawn = {int(remesh(mesh, 4, first=np.array([2, 0]), seed=seed).samples[2]) for seed in range(30)}
+    assert drawn == {1, 3}
+
+
+def test_the_seed_is_of_no_account_when_all_samples_are_given(body):
+    first = np.random.default_rng(1).permutation(body.n)[:50]
+    a, b = remesh(body, 50, first=first, seed=0), remesh(body, 50, first=first, seed=1)
+    assert np.array_equal(a.samples, b.samples) and np.array_equal(a.faces, b.faces)
+
+
+def test_scaling_by_a_power_of_two_changes_no_bit(body):
+    a, b = remesh(body, 80), remesh(Mesh(body.V * 2.0**-30, body.F), 80)
+    assert np.array_equal(a.samples, b.samples) and np.array_equal(a.faces, b.faces)
+    assert np.array_equal(a.region, b.region) and np.array_equal(a.distance * 2.0**-30, b.distance)
+
+
+def test_more_proxy_vertices_than_the_mesh_has_are_refused(small_body):
+    with pytest.raises(InputError, match="163 proxy vertices were asked for, but the mesh has only 162"):
+        remesh(small_body, 163)
+
+
+def test_too_few_vertices_for_the_handles_are_refused(small_body):
+    with pytest.raises(InputError, match="4 proxy vertices cannot hold the 5 handle vertices"):
+        remesh(small_body, 4, first=np.arange(5))
+
+
+@pytest.mark.parametrize("count", [0, -3])
+def test_no_vertices_at_all_are_refused(small_body, count):
+    with pytest.raises(InputError):
+        remesh(small_body, count)
+
+
+@pytest.mark.parametrize("first", [[162], [-1], [3, 3]])
+@pytest.mark.parametrize("k", [2, 20])
+def test_first_samples_out_of_range_or_repeated_are_refused(small_body, first, k):
+    with pytest.raises(InputError):
+        remesh(small_body, k, first=np.array(first))
+
+
+def test_a_negative_seed_is_refused(small_body):
+    with pytest.raises(InputError, match="seed"):
+        remesh(small_body, 20, seed=-1)
+
+
+def test_unsuitable_meshes_are_refused(small_body):
+    V = np.concatenate([np.eye(3), -np.eye(3)[1:]])
+    with pytest.raises(InputError, match="not manifold"):
+        remesh(Mesh(V, [[1, 2, 0], [3, 4, 0]]), 3)
+    F = small_body.F.copy()
+    F[0] = F[0, ::-1]
+    with pytest.raises(InputError, match="oriented"):
+        remesh(Mesh(small_body.V, F), 30)
+    two = Mesh(np.concatenate([V[:3], V[:3] + 1]), [[0, 1, 2], [3, 4, 5]])
+    with pytest.raises(InputError, match="2 components"):
+        remesh(two, 3)
+
+
+def test_giving_up_names_the_regions_and_returns_nothing(monkeypatch):
+    monkeypatch.setattr(module, "MAX_ROUNDS", 0)
+    with pytest.raises(InputError, match=r"remeshing to 4 vertices failed: after 0 rounds .*ask for more"):
+        remesh(SURFACES["torus"], 4)
+
+
+@pytest.mark.parametrize("name", ["torus", "double torus", "strip 2 wide", "tube", "tube of three sides"])
+def test_a_proxy_of_another_topology_is_never_returned(monkeypatch, name):
+    nothing = (np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int32))
+    monkeypatch.setattr(module, "refinements", lambda F, fronts: nothing)
+    reasons = []
+    for k in range(4, 30):
+        try:
+            assert_valid_proxy(SURFACES[name], remesh(SURFACES[name], k))
+        except InputError as error:
+            assert str(error).startswith(f"remeshing to {k} vertices failed: ")
+            assert str(error).endswith("ask for more vertices")
+            reasons.append(str(error))
+    assert reasons
+    if "tube" in name:  # closed up at an end: manifold and complete, yet another surface
+        assert any("the proxy has Topology" in reason for reason in reasons)

@@ -1,0 +1,495 @@
+from __future__ import annotations
+
+import logging
+import math
+from concurrent.futures import ThreadPoolExecutor
+from itertools import count, islice
+from math import inf
+
+import igl
+import numpy as np
+import pytest
+import trimesh
+from scipy.optimize import root
+from scipy.spatial.transform import Rotation
+
+from baselines.accelerated import accelerated_arap, accelerated_elastic
+from sshade import DeformationTask, Handles, InputError, Mesh
+from sshade.solver.constraints import EVERY, EVERY_OF_BOTH
+from sshade.solver.local_global import LocalGlobal, local_global
+from sshade.solver.quasi_newton import largest_move
+from sshade.solver.solution import Solution
+from sshade.solver.volume_area import AREA, CLOSE, VOLUME, along, gradients, measure, newton_step
+from tests.shapes import bent, bumpy, double_torus, icosphere, jittered, rotation, strip, torus
+from tests.sshade.naive import TASKS, Naive
+
+BAR, STRIP = TASKS["bar"], TASKS["strip"]
+BOTH = np.array([VOLUME, AREA])
+#: (volume, area) weights with something exact in them.
+EXACT = {"volume": (inf, 0.0), "area": (0.0, inf), "both": (inf, inf)}
+
+
+def joined(*meshes: Mesh) -> Mesh:
+    """Several meshes as one."""
+    shift = np.cumsum([0, *(mesh.n for mesh in meshes)])
+    return Mesh(
+        np.concatenate([mesh.V for mesh in meshes]),
+        np.concatenate([mesh.F + s for mesh, s in zip(meshes, shift, strict=False)]),
+    )
+
+
+def solve(task: DeformationTask, weights: tuple[float, float], *, energy: str = "spokes_and_rims", **options):
+    solver = LocalGlobal(task.mesh, task.handles.index, energy=energy)
+    return solver.solve(task.handles.target, volume=weights[0], area=weights[1], **options)
+
+
+def volume_and_area(V: np.ndarray, F: np.ndarray) -> np.ndarray:
+    surface = trimesh.Trimesh(V, F, process=False)
+    return np.array([surface.volume, surface.area])
+
+
+def pulled(task: DeformationTask, factor: float) -> DeformationTask:
+    """The task's mesh with its last handles pulled away along z to `factor` times the length."""
+    V, index = task.mesh.V, task.handles.index
+    target = V[index].copy()
+    far = target[:, 2] > target[:, 2].mean()
+    target[far, 2] += (factor - 1) * np.ptp(V[:, 2])
+    return DeformationTask("pulled", task.mesh, Handles(index, target))
+
+
+def ends(mesh: Mesh, motion) -> DeformationTask:
+    """The lowest and highest tenth along z held, the highest one moved."""
+    z = mesh.V[:, 2]
+    low, high = np.flatnonzero(z < np.quantile(z, 0.1)), np.flatnonzero(z > np.quantile(z, 0.9))
+    index = np.concatenate([low, high])
+    return DeformationTask("ends", mesh, Handles(index, np.concatenate([mesh.V[low], motion(mesh.V[high])])))
+
+
+# --- volume, area and their derivatives
+
+
+def arrays(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
+    """Faces as the kernels take them, and where each component of a joined mesh begins."""
+    return mesh.F.astype(np.int32), np.searchsorted(
+        mesh.component[mesh.F[:, 0]], np.arange(mesh.component.max() + 2)
+    )
+
+
+CLOSED = {"bumpy": bumpy(2), "torus": torus(), "double torus": double_torus(), "bar": BAR.mesh}
+
+
+@pytest.mark.parametrize("name", CLOSED)
+def test_volume_and_area_are_those_of_other_libraries(name):
+    mesh = CLOSED[name]
+    V = bent(mesh.V) + 5.0
+    volume, area = measure(*arrays(mesh), V)[:, 0]
+    assert (volume, area) == pytest.approx(tuple(volume_and_area(V, mesh.F)), rel=1e-12)
+    assert area == pytest.approx(igl.doublearea(V, np.array(mesh.F)).sum() / 2, rel=1e-12)
+    assert volume == pytest.approx(Mesh(V, mesh.F).volume, rel=1e-12)
+
+
+def test_far_from_the_origin_only_the_positions_are_rounded():
+    mesh, shift = bumpy(2), 1e6
+    V = (mesh.V + shift) - shift  # what is left of the positions there
+    F, start = arrays(mesh)
+    assert measure(F, start, V + shift) == pytest.approx(measure(F, start, V), rel=1e-13)
+
+
+def gradients_of(mesh: Mesh, V: np.ndarray, scale: np.ndarray | None = None) -> np.ndarray:
+    F, start = arrays(mesh)
+    G = np.full((mesh.n, 2, 3), np.nan)
+    gradients(F, start, BOTH, np.ones((2, len(start) - 1)) if scale is None else scale, V, G)
+    return G
+
+
+@pytest.mark.parametrize("name", CLOSED)
+def test_gradients_are_the_differences(name):
+    mesh, step = CLOSED[name], 1e-6
+    V = bent(mesh.V)
+    Z = np.random.default_rng(0).normal(size=(mesh.n, 2, 3))
+    differences = np.stack(
+        [
+            volume_and_area(V + step * Z[:, p], mesh.F) - volume_and_area(V - step * Z[:, p], mesh.F)
+            for p in range(2)
+        ],
+        axis=1,
+    ) / (2 * step)
+    slope = np.empty((1, 2, 2))
+    along(gradients_of(mesh, V), np.zeros(mesh.n, dtype=np.int32), Z, slope)
+    assert slope[0] == pytest.approx(differences, rel=1e-6, abs=1e-6)
+
+
+def test_gradients_know_that_volume_and_area_do_not_move_and_how_they_grow(small_body):
+    V, F = bent(small_body.V) + 3.0, small_body.F
+    G, size = gradients_of(small_body, V), volume_and_area(V, F)
+    for q, degree in ((0, 3), (1, 2)):
+        assert np.abs(G[:, q].sum(axis=0)).max() < 1e-12 * size[q]
+        assert np.abs(np.cross(V, G[:, q]).sum(axis=0)).max() < 1e-11 * size[q]
+        assert (V * G[:, q]).sum() == pytest.approx(degree * size[q], rel=1e-12)  # Euler, homogeneous
+
+
+def test_gradients_by_component_are_scaled_or_left_out():
+    mesh = joined(bumpy(1), torus(8, 6))
+    scale, first = np.array([[2.0, 0.0], [0.0, 0.5]]), bumpy(1).n
+    G, whole = gradients_of(mesh, mesh.V, scale), gradients_of(mesh, mesh.V)
+    assert np.array_equal(G[:first, 0], 2 * whole[:first, 0]) and not G[:first, 1].any()
+    assert np.array_equal(G[first:, 1], 0.5 * whole[first:, 1]) and not G[first:, 0].any()
+
+
+def test_a_triangle_of_no_area_pulls_at_nothing():
+    mesh, V = bumpy(1), bumpy(1).V.copy()
+    V[mesh.F[0]] = V[mesh.F[0, 0]]
+    assert np.isfinite(gradients_of(mesh, V)).all()
+
+
+def test_a_newton_step_solves_or_fits():
+    rng = np.random.default_rng(1)
+    on, r, x = np.ones(2), rng.normal(size=2), np.empty(2)
+    J, compliance = rng.normal(size=(2, 2)), np.array([0.5, 0.0])
+    newton_step(J, on, compliance, r, x)
+    assert (J + np.diag(compliance)) @ x == pytest.approx(-r, rel=1e-12)
+    parallel = np.outer([3.0, 2.0], [0.7, -0.4])
+    for J in (parallel, parallel + 1e-12 * rng.normal(size=(2, 2))):
+        newton_step(J, on, np.zeros(2), r, x)
+        assert x == pytest.approx(np.linalg.lstsq(parallel, -r, rcond=1e-10)[0], rel=1e-9)
+    newton_step(np.zeros((2, 2)), on, np.zeros(2), r, x)
+    assert not x.any()
+    newton_step(J, np.array([0.0, 1.0]), np.zeros(2), r, x)  # the first equation is left out
+    assert x == pytest.approx([0.0, -r[1] / J[1, 1]], rel=1e-15)
+
+
+# --- one constrained iteration, from the definitions
+
+
+def constrained_iterations(task: DeformationTask, U: np.ndarray, energy: str, weights):
+    """The iterates from U on: free steps under the last multipliers, then to where a general solver ends.
+
+    That moves along L^-1 of the constraints' gradients, which are renewed every few steps.
+    """
+    mesh, naive = task.mesh, Naive(task, energy)
+    rest = volume_and_area(mesh.V, mesh.F)
+    held = [q for q in range(2) if weights[q] > 0]
+    compliance = np.array([1 / (weights[q] * rest[AREA]) for q in held])
+    multipliers = np.zeros(len(held))
+    U = U.copy()
+    U[task.handles.index] = task.handles.target
+    for step in count():
+        gradient = gradients_of(mesh, U)[:, held] / rest[held][None, :, None]
+        fresh = np.zeros_like(gradient)
+        for q in range(len(held)):
+            fresh[naive.free, q] = naive.lu.solve(gradient[naive.free, q])
+        if step % (EVERY_OF_BOTH if min(weights) == inf else EVERY) == 0:
+            Z = fresh
+        x = naive.iterate(U) + np.einsum("q,nqd->nd", multipliers, fresh)
+
+        def equations(changes, x=x, Z=Z, before=multipliers):
+            moved = x + np.einsum("q,nqd->nd", changes, Z)
+            return volume_and_area(moved, mesh.F)[held] / rest[held] - 1 + compliance * (before + changes)
+
+        found = root(equations, np.zeros(len(held)), tol=1e-14)
+        assert np.abs(found.fun).max() < 1e-10
+        multipliers = multipliers + found.x
+        U = x + np.einsum("q,nqd->nd", found.x, Z)
+        yield U
+
+
+@pytest.mark.parametrize("energy", ["spokes", "spokes_and_rims"])
+@pytest.mark.parametrize(
+    "weights", [(inf, 0), (0, inf), (inf, inf), (0.5, 0), (0, 0.2), (inf, 0.3), (2, inf), (1, 2)]
+)
+def test_iterations_are_those_of_the_definition(energy, weights):
+    expected = islice(constrained_iterations(BAR, BAR.mesh.V, energy, weights), EVERY + 2)
+    for iterations, U in enumerate(expected, start=1):
+        ours = solve(BAR, weights, energy=energy, max_iterations=iterations, tolerance=0, accelerate=False)
+        assert np.abs(ours.positions - U).max() < 1e-9 * BAR.mesh.diagonal
+
+
+@pytest.mark.parametrize("energy", ["spokes", "spokes_and_rims"])
+@pytest.mark.parametrize("weights", [(inf, 0), (inf, inf), (0.5, 0), (0.3, 0.2)])
+def test_the_solution_balances_forces_and_pressure(energy, weights):
+    """L u - b, the force on free vertices, is a combination of the gradients: the penalty's if weighted."""
+    solution = solve(BAR, weights, energy=energy, tolerance=1e-11, max_iterations=20000)
+    mesh, naive, U = BAR.mesh, Naive(BAR, energy), solution.positions
+    assert solution.converged
+    step = naive.iterate(U)  # L step = b
+    force = naive.laplacian @ (U - step)[naive.free]
+    rest, now = volume_and_area(mesh.V, mesh.F), volume_and_area(U, mesh.F)
+    held = [q for q in range(2) if weights[q] > 0]
+    gradient = gradients_of(mesh, U)[naive.free][:, held] / rest[held][None, :, None]
+    columns = gradient.transpose(1, 0, 2).reshape(len(held), -1).T
+    multipliers = np.linalg.lstsq(columns, force.ravel(), rcond=None)[0]
+    assert np.abs(columns @ multipliers - force.ravel()).max() < 1e-7 * np.abs(force).max()
+    for q, multiplier in zip(held, multipliers, strict=True):
+        if weights[q] < inf:
+            assert multiplier == pytest.approx(weights[q] * rest[AREA] * (1 - now[q] / rest[q]), rel=1e-5)
+
+
+# --- exactness
+
+
+TILT = Rotation.from_rotvec([0.4, 0.2, 0.0]).as_matrix()
+SHAPES = {
+    "bar": BAR,
+    "body": ends(bumpy(3), lambda V: V @ TILT.T + [0.5, 0.0, 0.3]),
+    "two": ends(
+        joined(bumpy(2), Mesh(bumpy(2).V * 0.7 + [4.0, 0, 0.2], bumpy(2).F)), lambda V: V + [0.9, 0, 0.1]
+    ),
+    "inside out": ends(Mesh(bumpy(2).V, bumpy(2).F[:, ::-1]), lambda V: V + [0.9, 0.3, 0.0]),
+}
+
+
+@pytest.mark.parametrize("kind", EXACT)
+@pytest.mark.parametrize("name", SHAPES)
+def test_what_is_held_exactly_is_exact_in_every_component(name, kind):
+    task = SHAPES[name]
+    free, held = solve(task, (0, 0)), solve(task, EXACT[kind])
+    assert held.converged and held.energy > free.energy
+    assert np.array_equal(held.positions[task.handles.index], task.handles.target)
+    F, start = arrays(task.mesh)
+    error = np.abs(measure(F, start, held.positions) / measure(F, start, np.array(task.mesh.V)) - 1)
+    for q, state in enumerate((held.volume_constraint, held.area_constraint)):
+        worst = (held.volume_error, held.area_error)[q]
+        assert worst == pytest.approx(error[q].max(), rel=1e-3, abs=1e-13)
+        assert (state == "exact") == (EXACT[kind][q] == inf) and (state == "free") == (EXACT[kind][q] == 0)
+        assert worst <= CLOSE if state == "exact" else worst > 1e-4
+
+
+@pytest.mark.parametrize("weights", [(inf, 0), (inf, inf), (0, inf), (inf, 0.5)])
+def test_every_iterate_is_led_back_accelerated_or_not(weights):
+    for iterations in range(1, 12):
+        solution = solve(BAR, weights, max_iterations=iterations, tolerance=0)
+        assert not weights[0] or solution.volume_error <= CLOSE
+        assert weights[1] < inf or solution.area_error <= CLOSE
+    assert solution.volume_constraint == ("exact" if weights[0] else "free")
+
+
+def test_ratios_set_what_is_held():
+    solution = solve(BAR, (inf, inf), volume_ratio=1.2, area_ratio=1.05)
+    now = volume_and_area(solution.positions, BAR.mesh.F)
+    assert now / volume_and_area(BAR.mesh.V, BAR.mesh.F) == pytest.approx([1.2, 1.05], rel=1e-10)
+    assert max(solution.volume_error, solution.area_error) < 1e-10
+
+
+@pytest.mark.parametrize("weights", [(inf, 0), (inf, inf), (0.7, 0.2)])
+@pytest.mark.parametrize("scale", [2.0**-20, 2.0**30])
+def test_scaling_by_a_power_of_two_changes_no_bit(weights, scale):
+    mesh, handles = BAR.mesh, BAR.handles
+    scaled = DeformationTask(
+        "scaled", Mesh(scale * mesh.V, mesh.F), Handles(handles.index, scale * handles.target)
+    )
+    first, second = (solve(task, weights, max_iterations=15, tolerance=0) for task in (BAR, scaled))
+    assert np.array_equal(scale * first.positions, second.positions)
+    assert scale**2 * first.energy == second.energy
+    assert (first.volume_error, first.area_error) == (second.volume_error, second.area_error)
+
+
+@pytest.mark.parametrize("weights", [(inf, 0), (inf, inf), (0.7, 0.2)])
+def test_rigid_motion_of_the_problem_moves_the_solution(weights):
+    R, t, mesh, handles = rotation(3), np.array([0.3, -2.0, 1.0]), BAR.mesh, BAR.handles
+    moved = DeformationTask(
+        "moved", Mesh(mesh.V @ R.T + t, mesh.F), Handles(handles.index, handles.target @ R.T + t)
+    )
+    first, second = (solve(task, weights, max_iterations=8, tolerance=0) for task in (BAR, moved))
+    assert np.abs(first.positions @ R.T + t - second.positions).max() < 1e-9 * mesh.diagonal
+
+
+def test_components_do_not_feel_each_other():
+    one = ends(bumpy(2), lambda V: V + [0.9, 0, 0.1])
+    other = ends(torus(16, 10), lambda V: V @ rotation(1).T)
+    n = one.mesh.n
+    both = DeformationTask(
+        "both",
+        joined(one.mesh, Mesh(other.mesh.V + [5.0, 0, 0], other.mesh.F)),
+        Handles(
+            np.concatenate([one.handles.index, other.handles.index + n]),
+            np.concatenate([one.handles.target, other.handles.target + [5.0, 0, 0]]),
+        ),
+    )
+    options = {"accelerate": False, "max_iterations": 6, "tolerance": 0}
+    for weights in ((inf, inf), (0.7, 0), (inf, 0.4)):
+        together = solve(both, weights, **options)
+        alone = [solve(task, weights, **options) for task in (one, other)]
+        assert np.abs(together.positions[:n] - alone[0].positions).max() < 10 * CLOSE
+        assert np.abs(together.positions[n:] - [5.0, 0, 0] - alone[1].positions).max() < 10 * CLOSE
+        assert together.energy == pytest.approx(alone[0].energy + alone[1].energy, rel=1e-9)
+        assert together.volume_error == pytest.approx(max(a.volume_error for a in alone), rel=1e-6, abs=CLOSE)
+
+
+# --- weights
+
+
+def test_a_growing_weight_leads_from_the_free_shape_to_the_exact_one():
+    options = {"tolerance": 1e-9, "max_iterations": 20000}
+    free, exact = solve(BAR, (0, 0), **options), solve(BAR, (inf, 0), **options)
+    path = [solve(BAR, (weight, 0), **options) for weight in (1e-3, 1e-2, 1e-1, 1.0, 1e1, 1e3, 1e6)]
+    errors = [free.volume_error, *(s.volume_error for s in path), exact.volume_error]
+    energies = [free.energy, *(s.energy for s in path), exact.energy]
+    assert all(a > b for a, b in zip(errors, errors[1:], strict=False))
+    assert all(a < b for a, b in zip(energies, energies[1:], strict=False))
+    gap = [np.abs(s.positions - exact.positions).max() for s in path]
+    assert all(a > b for a, b in zip(gap, gap[1:], strict=False))
+    assert gap[-1] < 1e-5 * BAR.mesh.diagonal and errors[-2] < 1e-6
+    assert {s.volume_constraint for s in path} == {"weighted"}
+
+
+def test_the_energy_has_the_penalty_in_it():
+    naive = Naive(BAR, "spokes_and_rims")
+    solution = solve(BAR, (0.4, 0.2))
+    rest = 6.0 * BAR.mesh.area  # each of a triangle's three cells counts twice the area
+    penalty = rest / 2 * (0.4 * solution.volume_error**2 + 0.2 * solution.area_error**2)
+    elastic = naive.energy(solution.positions, naive.rotations(solution.positions))
+    assert solution.energy == pytest.approx(elastic + penalty, rel=1e-9)
+    assert penalty > 1e-3 * solution.energy
+
+
+def energies(weights, accelerate: bool, count: int = 25) -> list[float]:
+    options = {"tolerance": 0, "accelerate": accelerate}
+    return [solve(BAR, weights, max_iterations=k, **options).energy for k in range(count)]
+
+
+@pytest.mark.parametrize("weights", [(inf, 0), (0, inf), (inf, inf), (0.5, 0), (0.5, 0.2), (inf, 0.2)])
+def test_plain_steps_descend(weights):
+    plain = energies(weights, False)
+    first = 1 if inf in weights else 0  # the start itself fulfils no exact constraint
+    assert all(b < a for a, b in zip(plain[first:], plain[first + 1 :], strict=False))
+
+
+@pytest.mark.parametrize("weights", [*EXACT.values(), (0.5, 0.2)])
+def test_acceleration_reaches_the_same_minimum_in_fewer_steps(weights):
+    # With both held exactly the bar has two minima: begin where it is clear which is near.
+    begin = solve(BAR, weights, accelerate=False, max_iterations=30).positions
+    options = {"tolerance": 1e-8, "max_iterations": 20000, "start": begin}
+    fast, plain = (solve(BAR, weights, accelerate=accelerate, **options) for accelerate in (True, False))
+    assert fast.converged and plain.converged and plain.rejected == 0
+    assert fast.energy == pytest.approx(plain.energy, rel=1e-6)
+    assert fast.iterations < 0.6 * plain.iterations
+
+
+@pytest.mark.parametrize("weights", [(inf, 0), (inf, inf), (0.5, 0.2)])
+def test_converged_means_one_plain_constrained_iteration_moves_less_than_the_tolerance(weights):
+    fast = solve(BAR, weights, tolerance=1e-6, max_iterations=20000)
+    assert fast.converged and fast.residual < 1e-6
+    again = next(constrained_iterations(BAR, fast.positions, "spokes_and_rims", weights))
+    assert largest_move(again, fast.positions) < 1e-6 * BAR.mesh.diagonal
+
+
+# --- what cannot be held
+
+
+def test_targets_at_rest_leave_a_sphere_at_rest_although_its_gradients_are_parallel():
+    sphere = icosphere(3)
+    task = DeformationTask("rest", sphere, Handles(np.arange(4), sphere.V[:4]))
+    solution = solve(task, (inf, inf))
+    assert solution.iterations == 1 and solution.volume_constraint == solution.area_constraint == "exact"
+    assert np.abs(solution.positions - sphere.V).max() < 1e-12
+
+
+@pytest.mark.parametrize("accelerate", [True, False])
+@pytest.mark.parametrize("name", ["sphere", "arm"])
+def test_an_area_out_of_reach_is_said_to_be_and_weighted(name, accelerate):
+    sphere = icosphere(3)
+    inflated = DeformationTask("inflated", sphere, Handles(np.arange(4), 1.2 * sphere.V[:4]))
+    task = inflated if name == "sphere" else pulled(BAR, 1.5)
+    solution = solve(task, (inf, inf), accelerate=accelerate, tolerance=1e-8)
+    assert solution.converged
+    assert solution.volume_constraint == "exact" and solution.volume_error <= CLOSE
+    assert solution.area_constraint == "infeasible" and solution.area_error > 1e-3
+    weighted = solve(task, (inf, 1.0), accelerate=accelerate, tolerance=1e-8)
+    assert np.abs(solution.positions - weighted.positions).max() < 1e-5
+    assert solution.energy == pytest.approx(weighted.energy, rel=1e-9)
+
+
+def test_a_volume_out_of_reach_is_said_to_be():
+    mesh = bumpy(1)
+    everything = DeformationTask("all", mesh, Handles(np.arange(mesh.n), 1.1 * mesh.V))
+    solution = solve(everything, (inf, inf))
+    assert solution.volume_constraint == solution.area_constraint == "infeasible"
+    assert solution.volume_error == pytest.approx(1.1**3 - 1) and solution.area_error == pytest.approx(0.21)
+
+
+def one_face_turned() -> Mesh:
+    mesh = bumpy(1)
+    F = np.array(mesh.F)
+    F[7] = F[7, ::-1]
+    return Mesh(mesh.V, F)
+
+
+WITHOUT_VOLUME = {
+    "boundary": STRIP.mesh,
+    "orientation": one_face_turned(),
+    "flat": Mesh(bumpy(1).V * [1, 1, 0], bumpy(1).F),
+}
+
+
+@pytest.mark.parametrize("reason", WITHOUT_VOLUME)
+def test_without_an_inside_the_volume_stays_free_with_a_notice(reason, caplog):
+    mesh = WITHOUT_VOLUME[reason]
+    index = np.unique(np.linspace(0, mesh.n - 1, 6).astype(int))
+    task = DeformationTask("open", mesh, Handles(index, mesh.V[index] + 0.1 * bent(mesh.V)[index]))
+    options = {"max_iterations": 10, "tolerance": 0}
+    free = solve(task, (0, 0), **options)
+    assert free.volume_constraint == "free" and math.isnan(free.volume_error)
+    assert not caplog.records
+    with caplog.at_level(logging.WARNING):
+        held = solve(task, (inf, 0), **options)
+    assert f"off: {reason}" in caplog.text
+    assert held.volume_constraint == f"off: {reason}" and math.isnan(held.volume_error)
+    assert np.array_equal(free.positions, held.positions)
+    with_area = solve(task, (inf, inf), **options)
+    assert with_area.volume_constraint == f"off: {reason}" and with_area.area_error <= CLOSE
+
+
+def test_closed_components_keep_their_volume_beside_open_ones():
+    sheet = Mesh(jittered(strip(8, 6), 0.1).V + [4.0, 0, 0], strip(8, 6).F)
+    mesh, n = joined(bumpy(2), sheet), bumpy(2).n
+    index = np.concatenate([ends(bumpy(2), np.copy).handles.index, [n, n + 5, mesh.n - 1]])
+    target = mesh.V[index] + np.where(mesh.V[index, 2:] > 1.0, [0.9, 0.0, 0.4], [0.0, 0.0, 0.0])
+    target[-2] += [0.0, 0.0, 0.5]
+    solution = solve(DeformationTask("mixed", mesh, Handles(index, target)), (inf, 0))
+    assert solution.volume_constraint == "exact; off on 1 of 2 components: boundary"
+    assert solution.volume_error <= CLOSE
+    closed = volume_and_area(solution.positions[:n], bumpy(2).F)[0]
+    assert closed == pytest.approx(volume_and_area(bumpy(2).V, bumpy(2).F)[0], rel=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "sentence"),
+    [
+        ("volume", -1.0, "the volume weight goes from 0 .free. to inf .exact.; -1.0 does not"),
+        ("area", math.nan, "the area weight goes from 0 .free. to inf .exact.; nan does not"),
+        ("volume_ratio", 0.0, "volume_ratio must be a positive number, not 0.0"),
+        ("area_ratio", inf, "area_ratio must be a positive number, not inf"),
+        ("area_ratio", math.nan, "area_ratio must be a positive number, not nan"),
+    ],
+)
+def test_weights_and_ratios_are_checked(option, value, sentence):
+    with pytest.raises(InputError, match=sentence):
+        LocalGlobal(BAR.mesh, BAR.handles.index).solve(BAR.handles.target, **{option: value})
+
+
+# --- the solver and the methods around it
+
+
+def test_one_solver_holds_different_things_at_once():
+    solver = LocalGlobal(BAR.mesh, BAR.handles.index)
+
+    def run(weights) -> Solution:
+        return solver.solve(BAR.handles.target, volume=weights[0], area=weights[1], max_iterations=12)
+
+    cases = [(0, 0), (inf, 0), (inf, inf), (0.3, 0), (0, 2.0), (inf, 0)]
+    alone = [run(weights) for weights in cases]
+    with ThreadPoolExecutor(3) as pool:
+        together = list(pool.map(run, cases))
+    for a, b in zip(alone, together, strict=True):
+        assert np.array_equal(a.positions, b.positions) and a.energy == b.energy
+
+
+def test_methods_take_the_weights():
+    held = {"volume": inf, "area": 0.5, "max_iterations": 12}
+    for method, energy in ((accelerated_arap, "spokes"), (accelerated_elastic, "spokes_and_rims")):
+        ours, plain = solve(BAR, (inf, 0.5), energy=energy, max_iterations=12), method(BAR, **held)
+        assert np.array_equal(plain.vertices, ours.positions)
+        assert np.array_equal(local_global(BAR, energy=energy, **held).vertices, ours.positions)
+        facts = {name: plain.extra[name] for name in ("volume_error", "area_error")}
+        assert facts == {"volume_error": ours.volume_error, "area_error": ours.area_error}
+        assert plain.extra["volume_constraint"] == "exact" and plain.extra["area_constraint"] == "weighted"

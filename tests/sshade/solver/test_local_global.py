@@ -1,0 +1,484 @@
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import igl
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from baselines.accelerated import accelerated_arap, accelerated_elastic
+from sshade import DeformationTask, Handles, InputError, Mesh
+from sshade.solver.coarse import initial_guess, libigl_arap
+from sshade.solver.cotangents import corner_vectors, edge_weights, half_cotangents, laplacian_matrix
+from sshade.solver.fitting import fit_rotations
+from sshade.solver.local_global import LocalGlobal, local_global
+from sshade.solver.quasi_newton import largest_move
+from sshade.solver.quaternions import quaternions
+from tests.shapes import bumpy, icosphere, jittered, rotation, strip, tetrahedron, tube
+from tests.sshade.naive import TASKS, Naive, svd_rotations
+
+ENERGIES = ("spokes", "spokes_and_rims")
+EXACT = 1e-12  # x diagonal
+
+
+@pytest.fixture(params=list(TASKS))
+def task(request) -> DeformationTask:
+    return TASKS[request.param]
+
+
+def solver_of(task: DeformationTask, energy: str = "spokes_and_rims", **options) -> LocalGlobal:
+    return LocalGlobal(task.mesh, task.handles.index, energy=energy, **options)
+
+
+@pytest.mark.parametrize("energy", ENERGIES)
+def test_plain_iterations_equal_the_definition(task, energy):
+    solver, naive, U = solver_of(task, energy), Naive(task, energy), task.mesh.V
+    for iterations in range(1, 7):
+        U = naive.iterate(U)
+        ours = solver.solve(task.handles.target, max_iterations=iterations, tolerance=0, accelerate=False)
+        assert np.abs(ours.positions - U).max() < EXACT * task.mesh.diagonal
+        assert ours.iterations == iterations and not ours.converged
+    R = naive.rotations(U)
+    assert np.abs(ours.rotations - R).max() < 1e-10
+    assert ours.energy == pytest.approx(naive.energy(U, R), rel=1e-10)
+
+
+def arc(task: DeformationTask) -> np.ndarray:
+    """The task's mesh rolled smoothly over 90 degrees, handles on targets: no cell is crushed."""
+    V = task.mesh.V
+    along = int(np.argmax(np.ptp(V, axis=0)))
+    low, high = V[task.handles.index][:, along].min(), V[task.handles.index][:, along].max()
+    angle = np.deg2rad(90) * np.clip((V[:, along] - low) / (high - low), 0, 1)
+    centre = V.mean(axis=0)
+    turned = Rotation.from_rotvec(angle[:, None] * [0.0, 1.0, 0.0]).apply(V - centre) + centre
+    turned[task.handles.index] = task.handles.target
+    return turned
+
+
+@pytest.mark.parametrize("energy", ENERGIES)
+def test_iterates_are_libigls_to_its_float_svd(task, energy):
+    """From a smooth start: in crushed cells the rounding of single precision decides the rotation."""
+    mesh, handles, naive, solver = task.mesh, task.handles, Naive(task, energy), solver_of(task, energy)
+    data = igl.ARAPData()
+    data.energy = getattr(igl.ARAPEnergyType, f"ARAP_ENERGY_TYPE_{energy.upper()}")
+    data.max_iter = 1
+    igl.arap_precomputation(np.array(mesh.V), np.array(mesh.F), 3, np.array(handles.index), data)
+    theirs = arc(task)
+    for iterations in range(1, 31):
+        theirs = igl.arap_solve(np.array(handles.target), data, theirs)
+        ours = solver.solve(
+            handles.target, start=arc(task), max_iterations=iterations, tolerance=0, accelerate=False
+        )
+        assert np.abs(ours.positions - theirs).max() < 1e-4 * mesh.diagonal
+        if iterations % 10 == 0:
+            assert ours.energy == pytest.approx(naive.energy(theirs, naive.rotations(theirs)), rel=1e-4)
+
+
+def test_the_method_and_libigl_stop_alike(task):
+    ours, theirs = (
+        local_global(task, accelerate=False, max_iterations=5000),
+        libigl_arap(task, max_iterations=5000),
+    )
+    assert ours.converged and theirs.converged
+    assert ours.iterations == pytest.approx(theirs.iterations, rel=0.05)
+    assert np.abs(ours.vertices - theirs.vertices).max() < 1e-3 * task.mesh.diagonal
+
+
+@pytest.mark.parametrize("energy", ENERGIES)
+def test_acceleration_reaches_the_same_minimum_in_less_than_half_the_steps(task, energy):
+    solver = solver_of(task, energy)
+    options = {"tolerance": 1e-8, "max_iterations": 20000}
+    fast = solver.solve(task.handles.target, **options)
+    plain = solver.solve(task.handles.target, accelerate=False, **options)
+    assert fast.converged and plain.converged
+    assert fast.energy == pytest.approx(plain.energy, rel=1e-6)
+    assert np.abs(fast.positions - plain.positions).max() < 1e-4 * task.mesh.diagonal
+    assert fast.iterations < 0.5 * plain.iterations
+    assert plain.rejected == 0
+
+
+@pytest.mark.parametrize("energy", ENERGIES)
+def test_converged_means_one_plain_iteration_moves_less_than_the_tolerance(task, energy):
+    fast = solver_of(task, energy).solve(task.handles.target, tolerance=1e-6, max_iterations=20000)
+    assert fast.converged and fast.residual < 1e-6
+    again = Naive(task, energy).iterate(fast.positions)
+    assert largest_move(again, fast.positions) < 1e-6 * task.mesh.diagonal
+
+
+@pytest.mark.parametrize("energy", ENERGIES)
+def test_energy_never_rises(task, energy):
+    solver = solver_of(task, energy)
+
+    def energies(accelerate):
+        return [
+            solver.solve(task.handles.target, max_iterations=k, tolerance=0, accelerate=accelerate).energy
+            for k in range(40)
+        ]
+
+    plain = energies(False)
+    assert all(b < a for a, b in zip(plain, plain[1:], strict=False))
+    # Under acceleration each entry is the energy of a plain iterate of an accepted one.
+    fast = energies(True)
+    assert fast[-1] < plain[-1]
+    assert plain[0] == fast[0] == solver.solve(task.handles.target, max_iterations=3).energy_initial
+
+
+def test_an_accelerated_step_that_raises_the_energy_is_given_up():
+    task = TASKS["bar"]
+    solution = solver_of(task, "spokes").solve(task.handles.target, tolerance=1e-9, max_iterations=20000)
+    assert solution.converged and solution.rejected > 0
+
+
+@pytest.mark.parametrize("energy", ENERGIES)
+@pytest.mark.parametrize("accelerate", [False, True])
+def test_rigid_motion_of_the_problem_moves_the_solution(task, energy, accelerate):
+    R, t, mesh, handles = rotation(3), np.array([0.3, -2.0, 1.0]), task.mesh, task.handles
+    options = {"energy": energy, "accelerate": accelerate, "max_iterations": 8, "tolerance": 0.0}
+    moved = DeformationTask(
+        "moved", Mesh(mesh.V @ R.T + t, mesh.F), Handles(handles.index, handles.target @ R.T + t)
+    )
+    first, second = local_global(task, **options), local_global(moved, **options)
+    assert np.abs(first.vertices @ R.T + t - second.vertices).max() < 1e-9 * mesh.diagonal
+    turned = R @ first.extra["rotations"] @ R.T
+    assert np.abs(turned - second.extra["rotations"]).max() < 1e-7
+
+
+@pytest.mark.parametrize("energy", ENERGIES)
+@pytest.mark.parametrize("scale", [2.0**-40, 2.0**40])
+def test_scaling_by_a_power_of_two_changes_no_bit(task, energy, scale):
+    mesh, handles = task.mesh, task.handles
+    options = {"energy": energy, "max_iterations": 20, "tolerance": 0.0}
+    scaled = DeformationTask(
+        "scaled", Mesh(scale * mesh.V, mesh.F), Handles(handles.index, scale * handles.target)
+    )
+    first, second = local_global(task, **options), local_global(scaled, **options)
+    assert np.array_equal(scale * first.vertices, second.vertices)
+    assert np.array_equal(first.extra["rotations"], second.extra["rotations"])
+    assert first.extra["energy"] * scale**2 == second.extra["energy"]
+
+
+@pytest.mark.parametrize("energy", ENERGIES)
+def test_targets_at_rest_leave_everything_at_rest(task, energy):
+    mesh, index = task.mesh, task.handles.index
+    solution = LocalGlobal(mesh, index, energy=energy).solve(mesh.V[index])
+    assert solution.converged and solution.iterations == 1
+    assert np.abs(solution.positions - mesh.V).max() < EXACT * mesh.diagonal
+    assert np.abs(solution.rotations - np.eye(3)).max() < 1e-10
+    assert abs(solution.energy) < 1e-12 * mesh.area
+
+
+@pytest.mark.parametrize("energy", ENERGIES)
+def test_rigidly_moved_handles_move_the_mesh_rigidly(task, energy):
+    mesh, index = task.mesh, task.handles.index
+    R, t = rotation(5), np.array([1.0, 2.0, 3.0])
+    handles = Handles(index, mesh.V[index] @ R.T + t)
+    result = local_global(DeformationTask("rigid", mesh, handles), energy=energy, start="rigid")
+    assert result.iterations == 1 and result.converged
+    assert np.abs(result.vertices - (mesh.V @ R.T + t)).max() < EXACT * mesh.diagonal
+    assert np.abs(result.extra["rotations"] - R).max() < 1e-10
+
+
+def test_handles_are_exact_and_rotations_proper(task):
+    solution = solver_of(task).solve(task.handles.target)
+    assert np.array_equal(solution.positions[task.handles.index], task.handles.target)
+    R = solution.rotations
+    assert np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max() < 1e-14
+    assert np.linalg.det(R) == pytest.approx(np.ones(len(R)), abs=1e-14)
+    assert np.abs(R - Naive(task, "spokes_and_rims").rotations(solution.positions)).max() < 1e-9
+
+
+def test_one_solver_serves_many_targets_and_threads(task):
+    solver, targets = solver_of(task), task.handles.target
+    cases = [targets + 0.05 * k for k in range(6)]
+    alone = [solver.solve(T, max_iterations=20) for T in cases]
+    with ThreadPoolExecutor(3) as pool:
+        together = list(pool.map(lambda T: solver.solve(T, max_iterations=20), cases))
+    for a, b in zip(alone, together, strict=True):
+        assert np.array_equal(a.positions, b.positions) and np.array_equal(a.rotations, b.rotations)
+
+
+def test_a_warm_start_ends_where_a_long_run_does(task):
+    solver, targets = solver_of(task), task.handles.target
+    half = solver.solve(targets, max_iterations=7, tolerance=0, accelerate=False)
+    rest = solver.solve(targets, start=half.positions, max_iterations=5, tolerance=0, accelerate=False)
+    whole = solver.solve(targets, max_iterations=12, tolerance=0, accelerate=False)
+    assert np.abs(rest.positions - whole.positions).max() < EXACT * task.mesh.diagonal
+
+
+@pytest.mark.parametrize("energy", ENERGIES)
+def test_rotations_to_begin_with_change_the_work_and_not_the_result(task, energy):
+    solver, targets = solver_of(task, energy), task.handles.target
+    half = solver.solve(targets, max_iterations=9, tolerance=0)
+    options = {"start": half.positions, "max_iterations": 5, "tolerance": 0}
+    cold = solver.solve(targets, **options)
+    warm = solver.solve(targets, rotations=half.rotations, **options)
+    assert np.abs(cold.positions - warm.positions).max() < EXACT * task.mesh.diagonal
+    assert np.abs(cold.rotations - warm.rotations).max() < 1e-10
+    again = solver.solve(targets, start=half.positions, rotations=half.rotations, max_iterations=0)
+    assert np.abs(again.rotations - half.rotations).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("rotations", "message"),
+    [
+        (lambda n: np.zeros((n, 9)), "must have shape .*, 3, 3.*, not"),
+        (lambda n: np.tile(np.diag([1.0, 1.0, -1.0]), (n, 1, 1)), "is not a rotation"),
+        (lambda n: np.full((n, 3, 3), np.nan), "is not a rotation"),
+    ],
+)
+def test_rotations_to_begin_with_are_checked(task, rotations, message):
+    with pytest.raises(InputError, match=message):
+        solver_of(task).solve(task.handles.target, rotations=rotations(task.mesh.n))
+
+
+def test_quaternions_are_those_of_the_matrices():
+    turns = Rotation.concatenate(
+        [Rotation.random(500, random_state=1), Rotation.from_rotvec(np.pi * np.eye(3)), Rotation.identity(1)]
+    )
+    Q, error = quaternions(turns.as_matrix())
+    assert error < 1e-14 and np.abs(np.linalg.norm(Q, axis=1) - 1).max() < 1e-15
+    assert np.abs(Rotation.from_quat(Q[:, [1, 2, 3, 0]]).as_matrix() - turns.as_matrix()).max() < 1e-14
+    assert quaternions(1.1 * turns.as_matrix())[1] > 0.1
+
+
+def test_engines_agree(task):
+    pytest.importorskip("cholespy")
+    a, b = (
+        solver_of(task, engine=engine).solve(task.handles.target, max_iterations=10, accelerate=False)
+        for engine in ("superlu", "cholespy")
+    )
+    assert np.abs(a.positions - b.positions).max() < EXACT * task.mesh.diagonal
+
+
+def test_every_vertex_a_handle():
+    mesh = tetrahedron()
+    targets = mesh.V @ rotation(1).T
+    solution = LocalGlobal(mesh, np.arange(4)).solve(targets)
+    assert solution.converged and np.array_equal(solution.positions, targets)
+    assert np.abs(solution.rotations - rotation(1)).max() < 1e-13
+
+
+def test_no_iteration_returns_the_start_with_its_rotations(task):
+    solution = solver_of(task).solve(task.handles.target, max_iterations=0)
+    assert solution.iterations == 0 and not solution.converged
+    assert np.array_equal(solution.positions, initial_guess(task, "rest"))
+    assert solution.energy == solution.energy_initial
+
+
+def test_result_and_progress_of_the_method(task):
+    calls = []
+    result = local_global(
+        task, tolerance=0, max_iterations=25, progress=lambda *call: calls.append(call), engine="superlu"
+    )
+    assert [call[1] for call in calls] == [10, 20, 25] and calls[0][0] == "iterations"
+    assert set(result.seconds) == {"precompute", "solve"}
+    assert set(result.extra) == {
+        "rotations", "residual", "residual_curve", "energy", "energy_initial", "rejected", "engine",
+        "volume_error", "area_error", "volume_constraint", "area_constraint",
+    }  # fmt: skip
+    curve = result.extra["residual_curve"]
+    assert len(curve) == 25 and curve[-1] == result.extra["residual"] and (curve > 0).all()
+    assert result.iterations == 25 and result.converged is False and result.extra["engine"] == "superlu"
+
+
+def test_full_resolution_baselines_are_the_two_energies(task):
+    for method, energy in ((accelerated_arap, "spokes"), (accelerated_elastic, "spokes_and_rims")):
+        ours = local_global(task, energy=energy, max_iterations=15)
+        assert np.array_equal(method(task, max_iterations=15, seed=4).vertices, ours.vertices)
+
+
+# --- rotations
+
+
+def identities(count: int) -> np.ndarray:
+    return np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
+
+
+def fitted(S: np.ndarray, Q: np.ndarray | None = None) -> np.ndarray:
+    R = np.ascontiguousarray(S.reshape(-1, 9)).copy()
+    fit_rotations(R, identities(len(S)) if Q is None else Q)
+    return R.reshape(-1, 3, 3)
+
+
+def covariances(kind: str, count: int = 2000) -> np.ndarray:
+    rng = np.random.default_rng(7)
+    S = rng.normal(size=(count, 3, 3))
+    if kind == "rank two":
+        S = S[:, :, :2] @ rng.normal(size=(count, 2, 3))
+    elif kind == "nearly rank two":
+        S[:, :, 2] *= 1e-9
+    elif kind == "nearly rank one":
+        S[:, :, 1:] *= 1e-6
+    elif kind == "reflected":
+        S = S * -np.sign(np.linalg.det(S))[:, None, None]
+    elif kind == "huge":
+        S *= 1e150
+    elif kind == "tiny":
+        S *= 1e-150
+    return S
+
+
+KINDS = ("random", "rank two", "nearly rank two", "nearly rank one", "reflected", "huge", "tiny")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("warm", [False, True])
+def test_rotations_are_those_of_the_svd(kind, warm):
+    S = covariances(kind)
+    Q = identities(len(S))
+    if warm:
+        near = S @ Rotation.from_rotvec(np.random.default_rng(8).normal(0, 0.02, (len(S), 3))).as_matrix()
+        fitted(near, Q)
+    R = fitted(S, Q)
+    s, sign = np.linalg.svd(S, compute_uv=False), np.sign(np.linalg.det(S / np.abs(S).max()))
+    gap = (s[:, 1] + sign * s[:, 2]) / s[:, 0]  # how well determined the rotation is
+    assert (np.abs(R - svd_rotations(S)).max(axis=(1, 2)) * gap).max() < 1e-14
+    assert np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max() < 1e-14
+    assert np.linalg.det(R) == pytest.approx(np.ones(len(R)), abs=1e-14)
+    assert np.abs(Rotation.from_quat(Q[:, [1, 2, 3, 0]]).as_matrix() - R).max() < 1e-14
+
+
+def test_fit_returns_the_trace_it_maximises():
+    S = covariances("random")
+    assert fit_rotations(S.reshape(-1, 9).copy(), identities(len(S))) == pytest.approx(
+        np.einsum("nij,nji->", svd_rotations(S), S), rel=1e-13
+    )
+
+
+def test_half_turns_are_found_from_the_identity():
+    turns = np.concatenate([np.diag([1.0, -1, -1])[None], np.diag([-1.0, -1, 1])[None]])
+    stretch = np.diag([3.0, 2.0, 1.0])
+    assert np.abs(fitted(stretch @ turns.transpose(0, 2, 1)) - turns).max() < 1e-14
+
+
+def test_an_undetermined_rotation_stays_near_the_previous_one():
+    rng = np.random.default_rng(9)
+    before = Rotation.random(200, random_state=3)
+    Q = np.ascontiguousarray(before.as_quat()[:, [3, 0, 1, 2]])
+    a = rng.normal(size=(200, 3))
+    a /= np.linalg.norm(a, axis=1, keepdims=True)
+    # Zero: nothing to fit. Rank one and satisfied already: nothing to improve.
+    kept = before.as_matrix()
+    assert np.abs(fitted(np.zeros((200, 3, 3)), Q.copy()) - kept).max() < 1e-15
+    satisfied = np.einsum("ni,nj->nij", a, np.einsum("nij,nj->ni", kept, a))
+    assert np.abs(fitted(satisfied, Q.copy()) - kept).max() < 1e-7
+    # Rank one and not satisfied: the least turn that carries a to b.
+    b = np.roll(a, 1, axis=0)
+    R = fitted(np.einsum("ni,nj->nij", a, b), Q.copy())
+    assert np.abs(np.einsum("nij,nj->ni", R, a) - b).max() < 1e-12
+    turn = (Rotation.from_matrix(R) * before.inv()).magnitude()
+    least = np.arccos(np.clip(np.einsum("ni,ni->n", before.apply(a), b), -1, 1))
+    assert turn == pytest.approx(least, abs=1e-6)
+
+
+# --- weights
+
+
+def test_weights_are_libigls():
+    for mesh in (bumpy(2), jittered(strip(6, 4), 0.2), tube()):
+        h = half_cotangents(mesh)
+        V, F = np.array(mesh.V), np.array(mesh.F)
+        assert np.allclose(h, igl.cotmatrix_entries(V, F)[:, [2, 0, 1]], rtol=1e-9, atol=1e-12)
+        L = laplacian_matrix(mesh.n, *edge_weights(mesh, h))
+        assert np.abs((L + igl.cotmatrix(V, F)).toarray()).max() < 1e-12 * np.abs(h).max()
+
+
+def test_corner_vectors_are_area_gradients():
+    """sum_l h_kl (p_k - p_l) is the derivative of the triangle's area by corner k."""
+    mesh = tetrahedron()
+    y, step = corner_vectors(mesh, half_cotangents(mesh)), 1e-6
+    for f, face in enumerate(mesh.F):
+        for c in range(2):
+            for axis in range(3):
+                areas = []
+                for sign in (-1, 1):
+                    V = mesh.V.copy()
+                    V[face[c], axis] += sign * step
+                    areas.append(Mesh(V, mesh.F).face_areas[f])
+                assert (areas[1] - areas[0]) / (2 * step) == pytest.approx(y[f, c, axis], abs=1e-8)
+
+
+# --- errors
+
+
+def test_zero_area_triangles_are_counted():
+    V, F = np.array(strip(3, 2).V), strip(3, 2).F
+    V[4] = V[3]
+    with pytest.raises(FloatingPointError, match="2 triangles of the rest mesh have no area"):
+        LocalGlobal(Mesh(V, F), np.array([0, 1]))
+
+
+@pytest.mark.parametrize(
+    ("index", "message"),
+    [
+        ([], "at least one vertex"),
+        ([[0, 1]], "at least one vertex"),
+        ([0, 12], "out of range: the mesh has 12 vertices"),
+        ([-1, 2], "out of range"),
+        ([3, 3], "given twice"),
+    ],
+)
+def test_handle_vertices_that_cannot_be(index, message):
+    with pytest.raises(InputError, match=message):
+        LocalGlobal(icosphere(0), np.array(index, dtype=np.int64))
+
+
+def test_a_component_without_handles():
+    one = icosphere(0)
+    two = Mesh(np.concatenate([one.V, one.V + 5]), np.concatenate([one.F, one.F + one.n]))
+    with pytest.raises(InputError, match="1 components of the mesh have no handle"):
+        LocalGlobal(two, np.array([0, 1]))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"targets": np.zeros((2, 3))}, r"need targets of shape \(3, 3\), not \(2, 3\)"),
+        ({"targets": np.full((3, 3), np.nan)}, "NaN or infinite"),
+        ({"start": np.zeros((4, 3))}, r"start must have shape \(12, 3\)"),
+        ({"start": np.full((12, 3), np.inf)}, "NaN or infinite"),
+        ({"window": 0}, "window must be at least 1"),
+    ],
+)
+def test_arguments_that_cannot_be(changes, message):
+    solver = LocalGlobal(icosphere(0), np.array([0, 1, 2]))
+    arguments = {"targets": np.zeros((3, 3)), **changes}
+    with pytest.raises(InputError, match=message):
+        solver.solve(arguments.pop("targets"), **arguments)
+
+
+def test_iterates_that_overflow():
+    mesh = icosphere(0)
+    with pytest.raises(FloatingPointError, match="not finite after"), np.errstate(all="ignore"):
+        LocalGlobal(mesh, np.array([0, 1, 2])).solve(np.array([[1e300, 0, 0], [0, -1e300, 0], [0, 0, 1e300]]))
+
+
+def test_unknown_names(task):
+    with pytest.raises(InputError, match="unknown energy 'elements'"):
+        local_global(task, energy="elements")
+    with pytest.raises(InputError, match="unknown engine 'eigen'"):
+        local_global(task, engine="eigen")
+    with pytest.raises(InputError, match="unknown start 'zero'"):
+        local_global(task, start="zero")
+
+
+@pytest.mark.parametrize("weights", [(0.0, 0.0), (np.inf, 0.0), (np.inf, np.inf)])
+@pytest.mark.parametrize("energy", ENERGIES)
+def test_ranges_and_workers_change_no_bit(monkeypatch, energy, weights):
+    task = TASKS["bar"]
+    options = {"max_iterations": 12, "tolerance": 0, "volume": weights[0], "area": weights[1]}
+    monkeypatch.setattr("sshade.solver.factor.SHARED", 0)
+    whole = solver_of(task, energy).solve(task.handles.target, **options)
+    monkeypatch.setattr("sshade.solver.elements.RANGE", 30)
+    solver = solver_of(task, energy)
+    parts = [solver.solve(task.handles.target, workers=workers, **options) for workers in (1, 2, 3)]
+    for part in parts:
+        assert np.array_equal(part.positions, whole.positions)
+        assert np.array_equal(part.rotations, whole.rotations)
+        assert part.energy == parts[0].energy == pytest.approx(whole.energy, rel=1e-13)
+
+
+def test_workers_are_checked(task):
+    with pytest.raises(InputError, match="0 workers were asked for"):
+        solver_of(task).solve(task.handles.target, workers=0)

@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sshade.solver.quasi_newton import QuasiNewton, largest_move
+
+N = 7
+
+
+def positive(rng: np.random.Generator, size: int) -> np.ndarray:
+    A = rng.normal(size=(size, size))
+    return A @ A.T + 0.1 * np.eye(size)
+
+
+def problem(seed: int, n: int = N):
+    """A metric L (n, n), a Hessian A (3 n, 3 n), and what multiplies by L."""
+    rng = np.random.default_rng(seed)
+    L, A = positive(rng, n), positive(rng, 3 * n)
+
+    def product(F: np.ndarray, out: np.ndarray) -> None:
+        out[:] = L @ F
+
+    return rng, L, A, product
+
+
+def plain(u: np.ndarray, L: np.ndarray, A: np.ndarray) -> np.ndarray:
+    """u less L^-1 of the gradient."""
+    return u - np.linalg.solve(L, (A @ u.ravel()).reshape(u.shape))
+
+
+def updated(H: np.ndarray, s: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """The BFGS formula for an inverse Hessian."""
+    rho, one = 1 / (s @ y), np.eye(len(s))
+    return (one - rho * np.outer(s, y)) @ H @ (one - rho * np.outer(y, s)) + rho * np.outer(s, s)
+
+
+@pytest.mark.parametrize("window", [1, 3, 20])
+def test_steps_are_those_of_the_bfgs_formula_from_the_metric_on(window):
+    rng, L, A, product = problem(window)
+    U, mixer = rng.normal(size=(9, N, 3)), QuasiNewton(N, window, product)
+    gradients = [A @ u.ravel() for u in U]
+    for k in range(len(U)):
+        H = np.kron(np.linalg.inv(L), np.eye(3))
+        for i in range(max(0, k - window), k):
+            H = updated(H, (U[i + 1] - U[i]).ravel(), gradients[i + 1] - gradients[i])
+        u, g = U[k].copy(), plain(U[k], L, A)
+        assert mixer.advance(u, g) == (k > 0)
+        assert np.array_equal(mixer.plain, g)
+        expected = U[k] - (H @ gradients[k]).reshape(N, 3)
+        assert np.abs(u - expected).max() < 1e-8 * np.abs(expected).max()
+    mixer.half(u)
+    assert u == pytest.approx((U[-1] + expected) / 2, rel=1e-8, abs=1e-8)
+
+
+def test_a_large_problem_goes_block_by_block():
+    n = 1500  # 4500 numbers: four blocks and a part
+    rng = np.random.default_rng(0)
+    weight, stiff = rng.uniform(1, 2, n), rng.uniform(1, 3, (n, 3))
+
+    def product(F: np.ndarray, out: np.ndarray) -> None:
+        out[:] = weight[:, None] * F
+
+    u, mixer = rng.normal(size=(n, 3)), QuasiNewton(n, 5, product)
+    for _ in range(40):
+        mixer.advance(u, u - stiff * u / weight[:, None])
+    assert np.abs(u).max() < 1e-9
+
+
+def test_where_the_energy_curves_down_nothing_is_learnt():
+    rng, L, A, product = problem(5)
+    mixer = QuasiNewton(N, 3, product)
+    for u in rng.normal(size=(5, N, 3)):
+        g, now = plain(u, L, -A), u.copy()
+        assert not mixer.advance(now, g) and np.array_equal(now, g)
+
+
+def test_largest_move():
+    A = np.zeros((3, 3))
+    B = np.array([[0, 3.0, 4], [1, 0, 0], [0, 0, 2]])
+    assert largest_move(A, B) == 5.0 and largest_move(A, A) == 0.0
+    B[1, 2] = np.nan
+    assert np.isnan(largest_move(A, B))

@@ -1,0 +1,160 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import sshade.solver.elements as elements_module
+from sshade import DeformationTask, Handles, InputError, Mesh
+from sshade.solver.constraints import Wanted
+from sshade.solver.cotangents import half_cotangents
+from sshade.solver.elements import Elements
+from sshade.solver.local_global import LocalGlobal, local_global
+from sshade.solver.softening import Softening
+from sshade.threads import Crew
+from tests.shapes import bumpy
+from tests.sshade.naive import TASKS
+
+SOFT = {"stiffness": 0.2, "strain": 0.03}
+
+
+@pytest.fixture(params=list(TASKS))
+def task(request) -> DeformationTask:
+    return TASKS[request.param]
+
+
+def triangle_energies(mesh: Mesh, U: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """Spokes-and-rims energy of each triangle: its edges against those turned by each corner's rotation."""
+    h, total = half_cotangents(mesh), np.zeros(mesh.m)
+    for edge, (a, b) in enumerate(((0, 1), (1, 2), (2, 0))):
+        rest = mesh.V[mesh.F[:, a]] - mesh.V[mesh.F[:, b]]
+        now = U[mesh.F[:, a]] - U[mesh.F[:, b]]
+        for corner in range(3):
+            turned = np.einsum("tij,tj->ti", R[mesh.F[:, corner]], rest)
+            total += h[:, edge] * ((now - turned) ** 2).sum(axis=1)
+    return total
+
+
+def softened_energy(mesh: Mesh, U: np.ndarray, R: np.ndarray, *, stiffness: float, strain: float) -> float:
+    rest = 6 * mesh.face_areas
+    x = triangle_energies(mesh, U, R) / rest
+    phi = stiffness * x + 2 * (1 - stiffness) * strain**2 * (np.sqrt(1 + x / strain**2) - 1)
+    return float((rest * phi).sum())
+
+
+def solver_of(task: DeformationTask) -> LocalGlobal:
+    return LocalGlobal(task.mesh, task.handles.index)
+
+
+def test_the_energy_is_that_of_the_definition(task):
+    solution = solver_of(task).solve(task.handles.target, max_iterations=7, tolerance=0, **SOFT)
+    expected = softened_energy(task.mesh, solution.positions, solution.rotations, **SOFT)
+    assert solution.energy == pytest.approx(expected, rel=1e-9)
+
+
+def test_weights_are_the_derivative_of_the_penalty(task):
+    elements = Elements(task.mesh, task.handles.index, energy="spokes_and_rims", engine="auto")
+    with Crew(1) as crew:
+        iteration = elements.iteration(task.handles.target, Wanted(), Softening(**SOFT), crew=crew)
+        u = task.mesh.V[elements.vertex].copy()
+        u[elements.held] = task.handles.target
+        iteration.local_step(u)
+    U, R = np.empty_like(u), np.empty((len(u), 3, 3))
+    U[elements.vertex], R[elements.vertex] = u, iteration.R.reshape(-1, 3, 3)
+    x = triangle_energies(task.mesh, U, R) / (6 * task.mesh.face_areas)
+    c, e = SOFT["stiffness"], SOFT["strain"]
+    expected = np.sort(c + (1 - c) / np.sqrt(1 + x / e**2))
+    np.testing.assert_allclose(np.sort(iteration.weight), expected, rtol=1e-9)
+    assert iteration.weight.min() < 0.9 and iteration.weight.max() <= 1
+
+
+def test_plain_iterations_lower_the_energy(task):
+    energies = [
+        solver_of(task)
+        .solve(task.handles.target, max_iterations=k, tolerance=0, accelerate=False, **SOFT)
+        .energy
+        for k in range(12)
+    ]
+    assert (np.diff(energies) <= 1e-12 * abs(energies[0])).all()
+    assert energies[-1] < 0.9 * energies[0]
+
+
+def test_it_ends_where_the_energy_is_stationary(task):
+    """With the best rotations for each shape, no direction of the free vertices lowers the energy."""
+    solver = solver_of(task)
+    ended = solver.solve(task.handles.target, tolerance=1e-10, max_iterations=20_000, **SOFT)
+    assert ended.converged
+    rng, free = np.random.default_rng(0), np.ones(task.mesh.n, dtype=bool)
+    free[task.handles.index] = False
+    step = 1e-5 * task.mesh.diagonal
+    for _ in range(3):
+        d = rng.normal(size=task.mesh.V.shape) * free[:, None]
+        sides = [
+            softened_energy(task.mesh, ended.positions + s * step * d, ended.rotations, **SOFT)
+            for s in (1, -1)
+        ]
+        slope = abs(sides[0] - sides[1])
+        curvature = sides[0] + sides[1] - 2 * ended.energy
+        assert curvature > 0 and slope < 1e-3 * curvature
+
+
+def test_fine_strains_cost_what_they_do_without(task):
+    """Far under the strain at which it softens, a triangle does not."""
+    plain = solver_of(task).solve(task.handles.target, tolerance=1e-7)
+    stiff = solver_of(task).solve(task.handles.target, tolerance=1e-7, stiffness=0.2, strain=1e4)
+    assert np.abs(plain.positions - stiff.positions).max() < 1e-4 * task.mesh.diagonal
+    assert stiff.energy == pytest.approx(plain.energy, rel=1e-6)
+
+
+def test_the_rest_shape_and_its_rigid_motions_cost_nothing():
+    mesh = bumpy(3)
+    task = DeformationTask("rest", mesh, Handles(np.arange(9), mesh.V[:9]))
+    result = local_global(task, **SOFT)
+    assert np.abs(result.vertices - mesh.V).max() < 1e-9 * mesh.diagonal
+    assert abs(result.extra["energy"]) < 1e-12 * mesh.area
+
+
+def test_scaling_by_a_power_of_two_changes_no_bit(task):
+    large = DeformationTask(
+        "large",
+        Mesh(8 * task.mesh.V, task.mesh.F),
+        Handles(task.handles.index, 8 * task.handles.target),
+    )
+    one, other = (local_global(t, max_iterations=15, tolerance=0, **SOFT).vertices for t in (task, large))
+    np.testing.assert_array_equal(8 * one, other)
+
+
+def test_volume_and_area_are_held_too():
+    mesh = bumpy(3)
+    far = mesh.V[:, 2] > 0.8 * mesh.V[:, 2].max()
+    near = mesh.V[:, 2] < 0.8 * mesh.V[:, 2].min()
+    index = np.flatnonzero(far | near)
+    target = mesh.V[index] + np.where(far[index], 0.4, 0.0)[:, None] * [1.0, 0, 0.3]
+    result = local_global(
+        DeformationTask("held", mesh, Handles(index, target)), volume=np.inf, area=np.inf, **SOFT
+    )
+    after = Mesh(result.vertices, mesh.F)
+    assert after.volume == pytest.approx(mesh.volume, rel=1e-6)
+    assert after.area == pytest.approx(mesh.area, rel=1e-6)
+
+
+def test_the_result_does_not_depend_on_threads(task, monkeypatch):
+    options = {"max_iterations": 9, "tolerance": 0.0, **SOFT}
+    whole = solver_of(task).solve(task.handles.target, **options)
+    monkeypatch.setattr(elements_module, "RANGE", 40)
+    pieces = [solver_of(task).solve(task.handles.target, workers=w, **options) for w in (1, 3)]
+    np.testing.assert_array_equal(pieces[0].positions, pieces[1].positions)
+    # The energy is summed in other pieces, so that an accelerated step may go the other way.
+    assert np.abs(pieces[0].positions - whole.positions).max() < 1e-9 * task.mesh.diagonal
+
+
+@pytest.mark.parametrize("change", [{"stiffness": 0.0}, {"stiffness": 1.1}, {"stiffness": np.nan}])
+def test_a_stiffness_goes_up_to_one(task, change):
+    with pytest.raises(InputError, match="stiffness goes from above 0 to 1"):
+        local_global(task, **change)
+
+
+def test_wrong_strain_and_energy(task):
+    with pytest.raises(InputError, match="strain at which triangles soften must be positive"):
+        local_global(task, stiffness=0.5, strain=0.0)
+    with pytest.raises(InputError, match="only triangles soften"):
+        local_global(task, stiffness=0.5, energy="spokes")

@@ -1,0 +1,91 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.sparse import csc_array, eye_array
+from scipy.sparse.linalg import spsolve_triangular
+
+from sshade.solver.factor import factor
+from sshade.solver.substitution import Factors, divide, substitute, substitute_together
+from sshade.threads import Crew
+from tests.shapes import bumpy, jittered, strip
+from tests.sshade.solver.test_factor import system
+
+
+def random_factors(n: int) -> Factors:
+    """L and D of a random sparse positive definite matrix, in a bad order: much fill, a tree like a vine."""
+    rng = np.random.default_rng(0)
+    A = np.zeros((n, n))
+    i, j = rng.integers(0, n, (2, 2 * n))
+    A[i, j] = rng.normal(size=2 * n)
+    L = np.linalg.cholesky(A @ A.T + np.eye(n))
+    L[np.abs(L) < 1e-13] = 0
+    pivots = np.diag(L)
+    lower = csc_array(np.tril(L / pivots, -1))
+    return Factors(lower.indptr.astype(np.int64), lower.indices.astype(np.int32), lower.data, 1 / pivots**2)
+
+
+FACTORS = {
+    "closed": factor(system(bumpy(4)))._factors,
+    "open": factor(system(jittered(strip(60, 20), 0.2)))._factors,
+    "random": random_factors(80),
+    "diagonal": Factors(np.zeros(6, dtype=np.int64), np.empty(0, np.int32), np.empty(0), np.arange(1.0, 6.0)),
+}
+
+
+@pytest.fixture(params=list(FACTORS))
+def factors(request) -> Factors:
+    return FACTORS[request.param]
+
+
+def columns(factors: Factors, count: int) -> np.ndarray:
+    return np.random.default_rng(count).normal(size=(len(factors.inverse_pivot), count))
+
+
+@pytest.mark.parametrize("count", [1, 3, 6, 9])
+def test_substitution_solves_the_triangular_systems(factors, count):
+    B = columns(factors, count)
+    X, n = B.copy(), len(B)
+    substitute(factors, X)
+    L = csc_array((factors.value, factors.row, factors.start), shape=(n, n)) + eye_array(n)
+    Y = spsolve_triangular(L.tocsr(), B, lower=True) * factors.inverse_pivot[:, None]
+    expected = spsolve_triangular(L.T.tocsr(), Y, lower=False)
+    assert np.abs(X - expected).max() < 1e-12 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("parts", [1, 2, 3, 8])
+@pytest.mark.parametrize("count", [3, 6, 9])
+def test_several_threads_find_the_same_bits(factors, count, parts):
+    order, divided, branches = divide(factors, parts=parts)
+    X = columns(factors, count)
+    expected, alone = X.copy(), X[order]
+    substitute(factors, expected)
+    together = alone.copy()
+    substitute(divided, alone)
+    assert np.abs(alone - expected[order]).max() < 1e-12 * np.abs(expected).max()
+    for threads in (1, 2, 3):
+        again = together.copy()
+        with Crew(threads) as crew:
+            substitute_together(divided, branches, again, crew=crew)
+        assert np.array_equal(again, alone)
+
+
+@pytest.mark.parametrize("parts", [1, 2, 5])
+def test_branches_are_independent_and_the_top_is_last(factors, parts):
+    order, (start, row, _, _), branches = divide(factors, parts=parts)
+    n = len(order)
+    assert np.array_equal(np.sort(order), np.arange(n))
+    part = np.repeat(np.arange(parts + 1), np.diff(branches.bounds))
+    column = np.repeat(np.arange(n), np.diff(start))
+    assert ((part[row] == part[column]) | (part[row] == parts)).all()
+    assert (np.diff(row)[np.diff(column) == 0] > 0).all() and (row > column).all()
+    assert np.array_equal(branches.inside, start[:-1] + np.bincount(column, part[row] == part[column], n))
+    assert len(branches.column) == ((part[column] < parts) & (part[row] == parts)).sum()
+
+
+def test_branches_share_the_work():
+    for parts, left in ((2, 0.25), (4, 0.5)):
+        _, divided, branches = divide(FACTORS["closed"], parts=parts)
+        entries = np.diff(divided.start[branches.bounds]) / len(divided.row)
+        assert entries[-1] < left
+        assert entries[:-1].max() < 1.5 * entries[:-1].min()
