@@ -1,4 +1,4 @@
-"""Which faces of a mesh intersect others: a box tree and the test of :mod:`sshade.contact.triangles`.
+"""Which faces of a mesh intersect others: a box tree over them, searched by :mod:`sshade.contact.triangles`.
 
 What counts as an intersection of two faces:
 
@@ -28,7 +28,7 @@ from functools import partial
 import numpy as np
 from numba import njit
 
-from sshade.contact.triangles import faces_intersect, set_planes
+from sshade.contact.triangles import mark_intersecting, set_planes
 from sshade.errors import InputError
 from sshade.mesh.boxes import bounds, box_tree, curve_order
 from sshade.mesh.mesh import Mesh
@@ -103,7 +103,7 @@ def intersecting_faces(
         parts = min(PARTS, len(boxes) // 2)
 
         def part(number: int) -> None:
-            _mark_intersecting(
+            mark_intersecting(
                 V, F, planes, face_boxes, boxes, LEAF_SIZE, tolerance, asked, nodes, parts, number, marked
             )
 
@@ -169,54 +169,3 @@ def _asked_nodes(asked, leaf_size, leaves):
     for node in range(leaves - 1, 0, -1):
         nodes[node] = nodes[2 * node] | nodes[2 * node + 1]
     return nodes
-
-
-@njit(cache=True, nogil=True)
-def _mark_intersecting(
-    V, F, planes, face_boxes, boxes, leaf_size, tolerance, asked, nodes, parts, part, marked
-):
-    """Mark faces of one part of the tree, and of those after it, that intersect in a pair of them.
-
-    Pairs of nodes of one level whose boxes overlap are followed down to the leaves. Threads may
-    mark the same faces at the same time: they write the same.
-    """
-    m, leaves = len(F), len(boxes) // 2
-    height = 0
-    while (parts << height) < leaves:
-        height += 1
-    stack = np.empty((3 * height + 4, 2), dtype=np.int64)
-    for other in range(parts + part, 2 * parts):
-        stack[0, 0], stack[0, 1], size = parts + part, other, 1
-        while size > 0:
-            size -= 1
-            a, b = stack[size, 0], stack[size, 1]
-            if not ((nodes[a] or nodes[b]) and _boxes_overlap(boxes, a, boxes, b, tolerance)):
-                continue
-            if a < leaves:
-                for i in range(2 * a, 2 * a + 2):
-                    for j in range(max(i, 2 * b), 2 * b + 2):
-                        stack[size, 0], stack[size, 1] = i, j
-                        size += 1
-                continue
-            begin, end = (b - leaves) * leaf_size, min(m, (b - leaves + 1) * leaf_size)
-            for f in range((a - leaves) * leaf_size, min(m, (a - leaves + 1) * leaf_size)):
-                if not _boxes_overlap(face_boxes, f, boxes, b, tolerance):
-                    continue
-                for g in range(max(f + 1, begin), end):
-                    if not _boxes_overlap(face_boxes, f, face_boxes, g, tolerance):
-                        continue
-                    if not (asked[f] or asked[g]) or (marked[f] and marked[g]):
-                        continue
-                    if faces_intersect(V, F, planes, f, g, tolerance):
-                        marked[f] = True
-                        marked[g] = True
-
-
-@njit(cache=True, nogil=True)
-def _boxes_overlap(a, i, b, j, tolerance):
-    """Whether box i of a and box j of b overlap."""
-    # |, since `or` would branch, in no pattern that a processor could foresee.
-    apart = False
-    for c in range(3):
-        apart = apart | (a[i, c] > b[j, c + 3] + tolerance) | (b[j, c] > a[i, c + 3] + tolerance)
-    return not apart

@@ -1,6 +1,7 @@
-"""Whether two faces of a mesh intersect, by the definition of :mod:`sshade.contact.intersections`.
+"""Pairs of faces whose boxes overlap, and whether they intersect (see :mod:`sshade.contact.intersections`).
 
-Nearly all pairs that a search comes up with are neighbours, so what decides about those
+The search and the test are in one file, because a cached kernel does not see edits in other
+files. Nearly all pairs that a search comes up with are neighbours, so what decides about those
 comes first. Points are tuples: views of the rows of arrays cost more than the arithmetic.
 """
 
@@ -34,7 +35,58 @@ def set_planes(V, F, tolerance, first, end, planes):
 
 
 @njit(cache=True, nogil=True)
-def faces_intersect(V, F, planes, f, g, tolerance):
+def mark_intersecting(
+    V, F, planes, face_boxes, boxes, leaf_size, tolerance, asked, nodes, parts, part, marked
+):
+    """Mark faces of one part of the tree, and of those after it, that intersect in a pair of them.
+
+    Pairs of nodes of one level whose boxes overlap are followed down to the leaves. Threads may
+    mark the same faces at the same time: they write the same.
+    """
+    m, leaves = len(F), len(boxes) // 2
+    height = 0
+    while (parts << height) < leaves:
+        height += 1
+    stack = np.empty((3 * height + 4, 2), dtype=np.int64)
+    for other in range(parts + part, 2 * parts):
+        stack[0, 0], stack[0, 1], size = parts + part, other, 1
+        while size > 0:
+            size -= 1
+            a, b = stack[size, 0], stack[size, 1]
+            if not ((nodes[a] or nodes[b]) and _boxes_overlap(boxes, a, boxes, b, tolerance)):
+                continue
+            if a < leaves:
+                for i in range(2 * a, 2 * a + 2):
+                    for j in range(max(i, 2 * b), 2 * b + 2):
+                        stack[size, 0], stack[size, 1] = i, j
+                        size += 1
+                continue
+            begin, end = (b - leaves) * leaf_size, min(m, (b - leaves + 1) * leaf_size)
+            for f in range((a - leaves) * leaf_size, min(m, (a - leaves + 1) * leaf_size)):
+                if not _boxes_overlap(face_boxes, f, boxes, b, tolerance):
+                    continue
+                for g in range(max(f + 1, begin), end):
+                    if not _boxes_overlap(face_boxes, f, face_boxes, g, tolerance):
+                        continue
+                    if not (asked[f] or asked[g]) or (marked[f] and marked[g]):
+                        continue
+                    if _faces_intersect(V, F, planes, f, g, tolerance):
+                        marked[f] = True
+                        marked[g] = True
+
+
+@njit(cache=True, nogil=True)
+def _boxes_overlap(a, i, b, j, tolerance):
+    """Whether box i of a and box j of b overlap."""
+    # |, since `or` would branch, in no pattern that a processor could foresee.
+    apart = False
+    for c in range(3):
+        apart = apart | (a[i, c] > b[j, c + 3] + tolerance) | (b[j, c] > a[i, c + 3] + tolerance)
+    return not apart
+
+
+@njit(cache=True, nogil=True)
+def _faces_intersect(V, F, planes, f, g, tolerance):
     """Whether the faces f and g, whose boxes overlap, intersect."""
     f0, f1, f2, g0, g1, g2 = F[f, 0], F[f, 1], F[f, 2], F[g, 0], F[g, 1], F[g, 2]
     # |, since `or` would branch, in no pattern that a processor could foresee.
