@@ -48,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _build(args: argparse.Namespace) -> int:
-    from defaust.build.build import build
+    from defaust.build.dataset import build
 
     source, out, options, workers = configure(args.overrides)
     with progress_bar() as progress:
@@ -162,7 +162,7 @@ def _info(args: argparse.Namespace) -> int:
     from rich.table import Table
 
     from defaust.folder.card import subject_names
-    from defaust.folder.folder import read_dataset
+    from defaust.folder.layout import read_dataset
 
     document = read_dataset(args.folder)
     build = document["build"]

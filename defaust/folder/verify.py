@@ -10,7 +10,7 @@ import numpy as np
 
 from defaust.build.handles import UNUSED, displacement
 from defaust.folder.card import render_card
-from defaust.folder.folder import (
+from defaust.folder.layout import (
     CARD,
     DATASET,
     REST,

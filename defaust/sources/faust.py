@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from defaust.folder.folder import sha256
+from defaust.folder.layout import sha256
 from defaust.sources.registered import (
     MESH_SUFFIXES,
     as_landmarks,

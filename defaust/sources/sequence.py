@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from defaust.folder.folder import sha256
+from defaust.folder.layout import sha256
 from defaust.sources.registered import (
     as_landmarks,
     existing_folder,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from defaust.tasks.edits import Edit
+from defaust.edits import Edit
 from defaust.tasks.full_size import Skin, has_skin, subdivided_pose
 from sshade import Mesh, TransferTask
 

@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from defaust.build.build import build
+from defaust.build.dataset import build
 from tests.defaust.toy import OPTIONS, Balls
 
 

@@ -6,8 +6,8 @@ import sys
 import pytest
 
 from defaust.cli import configure, main
-from defaust.folder.folder import read_dataset
-from defaust.tasks.tasks import list_tasks, load_task
+from defaust.folder.layout import read_dataset
+from defaust.tasks import list_tasks, load_task
 from sshade import InputError
 
 
@@ -75,7 +75,7 @@ def test_wrong_folder(tmp_path, capsys):
 
 
 def test_module_runs_and_starts_light():
-    code = "import sys, defaust.cli, defaust.tasks.tasks, defaust.build.build; print(*sorted(sys.modules))"
+    code = "import sys, defaust.cli, defaust.tasks, defaust.build.dataset; print(*sorted(sys.modules))"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert not {"pymeshlab", "trimesh", "hydra", "pandas"} & set(loaded.split())
     done = subprocess.run(

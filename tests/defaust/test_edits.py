@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import yaml
 
+from defaust import edits
+from defaust.edits import Fin, Horns, Inflate, Stretch, Unedited
 from defaust.sources.synthetic import SyntheticBodies
-from defaust.tasks import edits
-from defaust.tasks.edits import Fin, Horns, Inflate, Stretch, Unedited
 from sshade import InputError, Mesh
 from tests.shapes import bumpy, icosphere, strip
 

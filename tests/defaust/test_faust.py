@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from defaust.cli import main
-from defaust.folder.folder import sha256
+from defaust.folder.layout import sha256
 from defaust.sources.synthetic import SyntheticBodies
 from sshade import InputError
 from sshade.io.meshes import write_mesh

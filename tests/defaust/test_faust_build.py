@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import pytest
 
-from defaust.build.build import build
+from defaust.build.dataset import build
 from defaust.cli import main
-from defaust.folder.folder import read_dataset
+from defaust.folder.layout import read_dataset
 from defaust.folder.verify import verify
-from defaust.tasks.tasks import list_tasks, load_task
+from defaust.tasks import list_tasks, load_task
 from sshade import InputError
 from tests.defaust.registrations import SMALL, contents, faust, write_faust
 

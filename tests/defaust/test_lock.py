@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from defaust.build import lock as module
-from defaust.build.build import build
+from defaust.build.dataset import build
 from defaust.build.lock import LOCK, sole_builder
 from sshade import InputError
 from tests.defaust.toy import OPTIONS, Balls

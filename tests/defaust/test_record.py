@@ -4,11 +4,11 @@ import json
 
 import pytest
 
-from defaust.build.build import build
-from defaust.folder.folder import checksum, dump, read_dataset
+from defaust.build.dataset import build
+from defaust.folder.layout import checksum, dump, read_dataset
 from defaust.folder.record import POINT, Each, require, require_inside
 from defaust.folder.verify import verify
-from defaust.tasks.tasks import load_task
+from defaust.tasks import load_task
 from sshade import InputError
 from tests.defaust.test_verify import relist
 from tests.defaust.toy import OPTIONS, Balls

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from defaust.build.build import build
+from defaust.build.dataset import build
 from defaust.build.options import BuildOptions
 from defaust.cli import configure, main
-from defaust.folder.folder import read_dataset
+from defaust.folder.layout import read_dataset
 from defaust.folder.verify import verify
 from defaust.sources.winding import same_triangles, wound_outward
-from defaust.tasks.tasks import list_tasks, load_task
+from defaust.tasks import list_tasks, load_task
 from sshade import InputError, Mesh
 from sshade.io.meshes import read_mesh, write_mesh
 from tests.defaust.registrations import contents

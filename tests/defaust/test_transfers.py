@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from defaust.build.build import build
+from defaust.build.dataset import build
 from defaust.build.options import BuildOptions
-from defaust.folder.folder import checksum, dump
+from defaust.edits import Inflate, Unedited
+from defaust.folder.layout import checksum, dump
 from defaust.sources.synthetic import SyntheticBodies
-from defaust.tasks.edits import Inflate, Unedited
-from defaust.tasks.tasks import load_task
+from defaust.tasks import load_task
 from defaust.tasks.transfers import Registered, transfer_task
 from sshade import InputError, TransferTask
 from sshade.io.meshes import read_mesh

@@ -42,8 +42,8 @@ def test_what_the_conf_package_names_is_allowed():
     assert len(files) > 30 and found == named_functions() and all(map(is_allowed, found))
     assert {
         "sshade.pipeline.deform.deform",
-        "defaust.tasks.tasks.load_task",
-        "defaust.tasks.tasks.list_tasks",
+        "defaust.tasks.load_task",
+        "defaust.tasks.list_tasks",
     } <= found
 
 
@@ -51,7 +51,7 @@ def test_what_the_conf_package_names_is_allowed():
     "name",
     [
         "os.system",
-        "defaust.folder.folder.write_text",
+        "defaust.folder.layout.write_text",
         "sshade.io.meshes.write_mesh",
         "sshade.pipeline.deform.deform.x",
         "",

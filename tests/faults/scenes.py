@@ -17,7 +17,7 @@ from pathlib import Path
 from time import perf_counter, sleep
 from typing import Any, NamedTuple
 
-from defaust.build.build import build
+from defaust.build.dataset import build
 from defaust.folder.verify import verify
 from eval.rows.store import read_row, run_folders
 from sshade.io.meshes import write_mesh

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from defaust.folder.folder import read_dataset, read_json
+from defaust.folder.layout import read_dataset, read_json
 from defaust.folder.record import POSE, require
 from eval.rows.store import read_csv, read_row
 from sshade import Binding, InputError, bind
@@ -166,7 +166,7 @@ def _read_manifest(data: bytes, folder: Path) -> None:
 
 
 def _manifest_seeds() -> list[bytes]:
-    from defaust.build.build import build
+    from defaust.build.dataset import build
     from eval.rows.store import write_csv
     from tests.defaust.toy import OPTIONS, Balls
 

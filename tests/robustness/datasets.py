@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from defaust.build.build import build
-from defaust.folder.folder import checksum, dump, sha256
+from defaust.build.dataset import build
+from defaust.folder.layout import checksum, dump, sha256
 from sshade.io.meshes import write_mesh
 from tests.defaust.toy import OPTIONS, Balls
 from tests.robustness.case import Case, limited, run

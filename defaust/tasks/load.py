@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from defaust.build.handles import DYNAMIC, UNUSED
-from defaust.folder.folder import (
+from defaust.edits import Edit
+from defaust.folder.layout import (
     REST,
     REST_LOW,
     pose_file,
@@ -22,7 +23,6 @@ from defaust.folder.folder import (
     subject_folder,
 )
 from defaust.folder.record import POSE, require
-from defaust.tasks.edits import Edit
 from defaust.tasks.transfers import Registered, transfer_task
 from sshade import DeformationTask, Handles, InputError, Mesh, TransferTask
 from sshade.io.meshes import read_mesh
@@ -112,8 +112,8 @@ def load_task(
     source : str, optional
         Name of the source that the dataset must have been built from.
     edit : Edit, optional
-        One of :mod:`defaust.tasks.edits`: the task is to put the edited rest mesh into
-        the pose, without handles. :class:`defaust.tasks.edits.Unedited` leaves the mesh
+        One of :mod:`defaust.edits`: the task is to put the edited rest mesh into
+        the pose, without handles. :class:`defaust.edits.Unedited` leaves the mesh
         as it is.
 
     Returns

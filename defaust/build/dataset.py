@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from defaust.folder.card import render_card
-from defaust.folder.folder import (
+from defaust.folder.layout import (
     CARD,
     DATASET,
     FORMAT,
