@@ -47,11 +47,15 @@ bench: $(READY) $(FULL)/dataset.json $(BASES:%=%/dataset.json)
 	$(BIN)/python -m eval.timing $(FULL)/subject_00/rest.ply $(FULL)/subject_00/pose_1.json --full \
 	  --scaling $(BASES:%=%/subject_00/rest.ply) --plot results/figures/scaling.svg
 
-# What was done is kept and not repeated, an interruption costs a few minutes of it; AGAIN=--again begins anew.
+# results/robustness.md says what came of it, and when.
 robustness: $(READY)
-	$(BIN)/python -c 'import atheris' 2>/dev/null \
-	  || $(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt atheris
-	$(BIN)/python -m tests.full $(AGAIN)
+	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[fuzz]'
+	$(BIN)/coverage erase
+	$(BIN)/coverage run -m pytest -n 2 --dist loadfile
+	$(BIN)/coverage combine -q
+	for package in sshade baselines defaust eval; do \
+	  $(BIN)/coverage report --skip-covered --include="$$package/*" --fail-under=90 || exit 1; done
+	$(BIN)/python -m pytest -m "full or hypothesis" --hypothesis-profile=thorough -n 2
 
 ablations: $(READY) $(QUICK)/dataset.json
 	for name in $(ABLATIONS); do $(BIN)/python -m eval -m experiment=$$name || exit 1; done

@@ -14,6 +14,7 @@ from tests.shapes import bumpy
 os.environ["EVAL_ALLOW_TARGETS"] = "eval_cases.,report_runs.,test_"
 
 settings.register_profile("reproducible", derandomize=True, deadline=None, database=None, max_examples=25)
+settings.register_profile("thorough", settings.get_profile("reproducible"), max_examples=600)
 settings.load_profile("reproducible")
 
 

@@ -1,1 +1,1 @@
-"""Builds and sweeps that are killed, run twice at once, or out of memory: ``python -m tests.faults``."""
+"""Builds and sweeps that are killed, run twice at once, or out of memory."""

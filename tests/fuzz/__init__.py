@@ -1,1 +1,1 @@
-"""Readers on files that nobody wrote: ``python -m tests.fuzz TARGET --executions N``."""
+"""Readers on files that nobody wrote: mutated by chance, and guided by coverage."""

@@ -1,16 +1,27 @@
-"""A few hundred mutated inputs for each reader; ``python -m tests.fuzz`` tries many more, by coverage."""
+"""A few hundred mutated inputs for each reader; those marked full try many more, guided by coverage."""
 
 from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
 
 import pytest
 
 from sshade import InputError
 from tests.fuzz.mutate import mutated
-from tests.fuzz.native import fuzz_native
+from tests.fuzz.native import problems_of
 from tests.fuzz.targets import TARGETS, Target, refused_or_read
 
 #: Slower ones get fewer.
 COUNTS = {"map": 60, "yaml": 150}
+#: Of each round of guided fuzzing: ten go on with the inputs that the earlier ones found worth keeping.
+ROUNDS, EXECUTIONS = 10, 20_000
+#: Seconds that one input may take, MiB that the process may, bytes of an input.
+LIMITS = ["-timeout=20", "-rss_limit_mb=4096", "-max_len=60000"]
 
 
 @pytest.mark.parametrize("name", TARGETS)
@@ -18,19 +29,33 @@ def test_mutated_inputs_are_read_or_refused(name, tmp_path):
     target = TARGETS[name]
     seeds = target.seeds()
     count = COUNTS.get(name, 300)
+    assert any(refused_or_read(target, seed, tmp_path) for seed in seeds)
     read = [refused_or_read(target, mutated(seeds, target.tokens, number=k), tmp_path) for k in range(count)]
     assert 0 < sum(read) < count  # some of both: the mutations are neither all harmless nor all fatal
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", TARGETS)
-def test_the_seeds_reach_the_end_of_a_reader(name, tmp_path):
-    target = TARGETS[name]
-    assert any(refused_or_read(target, seed, tmp_path) for seed in target.seeds())
+def test_inputs_guided_by_coverage_are_read_or_refused(name, tmp_path):
+    """A crash ends the child process; its input stays in the test's folder, the output tells it too."""
+    pytest.importorskip("atheris", reason="the extra fuzz is not installed")
+    corpus = tmp_path / "corpus"
+    corpus.mkdir()
+    memory = "/dev/shm"  # where there is one, its files cost nothing
+    for seed in range(1, ROUNDS + 1):
+        with tempfile.TemporaryDirectory(dir=memory if Path(memory).is_dir() else None) as scratch:
+            command = [sys.executable, "-m", "tests.fuzz.guided", name, str(corpus), scratch, *LIMITS]
+            command += [f"-atheris_runs={EXECUTIONS}", f"-seed={seed}", f"-artifact_prefix={tmp_path}/"]
+            environment = os.environ | {"TMPDIR": scratch}
+            done = subprocess.run(command, env=environment, stderr=-1, text=True, errors="replace")
+        # Its timer may still end the process once it is done: no word of its exit code.
+        ended = re.search(r"^Done \d+ in", done.stderr, re.MULTILINE)
+        assert ended and "ERROR: libFuzzer" not in done.stderr, done.stderr[-3000:]
 
 
-def test_files_for_compiled_readers(tmp_path):
-    assert fuzz_native(24, seed=7, crashes=tmp_path) == 0
-    assert not list(tmp_path.iterdir())
+@pytest.mark.parametrize("files", [24, pytest.param(5000, marks=pytest.mark.full)])
+def test_files_for_compiled_readers_are_read_or_refused(files, tmp_path):
+    assert problems_of(files, tmp_path) == []
 
 
 def test_what_is_no_input_error_comes_through(tmp_path):
@@ -44,10 +69,3 @@ def test_what_is_no_input_error_comes_through(tmp_path):
         refused_or_read(Target(fail, list, ()), b"", tmp_path)
     with pytest.raises(AssertionError, match="more than a line"):
         refused_or_read(Target(explain, list, ()), b"", tmp_path)
-
-
-def test_mutations_repeat_by_their_number():
-    seeds = [b"abcdef" * 20, b"123456" * 20]
-    found = [mutated(seeds, (b"token",), number=k) for k in range(50)]
-    assert found == [mutated(seeds, (b"token",), number=k) for k in range(50)]
-    assert len(set(found)) > 45

@@ -55,6 +55,8 @@ class Case:
         The promised result, as assertions: of the files, or of what the function returned.
     code : int
         Exit code of a taken input.
+    slow : bool
+        Too long for the ordinary test suite.
     """
 
     name: str
@@ -64,14 +66,7 @@ class Case:
     leaves: tuple[str, ...] = ()
     holds: Callable[..., None] | None = None
     code: int = 0
-
-    @property
-    def entry(self) -> str:
-        """The program, or the Python function's module."""
-        if not isinstance(self.call, str):
-            return "Python"
-        words = shlex.split(self.call)
-        return " ".join(words[1:3] if words[0] == "python" else words[:2]).removeprefix("-m ")
+    slow: bool = False
 
 
 def attempt(case: Case) -> None:

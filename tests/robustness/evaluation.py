@@ -306,20 +306,19 @@ FULL = [
         runs,
         leaves=("results",),
     ),
-]
-#: They draw.
-SLOW = [
     Case(
         "full disk: eval.publish.report",
         _full_disk_of("python -m eval.publish.report tiny -o r.html", "r.html"),
         runs,
         leaves=("r.html",),
+        slow=True,
     ),
     Case(
         "full disk: eval.publish.figures",
         _full_disk_of("python -m eval.publish.figures tiny -o f.png", "f.png"),
         runs,
         leaves=("f.png",),
+        slow=True,
     ),
 ]
 TAKEN = [

@@ -292,13 +292,12 @@ def _million_holds() -> None:
     assert np.abs(moved.V[lifted] - rest.V[lifted] - [0.2, 0, 0.1]).max() < 0.01 * rest.diagonal
 
 
-SLOW = [
-    Case(
-        "a sphere of a million vertices",
-        f"{DEFORM} --samplings 2",
-        _write_million,
-        leaves=("out.ply",),
-        holds=_million_holds,
-    )
-]
-CASES = [*REFUSED, *TAKEN]
+MILLION = Case(
+    "a sphere of a million vertices",
+    f"{DEFORM} --samplings 2",
+    _write_million,
+    leaves=("out.ply",),
+    holds=_million_holds,
+    slow=True,
+)
+CASES = [*REFUSED, *TAKEN, MILLION]

@@ -1,15 +1,22 @@
-"""Every case of the catalogue that is quick."""
+"""Bad and hard inputs, each with a name: message, exit code, files left."""
 
 from __future__ import annotations
 
 import pytest
 
+from tests.robustness import api, datasets, evaluation, handle_files, mesh_files, outputs, places, surfaces
 from tests.robustness.case import attempt
-from tests.robustness.catalogue import CASES
 from tests.robustness.inputs import write_sound
 
+PARTS = (mesh_files, handle_files, surfaces, outputs, places, datasets, evaluation, api)
+CASES = [
+    pytest.param(case, id=case.name, marks=[pytest.mark.full] if case.slow else [])
+    for part in PARTS
+    for case in part.CASES
+]
 
-@pytest.mark.parametrize("case", CASES, ids=[case.name for case in CASES])
+
+@pytest.mark.parametrize("case", CASES)
 def test_case(case, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_sound()

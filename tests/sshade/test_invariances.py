@@ -6,7 +6,6 @@ alone. Coordinates are multiples of 2^-20, which shifts and turns by a quarter k
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from functools import partial
 
@@ -35,8 +34,8 @@ METHODS = {
 #: Their frames do not follow a coordinate of the mesh.
 ANY_TURN = ("fast", "fine")
 
-#: Of each property; `make robustness` asks for more.
-EXAMPLES = int(os.environ.get("INVARIANCE_EXAMPLES", "4"))
+#: Of each property: 4, or 100 with --hypothesis-profile=thorough.
+EXAMPLES = settings().max_examples // 6
 NUMBERS = st.integers(0, 10**6)
 Motion = Callable[[np.ndarray], np.ndarray]
 

@@ -1,1 +1,0 @@
-"""Everything that may go wrong, tried at full strength: ``make robustness``."""
