@@ -1,8 +1,11 @@
-"""``python -m eval``: the command ``sshade-eval`` in a clone that is not installed."""
+"""``python -m eval``."""
 
 import sys
 
 if __name__ == "__main__":
-    from eval.main import main
-
+    try:
+        from eval.configure.app import main
+    except KeyboardInterrupt:  # while the libraries are read
+        print("interrupted", file=sys.stderr)  # noqa: T201
+        sys.exit(130)
     sys.exit(main())

@@ -27,7 +27,7 @@ from numba import njit
 from baselines.deformation_graph.node_graph import NodeGraph, bind_to_nodes, node_graph
 from baselines.global_step import GlobalStep, iterate, last
 from sshade.errors import InputError
-from sshade.mesh.graph import vertex_graph
+from sshade.mesh.adjacency import vertex_graph
 from sshade.sampling.fronts import farthest_point_sampling
 from sshade.solver.coarse import Start, initial_guess
 from sshade.solver.cotangents import laplacian_matrix

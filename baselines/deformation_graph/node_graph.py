@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from scipy.sparse import coo_array
 
-from sshade.mesh.graph import VertexGraph
+from sshade.mesh.adjacency import VertexGraph
 from sshade.mesh.mesh import Mesh
 from sshade.sampling.fronts import Fronts
 

@@ -23,7 +23,7 @@ from defaust.sources.shapes import LAYOUTS, Shape, find_shapes
 from defaust.sources.source import SourcePose
 from defaust.sources.winding import same_triangles, wound_outward
 from sshade import InputError, Mesh
-from sshade.mesh.graph import vertex_graph
+from sshade.mesh.adjacency import vertex_graph
 from sshade.sampling.fronts import Fronts, farthest_point_sampling
 
 #: Facts that nobody but the user knows.

@@ -1,4 +1,4 @@
-"""Whether two sets of rows say the same: ``sshade-eval compare A B``.
+"""Whether two sets of rows say the same: ``python -m eval.rows.compare A B``.
 
 Meant for one sweep run twice, through two launchers or on two machines. Every
 run of one must be in the other, and every column must be equal to the last
@@ -8,10 +8,12 @@ digit, but for times and provenance, which the command names.
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 from eval.rows.collect import collect
 from eval.rows.store import ROWS, Row, experiment_folder, read_csv
+from sshade.cli.console import run_command
 from sshade.errors import InputError
 
 #: What may differ: when, where and in what company a run took place, and how long it took.
@@ -72,14 +74,12 @@ def _unmatched(a: dict, b: dict) -> list[tuple[tuple[str, str, str], str]]:
     ]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
+def main(arguments: list[str] | None = None) -> int:
+    """Command line of ``python -m eval.rows.compare``: exit code 1 if the rows differ."""
+    parser = argparse.ArgumentParser(prog="python -m eval.rows.compare", description=__doc__)
     parser.add_argument("first", type=Path, help="CSV, folder of runs, or name of an experiment")
     parser.add_argument("second", type=Path, help="the same")
-
-
-def command(options: argparse.Namespace) -> int:
-    """Do it; return the exit code."""
+    options = parser.parse_args(arguments)
     first, second = load(options.first), load(options.second)
     found = differences(first, second)
     for text in found:
@@ -91,3 +91,7 @@ def command(options: argparse.Namespace) -> int:
         f"{len(found)} differences; left out: {left_out} (but not {KEPT}*)"
     )
     return 1 if found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(run_command(main))

@@ -1,1 +1,1 @@
-"""``sshade-eval bench``: speed, measured against peers that run beside it in the same process."""
+"""``python -m eval.timing``: speed, measured against peers that run beside it in the same process."""

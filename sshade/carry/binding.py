@@ -17,7 +17,7 @@ from sshade.carry.frames import FrameKind, Frames, TriangleFrames, frame_values
 from sshade.carry.projection import Projection, project_to_fans, project_to_surface
 from sshade.errors import InputError
 from sshade.io.files import reason
-from sshade.mesh.graph import VertexGraph
+from sshade.mesh.adjacency import VertexGraph
 from sshade.mesh.mesh import Mesh
 from sshade.sampling.remesh import Remesh, proxy_mesh, remesh
 
@@ -226,7 +226,7 @@ def bind(
     frame_function : {"extent", "best", "x", "y", "z"} or (n,) float64
         f, which directs ``triangle`` frames; an array gives its value at each vertex of M.
     graph : VertexGraph, optional
-        The mesh's :func:`sshade.mesh.graph.vertex_graph`, where several bindings share it.
+        The mesh's :func:`sshade.mesh.adjacency.vertex_graph`, where several bindings share it.
 
     Raises
     ------

@@ -13,7 +13,7 @@ from heapq import heappop, heappush
 import numpy as np
 from numba import njit
 
-from sshade.mesh.graph import vertex_graph
+from sshade.mesh.adjacency import faces_around_vertices, vertex_graph
 from sshade.mesh.mesh import Mesh
 
 #: Distances closer than this, times the largest coordinate, count as equal when triangles compete.
@@ -58,7 +58,7 @@ def project_to_fans(V: np.ndarray, proxy: Mesh, region: np.ndarray) -> Projectio
     region : (n,) int
         The vertex of N in whose region each vertex of M is.
     """
-    start, fan = _fans(proxy.F, proxy.n)
+    start, fan = faces_around_vertices(proxy.F, proxy.n)
     tie = TIE * float(np.abs(proxy.V).max())
     return Projection(*_project(V, region, start, fan, proxy.V, proxy.F, tie))
 
@@ -143,25 +143,6 @@ def _sent_far(indptr, indices, lengths, corners, order, start, limit):
         for i in reached:
             distance[i] = np.inf
     return far
-
-
-@njit(cache=True, nogil=True)
-def _fans(F, k):
-    """Faces around each of k vertices, compressed."""
-    start = np.zeros(k + 1, dtype=np.int64)
-    for f in range(F.shape[0]):
-        for c in range(3):
-            start[F[f, c] + 1] += 1
-    for i in range(k):
-        start[i + 1] += start[i]
-    fill = start[:-1].copy()
-    fan = np.empty(start[k], dtype=np.int64)
-    for f in range(F.shape[0]):
-        for c in range(3):
-            i = F[f, c]
-            fan[fill[i]] = f
-            fill[i] += 1
-    return start, fan
 
 
 @njit(cache=True, nogil=True)

@@ -7,7 +7,7 @@ from numba import njit
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from sshade.mesh.graph import vertex_graph
+from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 
 #: Vertices with a gap of less than this many margins are held while the patch settles.

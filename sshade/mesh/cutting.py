@@ -1,8 +1,8 @@
-"""Cutting a triangle mesh into an oriented manifold: copies of vertices where faces do not hang together.
+"""Cutting a triangle mesh into an oriented manifold: vertices are copied where their faces are not joined.
 
 Two faces stay joined at an edge that is theirs alone, or that they share with
 others but continue each other best; everywhere else the surface is cut. Only
-a copy is changed, and :attr:`Cut.origin` leads back.
+a copy is changed; :attr:`Cut.origin` says which vertex each of its vertices was.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from sshade.errors import InputError
+from sshade.mesh.adjacency import EdgeSides, sides_by_edge
 from sshade.mesh.mesh import Mesh
 
 #: Cosines that differ less are equal: of faces that continue each other equally, the inside decides.
@@ -37,27 +38,6 @@ class Cut(NamedTuple):
     mesh: Mesh
     origin: np.ndarray
     turned: int
-
-
-class _Edges(NamedTuple):
-    """Sides of faces, gathered by edge.
-
-    Attributes
-    ----------
-    ends : (e, 2) int
-        Vertices of each edge, the smaller one first.
-    start : (e + 1,) int
-        Where its sides begin.
-    face : (3m,) int
-        Face of each side.
-    forward : (3m,) bool
-        Whether it runs from the smaller vertex to the larger one.
-    """
-
-    ends: np.ndarray
-    start: np.ndarray
-    face: np.ndarray
-    forward: np.ndarray
 
 
 class _Pairs(NamedTuple):
@@ -84,55 +64,35 @@ def cut_to_manifold(mesh: Mesh) -> Cut:
     """
     if mesh.is_manifold and mesh.is_oriented:
         return Cut(mesh, np.arange(mesh.n), 0)
-    edges = _edges(mesh)
+    edges = sides_by_edge(mesh.F, mesh.n)
     flipped = _orientation(mesh, edges)
-    forward = edges.forward ^ flipped[edges.face]
-    pairs = _joined(mesh, edges, forward)
+    pairs = _joined(mesh, edges, flipped)
     while True:
         F, origin = _fans(mesh, edges, pairs)
         made = Mesh(mesh.V[origin], np.where(flipped[:, None], F[:, ::-1], F))
         if made.is_manifold and made.is_oriented:
             return Cut(made, origin, int(flipped.sum()))
         # Two pairs of an edge whose fans hang together around both of its ends.
-        crowded = np.diff(edges.start)[pairs.edge] > 2
+        crowded = edges.faces[pairs.edge] > 2
         if not crowded.any():
             raise InputError("the mesh is not manifold, and cutting it there does not make it so; remesh it")
         pairs = _Pairs(*(column[~crowded] for column in pairs))
 
 
-def _edges(mesh: Mesh) -> _Edges:
-    tail, head = mesh.F.ravel(), mesh.F[:, [1, 2, 0]].ravel()
-    low, high = np.minimum(tail, head), np.maximum(tail, head)
-    side = np.argsort(low * mesh.n + high, kind="stable")
-    low, high = low[side], high[side]
-    new = np.ones(len(side), dtype=bool)
-    new[1:] = (low[1:] != low[:-1]) | (high[1:] != high[:-1])
-    first = np.flatnonzero(new)
-    return _Edges(
-        ends=np.stack([low[first], high[first]], axis=1),
-        start=np.append(first, len(side)),
-        face=side // 3,
-        forward=(tail < head)[side],
-    )
-
-
-def _orientation(mesh: Mesh, edges: _Edges) -> np.ndarray:
+def _orientation(mesh: Mesh, edges: EdgeSides) -> np.ndarray:
     """(m,) bool: faces to turn so that neighbours agree at edges of two; the larger part of a sheet stays."""
-    first = edges.start[:-1][np.diff(edges.start) == 2]
-    f, g = edges.face[first], edges.face[first + 1]
-    same = edges.forward[first] == edges.forward[first + 1]
-    tail, head = np.concatenate([f, g]), np.concatenate([g, f])
-    order = np.argsort(tail, kind="stable")
-    start = np.searchsorted(tail[order], np.arange(mesh.m + 1))
-    flipped, sheet = _turn_to_agree(start, head[order], np.tile(same, 2)[order])
+    tail, twin = mesh.F.ravel(), edges.twin
+    # Two sides of an edge begin at the same vertex: one of their faces is turned against the other.
+    same = (twin >= 0) & (tail == tail[twin])
+    flipped, sheet = _turn_to_agree(twin.reshape(-1, 3), same.reshape(-1, 3))
     area = np.bincount(sheet, np.where(flipped, -1.0, 1.0) * mesh.face_areas)
     return flipped ^ (area < 0)[sheet]
 
 
 @njit(cache=True, nogil=True)
-def _turn_to_agree(start, neighbour, same):
-    """Face by face from the first of each sheet; `same`: two neighbours run through their edge alike."""
-    m = len(start) - 1
+def _turn_to_agree(twin, same):
+    """Go from each sheet's first face over `twin` (m, 3) to all others; turn them where `same` says so."""
+    m = len(twin)
     flipped, sheet = np.zeros(m, dtype=np.bool_), np.full(m, -1, dtype=np.int64)
     queue = np.empty(m, dtype=np.int64)
     sheets = 0
@@ -143,26 +103,28 @@ def _turn_to_agree(start, neighbour, same):
         while taken < known:
             f = queue[taken]
             taken += 1
-            for p in range(start[f], start[f + 1]):
-                g = neighbour[p]
-                if sheet[g] == -1:
-                    sheet[g], flipped[g] = sheets, flipped[f] ^ same[p]
+            for c in range(3):
+                g = twin[f, c] // 3
+                if twin[f, c] != -1 and sheet[g] == -1:
+                    sheet[g], flipped[g] = sheets, flipped[f] ^ same[f, c]
                     queue[known] = g
                     known += 1
         sheets += 1
     return flipped, sheet
 
 
-def _joined(mesh: Mesh, edges: _Edges, forward: np.ndarray) -> _Pairs:
-    """The faces that stay together, for sides that run `forward` or not."""
-    count = np.diff(edges.start)
-    two = np.flatnonzero(count == 2)
+def _joined(mesh: Mesh, edges: EdgeSides, flipped: np.ndarray) -> _Pairs:
+    """The faces that stay together once those `flipped` are turned."""
+    face = edges.side // 3
+    low = np.repeat(edges.ends[:, 0], edges.faces)
+    forward = (mesh.F.ravel()[edges.side] == low) ^ flipped[face]  # from the smaller end to the larger
+    two = np.flatnonzero(edges.faces == 2)
     first = edges.start[two]
     two, first = (a[forward[first] != forward[first + 1]] for a in (two, first))
-    found = [(edges.face[first], edges.face[first + 1], two)]
-    for e in np.flatnonzero(count > 2):
+    found = [(face[first], face[first + 1], two)]
+    for e in np.flatnonzero(edges.faces > 2):
         own = slice(edges.start[e], edges.start[e + 1])
-        pairs = _best_pairs(mesh, edges.ends[e], edges.face[own], forward[own])
+        pairs = _best_pairs(mesh, edges.ends[e], face[own], forward[own])
         found.append((*np.array(pairs, dtype=np.int64).reshape(-1, 2).T, np.full(len(pairs), e)))
     return _Pairs(*(np.concatenate(column) for column in zip(*found, strict=True)))
 
@@ -193,7 +155,7 @@ def _best_pairs(
     return pairs
 
 
-def _fans(mesh: Mesh, edges: _Edges, pairs: _Pairs) -> tuple[np.ndarray, np.ndarray]:
+def _fans(mesh: Mesh, edges: EdgeSides, pairs: _Pairs) -> tuple[np.ndarray, np.ndarray]:
     """Faces (m, 3) over copies of the vertices, one a fan of joined faces, and whose copy each is."""
     links = []
     for end in edges.ends[pairs.edge].T:

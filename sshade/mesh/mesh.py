@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sshade.errors import InputError
+from sshade.mesh.adjacency import sides_by_edge
 from sshade.mesh.boxes import bounds, curve_order
-from sshade.mesh.connectivity import Connectivity, connectivity, rows_of_edges
+from sshade.mesh.connectivity import Connectivity, connectivity
 
 #: Largest coordinate, and one over the smallest extent, with which areas can be squared.
 LARGEST = 1e60
@@ -141,13 +142,12 @@ class Mesh:
     @cached_property
     def edges(self) -> np.ndarray:
         """(e, 2) undirected edges, smaller id first, in lexicographic order."""
-        keys = np.unique(self._edge_keys)
-        return np.stack([keys // self.n, keys % self.n], axis=1)
+        return sides_by_edge(self.F, self.n).ends.astype(np.int64)
 
     @cached_property
     def face_edges(self) -> np.ndarray:
         """(m, 3) row in :attr:`edges` of each side of each face, from corner 0 to 1, 1 to 2, 2 to 0."""
-        return rows_of_edges(self.F, self.n)
+        return sides_by_edge(self.F, self.n).edge
 
     @cached_property
     def curve_order(self) -> np.ndarray:
@@ -157,9 +157,8 @@ class Mesh:
     @cached_property
     def boundary_edges(self) -> np.ndarray:
         """(b, 2) edges with exactly one incident face."""
-        keys, counts = np.unique(self._edge_keys, return_counts=True)
-        keys = keys[counts == 1]
-        return np.stack([keys // self.n, keys % self.n], axis=1)
+        edges = sides_by_edge(self.F, self.n)
+        return edges.ends[edges.faces == 1].astype(np.int64)
 
     @property
     def is_closed(self) -> bool:
@@ -245,12 +244,6 @@ class Mesh:
     def _cross(self) -> np.ndarray:
         a = self.V[self.F[:, 0]]
         return np.cross(self.V[self.F[:, 1]] - a, self.V[self.F[:, 2]] - a)
-
-    @property
-    def _edge_keys(self) -> np.ndarray:
-        """(3m,) one integer per side of each face, equal for the two directions."""
-        i, j = self.F.ravel(), self.F[:, [1, 2, 0]].ravel()
-        return np.minimum(i, j) * self.n + np.maximum(i, j)
 
 
 def _check_numbers(V: np.ndarray) -> None:

@@ -13,7 +13,7 @@ from sshade.carry.binding import Binding, bind_proxy, require_binding
 from sshade.carry.frames import FrameKind
 from sshade.carry.projection import sent_far
 from sshade.errors import InputError
-from sshade.mesh.graph import VertexGraph, vertex_graph
+from sshade.mesh.adjacency import VertexGraph, vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.sampling.remesh import Remesh, proxy_mesh, remesh
 from sshade.solver.local_global import local_global

@@ -10,7 +10,7 @@ import numpy as np
 from sshade.carry.binding import Binding, bind
 from sshade.carry.frames import FrameKind
 from sshade.errors import InputError
-from sshade.mesh.graph import vertex_graph
+from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.solver.coarse import Energy
 from sshade.solver.factor import Engine

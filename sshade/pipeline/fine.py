@@ -20,7 +20,7 @@ import numpy as np
 
 from sshade.carry.frames import FrameKind
 from sshade.contact.separate import MARGIN, separate
-from sshade.mesh.graph import vertex_graph
+from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.pipeline.deform import deform
 from sshade.pipeline.multilevel import multilevel

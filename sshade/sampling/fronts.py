@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from sshade.errors import InputError
-from sshade.mesh.graph import VertexGraph
+from sshade.mesh.adjacency import VertexGraph
 
 #: Candidates for the next farthest vertex are gathered down to this fraction of the largest distance.
 _BAND = 0.85

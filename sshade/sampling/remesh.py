@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from sshade.errors import InputError
-from sshade.mesh.graph import VertexGraph, vertex_graph
+from sshade.mesh.adjacency import VertexGraph, vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.sampling.closed_ball import refinements
 from sshade.sampling.fronts import farthest_point_sampling
@@ -72,7 +72,7 @@ def remesh(
     seed : int or sequence of int
         Chooses the random vertex that follows them, on which the rest depends.
     graph : VertexGraph, optional
-        The mesh's :func:`sshade.mesh.graph.vertex_graph`, where several remeshes share it.
+        The mesh's :func:`sshade.mesh.adjacency.vertex_graph`, where several remeshes share it.
 
     Returns
     -------

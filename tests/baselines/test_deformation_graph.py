@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from baselines.deformation_graph.deformation_graph import deformation_graph
 from baselines.deformation_graph.node_graph import FEWEST_NEIGHBOURS, bind_to_nodes, node_graph
 from sshade.errors import InputError
-from sshade.mesh.graph import vertex_graph
+from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.sampling.fronts import farthest_point_sampling
 from sshade.task import DeformationTask, Handles

@@ -12,9 +12,9 @@ from eval_cases import bumpy_task
 
 import eval.run.attempt as attempt_module
 import eval.run.run as run_module
-from eval.main import call
 from eval.metrics.metrics import METRICS, measure
 from eval.rows.collect import collect
+from eval.rows.collect import main as collect_main
 from eval.rows.store import (
     read_csv,
     read_curves,
@@ -261,7 +261,7 @@ def test_csv_gives_rows_back_and_the_same_bytes(task, tmp_path):
     text = path.read_bytes()
     write_csv(path, back)
     assert path.read_bytes() == text
-    assert call("collect", [str(tmp_path / "runs"), "-o", str(tmp_path / "out")]) == 0
+    assert collect_main([str(tmp_path / "runs"), "-o", str(tmp_path / "out")]) == 0
     assert (tmp_path / "out" / "runs.csv").read_bytes() == text
 
 

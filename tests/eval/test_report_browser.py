@@ -17,7 +17,7 @@ pytest.importorskip("playwright")
 
 from playwright.sync_api import sync_playwright
 
-from eval.main import call
+from eval.publish.report.__main__ import main
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
@@ -43,10 +43,7 @@ def report(tmp_path_factory):
     rows, out = make_runs(folder), folder / "report.html"
     runs = str(folder / "runs" / "tiny")
     assert (
-        call(
-            "report",
-            [str(rows), "-o", str(out), "--runs", runs, "--towards", "1", "0", "0", "--up", "0", "0", "1"],
-        )
+        main([str(rows), "-o", str(out), "--runs", runs, "--towards", "1", "0", "0", "--up", "0", "0", "1"])
         == 0
     )
     return out

@@ -6,7 +6,8 @@ import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from sshade.mesh.connectivity import connectivity, rows_of_edges
+from sshade.mesh.adjacency import sides_by_edge
+from sshade.mesh.connectivity import connectivity
 from tests import shapes
 
 
@@ -50,7 +51,7 @@ def test_facts_equal_those_of_sets_scipy_and_libigl(case):
     assert facts.edges == len(edges)
     number = {edge: row for row, edge in enumerate(sorted(edges))}
     own = [[number[min(i, j), max(i, j)] for i, j in zip(f, f[1:] + f[:1], strict=True)] for f in F.tolist()]
-    assert rows_of_edges(F, n).tolist() == own
+    assert sides_by_edge(F, n).edge.tolist() == own
     assert facts.boundary_edges == len(rim)
     count, component = labels(n, list(edges))
     assert facts.components == count

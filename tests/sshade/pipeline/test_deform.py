@@ -5,7 +5,7 @@ import pytest
 
 from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh, bind, deform
 from sshade.carry.projection import sent_far
-from sshade.mesh.graph import vertex_graph
+from sshade.mesh.adjacency import vertex_graph
 from sshade.pipeline.deform import proxy_handles
 from sshade.sampling.remesh import Remesh, proxy_mesh, remesh
 from sshade.solver.coarse import initial_guess, libigl_arap

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sshade import Mesh
-from sshade.mesh.graph import vertex_graph
+from sshade.mesh.adjacency import vertex_graph
 from sshade.sampling import closed_ball
 from sshade.sampling.closed_ball import refinements
 from sshade.sampling.fronts import Fronts, farthest_point_sampling

@@ -8,20 +8,10 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from sshade import InputError, Mesh
-from sshade.mesh.graph import VertexGraph, vertex_graph
+from sshade.mesh.adjacency import VertexGraph, vertex_graph
 from sshade.sampling.fronts import Fronts, farthest_point_sampling
-from tests.shapes import block, icosphere, jittered, strip, tetrahedron, torus, tube
-
-
-def brute_force_graph(mesh: Mesh) -> dict[tuple[int, int], int]:
-    """Number of faces at each directed pair of neighbours."""
-    faces: dict[tuple[int, int], int] = {}
-    for f in mesh.F.tolist():
-        for a in range(3):
-            i, j = f[a], f[(a + 1) % 3]
-            for pair in ((i, j), (j, i)):
-                faces[pair] = faces.get(pair, 0) + 1
-    return faces
+from tests.shapes import strip
+from tests.sshade.mesh.test_adjacency import MESHES
 
 
 def as_matrix(graph: VertexGraph) -> csr_array:
@@ -41,54 +31,7 @@ def naive_sampling(graph: VertexGraph, count: int, first: np.ndarray):
     return np.array(samples), distance, region
 
 
-MESHES = {
-    "closed": jittered(icosphere(2), 0.05),
-    "genus one": jittered(torus(18, 10), 0.02),
-    "two boundary loops": jittered(tube(9, 14), 0.05),
-    "one triangle": Mesh(np.eye(3) * [1, 2, 3], [[0, 1, 2]]),
-    "grid": strip(12, 9),
-    "lattice block": block(np.ones((4, 3, 2))),
-    "inside out": Mesh(strip(6, 4).V, strip(6, 4).F[:, ::-1]),
-    "a hole of one vertex's fan": Mesh(icosphere(1).V, icosphere(1).F[1:]),
-    "two components": Mesh(
-        np.concatenate([tetrahedron().V, tetrahedron().V + 3]),
-        np.concatenate([tetrahedron().F, tetrahedron().F + 4]),
-    ),
-}
 CONNECTED = [name for name in MESHES if name != "two components"]
-
-
-@pytest.mark.parametrize("name", MESHES)
-def test_the_graph_equals_a_brute_force_build(name):
-    mesh = MESHES[name]
-    graph, faces = vertex_graph(mesh), brute_force_graph(mesh)
-    assert graph.n == mesh.n
-    owner = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
-    # Ascending neighbours make the directed pairs come in lexicographic order.
-    assert list(zip(owner.tolist(), graph.indices.tolist(), strict=True)) == sorted(faces)
-    assert graph.boundary.tolist() == [faces[pair] == 1 for pair in sorted(faces)]
-    lengths = np.linalg.norm(mesh.V[owner] - mesh.V[graph.indices], axis=1)
-    assert np.allclose(graph.lengths, lengths, rtol=4e-16, atol=0)
-
-
-def test_the_graph_of_a_mesh_inside_out_is_the_same():
-    mesh = MESHES["two boundary loops"]
-    flipped = Mesh(mesh.V, mesh.F[:, ::-1])
-    for a, b in zip(vars(vertex_graph(mesh)).values(), vars(vertex_graph(flipped)).values(), strict=True):
-        assert np.array_equal(a, b)
-
-
-def test_the_graph_refuses_faces_that_disagree():
-    mesh = MESHES["two boundary loops"]
-    flip = np.arange(mesh.m) % 2 == 0
-    with pytest.raises(InputError, match="oriented"):
-        vertex_graph(Mesh(mesh.V, np.where(flip[:, None], mesh.F[:, ::-1], mesh.F)))
-
-
-def test_lengths_are_the_same_bits_in_both_directions():
-    graph = vertex_graph(MESHES["closed"])
-    matrix = as_matrix(graph)
-    assert (matrix != matrix.T).nnz == 0
 
 
 @pytest.mark.parametrize("name", ["closed", "genus one", "two boundary loops"])

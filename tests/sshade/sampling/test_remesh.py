@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from sshade import InputError, Mesh
-from sshade.mesh.graph import vertex_graph
+from sshade.mesh.adjacency import vertex_graph
 from sshade.sampling.remesh import Remesh, proxy_mesh, remesh
 from tests.shapes import bumpy, double_torus, icosphere, jittered, strip, tetrahedron, torus, tube
 

@@ -1,0 +1,242 @@
+"""Who is next to whom: the sides of faces by edge, the faces around vertices, the graph of the edges.
+
+Every table is made by counting sort, in time and memory linear in the number of faces, however
+many faces meet at one vertex. A list of lists is stored as two arrays: that of row i are the
+entries from ``start[i]`` to ``start[i + 1]`` of the other one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numba import njit
+
+if TYPE_CHECKING:
+    from sshade.mesh.mesh import Mesh
+
+
+class EdgeSides(NamedTuple):
+    """The undirected edges of faces, and the sides of faces that lie at each.
+
+    Side ``3 f + c`` of face f goes from its corner c to the next one: sides 0, 1
+    and 2 from corner 0 to 1, 1 to 2, and 2 to 0.
+
+    Attributes
+    ----------
+    ends : (e, 2) int32
+        Vertices of each edge, the smaller id first, in lexicographic order.
+    start : (e + 1,) int32
+        Where the sides of each edge begin in `side`.
+    side : (3m,) int32
+        In ascending order within an edge.
+    """
+
+    ends: np.ndarray
+    start: np.ndarray
+    side: np.ndarray
+
+    @property
+    def faces(self) -> np.ndarray:
+        """(e,) int32 number of faces at each edge."""
+        return np.diff(self.start)
+
+    @property
+    def edge(self) -> np.ndarray:
+        """(m, 3) int64 edge of each side of each face."""
+        edge = np.empty(len(self.side), dtype=np.int64)
+        edge[self.side] = np.repeat(np.arange(len(self.ends)), self.faces)
+        return edge.reshape(-1, 3)
+
+    @property
+    def twin(self) -> np.ndarray:
+        """(3m,) int32 the other side at the edge of each side; -1 unless the edge has two faces."""
+        first = self.start[:-1][self.faces == 2]
+        one, other = self.side[first], self.side[first + 1]
+        twin = np.full(len(self.side), -1, dtype=np.int32)
+        twin[one], twin[other] = other, one
+        return twin
+
+
+def sides_by_edge(F: np.ndarray, n: int) -> EdgeSides:
+    """Sort the sides of faces by edge.
+
+    Parameters
+    ----------
+    F : (m, 3) int
+        No repeated index within a face; otherwise any.
+    n : int
+        Number of vertices.
+    """
+    return EdgeSides(*_sides_by_edge(F, n))
+
+
+def faces_around_vertices(F: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """List the faces at each of n vertices.
+
+    Parameters
+    ----------
+    F : (m, 3) int
+    n : int
+
+    Returns
+    -------
+    start : (n + 1,) int64
+    face : (3m,) int64
+        In ascending order for each vertex.
+    """
+    return _faces_around_vertices(F, n)
+
+
+@dataclass(frozen=True, eq=False)
+class VertexGraph:
+    """The edges of a mesh as a graph with lengths, in compressed sparse rows.
+
+    Parameters
+    ----------
+    indptr : (n + 1,) int32
+    indices : (2e,) int32
+        Neighbours of each vertex, in ascending order.
+    lengths : (2e,) float64
+        Euclidean edge lengths, the same bits in both directions.
+    boundary : (2e,) bool
+        True where the edge has a single face.
+    """
+
+    indptr: np.ndarray
+    indices: np.ndarray
+    lengths: np.ndarray
+    boundary: np.ndarray
+
+    @property
+    def n(self) -> int:
+        """Number of vertices."""
+        return len(self.indptr) - 1
+
+
+def vertex_graph(mesh: Mesh) -> VertexGraph:
+    """The graph of a mesh's edges, weighted by their lengths.
+
+    Raises
+    ------
+    InputError
+        Unless the mesh is manifold and consistently oriented.
+    """
+    mesh.require_manifold()
+    return VertexGraph(*_vertex_graph(mesh.V, mesh.F))
+
+
+@njit(cache=True, nogil=True)
+def _sides_by_edge(F, n):
+    """Sort by the larger end, then, keeping that order among equals, by the smaller one."""
+    m = F.shape[0]
+    by_high, by_low = np.zeros(n + 1, dtype=np.int32), np.zeros(n + 1, dtype=np.int32)
+    for f in range(m):
+        for c in range(3):
+            i, j = F[f, c], F[f, (c + 1) % 3]
+            by_high[max(i, j) + 1] += 1
+            by_low[min(i, j) + 1] += 1
+    for i in range(n):
+        by_high[i + 1] += by_high[i]
+        by_low[i + 1] += by_low[i]
+    # The entries of i begin where the counts of the smaller ids end, and move that place along:
+    # afterwards it is where those of i end.
+    low, partly_sorted = np.empty(3 * m, dtype=np.int32), np.empty(3 * m, dtype=np.int32)
+    for f in range(m):
+        for c in range(3):
+            i, j = F[f, c], F[f, (c + 1) % 3]
+            p = by_high[max(i, j)]
+            by_high[max(i, j)] += 1
+            low[p], partly_sorted[p] = min(i, j), 3 * f + c
+    high, side = np.empty(3 * m, dtype=np.int32), np.empty(3 * m, dtype=np.int32)
+    p = 0
+    for j in range(n):
+        while p < by_high[j]:
+            q = by_low[low[p]]
+            by_low[low[p]] += 1
+            high[q], side[q] = j, partly_sorted[p]
+            p += 1
+    ends, start = np.empty((3 * m, 2), dtype=np.int32), np.empty(3 * m + 1, dtype=np.int32)
+    edges = p = 0
+    for i in range(n):
+        begin = p
+        while p < by_low[i]:
+            if p == begin or high[p] != high[p - 1]:
+                ends[edges, 0], ends[edges, 1], start[edges] = i, high[p], p
+                edges += 1
+            p += 1
+    start[edges] = p
+    return ends[:edges].copy(), start[: edges + 1].copy(), side
+
+
+@njit(cache=True, nogil=True)
+def _faces_around_vertices(F, n):
+    start = np.zeros(n + 1, dtype=np.int64)
+    for corner in F.flat:
+        start[corner + 1] += 1
+    for i in range(n):
+        start[i + 1] += start[i]
+    fill = start[:-1].copy()
+    face = np.empty(F.size, dtype=np.int64)
+    for f in range(F.shape[0]):
+        for c in range(3):
+            i = F[f, c]
+            face[fill[i]] = f
+            fill[i] += 1
+    return start, face
+
+
+@njit(cache=True, nogil=True)
+def _transposed(start, column):
+    """Columns of the transposed matrix's rows, ascending, where its rows have the same lengths."""
+    fill = start[:-1].copy()
+    row = np.empty(column.shape[0], dtype=np.int32)
+    for i in range(start.shape[0] - 1):
+        for p in range(start[i], start[i + 1]):
+            row[fill[column[p]]] = i
+            fill[column[p]] += 1
+    return row
+
+
+@njit(cache=True, nogil=True)
+def _vertex_graph(V, F):
+    """The graph of an oriented manifold: row i joins the next corners at i with the previous ones.
+
+    Each face at i has one of each, so that the two lists are as long; an edge on the boundary is
+    in one of them only, and there is one such at most in each.
+    """
+    n, m = V.shape[0], F.shape[0]
+    start = np.zeros(n + 1, dtype=np.int32)
+    for f in range(m):
+        for c in range(3):
+            start[F[f, c] + 1] += 1
+    for i in range(n):
+        start[i + 1] += start[i]
+    fill = start[:-1].copy()
+    following = np.empty(3 * m, dtype=np.int32)
+    for f in range(m):
+        for c in range(3):
+            i = F[f, c]
+            following[fill[i]] = F[f, (c + 1) % 3]
+            fill[i] += 1
+    preceding = _transposed(start, following)
+    following = _transposed(start, preceding)
+    indptr, indices = np.zeros(n + 1, dtype=np.int32), np.empty(3 * m + n, dtype=np.int32)
+    lengths, boundary = np.empty(3 * m + n, dtype=np.float64), np.empty(3 * m + n, dtype=np.bool_)
+    size = 0
+    for i in range(n):
+        p = q = start[i]
+        end = start[i + 1]
+        while p < end or q < end:
+            a = following[p] if p < end else n
+            b = preceding[q] if q < end else n
+            j = min(a, b)
+            p += a == j
+            q += b == j
+            dx, dy, dz = V[i, 0] - V[j, 0], V[i, 1] - V[j, 1], V[i, 2] - V[j, 2]
+            indices[size], boundary[size] = j, a != b
+            lengths[size] = np.sqrt(dx * dx + dy * dy + dz * dz)
+            size += 1
+        indptr[i + 1] = size
+    return indptr, indices[:size], lengths[:size], boundary[:size]
