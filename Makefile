@@ -25,11 +25,11 @@ TRANSFERS := isometric_quick pose_transfer_quick isometric pose_transfer
 .PHONY: tables test ci-benchmark bench robustness ablations transfers clean
 
 tables: $(READY) $(QUICK)/dataset.json
-	$(BIN)/python -m eval -m experiment=quick dataset.root=$(QUICK)
-	$(BIN)/python -m eval.rows.collect quick
-	$(BIN)/python -m eval.publish.tables results/rows/quick.csv
-	$(BIN)/python -m eval.publish.figures quick
-	$(BIN)/python -m eval.publish.report quick
+	$(BIN)/sshade-eval run -m experiment=quick dataset.root=$(QUICK)
+	$(BIN)/sshade-eval collect quick
+	$(BIN)/sshade-eval tables results/rows/quick.csv
+	$(BIN)/sshade-eval figures quick
+	$(BIN)/sshade-eval report quick
 	@echo "tables in results/tables, the picture in results/figures, all of it in results/report.html"
 
 test: $(READY)
@@ -41,10 +41,10 @@ test: $(READY)
 	$(MAKE) --no-print-directory ci-benchmark
 
 ci-benchmark: $(READY) $(CI)/dataset.json
-	$(BIN)/python -m eval -m experiment=ci dataset.root=$(CI)
+	$(BIN)/sshade-eval run -m experiment=ci dataset.root=$(CI)
 
 bench: $(READY) $(FULL)/dataset.json $(BASES:%=%/dataset.json)
-	$(BIN)/python -m eval.timing $(FULL)/subject_00/rest.ply $(FULL)/subject_00/pose_1.json --full \
+	$(BIN)/sshade-eval bench $(FULL)/subject_00/rest.ply $(FULL)/subject_00/pose_1.json --full \
 	  --scaling $(BASES:%=%/subject_00/rest.ply) --plot results/figures/scaling.svg
 
 # results/robustness.md says what came of it, and when.
@@ -58,21 +58,21 @@ robustness: $(READY)
 	$(BIN)/python -m pytest -m "full or hypothesis" --hypothesis-profile=thorough -n 2
 
 ablations: $(READY) $(QUICK)/dataset.json
-	for name in $(ABLATIONS); do $(BIN)/python -m eval -m experiment=$$name || exit 1; done
-	$(BIN)/python -m eval.rows.collect $(ABLATIONS)
-	$(BIN)/python -m eval.publish.tables $(ABLATIONS)
-	$(BIN)/python -m eval.publish.curves ablation_samplings --over method.samplings $(CURVES)
-	$(BIN)/python -m eval.publish.curves ablation_vertices --over method.vertices $(CURVES)
-	$(BIN)/python -m eval.publish.figures ablation_touching --cases hairpin/gap_0.01 hairpin/gap_0.05 \
+	for name in $(ABLATIONS); do $(BIN)/sshade-eval run -m experiment=$$name || exit 1; done
+	$(BIN)/sshade-eval collect $(ABLATIONS)
+	$(BIN)/sshade-eval tables $(ABLATIONS)
+	$(BIN)/sshade-eval curves ablation_samplings --over method.samplings $(CURVES)
+	$(BIN)/sshade-eval curves ablation_vertices --over method.vertices $(CURVES)
+	$(BIN)/sshade-eval figures ablation_touching --cases hairpin/gap_0.01 hairpin/gap_0.05 \
 	  --towards 0 1 0 --up 0 0 1
 
 transfers: $(READY) $(QUICK)/dataset.json $(FULL)/dataset.json
-	for name in $(TRANSFERS); do $(BIN)/python -m eval -m experiment=$$name || exit 1; done
-	$(BIN)/python -m eval.rows.collect $(TRANSFERS)
-	$(BIN)/python -m eval.publish.tables $(TRANSFERS)
-	$(BIN)/python -m eval.publish.figures isometric --worst hausdorff \
+	for name in $(TRANSFERS); do $(BIN)/sshade-eval run -m experiment=$$name || exit 1; done
+	$(BIN)/sshade-eval collect $(TRANSFERS)
+	$(BIN)/sshade-eval tables $(TRANSFERS)
+	$(BIN)/sshade-eval figures isometric --worst hausdorff \
 	  --methods triangle-1 triangle-10 blended_affine-1 blended_affine-10
-	$(BIN)/python -m eval.publish.figures pose_transfer --worst chamfer
+	$(BIN)/sshade-eval figures pose_transfer --worst chamfer
 
 $(FULL)/dataset.json: $(READY)
 	$(BIN)/defaust build source=synthetic out=$(FULL) subjects=[0]

@@ -1,11 +1,8 @@
-"""``python -m eval``."""
+"""``python -m eval``: the command ``sshade-eval`` in a clone that is not installed."""
 
 import sys
 
 if __name__ == "__main__":
-    try:
-        from eval.configure.app import main
-    except KeyboardInterrupt:  # while the libraries are read
-        print("interrupted", file=sys.stderr)  # noqa: T201
-        sys.exit(130)
+    from eval.main import main
+
     sys.exit(main())

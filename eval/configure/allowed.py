@@ -19,7 +19,7 @@ from sshade.errors import InputError
 
 #: Beginnings of names, separated by commas. Processes of a launcher inherit it.
 VARIABLE = "EVAL_ALLOW_TARGETS"
-#: The same on the command line of ``python -m eval``; a YAML file that sets it is refused.
+#: The same on the command line of ``sshade-eval run``; a YAML file that sets it is refused.
 OVERRIDE = "run.allow_targets"
 
 _SEARCH_PATH = "hydra.searchpath"

@@ -1,4 +1,4 @@
-"""``python -m eval``: the Hydra program that runs methods on tasks.
+"""``sshade-eval run``: the Hydra program that runs methods on tasks.
 
 Exit codes: 0 if no run failed, 1 if one did or left its committed band, 2 for a
 mistake in the configuration, told in one sentence.

@@ -1,4 +1,4 @@
-"""Sweeps of ``python -m eval``: which cases, how many runs, and the display while they run."""
+"""Sweeps of ``sshade-eval run``: which cases, how many runs, and the display while they run."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def told_lost(error: Exception) -> str:
     """What to do where a launcher gave up, in a sentence."""
     others = ""
     if monitor.plan.launcher in QUEUES:
-        others = "the other jobs go on (python -m eval.run.progress follows them); after them "
+        others = "the other jobs go on (sshade-eval status follows them); after them "
     return f"a worker was lost ({type(error).__name__}); {others}the same command runs what is missing"
 
 
@@ -138,7 +138,7 @@ def told_interrupted() -> str:
     if monitor is None:
         return ""
     if monitor.plan.launcher in QUEUES:
-        return "; the jobs in the queue go on: scancel ends them, python -m eval.run.progress follows them"
+        return "; the jobs in the queue go on: scancel ends them, sshade-eval status follows them"
     return "; the same command goes on from there"
 
 

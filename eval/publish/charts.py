@@ -1,4 +1,4 @@
-"""Charts of an experiment: ``python -m eval.publish.charts [ROWS ...]``, needs the extra ``figures``.
+"""Charts of an experiment: ``sshade-eval charts [ROWS ...]``, needs the extra ``figures``.
 
 For each metric how it is distributed over the runs of each method, the time
 against the number of vertices, and the curves that iterative methods left. Made
@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import re
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +21,6 @@ from eval.publish.plotting import SUFFIXES, look, new_figure, save, style
 from eval.publish.summary import check_times, method_names
 from eval.rows.experiment import Experiment, read_experiments
 from eval.rows.store import ROWS_HELP, VALID, Row
-from sshade.cli.console import run_command
 from sshade.errors import InputError
 from sshade.figures import require_extra
 
@@ -234,17 +232,15 @@ def _comparable(rows: list[Row]) -> bool:
     return True
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Command line of ``python -m eval.publish.charts``."""
-    parser = argparse.ArgumentParser(
-        prog="python -m eval.publish.charts",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument("rows", nargs="*", type=Path, help=f"{ROWS_HELP} (default: every CSV there)")
     parser.add_argument("--format", choices=[suffix[1:] for suffix in SUFFIXES], default="svg")
     parser.add_argument("-o", "--out", type=Path, default=Path("results/figures"))
-    options = parser.parse_args(arguments)
+
+
+def command(options: argparse.Namespace) -> int:
+    """Do it; return the exit code."""
     require_extra()
     for experiment in read_experiments(options.rows):
         for name, figure in charts(experiment).items():
@@ -252,7 +248,3 @@ def main(arguments: list[str] | None = None) -> int:
             save(figure, path)
             print(path)  # noqa: T201
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(run_command(main))

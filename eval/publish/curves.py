@@ -1,4 +1,4 @@
-"""How numbers change with a size: ``python -m eval.publish.curves ROWS.csv``, needs the extra ``figures``.
+"""How numbers change with a size: ``sshade-eval curves ROWS.csv``, needs the extra ``figures``.
 
 For experiments whose methods are labelled by a number, such as ``arap-7000``:
 one curve a method over the vertices of its tasks (``conf/experiment/resolution.yaml``)
@@ -10,14 +10,12 @@ from __future__ import annotations
 
 import argparse
 import re
-import sys
 from collections import defaultdict
 from pathlib import Path
 
 from eval.metrics.metrics import METRICS
 from eval.publish.plotting import look, new_figure, save, style
 from eval.rows.store import ROWS_HELP, VALID, Row, read_csv, rows_file
-from sshade.cli.console import run_command
 from sshade.errors import InputError
 from sshade.figures import require_extra
 
@@ -98,16 +96,18 @@ def draw(panels: dict[str, Curves], path: Path, *, over: str = "task.vertices") 
     save(figure, path)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Command line of ``python -m eval.publish.curves``."""
-    parser = argparse.ArgumentParser(prog="python -m eval.publish.curves", description=__doc__)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument("rows", type=Path, help=ROWS_HELP)
     parser.add_argument(
         "--metric", nargs="+", default=["volume"], help=f"of {', '.join(DRAWN)} (default: volume)"
     )
     parser.add_argument("--over", default="task.vertices", help="column of the rows (default: %(default)s)")
     parser.add_argument("-o", "--out", type=Path, help="default: results/figures/<experiment>.png")
-    options = parser.parse_args(arguments)
+
+
+def command(options: argparse.Namespace) -> int:
+    """Do it; return the exit code."""
     require_extra()
     path = options.out or Path("results/figures") / f"{options.rows.stem}.png"
     rows = read_csv(rows_file(options.rows))
@@ -115,7 +115,3 @@ def main(arguments: list[str] | None = None) -> int:
     draw(panels, path, over=options.over)
     print(path)  # noqa: T201
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(run_command(main))

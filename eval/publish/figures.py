@@ -1,4 +1,4 @@
-"""The comparison picture: ``python -m eval.publish.figures [EXPERIMENT]``, needs the extra ``figures``.
+"""The comparison picture: ``sshade-eval figures [EXPERIMENT]``, needs the extra ``figures``.
 
 One row a case: the rest shape with its handles (blue: static, yellow: dynamic),
 then each method's result, coloured by how much the edges at a vertex changed
@@ -9,7 +9,6 @@ Made from run folders; no method is run.
 from __future__ import annotations
 
 import argparse
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,7 +19,6 @@ from eval.publish import transfer_figures
 from eval.publish.plotting import new_figure, save
 from eval.rows.recall import load_task
 from eval.rows.store import FOLDER_HELP, VALID, Row, experiment_folder, read_row, read_vertices, run_folders
-from sshade.cli.console import run_command
 from sshade.errors import InputError
 from sshade.figures import COLOURS, TOWARDS, UP, View, colour_range, edge_error, picture, require_extra
 from sshade.pipeline.transfer_task import TransferTask
@@ -151,9 +149,8 @@ def view_of(case: Case, *, towards: np.ndarray = TOWARDS, up: np.ndarray = UP) -
     return View.of([case.task.mesh.V, *case.results.values()], towards=towards, up=up)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Command line of ``python -m eval.publish.figures``."""
-    parser = argparse.ArgumentParser(prog="python -m eval.publish.figures", description=__doc__)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument("folder", nargs="?", type=Path, default=Path("quick"), help=FOLDER_HELP)
     parser.add_argument("--cases", nargs="+", default=[], help="task names (default: three of them)")
     parser.add_argument("--methods", nargs="+", default=[], help="method names (default: all)")
@@ -161,7 +158,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--towards", nargs=3, type=float, default=TOWARDS, metavar=("X", "Y", "Z"))
     parser.add_argument("--up", nargs=3, type=float, default=UP, metavar=("X", "Y", "Z"))
     parser.add_argument("-o", "--out", type=Path, help="default: results/figures/<experiment>.png")
-    options = parser.parse_args(arguments)
+
+
+def command(options: argparse.Namespace) -> int:
+    """Do it; return the exit code."""
     require_extra()
     folder = experiment_folder(options.folder)
     cases = read_cases(folder, names=options.cases, methods=options.methods, worst=options.worst)
@@ -175,7 +175,3 @@ def main(arguments: list[str] | None = None) -> int:
         draw(cases, path, title=folder.name, **camera)
     print(path)  # noqa: T201
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(run_command(main))

@@ -1,4 +1,4 @@
-"""Volume against stretch: ``python -m eval.publish.front ROWS.csv [ROWS.csv ...]``.
+"""Volume against stretch: ``sshade-eval front ROWS.csv [ROWS.csv ...]``.
 
 A method labelled by its weight of the volume, such as ``sshade_fine-0.1``, is a
 curve from the free volume to the exact one; any other is a point. Means over
@@ -8,14 +8,12 @@ the cases that all of them have. Made from rows; no method is run.
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterable
 from pathlib import Path
 
 from eval.metrics.metrics import METRICS
 from eval.publish.plotting import look, new_figure, save, style
 from eval.rows.store import ROWS_HELP, VALID, Row, read_csv, rows_file
-from sshade.cli.console import run_command
 from sshade.errors import InputError
 from sshade.figures import require_extra
 
@@ -92,15 +90,17 @@ def _weight(row: Row) -> float | None:
         return None
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Command line of ``python -m eval.publish.front``."""
-    parser = argparse.ArgumentParser(prog="python -m eval.publish.front", description=__doc__)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument("rows", nargs="+", type=rows_file, help=ROWS_HELP)
     parser.add_argument(
         "--leave-out", nargs="*", default=["identity"], metavar="METHOD", help="default: identity"
     )
     parser.add_argument("-o", "--out", type=Path, help="default: results/figures/<first experiment>.png")
-    options = parser.parse_args(arguments)
+
+
+def command(options: argparse.Namespace) -> int:
+    """Do it; return the exit code."""
     require_extra("matplotlib")
     out = options.out or Path("results/figures") / f"{options.rows[0].stem}.png"
     rows = [row for path in options.rows for row in read_csv(path)]
@@ -108,7 +108,3 @@ def main(arguments: list[str] | None = None) -> int:
     draw(points, out)
     print(out)  # noqa: T201
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(run_command(main))

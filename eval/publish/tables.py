@@ -1,4 +1,4 @@
-"""Tables from rows: ``python -m eval.publish.tables [ROWS ...]`` writes CSV, Markdown and LaTeX.
+"""Tables from rows: ``sshade-eval tables [ROWS ...]`` writes CSV, Markdown and LaTeX.
 
 A table is a pure function of rows: one line a method, means over its valid
 runs in the paper's order of columns.
@@ -9,13 +9,11 @@ from __future__ import annotations
 import argparse
 import csv
 import io
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 from eval.publish.summary import Table, make_table, ranks
 from eval.rows.store import ROWS, ROWS_HELP, Row, read_csv, rows_file
-from sshade.cli.console import run_command
 from sshade.errors import InputError
 from sshade.io.files import make_folder, replacing
 
@@ -124,17 +122,19 @@ def of_machine(rows: list[Row], text: str) -> list[Row]:
     return found
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Command line of ``python -m eval.publish.tables``."""
-    parser = argparse.ArgumentParser(prog="python -m eval.publish.tables", description=__doc__)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument("rows", nargs="*", type=Path, help=f"{ROWS_HELP} (default: every CSV there)")
     parser.add_argument("-o", "--out", type=Path, default=Path("results/tables"))
     parser.add_argument("--no-time", action="store_true", help="leave the times out")
     parser.add_argument("--machine", metavar="TEXT", help="only rows of the machine with this in its name")
-    options = parser.parse_args(arguments)
+
+
+def command(options: argparse.Namespace) -> int:
+    """Do it; return the exit code."""
     paths = [rows_file(name) for name in options.rows] or sorted(ROWS.glob("*.csv"))
     if not paths:
-        raise InputError(f"{ROWS} holds no rows; `python -m eval.rows.collect` makes them from runs")
+        raise InputError(f"{ROWS} holds no rows; `sshade-eval collect` makes them from runs")
     if any(path.parent.resolve() == options.out.resolve() for path in paths):
         raise InputError(f"{options.out} holds the rows, which the tables would replace; name another -o")
     tables = []  # all of them, before anything is written
@@ -148,7 +148,3 @@ def main(arguments: list[str] | None = None) -> int:
                 temporary.write_text(write(table))
         print(to_markdown(table))  # noqa: T201
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(run_command(main))

@@ -1,4 +1,4 @@
-"""Committed bands of quality: ``python -m eval.rows.bands ROWS.csv [--bands ci]``.
+"""Committed bands of quality: ``sshade-eval check ROWS.csv [--bands ci]``.
 
 A band file ``conf/bands/<name>.yaml`` maps method -> task -> column -> [low,
 high]. A metric that is not available is out of its band. Times have no bands:
@@ -9,14 +9,12 @@ for a new method or data set: look at the numbers before committing them.
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 
 from eval.metrics.metrics import METRICS
 from eval.rows.store import VALID, Row, read_csv
-from sshade.cli.console import run_command
 from sshade.errors import InputError
 
 Bands = Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]]
@@ -77,13 +75,15 @@ def read_bands(name: str) -> Bands:
     return yaml.safe_load(path.read_text())
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Command line of ``python -m eval.rows.bands``: exit code 1 if a row is out of its band."""
-    parser = argparse.ArgumentParser(prog="python -m eval.rows.bands", description=__doc__)
-    parser.add_argument("rows", type=Path, help="CSV made by eval.rows.collect")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("rows", type=Path, help="CSV made by `sshade-eval collect`")
     parser.add_argument("--bands", default="ci", help="name of a file in conf/bands (default: %(default)s)")
     parser.add_argument("--suggest", action="store_true", help="print bands around the rows instead")
-    options = parser.parse_args(arguments)
+
+
+def command(options: argparse.Namespace) -> int:
+    """Do it; return the exit code."""
     rows = read_csv(options.rows)
     if options.suggest:
         import yaml
@@ -98,7 +98,3 @@ def main(arguments: list[str] | None = None) -> int:
             print(f"{row['method.name']} {row['task.name']}: {problem}")  # noqa: T201
     print(f"{len(rows)} rows, {bad} values out of band")  # noqa: T201
     return 1 if bad else 0
-
-
-if __name__ == "__main__":
-    sys.exit(run_command(main))

@@ -1,4 +1,4 @@
-"""Gather the rows of runs: ``python -m eval.rows.collect [EXPERIMENT ...]`` writes one CSV an experiment.
+"""Gather the rows of runs: ``sshade-eval collect [EXPERIMENT ...]`` writes one CSV an experiment.
 
 Folders of the same name, such as ``alice/runs/quick`` and ``bob/runs/quick``,
 are one experiment: their rows go into one CSV. Of equal runs the latest one is
@@ -8,7 +8,6 @@ kept; runs of different machines are kept apart.
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 from eval.rows.store import (
@@ -22,7 +21,6 @@ from eval.rows.store import (
     run_folders,
     write_csv,
 )
-from sshade.cli.console import run_command
 from sshade.errors import InputError
 
 
@@ -37,21 +35,19 @@ def collect(*folders: Path) -> list[Row]:
     rows = newest(read_row(run) for folder in folders for run in run_folders(folder))
     if not rows:
         raise InputError(
-            f"{folders[0]}: no runs there; `python -m eval -m experiment={folders[0].name}` makes them"
+            f"{folders[0]}: no runs there; `sshade-eval run -m experiment={folders[0].name}` makes them"
         )
     return rows
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Command line of ``python -m eval.rows.collect``."""
-    parser = argparse.ArgumentParser(
-        prog="python -m eval.rows.collect",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument("folders", nargs="*", type=Path, help=f"{FOLDER_HELP} (default: all)")
     parser.add_argument("-o", "--out", type=Path, default=ROWS)
-    options = parser.parse_args(arguments)
+
+
+def command(options: argparse.Namespace) -> int:
+    """Do it; return the exit code."""
     folders = [experiment_folder(folder) for folder in options.folders]
     # A refused run leaves an empty folder behind.
     folders = folders or sorted(path for path in RUNS.glob("*") if run_folders(path))
@@ -68,7 +64,3 @@ def main(arguments: list[str] | None = None) -> int:
         counts = f"{len(rows)} row{'s' * (len(rows) > 1)}"
         print(f"{path}: {counts}" + (f" of {machines} machines" if machines > 1 else ""))  # noqa: T201
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(run_command(main))

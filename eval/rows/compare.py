@@ -1,4 +1,4 @@
-"""Whether two sets of rows say the same: ``python -m eval.rows.compare A B``.
+"""Whether two sets of rows say the same: ``sshade-eval compare A B``.
 
 Meant for one sweep run twice, through two launchers or on two machines. Every
 run of one must be in the other, and every column must be equal to the last
@@ -8,12 +8,10 @@ digit, but for times and provenance, which the command names.
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 from eval.rows.collect import collect
 from eval.rows.store import ROWS, Row, experiment_folder, read_csv
-from sshade.cli.console import run_command
 from sshade.errors import InputError
 
 #: What may differ: when, where and in what company a run took place, and how long it took.
@@ -74,12 +72,14 @@ def _unmatched(a: dict, b: dict) -> list[tuple[tuple[str, str, str], str]]:
     ]
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Command line of ``python -m eval.rows.compare``: exit code 1 if the rows differ."""
-    parser = argparse.ArgumentParser(prog="python -m eval.rows.compare", description=__doc__)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument("first", type=Path, help="CSV, folder of runs, or name of an experiment")
     parser.add_argument("second", type=Path, help="the same")
-    options = parser.parse_args(arguments)
+
+
+def command(options: argparse.Namespace) -> int:
+    """Do it; return the exit code."""
     first, second = load(options.first), load(options.second)
     found = differences(first, second)
     for text in found:
@@ -91,7 +91,3 @@ def main(arguments: list[str] | None = None) -> int:
         f"{len(found)} differences; left out: {left_out} (but not {KEPT}*)"
     )
     return 1 if found else 0
-
-
-if __name__ == "__main__":
-    sys.exit(run_command(main))

@@ -102,7 +102,7 @@ def read_experiments(
     """
     paths = [rows_file(name) for name in names] or sorted(ROWS.glob("*.csv"))
     if not paths:
-        raise InputError(f"{ROWS} holds no rows; `python -m eval.rows.collect` makes them from runs")
+        raise InputError(f"{ROWS} holds no rows; `sshade-eval collect` makes them from runs")
     stems = [path.stem for path in paths]
     repeated = [stem for stem in stems if stems.count(stem) > 1]
     if repeated:

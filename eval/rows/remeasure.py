@@ -1,4 +1,4 @@
-"""Metrics of finished runs, from their vertices: ``python -m eval.rows.remeasure EXPERIMENT ...``.
+"""Metrics of finished runs, from their vertices: ``sshade-eval remeasure EXPERIMENT ...``.
 
 Adds to each row the metrics that it lacks, as after a new one was written; with
 --metrics, computes those again. No method is run. The stored vertices are
@@ -9,7 +9,6 @@ measured at the run; the row's column ``remeasured`` names the metrics that come
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -26,7 +25,7 @@ from eval.rows.store import (
     run_folders,
     write_row,
 )
-from sshade.cli.console import progress_bar, run_command
+from sshade.cli.console import progress_bar
 from sshade.errors import InputError
 from sshade.task import Progress, silent
 
@@ -81,22 +80,16 @@ def _measure_again(row: Row, run: Path, task: Task, wanted: Sequence[str]) -> bo
     return True
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Command line of ``python -m eval.rows.remeasure``."""
-    parser = argparse.ArgumentParser(
-        prog="python -m eval.rows.remeasure",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument("folders", nargs="+", type=Path, help=FOLDER_HELP)
     parser.add_argument("--metrics", nargs="+", default=[], metavar="NAME", help="default: what a row lacks")
-    options = parser.parse_args(arguments)
+
+
+def command(options: argparse.Namespace) -> int:
+    """Do it; return the exit code."""
     for folder in [experiment_folder(name) for name in options.folders]:
         with progress_bar() as progress:
             changed = remeasure(folder, metrics=options.metrics, progress=progress)
         print(f"{folder}: {changed} of {len(run_folders(folder))} rows changed")  # noqa: T201
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(run_command(main))

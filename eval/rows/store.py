@@ -31,7 +31,7 @@ RUNS = Path("results/runs")
 #: Where their rows are collected: one CSV an experiment.
 ROWS = Path("results/rows")
 FOLDER_HELP = "name of an experiment in results/runs, or a folder of runs"
-ROWS_HELP = "CSV made by eval.rows.collect, or name of an experiment in results/rows"
+ROWS_HELP = "CSV made by `sshade-eval collect`, or name of an experiment in results/rows"
 
 #: What became of a run. The first two are valid results.
 STATUSES = ("ok", "not_converged", "timeout", "failed", "skipped")
@@ -80,7 +80,7 @@ def experiment_folder(name: Path) -> Path:
         # A folder such as "quick" beside the command may be anything; one with runs is meant.
         if folder.is_dir() and next(folder.rglob("row.json"), None) is not None:
             return folder
-    raise InputError(f"no runs in {name} or {RUNS / name}; `python -m eval -m experiment=...` makes them")
+    raise InputError(f"no runs in {name} or {RUNS / name}; `sshade-eval run -m experiment=...` makes them")
 
 
 def write_run(
@@ -271,7 +271,7 @@ def read_csv(path: str | os.PathLike[str]) -> list[Row]:
     """
     path = Path(path)
     if not path.is_file():
-        raise InputError(f"{path}: no such file; `python -m eval.rows.collect` makes it from runs")
+        raise InputError(f"{path}: no such file; `sshade-eval collect` makes it from runs")
     try:
         with path.open(newline="", encoding="utf-8") as file:
             lines = list(csv.DictReader(file))

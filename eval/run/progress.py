@@ -1,4 +1,4 @@
-"""How far sweeps are, from any terminal: ``python -m eval.run.progress [EXPERIMENT ...]``.
+"""How far sweeps are, from any terminal: ``sshade-eval status [EXPERIMENT ...]``.
 
 Reads what the runs of a sweep leave on disk, by whichever launcher and on
 whichever machine they run. A sweep that ended is listed no more; one that was
@@ -8,13 +8,11 @@ killed, and so could not take its record away, is listed until ``--forget``.
 from __future__ import annotations
 
 import argparse
-import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
 from eval.rows.store import FOLDER_HELP, RUNS
 from eval.run.sweep import SweepRecord, records, told_counts
-from sshade.cli.console import run_command
 from sshade.errors import InputError
 
 
@@ -29,20 +27,18 @@ def report(record: SweepRecord, *, now: datetime) -> str:
     return f"{text})"
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Command line of ``python -m eval.run.progress``."""
-    parser = argparse.ArgumentParser(
-        prog="python -m eval.run.progress",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument("folders", nargs="*", type=Path, help=f"{FOLDER_HELP} (default: all)")
     parser.add_argument("--forget", action="store_true", help="remove the records; the rows stay")
-    options = parser.parse_args(arguments)
+
+
+def command(options: argparse.Namespace) -> int:
+    """Do it; return the exit code."""
     folders = [name if name.is_dir() else RUNS / name for name in options.folders] or sorted(RUNS.glob("*"))
     missing = [folder for folder in folders if not folder.is_dir()]
     if missing:
-        raise InputError(f"there is no folder {missing[0]}; `python -m eval -m experiment=...` makes it")
+        raise InputError(f"there is no folder {missing[0]}; `sshade-eval run -m experiment=...` makes it")
     found = [record for folder in folders for record in records(folder)]
     for record in found:
         print(report(record, now=datetime.now(UTC)))  # noqa: T201
@@ -51,7 +47,3 @@ def main(arguments: list[str] | None = None) -> int:
     if not found:
         print("no sweep is under way")  # noqa: T201
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(run_command(main))

@@ -1,4 +1,4 @@
-"""How far the deformation jumps across the proxy's edges: ``python -m eval.studies.jumps MESH HANDLES``.
+"""How far the deformation jumps across the proxy's edges: ``sshade-eval jumps MESH HANDLES``.
 
 Each triangle of M turns by some rotation, that of its affine map. Neighbouring
 triangles of a smooth deformation turn nearly alike, wherever they lie; frames
@@ -13,7 +13,6 @@ are *inside*. The proxy is that of the first sampling, which all settings share.
 from __future__ import annotations
 
 import argparse
-import sys
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -23,7 +22,6 @@ import numpy as np
 from sshade.carry.affine import adjacent_triangles, affine_maps
 from sshade.carry.binding import Binding, bind
 from sshade.carry.blended import nearest_rotations
-from sshade.cli.console import run_command
 from sshade.errors import InputError
 from sshade.figures import UP, View, picture, require_extra
 from sshade.io.handles import read_task
@@ -192,9 +190,8 @@ def busiest(mesh: Mesh, jumps: Jumps, *, radius: float) -> int:
     return int(at[np.argmax(tree.query_ball_point(mesh.V[at], radius, return_length=True))])
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Command line of ``python -m eval.studies.jumps``."""
-    parser = argparse.ArgumentParser(prog="python -m eval.studies.jumps", description=__doc__)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument("mesh", metavar="MESH", help="rest shape")
     parser.add_argument("handles", metavar="HANDLES", help="handle file")
     parser.add_argument("--vertices", type=int, default=6000, metavar="N", help="of the proxy (6000)")
@@ -205,7 +202,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--radius", type=float, metavar="R", help="of the picture (default: a tenth of the diagonal)"
     )
-    options = parser.parse_args(arguments)
+
+
+def command(options: argparse.Namespace) -> int:
+    """Do it; return the exit code."""
     if options.out is not None:
         require_extra()
     task = read_task(options.mesh, handles=options.handles)
@@ -223,7 +223,3 @@ def main(arguments: list[str] | None = None) -> int:
         close_up(task.mesh, results, centre=centre, radius=radius, path=options.out, towards=towards)
         print(f"\n{options.out}: around vertex {centre}")  # noqa: T201
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(run_command(main))

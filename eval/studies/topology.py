@@ -1,23 +1,5 @@
-"""``python -m eval.studies.topology``: does remeshing keep the topology of a mesh?"""
+"""What remeshing keeps of the topology of a mesh: ``sshade-eval topology [MESH|FOLDER ...]``.
 
-from __future__ import annotations
-
-import argparse
-import sys
-from collections.abc import Iterator, Sequence
-from pathlib import Path
-
-from eval.studies.shapes import double_torus, strip, torus, tube
-from sshade.cli.console import run_command
-from sshade.errors import InputError
-from sshade.io.meshes import read_mesh
-from sshade.mesh.mesh import Mesh
-from sshade.sampling.remesh import proxy_mesh, remesh
-
-SAMPLES = (200, 500, 1000, 3000, 6000)
-COLUMNS = "mesh", "vertices", "samples", "added", "rounds", "euler", "components", "loops", "result"
-
-DESCRIPTION = """\
 Remesh shapes to several numbers of samples and check what the proxy keeps: manifold,
 consistently oriented, Euler characteristic, components, boundary loops, every sample used.
 Prints a table; the exit code is 1 if any check fails.
@@ -26,21 +8,34 @@ Without arguments the built-in shapes are taken (tori, a tube, strips). A folder
 the rest poses in it (subject_*/rest.ply).
 """
 
+from __future__ import annotations
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; return the exit code."""
-    parser = argparse.ArgumentParser(
-        prog="python -m eval.studies.topology",
-        description=DESCRIPTION,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+import argparse
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from eval.studies.shapes import double_torus, strip, torus, tube
+from sshade.errors import InputError
+from sshade.io.meshes import read_mesh
+from sshade.mesh.mesh import Mesh
+from sshade.sampling.remesh import proxy_mesh, remesh
+
+SAMPLES = (200, 500, 1000, 3000, 6000)
+COLUMNS = "mesh", "vertices", "samples", "added", "rounds", "euler", "components", "loops", "result"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument(
         "paths", nargs="*", type=Path, metavar="MESH|FOLDER", help="meshes, or dataset folders"
     )
     parser.add_argument("--samples", type=int, nargs="+", default=SAMPLES, metavar="K")
     parser.add_argument("--seed", type=int, default=0)
-    arguments = parser.parse_args(argv)
-    return run_command(lambda: _table(arguments.paths, arguments.samples, arguments.seed))
+
+
+def command(options: argparse.Namespace) -> int:
+    """Do it; return the exit code."""
+    return _table(options.paths, options.samples, options.seed)
 
 
 def check(mesh: Mesh, samples: int, *, seed: int = 0) -> dict[str, object]:
@@ -102,7 +97,3 @@ def _built_in() -> Iterator[tuple[str, Mesh]]:
     yield "tube", tube(60, 200)
     for width in range(2, 9):
         yield f"strip-{width}", strip(width, 1500)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

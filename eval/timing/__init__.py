@@ -1,1 +1,1 @@
-"""``python -m eval.timing``: speed, measured against peers that run beside it in the same process."""
+"""``sshade-eval bench``: speed, measured against peers that run beside it in the same process."""

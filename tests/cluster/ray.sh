@@ -54,14 +54,14 @@ check() {
 
     echo "== one after the other, in this process"
     # shellcheck disable=SC2086
-    "$PYTHON" -m eval -m $SWEEP "paths.runs=$OUT/basic" > "$OUT.basic.log"
+    "$PYTHON" -m eval run -m $SWEEP "paths.runs=$OUT/basic" > "$OUT.basic.log"
     tail -1 "$OUT.basic.log"
     echo "== through Ray"
     # shellcheck disable=SC2086
-    "$PYTHON" -m eval -m $SWEEP "paths.runs=$OUT/ray" hydra/launcher=ray_cluster \
+    "$PYTHON" -m eval run -m $SWEEP "paths.runs=$OUT/ray" hydra/launcher=ray_cluster \
         hydra.launcher.ray.init.address=127.0.0.1:6399
     echo "== the same rows"
-    "$PYTHON" -m eval.rows.compare "$OUT"/basic/* "$OUT"/ray/*
+    "$PYTHON" -m eval compare "$OUT"/basic/* "$OUT"/ray/*
 }
 
 case ${1:-} in

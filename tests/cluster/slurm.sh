@@ -81,7 +81,7 @@ sweep() { # a folder, then more overrides
     folder=$1
     shift
     # shellcheck disable=SC2086
-    "$PYTHON" -m eval -m $SWEEP "paths.runs=$OUT/$folder" "$@"
+    "$PYTHON" -m eval run -m $SWEEP "paths.runs=$OUT/$folder" "$@"
 }
 
 check() {
@@ -114,13 +114,13 @@ check() {
     echo "exit code $code"
     [ $code -eq 1 ]
     while [ -n "$(squeue -h)" ]; do sleep 1; done
-    "$PYTHON" -m eval.run.progress "$OUT"/slurm/*
+    "$PYTHON" -m eval status "$OUT"/slurm/*
 
     echo "== the same command again"
     # shellcheck disable=SC2086
     sweep slurm $slurm
     echo "== the same rows"
-    "$PYTHON" -m eval.rows.compare "$OUT"/basic/* "$OUT"/slurm/*
+    "$PYTHON" -m eval compare "$OUT"/basic/* "$OUT"/slurm/*
 }
 
 case ${1:-} in

@@ -137,7 +137,7 @@ def theirs(tmp_path, monkeypatch):
 def refused(command, *words):
     """The one line on standard error of a command that left no file."""
     before = contents()
-    code, out, err = run(f"python -m eval {command}")
+    code, out, err = run(f"sshade-eval run {command}")
     assert (code, out) == (2, "") and err.startswith("error: ") and err.count("\n") == 1, err
     assert all(word in err for word in words), err
     assert contents() == before
@@ -148,7 +148,7 @@ def test_a_folder_of_configurations_calls_nothing_without_leave(theirs):
     refused(
         command, "configs/dataset/theirs.yaml names the function theirs.task", "run.allow_targets=[theirs.]"
     )
-    code, _, err = run(f"python -m eval {command} run.allow_targets=[theirs.]")
+    code, _, err = run(f"sshade-eval run {command} run.allow_targets=[theirs.]")
     assert code == 0 and (theirs / "called").exists(), err
 
 

@@ -5,8 +5,8 @@ import re
 import numpy as np
 import pytest
 
+from eval.main import call
 from eval.run.warmup import tiny_task
-from eval.timing.__main__ import main
 from eval.timing.scaling import scaling
 from eval.timing.timing import take_turns
 from sshade.io.handles import write_handles
@@ -23,7 +23,7 @@ def files(tmp_path_factory):
 
 def test_every_section_prints_its_figures(files, capsys):
     small = ["--vertices", "150", "--samplings", "2", "1", "--repeats", "1", "--block", "2", "--full"]
-    assert main([*map(str, files), *small]) == 0
+    assert call("bench", [*map(str, files), *small]) == 0
     printed = capsys.readouterr().out
     for pattern in (
         r"elastic \(libigl\): precomputation .* extrapolated from 1 x 2",
@@ -56,8 +56,3 @@ def test_runs_take_turns():
     assert order == ["a", "b"] * 3
     assert [len(timing.seconds) for timing in timings.values()] == [3, 3]
     assert timings["a"].median == np.median(timings["a"].seconds)
-
-
-def test_missing_files_end_in_one_sentence(tmp_path, capsys):
-    assert main([str(tmp_path / "no.ply"), str(tmp_path / "no.json")]) == 2
-    assert capsys.readouterr().err.startswith("error: ")

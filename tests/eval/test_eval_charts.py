@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from eval.main import call
 from eval.rows.experiment import Experiment, read_experiments
 from eval.rows.store import run_folder, write_csv, write_run
 from sshade.errors import InputError
 
 pytest.importorskip("matplotlib")
 
-from eval.publish.charts import charts, convergence, distributions, main, times
+from eval.publish.charts import charts, convergence, distributions, times
 from eval.publish.plotting import look, new_figure, save
 
 
@@ -142,7 +143,9 @@ def test_methods_look_different():
 def test_command_writes_the_same_bytes_again(rows, tmp_path, capsys, suffix):
     write_csv(tmp_path / "tiny.csv", rows)
     for out in ("one", "two"):
-        assert main([str(tmp_path / "tiny.csv"), "--format", suffix, "-o", str(tmp_path / out)]) == 0
+        assert (
+            call("charts", [str(tmp_path / "tiny.csv"), "--format", suffix, "-o", str(tmp_path / out)]) == 0
+        )
     files = sorted(path.name for path in (tmp_path / "one" / "tiny").iterdir())
     assert files == sorted(f"{name}.{suffix}" for name in charts(Experiment("tiny", rows, ())))
     for name in files:

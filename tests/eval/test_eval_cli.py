@@ -21,7 +21,7 @@ HERE = Path(__file__).parent
 
 def run_eval(folder, *arguments):
     environment = {**os.environ, "PYTHONPATH": str(HERE)}
-    command = [sys.executable, "-m", "eval", "--config-dir", str(HERE / "extra_conf"), *arguments]
+    command = [sys.executable, "-m", "eval", "run", "--config-dir", str(HERE / "extra_conf"), *arguments]
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=120)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from eval.rows.collect import main
+from eval.main import call
 from eval.rows.store import newest, read_csv, write_run
 from sshade.errors import InputError
 
@@ -66,7 +66,7 @@ def people(tmp_path):
 
 def test_folders_of_one_name_are_one_experiment(people, capsys):
     folders = [str(people / who) for who in ("alice/quick", "alice/other", "bob/quick")]
-    assert main([*folders, "-o", str(people / "rows")]) == 0
+    assert call("collect", [*folders, "-o", str(people / "rows")]) == 0
     told = capsys.readouterr().out.splitlines()
     assert told == [f"{people}/rows/quick.csv: 3 rows of 2 machines", f"{people}/rows/other.csv: 1 row"]
     merged = [
@@ -78,26 +78,26 @@ def test_folders_of_one_name_are_one_experiment(people, capsys):
         ("u", 0, "laptop", "2026-01-01"),
     ]
     again = people / "again"
-    assert main([*reversed(folders), "-o", str(again)]) == 0
+    assert call("collect", [*reversed(folders), "-o", str(again)]) == 0
     assert (again / "quick.csv").read_bytes() == (people / "rows/quick.csv").read_bytes()
 
 
 def test_a_relative_folder_gives_its_own_name(people, monkeypatch, capsys):
     monkeypatch.chdir(people / "alice" / "quick")
-    assert main([".", "-o", str(people / "rows")]) == 0
+    assert call("collect", [".", "-o", str(people / "rows")]) == 0
     assert (people / "rows" / "quick.csv").is_file()
 
 
 def test_a_folder_without_runs_is_an_error(tmp_path):
     with pytest.raises(InputError, match="no runs in"):
-        main([str(tmp_path)])
+        call("collect", [str(tmp_path)])
 
 
 def test_an_empty_folder_of_a_refused_run_is_no_experiment(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "results" / "runs" / "refused").mkdir(parents=True)
     with pytest.raises(InputError, match="holds no experiment"):
-        main([])
+        call("collect", [])
     write_run(tmp_path / "results" / "runs" / "mine" / "r", row())
-    assert main([]) == 0
+    assert call("collect", []) == 0
     assert capsys.readouterr().out == "results/rows/mine.csv: 1 row\n"

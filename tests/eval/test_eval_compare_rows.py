@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 from eval_cases import bumpy_task
 
+from eval.main import call
 from eval.rows.collect import collect
-from eval.rows.compare import compared, differences, main
+from eval.rows.compare import compared, differences
 from eval.rows.store import write_csv
 from eval.run.run import run
 from sshade.errors import InputError
@@ -27,12 +28,12 @@ def test_the_same_sweep_twice_is_equal_up_to_what_the_command_names(folders, tmp
     first, second = map(collect, folders)
     assert first != second
     assert differences(first, second) == []
-    assert main([str(folder) for folder in folders]) == 0
+    assert call("compare", [str(folder) for folder in folders]) == 0
     out = capsys.readouterr().out
     assert out.startswith("2 and 2 rows, ") and "0 differences" in out
     assert "left out: date, env.*, peak_mib, seconds.*, task.source (but not env.version.*)" in out
     write_csv(tmp_path / "a.csv", first)
-    assert main([str(tmp_path / "a.csv"), str(tmp_path / "a.csv")]) == 0
+    assert call("compare", [str(tmp_path / "a.csv"), str(tmp_path / "a.csv")]) == 0
 
 
 @pytest.mark.parametrize(
@@ -54,7 +55,7 @@ def test_runs_of_one_set_alone_are_named(folders, capsys):
         differences([*first, first[0]], second)
     changed = STRETCHING | {"factor": 3.0}
     run(bumpy_task(level=2), changed, name="s", root=folders[1].parent / "c")
-    assert main([str(folders[0]), str(folders[1].parent / "c")]) == 1
+    assert call("compare", [str(folders[0]), str(folders[1].parent / "c")]) == 1
     assert "s bumpy_30 seed 0: method.factor is 2.0 and 3.0\n" in capsys.readouterr().out
 
 

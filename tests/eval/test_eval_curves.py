@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from eval.publish.curves import curves, main
+from eval.main import call
+from eval.publish.curves import curves
 from eval.rows.store import write_csv
 from sshade.errors import InputError
 
@@ -65,7 +66,7 @@ def test_command_writes_the_same_bytes_again(rows, tmp_path, capsys, suffix, mor
     pytest.importorskip("matplotlib")
     write_csv(tmp_path / "r.csv", rows)
     for name in ("one", "two"):
-        assert main([str(tmp_path / "r.csv"), "-o", str(tmp_path / f"{name}.{suffix}"), *more]) == 0
+        assert call("curves", [str(tmp_path / "r.csv"), "-o", str(tmp_path / f"{name}.{suffix}"), *more]) == 0
     one, two = ((tmp_path / f"{name}.{suffix}").read_bytes() for name in ("one", "two"))
     assert one == two and len(one) > 1000
     assert "one" in capsys.readouterr().out

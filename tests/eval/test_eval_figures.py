@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from eval_cases import box, bumpy_task
 
+from eval.main import call
 from eval.publish.figures import Case as FigureCase
-from eval.publish.figures import main, read_cases, view_of
+from eval.publish.figures import read_cases, view_of
 from eval.run.run import run
 from sshade.errors import InputError
 from sshade.figures import edge_error
@@ -87,7 +88,9 @@ def test_the_picture_is_drawn_without_running_a_method(runs, tmp_path):
     pytest.importorskip("pyvista")
     pyplot = pytest.importorskip("matplotlib.pyplot")
     out = tmp_path / "figures" / "tiny.png"
-    assert main([str(runs), "-o", str(out), "--towards", "1", "0", "0.2", "--up", "0", "0", "1"]) == 0
+    assert (
+        call("figures", [str(runs), "-o", str(out), "--towards", "1", "0", "0.2", "--up", "0", "0", "1"]) == 0
+    )
     picture = pyplot.imread(out)
     height, width = picture.shape[:2]
     assert width > 1000 and height > 500

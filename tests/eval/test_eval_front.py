@@ -2,7 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from eval.publish.front import front, main
+from eval.main import call
+from eval.publish.front import front
 from eval.rows.store import write_csv
 from sshade.errors import InputError
 
@@ -51,10 +52,10 @@ def test_command_draws_rows_of_several_files(tmp_path, capsys):
     paths = [str(tmp_path / f"{name}.csv") for name in ("front", "others")]
     pictures = [tmp_path / f"{i}.svg" for i in (1, 2)]
     for picture in pictures:
-        assert main([*paths, "-o", str(picture)]) == 0
+        assert call("front", [*paths, "-o", str(picture)]) == 0
     assert pictures[0].read_bytes() == pictures[1].read_bytes()
     text = pictures[0].read_text()
     assert text.count("<!-- fine -->") == text.count("<!-- arap -->") == 1
     assert str(pictures[1]) in capsys.readouterr().out
-    assert main([*paths, "-o", str(pictures[0]), "--leave-out", "arap"]) == 0
+    assert call("front", [*paths, "-o", str(pictures[0]), "--leave-out", "arap"]) == 0
     assert "<!-- arap -->" not in pictures[0].read_text()

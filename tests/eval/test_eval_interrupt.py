@@ -24,7 +24,7 @@ def start_eval(folder, *arguments, **streams):
     It hears Ctrl-C even where the tests do not, as in the background of a shell.
     """
     environment = {**os.environ, "PYTHONPATH": str(HERE), "TERM": "xterm", "COLUMNS": "120"}
-    command = [sys.executable, "-m", "eval", "--config-dir", str(HERE / "extra_conf"), *arguments]
+    command = [sys.executable, "-m", "eval", "run", "--config-dir", str(HERE / "extra_conf"), *arguments]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **streams}
     process = subprocess.Popen(
         command,

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from eval_cases import bumpy_sphere, ends_task
 
-from eval.studies.jumps import SETTINGS, Jumps, at_vertices, busiest, compare, main, measure_jumps, table
+from eval.main import call
+from eval.studies.jumps import SETTINGS, Jumps, at_vertices, busiest, compare, measure_jumps, table
 from sshade import InputError, bind
 from sshade.io.handles import write_handles
 from sshade.io.meshes import write_mesh
@@ -100,7 +101,10 @@ def test_command(results, tmp_path, capsys, monkeypatch):
     write_mesh(files[0], task.mesh.V, task.mesh.F)
     write_handles(files[1], task.handles)
     picture = tmp_path / "close.png"
-    assert main([*files, "--vertices", "400", "-o", str(picture), "--centre", "7", "--radius", "0.5"]) == 0
+    assert (
+        call("jumps", [*files, "--vertices", "400", "-o", str(picture), "--centre", "7", "--radius", "0.5"])
+        == 0
+    )
     printed = capsys.readouterr().out
     assert table(compared) in printed and f"{picture}: around vertex 7" in printed
     assert picture.read_bytes().startswith(b"\x89PNG")
@@ -121,5 +125,5 @@ def test_what_cannot_be_drawn_is_refused(tmp_path, options, message):
     (tmp_path / "handles.json").write_text(text)
     files = [str(tmp_path / name) for name in ("mesh.ply", "handles.json")]
     with pytest.raises(InputError, match=message):
-        main([*files, "--vertices", "12", "-o", str(tmp_path / "close.png"), *options])
+        call("jumps", [*files, "--vertices", "12", "-o", str(tmp_path / "close.png"), *options])
     assert not (tmp_path / "close.png").exists()

@@ -28,9 +28,23 @@ RUNS = ["method=failing,sshade", "proxy.vertices=100"]
 
 def sweep(folder, *overrides):
     environment = {**os.environ, "PYTHONPATH": str(HERE)}
-    command = [sys.executable, "-m", "eval", "--config-dir", str(HERE / "extra_conf"), "-m", "dataset=bumpy"]
+    command = [
+        sys.executable,
+        "-m",
+        "eval",
+        "run",
+        "--config-dir",
+        str(HERE / "extra_conf"),
+        "-m",
+        "dataset=bumpy",
+    ]
     return subprocess.run(
-        [*command, *overrides], cwd=folder, env=environment, capture_output=True, text=True, timeout=300
+        [*command, *overrides],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=300,
     )
 
 

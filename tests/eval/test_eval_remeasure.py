@@ -5,9 +5,10 @@ from __future__ import annotations
 import pytest
 from eval_cases import bumpy_task
 
+from eval.main import call
 from eval.metrics.metrics import METRICS, Metric
 from eval.rows import remeasure as module
-from eval.rows.remeasure import main, remeasure
+from eval.rows.remeasure import remeasure
 from eval.rows.store import read_row, run_folders, write_row
 from eval.run.run import run
 from sshade.errors import InputError
@@ -51,7 +52,7 @@ def test_a_row_gets_the_metrics_that_it_lacks_and_keeps_the_rest(runs, monkeypat
 
 def test_named_metrics_are_computed_in_any_case(runs, monkeypatch, capsys):
     monkeypatch.setitem(METRICS, "area", Metric("area", "%", "lower", "7", lambda task, V: 7.0))
-    assert main([str(runs), "--metrics", "area"]) == 0
+    assert call("remeasure", [str(runs), "--metrics", "area"]) == 0
     assert f"{runs}: 2 of 4 rows changed" in capsys.readouterr().out
     valid = [row for row in rows_of(runs) if row["status"] != "failed"]
     assert [(row["metric.area"], row["remeasured"]) for row in valid] == [(7.0, "area")] * 2
@@ -84,4 +85,4 @@ def test_mistakes_are_told(runs, tmp_path):
     with pytest.raises(InputError, match="has changed since the run"):
         remeasure(runs, metrics=["area"])
     with pytest.raises(InputError, match="no runs in"):
-        main([str(tmp_path / "none")])
+        call("remeasure", [str(tmp_path / "none")])

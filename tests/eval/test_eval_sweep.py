@@ -10,8 +10,8 @@ from time import monotonic, sleep
 import pytest
 from eval_cases import bumpy_task
 
+from eval.main import call
 from eval.run.monitor import Monitor
-from eval.run.progress import main as progress_main
 from eval.run.run import run
 from eval.run.sweep import (
     Ended,
@@ -212,17 +212,17 @@ def test_the_monitor_tells_of_runs_of_other_processes(tmp_path, capsys):
 
 def test_the_command_tells_of_sweeps_under_way(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert progress_main([]) == 0
+    assert call("status", []) == 0
     assert capsys.readouterr().out == "no sweep is under way\n"
     folder = tmp_path / "results/runs/quick"
     record = SweepRecord.create(folder, plan("a", "b"))
     record.add(0, seconds=1.0, row_folder=None, problems=["no"])
     for arguments in ([], ["quick"], [str(folder)]):
-        assert progress_main(arguments) == 0
+        assert call("status", arguments) == 0
         out = capsys.readouterr().out
         assert out.startswith("quick: 1 done, 1 failed, 1 remaining (launcher basic, begun ")
         assert out.count("\n") == 1
     with pytest.raises(InputError, match="nothing_here"):
-        progress_main(["nothing_here"])
-    assert progress_main(["--forget"]) == 0
+        call("status", ["nothing_here"])
+    assert call("status", ["--forget"]) == 0
     assert records(folder) == []

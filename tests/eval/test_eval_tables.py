@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from eval.main import call
 from eval.publish.summary import ranks
-from eval.publish.tables import FORMATS, main, make_table, to_csv, to_latex, to_markdown
-from eval.rows.bands import main as check_main
+from eval.publish.tables import FORMATS, make_table, to_csv, to_latex, to_markdown
 from eval.rows.bands import out_of_band, read_bands, suggest
 from eval.rows.store import read_csv, write_csv
 from sshade.errors import InputError
@@ -260,7 +260,7 @@ def test_times_keep_three_digits():
 
 def test_command_writes_every_format(rows, tmp_path, capsys):
     write_csv(tmp_path / "tiny.csv", rows)
-    assert main([str(tmp_path / "tiny.csv"), "-o", str(tmp_path / "tables")]) == 0
+    assert call("tables", [str(tmp_path / "tiny.csv"), "-o", str(tmp_path / "tables")]) == 0
     table = make_table(read_csv(tmp_path / "tiny.csv"), title="tiny")
     for suffix, write in FORMATS.items():
         assert (tmp_path / "tables" / f"tiny.{suffix}").read_text() == write(table)
@@ -274,24 +274,24 @@ def test_a_table_for_each_machine_or_one_without_times(tmp_path, capsys):
     write_csv(path, [*mine, *theirs])
     out = ["-o", str(tmp_path / "tables")]
     with pytest.raises(InputError, match="2 machines"):
-        main([str(path), *out])
+        call("tables", [str(path), *out])
     for machine, volume, time, runs in (("box", "1.00", "5.00", 2), ("lap", "3.00", "9.00", 1)):
-        assert main([str(path), "--machine", machine, *out]) == 0
+        assert call("tables", [str(path), "--machine", machine, *out]) == 0
         line = capsys.readouterr().out.splitlines()[4]
         assert line.startswith(f"| a | {runs} | **{volume}** |") and f"**{time}**" in line
-    assert main([str(path), "--no-time", *out]) == 0
+    assert call("tables", [str(path), "--no-time", *out]) == 0
     assert capsys.readouterr().out.splitlines()[4].startswith("| a | 2 | **2.00** |")
     with pytest.raises(InputError, match="'phone' in its name; there are: box; laptop"):
-        main([str(path), "--machine", "phone", *out])
+        call("tables", [str(path), "--machine", "phone", *out])
 
 
 def test_rows_are_named_by_their_experiment(rows, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     write_csv("results/rows/tiny.csv", rows)
-    assert main(["tiny"]) == 0
+    assert call("tables", ["tiny"]) == 0
     assert (tmp_path / "results/tables/tiny.md").is_file()
-    with pytest.raises(InputError, match=r"results/rows/huge.csv: no such file; .*eval.rows.collect"):
-        main(["huge"])
+    with pytest.raises(InputError, match=r"results/rows/huge.csv: no such file; .*sshade-eval collect"):
+        call("tables", ["huge"])
 
 
 def test_tables_never_replace_their_rows(rows, tmp_path):
@@ -299,7 +299,7 @@ def test_tables_never_replace_their_rows(rows, tmp_path):
     write_csv(path, rows)
     before = path.read_bytes()
     with pytest.raises(InputError, match="holds the rows"):
-        main([str(path), "-o", str(tmp_path)])
+        call("tables", [str(path), "-o", str(tmp_path)])
     assert path.read_bytes() == before
 
 
@@ -329,10 +329,10 @@ def test_suggested_bands_hold_their_rows_and_not_much_else():
 def test_check_command_tells_what_is_out_of_band(tmp_path, capsys):
     name, task = "arap", next(iter(read_bands("ci")["arap"]))
     write_csv(tmp_path / "r.csv", [row(name, task, metric__volume=1e9)])
-    assert check_main([str(tmp_path / "r.csv")]) == 1
+    assert call("check", [str(tmp_path / "r.csv")]) == 1
     assert "metric.volume is 1000000000.0" in capsys.readouterr().out
     with pytest.raises(InputError, match="no bands 'nope'"):
-        check_main([str(tmp_path / "r.csv"), "--bands", "nope"])
+        call("check", [str(tmp_path / "r.csv"), "--bands", "nope"])
 
 
 @pytest.mark.parametrize("path", sorted((RESULTS / "rows").glob("*.csv")), ids=lambda path: path.stem)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from eval_cases import bumpy_sphere
 
-from eval.publish.figures import main, read_cases
+from eval.main import call
+from eval.publish.figures import read_cases
 from eval.publish.transfer_figures import error_of, rows_of, surroundings
 from eval.run.run import run
 from sshade.errors import InputError
@@ -100,7 +101,10 @@ def test_the_picture_is_drawn(runs, tmp_path):
     pyplot = pytest.importorskip("matplotlib.pyplot")
     out = tmp_path / "transfers.png"
     camera = ["--towards", "1", "0", "0.2", "--up", "0", "0", "1"]
-    assert main([str(runs), "--worst", "chamfer", "--methods", "sshade", "-o", str(out), *camera]) == 0
+    assert (
+        call("figures", [str(runs), "--worst", "chamfer", "--methods", "sshade", "-o", str(out), *camera])
+        == 0
+    )
     picture = pyplot.imread(out)
     height, width = picture.shape[:2]
     assert width > 1800 and height > 800

@@ -32,7 +32,7 @@ def sequence(tmp_path_factory):
 
 
 def run_eval(folder, *arguments):
-    command = [sys.executable, "-m", "eval", "-m", *arguments, "dataset=sequence", "dataset.root=data"]
+    command = [sys.executable, "-m", "eval", "run", "-m", *arguments, "dataset=sequence", "dataset.root=data"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout

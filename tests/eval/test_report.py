@@ -15,6 +15,7 @@ import yaml
 from eval_cases import bumpy_sphere
 from report_runs import METHODS, make_runs, make_transfers
 
+from eval.main import call
 from eval.publish.summary import make_table
 from eval.publish.tables import cells
 from eval.rows.store import read_csv, write_csv
@@ -26,7 +27,6 @@ pytest.importorskip("matplotlib")
 pytest.importorskip("pyvista")
 pytest.importorskip("jinja2")
 
-from eval.publish.report.__main__ import main
 from eval.publish.report.surface import pack, surface
 
 
@@ -75,7 +75,7 @@ def rows_file(tmp_path_factory):
 
 
 def report(path, out, *options):
-    assert main([str(path), "-o", str(out), *options]) == 0
+    assert call("report", [str(path), "-o", str(out), *options]) == 0
     return out.read_text(encoding="utf-8")
 
 
@@ -211,7 +211,7 @@ def test_one_case_of_two(rows_file, tmp_path):
     only = Page(report(rows_file, tmp_path / "r.html", "--runs", str(runs), "--cases", "bumpy_40", *LOOK))
     assert len(only.images["arap"]) == 1 and "tiny-case-1" not in only.ids
     with pytest.raises(InputError, match="no case 'bumpy_9'; there are bumpy_10, bumpy_40"):
-        main([str(rows_file), "-o", str(tmp_path / "none.html"), "--cases", "bumpy_9"])
+        call("report", [str(rows_file), "-o", str(tmp_path / "none.html"), "--cases", "bumpy_9"])
     assert not (tmp_path / "none.html").exists()
 
 
@@ -238,7 +238,7 @@ def test_times_that_do_not_compare_are_left_out_with_the_reason(rows_file, tmp_p
     for name, changed in (("one", rows), ("two", read_csv(rows_file))):
         write_csv(tmp_path / f"{name}.csv", changed)
     paths = [str(tmp_path / f"{name}.csv") for name in ("one", "two")]
-    assert main([*paths, "-o", str(tmp_path / "r.html"), "--runs", str(tmp_path)]) == 0
+    assert call("report", [*paths, "-o", str(tmp_path / "r.html"), "--runs", str(tmp_path)]) == 0
     page = Page((tmp_path / "r.html").read_text())
     assert "Without times: the rows come from 2 machines" in page.told("warning")
     headings = [table[0] for table in page.tables if table[0][:2] == ["method", "runs"]]

@@ -17,7 +17,7 @@ pytest.importorskip("playwright")
 
 from playwright.sync_api import sync_playwright
 
-from eval.publish.report.__main__ import main
+from eval.main import call
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
@@ -43,7 +43,10 @@ def report(tmp_path_factory):
     rows, out = make_runs(folder), folder / "report.html"
     runs = str(folder / "runs" / "tiny")
     assert (
-        main([str(rows), "-o", str(out), "--runs", runs, "--towards", "1", "0", "0", "--up", "0", "0", "1"])
+        call(
+            "report",
+            [str(rows), "-o", str(out), "--runs", runs, "--towards", "1", "0", "0", "--up", "0", "0", "1"],
+        )
         == 0
     )
     return out

@@ -117,7 +117,7 @@ def _work(command: Sequence[str], folder: Path, log: Path) -> None:
     os.dup2(output, 1)
     os.dup2(output, 2)
     program, *sys.argv[1:] = command
-    modules = {"sshade": "sshade.cli.main", "defaust": "defaust.cli", "eval": "eval.configure.app"}
+    modules = {"sshade": "sshade.cli.main", "defaust": "defaust.cli", "sshade-eval": "eval.main"}
     main = importlib.import_module(modules[program]).main
     sys.exit(main())
 
@@ -167,7 +167,7 @@ def _rows(out: Path) -> Result:
 
 BUILD = ["defaust", "build", "source=tosca", "source.root=meshes", "out=out", "source.landmarks=4"]
 BUILD += ["handles_per_landmark=10", "neighbourhood=20"]
-SWEEP = ["eval", "-m", "dataset=defaust", "dataset.root=balls", "subject=0,1", "pose=1,2"]
+SWEEP = ["sshade-eval", "run", "-m", "dataset=defaust", "dataset.root=balls", "subject=0,1", "pose=1,2"]
 SWEEP += ["method=identity,sshade,sshade_fast", "proxy.vertices=60", "solver.max_iterations=30"]
 SWEEP += ["run.folder=out", "paths.runs=."]
 

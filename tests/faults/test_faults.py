@@ -27,7 +27,7 @@ def test_after_kills_a_rerun_gives_what_an_undisturbed_run_gives(name, kills, se
 
 def test_a_run_without_memory_says_so_and_the_others_go_on(tmp_path):
     configs = Path(__file__).parent / "configs"
-    command = [sys.executable, "-m", "eval", "--config-dir", str(configs), "-m", "run.fresh=true"]
+    command = [sys.executable, "-m", "eval", "run", "--config-dir", str(configs), "-m", "run.fresh=true"]
     command += ["run.allow_targets=[tests.faults.]", "dataset=hairpin", "paths.runs=.", "run.folder=out"]
     command += ["method=hungry,killed,identity"]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}

@@ -42,7 +42,7 @@ class Case:
         Unique in the catalogue.
     call : str or callable
         A command line, such as ``sshade deform body.ply pose.json -o out.ply``
-        or ``python -m eval.publish.tables rows.csv``; or a function of no arguments.
+        or ``sshade-eval tables rows.csv``; or a function of no arguments.
     given : callable
         Writes the input into the working folder, which has a sound ``body.ply``
         and ``pose.json``.
@@ -132,12 +132,13 @@ def run(command: str) -> tuple[int, str, str]:
 
 
 def _main(program: str, arguments: list[str]) -> int:
-    if program == "eval":  # Hydra reads the command line itself
-        from eval.configure import app as cli
+    if program == "sshade-eval":
+        from eval import main
+        from eval.configure import app
 
-        cli._load_task.cache_clear()  # another case's folder has the same name
-        with mock.patch.object(sys, "argv", ["eval", *arguments]):
-            return cli.main()
+        app._load_task.cache_clear()  # another case's folder has the same name
+        with mock.patch.object(sys, "argv", list(sys.argv)):
+            return main.main(arguments)
     if program in ("sshade", "defaust"):
         name = "sshade.cli.main" if program == "sshade" else "defaust.cli"
         return importlib.import_module(name).main(arguments)

@@ -22,7 +22,7 @@ from tests.robustness.inputs import BODY, Given, both, cut, data, folder, garbag
 from tests.shapes import bent
 
 VERIFY, INFO = "defaust verify balls", "defaust info balls"
-RUN = "python -m eval dataset=defaust dataset.root=balls subject=0 pose=1 method=identity"
+RUN = "sshade-eval run dataset=defaust dataset.root=balls subject=0 pose=1 method=identity"
 
 
 @cache

@@ -19,15 +19,15 @@ from tests.robustness.datasets import RUN, dataset
 from tests.robustness.inputs import Given, both, cut, data, garbage, text
 
 CASES_OF_TWO = "dataset=defaust dataset.root=balls subject=0 pose=1,2"
-SWEEP = f"python -m eval -m {CASES_OF_TWO} method=identity run.experiment=tiny"
+SWEEP = f"sshade-eval run -m {CASES_OF_TWO} method=identity run.experiment=tiny"
 OF_ROWS = (
-    "eval.publish.tables",
-    "eval.publish.charts",
-    "eval.publish.report",
-    "eval.rows.bands",
-    "eval.publish.curves",
+    "tables",
+    "charts",
+    "report",
+    "check",
+    "curves",
 )
-OF_RUNS = ("eval.rows.collect", "eval.publish.figures", "eval.rows.remeasure")
+OF_RUNS = ("collect", "figures", "remeasure")
 
 
 @cache
@@ -38,7 +38,7 @@ def _done() -> Path:
     with working_in(place):
         dataset()
         assert run(SWEEP)[0] == 0
-        assert run("python -m eval.rows.collect tiny")[0] == 0
+        assert run("sshade-eval collect tiny")[0] == 0
     return place
 
 
@@ -83,9 +83,9 @@ def _csv(change: Callable[[str], str]) -> Given:
 def _each(programs: tuple[str, ...], name: str, given: Given, *says: str) -> list[Case]:
     """The same wrong input for each program that reads it."""
     return [
-        Case(f"{program}: {name}", f"python -m {program} tiny", given, says=says)
+        Case(f"{program}: {name}", f"sshade-eval {program} tiny", given, says=says)
         if program in OF_RUNS
-        else Case(f"{program}: {name}", f"python -m {program} results/rows/tiny.csv", given, says=says)
+        else Case(f"{program}: {name}", f"sshade-eval {program} results/rows/tiny.csv", given, says=says)
         for program in programs
     ]
 
@@ -128,38 +128,38 @@ ROWS = [
     ),
     *_each(OF_ROWS, "a CSV without dates", _csv(_cells("date", "")), "it has no date"),
     Case(
-        "eval.publish.tables: an unknown machine",
-        "python -m eval.publish.tables tiny --machine abacus",
+        "tables: an unknown machine",
+        "sshade-eval tables tiny --machine abacus",
         runs,
         says=("no row is of a machine with 'abacus'",),
     ),
     Case(
-        "eval.publish.tables: a file for the output folder",
-        "python -m eval.publish.tables tiny -o body.ply",
+        "tables: a file for the output folder",
+        "sshade-eval tables tiny -o body.ply",
         runs,
         says=("body.ply: the folder cannot be made",),
     ),
     Case(
-        "eval.publish.tables: rows that are not there beside sound ones",
-        "python -m eval.publish.tables tiny nosuch -o t",
+        "tables: rows that are not there beside sound ones",
+        "sshade-eval tables tiny nosuch -o t",
         runs,
         says=("nosuch.csv: no such file",),
     ),
     Case(
-        "eval.publish.curves: an unknown metric",
-        "python -m eval.publish.curves tiny --metric beauty",
+        "curves: an unknown metric",
+        "sshade-eval curves tiny --metric beauty",
         runs,
         says=("no metric 'beauty'",),
     ),
     Case(
-        "eval.publish.curves: methods without a size",
-        "python -m eval.publish.curves tiny",
+        "curves: methods without a size",
+        "sshade-eval curves tiny",
         runs,
         says=("label",),
     ),
     Case(
-        "eval.rows.bands: unknown bands",
-        "python -m eval.rows.bands results/rows/tiny.csv --bands rubber",
+        "check: unknown bands",
+        "sshade-eval check results/rows/tiny.csv --bands rubber",
         runs,
         says=("no bands 'rubber'",),
     ),
@@ -177,8 +177,8 @@ RUNS = [
     *_each(OF_RUNS, "a row with a word for a number", _row(metric__edge="small"), "metric.edge is 'small'"),
 ]
 READERS = (
-    ("eval.publish.figures", "python -m eval.publish.figures tiny"),
-    ("eval.rows.remeasure", "python -m eval.rows.remeasure tiny --metrics edge"),
+    ("figures", "sshade-eval figures tiny"),
+    ("remeasure", "sshade-eval remeasure tiny --metrics edge"),
 )
 for _program, _call in READERS:
     RUNS += [
@@ -290,65 +290,65 @@ FULL = [
     Case("full disk: a run", _full_disk, runs, leaves=("results",)),
     Case(
         "full disk: eval.rows.collect",
-        _full_disk_of("python -m eval.rows.collect tiny -o rows", "rows/tiny.csv"),
+        _full_disk_of("sshade-eval collect tiny -o rows", "rows/tiny.csv"),
         runs,
         leaves=("rows",),
     ),
     Case(
         "full disk: eval.publish.tables",
-        _full_disk_of("python -m eval.publish.tables tiny -o t", "t/tiny.md", "t/tiny.tex", "t/tiny.csv"),
+        _full_disk_of("sshade-eval tables tiny -o t", "t/tiny.md", "t/tiny.tex", "t/tiny.csv"),
         runs,
         leaves=("t",),
     ),
     Case(
         "full disk: eval.rows.remeasure",
-        _full_disk_of("python -m eval.rows.remeasure tiny --metrics edge"),
+        _full_disk_of("sshade-eval remeasure tiny --metrics edge"),
         runs,
         leaves=("results",),
     ),
     Case(
         "full disk: eval.publish.report",
-        _full_disk_of("python -m eval.publish.report tiny -o r.html", "r.html"),
+        _full_disk_of("sshade-eval report tiny -o r.html", "r.html"),
         runs,
         leaves=("r.html",),
         slow=True,
     ),
     Case(
         "full disk: eval.publish.figures",
-        _full_disk_of("python -m eval.publish.figures tiny -o f.png", "f.png"),
+        _full_disk_of("sshade-eval figures tiny -o f.png", "f.png"),
         runs,
         leaves=("f.png",),
         slow=True,
     ),
 ]
 TAKEN = [
-    Case("eval.rows.collect: sound runs", "python -m eval.rows.collect tiny -o rows", runs, leaves=("rows",)),
-    Case("eval.publish.tables: sound rows", "python -m eval.publish.tables tiny -o t", runs, leaves=("t",)),
-    Case("eval.rows.remeasure: nothing lacks", "python -m eval.rows.remeasure tiny", runs),
+    Case("collect: sound runs", "sshade-eval collect tiny -o rows", runs, leaves=("rows",)),
+    Case("tables: sound rows", "sshade-eval tables tiny -o t", runs, leaves=("t",)),
+    Case("remeasure: nothing lacks", "sshade-eval remeasure tiny", runs),
     Case("run: what is there already", SWEEP, runs, leaves=("results/runs/tiny/multirun.yaml",)),
 ]
 BENCH = [
     Case(
-        "eval.studies.topology: a mesh of garbage",
-        "python -m eval.studies.topology body.ply",
+        "topology: a mesh of garbage",
+        "sshade-eval topology body.ply",
         garbage("body.ply"),
         says=("body.ply",),
     ),
     Case(
-        "eval.studies.jumps: a mesh of garbage",
-        "python -m eval.studies.jumps body.ply pose.json",
+        "jumps: a mesh of garbage",
+        "sshade-eval jumps body.ply pose.json",
         garbage("body.ply"),
         says=("body.ply",),
     ),
     Case(
-        "eval.studies.jumps: handles of garbage",
-        "python -m eval.studies.jumps body.ply pose.json",
+        "jumps: handles of garbage",
+        "sshade-eval jumps body.ply pose.json",
         garbage("pose.json"),
         says=("pose.json",),
     ),
     Case(
-        "eval.timing: a mesh of garbage",
-        "python -m eval.timing body.ply pose.json",
+        "bench: a mesh of garbage",
+        "sshade-eval bench body.ply pose.json",
         garbage("body.ply"),
         says=("body.ply",),
     ),

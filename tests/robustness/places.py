@@ -70,14 +70,14 @@ def _sweep_goes_on() -> None:
     with read_only("results/runs"):
         code, _, err = run(f"{RUN} run.experiment=tiny subject=1")
         assert code == 2 and DENIED in err and err.count("\n") == 1, (code, err)
-        assert run("python -m eval.rows.collect tiny -o rows")[0] == 0
+        assert run("sshade-eval collect tiny -o rows")[0] == 0
     assert {path: data for path, data in contents().items() if path.endswith("row.json")} == before
     assert Path("rows/tiny.csv").read_text().count("\n") == 3
 
 
 def _to_a_full_device() -> None:
     """What is printed goes to a device that takes nothing, as a log on a full disk."""
-    command = [sys.executable, "-m", "eval.publish.tables", "tiny", "-o", "tables"]
+    command = [sys.executable, "-m", "eval", "tables", "tiny", "-o", "tables"]
     with open("/dev/full", "w") as full:
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
     assert done.returncode == 2 and done.stderr == "error: No space left on device\n", done
@@ -85,7 +85,7 @@ def _to_a_full_device() -> None:
 
 def _to_nobody() -> None:
     """As ``| head -0`` does."""
-    command = [sys.executable, "-m", "eval.publish.tables", "tiny", "-o", "tables"]
+    command = [sys.executable, "-m", "eval", "tables", "tiny", "-o", "tables"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         process.stdout.close()
         assert process.stderr.read() == "" and process.wait(60) == 141
@@ -105,12 +105,8 @@ CASES = [
     _refused("carry", CARRY.replace("out.ply", "d/out.ply"), both(folder("d"), remeshed), place="d"),
     _refused("build", f"{SMALL} out=d/out", both(shapes("a", "b"), folder("d")), place="d"),
     _refused("a run", f"{RUN} paths.runs=d", both(dataset, folder("d")), place="d"),
-    _refused(
-        "eval.rows.collect", "python -m eval.rows.collect tiny -o d", both(runs, folder("d")), place="d"
-    ),
-    _refused(
-        "eval.publish.tables", "python -m eval.publish.tables tiny -o d/t", both(runs, folder("d")), place="d"
-    ),
+    _refused("collect", "sshade-eval collect tiny -o d", both(runs, folder("d")), place="d"),
+    _refused("tables", "sshade-eval tables tiny -o d/t", both(runs, folder("d")), place="d"),
     Case("read-only: runs with rows", _sweep_goes_on, runs, leaves=(".",)),
     _taken("the input's folder", DEFORM.format("d/body.ply", "out.ply"), _moved("d"), place="d"),
     _taken("the dataset of a run", RUN, dataset, place="balls"),
@@ -120,5 +116,5 @@ CASES = [
     _unreadable("handles", DEFORM.format("body.ply", "out.ply"), "pose.json"),
     _unreadable("a map", CARRY, "map.npz", remeshed),
     _unreadable("a record", RUN, "balls/dataset.json", dataset),
-    _unreadable("rows", "python -m eval.publish.tables tiny -o t", "results/rows/tiny.csv", runs),
+    _unreadable("rows", "sshade-eval tables tiny -o t", "results/rows/tiny.csv", runs),
 ]

@@ -1,1 +1,1 @@
-"""Results on one page: ``python -m eval.publish.report [ROWS ...]`` writes a self-contained HTML file."""
+"""Results on one page: ``sshade-eval report [ROWS ...]`` writes a self-contained HTML file."""

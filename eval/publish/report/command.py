@@ -1,4 +1,4 @@
-"""``python -m eval.publish.report``: the results of experiments on one HTML page, which needs no network.
+"""``sshade-eval report``: the results of experiments on one HTML page, which needs no network.
 
 From rows alone it tells numbers, distributions, configurations and failures; with the
 run folders beside them, pictures of every case and a view to turn. No method is run.
@@ -7,25 +7,19 @@ run folders beside them, pictures of every case and a view to turn. No method is
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 import numpy as np
 
 from eval.rows.experiment import read_experiments
 from eval.rows.store import ROWS_HELP
-from sshade.cli.console import progress_bar, run_command
+from sshade.cli.console import progress_bar
 from sshade.figures import TOWARDS, UP, require_extra
 from sshade.io.files import make_folder, replacing
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Command line of ``python -m eval.publish.report``."""
-    parser = argparse.ArgumentParser(
-        prog="python -m eval.publish.report",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument("rows", nargs="*", type=Path, help=f"{ROWS_HELP} (default: every CSV there)")
     parser.add_argument("-o", "--out", type=Path, default=Path("results/report.html"))
     parser.add_argument(
@@ -45,7 +39,10 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--towards", nargs=3, type=float, default=TOWARDS, metavar=("X", "Y", "Z"))
     parser.add_argument("--up", nargs=3, type=float, default=UP, metavar=("X", "Y", "Z"))
-    options = parser.parse_args(arguments)
+
+
+def command(options: argparse.Namespace) -> int:
+    """Do it; return the exit code."""
     require_extra("matplotlib", "pyvista", "jinja2")
     from eval.publish.report.page import write_page
 
@@ -63,7 +60,3 @@ def main(arguments: list[str] | None = None) -> int:
         temporary.write_text(text, encoding="utf-8")
     print(f"{options.out}: {len(text) / 1e6:.1f} MB; open it in a browser")  # noqa: T201
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(run_command(main))

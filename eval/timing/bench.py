@@ -1,24 +1,5 @@
-"""``python -m eval.timing``: how fast, and compared with what?"""
+"""How fast, and compared with what: ``sshade-eval bench MESH HANDLES``.
 
-from __future__ import annotations
-
-import argparse
-import os
-import sys
-from collections.abc import Sequence
-from pathlib import Path
-
-from eval.run.provenance import environment
-from eval.timing.drag import drag
-from eval.timing.scaling import SIZES, scaling
-from eval.timing.speed import speed
-from eval.timing.startup import start_up
-from sshade.cli.console import run_command
-from sshade.io.handles import read_handles
-from sshade.io.meshes import read_mesh
-from sshade.task import DeformationTask
-
-DESCRIPTION = """\
 Time SShaDe on one mesh with handles: end to end and remeshing against libigl's Elastic,
 against one full-resolution Cholesky factorisation, a drag once bound. Medians over repeats
 that take turns in one process; compilation and input are outside the clock.
@@ -34,17 +15,27 @@ subdivision that comes nearest.
 
 example:
   defaust build source=synthetic out=data/defaust_170k subjects=[0]
-  python -m eval.timing data/defaust_170k/subject_00/rest.ply data/defaust_170k/subject_00/pose_1.json
+  sshade-eval bench data/defaust_170k/subject_00/rest.ply data/defaust_170k/subject_00/pose_1.json
 """
 
+from __future__ import annotations
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; return the exit code."""
-    parser = argparse.ArgumentParser(
-        prog="python -m eval.timing",
-        description=DESCRIPTION,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+import argparse
+import os
+from pathlib import Path
+
+from eval.run.provenance import environment
+from eval.timing.drag import drag
+from eval.timing.scaling import SIZES, scaling
+from eval.timing.speed import speed
+from eval.timing.startup import start_up
+from sshade.io.handles import read_handles
+from sshade.io.meshes import read_mesh
+from sshade.task import DeformationTask
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument("mesh", type=Path, metavar="MESH")
     parser.add_argument("handles", type=Path, metavar="HANDLES")
     parser.add_argument("--vertices", type=int, default=6000, metavar="N", help="proxy vertices")
@@ -57,41 +48,37 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--sizes", type=int, nargs="+", default=SIZES, metavar="N", help="sizes of --scaling")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="picture of the scaling (.png, .svg, .pdf)")
-    return run_command(lambda: _bench(parser.parse_args(argv)))
 
 
-def _bench(arguments: argparse.Namespace) -> int:
-    mesh = read_mesh(arguments.mesh)
-    task = DeformationTask(arguments.mesh.stem, mesh, read_handles(arguments.handles, mesh))
-    _say(f"{arguments.mesh}: {mesh.n} vertices, {len(task.handles)} handles")
+def command(options: argparse.Namespace) -> int:
+    """Do it; return the exit code."""
+    mesh = read_mesh(options.mesh)
+    task = DeformationTask(options.mesh.stem, mesh, read_handles(options.handles, mesh))
+    _say(f"{options.mesh}: {mesh.n} vertices, {len(task.handles)} handles")
     _say(f"{environment(jobs=1)['machine']}; load {os.getloadavg()[0]:.1f} at the start")
     speed(
         task,
         _say,
-        vertices=arguments.vertices,
-        samplings=arguments.samplings,
-        repeats=arguments.repeats,
-        block=arguments.block,
-        full=arguments.full,
+        vertices=options.vertices,
+        samplings=options.samplings,
+        repeats=options.repeats,
+        block=options.block,
+        full=options.full,
     )
-    start_up(_say, repeats=arguments.repeats)
-    drag(task, _say, vertices=arguments.vertices)
-    if arguments.scaling:
+    start_up(_say, repeats=options.repeats)
+    drag(task, _say, vertices=options.vertices)
+    if options.scaling:
         scaling(
-            arguments.scaling,
-            arguments.handles,
+            options.scaling,
+            options.handles,
             _say,
-            vertices=arguments.vertices,
+            vertices=options.vertices,
             repeats=3,
-            sizes=arguments.sizes,
-            plot=arguments.plot,
+            sizes=options.sizes,
+            plot=options.plot,
         )
     return 0
 
 
 def _say(text: str) -> None:
     print(text, flush=True)  # noqa: T201
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,0 +1,118 @@
+"""The command ``sshade-eval``: one program with a sub-command for each step of an evaluation.
+
+The module of a sub-command gives its description (the module's docstring),
+``add_arguments(parser)`` and ``command(options) -> exit code``; it is imported
+only when it is asked for. ``run`` alone is a Hydra program, which reads its
+arguments itself.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from typing import NamedTuple, NoReturn
+
+PROGRAM = "sshade-eval"
+
+
+class Command(NamedTuple):
+    """A sub-command: the module that does it, and what it does in one line."""
+
+    module: str
+    summary: str
+
+
+COMMANDS = {
+    "run": Command("eval.configure.app", "run methods on tasks, once or as a sweep (-m); a Hydra program"),
+    "status": Command("eval.run.progress", "how far the sweeps are"),
+    "collect": Command("eval.rows.collect", "gather the rows of finished runs into one CSV an experiment"),
+    "tables": Command("eval.publish.tables", "tables from rows: CSV, Markdown and LaTeX"),
+    "charts": Command("eval.publish.charts", "distributions, time against size, convergence"),
+    "figures": Command("eval.publish.figures", "the comparison picture: rest shapes and results"),
+    "curves": Command("eval.publish.curves", "metrics against a size or a parameter"),
+    "front": Command("eval.publish.front", "volume against stretch"),
+    "report": Command("eval.publish.report.command", "one HTML page with all of it and a 3D view"),
+    "remeasure": Command("eval.rows.remeasure", "metrics of finished runs, from their stored vertices"),
+    "compare": Command("eval.rows.compare", "whether two sets of rows say the same"),
+    "check": Command("eval.rows.bands", "hold rows against committed bands of quality"),
+    "bench": Command("eval.timing.bench", "speed beside libigl's ARAP and a factorisation"),
+    "jumps": Command("eval.studies.jumps", "jumps of the deformation across the proxy's edges"),
+    "topology": Command("eval.studies.topology", "what remeshing keeps of a mesh's topology"),
+}
+
+HELP = f"""\
+Run deformation methods, and make tables, figures and pages of what they left.
+
+{{commands}}
+
+  {PROGRAM} run method=sshade dataset=defaust dataset.root=DIR subject=0 pose=1
+  {PROGRAM} run -m experiment=quick
+  {PROGRAM} collect quick && {PROGRAM} tables quick && {PROGRAM} report quick
+
+`{PROGRAM} COMMAND --help` tells more. Exit codes: 0; 1 where a run failed or a check did not
+hold; 2 for a mistake in the arguments, told in one sentence.
+"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Tells a mistake in one sentence."""
+
+    def error(self, message: str) -> NoReturn:
+        from sshade.errors import InputError
+
+        raise InputError(f"{message}; `{self.prog} --help` tells more")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; return the exit code."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    if arguments and arguments[0] in ("-h", "--help"):
+        lines = (f"  {name:<10} {command.summary}" for name, command in COMMANDS.items())
+        print(HELP.format(commands="\n".join(lines)), end="")  # noqa: T201
+        return 0
+    try:
+        from sshade.cli.console import run_command
+
+        return run_command(lambda: call(arguments[0] if arguments else "", arguments[1:]))
+    except KeyboardInterrupt:  # while the libraries are read
+        print("interrupted", file=sys.stderr)  # noqa: T201
+        return 130
+
+
+def call(name: str, arguments: Sequence[str]) -> int:
+    """Run a sub-command.
+
+    Parameters
+    ----------
+    name : str
+        A key of :data:`COMMANDS`.
+    arguments : sequence of str
+
+    Returns
+    -------
+    int
+        The exit code.
+
+    Raises
+    ------
+    InputError
+        On a mistake in the arguments or in what they name.
+    """
+    if name not in COMMANDS:
+        from sshade.errors import InputError
+
+        found = f"{name!r} is no command" if name else "a command is missing"
+        raise InputError(f"{found}; {PROGRAM} takes one of {', '.join(COMMANDS)}")
+    module = import_module(COMMANDS[name].module)
+    if name == "run":
+        sys.argv[:] = [f"{PROGRAM} run", *arguments]  # where Hydra reads them
+        return module.main()
+    parser = _Parser(
+        prog=f"{PROGRAM} {name}",
+        description=module.__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    module.add_arguments(parser)
+    return module.command(parser.parse_args(arguments))
