@@ -8,65 +8,32 @@ volume they trade it for stretch, from the free minimum to the exact volume.
 
 from __future__ import annotations
 
-from sshade.solver.coarse import Start
-from sshade.solver.factor import Engine
+from typing import Unpack
+
 from sshade.solver.local_global import local_global
+from sshade.solver.options import SolverOptions
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
 
 
 def accelerated_arap(
     task: DeformationTask,
     *,
-    tolerance: float = 1e-5,
-    max_iterations: int = 1000,
     accelerate: bool = True,
-    volume: float = 0.0,
-    area: float = 0.0,
-    start: Start = "rest",
-    engine: Engine = "auto",
     seed: int = 0,
     progress: Progress = silent,
+    **options: Unpack[SolverOptions],
 ) -> DeformationResult:
     """Minimise the spokes energy; see :func:`sshade.solver.local_global.local_global`."""
-    return local_global(
-        task,
-        energy="spokes",
-        tolerance=tolerance,
-        max_iterations=max_iterations,
-        accelerate=accelerate,
-        volume=volume,
-        area=area,
-        start=start,
-        engine=engine,
-        seed=seed,
-        progress=progress,
-    )
+    return local_global(task, energy="spokes", accelerate=accelerate, progress=progress, **options)
 
 
 def accelerated_elastic(
     task: DeformationTask,
     *,
-    tolerance: float = 1e-5,
-    max_iterations: int = 1000,
     accelerate: bool = True,
-    volume: float = 0.0,
-    area: float = 0.0,
-    start: Start = "rest",
-    engine: Engine = "auto",
     seed: int = 0,
     progress: Progress = silent,
+    **options: Unpack[SolverOptions],
 ) -> DeformationResult:
     """Minimise the spokes-and-rims energy; see :func:`sshade.solver.local_global.local_global`."""
-    return local_global(
-        task,
-        energy="spokes_and_rims",
-        tolerance=tolerance,
-        max_iterations=max_iterations,
-        accelerate=accelerate,
-        volume=volume,
-        area=area,
-        start=start,
-        engine=engine,
-        seed=seed,
-        progress=progress,
-    )
+    return local_global(task, energy="spokes_and_rims", accelerate=accelerate, progress=progress, **options)

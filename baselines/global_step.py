@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.sparse import csr_array
 
-from sshade.solver.factor import Engine, factor
+from sshade.solver.factorisation import Factorisation
 from sshade.solver.quasi_newton import largest_move
 from sshade.task import Progress
 
@@ -26,29 +26,18 @@ class GlobalStep:
         Rows with prescribed positions, at least one per component.
     targets : (k, 3) float64
         Those positions, in the mesh's unit of length.
-    engine : {"auto", "superlu", "cholespy"}
-        See :func:`sshade.solver.factor.factor`.
 
     Raises
     ------
-    InputError
-        On an unknown engine.
     FloatingPointError
         When the free rows are not positive definite.
     """
 
-    def __init__(
-        self, laplacian: csr_array, held: np.ndarray, *, targets: np.ndarray, engine: Engine = "auto"
-    ) -> None:
+    def __init__(self, laplacian: csr_array, held: np.ndarray, *, targets: np.ndarray) -> None:
         free = np.setdiff1d(np.arange(laplacian.shape[0]), held)
-        self._factor = factor(laplacian[free][:, free], engine=engine)
+        self._factor = Factorisation(laplacian[free][:, free])
         self._free = free[self._factor.order]
         self._fixed = -(laplacian[self._free][:, held] @ targets)
-
-    @property
-    def engine(self) -> str:
-        """Name of the library behind the factorisation."""
-        return self._factor.engine
 
     def solve(self, B: np.ndarray, out: np.ndarray) -> None:
         """Write the free rows of the solution for right-hand sides B (n, 3) into `out` (n, 3)."""

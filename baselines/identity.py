@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sshade.solver.coarse import initial_guess
+from sshade.solver.start import initial_guess
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
 
 

@@ -17,7 +17,7 @@ from scipy.sparse import coo_array, csr_array, diags_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from sshade import InputError, Mesh
-from sshade.solver.factor import factor
+from sshade.solver.factorisation import Factorisation
 
 #: Shorter edges count as so long (x diagonal) where normals are smoothed.
 SHORTEST = 1e-9
@@ -257,5 +257,5 @@ def _smooth_normals(mesh: Mesh, vertices: np.ndarray, length: float) -> np.ndarr
     near.data = 0.5 * (length / np.maximum(near.data, SHORTEST * mesh.diagonal)) ** 2
     near = near.tocsr()
     system = diags_array(1 + near.sum(axis=1)) - near
-    spread = factor(system.tocsc()).solve(_normals(mesh)[vertices])
+    spread = Factorisation(system.tocsc()).solve(_normals(mesh)[vertices])
     return spread / np.linalg.norm(spread, axis=1, keepdims=True)

@@ -238,7 +238,7 @@ class DeformationResult:
     seconds : mapping
         Wall-clock time of each stage.
     extra : mapping
-        Further flat facts for the row (last residual, counts, engine, ...), and
+        Further flat facts for the row (last residual, counts, ...), and
         arrays: those named ``*_curve``, a line a step, are kept with the run.
 
     Raises

@@ -29,9 +29,9 @@ from baselines.arap_sr.smooth_rotations import Cells, band_position, largest_tur
 from baselines.global_step import GlobalStep, iterate, last
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.solver.coarse import Start, initial_guess
-from sshade.solver.factor import Engine
+from sshade.solver.options import Start
 from sshade.solver.rotations import right_hand_side
+from sshade.solver.start import initial_guess
 from sshade.task import DeformationResult, DeformationTask, Progress, rigid_motion, silent
 
 #: Differences that the acceleration keeps.
@@ -50,7 +50,6 @@ def arap_sr(
     max_iterations: int = 1000,
     start: Start = "rest",
     first_step: Literal["local", "global"] = "local",
-    engine: Engine = "auto",
     seed: int = 0,
     progress: Progress = silent,
 ) -> DeformationResult:
@@ -89,13 +88,11 @@ def arap_sr(
     max_iterations : int
         Cutoff; the paper's is 1000.
     start : {"rest", "rigid"}
-        See :func:`sshade.solver.coarse.initial_guess`.
+        See :func:`sshade.solver.start.initial_guess`.
     first_step : {"local", "global"}
         ``global`` begins with the start's rotations and forgets its positions, as CGAL does;
         where the energy has several minima this may lead to another one. The rotations are
         those that fit the task's guess, or else one for all.
-    engine : {"auto", "superlu", "cholespy"}
-        See :func:`sshade.solver.factor.factor`.
     seed : int
         Unused: the method is deterministic.
     progress : Progress
@@ -104,12 +101,12 @@ def arap_sr(
     -------
     DeformationResult
         ``extra`` holds ``rotations`` (n, 3, 3) of the last sweep, ``residual``,
-        ``restarts`` of the acceleration, ``colours`` and ``engine``.
+        ``restarts`` of the acceleration, and ``colours``.
 
     Raises
     ------
     InputError
-        On an unknown start, first step or engine, or an alpha that is negative or infinite.
+        On an unknown start or first step, or an alpha that is negative or infinite.
     FloatingPointError
         When triangles have no area.
     """
@@ -128,7 +125,7 @@ def arap_sr(
     position[order] = np.arange(mesh.n)
     cells = Cells(Mesh(mesh.V[order], position[mesh.F]), alpha=alpha, clamp=clamp, colour=colour[order])
     held = position[handles.index]
-    global_step = GlobalStep(cells.laplacian, held, targets=handles.target, engine=engine)
+    global_step = GlobalStep(cells.laplacian, held, targets=handles.target)
     precomputed = perf_counter()
 
     step = _Iteration(cells, global_step, R0, accelerate=accelerate, scale=mesh.diagonal)
@@ -157,7 +154,6 @@ def arap_sr(
             "residual_curve": residuals,
             "restarts": step.restarts,
             "colours": int(colour.max()) + 1,
-            "engine": global_step.engine,
         },
     )
 

@@ -29,10 +29,10 @@ from baselines.global_step import GlobalStep, iterate, last
 from sshade.errors import InputError
 from sshade.mesh.adjacency import vertex_graph
 from sshade.sampling.fronts import farthest_point_sampling
-from sshade.solver.coarse import Start, initial_guess
 from sshade.solver.cotangents import laplacian_matrix
-from sshade.solver.factor import Engine
+from sshade.solver.options import Start
 from sshade.solver.rotations import local_step, right_hand_side
+from sshade.solver.start import initial_guess
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
 
 
@@ -44,7 +44,6 @@ def deformation_graph(
     tolerance: float = 1e-5,
     max_iterations: int = 1000,
     start: Start = "rest",
-    engine: Engine = "auto",
     seed: int = 0,
     progress: Progress = silent,
 ) -> DeformationResult:
@@ -64,9 +63,7 @@ def deformation_graph(
         stops. 0 never stops early.
     max_iterations : int
     start : {"rest", "rigid"}
-        See :func:`sshade.solver.coarse.initial_guess`.
-    engine : {"auto", "superlu", "cholespy"}
-        See :func:`sshade.solver.factor.factor`.
+        See :func:`sshade.solver.start.initial_guess`.
     seed : int
         Unused: the sampling begins with the handles, not with a random vertex.
     progress : Progress
@@ -76,12 +73,12 @@ def deformation_graph(
     DeformationResult
         Handle vertices are put on their targets in the end; ``extra`` holds
         ``handle_before``, their mean distance to the targets before that over the
-        diagonal, ``nodes``, ``edges``, ``residual`` and ``engine``.
+        diagonal, ``nodes``, ``edges`` and ``residual``.
 
     Raises
     ------
     InputError
-        On a mesh that is not manifold and oriented, an unknown start or engine, fewer
+        On a mesh that is not manifold and oriented, an unknown start, fewer
         nodes than handles, or no node to blend.
     """
     if blended < 1:
@@ -95,7 +92,7 @@ def deformation_graph(
     precomputed = perf_counter()
 
     q = initial_guess(task, start)[fronts.samples]
-    solver = _NodeSolver(coarse, held=np.arange(len(handles)), targets=handles.target, engine=engine)
+    solver = _NodeSolver(coarse, held=np.arange(len(handles)), targets=handles.target)
     residuals = iterate(
         solver.advance,
         q,
@@ -126,7 +123,6 @@ def deformation_graph(
             "edges": len(coarse.edges),
             "residual": last(residuals),
             "residual_curve": residuals,
-            "engine": solver.engine,
         },
     )
 
@@ -134,15 +130,14 @@ def deformation_graph(
 class _NodeSolver:
     """Local and global steps on a node graph."""
 
-    def __init__(self, coarse: NodeGraph, *, held: np.ndarray, targets: np.ndarray, engine: Engine) -> None:
+    def __init__(self, coarse: NodeGraph, *, held: np.ndarray, targets: np.ndarray) -> None:
         k, edges = len(coarse.P), coarse.edges
         weights = np.ones(len(edges))
         self._corners = edges.astype(np.int32)
         self._H = weights[:, None]
         self._Y = np.ascontiguousarray((coarse.P[edges[:, 0]] - coarse.P[edges[:, 1]])[:, None])
         self._Q, self._R, self._B = np.tile([1.0, 0.0, 0.0, 0.0], (k, 1)), np.empty((k, 9)), np.empty((k, 3))
-        self._global = GlobalStep(laplacian_matrix(k, edges, weights), held, targets=targets, engine=engine)
-        self.engine = self._global.engine
+        self._global = GlobalStep(laplacian_matrix(k, edges, weights), held, targets=targets)
 
     def rotations(self, q: np.ndarray) -> np.ndarray:
         """(k, 9) the local step at q."""

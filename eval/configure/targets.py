@@ -120,22 +120,41 @@ def _split(target: str) -> tuple[str, str]:
 
 def check_parameters(function: Callable[..., Any], parameters: Mapping[str, Any], *, target: str) -> None:
     """Raise InputError on a parameter that the function does not have, or a value of another simple type."""
-    signature = inspect.signature(function).parameters
-    takes_any = any(p.kind is p.VAR_KEYWORD for p in signature.values())
-    unknown = [name for name in parameters if name not in signature and not takes_any]
+    hints = parameter_hints(function)
+    takes_any = any(p.kind is p.VAR_KEYWORD and name in hints for name, p in _signature(function).items())
+    unknown = [name for name in parameters if name not in hints and not takes_any]
     if unknown:
         raise InputError(
-            f"{target} has no parameter {unknown[0]!r}; it has {', '.join(signature) or 'no parameters'}"
+            f"{target} has no parameter {unknown[0]!r}; it has {', '.join(hints) or 'no parameters'}"
         )
-    try:
-        hints = typing.get_type_hints(function)
-    except NameError:  # a hint that is imported for type checkers only: nothing to check against
-        return
     for name, value in parameters.items():
         if name in hints and not _fits(value, hints[name]):
             choices = _choices(hints[name])
             wanted = f"one of {', '.join(choices)}" if choices else inspect.formatannotation(hints[name])
             raise InputError(f"{target}: {name}={value!r} does not fit; it takes {wanted}")
+
+
+def parameter_hints(function: Callable[..., Any]) -> dict[str, Any]:
+    """The parameters of a function and their type hints, Any where there is none to be had.
+
+    ``**options: Unpack[T]`` stands for the keys of the TypedDict T.
+    """
+    try:
+        given = typing.get_type_hints(function)
+    except NameError:  # a hint that is imported for type checkers only
+        given = {}
+    hints: dict[str, Any] = {}
+    for name in _signature(function):
+        hint = given.get(name, Any)
+        if typing.get_origin(hint) is typing.Unpack:
+            hints |= typing.get_type_hints(*typing.get_args(hint))
+        else:
+            hints[name] = hint
+    return hints
+
+
+def _signature(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:
+    return inspect.signature(function).parameters
 
 
 def _fits(value: Any, hint: Any) -> bool:

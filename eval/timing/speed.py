@@ -4,22 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from importlib.util import find_spec
 
 import numpy as np
 
+from eval.configure.targets import locate
 from eval.metrics.metrics import measure
 from eval.timing.timing import Timing, take_turns
 from sshade.pipeline.deform import deform
 from sshade.pipeline.fine import sshade_fast, sshade_fine
 from sshade.sampling.remesh import remesh
-from sshade.solver.coarse import libigl_arap
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
-from sshade.solver.factor import factor
+from sshade.solver.factorisation import Factorisation
 from sshade.task import DeformationTask
 
 #: Iterations that Elastic is compared at: the paper's cutoff.
 ITERATIONS = 1000
+#: libigl's spokes-and-rims ARAP.
+ELASTIC = "baselines.arap.elastic"
 #: Metrics printed for the quality of both.
 QUALITY = ("volume", "area", "edge", "angle", "handle")
 
@@ -62,9 +63,9 @@ def speed(
             )
     ours["sshade_fast"] = partial(sshade_fast, task, vertices=vertices)
     ours["sshade_fine"] = partial(sshade_fine, task, vertices=vertices)
-    elastic = partial(libigl_arap, task, tolerance=0.0, max_iterations=block)
+    elastic = partial(locate(ELASTIC), task, tolerance=0.0, max_iterations=block)
     remeshing = partial(remesh, task.mesh, vertices, first=task.handles.index, seed=(0, 0))
-    factorisations = {f"factor, {engine}": run for engine, run in _factorisations(task).items()}
+    factorisations = _factorisations(task)
     for run in (*ours.values(), remeshing):  # compiles
         run()
     timings = take_turns({"elastic": elastic, **ours, "remesh": remeshing}, repeats)
@@ -82,7 +83,7 @@ def speed(
         say(
             f"{name}: {timing.median:.3f} s, {whole / timing.median:.0f}x faster than {ITERATIONS} "
             f"iterations of elastic\n  stages, which may overlap in time: {stages}\n"
-            f"  {timing.result.iterations:.0f} iterations, engine {timing.result.extra['engine']}"
+            f"  {timing.result.iterations:.0f} iterations"
         )
     remesh_time = timings["remesh"].median
     say(f"remesh (one thread): {remesh_time:.3f} s = {remesh_time / one:.2f} iterations of elastic")
@@ -97,13 +98,20 @@ def _name(samplings: int) -> str:
 
 
 def _factorisations(task: DeformationTask) -> dict[str, Callable[[], object]]:
-    """One full-resolution factorisation of L_ff for each engine installed."""
+    """One full-resolution factorisation of L_ff: ours, and CHOLMOD where cholespy is installed."""
     mesh = task.mesh
     laplacian = laplacian_matrix(mesh.n, *edge_weights(mesh, half_cotangents(mesh)))
     free = np.setdiff1d(np.arange(mesh.n), task.handles.index)
     matrix = laplacian[free][:, free]
-    engines = ["superlu"] + (["cholespy"] if find_spec("cholespy") else [])
-    return {engine: partial(factor, matrix, engine=engine) for engine in engines}
+    runs: dict[str, Callable[[], object]] = {"factor, superlu": partial(Factorisation, matrix)}
+    try:
+        from cholespy import CholeskySolverD, MatrixType
+    except ModuleNotFoundError:
+        return runs
+    start, column = matrix.indptr.astype(np.int32), matrix.indices.astype(np.int32)
+    size = matrix.shape[0]
+    runs["factor, cholmod"] = lambda: CholeskySolverD(size, start, column, matrix.data, MatrixType.CSR)
+    return runs
 
 
 def _say_factorisations(say: Say, timings: dict[str, Timing], names: list[str], ours: str) -> None:
@@ -130,7 +138,7 @@ def _full(task: DeformationTask, say: Say, ours: dict[str, Timing]) -> None:
     results = {name: timing.result for name, timing in ours.items()}
     for name, tolerance in (("stopping rule", 1e-5), (f"{ITERATIONS} iterations", 0.0)):
         timing = Timing()
-        timing.add(partial(libigl_arap, task, tolerance=tolerance, max_iterations=ITERATIONS))
+        timing.add(partial(locate(ELASTIC), task, tolerance=tolerance, max_iterations=ITERATIONS))
         results[f"elastic, {name}"] = timing.result
         ratios = ", ".join(f"{timing.median / t.median:.0f}x {own}" for own, t in ours.items())
         say(

@@ -24,7 +24,6 @@ from sshade.contact.flips import new_flips
 from sshade.contact.intersections import new_crossings
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.solver.factor import Engine
 from sshade.solver.local_global import LocalGlobal
 from sshade.task import Progress, silent
 
@@ -70,7 +69,6 @@ def separate(
     strain: float = 0.02,
     margin: float = MARGIN,
     rounds: int = 24,
-    engine: Engine = "auto",
     workers: int = 1,
     progress: Progress = silent,
 ) -> Separated:
@@ -91,8 +89,6 @@ def separate(
         Gap between separated sides, over the mean edge around the contact.
     rounds : int
         At most.
-    engine : {"auto", "superlu", "cholespy"}
-        See :func:`sshade.solver.factor.factor`.
     workers : int
         Threads that look for crossings; no influence on the result.
     progress : Progress
@@ -127,7 +123,7 @@ def separate(
         if attempt < len(SHARES):
             mobility = surface.mobility(far)
             held = move_apart(surface, P, behind, mobility, share=SHARES[attempt], margin=margin)
-            shapes = [_settled(surface, P, patch, held, stiffness=stiffness, strain=strain, engine=engine), P]
+            shapes = [_settled(surface, P, patch, held, stiffness=stiffness, strain=strain), P]
         else:
             _smooth_out(surface, P, surface.grown(seeds, 2 * (attempt - len(SHARES))))
             shapes = [P]
@@ -170,7 +166,6 @@ def _settled(
     *,
     stiffness: float,
     strain: float,
-    engine: Engine,
 ) -> np.ndarray:
     """P (n, 3) with a lower energy of the patch (n,) bool; its boundary and the vertices `held` (n,) stay."""
     mesh, P = surface.mesh, P.copy()
@@ -182,7 +177,7 @@ def _settled(
     if 0 < len(index) < len(ids):
         place = np.full(mesh.n, -1)
         place[ids] = np.arange(len(ids))
-        solver = LocalGlobal(Mesh(mesh.V[ids], place[mesh.F[whole]]), index, engine=engine)
+        solver = LocalGlobal(Mesh(mesh.V[ids], place[mesh.F[whole]]), index)
         # No tolerance: it is relative to the diagonal, which turns change.
         P[ids] = solver.solve(
             P[ids[index]],

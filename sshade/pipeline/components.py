@@ -247,7 +247,6 @@ def _joined(V: np.ndarray, results: list[DeformationResult], **facts: Any) -> De
         extra={
             "proxy_vertices": sum(r.extra.get("proxy_vertices", 0) for r in results),
             "residual": max(r.extra.get("residual", 0.0) for r in results),
-            "engine": results[0].extra.get("engine", ""),
             "tangled": sum(r.extra.get("tangled", 0) for r in results),
             **facts,
         },

@@ -158,7 +158,6 @@ def deform(
             "far_vertices": far,
             "far_share": 100 * far / task.mesh.n,
             "residual": max(r.extra["residual"] for r in results),
-            "engine": results[0].extra["engine"],
             **_of_proxies([r.extra["proxy"] for r in results]),
         },
     )
@@ -236,7 +235,6 @@ def _one_sampling(
             "added_samples": binding.remesh.added,
             "degenerate_frames": degenerate,
             "residual": solved.extra.get("residual", float("nan")),
-            "engine": solved.extra.get("engine", ""),
             "proxy": {name: solved.extra[name] for name in PROXY_FACTS if name in solved.extra},
         },
     )

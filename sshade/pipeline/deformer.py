@@ -12,9 +12,8 @@ from sshade.carry.frames import FrameKind
 from sshade.errors import InputError
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
-from sshade.solver.coarse import Energy
-from sshade.solver.factor import Engine
 from sshade.solver.local_global import LocalGlobal
+from sshade.solver.options import Energy
 from sshade.solver.solution import Solution
 from sshade.task import DeformationResult, Progress, silent
 from sshade.threads import in_threads
@@ -40,7 +39,6 @@ class Deformer:
     samplings : int
         Proxies, whose results are averaged. One is the choice for interaction.
     energy : {"spokes", "spokes_and_rims"}
-    engine : {"auto", "superlu", "cholespy"}
     frames, frame_function, projection
         As in :func:`sshade.bind`.
     workers : int, optional
@@ -72,7 +70,6 @@ class Deformer:
         vertices: int = 6000,
         samplings: int = 1,
         energy: Energy = "spokes_and_rims",
-        engine: Engine = "auto",
         frames: FrameKind = "triangle",
         frame_function: str | np.ndarray = "extent",
         projection: Literal["fan", "surface"] = "fan",
@@ -97,7 +94,7 @@ class Deformer:
                 frame_function=frame_function,
                 graph=graph,
             )
-            solver = LocalGlobal(binding.proxy, np.arange(len(index)), energy=energy, engine=engine)
+            solver = LocalGlobal(binding.proxy, np.arange(len(index)), energy=energy)
             progress("binding", number + 1, samplings)
             return binding, solver
 
@@ -162,6 +159,5 @@ class Deformer:
                 "residual": max(solution.residual for solution, _, _ in done),
                 "energy": [solution.energy for solution, _, _ in done],
                 "degenerate_frames": sum(degenerate for _, _, degenerate in done),
-                "engine": self.solvers[0].engine,
             },
         )

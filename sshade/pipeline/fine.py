@@ -14,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from math import inf
 from time import perf_counter
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -25,9 +25,8 @@ from sshade.mesh.mesh import Mesh
 from sshade.pipeline.deform import deform
 from sshade.pipeline.multilevel import multilevel
 from sshade.sampling.fronts import farthest_point_sampling
-from sshade.solver.coarse import Start
-from sshade.solver.factor import Engine
 from sshade.solver.local_global import LocalGlobal, local_global
+from sshade.solver.options import SolverOptions, complete, energy_options
 from sshade.solver.solution import Solution
 from sshade.solver.substitution import Factors, divide, substitute_together
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
@@ -45,17 +44,10 @@ def sshade_fast(
     vertices: int = 6000,
     samplings: int = 1,
     frames: FrameKind = "blended",
-    volume: float = inf,
-    area: float = inf,
-    stiffness: float = STIFFNESS,
-    strain: float = STRAIN,
-    tolerance: float = 1e-5,
-    max_iterations: int = 1000,
-    start: Start = "rigid",
-    engine: Engine = "auto",
     workers: int | None = None,
     seed: int = 0,
     progress: Progress = silent,
+    **options: Unpack[SolverOptions],
 ) -> DeformationResult:
     """SShaDe with one constrained proxy and blended frames.
 
@@ -65,8 +57,10 @@ def sshade_fast(
         As for :func:`sshade.deform`.
     vertices, samplings, frames, workers
         See :func:`sshade.deform`.
-    volume, area, stiffness, strain, tolerance, max_iterations, start, engine
-        Of the proxy's energy, the spokes and rims; see :func:`sshade.solver.local_global.local_global`.
+    **options
+        Of the proxy's energy, the spokes and rims, and its iteration; see
+        :class:`sshade.solver.options.SolverOptions`. By default volume and area are exact (inf),
+        stiffness and strain :data:`STIFFNESS` and :data:`STRAIN`, and the start is "rigid".
         Large proxies begin with a coarser one's result: see :mod:`sshade.pipeline.multilevel`.
     seed : int
         Of the sampling.
@@ -84,21 +78,13 @@ def sshade_fast(
     InputError
         Those of :func:`sshade.deform` and :func:`sshade.solver.local_global.local_global`.
     """
-    solver = partial(
-        local_global,
-        volume=volume,
-        area=area,
-        stiffness=stiffness,
-        strain=strain,
-        max_iterations=max_iterations,
-        start=start,
-        engine=engine,
-    )
+    solver = complete(options, volume=inf, area=inf, stiffness=STIFFNESS, strain=STRAIN, start="rigid")
+    tolerance = solver.pop("tolerance")
     return deform(
         task,
         vertices=vertices,
         samplings=samplings,
-        coarse=partial(multilevel, coarse=solver, tolerance=tolerance),
+        coarse=partial(multilevel, coarse=partial(local_global, **solver), tolerance=tolerance),
         frames=frames,
         workers=workers,
         seed=seed,
@@ -110,20 +96,13 @@ def sshade_fine(
     task: DeformationTask,
     *,
     vertices: int = 6000,
-    volume: float = inf,
-    area: float = 1.0,
-    stiffness: float = STIFFNESS,
-    strain: float = STRAIN,
-    tolerance: float = 1e-5,
-    max_iterations: int = 1000,
     polish_iterations: int = 50,
     polish_seconds: float | None = None,
     contact: bool = True,
-    start: Start = "rigid",
-    engine: Engine = "auto",
     workers: int | None = None,
     seed: int = 0,
     progress: Progress = silent,
+    **options: Unpack[SolverOptions],
 ) -> DeformationResult:
     """`sshade_fast`, polished: accelerated iterations of the same energy at full resolution.
 
@@ -135,12 +114,8 @@ def sshade_fine(
     Parameters
     ----------
     task : DeformationTask
-    vertices, max_iterations, start
+    vertices : int
         Of the proxy; see :func:`sshade_fast`.
-    volume, area, stiffness, strain, tolerance, engine
-        Of the proxy's energy and of that at full resolution. The volume is exact by
-        default; the area has a weight that leaves it some half a percent, for which
-        edges and angles change a twentieth less than with an exact one.
     polish_iterations : int
         Iterations at full resolution, at most.
     polish_seconds : float, optional
@@ -153,6 +128,10 @@ def sshade_fine(
     seed : int
         Of the sampling.
     progress : Progress
+    **options
+        As of :func:`sshade_fast`: `max_iterations` and `start` of the proxy, the others of both
+        resolutions. The area has the weight 1 by default, which leaves it some half a percent;
+        for that, edges and angles change a twentieth less than with an exact one.
 
     Returns
     -------
@@ -169,46 +148,30 @@ def sshade_fine(
         Those of :func:`sshade_fast`.
     """
     begin = perf_counter()
+    solver_options = complete(
+        options, volume=inf, area=1.0, stiffness=STIFFNESS, strain=STRAIN, start="rigid"
+    )
     with ThreadPoolExecutor(max_workers=1) as pool:
-        bound = pool.submit(_bind, task, engine)
-        proxy = sshade_fast(
-            task,
-            vertices=vertices,
-            volume=volume,
-            area=area,
-            stiffness=stiffness,
-            strain=strain,
-            tolerance=tolerance,
-            max_iterations=max_iterations,
-            start=start,
-            engine=engine,
-            seed=seed,
-            progress=progress,
-        )
+        bound = pool.submit(_bind, task)
+        proxy = sshade_fast(task, vertices=vertices, seed=seed, progress=progress, **solver_options)
         arrived = perf_counter()
         solver, precompute = bound.result()
     ready = perf_counter()
     workers = workers or os.cpu_count() or 1
-    energy: dict[str, Any] = {
-        "volume": volume,
-        "area": area,
-        "stiffness": stiffness,
-        "strain": strain,
-        "workers": workers,
-    }
+    energy: dict[str, Any] = {**energy_options(solver_options), "workers": workers}
     solution = solver.solve(
         task.handles.target,
         start=proxy.vertices,
-        tolerance=tolerance,
+        tolerance=solver_options["tolerance"],
         max_iterations=polish_iterations,
         max_seconds=inf if polish_seconds is None else polish_seconds,
         progress=lambda _, done, total, note="": progress("polish", done, total, note),
         **energy,
     )
     polished = perf_counter()
-    facts = {"engine": solver.engine, "proxy_iterations": proxy.iterations}
+    facts = {"proxy_iterations": proxy.iterations}
     if contact:
-        solution, tangled = _lead_apart(solver, solution, energy, engine=engine, progress=progress)
+        solution, tangled = _lead_apart(solver, solution, energy, progress=progress)
         facts |= tangled
     seconds = {
         "proxy": arrived - begin,
@@ -244,7 +207,7 @@ def prepare() -> None:
 
 
 def _lead_apart(
-    solver: LocalGlobal, solution: Solution, energy: dict[str, Any], *, engine: Engine, progress: Progress
+    solver: LocalGlobal, solution: Solution, energy: dict[str, Any], *, progress: Progress
 ) -> tuple[Solution, dict[str, int]]:
     """The solution without crossings and flips, and how many faces there were before and still are.
 
@@ -262,7 +225,6 @@ def _lead_apart(
             solver.index,
             met=met,
             margin=attempt * MARGIN,
-            engine=engine,
             progress=progress,
             **local,
         )
@@ -273,7 +235,7 @@ def _lead_apart(
         # Handles that force parts through each other leave most of the crossings.
         if parted.before == 0 or parted.after > 0.5 * parted.before:
             break
-        positions = solver.constrained(parted.positions, **exact)
+        positions = solver.project(parted.positions, **exact)
     tangled = {"tangled_polished": counts[0], "tangled": min(counts)}
     if best is solution.positions:
         return solution, tangled
@@ -284,6 +246,6 @@ def _lead_apart(
     return after._replace(**{name: getattr(solution, name) for name in names}), tangled
 
 
-def _bind(task: DeformationTask, engine: Engine) -> tuple[LocalGlobal, float]:
+def _bind(task: DeformationTask) -> tuple[LocalGlobal, float]:
     begin = perf_counter()
-    return LocalGlobal(task.mesh, task.handles.index, engine=engine), perf_counter() - begin
+    return LocalGlobal(task.mesh, task.handles.index), perf_counter() - begin

@@ -57,23 +57,16 @@ class Wanted(NamedTuple):
         (relative, of a component) costs ``weight / 2 x e^2`` times the
         component's rest energy: the energy of its rest shape shrunk to a point.
         Neither the unit of length nor the resolution matters.
-    volume_ratio, area_ratio : float
-        What they are held at, over the rest shape's.
     """
 
     volume: float = 0.0
     area: float = 0.0
-    volume_ratio: float = 1.0
-    area_ratio: float = 1.0
 
     def checked(self) -> Wanted:
-        """Itself; InputError on a weight that is negative or NaN, or a ratio that is not positive."""
-        for name in ("volume", "area"):
-            weight, ratio = getattr(self, name), getattr(self, f"{name}_ratio")
+        """Itself; InputError on a weight that is negative or NaN."""
+        for name, weight in self._asdict().items():
             if not weight >= 0:
                 raise InputError(f"the {name} weight goes from 0 (free) to inf (exact); {weight} does not")
-            if not 0 < ratio < math.inf:
-                raise InputError(f"{name}_ratio must be a positive number, not {ratio}")
         return self
 
 
@@ -130,8 +123,8 @@ class Constraints:
     def errors(self, P: np.ndarray, wanted: Wanted) -> Errors:
         """How far positions P (n, 3), in the solver's order, are from what is wanted."""
         now, has = measure(self.faces, self.start, P), self.has_volume
-        volume = np.abs(now[VOLUME, has] / (wanted.volume_ratio * self.rest[VOLUME, has]) - 1)
-        area = np.abs(now[AREA] / (wanted.area_ratio * self.rest[AREA]) - 1)
+        volume = np.abs(now[VOLUME, has] / self.rest[VOLUME, has] - 1)
+        area = np.abs(now[AREA] / self.rest[AREA] - 1)
         return Errors(float(volume.max()) if len(volume) else math.nan, float(area.max()))
 
     def status(self, wanted: Wanted, errors: Errors) -> tuple[str, str]:
@@ -169,11 +162,10 @@ class Hold:
     def __init__(self, constraints: Constraints, wanted: Wanted, kinds: np.ndarray, *, corners: int) -> None:
         rest, n = constraints.rest, len(constraints.component)
         on = np.stack([constraints.has_volume, np.ones_like(constraints.has_volume)])[kinds]
-        ratio = np.array([wanted.volume_ratio, wanted.area_ratio])[kinds, None]
         self._mesh = constraints.faces, constraints.start
         self._component, self._kinds, self._area = constraints.component, kinds, rest[AREA]
         self._scale = np.where(on, 1.0, 0.0) / np.where(on, rest[kinds], 1.0)
-        self._goal = np.where(on, ratio, 0.0)
+        self._goal = np.where(on, 1.0, 0.0)
         self._weight = np.where(on, np.array([wanted.volume, wanted.area])[kinds, None], math.inf)
         self._now, self._corners = self._weight, corners
         self._G, self._Z = np.zeros((2, n, len(kinds), 3))

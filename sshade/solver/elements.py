@@ -15,10 +15,10 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.solver.coarse import Energy
 from sshade.solver.constraints import Constraints, Hold, Wanted
 from sshade.solver.cotangents import corner_vectors, edge_weights, half_cotangents, laplacian_matrix
-from sshade.solver.factor import Engine, factor
+from sshade.solver.factorisation import Factorisation
+from sshade.solver.options import Energy
 from sshade.solver.quaternions import quaternions
 from sshade.solver.rotations import local_step, right_hand_side
 from sshade.solver.softening import Softening, soften, softened_right_hand_side, weighted_local_step
@@ -49,7 +49,7 @@ class Elements:
     constraints : Constraints
     """
 
-    def __init__(self, mesh: Mesh, index: np.ndarray, *, energy: Energy, engine: Engine) -> None:
+    def __init__(self, mesh: Mesh, index: np.ndarray, *, energy: Energy) -> None:
         if energy not in ("spokes", "spokes_and_rims"):
             raise InputError(f"unknown energy {energy!r}; use 'spokes' or 'spokes_and_rims'")
         index = _checked(mesh, index)
@@ -61,7 +61,7 @@ class Elements:
         free = np.flatnonzero(~held)
         self.mesh, self.index = mesh, index
         with ThreadPoolExecutor(max_workers=1) as pool:
-            factorised = pool.submit(factor, laplacian[free][:, free], engine=engine)
+            factorised = pool.submit(Factorisation, laplacian[free][:, free])
             self.vertex = reverse_cuthill_mckee(laplacian, symmetric_mode=True)
             position = np.empty(mesh.n, dtype=np.int32)
             position[self.vertex] = np.arange(mesh.n)

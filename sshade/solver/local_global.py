@@ -14,19 +14,20 @@ from __future__ import annotations
 
 from math import inf
 from time import perf_counter
+from typing import Unpack
 
 import numpy as np
 
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.solver.coarse import Energy, Start, initial_guess
 from sshade.solver.constraints import Wanted
 from sshade.solver.elements import Elements
-from sshade.solver.factor import Engine
 from sshade.solver.iterate import iterate
+from sshade.solver.options import Energy, EnergyOptions, SolverOptions, complete, energy_options
 from sshade.solver.quasi_newton import QuasiNewton
 from sshade.solver.softening import Softening
 from sshade.solver.solution import Solution
+from sshade.solver.start import initial_guess
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
 from sshade.threads import Crew
 
@@ -45,28 +46,19 @@ class LocalGlobal:
         with raw cotangents: ``sum_i sum_{ij} w_ij |e'_ij - R_i e_ij|^2``, and
         ``sum_i sum_{t at i} sum_{kl in t} h_t(kl) |e'_kl - R_i e_kl|^2``. The
         first can be negative where angles are obtuse.
-    engine : {"auto", "superlu", "cholespy"}
-        See :func:`sshade.solver.factor.factor`.
 
     Raises
     ------
     InputError
-        On an unknown energy or engine, or vertices as above that are out of
+        On an unknown energy, or vertices as above that are out of
         range, repeated, or leave a component free.
     FloatingPointError
         When triangles have no area: their cotangents are infinite.
     """
 
-    def __init__(
-        self, mesh: Mesh, index: np.ndarray, *, energy: Energy = "spokes_and_rims", engine: Engine = "auto"
-    ) -> None:
-        self._elements = Elements(mesh, index, energy=energy, engine=engine)
+    def __init__(self, mesh: Mesh, index: np.ndarray, *, energy: Energy = "spokes_and_rims") -> None:
+        self._elements = Elements(mesh, index, energy=energy)
         self.mesh, self.index, self.energy = mesh, self._elements.index, energy
-
-    @property
-    def engine(self) -> str:
-        """Name of the library behind the factorisation."""
-        return self._elements.factor.engine
 
     def solve(
         self,
@@ -78,15 +70,10 @@ class LocalGlobal:
         max_iterations: int = 1000,
         accelerate: bool = True,
         window: int = 5,
-        volume: float = 0.0,
-        area: float = 0.0,
-        volume_ratio: float = 1.0,
-        area_ratio: float = 1.0,
-        stiffness: float = 1.0,
-        strain: float = 0.02,
         max_seconds: float = inf,
         workers: int = 1,
         progress: Progress = silent,
+        **energy: Unpack[EnergyOptions],
     ) -> Solution:
         """Iterate local and global steps to a residual.
 
@@ -113,22 +100,15 @@ class LocalGlobal:
             Quasi-Newton steps, L-BFGS; see :mod:`sshade.solver.quasi_newton`.
         window : int
             Steps that they remember.
-        volume, area : float
-            Weights of the constraints on the volume that each component encloses
-            and on its area, without unit: 0 leaves it free, inf holds it exactly;
-            see :class:`sshade.solver.constraints.Wanted`. Components with a boundary
-            keep a free volume, with a warning.
-        volume_ratio, area_ratio : float
-            What to hold them at, over the rest shape's.
-        stiffness, strain : float
-            How triangles soften, of spokes and rims only; see :mod:`sshade.solver.softening`.
-            A stiffness of 1 is the energy as published.
         max_seconds : float
             Another cutoff: no iteration begins later. The result then depends on the machine.
         workers : int
             Threads that share each iteration, from some 20,000 vertices on; no
             influence on the result.
         progress : Progress
+        **energy
+            Weights of the constraints, and how triangles soften; see
+            :class:`sshade.solver.options.EnergyOptions`. By default neither.
 
         Returns
         -------
@@ -136,8 +116,10 @@ class LocalGlobal:
 
         Raises
         ------
+        TypeError
+            On an unknown option.
         InputError
-            On a wrong shape, a window or workers under 1, a negative weight, a ratio that is not positive,
+            On a wrong shape, a window or workers under 1, a negative weight,
             a stiffness out of (0, 1], one under 1 with spokes, or matrices that are no rotations.
         FloatingPointError
             When an iterate is not finite.
@@ -145,8 +127,9 @@ class LocalGlobal:
         targets, start = self._checked_positions(targets, start)
         if window < 1:
             raise InputError(f"the acceleration window must be at least 1, not {window}")
-        wanted = Wanted(volume, area, volume_ratio, area_ratio).checked()
-        softening = Softening(stiffness, strain).checked()
+        options = complete(energy)
+        wanted = Wanted(options["volume"], options["area"])
+        softening = Softening(options["stiffness"], options["strain"])
         u = start[self._elements.vertex] - self.mesh.origin
         u[self._elements.held] = targets - self.mesh.origin
         with Crew(workers) as crew:
@@ -167,10 +150,10 @@ class LocalGlobal:
         solution.positions[self.index] = targets
         return solution
 
-    def constrained(
+    def project(
         self, positions: np.ndarray, *, volume: float = 0.0, area: float = 0.0, workers: int = 1
     ) -> np.ndarray:
-        """Lead positions back to the constraints held exactly, by what costs the energy least.
+        """Project positions onto the exact constraints, by what costs the energy least.
 
         Parameters
         ----------
@@ -236,18 +219,11 @@ def local_global(
     task: DeformationTask,
     *,
     energy: Energy = "spokes_and_rims",
-    tolerance: float = 1e-5,
-    max_iterations: int = 1000,
     accelerate: bool = True,
-    volume: float = 0.0,
-    area: float = 0.0,
-    stiffness: float = 1.0,
-    strain: float = 0.02,
-    start: Start = "rest",
-    engine: Engine = "auto",
     workers: int = 1,
     seed: int = 0,
     progress: Progress = silent,
+    **options: Unpack[SolverOptions],
 ) -> DeformationResult:
     """Minimise an as-rigid-as-possible energy with our own accelerated local/global solver.
 
@@ -255,61 +231,50 @@ def local_global(
     ----------
     task : DeformationTask
     energy : {"spokes", "spokes_and_rims"}
-    tolerance : float
-        Residual of one plain iteration, relative to the diagonal, under which
-        iteration stops. 0 never stops early.
-    max_iterations : int
-        Cutoff; the paper's is 1000.
     accelerate : bool
         Quasi-Newton steps (L-BFGS, window 5), to the same minimum in a fraction of the steps.
-    volume, area : float
-        Weights of the constraints, 0 (free) to inf (exact); see :class:`sshade.solver.constraints.Wanted`.
-    stiffness, strain : float
-        How triangles soften; see :mod:`sshade.solver.softening`. A stiffness of 1 does not.
-    start : {"rest", "rigid"}
-        See :func:`sshade.solver.coarse.initial_guess`.
-    engine : {"auto", "superlu", "cholespy"}
-        See :func:`sshade.solver.factor.factor`.
     workers : int
         Threads that share each iteration; no influence on the result.
     seed : int
         Unused: the method is deterministic.
     progress : Progress
+    **options
+        Of the energy and its iteration, with their defaults: :data:`sshade.solver.options.DEFAULTS`.
 
     Returns
     -------
     DeformationResult
-        ``extra`` holds the ``engine`` and, as of :class:`Solution`,
-        ``rotations``, ``residual``, the energies, ``rejected``, and the errors
-        and states of volume and area.
+        ``extra`` holds, as of :class:`Solution`, ``rotations``, ``residual``, the energies,
+        ``rejected``, and the errors and states of volume and area.
 
     Raises
     ------
+    TypeError
+        On an unknown option.
     InputError
-        On an unknown energy, start or engine, a negative weight, or a stiffness out of (0, 1].
+        On an unknown energy or start, a negative weight, or a stiffness out of (0, 1].
     FloatingPointError
         When triangles have no area.
     """
     begin = perf_counter()
-    solver = LocalGlobal(task.mesh, task.handles.index, energy=energy, engine=engine)
+    solver_options = complete(options)
+    guess = initial_guess(task, solver_options["start"])
+    solver = LocalGlobal(task.mesh, task.handles.index, energy=energy)
     precomputed = perf_counter()
     solution = solver.solve(
         task.handles.target,
-        start=initial_guess(task, start),
-        tolerance=tolerance,
-        max_iterations=max_iterations,
+        start=guess,
         accelerate=accelerate,
-        volume=volume,
-        area=area,
-        stiffness=stiffness,
-        strain=strain,
         workers=workers,
         progress=progress,
+        tolerance=solver_options["tolerance"],
+        max_iterations=solver_options["max_iterations"],
+        **energy_options(solver_options),
     )
     return DeformationResult(
         vertices=solution.positions,
         iterations=solution.iterations,
         converged=solution.converged,
         seconds={"precompute": precomputed - begin, "solve": perf_counter() - precomputed},
-        extra={**solution.facts(), "engine": solver.engine},
+        extra=solution.facts(),
     )

@@ -99,7 +99,7 @@ def stretching(task, *, factor: float = 2.0, seed: int, progress=silent) -> Defo
         iterations=7,
         converged=False,
         seconds={"solve": 0.5},
-        extra={"residual": np.float64(np.inf), "engine": "none", "rotations": np.zeros((2, 3, 3))},
+        extra={"residual": np.float64(np.inf), "rotations": np.zeros((2, 3, 3))},
     )
 
 

@@ -15,8 +15,9 @@ from hydra.utils import instantiate as hydra_instantiate
 from omegaconf import OmegaConf
 
 from eval.configure.app import ABOUT_DATASET
-from eval.configure.targets import OWN_KEYS, check_parameters, instantiate, locate
+from eval.configure.targets import OWN_KEYS, check_parameters, instantiate, locate, parameter_hints
 from sshade.solver.local_global import local_global
+from sshade.solver.options import DEFAULTS
 from sshade.task import Method
 
 
@@ -52,15 +53,15 @@ def test_method_composes_and_is_a_method(name):
 def test_yaml_names_every_parameter_of_its_method(name):
     """A row then tells all that the method was given."""
     plain = OmegaConf.to_container(composed(f"method={name}").method)
-    taken = set(inspect.signature(locate(plain["_target_"])).parameters) - {"task", "seed", "progress"}
+    taken = set(parameter_hints(locate(plain["_target_"]))) - {"task", "seed", "progress"}
     assert set(plain) - set(OWN_KEYS) == taken
 
 
 def test_the_coarse_solver_of_the_yaml_is_the_default_one():
     """Named in the YAML so that the shared stopping rule reaches it and the row tells its parameters."""
     config = OmegaConf.to_container(composed("method=sshade").method)
-    named, default = instantiate(config).keywords["coarse"], inspect.signature(local_global).parameters
-    assert named.keywords == {name: default[name].default for name in named.keywords}
+    named = instantiate(config).keywords["coarse"]
+    assert named.keywords == {**DEFAULTS, "accelerate": True}
     task = bumpy_task()
     np.testing.assert_array_equal(named(task, seed=0).vertices, local_global(task).vertices)
 

@@ -263,13 +263,6 @@ def test_every_iterate_is_led_back_accelerated_or_not(weights):
     assert solution.volume_constraint == ("exact" if weights[0] else "free")
 
 
-def test_ratios_set_what_is_held():
-    solution = solve(BAR, (inf, inf), volume_ratio=1.2, area_ratio=1.05)
-    now = volume_and_area(solution.positions, BAR.mesh.F)
-    assert now / volume_and_area(BAR.mesh.V, BAR.mesh.F) == pytest.approx([1.2, 1.05], rel=1e-10)
-    assert max(solution.volume_error, solution.area_error) < 1e-10
-
-
 @pytest.mark.parametrize("weights", [(inf, 0), (inf, inf), (0.7, 0.2)])
 @pytest.mark.parametrize("scale", [2.0**-20, 2.0**30])
 def test_scaling_by_a_power_of_two_changes_no_bit(weights, scale):
@@ -457,12 +450,9 @@ def test_closed_components_keep_their_volume_beside_open_ones():
     [
         ("volume", -1.0, "the volume weight goes from 0 .free. to inf .exact.; -1.0 does not"),
         ("area", math.nan, "the area weight goes from 0 .free. to inf .exact.; nan does not"),
-        ("volume_ratio", 0.0, "volume_ratio must be a positive number, not 0.0"),
-        ("area_ratio", inf, "area_ratio must be a positive number, not inf"),
-        ("area_ratio", math.nan, "area_ratio must be a positive number, not nan"),
     ],
 )
-def test_weights_and_ratios_are_checked(option, value, sentence):
+def test_weights_are_checked(option, value, sentence):
     with pytest.raises(InputError, match=sentence):
         LocalGlobal(BAR.mesh, BAR.handles.index).solve(BAR.handles.target, **{option: value})
 

@@ -52,7 +52,7 @@ def test_the_energy_is_that_of_the_definition(task):
 
 
 def test_weights_are_the_derivative_of_the_penalty(task):
-    elements = Elements(task.mesh, task.handles.index, energy="spokes_and_rims", engine="auto")
+    elements = Elements(task.mesh, task.handles.index, energy="spokes_and_rims")
     with Crew(1) as crew:
         iteration = elements.iteration(task.handles.target, Wanted(), Softening(**SOFT), crew=crew)
         u = task.mesh.V[elements.vertex].copy()

@@ -5,11 +5,11 @@ import pytest
 from scipy.sparse import csc_array, eye_array
 from scipy.sparse.linalg import spsolve_triangular
 
-from sshade.solver.factor import factor
+from sshade.solver.factorisation import Factorisation
 from sshade.solver.substitution import Factors, divide, substitute, substitute_together
 from sshade.threads import Crew
 from tests.shapes import bumpy, jittered, strip
-from tests.sshade.solver.test_factor import system
+from tests.sshade.solver.test_factorisation import system
 
 
 def random_factors(n: int) -> Factors:
@@ -26,8 +26,8 @@ def random_factors(n: int) -> Factors:
 
 
 FACTORS = {
-    "closed": factor(system(bumpy(4)))._factors,
-    "open": factor(system(jittered(strip(60, 20), 0.2)))._factors,
+    "closed": Factorisation(system(bumpy(4))).factors,
+    "open": Factorisation(system(jittered(strip(60, 20), 0.2))).factors,
     "random": random_factors(80),
     "diagonal": Factors(np.zeros(6, dtype=np.int64), np.empty(0, np.int32), np.empty(0), np.arange(1.0, 6.0)),
 }

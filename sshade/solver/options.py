@@ -1,0 +1,102 @@
+"""The keyword options that everything takes which minimises an as-rigid-as-possible energy.
+
+One list of names, types and defaults: a method takes them as ``**options:
+Unpack[SolverOptions]``, with defaults of its own where it says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal, TypedDict, Unpack
+
+from sshade.solver.constraints import Wanted
+from sshade.solver.softening import Softening
+
+Energy = Literal["spokes", "spokes_and_rims"]
+Start = Literal["rest", "rigid"]
+
+
+class EnergyOptions(TypedDict, total=False):
+    """Terms of the energy beyond the published one.
+
+    Attributes
+    ----------
+    volume, area : float
+        Weights of the constraints on the volume that each component encloses and on
+        its area, without unit: 0 leaves it free, inf holds it exactly; see
+        :class:`sshade.solver.constraints.Wanted`. Components with a boundary keep a
+        free volume, with a warning.
+    stiffness, strain : float
+        Residual stiffness of strongly strained triangles, in (0, 1], and the strain about
+        which they soften, of spokes and rims only; see :mod:`sshade.solver.softening`.
+        A stiffness of 1 is the energy as published.
+    """
+
+    volume: float
+    area: float
+    stiffness: float
+    strain: float
+
+
+class IterationOptions(TypedDict, total=False):
+    """Where an iteration begins and when it stops.
+
+    Attributes
+    ----------
+    tolerance : float
+        Residual under which it stops: the largest move of a vertex in one plain
+        iteration over the rest shape's bounding-box diagonal. 0 never stops early.
+    max_iterations : int
+        Cutoff; the paper's is 1000.
+    start : {"rest", "rigid"}
+        See :func:`sshade.solver.start.initial_guess`.
+    """
+
+    tolerance: float
+    max_iterations: int
+    start: Start
+
+
+class SolverOptions(EnergyOptions, IterationOptions, total=False):
+    """:class:`EnergyOptions` and :class:`IterationOptions`."""
+
+
+#: The published energy, the paper's cutoff.
+DEFAULTS: SolverOptions = {
+    "volume": 0.0,
+    "area": 0.0,
+    "stiffness": 1.0,
+    "strain": 0.02,
+    "tolerance": 1e-5,
+    "max_iterations": 1000,
+    "start": "rest",
+}
+
+
+def complete(given: Mapping[str, Any], **defaults: Unpack[SolverOptions]) -> SolverOptions:
+    """All solver options: those given, else a method's own defaults, else :data:`DEFAULTS`.
+
+    Raises
+    ------
+    TypeError
+        On a name that is no option.
+    InputError
+        On a negative weight, a stiffness out of (0, 1], or a strain that is not positive.
+    """
+    unknown = [name for name in given if name not in DEFAULTS]
+    if unknown:
+        raise TypeError(f"unexpected keyword argument {unknown[0]!r}; the options are {', '.join(DEFAULTS)}")
+    options = DEFAULTS | defaults | given  # type: ignore[operator]
+    Wanted(options["volume"], options["area"]).checked()
+    Softening(options["stiffness"], options["strain"]).checked()
+    return options
+
+
+def energy_options(options: SolverOptions) -> EnergyOptions:
+    """Those of :func:`complete` options that belong to the energy."""
+    return {
+        "volume": options["volume"],
+        "area": options["area"],
+        "stiffness": options["stiffness"],
+        "strain": options["strain"],
+    }

@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
+from sshade.solver.factorisation import Factorisation
+from tests.shapes import bumpy, jittered, strip
+
+
+def system(mesh, *, held: int = 7) -> sp.csr_array:
+    """Laplacian without the rows and columns of every `held`-th vertex."""
+    free = np.flatnonzero(np.arange(mesh.n) % held)
+    return laplacian_matrix(mesh.n, *edge_weights(mesh, half_cotangents(mesh)))[free][:, free]
+
+
+@pytest.fixture(scope="module", params=["closed", "open"])
+def Q(request) -> sp.csr_array:
+    return system(bumpy(3) if request.param == "closed" else jittered(strip(30, 12), 0.2))
+
+
+@pytest.mark.parametrize("columns", [1, 2, 3, 4, 6, 9])
+def test_solves_to_rounding_and_each_column_alone(Q, columns):
+    B = np.random.default_rng(0).normal(size=(Q.shape[0], columns))
+    factorisation = Factorisation(Q)
+    X = factorisation.solve(B)
+    assert np.allclose(X, np.linalg.solve(Q.toarray(), B), rtol=0, atol=1e-12 * np.abs(X).max())
+    for c in range(columns):
+        assert np.array_equal(X[:, [c]], factorisation.solve(B[:, [c]]))
+
+
+def test_fill_is_that_of_a_symmetric_ordering():
+    """A column ordering stores L and U with more entries each than this L alone."""
+    Q = system(bumpy(4))
+    lu = sp.linalg.splu(sp.csc_matrix(Q))
+    assert len(Factorisation(Q).factors.value) < 0.5 * (lu.L.nnz + lu.U.nnz)
+
+
+def test_nothing_to_solve():
+    assert Factorisation(sp.csr_array((0, 0))).solve(np.empty((0, 3))).shape == (0, 3)
+
+
+def test_one_factorisation_serves_many_threads(Q):
+    solver = Factorisation(Q)
+    right = [np.random.default_rng(seed).normal(size=(Q.shape[0], 3)) for seed in range(16)]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(solver.solve, right))
+    assert all(np.array_equal(X, solver.solve(B)) for X, B in zip(together, right, strict=True))
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [
+        [[1.0, 2.0, 0], [2.0, 1.0, 0], [0, 0, 1.0]],  # indefinite
+        [[1.0, 0, 0], [0, -2.0, 0], [0, 0, 1.0]],  # a negative pivot
+        [[1.0, -1.0, 0], [-1.0, 1.0, 0], [0, 0, 1.0]],  # singular
+    ],
+)
+def test_not_positive_definite(matrix):
+    with pytest.raises(FloatingPointError, match="not positive definite"):
+        Factorisation(sp.csr_array(np.array(matrix)))
+
+
+def test_not_finite():
+    with pytest.raises(FloatingPointError, match="not finite"):
+        Factorisation(sp.csr_array(np.array([[np.nan, 0], [0, 1.0]])))
