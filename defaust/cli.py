@@ -66,8 +66,6 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, int | 
     InputError
         On anything wrong with them, in one sentence.
     """
-    from dataclasses import fields
-
     from hydra import compose, initialize_config_module
     from hydra.errors import HydraException, OverrideParseException
     from hydra.utils import instantiate
@@ -75,7 +73,8 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, int | 
     from omegaconf.errors import OmegaConfBaseException
 
     from conf import named_functions, told
-    from defaust.build.options import BuildOptions
+    from defaust.build.options import OPTIONS, BuildOptions
+    from defaust.schema import mismatch
 
     try:
         with initialize_config_module("conf.defaust", version_base="1.3"):
@@ -99,50 +98,15 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, int | 
         if isinstance(error.__cause__, InputError):
             raise error.__cause__ from error
         raise InputError(told(str(error))) from error
-    names = [field.name for field in fields(BuildOptions)]
-    unknown = sorted(set(plain) - {*names, "source", "out", "workers"})
+    out, workers = Path(str(plain.pop("out"))), plain.pop("workers")
+    del plain["source"]
+    unknown = sorted(set(plain) - set(OPTIONS))
     if unknown:
         raise InputError(f"there is no option {unknown[0]}; see conf/defaust/build.yaml")
-    options = BuildOptions(**{name: _number(name, plain[name]) for name in names})
-    return source, Path(str(plain["out"])), options, _number("workers", plain["workers"])
-
-
-#: Options that are whole numbers, and those that may be null.
-_WHOLE = (
-    "seed",
-    "target_vertices",
-    "ls3_steps",
-    "remesh_iterations",
-    "handles_per_landmark",
-    "neighbourhood",
-    "workers",
-)
-_NULLABLE = ("subjects", "target_vertices", "ls3_steps", "workers")
-
-
-def _number(name: str, value: Any) -> Any:
-    """The value if it has the type that the option needs; lists become tuples."""
-
-    def is_whole(x: Any) -> bool:
-        return isinstance(x, int) and not isinstance(x, bool)
-
-    def is_real(x: Any) -> bool:
-        return is_whole(x) or isinstance(x, float)
-
-    if value is None and name in _NULLABLE:
-        return None
-    if name in _WHOLE:
-        fits, needs = is_whole(value), "a whole number"
-    elif name == "subjects":
-        value = [value] if is_whole(value) else value
-        fits, needs = isinstance(value, list) and all(map(is_whole, value)), "a list of whole numbers"
-    elif name == "window":
-        fits, needs = isinstance(value, list) and all(map(is_real, value)), "a list of two numbers"
-    else:
-        fits, needs = is_real(value), "a number"
-    if not fits:
-        raise InputError(f"{name}={value} is not {needs}")
-    return tuple(value) if isinstance(value, list) else value
+    problem = mismatch(plain | {"workers": workers}, OPTIONS | {"workers": (int, None)})
+    if problem:
+        raise InputError(problem)
+    return source, out, BuildOptions(**plain), workers
 
 
 def _verify(args: argparse.Namespace) -> int:
@@ -162,7 +126,7 @@ def _info(args: argparse.Namespace) -> int:
     from rich.table import Table
 
     from defaust.folder.card import subject_names
-    from defaust.folder.layout import read_dataset
+    from defaust.folder.record import read_dataset
 
     document = read_dataset(args.folder)
     build = document["build"]

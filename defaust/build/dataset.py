@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import logging
-import multiprocessing
 import os
 import shutil
-import signal
-import threading
-from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from collections.abc import Sequence
 from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from defaust.build.lock import LOCK, sole_builder
+from defaust.build.options import BuildOptions
+from defaust.build.workers import build_subjects
 from defaust.folder.card import render_card
 from defaust.folder.layout import (
     CARD,
@@ -23,17 +22,12 @@ from defaust.folder.layout import (
     WORK,
     checksum,
     dump,
-    read_dataset,
-    read_json,
     sha256,
     subject_folder,
     write_text,
 )
-from defaust.build.lock import LOCK, sole_builder
-from defaust.build.options import BuildOptions
-from defaust.folder.record import FINISHED, require, require_inside
+from defaust.folder.record import FINISHED, read_dataset, read_json, read_record
 from defaust.sources.source import Source
-from defaust.build.subject import build_subject
 from sshade import InputError
 from sshade.io.files import make_folder
 from sshade.task import Progress, silent
@@ -42,8 +36,6 @@ log = logging.getLogger(__name__)
 
 #: In WORK: what determines the result.
 RECIPE = "recipe.json"
-#: Seconds between two looks at what the workers report.
-POLL = 0.2
 #: Packages whose version can change the result.
 TOOLS = ("numpy", "scipy", "pymeshlab")
 
@@ -84,114 +76,36 @@ def build(
         when another process builds there, or a subject cannot be built.
     """
     out = Path(out)
-    subjects = _subjects(source, options.subjects)
     if workers is not None and workers < 1:
         raise InputError(f"workers is {workers}; it must be at least 1")
-    recipe = _recipe(source, options, subjects=subjects)
+    recipe = _recipe(source, options)
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file; give a folder")
     with sole_builder(out):
         _prepare(out, recipe)
-        return _work_through(source, out, recipe, options=options, workers=workers, progress=progress)
+        subjects = recipe["build"]["subjects"]
+        done = {s: record for s in subjects if (record := _finished(out, s)) is not None}
+        missing = [s for s in subjects if s not in done]
+        log.info("%d of %d subjects are there already", len(done), len(subjects))
+        progress("subjects", len(done), len(subjects))
+        workers = min(workers or _cores(), max(1, len(missing)))
+        for subject, record in build_subjects(
+            source, out, subjects=missing, options=options, workers=workers, progress=progress
+        ):
+            done[subject] = record
+            write_text(_record_path(out, subject), dump(record))
+            progress("subjects", len(done), len(subjects), f"subject {subject} done")
+        return _finish(out, recipe, records=[done[s] for s in subjects])
 
 
-def _work_through(
-    source: Source,
-    out: Path,
-    recipe: dict[str, Any],
-    *,
-    options: BuildOptions,
-    workers: int | None,
-    progress: Progress,
-) -> dict[str, Any]:
-    """Build what is missing in a folder that is prepared."""
-    subjects = recipe["build"]["subjects"]
-    done = {s: record for s in subjects if (record := _finished(out, s)) is not None}
-    missing = [s for s in subjects if s not in done]
-    log.info("%d of %d subjects are there already", len(done), len(subjects))
-    workers = min(workers or _cores(), max(1, len(missing)))
-    progress("subjects", len(done), len(subjects))
-    for subject, record in _build_missing(
-        source, out, missing=missing, options=options, workers=workers, progress=progress
-    ):
-        done[subject] = record
-        write_text(_record_path(out, subject), dump(record))
-        progress("subjects", len(done), len(subjects), f"subject {subject} done")
-    return _finish(out, recipe, records=[done[s] for s in subjects])
-
-
-def _build_missing(
-    source: Source,
-    out: Path,
-    *,
-    missing: Sequence[int],
-    options: BuildOptions,
-    workers: int,
-    progress: Progress,
-) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Build subjects here or in worker processes; yield each as it is done."""
-    if workers == 1:
-        for subject in missing:
-            yield subject, build_subject(source, out, subject=subject, options=options, progress=progress)
-        return
-    # Spawned, because forking a process with threads (numba, BLAS) can hang.
-    context = multiprocessing.get_context("spawn")
-    stages = context.SimpleQueue()
-    with ProcessPoolExecutor(
-        workers, mp_context=context, initializer=_start_worker, initargs=(stages,)
-    ) as pool:
-        jobs = {pool.submit(_work, source, out, subject=s, options=options): s for s in missing}
-        waiting = set(jobs)
-        try:
-            while waiting:
-                done, waiting = wait(waiting, timeout=POLL, return_when=FIRST_COMPLETED)
-                while not stages.empty():
-                    progress(*stages.get())
-                for job in done:
-                    yield jobs[job], job.result()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-
-
-#: In a worker: where its progress goes. A queue cannot travel with each job, only at the start.
-_stages: Any = None
-
-
-def _start_worker(stages: Any) -> None:
-    """Remember the queue, and end with the main process: killed, it could not tell its workers."""
-    global _stages
-    _stages = stages
-    # Ctrl-C reaches the workers too: they end at once, and the main process says so.
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-    def watch() -> None:
-        multiprocessing.parent_process().join()
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
-
-
-def _work(source: Source, out: Path, *, subject: int, options: BuildOptions) -> dict[str, Any]:
-    """Build a subject in a worker, its progress sent to the process that draws."""
-
-    def forward(stage: str, done: int, total: int, note: str = "") -> None:
-        _stages.put((stage, done, total, note))
-
-    return build_subject(source, out, subject=subject, options=options, progress=forward)
-
-
-def _subjects(source: Source, wanted: tuple[int, ...] | None) -> tuple[int, ...]:
-    for subject in wanted or ():
+def _recipe(source: Source, options: BuildOptions) -> dict[str, Any]:
+    """What determines the result: the first part of dataset.json, as it reads back from JSON."""
+    for subject in options.subjects or ():
         if subject not in source.subjects:
             raise InputError(
                 f"the source {source.name} has no subject {subject}; it has {list(source.subjects)}"
             )
-    return source.subjects if wanted is None else wanted
-
-
-def _recipe(source: Source, options: BuildOptions, *, subjects: tuple[int, ...]) -> dict[str, Any]:
-    """What determines the result: the first part of dataset.json, as it reads back from JSON."""
+    subjects = source.subjects if options.subjects is None else options.subjects
     files = source.checksums(subjects)
     build = asdict(options) | {"subjects": list(subjects), "window": list(options.window)}
     return {
@@ -275,9 +189,7 @@ def _finished(out: Path, subject: int) -> dict[str, Any] | None:
     if not path.is_file():
         return None
     try:
-        record = read_json(path)
-        require(record, FINISHED, where=str(path))
-        require_inside(record["files"], where=str(path))
+        record = read_record(path, FINISHED)
     except InputError as error:
         log.warning("%s: subject %d is built again", error, subject)
         return None

@@ -6,7 +6,11 @@ from dataclasses import dataclass
 
 from defaust.build.handles import NEIGHBOURHOOD, PER_LANDMARK, STATIC_BELOW
 from defaust.build.upsample import check_window
+from defaust.folder.record import BUILD
 from sshade import InputError
+
+#: What a configuration may give; see :mod:`defaust.schema`.
+OPTIONS = BUILD | {"subjects": ([int], None)}
 
 
 @dataclass(frozen=True)
@@ -61,4 +65,4 @@ class BuildOptions:
             if not self.subjects:
                 raise InputError("subjects is empty; list at least one, or leave it null for all")
             object.__setattr__(self, "subjects", tuple(sorted(set(self.subjects))))
-        object.__setattr__(self, "window", tuple(float(x) for x in self.window))
+        object.__setattr__(self, "window", tuple(map(float, self.window)))

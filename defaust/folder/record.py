@@ -1,146 +1,152 @@
-"""What the JSON files of a DeFAUST folder must hold, checked before anything in them is used.
-
-A shape is a type, a tuple of alternatives, a list with the shape of its items, a
-mapping from keys to shapes (those that end in "?" may be missing, others than the
-named ones are left alone), :class:`Each` for a mapping whose keys are free, or
-:data:`POINT` for three numbers.
-"""
+"""The JSON files of a DeFAUST folder: what they hold, read and checked before anything in them is used."""
 
 from __future__ import annotations
 
-import math
-from pathlib import PurePosixPath, PureWindowsPath
-from typing import Any, NamedTuple
+import json
+import os
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import Any
 
+from defaust.folder.layout import DATASET, FORMAT, WORK, checksum
+from defaust.schema import mismatch
 from sshade import InputError
 
-
-class Each(NamedTuple):
-    """A mapping of any keys to values of one shape."""
-
-    shape: Any
-
-
-NULL = type(None)
-POINT = object()
-COUNTS = {"vertices": int, "faces": int}
-FACTS = COUNTS | {
-    "euler": int,
-    "boundary_loops?": int,
-    "volume": (float, NULL),
-    "area": float,
-    "diagonal": float,
-    "self_intersecting_faces": int,
+#: Of a mesh.
+FACTS = {
+    **dict.fromkeys(("vertices", "faces", "euler", "boundary_loops?", "self_intersecting_faces"), int),
+    **dict.fromkeys(("area", "diagonal"), float),
+    "volume": (float, None),
 }
 SUBJECT = {
     "subject": int,
-    "landmark_vertices": Each(int),
-    "poses": [{"pose": int, "name": str, "static": int, "dynamic": int, "volume": (float, NULL)}],
+    "landmark_vertices": {str: int},
+    "poses": [{"pose": int, "name": str, "static": int, "dynamic": int, "volume": (float, None)}],
     "low": FACTS,
-    "high": FACTS | {"ls3_steps": int, "edge_length": (float, NULL), "remeshings": int},
+    "high": FACTS | {"ls3_steps": int, "edge_length": (float, None), "remeshings": int},
 }
-FILES = Each({"sha256": str, "bytes": int, "vertices?": int, "faces?": int})
+FILES = {str: {"sha256": str, "bytes": int, "vertices?": int, "faces?": int}}
+#: A subject that is done, as a build under way keeps it.
+FINISHED = SUBJECT | {"files": FILES}
+#: Parameters of a build; see :class:`defaust.build.options.BuildOptions`.
+BUILD = {
+    "subjects": [int],
+    **dict.fromkeys(("seed", "remesh_iterations", "handles_per_landmark", "neighbourhood"), int),
+    **dict.fromkeys(("target_vertices", "ls3_steps"), (int, None)),
+    "window": [float, float],
+    "static_below": float,
+}
+#: dataset.json.
 DOCUMENT = {
     "format": int,
-    "name": str,
     "source": {
-        "name": str,
-        **dict.fromkeys(("title", "origin", "licence", "citation", "axes", "unit"), str),
-        "limits": [str],
-        "note?": str,
-        "classes?": [str],
-        "files?": Each(str),
+        **dict.fromkeys(("name", "title", "origin", "licence", "citation", "axes", "unit", "note?"), str),
+        **dict.fromkeys(("limits", "classes?"), [str]),
+        "files?": {str: str},
     },
-    "build": {
-        "subjects": [int],
-        "seed": int,
-        "target_vertices": (int, NULL),
-        "window": [float],
-        "ls3_steps": (int, NULL),
-        "remesh_iterations": int,
-        "handles_per_landmark": int,
-        "neighbourhood": int,
-        "static_below": float,
-    },
-    "tools": Each(str),
+    "name": str,
+    "build": BUILD,
+    "tools": {str: str},
     "landmarks": [str],
-    "poses": Each([{"pose": int, "name": str, "aligned": (bool, NULL), "landmarks": [str]}]),
+    "poses": {str: [{"pose": int, "name": str, "aligned": (bool, None), "landmarks": [str]}]},
     "subjects": [SUBJECT],
     "files": FILES,
     "checksum": str,
 }
-#: A subject that is done, as a build under way keeps it.
-FINISHED = SUBJECT | {"files": FILES}
 #: The handles of a pose.
 POSE = {
     "source_pose": str,
     "handles": [
         {
-            "landmark": str,
-            "kind": str,
-            "delta": (float, NULL),
-            "delta_mean": (float, NULL),
-            "source": [POINT],
-            "target": [POINT],
+            **dict.fromkeys(("landmark", "kind"), str),
+            **dict.fromkeys(("delta", "delta_mean"), (float, None)),
+            **dict.fromkeys(("source", "target"), [[float, float, float]]),
         }
     ],
 }
-_WORDS = {int: "a whole number", float: "a number", str: "a text", bool: "true or false", NULL: "null"}
 
 
-def require(value: Any, shape: Any, *, where: str) -> None:
-    """Check a JSON value against a shape.
+def read_dataset(root: str | os.PathLike[str], *, intact: bool = True) -> dict[str, Any]:
+    """Read dataset.json.
+
+    Parameters
+    ----------
+    root : path
+    intact : bool
+        Refuse a record that is not as the build left it, by its own checksum.
 
     Raises
     ------
     InputError
-        With the place of the first thing that does not fit.
+        When the folder is missing, is no finished DeFAUST folder of this format,
+        or its record is damaged or leads out of the folder.
     """
-    problem = _problem(value, shape, "")
+    root = Path(root)
+    path = root / DATASET
+    if not root.is_dir():
+        raise InputError(f"{root}: no such folder")
+    if not path.is_file():
+        hint = (
+            "run the same defaust build again, which goes on"
+            if (root / WORK).is_dir()
+            else f"if it holds your meshes, make one of them: defaust build source=faust source.root={root} "
+            "out=DIR, with source=tosca or source=sequence for meshes other than FAUST's"
+        )
+        raise InputError(f"{root} is not a finished DeFAUST folder (it has no {DATASET}); {hint}")
+    document = read_json(path)
+    if not isinstance(document, dict) or "format" not in document:
+        raise InputError(f"{path}: not a DeFAUST record")
+    if document["format"] != FORMAT:
+        raise InputError(f"{path}: format {document['format']} is not the supported {FORMAT}; rebuild it")
+    _require(document, DOCUMENT, path)
+    _check_subjects(document, path)
+    if intact and checksum(document) != document["checksum"]:
+        raise InputError(f"{path}: it was changed after the build; restore it, or build the dataset again")
+    return document
+
+
+def read_record(path: Path, schema: dict[str, Any]) -> dict[str, Any]:
+    """Read a JSON object, such as the handles of a pose (:data:`POSE`).
+
+    Raises
+    ------
+    InputError
+        When the file is no JSON, or its content is not as the schema wants it.
+    """
+    record: dict[str, Any] = read_json(path)
+    _require(record, schema, path)
+    return record
+
+
+def read_json(path: Path) -> Any:
+    """Read a JSON file; InputError when it is no JSON."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        why = "nested too deeply" if isinstance(error, RecursionError) else error
+        raise InputError(f"{path}: not a readable JSON file ({why})") from error
+
+
+def _require(record: Any, schema: dict[str, Any], path: Path) -> None:
+    problem = mismatch(record, schema)
+    if not problem:
+        outside = [name for name in record.get("files", ()) if not _is_inside(name)]
+        problem = f"it lists the file {outside[0]!r}, which is not inside the folder" if outside else ""
     if problem:
-        raise InputError(f"{where}: damaged, {problem}; restore the file or build the dataset again")
+        raise InputError(f"{path}: damaged, {problem}; restore the file or build the dataset again")
 
 
-def require_inside(names: Any, *, where: str) -> None:
-    """Raise InputError where a listed file is not below the folder that lists it."""
-    for name in names:
-        parts = PurePosixPath(name).parts
-        if not parts or ".." in parts or PurePosixPath(name).is_absolute() or PureWindowsPath(name).anchor:
-            raise InputError(f"{where}: it lists the file {name!r}, which is not inside the folder")
+def _is_inside(name: str) -> bool:
+    """Whether a listed file lies below the folder that lists it."""
+    path = PurePosixPath(name)
+    return bool(path.parts) and ".." not in path.parts and not PureWindowsPath(name).anchor
 
 
-def _problem(value: Any, shape: Any, place: str) -> str:
-    """What is wrong, or nothing."""
-    if isinstance(shape, tuple) and not isinstance(shape, Each):
-        problems = [_problem(value, one, place) for one in shape]
-        return "" if "" in problems else problems[0]
-    if isinstance(shape, list):
-        if not isinstance(value, list):
-            return f"{place or 'it'} is no list"
-        found = (_problem(item, shape[0], f"{place}[{i}]") for i, item in enumerate(value))
-        return next(filter(None, found), "")
-    if isinstance(shape, (dict, Each)):
-        if not isinstance(value, dict):
-            return f"{place or 'it'} is no object"
-        if isinstance(shape, Each):
-            shape = dict.fromkeys(value, shape.shape)
-        for key, one in shape.items():
-            name = key.removesuffix("?") if key not in value else key
-            at = f"{place}.{name}" if place else name
-            if name in value:
-                problem = _problem(value[name], one, at)
-                if problem:
-                    return problem
-            elif not key.endswith("?"):
-                return f"it has no {at}"
-        return ""
-    if shape is POINT:
-        fits = isinstance(value, list) and len(value) == 3 and all(_is(x, float) for x in value)
-        return "" if fits else f"{place} is not three numbers"
-    return "" if _is(value, shape) else f"{place} is not {_WORDS[shape]}"
-
-
-def _is(value: Any, kind: type) -> bool:
-    if kind is float:
-        return type(value) in (int, float) and math.isfinite(value)
-    return type(value) is kind
+def _check_subjects(document: dict[str, Any], path: Path) -> None:
+    """Raise InputError unless the parts of a record speak of the same subjects."""
+    numbers = [subject["subject"] for subject in document["subjects"]]
+    if not numbers or numbers != document["build"]["subjects"]:
+        raise InputError(f"{path}: damaged, its subjects are not those of its build; restore the file")
+    classes = document["source"].get("classes")
+    for number in numbers:
+        if str(number) not in document["poses"] or (classes is not None and not 0 <= number < len(classes)):
+            raise InputError(f"{path}: damaged, it does not say all of subject {number}; restore the file")

@@ -17,12 +17,10 @@ from defaust.folder.layout import (
     REST_LOW,
     pose_file,
     pose_mesh,
-    read_dataset,
-    read_json,
     sha256,
     subject_folder,
 )
-from defaust.folder.record import POSE, require
+from defaust.folder.record import POSE, read_dataset, read_record
 from defaust.tasks.transfers import Registered, transfer_task
 from sshade import DeformationTask, Handles, InputError, Mesh, TransferTask
 from sshade.io.meshes import read_mesh
@@ -146,8 +144,7 @@ def load_task(
     sums = [_checked(root, file, document=document) for file in (mesh_name, pose_name)]
 
     mesh = read_mesh(root / mesh_name)
-    content = read_json(root / pose_name)
-    require(content, POSE, where=str(root / pose_name))
+    content = read_record(root / pose_name, POSE)
     facts = _facts(document, subject=subject, pose=pose, source_pose=content["source_pose"])
     facts |= {"resolution": resolution, "vertices": mesh.n, "checksum": "+".join(s[:16] for s in sums)}
     registered = resolution == "low" or document["build"]["target_vertices"] is None

@@ -9,7 +9,6 @@ from __future__ import annotations
 import logging
 import math
 import multiprocessing
-import os
 import resource
 import signal
 import sys
@@ -17,7 +16,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
-from threading import Lock, Thread, current_thread, main_thread
+from threading import Lock, current_thread, main_thread
 from time import perf_counter
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -29,6 +28,7 @@ from eval.metrics.truth import Task
 from eval.rows.store import Row
 from eval.run.provenance import process_memory
 from eval.run.warmup import warm_up
+from sshade.processes import end_with_parent
 from sshade.task import DeformationResult, Progress, silent
 
 log = logging.getLogger(__name__)
@@ -187,7 +187,7 @@ def _end(code: int) -> str:
 
 
 def _child(connection: Connection, method: Mapping[str, Any], task: Task, seed: int, report: bool) -> None:
-    Thread(target=_end_with_parent, daemon=True).start()
+    end_with_parent()
     send = _Sender(connection)
     done = attempt(
         method,
@@ -197,12 +197,6 @@ def _child(connection: Connection, method: Mapping[str, Any], task: Task, seed: 
         before_clock=lambda: send(CLOCK),
     )
     send(done._replace(facts=done.facts | {"peak_mib": _peak_mib()}, curves=dict(done.curves)))
-
-
-def _end_with_parent() -> None:
-    """Wait for the parent to end, killed perhaps, and end this process: nobody waits for the result."""
-    multiprocessing.parent_process().join()
-    os._exit(1)
 
 
 class _Sender:

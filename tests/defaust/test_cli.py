@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from defaust.cli import configure, main
-from defaust.folder.layout import read_dataset
+from defaust.folder.record import read_dataset
 from defaust.tasks import list_tasks, load_task
 from sshade import InputError
 
@@ -40,13 +40,14 @@ def test_build_verify_info(tmp_path, capsys):
         (["out=x", "speed=1"], "there is no setting speed"),
         (["out=x", "+speed=1"], "there is no option speed"),
         (["out=x", "subjects=[a"], "subjects=[a is not understood; close its brackets"),
-        (["out=x", "seed=a"], "seed=a is not a whole number"),
-        (["out=x", "seed=null"], "seed=None is not a whole number"),
-        (["out=x", "target_vertices=2e4"], "target_vertices=20000.0 is not a whole number"),
-        (["out=x", "subjects=[0,a]"], "is not a list of whole numbers"),
-        (["out=x", "window=1"], "window=1 is not a list of two numbers"),
-        (["out=x", "window=[1]"], "give two numbers around 1"),
-        (["out=x", "static_below=a"], "static_below=a is not a number"),
+        (["out=x", "seed=a"], "seed is 'a', not a whole number"),
+        (["out=x", "seed=null"], "seed is None, not a whole number"),
+        (["out=x", "target_vertices=2e4"], "target_vertices is 20000.0, not a whole number"),
+        (["out=x", "subjects=[0,a]"], "subjects[1] is 'a', not a whole number"),
+        (["out=x", "window=1"], "window is 1, not a list"),
+        (["out=x", "subjects=3"], "subjects is 3, not a list"),
+        (["out=x", "window=[1]"], "window has 1 items, not 2"),
+        (["out=x", "static_below=a"], "static_below is 'a', not a number"),
         (["out=x", "source.poses_used=[jump]"], "no pose is called 'jump'"),
         (["out=x", "source._target_=os.system"], "source._target_=os.system is named by no file of conf"),
         (["out=x", "+source.speed=1"], "unexpected keyword argument 'speed'"),
@@ -59,12 +60,12 @@ def test_mistakes_are_one_sentence(overrides, message, capsys):
 
 
 def test_defaults_are_those_of_the_paper():
-    source, out, options, workers = configure(["out=a/b", "subjects=3"])
+    source, out, options, workers = configure(["out=a/b", "subjects=[3]"])
     assert (source.name, str(out), options.subjects, workers) == ("synthetic", "a/b", (3,), None)
     assert (options.target_vertices, options.handles_per_landmark) == (170_000, 30)
     assert options.target_vertices * options.window[0] >= 150_000
     assert options.target_vertices * options.window[1] <= 200_000
-    with pytest.raises(InputError, match="workers=many is not a whole number"):
+    with pytest.raises(InputError, match="workers is 'many', not a whole number"):
         configure(["out=x", "workers=many"])
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from defaust.build.dataset import build
 from defaust.cli import main
-from defaust.folder.layout import read_dataset
+from defaust.folder.record import read_dataset
 from defaust.folder.verify import verify
 from defaust.tasks import list_tasks, load_task
 from sshade import InputError

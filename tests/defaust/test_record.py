@@ -5,9 +5,10 @@ import json
 import pytest
 
 from defaust.build.dataset import build
-from defaust.folder.layout import checksum, dump, read_dataset
-from defaust.folder.record import POINT, Each, require, require_inside
+from defaust.folder.layout import checksum, dump
+from defaust.folder.record import FILES, read_dataset, read_record
 from defaust.folder.verify import verify
+from defaust.schema import mismatch
 from defaust.tasks import load_task
 from sshade import InputError
 from tests.defaust.test_verify import relist
@@ -15,53 +16,56 @@ from tests.defaust.toy import OPTIONS, Balls
 
 
 @pytest.mark.parametrize(
-    ("value", "shape"),
+    ("value", "schema"),
     [
         (1, int),
         (1, float),
-        (1.5, (float, type(None))),
-        (None, (float, type(None))),
+        (None, (float, None)),
         ([], [int]),
         ({"a": 1, "more": []}, {"a": int, "b?": str}),
         ({"a": 1, "b": "x"}, {"a": int, "b?": str}),
-        ({"x": [1], "y": []}, Each([int])),
-        ([0, 1.5, -2], POINT),
+        ({"x": [1], "y": [], "z?": []}, {str: [int]}),
+        ([0, 1.5, -2], [float, float, float]),
     ],
 )
-def test_what_fits(value, shape):
-    require(value, shape, where="file")
+def test_what_fits_a_schema(value, schema):
+    assert mismatch(value, schema) == ""
 
 
 @pytest.mark.parametrize(
-    ("value", "shape", "words"),
+    ("value", "schema", "words"),
     [
-        (True, {"a": int}, "file: damaged, it is no object"),
-        ({"a": True}, {"a": int}, "a is not a whole number"),
-        ({"a": 1.0}, {"a": int}, "a is not a whole number"),
-        ({"a": float("nan")}, {"a": float}, "a is not a number"),
-        ({"a": "1"}, {"a": float}, "a is not a number"),
-        ({"a": 1}, {"a": bool}, "a is not true or false"),
-        ({"a": None}, {"a": str}, "a is not a text"),
+        (True, {"a": int}, "it is True, not an object"),
+        ({"a": True}, {"a": int}, "a is True, not a whole number"),
+        ({"a": 1.0}, {"a": int}, "a is 1.0, not a whole number"),
+        ({"a": float("nan")}, {"a": float}, "a is nan, not a number"),
+        ({"a": "1"}, {"a": float}, "a is '1', not a number"),
+        ([10**400], [float], "[0] is 1" + 17 * "0" + "..." + 19 * "0" + ", not a number"),
+        ({"a": 1}, {"a": bool}, "a is 1, not true or false"),
+        ({"a": 1}, {"a": None}, "a is 1, not null"),
+        ({"a": None}, {"a": str}, "a is None, not a text"),
         ({"a": {}}, {"a": {"b": int}}, "it has no a.b"),
-        ({"a": [{"b": 1}, {"b": "x"}]}, {"a": [{"b": int}]}, r"a\[1\].b is not a whole number"),
-        ({"a": {"x": 1}}, {"a": [int]}, "a is no list"),
-        ({"a": {"x": 1}}, {"a": Each(str)}, "a.x is not a text"),
-        ({"b": 1}, {"b?": str}, "b is not a text"),
-        ({"a": "x"}, {"a": (float, type(None))}, "a is not a number"),
-        ([[0, 1]], [POINT], r"\[0\] is not three numbers"),
-        ([[0, 1, None]], [POINT], "is not three numbers"),
+        ({"a": [{"b": 1}, {"b": "x"}]}, {"a": [{"b": int}]}, "a[1].b is 'x', not a whole number"),
+        ({"a": {"x": 1}}, {"a": [int]}, "a is {'x': 1}, not a list"),
+        ({"a": {"x": 1}}, {"a": {str: str}}, "a.x is 1, not a text"),
+        ({"b": 1}, {"b?": str}, "b is 1, not a text"),
+        ({"a": "x"}, {"a": (float, None)}, "a is 'x', not a number"),
+        ([[0, 1]], [[float, float, float]], "[0] has 2 items, not 3"),
+        ([[0, 1, None]], [[float, float, float]], "[0][2] is None, not a number"),
     ],
 )
-def test_what_does_not_fit_is_named(value, shape, words):
-    with pytest.raises(InputError, match=words):
-        require(value, shape, where="file")
+def test_what_does_not_fit_is_named(value, schema, words):
+    assert mismatch(value, schema) == words
 
 
 @pytest.mark.parametrize("name", ["../x", "a/../../x", "/etc/passwd", "", "C:/x", "C:\\x", "\\\\host\\x"])
-def test_files_outside_of_the_folder_are_refused(name):
-    require_inside(["a.ply", "a/b.ply", "..a"], where="file")
-    with pytest.raises(InputError, match="not inside the folder"):
-        require_inside(["a.ply", name], where="file")
+def test_files_outside_of_the_folder_are_refused(tmp_path, name):
+    path, entry = tmp_path / "a.json", {"sha256": "", "bytes": 0}
+    path.write_text(json.dumps({"files": {"a.ply": entry, "a/b.ply": entry, "..a": entry}}))
+    assert len(read_record(path, {"files": FILES})["files"]) == 3
+    path.write_text(json.dumps({"files": {"a.ply": entry, name: entry}}))
+    with pytest.raises(InputError, match="a.json: damaged, .* not inside the folder"):
+        read_record(path, {"files": FILES})
 
 
 def change(root, edit, *, sign=True):
@@ -79,7 +83,8 @@ def change(root, edit, *, sign=True):
     [
         (lambda d: d["subjects"][1]["high"].pop("vertices"), r"it has no subjects\[1\].high.vertices"),
         (lambda d: d["files"].update({"../out": d["files"]["README.md"]}), "'../out', which is not inside"),
-        (lambda d: d["build"].update(target_vertices="many"), "build.target_vertices is not"),
+        (lambda d: d["build"].update(target_vertices="many"), "build.target_vertices is 'many'"),
+        (lambda d: d["build"].update(subjects=[0, 1]), "its subjects are not those of its build"),
         (lambda d: d["poses"].pop("2"), "does not say all of subject 2"),
         (lambda d: d["source"].update(classes=["cat"]), "does not say all of subject 1"),
     ],
@@ -102,7 +107,7 @@ def test_a_record_changed_after_the_build_is_not_used(dataset):
     ("edit", "words"),
     [
         (lambda c: c.pop("source_pose"), "has no source_pose"),
-        (lambda c: c["handles"][0].update(source="x"), r"handles\[0\].source is no list"),
+        (lambda c: c["handles"][0].update(source="x"), r"handles\[0\].source is 'x', not a list"),
         (lambda c: c["handles"][0]["target"].pop(), "top has other numbers of sources and targets"),
         (lambda c: c["handles"][0].update(landmark="nose"), "no landmark 'nose'"),
     ],

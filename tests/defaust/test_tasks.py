@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from defaust.folder.layout import checksum, read_dataset, sha256
+from defaust.folder.layout import checksum, sha256
+from defaust.folder.record import read_dataset
 from defaust.tasks import TaskId, list_tasks, load_task
 from sshade import InputError
 from sshade.io.meshes import read_mesh

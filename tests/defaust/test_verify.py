@@ -81,7 +81,8 @@ def test_record_without_an_entry(dataset):
         (lambda h: h[1].update(kind="dynamic"), "listed as dynamic, and static when recomputed"),
         (lambda h: h[0].update(kind="unused"), "unused, but it has handles"),
         (lambda h: h.reverse(), "its landmarks are not those of the dataset"),
-        (lambda h: h[0].pop("kind"), "not a pose file"),
+        (lambda h: h[0].update(delta=None), "delta is None"),
+        (lambda h: h[0].pop("kind"), "it has no handles[0].kind"),
     ],
 )
 def test_wrong_handle(dataset, change, message):

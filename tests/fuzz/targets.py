@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from defaust.folder.layout import read_dataset, read_json
-from defaust.folder.record import POSE, require
+from defaust.folder.record import POSE, read_dataset, read_record
 from eval.rows.store import read_csv, read_row
 from sshade import Binding, InputError, bind
 from sshade.io.handles import read_handles
@@ -157,7 +156,7 @@ def _read_manifest(data: bytes, folder: Path) -> None:
         _put(folder, "dataset.json", content)
         read_dataset(folder, intact=False)
     elif kind == 1:
-        require(read_json(_put(folder, "pose.json", content)), POSE, where="pose.json")
+        read_record(_put(folder, "pose.json", content), POSE)
     elif kind == 2:
         _put(folder, "row.json", content)
         read_row(folder)

@@ -101,7 +101,7 @@ RECORDS = [
     *_of_all(
         "a record with a word for a count",
         _record(lambda d: d["subjects"][0]["high"].update(vertices="x")),
-        "vertices is not a whole number",
+        "vertices is 'x', not a whole number",
     ),
     *_of_all(
         "a record that leads out",
@@ -236,7 +236,7 @@ BUILDS = [
         "an option of another type",
         "defaust build out=out seed=many",
         lambda: None,
-        "seed=many is not a whole number",
+        "seed is 'many', not a whole number",
     ),
     _build(
         "a list that is not closed", "defaust build out=out subjects=[1", lambda: None, "subjects=[1 is not"
