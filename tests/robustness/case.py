@@ -12,7 +12,7 @@ import shlex
 import signal
 import struct
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -67,6 +67,11 @@ class Case:
     holds: Callable[..., None] | None = None
     code: int = 0
     slow: bool = False
+
+
+def refused(call: str, table: Mapping[str, tuple[Any, ...]], *, prefix: str = "") -> list[Case]:
+    """A case for each name: what writes its input, and the words of its sentence."""
+    return [Case(prefix + name, call, given, says=tuple(says)) for name, (given, *says) in table.items()]
 
 
 def attempt(case: Case) -> None:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 
 from sshade.io.meshes import read_arrays
-from tests.robustness.case import Case, run
+from tests.robustness.case import Case, nothing, refused, run
 from tests.robustness.inputs import BODY, Given, both, cut, data, garbage, handles, text
 
 DEFORM = "sshade deform body.ply pose.json -o out.ply"
@@ -17,85 +15,115 @@ HELD = {"kind": "static", "vertices": [0, 1, 2]}
 P = BODY.V.tolist()
 
 
-def _refused(name: str, given: Given, *says: str, call: str = DEFORM) -> Case:
-    return Case(f"handles: {name}", call, given, says=says)
-
-
 def _moved(*, to: int, count: int = 1) -> dict:
     """A dynamic handle by id."""
     return {"vertices": [50], "target": [(BODY.V[50] + [0, 0, 0.1 * to]).tolist()] * count}
 
 
-FILES = [
-    _refused(
-        "a missing file", lambda: None, "nowhere.json: no such file", call=DEFORM.replace("pose", "nowhere")
+def _target(value: str) -> Given:
+    return text("pose.json", f'{{"handles": [{{"vertices": [1], "target": [[0, {value}, 0]]}}]}}')
+
+
+def _ids(ids: object) -> tuple[Given, str]:
+    return handles({"vertices": ids}), "list of integers"
+
+
+def _entry(*words: str, **entry: object) -> tuple[Given, *tuple[str, ...]]:
+    return handles(entry), *words
+
+
+def _at(k: int, z: int) -> dict:
+    return {"source": [P[k]], "target": [[0, 0, z]]}
+
+
+JSON = {
+    "an empty file": (data("pose.json", b""), "pose.json: not readable as JSON"),
+    "binary garbage": (garbage("pose.json"), "pose.json: not readable as JSON"),
+    "a cut file": (cut("pose.json", 0.6), "pose.json: not readable as JSON"),
+    "brackets 100,000 deep": (data("pose.json", b"[" * 100_000), "pose.json: not readable as JSON"),
+    "a list": (text("pose.json", "[1, 2]"), '"handles"'),
+    "entries that are no objects": (handles(1, 2), "entry 0"),
+    "no entries": (handles(), "there are no handles"),
+    "unused entries alone": _entry("there are no handles", kind="unused", vertices=[1]),
+    "an unknown kind": _entry("unknown kind 'moving'", kind="moving", vertices=[1]),
+    "a kind that is no word": _entry("unknown kind", kind={}, vertices=[1]),
+    "neither ids nor positions": _entry('"vertices"', '"source"', kind="static"),
+    "both ids and positions": _entry('"vertices"', '"source"', vertices=[1], source=[P[1]]),
+    "a dynamic group without targets": _entry('no "target"', kind="dynamic", vertices=[1]),
+    "fewer targets than handles": _entry("2 handles have 1 targets", vertices=[1, 2], target=[P[1]]),
+    "more targets than handles": (handles(HELD, _moved(to=3, count=2)), "1 handles have 2 targets"),
+    "fewer targets than positions": _entry("3 handles have 2 targets", source=P[:3], target=P[:2]),
+    "an id beyond the mesh": _entry("0..161, not 162", vertices=[162]),
+    "a negative id": _entry("0..161, not -1", vertices=[-1]),
+    "ids that are no integers": _ids([1.5]),
+    "ids of 30 digits": _ids([10**30]),
+    "ids in lists of several lengths": _ids([[1], [1, 2]]),
+    "ids that are true": _ids([True, True]),
+    "ids that are words": _ids("all"),
+    "no ids in a group": _ids([]),
+    "positions of two coordinates": _entry("list of points [x, y, z]", source=[[0, 1]]),
+    "positions of several lengths": _entry("list of points [x, y, z]", source=[[0, 1], [0, 1, 2]]),
+    "a position of null": _entry("NaN or infinite", source=[[0, 1, None]]),
+    "a NaN target": (_target("NaN"), "NaN"),
+    "an infinite target": (_target("1e999"), "infinite"),
+    "contradictory targets by id": (handles(_moved(to=3), _moved(to=4)), "contradictory targets"),
+    "contradictory targets by position": (handles(_at(50, 3), _at(50, 4)), "contradictory targets"),
+    "a static vertex that is also moved": (handles({"vertices": [50]}, _moved(to=3)), "contradictory"),
+}
+#: Other commands, with the sound files or another suffix.
+CALLS = {
+    "a missing file": (DEFORM.replace("pose", "nowhere"), nothing, "nowhere.json: no such file"),
+    "an unknown suffix": (DEFORM.replace("json", "txt"), garbage("pose.txt"), "'.txt'"),
+    "more handles than proxy vertices": (f"{DEFORM} --vertices 10", nothing, "cannot hold"),
+}
+
+
+def _parts(content: str, *, foot: str = "") -> Given:
+    """A configuration of Implicit-ARAP with one part, `foot`."""
+    return both(text("parts/foot.txt", foot), text("pose.yaml", f"handles: {{{content}}}\n"))
+
+
+def _static(part: str) -> str:
+    return f"static: {{positions: [{part}]}}"
+
+
+IMPLICIT_ARAP = {
+    "empty": (data("pose.yaml", b""), "`handles`"),
+    "binary garbage": (garbage("pose.yaml"), "not readable as YAML"),
+    "no mapping": (text("pose.yaml", "- 1\n- 2\n"), "`handles`"),
+    "not closed": (text("pose.yaml", "handles: {static: [\n"), "not readable as YAML"),
+    "brackets 10,000 deep": (data("pose.yaml", b"[" * 10_000), "not readable as YAML"),
+    "a Python object": (
+        text("pose.yaml", "handles: !!python/object/apply:os.system ['touch hacked']\n"),
+        "not readable as YAML",
     ),
-    _refused("an empty file", data("pose.json", b""), "pose.json: not readable as JSON"),
-    _refused("binary garbage", garbage("pose.json"), "pose.json: not readable as JSON"),
-    _refused("a cut file", cut("pose.json", 0.6), "pose.json: not readable as JSON"),
-    _refused("brackets 100,000 deep", data("pose.json", b"[" * 100_000), "pose.json: not readable as JSON"),
-    _refused("a list", text("pose.json", "[1, 2]"), 'an object with a list "handles"'),
-    _refused("entries that are no objects", handles(1, 2), "entry 0 of handles is no object"),
-    _refused("no entries", handles(), "there are no handles"),
-    _refused("unused entries alone", handles({"kind": "unused", "vertices": [1]}), "there are no handles"),
-    _refused(
-        "an unknown suffix",
-        garbage("pose.txt"),
-        "unknown handle format '.txt'",
-        call=DEFORM.replace("json", "txt"),
+    "no parts": (_parts("static: {}, moving: {}"), "there are no handles"),
+    "parts that are no names": (_parts("static: {positions: 3}"), "list of names"),
+    "a missing part": (_parts(_static("hand")), "hand.txt"),
+    "a part outside of its folder": (
+        both(text("secret.txt", '"password"'), _parts(_static("../secret"))),
+        "'../secret' leads out of",
     ),
-    _refused("an unknown kind", handles({"kind": "moving", "vertices": [1]}), "unknown kind 'moving'"),
-    _refused("a kind that is no word", handles({"kind": {}, "vertices": [1]}), "unknown kind"),
-    _refused("neither ids nor positions", handles({"kind": "static"}), 'either as "vertices" or as "source"'),
-    _refused("both ids and positions", handles({"vertices": [1], "source": [P[1]]}), 'either as "vertices"'),
-    _refused("a dynamic group without targets", handles({"kind": "dynamic", "vertices": [1]}), 'no "target"'),
-    _refused(
-        "fewer targets than handles",
-        handles({"vertices": [1, 2], "target": [P[1]]}),
-        "2 handles have 1 targets",
+    "a part by its absolute path": (_parts(_static("/etc/passwd")), "leads out of"),
+    "moving parts without transforms": (
+        _parts("moving: {positions: [hand]}"),
+        "1 moving parts have 0 transforms",
     ),
-    _refused("more targets than handles", handles(HELD, _moved(to=3, count=2)), "1 handles have 2 targets"),
-    _refused(
-        "fewer targets than positions",
-        handles({"source": P[:3], "target": P[:2]}),
-        "3 handles have 2 targets",
+    "a part that is no table of numbers": (_parts(_static("foot"), foot="a b c\n"), "three numbers"),
+    "parts of another mesh": (
+        _parts(_static("foot"), foot="0.1 5 5\n0.2 5 5\n0.1 6 5\n0.4 7 5\n"),
+        "is this the mesh they were made for?",
     ),
-    _refused("an id beyond the mesh", handles({"vertices": [162]}), "must lie in 0..161, not 162"),
-    _refused("a negative id", handles({"vertices": [-1]}), "must lie in 0..161, not -1"),
-    _refused("ids that are no integers", handles({"vertices": [1.5]}), "must be a list of integers"),
-    _refused("ids of 30 digits", handles({"vertices": [10**30]}), "must be a list of integers"),
-    _refused(
-        "ids in lists of several lengths", handles({"vertices": [[1], [1, 2]]}), "must be a list of integers"
-    ),
-    _refused("ids that are true", handles({"vertices": [True, True]}), "must be a list of integers"),
-    _refused("ids that are words", handles({"vertices": "all"}), "must be a list of integers"),
-    _refused("no ids in a group", handles({"vertices": []}), "list of integers, at least one"),
-    _refused("positions of two coordinates", handles({"source": [[0, 1]]}), "list of points [x, y, z]"),
-    _refused(
-        "positions of several lengths", handles({"source": [[0, 1], [0, 1, 2]]}), "list of points [x, y, z]"
-    ),
-    _refused("a position of null", handles({"source": [[0, 1, None]]}), "NaN or infinite"),
-    _refused(
-        "a NaN target", text("pose.json", '{"handles": [{"vertices": [1], "target": [[NaN, 0, 0]]}]}'), "NaN"
-    ),
-    _refused(
-        "an infinite target",
-        text("pose.json", '{"handles": [{"vertices": [1], "target": [[0, 1e999, 0]]}]}'),
-        "infinite",
-    ),
-    _refused("contradictory targets by id", handles(_moved(to=3), _moved(to=4)), "contradictory targets"),
-    _refused(
-        "contradictory targets by position",
-        handles({"source": [P[50]], "target": [[0, 0, 3]]}, {"source": [P[50]], "target": [[0, 0, 4]]}),
-        "contradictory targets",
-    ),
-    _refused(
-        "a static vertex that is also moved",
-        handles({"vertices": [50]}, _moved(to=3)),
-        "contradictory targets",
-    ),
-    _refused("more handles than proxy vertices", lambda: None, "cannot hold", call=f"{DEFORM} --vertices 10"),
-]
+}
+PARAMETERS = {
+    "--vertices 0": ("cannot hold",),
+    "--vertices -5": ("cannot hold",),
+    "--vertices 163": ("163 proxy vertices", "the mesh has only 162"),
+    "--samplings 0": ("0 samplings", "at least one"),
+    "--samplings -1": ("-1 samplings",),
+    "--workers 0": ("0 workers", "at least one"),
+    "--seed -1": ("seed -1 is negative",),
+}
 
 
 def _same_as_sorted() -> None:
@@ -103,8 +131,7 @@ def _same_as_sorted() -> None:
     target = BODY.V[order] + np.where(BODY.V[order, 2:] > 0, 0.2, 0.0)
     results = []
     for name, chosen in (("a", np.argsort(order)), ("b", np.arange(40))):
-        entry = {"vertices": order[chosen].tolist(), "target": target[chosen].tolist()}
-        handles(entry)()
+        handles({"vertices": order[chosen].tolist(), "target": target[chosen].tolist()})()
         assert run(f"sshade deform body.ply pose.json -o {name}.ply --vertices 60")[0] == 0
         V, _ = read_arrays(f"{name}.ply")
         assert np.abs(V[order] - target).max() < 0.05 * BODY.diagonal
@@ -119,124 +146,27 @@ def _moved_up() -> None:
     assert gap < 0.01, f"{gap:.1%} of the diagonal off"
 
 
-TAKEN = [
+ALL = BODY.V[:, [1, 2, 0]]
+TAKEN = {
+    "the same one twice": (handles({"vertices": [0, 1, 2, 2, 1]}, _moved(to=3), _moved(to=3)), _moved_up),
+    "more keys than are known": (
+        handles({**HELD, "comment": "left foot"}, {**_moved(to=3), "weight": [1]}),
+        _moved_up,
+    ),
+    "one alone": (handles(_moved(to=3)), _moved_up),
+    "every vertex of the mesh": (
+        handles({"vertices": list(range(BODY.n)), "target": ALL.tolist()}),
+        lambda: np.testing.assert_allclose(read_arrays("out.ply")[0], ALL, atol=1e-12),
+    ),
+}
+CASES = [
+    *refused(DEFORM, JSON, prefix="handles: "),
+    *(Case(f"handles: {name}", call, g, says=(word,)) for name, (call, g, word) in CALLS.items()),
+    *refused(YAML, IMPLICIT_ARAP, prefix="handles: YAML: "),
+    *(Case(f"deform {option}", f"{DEFORM} {option}", says=says) for option, says in PARAMETERS.items()),
     Case("handles: unsorted", _same_as_sorted, leaves=("a.ply", "b.ply", "pose.json")),
-    Case(
-        "handles: the same one twice",
-        FINE,
-        handles({"vertices": [0, 1, 2, 2, 1]}, _moved(to=3), _moved(to=3)),
-        leaves=("out.ply",),
-        holds=_moved_up,
-    ),
-    Case(
-        "handles: more keys than are known",
-        FINE,
-        both(handles({**HELD, "comment": "left foot"}, {**_moved(to=3), "weight": [1]})),
-        leaves=("out.ply",),
-        holds=_moved_up,
-    ),
-    Case(
-        "handles: one alone",
-        FINE,
-        handles(_moved(to=3)),
-        leaves=("out.ply",),
-        holds=_moved_up,
-    ),
-    Case(
-        "handles: every vertex of the mesh",
-        FINE,
-        handles({"vertices": list(range(162)), "target": (BODY.V[:, [1, 2, 0]]).tolist()}),
-        leaves=("out.ply",),
-        holds=lambda: np.testing.assert_allclose(read_arrays("out.ply")[0], BODY.V[:, [1, 2, 0]], atol=1e-12),
+    *(
+        Case(f"handles: {name}", FINE, given, leaves=("out.ply",), holds=holds)
+        for name, (given, holds) in TAKEN.items()
     ),
 ]
-
-IMPLICIT_ARAP = [
-    _refused("YAML: empty", data("pose.yaml", b""), "a mapping `handles`", call=YAML),
-    _refused("YAML: binary garbage", garbage("pose.yaml"), "not readable as YAML", call=YAML),
-    _refused("YAML: no mapping", text("pose.yaml", "- 1\n- 2\n"), "a mapping `handles`", call=YAML),
-    _refused(
-        "YAML: not closed", text("pose.yaml", "handles: {static: [\n"), "not readable as YAML", call=YAML
-    ),
-    _refused(
-        "YAML: brackets 10,000 deep", data("pose.yaml", b"[" * 10_000), "not readable as YAML", call=YAML
-    ),
-    _refused(
-        "YAML: a Python object",
-        text("pose.yaml", "handles: !!python/object/apply:os.system ['touch hacked']\n"),
-        "not readable as YAML",
-        call=YAML,
-    ),
-    _refused(
-        "YAML: no parts",
-        text("pose.yaml", "handles: {static: {}, moving: {}}\n"),
-        "there are no handles",
-        call=YAML,
-    ),
-    _refused(
-        "YAML: parts that are no names",
-        text("pose.yaml", "handles: {static: {positions: 3}}\n"),
-        "list of names",
-        call=YAML,
-    ),
-    _refused(
-        "YAML: a missing part",
-        text("pose.yaml", "handles: {static: {positions: [foot]}}\n"),
-        "foot.txt",
-        call=YAML,
-    ),
-    _refused(
-        "YAML: a part outside of its folder",
-        both(
-            text("secret.txt", json.dumps("password")),
-            text("pose.yaml", "handles: {static: {positions: [../secret]}}\n"),
-        ),
-        "'../secret' leads out of",
-        call=YAML,
-    ),
-    _refused(
-        "YAML: a part by its absolute path",
-        text("pose.yaml", "handles: {static: {positions: [/etc/passwd]}}\n"),
-        "leads out of",
-        call=YAML,
-    ),
-    _refused(
-        "YAML: moving parts without transforms",
-        text("pose.yaml", "handles: {moving: {positions: [hand]}}\n"),
-        "1 moving parts have 0 transforms",
-        call=YAML,
-    ),
-    _refused(
-        "YAML: a part that is no table of numbers",
-        both(
-            text("parts/foot.txt", "a b c\n"), text("pose.yaml", "handles: {static: {positions: [foot]}}\n")
-        ),
-        "each line needs three numbers",
-        call=YAML,
-    ),
-    _refused(
-        "YAML: parts of another mesh",
-        both(
-            text("parts/foot.txt", "0.1 5 5\n0.2 5 5\n0.1 6 5\n0.4 7 5\n"),
-            text("pose.yaml", "handles: {static: {positions: [foot]}}\n"),
-        ),
-        "is this the mesh they were made for?",
-        call=YAML,
-    ),
-]
-
-
-def _parameter(option: str, *says: str) -> Case:
-    return Case(f"deform {option}", f"{DEFORM} {option}", says=says)
-
-
-PARAMETERS = [
-    _parameter("--vertices 0", "cannot hold"),
-    _parameter("--vertices -5", "cannot hold"),
-    _parameter("--vertices 163", "163 proxy vertices", "the mesh has only 162"),
-    _parameter("--samplings 0", "0 samplings", "at least one"),
-    _parameter("--samplings -1", "-1 samplings"),
-    _parameter("--workers 0", "0 workers", "at least one"),
-    _parameter("--seed -1", "seed -1 is negative"),
-]
-CASES = [*FILES, *TAKEN, *IMPLICIT_ARAP, *PARAMETERS]

@@ -7,195 +7,103 @@ from pathlib import Path
 import numpy as np
 
 from sshade.io.meshes import SUFFIXES
-from tests.robustness.case import Case
+from tests.robustness.case import Case, nothing, refused
 from tests.robustness.inputs import BODY, Given, both, cut, data, folder, garbage, mesh, patched, text
 
-DEFORM = "sshade deform body.ply pose.json -o out.ply"
-MAP = "sshade remesh body.ply -o proxy.ply --map map.npz --vertices 40"
-
-HEADER = (
-    "ply\nformat ascii 1.0\nelement vertex {n}\nproperty float x\nproperty float y\nproperty float z\n"
-    "element face {m}\nproperty list uchar int vertex_indices\nend_header\n"
-)
-TRIANGLE = "0 0 0\n1 0 0\n0 1 0\n"
+DEFORM = "sshade deform {} pose.json -o out.ply"
 
 
 def _of_each_format() -> list[Case]:
     cases = []
     for suffix in SUFFIXES:
-        path, format_ = f"body{suffix}", suffix[1:].upper()
-        other = ".off" if suffix == ".ply" else ".ply"
-        command = f"sshade deform {path} pose.json -o out.ply"
-        sound = mesh(BODY.V, BODY.F, path)
-        damages: dict[str, tuple[Given, tuple[str, ...]]] = {
-            "empty": (data(path, b""), (path, "the file is empty")),
-            "blank": (data(path, b"\n \n"), (path,)),
-            "binary garbage": (garbage(path), (path,)),
-            "a web page": (text(path, "<!DOCTYPE html>\n<title>404 Not Found</title>\n"), (path,)),
-            "only zeros": (data(path, bytes(4096)), (path,)),
-            "cut in its first line": (both(sound, cut(path, 0.0004)), (path,)),
-            "cut in its vertices": (both(sound, cut(path, 0.2)), (path,)),
-            "cut in its faces": (both(sound, cut(path, 0.9)), (path,)),
-            "cut in its last face": (both(sound, cut(path, -5)), (path,)),
-            f"content of a {other[1:].upper()} file": (
-                both(mesh(BODY.V, BODY.F, f"x{other}"), lambda p=path, o=other: _copy(f"x{o}", p)),
-                (path,),
-            ),
+        path, other = f"body{suffix}", ".off" if suffix == ".ply" else ".ply"
+        sound, foreign = mesh(BODY.V, BODY.F, path), mesh(BODY.V, BODY.F, f"x{other}")
+        damages: dict[str, Given] = {
+            "empty": data(path, b""),
+            "blank": data(path, b"\n \n"),
+            "binary garbage": garbage(path),
+            "a web page": text(path, "<!DOCTYPE html>\n<title>404 Not Found</title>\n"),
+            "only zeros": data(path, bytes(4096)),
+            "cut in its first line": both(sound, cut(path, 0.0004)),
+            "cut in its vertices": both(sound, cut(path, 0.2)),
+            "cut in its faces": both(sound, cut(path, 0.9)),
+            "cut in its last face": both(sound, cut(path, -5)),
+            f"content of {other}": both(foreign, lambda p=path, o=other: Path(f"x{o}").rename(p)),
         }
-        cases += [
-            Case(f"{format_}: {name}", command, given, says=says) for name, (given, says) in damages.items()
-        ]
+        table = {name: (given, path) for name, given in damages.items()}
+        cases += refused(DEFORM.format(path), table, prefix=f"{suffix}: ")
     return cases
 
 
-def _copy(source: str, target: str) -> None:
-    data(target, Path(source).read_bytes())()
+def _announcing(n: object, m: object, points: str = "0 0 0\n1 0 0\n0 1 0\n") -> Given:
+    """A PLY file of three vertices and a face that announces other counts."""
+    header = f"ply\nformat ascii 1.0\nelement vertex {n}\n" + "".join(f"property float {c}\n" for c in "xyz")
+    header += f"element face {m}\nproperty list uchar int vertex_indices\nend_header\n"
+    return text("body.ply", f"{header}{points}3 0 1 2\n" if m else header + points)
 
 
-def _announcing(n: object, m: object) -> Given:
-    return text("body.ply", HEADER.format(n=n, m=m) + TRIANGLE + "3 0 1 2\n")
+def _patched(old: bytes, new: bytes) -> Given:
+    return both(mesh(BODY.V, BODY.F), patched("body.ply", old, new))
 
 
-CONTENT = [
-    Case(
-        "PLY: announces 10^12 vertices", DEFORM, _announcing(10**12, 1), says=("body.ply", "not a readable")
+SOLID = "solid {0}\nfacet normal 0 0 1\nouter loop\nvertex 0 0 {0}\nvertex 1 0 {0}\nvertex 0 1 {0}\nendloop\n"
+SOLID += "endfacet\nendsolid {0}\n"
+PLY = {
+    "announces 10^12 vertices": (_announcing(10**12, 1), "body.ply", "not a readable"),
+    "announces 10^12 faces": (_announcing(3, 10**12), "body.ply", "not a readable"),
+    "announces 10^30 faces": (_announcing(3, 10**30), "body.ply", "not a readable"),
+    "announces -3 vertices": (_announcing(-3, 1), "body.ply", "not a readable"),
+    "announces no number": (_announcing("many", 1), "body.ply", "not a readable"),
+    "points without faces": (_announcing(3, 0), "body.ply"),
+    "a header without its end": (_patched(b"end_header\n", b""), "body.ply", "not a readable"),
+    "faces of an unknown type": (_patched(b"list uchar int", b"list uchar word"), "not a readable"),
+}
+#: The file's suffix, its content, and words of the sentence.
+CONTENT = {
+    "more faces announced than there are": (".off", "OFF\n3 2 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "2 faces"),
+    "counts that are no numbers": (".off", "OFF\nthree one 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "body.off"),
+    "header alone": (".off", "OFF\n", "body.off"),
+    "a face of no corners": (".off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n0\n", "body.off"),
+    "a coordinate that is no number": (".obj", "v 0 0 zero\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "body.obj"),
+    "a face with vertex 0": (".obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n", "line 4", "counted from 1"),
+    "comments alone": (".obj", "# an empty scene\n", "body.obj", "no triangles"),
+    "two solids": (".stl", SOLID.format(0) + SOLID.format(1), "2 meshes"),
+}
+#: What stands at the mesh's place on the command line.
+NAMES = {
+    "unknown suffix": ("body.glb", garbage("body.glb"), ".glb", ".ply"),
+    "no suffix": ("body", garbage("body"), "unknown mesh format"),
+    "a folder for a mesh": ("d.ply", folder("d.ply"), "d.ply: no such file"),
+    "a missing mesh": ("nowhere.ply", nothing, "nowhere.ply: no such file"),
+}
+LESS = mesh(np.eye(3), [[0, 1, 2]], "less.ply")
+NAN = mesh(np.where(np.arange(BODY.n)[:, None] == 4, np.nan, BODY.V), BODY.F, "nan.ply")
+#: Each other command that takes a mesh, with a bad one.
+PLACES = {
+    "remesh body.ply -o out.ply --map m.npz": (cut("body.ply", 0.5), "body.ply", "not a readable PLY"),
+    "show body.ply -o out.png": (cut("body.ply", 0.5), "body.ply"),
+    "show body.ply --deformed less.ply -o out.png": (LESS, "less.ply has 3 vertices"),
+    "show body.ply -o out.exr": (nothing, "'.exr'"),
+    "show body.ply -o nowhere/out.png": (nothing, "nowhere does not exist"),
+    "reconstruct body.ply less.ply -o out.ply": (LESS, "they must correspond"),
+    "reconstruct body.ply nan.ply -o out.ply": (NAN, "NaN or infinite"),
+    "transfer-pose body.ply body.ply less.ply -o out.ply": (LESS, "edited", "they must correspond"),
+}
+CASES = [
+    *_of_each_format(),
+    *refused(DEFORM.format("body.ply"), PLY, prefix="PLY: "),
+    *(
+        Case(
+            f"{suffix}: {name}",
+            DEFORM.format(f"body{suffix}"),
+            text(f"body{suffix}", content),
+            says=tuple(says),
+        )
+        for name, (suffix, content, *says) in CONTENT.items()
     ),
-    Case("PLY: announces 10^12 faces", DEFORM, _announcing(3, 10**12), says=("body.ply", "not a readable")),
-    Case("PLY: announces 10^30 faces", DEFORM, _announcing(3, 10**30), says=("body.ply", "not a readable")),
-    Case("PLY: announces -3 vertices", DEFORM, _announcing(-3, 1), says=("body.ply", "not a readable")),
-    Case("PLY: announces no number", DEFORM, _announcing("many", 1), says=("body.ply", "not a readable")),
-    Case(
-        "PLY: points without faces",
-        DEFORM,
-        text("body.ply", HEADER.format(n=3, m=0) + TRIANGLE),
-        says=("body.ply",),
+    *(
+        Case(name, DEFORM.format(path), given, says=tuple(says))
+        for name, (path, given, *says) in NAMES.items()
     ),
-    Case(
-        "PLY: a header without its end",
-        DEFORM,
-        both(mesh(BODY.V, BODY.F), patched("body.ply", b"end_header\n", b"")),
-        says=("body.ply", "not a readable PLY file"),
-    ),
-    Case(
-        "PLY: faces of an unknown type",
-        DEFORM,
-        both(mesh(BODY.V, BODY.F), patched("body.ply", b"list uchar int", b"list uchar word")),
-        says=("body.ply", "not a readable PLY file"),
-    ),
-    Case(
-        "OFF: more faces announced than there are",
-        "sshade deform body.off pose.json -o out.ply",
-        text("body.off", f"OFF\n3 2 0\n{TRIANGLE}3 0 1 2\n"),
-        says=("2 faces are announced",),
-    ),
-    Case(
-        "OFF: counts that are no numbers",
-        "sshade deform body.off pose.json -o out.ply",
-        text("body.off", f"OFF\nthree one 0\n{TRIANGLE}3 0 1 2\n"),
-        says=("body.off", "not a readable OFF file"),
-    ),
-    Case(
-        "OFF: header alone",
-        "sshade deform body.off pose.json -o out.ply",
-        text("body.off", "OFF\n"),
-        says=("body.off", "not a readable OFF file"),
-    ),
-    Case(
-        "OFF: a face of no corners",
-        "sshade deform body.off pose.json -o out.ply",
-        text("body.off", f"OFF\n3 1 0\n{TRIANGLE}0\n"),
-        says=("body.off",),
-    ),
-    Case(
-        "OBJ: a coordinate that is no number",
-        "sshade deform body.obj pose.json -o out.ply",
-        text("body.obj", "v 0 0 zero\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"),
-        says=("body.obj", "not a readable OBJ file"),
-    ),
-    Case(
-        "OBJ: a face with vertex 0",
-        "sshade deform body.obj pose.json -o out.ply",
-        text("body.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n"),
-        says=("line 4", "counted from 1"),
-    ),
-    Case(
-        "OBJ: comments alone",
-        "sshade deform body.obj pose.json -o out.ply",
-        text("body.obj", "# an empty scene\n"),
-        says=("body.obj", "no triangles"),
-    ),
-    Case(
-        "STL: two solids",
-        "sshade deform body.stl pose.json -o out.ply",
-        text(
-            "body.stl",
-            "".join(
-                f"solid {i}\nfacet normal 0 0 1\nouter loop\nvertex 0 0 {i}\nvertex 1 0 {i}\nvertex 0 1 {i}\n"
-                f"endloop\nendfacet\nendsolid {i}\n"
-                for i in range(2)
-            ),
-        ),
-        says=("2 meshes; give one mesh a file",),
-    ),
-    Case(
-        "unknown suffix",
-        "sshade deform body.glb pose.json -o out.ply",
-        garbage("body.glb"),
-        says=(".glb", ".ply"),
-    ),
-    Case(
-        "no suffix", "sshade deform body pose.json -o out.ply", garbage("body"), says=("unknown mesh format",)
-    ),
-    Case(
-        "a folder for a mesh",
-        "sshade deform d.ply pose.json -o out.ply",
-        folder("d.ply"),
-        says=("no such file",),
-    ),
-    Case(
-        "a missing mesh",
-        "sshade deform nowhere.ply pose.json -o out.ply",
-        says=("nowhere.ply: no such file",),
-    ),
+    *(Case(call, f"sshade {call}", given, says=tuple(says)) for call, (given, *says) in PLACES.items()),
 ]
-
-#: Each place of a command line that takes a mesh or a map, with a bad one there.
-PLACES = [
-    Case("remesh: a cut mesh", MAP, cut("body.ply", 0.5), says=("body.ply", "not a readable PLY")),
-    Case("show: a cut mesh", "sshade show body.ply -o out.png", cut("body.ply", 0.5), says=("body.ply",)),
-    Case(
-        "show: a deformed shape of other counts",
-        "sshade show body.ply --deformed less.ply -o out.png",
-        mesh(np.eye(3), [[0, 1, 2]], "less.ply"),
-        says=("less.ply has 3 vertices",),
-    ),
-    Case(
-        "show: an unknown picture format",
-        "sshade show body.ply -o out.exr",
-        says=("unknown picture format '.exr'",),
-    ),
-    Case(
-        "show: a picture in a missing folder",
-        "sshade show body.ply -o nowhere/out.png",
-        says=("nowhere does not exist",),
-    ),
-    Case(
-        "reconstruct: a pose of other counts",
-        "sshade reconstruct body.ply less.ply -o out.ply",
-        mesh(np.eye(3), [[0, 1, 2]], "less.ply"),
-        says=("they must correspond",),
-    ),
-    Case(
-        "reconstruct: a pose with NaN",
-        "sshade reconstruct body.ply nan.ply -o out.ply",
-        mesh(np.where(np.arange(BODY.n)[:, None] == 4, np.nan, BODY.V), BODY.F, "nan.ply"),
-        says=("NaN or infinite",),
-    ),
-    Case(
-        "transfer-pose: an edited shape of other counts",
-        "sshade transfer-pose body.ply body.ply less.ply -o out.ply",
-        mesh(np.eye(3), [[0, 1, 2]], "less.ply"),
-        says=("edited", "they must correspond"),
-    ),
-]
-CASES = [*_of_each_format(), *CONTENT, *PLACES]
