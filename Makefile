@@ -1,4 +1,4 @@
-# make tables   the main job: builds a small DeFAUST, runs the methods, writes results/
+# make tables   the main job: builds a small DeFAUST, runs the methods, writes out/
 # make test     lint, architecture rules, tests, the small benchmark
 # make bench    speed against libigl at full size, scaling to 5 million vertices (a quarter of an hour)
 # make robustness   bad inputs, kills, fuzzing, the same bits, coverage, at full strength (an hour)
@@ -27,10 +27,10 @@ TRANSFERS := isometric_quick pose_transfer_quick isometric pose_transfer
 tables: $(READY) $(QUICK)/dataset.json
 	$(BIN)/sshade-eval run -m experiment=quick dataset.root=$(QUICK)
 	$(BIN)/sshade-eval collect quick
-	$(BIN)/sshade-eval tables results/rows/quick.csv
+	$(BIN)/sshade-eval tables quick
 	$(BIN)/sshade-eval figures quick
 	$(BIN)/sshade-eval report quick
-	@echo "tables in results/tables, the picture in results/figures, all of it in results/report.html"
+	@echo "tables in out/tables, the picture in out/figures, all of it in out/report.html"
 
 test: $(READY)
 	$(BIN)/ruff check .
@@ -45,7 +45,7 @@ ci-benchmark: $(READY) $(CI)/dataset.json
 
 bench: $(READY) $(FULL)/dataset.json $(BASES:%=%/dataset.json)
 	$(BIN)/sshade-eval bench $(FULL)/subject_00/rest.ply $(FULL)/subject_00/pose_1.json --full \
-	  --scaling $(BASES:%=%/subject_00/rest.ply) --plot results/figures/scaling.svg
+	  --scaling $(BASES:%=%/subject_00/rest.ply) --plot out/figures/scaling.svg
 
 # results/robustness.md says what came of it, and when.
 robustness: $(READY)
@@ -99,4 +99,4 @@ $(READY): pyproject.toml constraints.txt
 	  && touch $@ && echo "installed into $(VENV) in $$(( $$(date +%s) - begin )) s"
 
 clean:
-	rm -rf $(VENV) data results/runs
+	rm -rf $(VENV) data out

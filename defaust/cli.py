@@ -66,18 +66,18 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, int | 
     InputError
         On anything wrong with them, in one sentence.
     """
-    from hydra import compose, initialize_config_module
+    from hydra import compose, initialize_config_dir
     from hydra.errors import HydraException, OverrideParseException
     from hydra.utils import instantiate
     from omegaconf import OmegaConf
     from omegaconf.errors import OmegaConfBaseException
 
-    from conf import named_functions, told
     from defaust.build.options import OPTIONS, BuildOptions
     from defaust.schema import mismatch
+    from sshade.cli.configuration import CONFIGURATION, named_functions, one_sentence, unreadable_override
 
     try:
-        with initialize_config_module("conf.defaust", version_base="1.3"):
+        with initialize_config_dir(str(CONFIGURATION / "defaust"), version_base="1.3"):
             config = compose("build", overrides=list(overrides))
         missing = OmegaConf.missing_keys(config)
         if missing:
@@ -89,15 +89,12 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, int | 
             raise InputError(f"source._target_={target} is named by no file of conf; put one there for it")
         source = instantiate(config.source, _convert_="all")
     except OverrideParseException as error:
-        raise InputError(
-            f"{error.override} is not understood; close its brackets, and put names with spaces or letters "
-            f"outside of a-z in quotes twice, as in \"out='données'\""
-        ) from error
+        raise InputError(unreadable_override(error.override, example="out")) from error
     except (HydraException, OmegaConfBaseException) as error:
         # instantiate wraps what a source raises; its own sentence is the useful one.
         if isinstance(error.__cause__, InputError):
             raise error.__cause__ from error
-        raise InputError(told(str(error))) from error
+        raise InputError(one_sentence(str(error))) from error
     out, workers = Path(str(plain.pop("out"))), plain.pop("workers")
     del plain["source"]
     unknown = sorted(set(plain) - set(OPTIONS))

@@ -7,7 +7,16 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from defaust.folder.layout import REST, REST_LOW, dump, pose_file, pose_mesh, sha256, subject_folder, write_text
+from defaust.folder.layout import (
+    REST,
+    REST_LOW,
+    dump,
+    pose_file,
+    pose_mesh,
+    sha256,
+    subject_folder,
+    write_text,
+)
 from defaust.build.handles import choose_handles, handle_records
 from defaust.build.options import BuildOptions
 from defaust.sources.source import Source

@@ -2,7 +2,7 @@
 
 A name such as ``os.system`` would do harm where a folder of configurations, or
 of results, comes from others. Called are only functions that a file of the
-``conf`` package names (so a method of one's own is added there), and those
+project's ``conf`` names (so a method of one's own is added there), and those
 that the command line allows: ``run.allow_targets=[mypackage.]``, or for the
 commands that read rows the environment variable ``EVAL_ALLOW_TARGETS``.
 """
@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from conf import CALLED, named_functions
+from sshade.cli.configuration import CALLED, named_functions
 from sshade.errors import InputError
 
 #: Beginnings of names, separated by commas. Processes of a launcher inherit it.
@@ -37,7 +37,7 @@ def require_allowed(config: Any, *, where: str) -> None:
     Raises
     ------
     InputError
-        On a name that neither the ``conf`` package has nor the user allowed.
+        On a name that no file of ``conf`` has nor the user allowed.
     """
     for name in _names(config):
         if not is_allowed(name):

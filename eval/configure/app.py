@@ -24,7 +24,6 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from conf import told
 from eval.configure import sweep as cli_sweep
 from eval.configure.allowed import allow_from, check_folders, require_allowed, require_from_command_line
 from eval.configure.sweep import SweepRefused, check_root
@@ -33,6 +32,7 @@ from eval.metrics.metrics import METRICS
 from eval.rows.bands import out_of_band
 from eval.run.run import Outcome, run
 from eval.run.sweep import SweepRecord, told_status
+from sshade.cli.configuration import CONFIGURATION, one_sentence, unreadable_override
 from sshade.cli.console import progress_bar
 from sshade.errors import InputError
 from sshade.io.files import reason
@@ -118,7 +118,7 @@ def _check_trust(arguments: list[str]) -> None:
     check_folders(folders, overrides=known.overrides)
 
 
-@hydra.main(version_base="1.3", config_path="pkg://conf", config_name="config")
+@hydra.main(version_base="1.3", config_path=str(CONFIGURATION), config_name="config")
 def _app(config: DictConfig) -> None:
     # Launchers pickle this function with copies of the globals that it uses, so it uses none but the next.
     _job(config)
@@ -268,13 +268,10 @@ def _raised_in(error: Exception) -> str:
 def _one_line(error: Exception) -> str:
     """Hydra's message in one sentence: without its search path and its hints for debugging."""
     if isinstance(error, OverrideParseException):
-        return (
-            f"{error.override} is not understood; close its brackets, and put names with spaces or letters "
-            f"outside of a-z in quotes twice, as in \"dataset.root='données'\""
-        )
+        return unreadable_override(error.override, example="dataset.root")
     text = str(error)
     if isinstance(error.__cause__, OmegaConfBaseException):
         text = f"{text.split('Config search path')[0]} {error.__cause__}"
     plugin = re.search(r"hydra/launcher/(?:submitit_)?(joblib|slurm|ray)\b", text)
     hint = f" It needs: pip install 'sshade[{plugin[1]}]'." if plugin else ""
-    return told(re.sub(r"(full_key|object_type|reference_type)[:=].*", "", text)) + hint
+    return one_sentence(re.sub(r"(full_key|object_type|reference_type)[:=].*", "", text)) + hint

@@ -3,7 +3,7 @@
 For each metric how it is distributed over the runs of each method, the time
 against the number of vertices, and the curves that iterative methods left. Made
 from rows and run folders; no method is run. One file a chart, for a paper:
-results/figures/<experiment>/<chart>.svg.
+out/figures/<experiment>/<chart>.svg.
 """
 
 from __future__ import annotations
@@ -236,7 +236,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("rows", nargs="*", type=Path, help=f"{ROWS_HELP} (default: every CSV there)")
     parser.add_argument("--format", choices=[suffix[1:] for suffix in SUFFIXES], default="svg")
-    parser.add_argument("-o", "--out", type=Path, default=Path("results/figures"))
+    parser.add_argument("-o", "--out", type=Path, default=Path("out/figures"))
 
 
 def command(options: argparse.Namespace) -> int:

@@ -103,13 +103,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--metric", nargs="+", default=["volume"], help=f"of {', '.join(DRAWN)} (default: volume)"
     )
     parser.add_argument("--over", default="task.vertices", help="column of the rows (default: %(default)s)")
-    parser.add_argument("-o", "--out", type=Path, help="default: results/figures/<experiment>.png")
+    parser.add_argument("-o", "--out", type=Path, help="default: out/figures/<experiment>.png")
 
 
 def command(options: argparse.Namespace) -> int:
     """Do it; return the exit code."""
     require_extra()
-    path = options.out or Path("results/figures") / f"{options.rows.stem}.png"
+    path = options.out or Path("out/figures") / f"{options.rows.stem}.png"
     rows = read_csv(rows_file(options.rows))
     panels = {metric: curves(rows, metric, over=options.over) for metric in options.metric}
     draw(panels, path, over=options.over)

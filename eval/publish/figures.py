@@ -157,7 +157,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--worst", metavar="METRIC", help="the one case where this metric is largest")
     parser.add_argument("--towards", nargs=3, type=float, default=TOWARDS, metavar=("X", "Y", "Z"))
     parser.add_argument("--up", nargs=3, type=float, default=UP, metavar=("X", "Y", "Z"))
-    parser.add_argument("-o", "--out", type=Path, help="default: results/figures/<experiment>.png")
+    parser.add_argument("-o", "--out", type=Path, help="default: out/figures/<experiment>.png")
 
 
 def command(options: argparse.Namespace) -> int:
@@ -165,7 +165,7 @@ def command(options: argparse.Namespace) -> int:
     require_extra()
     folder = experiment_folder(options.folder)
     cases = read_cases(folder, names=options.cases, methods=options.methods, worst=options.worst)
-    path = options.out or Path("results/figures") / f"{folder.name}.png"
+    path = options.out or Path("out/figures") / f"{folder.name}.png"
     camera = {"towards": np.array(options.towards), "up": np.array(options.up)}
     if all(isinstance(case.task, TransferTask) for case in cases):
         transfer_figures.draw(

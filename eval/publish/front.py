@@ -96,13 +96,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--leave-out", nargs="*", default=["identity"], metavar="METHOD", help="default: identity"
     )
-    parser.add_argument("-o", "--out", type=Path, help="default: results/figures/<first experiment>.png")
+    parser.add_argument("-o", "--out", type=Path, help="default: out/figures/<first experiment>.png")
 
 
 def command(options: argparse.Namespace) -> int:
     """Do it; return the exit code."""
     require_extra("matplotlib")
-    out = options.out or Path("results/figures") / f"{options.rows[0].stem}.png"
+    out = options.out or Path("out/figures") / f"{options.rows[0].stem}.png"
     rows = [row for path in options.rows for row in read_csv(path)]
     points = front(rows, leave_out=tuple(options.leave_out))
     draw(points, out)

@@ -125,7 +125,7 @@ def of_machine(rows: list[Row], text: str) -> list[Row]:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("rows", nargs="*", type=Path, help=f"{ROWS_HELP} (default: every CSV there)")
-    parser.add_argument("-o", "--out", type=Path, default=Path("results/tables"))
+    parser.add_argument("-o", "--out", type=Path, default=Path("out/tables"))
     parser.add_argument("--no-time", action="store_true", help="leave the times out")
     parser.add_argument("--machine", metavar="TEXT", help="only rows of the machine with this in its name")
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
-from importlib import resources
 from pathlib import Path
 
 from eval.metrics.metrics import METRICS
 from eval.rows.store import VALID, Row, read_csv
+from sshade.cli.configuration import CONFIGURATION
 from sshade.errors import InputError
 
 Bands = Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]]
@@ -69,7 +69,7 @@ def read_bands(name: str) -> Bands:
     """The bands of ``conf/bands/<name>.yaml``."""
     import yaml
 
-    path = resources.files("conf").joinpath("bands", f"{name}.yaml")
+    path = CONFIGURATION / "bands" / f"{name}.yaml"
     if not path.is_file():
         raise InputError(f"there are no bands {name!r} in conf/bands")
     return yaml.safe_load(path.read_text())

@@ -87,13 +87,13 @@ class Experiment:
 def read_experiments(
     names: Sequence[str | os.PathLike[str]], *, runs: Sequence[Path] = ()
 ) -> list[Experiment]:
-    """Read rows, given by a CSV or by the name of an experiment; none: every CSV in results/rows.
+    """Read rows, given by a CSV or by the name of an experiment; none: every CSV in out/rows.
 
     Parameters
     ----------
     names : sequence of path
     runs : sequence of path
-        Folders of run folders; none: results/runs/<experiment>.
+        Folders of run folders; none: out/runs/<experiment>.
 
     Raises
     ------

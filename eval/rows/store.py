@@ -27,11 +27,11 @@ Row = dict[str, Any]
 SCHEMA = 1
 
 #: Where the runs lie by default: one folder an experiment.
-RUNS = Path("results/runs")
+RUNS = Path("out/runs")
 #: Where their rows are collected: one CSV an experiment.
-ROWS = Path("results/rows")
-FOLDER_HELP = "name of an experiment in results/runs, or a folder of runs"
-ROWS_HELP = "CSV made by `sshade-eval collect`, or name of an experiment in results/rows"
+ROWS = Path("out/rows")
+FOLDER_HELP = "name of an experiment in out/runs, or a folder of runs"
+ROWS_HELP = "CSV made by `sshade-eval collect`, or name of an experiment in out/rows"
 
 #: What became of a run. The first two are valid results.
 STATUSES = ("ok", "not_converged", "timeout", "failed", "skipped")

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from importlib import resources
-
 import numpy as np
 import pytest
 from eval_cases import bumpy_sphere, ends_task
-from hydra import compose, initialize_config_module
+from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 from scipy.spatial.transform import Rotation
 
 from eval.configure.targets import instantiate
+from sshade.cli.configuration import CONFIGURATION
 from sshade.mesh.mesh import Mesh
 from sshade.task import DeformationTask, Handles
 
 METHODS = sorted(
     file.name.removesuffix(".yaml")
-    for file in resources.files("conf").joinpath("method").iterdir()
+    for file in CONFIGURATION.joinpath("method").iterdir()
     if file.name.endswith(".yaml")
 )
 
@@ -52,7 +51,7 @@ def method(request):
     """
     overrides = [f"method={request.param}", "proxy.vertices=200"]
     overrides += ["solver.tolerance=0", "solver.max_iterations=40"]
-    with initialize_config_module("conf", version_base="1.3"):
+    with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
         config = compose("config", overrides=overrides)
     plain = OmegaConf.to_container(config.method, resolve=True)
     if request.param in LEARNED:

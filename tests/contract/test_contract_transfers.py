@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import inspect
-from importlib import resources
 
 import numpy as np
 import pytest
 from eval_cases import bumpy_sphere
-from hydra import compose, initialize_config_module
+from hydra import compose, initialize_config_dir
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import OmegaConf
 from scipy.spatial.transform import Rotation
 
 from eval.configure.targets import OWN_KEYS, check_parameters, instantiate, locate
+from sshade.cli.configuration import CONFIGURATION
 from sshade.mesh.mesh import Mesh
 from sshade.pipeline.transfer_task import TransferTask
 from sshade.task import Method
 
 METHODS = sorted(
     file.name.removesuffix(".yaml")
-    for file in resources.files("conf").joinpath("method", "transfer").iterdir()
+    for file in CONFIGURATION.joinpath("method", "transfer").iterdir()
     if file.name.endswith(".yaml")
 )
 
@@ -35,7 +35,7 @@ NEAR = 3e-3
 @pytest.fixture(scope="module", params=METHODS)
 def method(request):
     overrides = [f"method=transfer/{request.param}", "proxy.vertices=200"]
-    with initialize_config_module("conf", version_base="1.3"):
+    with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
         config = compose("config", overrides=overrides, return_hydra_config=True)
         HydraConfig.instance().set_config(config)
         assert config.label == f"transfer/{request.param}"

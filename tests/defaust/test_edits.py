@@ -1,7 +1,5 @@
 """Edits: what they move, how smoothly, and that they do not depend on unit, place or resolution."""
 
-from importlib import resources
-
 import numpy as np
 import pytest
 import yaml
@@ -10,6 +8,7 @@ from defaust import edits
 from defaust.edits import Fin, Horns, Inflate, Stretch, Unedited
 from defaust.sources.synthetic import SyntheticBodies
 from sshade import InputError, Mesh
+from sshade.cli.configuration import CONFIGURATION
 from tests.shapes import bumpy, icosphere, strip
 
 EDITS = [
@@ -106,7 +105,7 @@ def test_a_fin_from_one_component_to_another():
 
 
 def test_the_configured_edits_suit_the_bodies():
-    folder = resources.files("conf").joinpath("edit")
+    folder = CONFIGURATION.joinpath("edit")
     names = sorted(f.name.removesuffix(".yaml") for f in folder.iterdir() if f.name.endswith(".yaml"))
     assert names == ["fin", "horns", "inflate", "stretch", "unedited"]
     source = SyntheticBodies()

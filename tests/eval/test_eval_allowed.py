@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import sys
-from importlib import resources
 
 import pytest
 import yaml
 
-from conf import named_functions
 from eval.configure.allowed import (
     VARIABLE,
     allow_from,
@@ -18,6 +16,7 @@ from eval.configure.allowed import (
     require_from_command_line,
 )
 from eval.rows.recall import load_task
+from sshade.cli.configuration import CONFIGURATION, named_functions
 from sshade.errors import InputError
 from tests.robustness.case import contents, run
 
@@ -36,7 +35,7 @@ def test_what_the_conf_package_names_is_allowed():
         for part in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
             walk(part)
 
-    files = list(resources.files("conf").rglob("*.yaml"))
+    files = list(CONFIGURATION.rglob("*.yaml"))
     for path in files:
         walk(yaml.safe_load(path.read_text()))
     assert len(files) > 30 and found == named_functions() and all(map(is_allowed, found))

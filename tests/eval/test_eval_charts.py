@@ -177,10 +177,10 @@ def test_experiments_are_found_by_name(rows, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match="holds no rows"):
         read_experiments([])
-    write_csv("results/rows/tiny.csv", rows)
+    write_csv("out/rows/tiny.csv", rows)
     write_csv("elsewhere/tiny.csv", rows)
-    for names in ([], ["tiny"], ["results/rows/tiny.csv"]):
+    for names in ([], ["tiny"], ["out/rows/tiny.csv"]):
         (found,) = read_experiments(names)
-        assert found.name == "tiny" and len(found.rows) == 4 and str(found.runs[0]) == "results/runs/tiny"
+        assert found.name == "tiny" and len(found.rows) == 4 and str(found.runs[0]) == "out/runs/tiny"
     with pytest.raises(InputError, match="two experiments are named 'tiny'"):
         read_experiments(["tiny", "elsewhere/tiny.csv"])

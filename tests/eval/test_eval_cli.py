@@ -36,7 +36,7 @@ def test_one_run_from_any_folder_leaves_its_row_and_nothing_else(tmp_path):
     assert done.stderr == ""
     found = files(tmp_path)
     assert len(found) == 2
-    assert all(name.startswith("results/runs/single/identity/bumpy_30/seed_0_") for name in found)
+    assert all(name.startswith("out/runs/single/identity/bumpy_30/seed_0_") for name in found)
 
 
 def test_warnings_of_a_method_reach_the_user_of_a_run_and_of_a_sweep(tmp_path):

@@ -95,9 +95,9 @@ def test_a_folder_without_runs_is_an_error(tmp_path):
 
 def test_an_empty_folder_of_a_refused_run_is_no_experiment(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "results" / "runs" / "refused").mkdir(parents=True)
+    (tmp_path / "out" / "runs" / "refused").mkdir(parents=True)
     with pytest.raises(InputError, match="holds no experiment"):
         call("collect", [])
-    write_run(tmp_path / "results" / "runs" / "mine" / "r", row())
+    write_run(tmp_path / "out" / "runs" / "mine" / "r", row())
     assert call("collect", []) == 0
-    assert capsys.readouterr().out == "results/rows/mine.csv: 1 row\n"
+    assert capsys.readouterr().out == "out/rows/mine.csv: 1 row\n"

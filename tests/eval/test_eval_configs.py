@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import inspect
-from importlib import resources
 
 import numpy as np
 import pytest
 from eval_cases import bumpy_task
-from hydra import compose, initialize_config_module
+from hydra import compose, initialize_config_dir
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.utils import instantiate as hydra_instantiate
@@ -16,18 +15,19 @@ from omegaconf import OmegaConf
 
 from eval.configure.app import ABOUT_DATASET
 from eval.configure.targets import OWN_KEYS, check_parameters, instantiate, locate, parameter_hints
+from sshade.cli.configuration import CONFIGURATION
 from sshade.solver.local_global import local_global
 from sshade.solver.options import DEFAULTS
 from sshade.task import Method
 
 
 def names(group):
-    folder = resources.files("conf").joinpath(group)
+    folder = CONFIGURATION.joinpath(group)
     return sorted(f.name.removesuffix(".yaml") for f in folder.iterdir() if f.name.endswith(".yaml"))
 
 
 def composed(*overrides):
-    with initialize_config_module("conf", version_base="1.3"):
+    with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
         config = compose("config", overrides=list(overrides), return_hydra_config=True)
         HydraConfig.instance().set_config(config)
         OmegaConf.resolve(config.method)
@@ -89,7 +89,7 @@ def test_experiment_composes_with_every_value_that_it_sweeps(name):
     config = composed(f"experiment={name}")
     assert config.hydra.mode.name == "MULTIRUN"
     assert config.run.experiment == name
-    assert config.hydra.sweep.dir.endswith(f"results/runs/{name}")
+    assert config.hydra.sweep.dir.endswith(f"out/runs/{name}")
     for key, values in config.hydra.sweeper.params.items():
         if "glob(" in str(values):
             continue
@@ -109,7 +109,7 @@ def test_experiment_takes_other_data_by_its_name_and_folder(name, data):
     config = composed(f"experiment={name}", f"dataset={data}", "dataset.root=there")
     assert config.dataset.root == "there" and f"source={data}" in config.dataset.build
     assert config.dataset.build.endswith("out=there")
-    assert config.hydra.sweep.dir.endswith(f"results/runs/{name}_{data}")
+    assert config.hydra.sweep.dir.endswith(f"out/runs/{name}_{data}")
     if name not in ("quick", "all_methods", "full", "ci", "bodies_25k"):  # made for certain bodies
         assert config.hydra.sweeper.params.subject == config.hydra.sweeper.params.pose == "all"
 

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import json
 import shlex
-from importlib import resources
 
 import pytest
-from hydra import compose, initialize_config_module
+from hydra import compose, initialize_config_dir
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import OmegaConf
 
 from defaust.cli import main as defaust
 from eval.configure.app import _load_task
 from eval.configure.targets import locate
+from sshade.cli.configuration import CONFIGURATION
 from sshade.errors import InputError
 from sshade.io.meshes import write_mesh
 from tests.defaust.registrations import write_faust
@@ -31,7 +31,7 @@ BUILT = {
 
 def dataset(name, *overrides):
     """The plain settings of an entry."""
-    with initialize_config_module("conf", version_base="1.3"):
+    with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
         config = compose("config", overrides=[f"dataset={name}", *overrides], return_hydra_config=True)
         HydraConfig.instance().set_config(config)
         return OmegaConf.to_container(config.dataset, resolve=True)
@@ -70,7 +70,7 @@ def test_the_build_command_of_an_entry_makes_what_it_loads(name, tmp_path, monke
 
 
 def test_entries_of_one_source_differ_in_size_and_folder_only():
-    names = {f.name.removesuffix(".yaml") for f in resources.files("conf").joinpath("dataset").iterdir()} - {
+    names = {f.name.removesuffix(".yaml") for f in CONFIGURATION.joinpath("dataset").iterdir()} - {
         "mesh",
         "faust",
         "tosca",

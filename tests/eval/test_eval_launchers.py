@@ -8,12 +8,13 @@ import sys
 from pathlib import Path
 
 import pytest
-from hydra import compose, initialize_config_module
+from hydra import compose, initialize_config_dir
 from hydra.errors import HydraException
 
 from eval.configure import app as cli
 from eval.rows.collect import collect
 from eval.rows.compare import differences
+from sshade.cli.configuration import CONFIGURATION
 
 HERE = Path(__file__).parent
 NEEDS = {
@@ -51,7 +52,7 @@ def sweep(folder, *overrides):
 @pytest.mark.parametrize("launcher", NEEDS)
 def test_the_launcher_composes(launcher):
     pytest.importorskip(NEEDS[launcher], reason=f"the extra of hydra/launcher={launcher} is not installed")
-    with initialize_config_module("conf", version_base="1.3"):
+    with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
         config = compose("config", overrides=[f"hydra/launcher={launcher}"], return_hydra_config=True)
     settings = config.hydra.launcher
     assert settings._target_.startswith(NEEDS[launcher])
@@ -66,7 +67,7 @@ def basic(tmp_path_factory):
     """A sweep of one failing and one good run, one after the other."""
     folder = tmp_path_factory.mktemp("basic")
     done = sweep(folder, *RUNS)
-    return done, collect(folder / "results/runs/single")
+    return done, collect(folder / "out/runs/single")
 
 
 @pytest.mark.parametrize(
@@ -105,7 +106,10 @@ def test_a_lost_worker_is_told(tmp_path):
 @pytest.mark.parametrize("extra", ["joblib", "slurm", "ray"])
 def test_a_launcher_that_is_not_there_names_its_extra(extra):
     """From Hydra's words about a launcher that nobody has: those of ours may be installed here."""
-    with initialize_config_module("conf", version_base="1.3"), pytest.raises(HydraException) as caught:
+    with (
+        initialize_config_dir(str(CONFIGURATION), version_base="1.3"),
+        pytest.raises(HydraException) as caught,
+    ):
         compose("config", overrides=["hydra/launcher=nothing"], return_hydra_config=True)
     assert "sshade[" not in cli._one_line(caught.value)
     absent = HydraException(str(caught.value).replace("launcher/nothing", f"launcher/{extra}"))

@@ -214,7 +214,7 @@ def test_the_command_tells_of_sweeps_under_way(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert call("status", []) == 0
     assert capsys.readouterr().out == "no sweep is under way\n"
-    folder = tmp_path / "results/runs/quick"
+    folder = tmp_path / "out/runs/quick"
     record = SweepRecord.create(folder, plan("a", "b"))
     record.add(0, seconds=1.0, row_folder=None, problems=["no"])
     for arguments in ([], ["quick"], [str(folder)]):

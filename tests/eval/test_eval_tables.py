@@ -287,10 +287,10 @@ def test_a_table_for_each_machine_or_one_without_times(tmp_path, capsys):
 
 def test_rows_are_named_by_their_experiment(rows, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    write_csv("results/rows/tiny.csv", rows)
+    write_csv("out/rows/tiny.csv", rows)
     assert call("tables", ["tiny"]) == 0
-    assert (tmp_path / "results/tables/tiny.md").is_file()
-    with pytest.raises(InputError, match=r"results/rows/huge.csv: no such file; .*sshade-eval collect"):
+    assert (tmp_path / "out/tables/tiny.md").is_file()
+    with pytest.raises(InputError, match=r"out/rows/huge.csv: no such file; .*sshade-eval collect"):
         call("tables", ["huge"])
 
 

@@ -42,7 +42,7 @@ def test_isometric(sequence):
     overrides = ["proxy.vertices=150", "method.frames=triangle,blended_affine", "method.samplings=1"]
     out = run_eval(sequence, "experiment=isometric", *overrides)
     assert "4 runs: 4 new (4 ok)" in out
-    rows = collect(sequence / "results/runs/isometric_sequence")
+    rows = collect(sequence / "out/runs/isometric_sequence")
     assert {row["method.name"] for row in rows} == {"triangle-1", "blended_affine-1"}
     assert all(row["task.meta.posed_by"] == "registration" for row in rows)
     table = make_table(rows, title="isometric")
@@ -59,7 +59,7 @@ def test_pose_transfer_without_a_truth(sequence):
     out = run_eval(sequence, "experiment=pose_transfer", *overrides)
     # The last part of a method's name is its label.
     assert "vertex_frames defaust-sequence/subject_00/pose_1/inflate seed 0: ok" in out
-    rows = collect(sequence / "results/runs/pose_transfer_sequence")
+    rows = collect(sequence / "out/runs/pose_transfer_sequence")
     assert {row["method.name"] for row in rows} == {"vertex_frames", "sshade_residual"} and len(rows) == 4
     assert not any(name.startswith("metric.truth") for row in rows for name in row)
     text = to_markdown(make_table(rows, title="pose_transfer"))

@@ -299,7 +299,7 @@ TAKEN = [
     ),
     Case("dataset, verify: a sound one", VERIFY, dataset),
     Case("dataset, info: a sound one", INFO, dataset),
-    Case("dataset, run: a sound one", RUN, dataset, leaves=("results",)),
+    Case("dataset, run: a sound one", RUN, dataset, leaves=("out",)),
 ]
 
 

@@ -49,7 +49,7 @@ def runs() -> None:
 
 def _of_run(name: str) -> Path:
     """A file of the first of the runs."""
-    return min(Path("results/runs").rglob(name))
+    return min(Path("out/runs").rglob(name))
 
 
 def _in_run(name: str, damage: Callable[[str], Given]) -> Given:
@@ -74,7 +74,7 @@ def _row(**changes: Any) -> Given:
 def _csv(change: Callable[[str], str]) -> Given:
     def write() -> None:
         runs()
-        path = Path("results/rows/tiny.csv")
+        path = Path("out/rows/tiny.csv")
         path.write_text(change(path.read_text()))
 
     return write
@@ -85,7 +85,7 @@ def _each(programs: tuple[str, ...], name: str, given: Given, *says: str) -> lis
     return [
         Case(f"{program}: {name}", f"sshade-eval {program} tiny", given, says=says)
         if program in OF_RUNS
-        else Case(f"{program}: {name}", f"sshade-eval {program} results/rows/tiny.csv", given, says=says)
+        else Case(f"{program}: {name}", f"sshade-eval {program} out/rows/tiny.csv", given, says=says)
         for program in programs
     ]
 
@@ -108,12 +108,12 @@ def _cells(column: str, value: str) -> Callable[[str], str]:
 
 ROWS = [
     *_each(OF_ROWS, "no rows", lambda: None, "no such file"),
-    *_each(OF_ROWS, "an empty CSV", data("results/rows/tiny.csv", b""), "holds no rows of runs"),
-    *_each(OF_ROWS, "a CSV of garbage", garbage("results/rows/tiny.csv"), "results/rows/tiny.csv"),
+    *_each(OF_ROWS, "an empty CSV", data("out/rows/tiny.csv", b""), "holds no rows of runs"),
+    *_each(OF_ROWS, "a CSV of garbage", garbage("out/rows/tiny.csv"), "out/rows/tiny.csv"),
     *_each(
         OF_ROWS,
         "a CSV of something else",
-        text("results/rows/tiny.csv", "a,b\n1,2\n"),
+        text("out/rows/tiny.csv", "a,b\n1,2\n"),
         "holds no rows of runs",
     ),
     *_each(
@@ -159,7 +159,7 @@ ROWS = [
     ),
     Case(
         "check: unknown bands",
-        "sshade-eval check results/rows/tiny.csv --bands rubber",
+        "sshade-eval check out/rows/tiny.csv --bands rubber",
         runs,
         says=("no bands 'rubber'",),
     ),
@@ -182,7 +182,7 @@ READERS = (
 )
 for _program, _call in READERS:
     RUNS += [
-        Case(f"{_program}: {name}", _call, given, says=says, leaves=("results/runs",))
+        Case(f"{_program}: {name}", _call, given, says=says, leaves=("out/runs",))
         for name, given, says in (
             (
                 "vertices that are gone",
@@ -287,7 +287,7 @@ def _full_disk_of(command: str, *made: str) -> Callable[[], None]:
 
 
 FULL = [
-    Case("full disk: a run", _full_disk, runs, leaves=("results",)),
+    Case("full disk: a run", _full_disk, runs, leaves=("out",)),
     Case(
         "full disk: eval.rows.collect",
         _full_disk_of("sshade-eval collect tiny -o rows", "rows/tiny.csv"),
@@ -304,7 +304,7 @@ FULL = [
         "full disk: eval.rows.remeasure",
         _full_disk_of("sshade-eval remeasure tiny --metrics edge"),
         runs,
-        leaves=("results",),
+        leaves=("out",),
     ),
     Case(
         "full disk: eval.publish.report",
@@ -325,7 +325,7 @@ TAKEN = [
     Case("collect: sound runs", "sshade-eval collect tiny -o rows", runs, leaves=("rows",)),
     Case("tables: sound rows", "sshade-eval tables tiny -o t", runs, leaves=("t",)),
     Case("remeasure: nothing lacks", "sshade-eval remeasure tiny", runs),
-    Case("run: what is there already", SWEEP, runs, leaves=("results/runs/tiny/multirun.yaml",)),
+    Case("run: what is there already", SWEEP, runs, leaves=("out/runs/tiny/multirun.yaml",)),
 ]
 BENCH = [
     Case(

@@ -67,7 +67,7 @@ def _moved(name: str) -> Given:
 def _sweep_goes_on() -> None:
     """Earlier rows stay and are read where no new one can be written."""
     before = {path: data for path, data in contents().items() if path.endswith("row.json")}
-    with read_only("results/runs"):
+    with read_only("out/runs"):
         code, _, err = run(f"{RUN} run.experiment=tiny subject=1")
         assert code == 2 and DENIED in err and err.count("\n") == 1, (code, err)
         assert run("sshade-eval collect tiny -o rows")[0] == 0
@@ -116,5 +116,5 @@ CASES = [
     _unreadable("handles", DEFORM.format("body.ply", "out.ply"), "pose.json"),
     _unreadable("a map", CARRY, "map.npz", remeshed),
     _unreadable("a record", RUN, "balls/dataset.json", dataset),
-    _unreadable("rows", "sshade-eval tables tiny -o t", "results/rows/tiny.csv", runs),
+    _unreadable("rows", "sshade-eval tables tiny -o t", "out/rows/tiny.csv", runs),
 ]

@@ -9,7 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 SOURCES = sorted(
-    p for name in ("sshade", "baselines", "defaust", "eval", "conf") for p in (ROOT / name).rglob("*.py")
+    p for name in ("sshade", "baselines", "defaust", "eval") for p in (ROOT / name).rglob("*.py")
 )
 
 #: Modules that turn bytes into objects or text into code.

@@ -21,14 +21,14 @@ from sshade.io.files import make_folder, replacing
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("rows", nargs="*", type=Path, help=f"{ROWS_HELP} (default: every CSV there)")
-    parser.add_argument("-o", "--out", type=Path, default=Path("results/report.html"))
+    parser.add_argument("-o", "--out", type=Path, default=Path("out/report.html"))
     parser.add_argument(
         "--runs",
         nargs="+",
         type=Path,
         default=[],
         metavar="FOLDER",
-        help="where the run folders lie (default: results/runs/<experiment>)",
+        help="where the run folders lie (default: out/runs/<experiment>)",
     )
     parser.add_argument(
         "--cases",

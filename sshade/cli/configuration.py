@@ -1,0 +1,53 @@
+"""The folder ``conf`` of YAML files: where it is, which functions it names, and Hydra's complaints about it.
+
+In a clone it stands beside the packages; a wheel holds a copy in ``eval/conf``.
+It is found by the place of this file, never by the name ``conf``, which a
+user's own folder may have.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from pathlib import Path
+
+_PACKAGES = Path(__file__).resolve().parents[2]
+
+_SHIPPED = _PACKAGES / "eval" / "conf"
+
+#: Folder of the YAML files of methods, datasets, experiments and builds.
+CONFIGURATION = _SHIPPED if _SHIPPED.is_dir() else _PACKAGES / "conf"
+
+#: Keys whose value is the dotted name of a function to call.
+CALLED = ("_target_", "cases")
+_NAMES = re.compile(rf"^\s*(?:{'|'.join(CALLED)})\s*:\s*[\"']?([\w.]+)", re.MULTILINE)
+
+
+@cache
+def named_functions() -> frozenset[str]:
+    """Dotted names of the functions that the files of ``conf`` name: these may be called.
+
+    A name that comes from elsewhere, as from a folder of configurations or of
+    results that was received from others, could name any function there is.
+    """
+    texts = (path.read_text(encoding="utf-8") for path in CONFIGURATION.rglob("*.yaml"))
+    return frozenset(name for text in texts for name in _NAMES.findall(text))
+
+
+def one_sentence(complaint: str) -> str:
+    """Hydra's complaint in one sentence: without its search path and its hints for programmers."""
+    text = re.sub(r"\s+", " ", complaint.split("Config search path")[0]).strip()
+    choice = re.search(r"Could not find '(.+)/([^/']+)' Available options in '[^']*': (.+)", text)
+    if choice:
+        group, name, known = choice.groups()
+        return f"there is no {group} {name!r}; choose one of {', '.join(known.split())}"
+    setting = re.match(r"Could not override '([^']+)'\. To append", text)
+    return f"there is no setting {setting[1]}" if setting else text
+
+
+def unreadable_override(text: str, *, example: str) -> str:
+    """What to do about an argument ``key=value`` that Hydra cannot read, in one sentence."""
+    return (
+        f"{text} is not understood; close its brackets, and put names with spaces or letters "
+        f"outside of a-z in quotes twice, as in \"{example}='données'\""
+    )
