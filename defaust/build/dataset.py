@@ -5,15 +5,15 @@ from __future__ import annotations
 import logging
 import os
 import shutil
-from collections.abc import Sequence
 from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from defaust.build.workers import build_subjects
+
 from defaust.build.lock import LOCK, sole_builder
 from defaust.build.options import BuildOptions
-from defaust.build.workers import build_subjects
 from defaust.folder.card import render_card
 from defaust.folder.layout import (
     CARD,

@@ -7,6 +7,9 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+from defaust.build.handles import choose_handles, handle_records
+from defaust.build.options import BuildOptions
+from defaust.build.upsample import Upsampled, count_self_intersections, upsample
 from defaust.folder.layout import (
     REST,
     REST_LOW,
@@ -17,10 +20,7 @@ from defaust.folder.layout import (
     subject_folder,
     write_text,
 )
-from defaust.build.handles import choose_handles, handle_records
-from defaust.build.options import BuildOptions
 from defaust.sources.source import Source
-from defaust.build.upsample import Upsampled, count_self_intersections, upsample
 from sshade import InputError, Mesh
 from sshade.io.files import make_folder
 from sshade.io.meshes import write_mesh
