@@ -1,4 +1,4 @@
-"""Independent pieces of work in threads; the heavy kernels run without the GIL."""
+"""Independent chunks of work in threads; the heavy kernels run without the GIL."""
 
 from __future__ import annotations
 
@@ -12,41 +12,45 @@ from sshade.errors import InputError
 Result = TypeVar("Result")
 
 
-def in_threads(piece: Callable[[int], Result], count: int, *, workers: int | None = None) -> list[Result]:
-    """``[piece(0), ..., piece(count - 1)]``, in that order whatever the number of threads.
+def available_cpus() -> int:
+    """Number of CPUs that this process may use: fewer than the machine's under Slurm or taskset."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def number_of_workers(workers: int | None, *, default: int) -> int:
+    """`workers`, or `default` for None; InputError on fewer than one."""
+    if workers is not None and workers < 1:
+        raise InputError(f"{workers} workers were asked for; at least one is needed")
+    return workers or default
+
+
+def in_threads(chunk: Callable[[int], Result], count: int, *, workers: int | None = None) -> list[Result]:
+    """``[chunk(0), ..., chunk(count - 1)]``, in that order whatever the number of threads.
 
     Parameters
     ----------
-    piece : callable
+    chunk : callable
     count : int
     workers : int, optional
-        Threads at most; by default two a processor, so that the scheduler evens out a
-        number of pieces that the processors do not divide. With one, the calling
-        thread works.
+        Threads at most; by default two for each CPU, so that the scheduler evens out a
+        number of chunks that the CPUs do not divide. With one, the calling thread works.
 
     Raises
     ------
     InputError
         On fewer than one worker.
     Exception
-        The first error of a piece, in their order; pieces not yet begun are dropped.
+        As of :class:`ThreadTeam`.
     """
-    if workers is not None and workers < 1:
-        raise InputError(f"{workers} workers were asked for; at least one is needed")
-    workers = min(workers or 2 * (os.cpu_count() or 1), count)
-    if workers == 1:
-        return [piece(i) for i in range(count)]
-    with ThreadPoolExecutor(max_workers=workers) as pool:
-        futures = [pool.submit(piece, i) for i in range(count)]
-        try:
-            return [future.result() for future in futures]
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+    workers = number_of_workers(workers, default=2 * available_cpus())
+    with ThreadTeam(max(1, min(workers, count))) as team:
+        return team(chunk, count)
 
 
-class Crew:
-    """Threads that stay for many short pieces of work, in a ``with`` block.
+class ThreadTeam:
+    """Threads that stay for many short chunks of work, in a ``with`` block.
 
     Parameters
     ----------
@@ -60,35 +64,41 @@ class Crew:
     """
 
     def __init__(self, workers: int) -> None:
-        if workers < 1:
-            raise InputError(f"{workers} workers were asked for; at least one is needed")
-        self.workers = workers
+        self.workers = number_of_workers(workers, default=1)
         self._pool = ThreadPoolExecutor(max_workers=workers - 1) if workers > 1 else None
 
-    def __enter__(self) -> Crew:
+    def __enter__(self) -> ThreadTeam:
         return self
 
     def __exit__(self, *error: object) -> None:
         if self._pool is not None:
             self._pool.shutdown()
 
-    def __call__(self, piece: Callable[[int], Result], count: int) -> list[Result]:
-        """``[piece(0), ..., piece(count - 1)]``, once all are done; the first error of a piece otherwise."""
+    def __call__(self, chunk: Callable[[int], Result], count: int) -> list[Result]:
+        """``[chunk(0), ..., chunk(count - 1)]``, once all are done.
+
+        Where chunks fail, those not yet begun are dropped, and the error of the first
+        one in their order is raised.
+        """
         if self._pool is None or count == 1:
-            return [piece(i) for i in range(count)]
+            return [chunk(i) for i in range(count)]
 
         results: list[Result | None] = [None] * count
-        following = iter(range(count))
+        errors: dict[int, BaseException] = {}
+        numbers = iter(range(count))
 
-        def share() -> None:
-            for i in following:  # whoever is free takes the next: threads may not be equally fast
-                results[i] = piece(i)
+        def work() -> None:
+            for i in numbers:  # whoever is free takes the next: threads may not be equally fast
+                if errors:
+                    return
+                try:
+                    results[i] = chunk(i)
+                except BaseException as error:
+                    errors[i] = error
 
-        others = [self._pool.submit(share) for _ in range(min(self.workers, count) - 1)]
-        try:
-            share()
-        finally:
-            wait(others)
-        for other in others:
-            other.result()
+        others = [self._pool.submit(work) for _ in range(min(self.workers, count) - 1)]
+        work()
+        wait(others)
+        if errors:
+            raise errors[min(errors)]
         return cast(list[Result], results)

@@ -31,6 +31,7 @@ from defaust.sources.source import Source
 from sshade import InputError
 from sshade.io.files import make_folder
 from sshade.task import Progress, silent
+from sshade.threads import available_cpus
 
 log = logging.getLogger(__name__)
 
@@ -88,7 +89,7 @@ def build(
         missing = [s for s in subjects if s not in done]
         log.info("%d of %d subjects are there already", len(done), len(subjects))
         progress("subjects", len(done), len(subjects))
-        workers = min(workers or _cores(), max(1, len(missing)))
+        workers = min(workers or available_cpus(), max(1, len(missing)))
         for subject, record in build_subjects(
             source, out, subjects=missing, options=options, workers=workers, progress=progress
         ):
@@ -212,7 +213,3 @@ def _finish(out: Path, recipe: dict[str, Any], *, records: list[dict[str, Any]])
     write_text(out / DATASET, dump(document))
     shutil.rmtree(out / WORK)
     return document
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -37,6 +37,7 @@ from sshade.cli.console import progress_bar
 from sshade.errors import InputError
 from sshade.io.files import reason
 from sshade.task import DeformationTask, Progress, silent
+from sshade.threads import available_cpus
 
 #: Settings of a dataset that are not for its loader: how to build it, where rows go, what lists its cases.
 ABOUT_DATASET = ("build", "tag", "cases")
@@ -243,7 +244,7 @@ def _jobs(launcher: DictConfig, runs: int) -> int:
     if launcher._target_.endswith(".BasicLauncher"):
         return 1
     jobs = launcher.get("n_jobs") or launcher.get("array_parallelism") or runs
-    return min(runs, jobs if jobs > 0 else os.cpu_count() or 1)
+    return min(runs, jobs if jobs > 0 else available_cpus())
 
 
 def _report(outcome: Outcome) -> str:

@@ -20,6 +20,7 @@ import numpy as np
 
 from sshade.pipeline.transfer_task import TransferTask
 from sshade.task import DeformationTask
+from sshade.threads import available_cpus
 
 #: Ours: hashed as sources wherever they are installed.
 PROJECT = ("sshade", "baselines", "defaust", "eval")
@@ -152,13 +153,12 @@ def environment(*, jobs: int) -> dict[str, Any]:
 
 @cache
 def _machine() -> dict[str, Any]:
-    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     ram = None
     if "SC_PHYS_PAGES" in getattr(os, "sysconf_names", {}):
         ram = round(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**30)
     facts = {
         "cpu": _cpu_model(),
-        "cores": available,
+        "cores": available_cpus(),
         "ram_gib": ram,
         "os": platform.system(),
         "arch": platform.machine(),

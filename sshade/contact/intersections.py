@@ -32,7 +32,7 @@ from sshade.contact.triangles import mark_intersecting, set_planes
 from sshade.errors import InputError
 from sshade.mesh.boxes import bounds, box_tree, curve_order
 from sshade.mesh.mesh import Mesh
-from sshade.threads import Crew
+from sshade.threads import ThreadTeam
 
 #: Relative to the bounding-box diagonal: a point nearer to a plane than this lies on it.
 PLANE_TOLERANCE = 1e-12
@@ -96,9 +96,9 @@ def intersecting_faces(
     def planes_of(piece: int) -> None:
         set_planes(V, F, tolerance, piece * PIECE, min(len(F), (piece + 1) * PIECE), planes)
 
-    with Crew(workers) as crew:
-        face_boxes, boxes = box_tree(V, F, leaf_size=LEAF_SIZE, crew=crew)
-        crew(planes_of, -(-len(F) // PIECE))
+    with ThreadTeam(workers) as team:
+        face_boxes, boxes = box_tree(V, F, leaf_size=LEAF_SIZE, team=team)
+        team(planes_of, -(-len(F) // PIECE))
         nodes = _asked_nodes(asked, LEAF_SIZE, len(boxes) // 2)
         parts = min(PARTS, len(boxes) // 2)
 
@@ -107,7 +107,7 @@ def intersecting_faces(
                 V, F, planes, face_boxes, boxes, LEAF_SIZE, tolerance, asked, nodes, parts, number, marked
             )
 
-        crew(part, parts)
+        team(part, parts)
     result[order] = marked
     return result
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from sshade.threads import Crew
+from sshade.threads import ThreadTeam
 
 #: Leaves whose boxes a thread fits at a time.
 PIECE = 8192
@@ -33,7 +33,9 @@ def curve_order(V: np.ndarray, F: np.ndarray) -> np.ndarray:
     return np.argsort(_morton(V, F), kind="stable")
 
 
-def box_tree(V: np.ndarray, F: np.ndarray, *, leaf_size: int, crew: Crew) -> tuple[np.ndarray, np.ndarray]:
+def box_tree(
+    V: np.ndarray, F: np.ndarray, *, leaf_size: int, team: ThreadTeam
+) -> tuple[np.ndarray, np.ndarray]:
     """The boxes of faces, and a complete binary tree over them.
 
     A box is (low, high) in six numbers. Node i of the tree, counted from 1, has
@@ -47,7 +49,7 @@ def box_tree(V: np.ndarray, F: np.ndarray, *, leaf_size: int, crew: Crew) -> tup
     F : (m, 3) int64
         In the order of :func:`curve_order`, of these positions or of others like them.
     leaf_size : int
-    crew : Crew
+    team : ThreadTeam
 
     Returns
     -------
@@ -63,7 +65,7 @@ def box_tree(V: np.ndarray, F: np.ndarray, *, leaf_size: int, crew: Crew) -> tup
         leaf_range = number * PIECE, min(leaves, (number + 1) * PIECE)
         _fit_leaves(V, F, leaf_size, *leaf_range, face_boxes, boxes)
 
-    crew(piece, -(-leaves // PIECE))
+    team(piece, -(-leaves // PIECE))
     _fit_inner_nodes(boxes)
     return face_boxes, boxes
 

@@ -73,7 +73,7 @@ def deform(
         Solve the later proxies from the first one's result instead of from the
         coarse method's own start: fewer iterations, and all in one basin.
     workers : int, optional
-        Threads that share the samplings; by default two a processor. The
+        Threads that share the samplings; by default two for each CPU. The
         result does not depend on it.
     seed : int
         The samplings differ in the random vertex that follows the handles.

@@ -42,7 +42,7 @@ class Deformer:
     frames, frame_function, projection
         As in :func:`sshade.bind`.
     workers : int, optional
-        Threads that share the proxies; by default two a processor. No influence on results.
+        Threads that share the proxies; by default two for each CPU. No influence on results.
     seed : int
     progress : Progress
 

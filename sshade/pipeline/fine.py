@@ -9,7 +9,6 @@ the end (:mod:`sshade.contact.separate`).
 
 from __future__ import annotations
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from math import inf
@@ -30,7 +29,7 @@ from sshade.solver.options import SolverOptions, complete, energy_options
 from sshade.solver.solution import Solution
 from sshade.solver.substitution import Factors, divide, substitute_together
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
-from sshade.threads import Crew
+from sshade.threads import ThreadTeam, available_cpus, number_of_workers
 
 #: Stiffness of strongly strained triangles, and the strain about which they soften.
 STIFFNESS, STRAIN = 0.08, 0.0125
@@ -124,7 +123,7 @@ def sshade_fine(
         Whether to lead apart what crosses in the end, and to unfold what is flipped, unless
         it was so at rest; see :mod:`sshade.contact.separate`.
     workers : int, optional
-        Threads at full resolution; by default one a processor. No influence on the result.
+        Threads at full resolution; by default one for each CPU. No influence on the result.
     seed : int
         Of the sampling.
     progress : Progress
@@ -148,6 +147,7 @@ def sshade_fine(
         Those of :func:`sshade_fast`.
     """
     begin = perf_counter()
+    workers = number_of_workers(workers, default=available_cpus())
     solver_options = complete(
         options, volume=inf, area=1.0, stiffness=STIFFNESS, strain=STRAIN, start="rigid"
     )
@@ -157,7 +157,6 @@ def sshade_fine(
         arrived = perf_counter()
         solver, precompute = bound.result()
     ready = perf_counter()
-    workers = workers or os.cpu_count() or 1
     energy: dict[str, Any] = {**energy_options(solver_options), "workers": workers}
     solution = solver.solve(
         task.handles.target,
@@ -196,8 +195,8 @@ def prepare() -> None:
     """
     chain = Factors(np.array([0, 1, 2, 2]), np.array([1, 2], dtype=np.int32), np.ones(2), np.ones(3))
     _, factors, branches = divide(chain, parts=2)
-    with Crew(1) as crew:
-        substitute_together(factors, branches, np.zeros((3, 3)), crew=crew)
+    with ThreadTeam(1) as team:
+        substitute_together(factors, branches, np.zeros((3, 3)), team=team)
     V = np.concatenate([np.eye(3), -np.eye(3)])
     F = [[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]]
     octahedron = Mesh(V, np.array(F))

@@ -22,7 +22,7 @@ from sshade.solver.options import Energy
 from sshade.solver.quaternions import quaternions
 from sshade.solver.rotations import local_step, right_hand_side
 from sshade.solver.softening import Softening, soften, softened_right_hand_side, weighted_local_step
-from sshade.threads import Crew
+from sshade.threads import ThreadTeam
 
 #: Vertices that a thread fits at a time.
 RANGE = 32_768
@@ -97,15 +97,15 @@ class Elements:
         self.rest_energy = float(self.corners * (weights @ squares))
 
     def iteration(
-        self, targets: np.ndarray, wanted: Wanted, softening: Softening, *, crew: Crew
+        self, targets: np.ndarray, wanted: Wanted, softening: Softening, *, team: ThreadTeam
     ) -> Iteration:
         """What maps positions to the next ones, for handles at `targets` (k, 3) float64."""
         hold = self.constraints.hold(wanted, corners=self.corners)
         if softening.stiffness == 1.0:
-            return Iteration(self, targets, hold, crew=crew)
+            return Iteration(self, targets, hold, team=team)
         if self.corners == 2:
             raise InputError("only triangles soften: take the energy spokes_and_rims, or a stiffness of 1")
-        return SoftenedIteration(self, targets, hold, crew=crew, softening=softening)
+        return SoftenedIteration(self, targets, hold, team=team, softening=softening)
 
 
 class Iteration:
@@ -123,9 +123,11 @@ class Iteration:
         Of the mesh; unit length^2 and length.
     """
 
-    def __init__(self, elements: Elements, targets: np.ndarray, hold: Hold | None, *, crew: Crew) -> None:
+    def __init__(
+        self, elements: Elements, targets: np.ndarray, hold: Hold | None, *, team: ThreadTeam
+    ) -> None:
         n = elements.mesh.n
-        self._crew = crew
+        self._team = team
         self.rest_energy, self.diagonal = elements.rest_energy, elements.mesh.diagonal
         self._elements, self._hold, self.restored = elements, hold, True
         self._fixed = -(elements._to_handles @ targets)
@@ -154,7 +156,7 @@ class Iteration:
         """Write to g (n, 3) the best positions for the rotations, near u (n, 3) as for the constraints."""
         e, hold = self._elements, self._hold
         if hold is None:
-            self._crew(lambda number: self._right_hand_side(u, number), len(e._ranges))
+            self._team(lambda number: self._right_hand_side(u, number), len(e._ranges))
             self._solve(self._X, g)
             return
 
@@ -164,7 +166,7 @@ class Iteration:
             else:
                 self._right_hand_side(u, number - 1)
 
-        self._crew(piece, 1 + len(e._ranges))
+        self._team(piece, 1 + len(e._ranges))
         self._B += self._push
         if hold.turns:
             hold.gather(u, e._free, self._wide)
@@ -184,7 +186,7 @@ class Iteration:
         if self._hold:
             e = self._elements
             self._hold.gather(u, e._free, self._wide)
-            e.factor.solve_ordered(self._wide, crew=self._crew)
+            e.factor.solve_ordered(self._wide, team=self._team)
             self._hold.turn(self._wide, e._free)
             self.restore(u)
 
@@ -196,7 +198,7 @@ class Iteration:
             _, first, end = e._ranges[number]
             _multiply(*e._laplacian, F, out, first, end)
 
-        self._crew(piece, len(e._ranges))
+        self._team(piece, len(e._ranges))
 
     def _solve(self, X: np.ndarray, g: np.ndarray) -> None:
         e = self._elements
@@ -206,14 +208,14 @@ class Iteration:
             own = slice(number * RANGE, min(count, (number + 1) * RANGE))
             _gather(self._B, e._free[own], self._fixed[own], X[own])
 
-        self._crew(gather, -(-count // RANGE))
-        e.factor.solve_ordered(X, crew=self._crew)
+        self._team(gather, -(-count // RANGE))
+        e.factor.solve_ordered(X, team=self._team)
 
         def scatter(number: int) -> None:
             own = slice(number * RANGE, min(count, (number + 1) * RANGE))
             _scatter(X[own], e._free[own], g)
 
-        self._crew(scatter, -(-count // RANGE))
+        self._team(scatter, -(-count // RANGE))
 
     def _fit(self, u: np.ndarray) -> float:
         e = self._elements
@@ -222,7 +224,7 @@ class Iteration:
             own, first, end = e._ranges[number]
             return local_step(e._corners[own], e._Y[own], e._H[own], u, self._Q, self.R, first, end)
 
-        return sum(self._crew(piece, len(e._ranges)))
+        return sum(self._team(piece, len(e._ranges)))
 
     def _right_hand_side(self, u: np.ndarray, number: int) -> None:
         """Write the rows of one range, without what constraints and held vertices add, to B."""
@@ -246,10 +248,10 @@ class SoftenedIteration(Iteration):
         targets: np.ndarray,
         hold: Hold | None,
         *,
-        crew: Crew,
+        team: ThreadTeam,
         softening: Softening,
     ) -> None:
-        super().__init__(elements, targets, hold, crew=crew)
+        super().__init__(elements, targets, hold, team=team)
         self.weight = np.ones(len(elements._corners))
         self._softening = softening
 
@@ -265,8 +267,8 @@ class SoftenedIteration(Iteration):
             lists = e._corners[own], e._Y[own], e._H[own], e._rest[own]
             return soften(*lists, u, self.R, stiffness, strain, weight[own])
 
-        self._crew(rotate, len(e._ranges))
-        return sum(self._crew(weigh, len(e._chunks))) - self.rest_energy
+        self._team(rotate, len(e._ranges))
+        return sum(self._team(weigh, len(e._chunks))) - self.rest_energy
 
     def _right_hand_side(self, u: np.ndarray, number: int) -> None:
         e = self._elements

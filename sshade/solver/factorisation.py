@@ -14,7 +14,7 @@ import numpy as np
 from scipy.sparse import csc_array, csc_matrix, sparray, spmatrix
 
 from sshade.solver.substitution import Branches, Factors, divide, substitute, substitute_together
-from sshade.threads import Crew
+from sshade.threads import ThreadTeam
 
 #: Rows from which on several threads share a substitution.
 SHARED = 20_000
@@ -83,20 +83,20 @@ class Factorisation:
             divided, self.factors, self._branches = divide(self.factors)
             self.order = self.order[divided]
 
-    def solve_ordered(self, X: np.ndarray, *, crew: Crew | None = None) -> None:
+    def solve_ordered(self, X: np.ndarray, *, team: ThreadTeam | None = None) -> None:
         """Replace right-hand sides by solutions, both with their rows in `order`.
 
         Parameters
         ----------
         X : (n, c) float64, C-contiguous
             Overwritten.
-        crew : Crew, optional
+        team : ThreadTeam, optional
             Threads to share the work, where that pays. The same bits.
         """
-        if crew is None or crew.workers == 1 or self._branches is None or X.shape[1] % 3:
+        if team is None or team.workers == 1 or self._branches is None or X.shape[1] % 3:
             substitute(self.factors, X)
         else:
-            substitute_together(self.factors, self._branches, X, crew=crew)
+            substitute_together(self.factors, self._branches, X, team=team)
 
     def solve(self, B: np.ndarray) -> np.ndarray:
         """Solve ``Q X = B`` for B (n, c) float64; returns X (n, c)."""

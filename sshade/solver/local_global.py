@@ -29,7 +29,7 @@ from sshade.solver.softening import Softening
 from sshade.solver.solution import Solution
 from sshade.solver.start import initial_guess
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
-from sshade.threads import Crew
+from sshade.threads import ThreadTeam
 
 
 class LocalGlobal:
@@ -132,8 +132,8 @@ class LocalGlobal:
         softening = Softening(options["stiffness"], options["strain"])
         u = start[self._elements.vertex] - self.mesh.origin
         u[self._elements.held] = targets - self.mesh.origin
-        with Crew(workers) as crew:
-            iteration = self._elements.iteration(u[self._elements.held], wanted, softening, crew=crew)
+        with ThreadTeam(workers) as team:
+            iteration = self._elements.iteration(u[self._elements.held], wanted, softening, team=team)
             if rotations is not None:
                 iteration.begin_with(rotations)
             mixer = QuasiNewton(len(u), window, iteration.laplacian) if accelerate else None
@@ -175,9 +175,9 @@ class LocalGlobal:
         """
         targets, positions = self._checked_positions(np.asarray(positions)[self.index], positions)
         u = positions[self._elements.vertex] - self.mesh.origin
-        with Crew(workers) as crew:
+        with ThreadTeam(workers) as team:
             iteration = self._elements.iteration(
-                targets, Wanted(volume, area).checked(), Softening(), crew=crew
+                targets, Wanted(volume, area).checked(), Softening(), team=team
             )
             iteration.correct(u)
         result = np.empty_like(positions)

@@ -19,7 +19,7 @@ import numpy as np
 from numba import njit
 from scipy.sparse import csc_array
 
-from sshade.threads import Crew
+from sshade.threads import ThreadTeam
 
 #: Parts of about equal weight into which a tree is divided, whatever the number of threads.
 PARTS = 4
@@ -75,8 +75,8 @@ def substitute(factors: Factors, X: np.ndarray) -> None:
     kernel(*factors, X)
 
 
-def substitute_together(factors: Factors, branches: Branches, X: np.ndarray, *, crew: Crew) -> None:
-    """:func:`substitute` by the threads of a crew; the same bits.
+def substitute_together(factors: Factors, branches: Branches, X: np.ndarray, *, team: ThreadTeam) -> None:
+    """:func:`substitute` by the threads of a team; the same bits.
 
     X (n, c) has three columns or a multiple of that: points and vectors.
     """
@@ -93,11 +93,11 @@ def substitute_together(factors: Factors, branches: Branches, X: np.ndarray, *, 
     def backward(p: int) -> None:
         _transposed(bounds[p], bounds[p + 1], start, row, value, inverse_pivot, X)
 
-    crew(forward, parts)
-    crew(forward_top, parts)
+    team(forward, parts)
+    team(forward_top, parts)
     forward(parts)
     backward(parts)
-    crew(backward, parts)
+    team(backward, parts)
 
 
 def divide(factors: Factors, *, parts: int = PARTS) -> tuple[np.ndarray, Factors, Branches]:

@@ -15,6 +15,7 @@ from eval.configure import app as cli
 from sshade.errors import InputError
 from sshade.io.handles import write_handles
 from sshade.io.meshes import write_mesh
+from sshade.threads import available_cpus
 
 HERE = Path(__file__).parent
 
@@ -136,7 +137,7 @@ def test_settings_that_no_run_could_use_are_input_errors(change):
     [
         ({"_target_": "hydra._internal.core_plugins.basic_launcher.BasicLauncher"}, 1),
         ({"n_jobs": 4}, 4),
-        ({"n_jobs": -1}, os.cpu_count()),
+        ({"n_jobs": -1}, available_cpus()),
         ({"array_parallelism": 8}, 8),
         ({"array_parallelism": 256}, 100),
         ({}, 100),  # submitit on this machine starts all at once

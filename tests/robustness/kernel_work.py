@@ -21,7 +21,7 @@ from sshade.mesh.cutting import cut_to_manifold
 from sshade.sampling.remesh import remesh
 from sshade.solver.local_global import local_global
 from sshade.solver.substitution import Factors, divide, substitute, substitute_together
-from sshade.threads import Crew
+from sshade.threads import ThreadTeam
 from tests.robustness.inputs import pose
 from tests.shapes import bent, bumpy, double_torus, folded, icosphere, jittered, torus
 from tests.sshade.mesh.test_cutting import moebius, t_fin
@@ -118,8 +118,8 @@ def _substituted() -> np.ndarray:
         substitute(factors, X)
         _, divided, branches = divide(factors, parts=2)
         if columns > 1:
-            with Crew(1) as crew:
-                substitute_together(divided, branches, Y, crew=crew)
+            with ThreadTeam(1) as team:
+                substitute_together(divided, branches, Y, team=team)
         found += [X.ravel(), Y.ravel()]
     return np.concatenate(found)
 

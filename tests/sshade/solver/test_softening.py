@@ -10,7 +10,7 @@ from sshade.solver.cotangents import half_cotangents
 from sshade.solver.elements import Elements
 from sshade.solver.local_global import LocalGlobal, local_global
 from sshade.solver.softening import Softening
-from sshade.threads import Crew
+from sshade.threads import ThreadTeam
 from tests.shapes import bumpy
 from tests.sshade.naive import TASKS
 
@@ -53,8 +53,8 @@ def test_the_energy_is_that_of_the_definition(task):
 
 def test_weights_are_the_derivative_of_the_penalty(task):
     elements = Elements(task.mesh, task.handles.index, energy="spokes_and_rims")
-    with Crew(1) as crew:
-        iteration = elements.iteration(task.handles.target, Wanted(), Softening(**SOFT), crew=crew)
+    with ThreadTeam(1) as team:
+        iteration = elements.iteration(task.handles.target, Wanted(), Softening(**SOFT), team=team)
         u = task.mesh.V[elements.vertex].copy()
         u[elements.held] = task.handles.target
         iteration.local_step(u)

@@ -7,7 +7,7 @@ from scipy.sparse.linalg import spsolve_triangular
 
 from sshade.solver.factorisation import Factorisation
 from sshade.solver.substitution import Factors, divide, substitute, substitute_together
-from sshade.threads import Crew
+from sshade.threads import ThreadTeam
 from tests.shapes import bumpy, jittered, strip
 from tests.sshade.solver.test_factorisation import system
 
@@ -65,8 +65,8 @@ def test_several_threads_find_the_same_bits(factors, count, parts):
     assert np.abs(alone - expected[order]).max() < 1e-12 * np.abs(expected).max()
     for threads in (1, 2, 3):
         again = together.copy()
-        with Crew(threads) as crew:
-            substitute_together(divided, branches, again, crew=crew)
+        with ThreadTeam(threads) as team:
+            substitute_together(divided, branches, again, team=team)
         assert np.array_equal(again, alone)
 
 

@@ -1,0 +1,59 @@
+from __future__ import annotations
+
+import os
+import threading
+
+import pytest
+
+from sshade import InputError
+from sshade.threads import ThreadTeam, available_cpus, in_threads
+
+
+def square(i: int) -> int:
+    return i * i
+
+
+@pytest.mark.parametrize("workers", [1, 2, 5])
+@pytest.mark.parametrize("count", [0, 1, 2, 7])
+def test_results_come_in_order_again_and_again(workers, count):
+    expected = [i * i for i in range(count)]
+    with ThreadTeam(workers) as team:
+        for _ in range(3):
+            assert team(square, count) == expected
+    assert in_threads(square, count, workers=workers) == in_threads(square, count) == expected
+
+
+def test_a_team_works_at_the_same_time():
+    meet = threading.Barrier(3, timeout=20)  # passed by three threads at once, or broken
+    with ThreadTeam(3) as team:
+        assert sorted(team(lambda _: meet.wait(), 3)) == [0, 1, 2]
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_the_first_error_in_order_is_raised_and_the_rest_dropped(workers):
+    meet, begun = threading.Barrier(workers, timeout=20), []
+
+    def chunk(i: int) -> None:
+        begun.append(i)
+        if i < workers:
+            meet.wait()
+        raise ValueError(f"chunk {i}")
+
+    with ThreadTeam(workers) as team:
+        with pytest.raises(ValueError, match="chunk 0"):
+            team(chunk, 50)
+        assert len(begun) <= 2 * workers
+        assert team(square, 3) == [0, 1, 4]
+
+
+@pytest.mark.parametrize("workers", [0, -2])
+@pytest.mark.parametrize("make", [ThreadTeam, lambda workers: in_threads(square, 3, workers=workers)])
+def test_no_workers_are_an_error(make, workers):
+    with pytest.raises(InputError, match=f"{workers} workers were asked for; at least one is needed"):
+        make(workers)
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="CPUs cannot be chosen here")
+def test_cpus_are_those_that_the_process_may_use(monkeypatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {3, 5, 8})
+    assert available_cpus() == 3
