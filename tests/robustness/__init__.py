@@ -1,1 +1,1 @@
-"""What every entry point does with bad and hard input. ``python -m tests.robustness`` prints a table."""
+"""What every entry point does with bad and hard input."""

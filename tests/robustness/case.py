@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from sshade.cli.console import run_command
 from sshade.errors import InputError
 
 #: Lines of the first call on a machine, which compiles kernels.
@@ -123,9 +122,6 @@ def contents() -> dict[str, bytes]:
 def run(command: str) -> tuple[int, str, str]:
     """Exit code, standard output and standard error of a command line, run in this process."""
     program, *arguments = shlex.split(command)
-    if program == "python":
-        assert arguments[0] == "-m", command
-        program, *arguments = arguments[1:]
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:
@@ -138,18 +134,14 @@ def run(command: str) -> tuple[int, str, str]:
 
 def _main(program: str, arguments: list[str]) -> int:
     if program == "sshade-eval":
-        from eval import main
         from eval.configure import app
+        from eval.main import main
 
         app._load_task.cache_clear()  # another case's folder has the same name
         with mock.patch.object(sys, "argv", list(sys.argv)):
-            return main.main(arguments)
-    if program in ("sshade", "defaust"):
-        name = "sshade.cli.main" if program == "sshade" else "defaust.cli"
-        return importlib.import_module(name).main(arguments)
-    module = importlib.import_module(program)
-    main = importlib.import_module(f"{program}.__main__").main if hasattr(module, "__path__") else module.main
-    return run_command(lambda: main(arguments))
+            return main(arguments)
+    name = {"sshade": "sshade.cli.main", "defaust": "defaust.cli"}[program]
+    return importlib.import_module(name).main(arguments)
 
 
 @contextlib.contextmanager
