@@ -10,10 +10,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from defaust.build.workers import build_subjects
-
 from defaust.build.lock import LOCK, sole_builder
 from defaust.build.options import BuildOptions
+from defaust.build.workers import build_subjects
 from defaust.folder.card import render_card
 from defaust.folder.layout import (
     CARD,
