@@ -8,6 +8,7 @@ entries from ``start[i]`` to ``start[i + 1]`` of the other one.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -113,6 +114,14 @@ class VertexGraph:
     def n(self) -> int:
         """Number of vertices."""
         return len(self.indptr) - 1
+
+    @cached_property
+    def on_boundary(self) -> np.ndarray:
+        """(n,) bool: which vertices have an edge on the boundary."""
+        owner = np.repeat(np.arange(self.n), np.diff(self.indptr))
+        found = np.zeros(self.n, dtype=bool)
+        found[owner[self.boundary]] = True
+        return found
 
 
 def vertex_graph(mesh: Mesh) -> VertexGraph:

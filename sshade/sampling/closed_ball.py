@@ -12,7 +12,11 @@ union however many of its regions they touch, so by inclusion and exclusion
     chi(ij)  = chi(i) + chi(j) - c(ij),   c(ij) = #triangles touching both - #inner edges between them
     chi(ijk) = chi(i) + chi(j) + chi(k) - c(ij) - c(jk) - c(ki) + #triangles touching all three
 
-and one pass over edges and triangles serves every union.
+and one pass over edges and triangles serves every union. A triangle that touches both i and j has
+two edges between them, or one if it touches a third region too; an edge between them has two
+triangles, or one on the boundary. Counted both ways, these incidences give
+
+    2 c(ij) = #boundary edges between i and j + #triangles touching i, j and a third region.
 
 The count leaves the mesh's own boundary out, where each vertex, with its edge,
 cancels. So a region that crosses a strip, whose trace on the boundary is two
@@ -23,14 +27,48 @@ equals 1), and at most one boundary edge joins two regions.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
 from sshade.sampling.fronts import Fronts
 
 
+class Unions(NamedTuple):
+    """Regions, and the pairs and triples of them that meet, each with the counts that tell a disc.
+
+    Attributes
+    ----------
+    chi, pair_chi, triple_chi : (k,), (p,), (t,) int64
+        Euler characteristics.
+    trace : (k,) int64
+        Boundary vertices less boundary edges inside a region; 1 for regions off the boundary.
+    arcs : (p,) int64
+        Boundary edges that join the regions of a pair.
+    pairs, triples : (p, 2), (t, 3) int32
+        Ids of regions, ascending.
+    edges, edge_pair : (a, 2) int32 and (a,) int64
+        Ends of the edges between regions, and the pair that each joins.
+    faces, face_triple : (b,) int64
+        Triangles that touch three regions, and their triple.
+    """
+
+    chi: np.ndarray
+    pair_chi: np.ndarray
+    triple_chi: np.ndarray
+    trace: np.ndarray
+    arcs: np.ndarray
+    pairs: np.ndarray
+    triples: np.ndarray
+    edges: np.ndarray
+    edge_pair: np.ndarray
+    faces: np.ndarray
+    face_triple: np.ndarray
+
+
 def refinements(F: np.ndarray, fronts: Fronts) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices to insert as samples because a union near them is no disc.
+    """Find vertices to insert as samples because a union of regions near them is no disc.
 
     Parameters
     ----------
@@ -44,279 +82,192 @@ def refinements(F: np.ndarray, fronts: Fronts) -> tuple[np.ndarray, np.ndarray]:
     vertices : (a,) int64
         Vertices to insert, farthest from their samples first, each once.
     failed : (b,) int32
-        A region of each union that failed. Empty if and only if all are discs.
+        The first region of each union that failed. Empty if and only if all are discs.
         With `failed` and no `vertices` the regions cannot be refined: they
         consist of samples alone.
     """
-    graph, samples = fronts.graph, fronts.samples
-    is_sample = np.zeros(graph.n, dtype=np.bool_)
-    is_sample[samples] = True
-    marked, failed = _test(
-        F,
-        graph.indptr,
-        graph.indices,
-        graph.boundary,
-        fronts.region,
-        fronts.distance,
-        is_sample,
-        len(samples),
+    u = count_unions(F, fronts)
+    no_disc, no_arc = np.flatnonzero(u.chi != 1), np.flatnonzero(u.trace != 1)
+    pairs, split = np.flatnonzero(u.pair_chi != 1), u.pairs[u.arcs > 1]
+    triples = np.flatnonzero(u.triple_chi != 1)
+    failed = np.concatenate([no_disc, no_arc, u.pairs[pairs, 0], split[:, 0], u.triples[triples, 0]])
+    if len(failed) == 0:
+        return np.zeros(0, dtype=np.int64), failed.astype(np.int32)
+
+    region, distance = fronts.region, fronts.distance
+    sample = np.zeros(len(region), dtype=bool)
+    sample[fronts.samples] = True
+    concerned = np.zeros(len(fronts.samples), dtype=bool)
+    for regions in (failed, u.pairs[pairs], split, u.triples[triples]):
+        concerned[regions] = True
+    free = np.flatnonzero(concerned[region] & ~sample)
+    outer = free[fronts.graph.on_boundary[free]]
+    inside = _farthest(free, region[free], distance, len(concerned))
+    at_boundary = _farthest(outer, region[outer], distance, len(concerned))
+
+    def farthest_of(candidates: np.ndarray) -> np.ndarray:
+        """Of each row the vertex farthest from its sample; -1 stands for none."""
+        d = np.where(candidates >= 0, distance[candidates], -1.0)
+        return np.take_along_axis(candidates, d.argmax(axis=1)[:, None], axis=1)[:, 0]
+
+    # Of two regions the farthest end of the edges between them, if that is no sample already.
+    between = np.isin(u.edge_pair, pairs)
+    ends, pair = u.edges[between].ravel().astype(np.int64), np.repeat(u.edge_pair[between], 2)
+    crossing = _farthest(ends[~sample[ends]], pair[~sample[ends]], distance, len(u.pairs))[pairs]
+    # Of three regions the farthest corner of each triangle between them.
+    between = np.isin(u.face_triple, triples)
+    corners = F[u.faces[between]]
+    corner = farthest_of(np.where(sample[corners], -1, corners))
+    refined = np.isin(triples, u.face_triple[between][corner >= 0])
+    chosen = [
+        inside[no_disc],
+        _either(at_boundary[no_arc], inside[no_arc]),
+        _either(crossing, farthest_of(inside[u.pairs[pairs]])),
+        _either(farthest_of(at_boundary[split]), farthest_of(inside[split])),
+        corner,
+        farthest_of(inside[u.triples[triples[~refined]]]),
+    ]
+    vertices = np.unique(np.concatenate(chosen))
+    vertices = vertices[vertices >= 0]
+    return vertices[np.argsort(-distance[vertices], kind="stable")], np.unique(failed).astype(np.int32)
+
+
+def count_unions(F: np.ndarray, fronts: Fronts) -> Unions:
+    """Count the vertices, edges and triangles of all regions, of pairs at an edge and triples at a triangle.
+
+    Parameters
+    ----------
+    F : (m, 3) int
+    fronts : Fronts
+    """
+    graph, region, k = fronts.graph, fronts.region, len(fronts.samples)
+    chi, trace, edges, inner, joined = _count_edges(graph.indptr, graph.indices, graph.boundary, region, k)
+    trace[np.bincount(region[graph.on_boundary], minlength=k) == 0] = 1
+    faces = _count_triangles(F, region, chi)
+    three = np.sort(region[F[faces]], axis=1)
+    pairs = np.concatenate([joined, three[:, :2], three[:, ::2], three[:, 1:]])
+    first, pair = group_rows(pairs, k)
+    pairs = pairs[first]
+    at_edge, at_face = pair[: len(edges)], pair[len(edges) :]
+    arcs = np.bincount(at_edge[~inner], minlength=len(pairs))
+    c = (arcs + np.bincount(at_face, minlength=len(pairs))) // 2
+    first, triple = group_rows(three, k)
+    triples = three[first]
+    triple_c = np.zeros(len(triples), dtype=np.int64)
+    triple_c[triple] = c[at_face.reshape(3, -1)].sum(axis=0)
+    return Unions(
+        chi=chi,
+        pair_chi=chi[pairs].sum(axis=1) - c,
+        triple_chi=chi[triples].sum(axis=1) - triple_c + np.bincount(triple, minlength=len(triples)),
+        trace=trace,
+        arcs=arcs,
+        pairs=pairs,
+        triples=triples,
+        edges=edges,
+        edge_pair=at_edge,
+        faces=faces,
+        face_triple=triple,
     )
-    vertices = np.flatnonzero(marked)
-    order = np.lexsort((vertices, -fronts.distance[vertices]))
-    return vertices[order], np.flatnonzero(failed).astype(np.int32)
+
+
+def group_rows(rows: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Group equal rows of ids in linear time; no key is made of a row, which could overflow.
+
+    Parameters
+    ----------
+    rows : (r, c) int
+    n : int
+        Above every id.
+
+    Returns
+    -------
+    first : (g,) int64
+        The first row of each group; the groups are in the lexicographic order of their rows.
+    group : (r,) int64
+        Group of each row.
+    """
+    return _group_rows(rows, n)
+
+
+def _either(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    return np.where(first >= 0, first, second)
+
+
+def _farthest(vertices: np.ndarray, owner: np.ndarray, distance: np.ndarray, count: int) -> np.ndarray:
+    """(count,) of each owner's vertices the farthest from its sample, the smallest id of several; or -1."""
+    nearest_first = np.lexsort((-vertices, distance[vertices]))
+    found = np.full(count, -1, dtype=np.int64)
+    found[owner[nearest_first]] = vertices[nearest_first]  # the last one that is written stays
+    return found
 
 
 @njit(cache=True, nogil=True)
-def _slot(table, key):
-    """Position of `key` in an open-addressing table, or of the free place where it belongs."""
-    mask = table.shape[0] - 1
-    h = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
-    p = np.int64(h >> np.uint64(32)) & mask
-    while table[p] != -1 and table[p] != key:
-        p = (p + 1) & mask
-    return p
+def _group_rows(rows, n):
+    """Counting sort by the last column first; each keeps the order of rows that are equal in it."""
+    order = np.arange(rows.shape[0])
+    for c in range(rows.shape[1] - 1, -1, -1):
+        place = np.zeros(n + 1, dtype=np.int64)
+        for r in range(rows.shape[0]):
+            place[rows[r, c] + 1] += 1
+        for i in range(n):
+            place[i + 1] += place[i]
+        before, order = order, np.empty(rows.shape[0], dtype=np.int64)
+        for r in before:
+            order[place[rows[r, c]]] = r
+            place[rows[r, c]] += 1
+    group, first = np.empty(rows.shape[0], dtype=np.int64), np.empty(rows.shape[0], dtype=np.int64)
+    count = 0
+    for p in range(rows.shape[0]):
+        new = p == 0
+        for c in range(rows.shape[1]):
+            new = new or rows[order[p], c] != rows[order[p - 1], c]
+        if new:
+            first[count] = order[p]
+            count += 1
+        group[order[p]] = count - 1
+    return first[:count].copy(), group
 
 
 @njit(cache=True, nogil=True)
-def _pair_key(i, j, k):
-    return min(i, j) * k + max(i, j)
-
-
-@njit(cache=True, nogil=True)
-def _pair_table(indptr, indices, region, k):
-    """Hash table of the pairs of regions that an edge joins."""
-    table = np.full(1024, -1, dtype=np.int64)
-    used = 0
+def _count_edges(indptr, indices, boundary, region, k):
+    """Count vertices and edges of regions; list the edges between two: ends, inner or not, both regions."""
+    chi, trace = np.zeros(k, dtype=np.int64), np.zeros(k, dtype=np.int64)
+    half = indices.shape[0] // 2
+    ends, joined = np.empty((half, 2), dtype=np.int32), np.empty((half, 2), dtype=np.int32)
+    inner, count = np.empty(half, dtype=np.bool_), 0
     for u in range(indptr.shape[0] - 1):
-        i = np.int64(region[u])
+        i, on_boundary = region[u], False
         for p in range(indptr[u], indptr[u + 1]):
-            j = np.int64(region[indices[p]])
-            if j <= i:
-                continue
-            slot = _slot(table, i * k + j)
-            if table[slot] == -1:
-                table[slot] = i * k + j
-                used += 1
-                if 2 * used > table.shape[0]:
-                    larger = np.full(2 * table.shape[0], -1, dtype=np.int64)
-                    for q in range(table.shape[0]):
-                        if table[q] != -1:
-                            larger[_slot(larger, table[q])] = table[q]
-                    table = larger
-    return table
-
-
-@njit(cache=True, nogil=True)
-def _count_edges(indptr, indices, boundary, region, table, chi, trace, c, crossings):
-    """Add vertices and edges to the Euler counts; see the module's formulas."""
-    k = chi.shape[0]
-    for u in range(indptr.shape[0] - 1):
-        i = np.int64(region[u])
-        on_boundary = False
-        for p in range(indptr[u], indptr[u + 1]):
-            w = indices[p]
             on_boundary = on_boundary or boundary[p]
-            if w < u:
+            if indices[p] < u:
                 continue
-            j = np.int64(region[w])
-            if i == j:
-                if boundary[p]:
-                    trace[i] -= 1
-                else:
-                    chi[i] -= 1
-                continue
-            slot = _slot(table, _pair_key(i, j, k))
-            if boundary[p]:
-                crossings[slot] += 1
-            else:
+            j = region[indices[p]]
+            if i != j:
+                ends[count, 0], ends[count, 1], inner[count] = u, indices[p], not boundary[p]
+                joined[count, 0], joined[count, 1] = min(i, j), max(i, j)
+                count += 1
+            if not boundary[p]:
                 chi[i] -= 1
-                chi[j] -= 1
-                c[slot] -= 1
+                chi[j] -= i != j
+            elif i == j:
+                trace[i] -= 1
         if on_boundary:
             trace[i] += 1
         else:
             chi[i] += 1
+    return chi, trace, ends[:count].copy(), inner[:count].copy(), joined[:count].copy()
 
 
 @njit(cache=True, nogil=True)
-def _count_triangles(F, region, table, chi, c):
-    """Add triangles to the Euler counts; return the faces that touch three regions."""
-    k = chi.shape[0]
-    three = np.empty(F.shape[0], dtype=np.int64)
-    count = 0
+def _count_triangles(F, region, chi):
+    """Add triangles to `chi`; return those that touch three regions."""
+    three, count = np.empty(F.shape[0], dtype=np.int64), 0
     for f in range(F.shape[0]):
-        i, j, h = np.int64(region[F[f, 0]]), np.int64(region[F[f, 1]]), np.int64(region[F[f, 2]])
+        i, j, h = region[F[f, 0]], region[F[f, 1]], region[F[f, 2]]
         chi[i] += 1
-        if j != i:
-            chi[j] += 1
-            c[_slot(table, _pair_key(i, j, k))] += 1
-        if h != i and h != j:
-            chi[h] += 1
-            c[_slot(table, _pair_key(i, h, k))] += 1
-            if i != j:
-                c[_slot(table, _pair_key(j, h, k))] += 1
-                three[count] = f
-                count += 1
-    return three[:count]
-
-
-@njit(cache=True, nogil=True)
-def _farthest_of_regions(region, distance, is_sample, on_boundary, k):
-    """For each region its farthest vertex that is no sample, and the farthest such on the boundary."""
-    inner = np.full(k, -1, dtype=np.int64)
-    border = np.full(k, -1, dtype=np.int64)
-    for v in range(region.shape[0]):
-        if is_sample[v]:
-            continue
-        i = region[v]
-        if inner[i] == -1 or distance[v] > distance[inner[i]]:
-            inner[i] = v
-        if on_boundary[v] and (border[i] == -1 or distance[v] > distance[border[i]]):
-            border[i] = v
-    return inner, border
-
-
-@njit(cache=True, nogil=True)
-def _farther_of(a, b, distance):
-    """The farther of two vertices, either of which may be missing (-1)."""
-    if a == -1 or (b != -1 and distance[b] > distance[a]):
-        return b
-    return a
-
-
-@njit(cache=True, nogil=True)
-def _mark(v, marked):
-    if v != -1:
-        marked[v] = True
-
-
-@njit(cache=True, nogil=True)
-def _crossing_candidates(indptr, indices, region, distance, is_sample, table, wanted):
-    """For each wanted pair of regions the farthest end, no sample, of the edges between them."""
-    k = region.max() + 1
-    concerned = np.zeros(k, dtype=np.bool_)
-    for slot in range(table.shape[0]):
-        if wanted[slot]:
-            concerned[table[slot] // k] = concerned[table[slot] % k] = True
-    best = np.full(table.shape[0], -1, dtype=np.int64)
-    for u in range(indptr.shape[0] - 1):
-        i = np.int64(region[u])
-        if not concerned[i] or is_sample[u]:
-            continue
-        for p in range(indptr[u], indptr[u + 1]):
-            j = np.int64(region[indices[p]])
-            if j != i and concerned[j]:
-                slot = _slot(table, _pair_key(i, j, k))
-                best[slot] = _farther_of(best[slot], u, distance)
-    return best
-
-
-@njit(cache=True, nogil=True)
-def _test(F, indptr, indices, boundary, region, distance, is_sample, k):
-    n = indptr.shape[0] - 1
-    on_boundary = np.zeros(n, dtype=np.bool_)
-    for u in range(n):
-        for p in range(indptr[u], indptr[u + 1]):
-            if boundary[p]:
-                on_boundary[u] = True
-    table = _pair_table(indptr, indices, region, k)
-    chi, trace = np.zeros(k, dtype=np.int64), np.zeros(k, dtype=np.int64)
-    c, crossings = np.zeros(table.shape[0], dtype=np.int64), np.zeros(table.shape[0], dtype=np.int64)
-    _count_edges(indptr, indices, boundary, region, table, chi, trace, c, crossings)
-    three = _count_triangles(F, region, table, chi, c)
-    touches = np.zeros(k, dtype=np.bool_)
-    for u in range(n):
-        if on_boundary[u]:
-            touches[region[u]] = True
-
-    marked = np.zeros(n, dtype=np.bool_)
-    failed = np.zeros(k, dtype=np.bool_)
-    inner, border = _farthest_of_regions(region, distance, is_sample, on_boundary, k)
-    for i in range(k):
-        if chi[i] != 1:
-            failed[i] = True
-            _mark(inner[i], marked)
-        if touches[i] and trace[i] != 1:
-            failed[i] = True
-            _mark(border[i] if border[i] != -1 else inner[i], marked)
-    _test_pairs(
-        indptr, indices, region, distance, is_sample, table, chi, c, crossings, inner, border, marked, failed
-    )
-    _test_triples(F, three, region, distance, is_sample, table, chi, c, inner, marked, failed)
-    return marked, failed
-
-
-@njit(cache=True, nogil=True)
-def _test_pairs(
-    indptr, indices, region, distance, is_sample, table, chi, c, crossings, inner, border, marked, failed
-):
-    k = chi.shape[0]
-    no_disc = np.zeros(table.shape[0], dtype=np.bool_)
-    for slot in range(table.shape[0]):
-        if table[slot] != -1:
-            no_disc[slot] = chi[table[slot] // k] + chi[table[slot] % k] - c[slot] != 1
-    if no_disc.any():
-        best = _crossing_candidates(indptr, indices, region, distance, is_sample, table, no_disc)
-        for slot in np.flatnonzero(no_disc):
-            i, j = table[slot] // k, table[slot] % k
-            failed[i] = True
-            if best[slot] != -1:
-                marked[best[slot]] = True
-            else:  # all crossing edges join samples: refine inside the union
-                _mark(_farther_of(inner[i], inner[j], distance), marked)
-    for slot in np.flatnonzero(crossings > 1):
-        i, j = table[slot] // k, table[slot] % k
-        failed[i] = True
-        v = _farther_of(border[i], border[j], distance)
-        _mark(v if v != -1 else _farther_of(inner[i], inner[j], distance), marked)
-
-
-@njit(cache=True, nogil=True)
-def _triple_table(F, three, region, k):
-    """Hash table of the triples of regions that triangles touch, with their numbers of triangles.
-
-    Samples number fewer than 2^21, so three of them fit one integer.
-    """
-    size = 1024
-    while size < 2 * three.shape[0]:
-        size *= 2
-    table, count = np.full(size, -1, dtype=np.int64), np.zeros(size, dtype=np.int64)
-    slots = np.empty(three.shape[0], dtype=np.int64)
-    for r in range(three.shape[0]):
-        f = three[r]
-        i, j, h = np.int64(region[F[f, 0]]), np.int64(region[F[f, 1]]), np.int64(region[F[f, 2]])
-        low, high = min(i, j, h), max(i, j, h)
-        key = (low * k + (i + j + h - low - high)) * k + high
-        slots[r] = _slot(table, key)
-        table[slots[r]] = key
-        count[slots[r]] += 1
-    return table, count, slots
-
-
-@njit(cache=True, nogil=True)
-def _test_triples(F, three, region, distance, is_sample, table, chi, c, inner, marked, failed):
-    k = chi.shape[0]
-    triples, count, slots = _triple_table(F, three, region, k)
-    no_disc = np.zeros(triples.shape[0], dtype=np.bool_)
-    for slot in range(triples.shape[0]):
-        if triples[slot] != -1:
-            i, j, h = triples[slot] // k // k, triples[slot] // k % k, triples[slot] % k
-            pairs = c[_slot(table, i * k + j)] + c[_slot(table, i * k + h)] + c[_slot(table, j * k + h)]
-            no_disc[slot] = chi[i] + chi[j] + chi[h] - pairs + count[slot] != 1
-    if not no_disc.any():
-        return
-    refined = np.zeros(triples.shape[0], dtype=np.bool_)
-    for r in range(three.shape[0]):
-        if no_disc[slots[r]]:
-            v = -1
-            for a in range(3):
-                w = F[three[r], a]
-                if not is_sample[w]:
-                    v = _farther_of(v, w, distance)
-            if v != -1:
-                marked[v] = refined[slots[r]] = True
-    for slot in np.flatnonzero(no_disc):
-        i, j, h = triples[slot] // k // k, triples[slot] // k % k, triples[slot] % k
-        failed[i] = True
-        if not refined[slot]:
-            _mark(_farther_of(_farther_of(inner[i], inner[j], distance), inner[h], distance), marked)
+        chi[j] += j != i
+        chi[h] += h != i and h != j
+        if i != j and j != h and h != i:
+            three[count] = f
+            count += 1
+    return three[:count].copy()

@@ -9,6 +9,8 @@ than to every older one; k samples cost O(n log n log k) in expectation.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
@@ -21,6 +23,35 @@ _BAND = 0.85
 _BAND_EDGES = 4.0
 
 NOWHERE, NEAR, FAR = 0, 1, 2
+
+
+class _State(NamedTuple):
+    """The graph, the regions so far, and the queues of the fronts that change them.
+
+    Attributes
+    ----------
+    indptr, indices, lengths : arrays
+        See :class:`VertexGraph`.
+    width : float
+        Width of a band, in the unit of length.
+    distance, region : (n,) float64 and (n,) int32
+    queued : (n,) uint8
+        Which of the two queues a vertex is in, if any.
+    near : (r,) int32
+        A ring of the vertices in the band at work; r is a power of two above n.
+    far : (n,) int32
+        Those for later bands.
+    """
+
+    indptr: np.ndarray
+    indices: np.ndarray
+    lengths: np.ndarray
+    width: float
+    distance: np.ndarray
+    region: np.ndarray
+    queued: np.ndarray
+    near: np.ndarray
+    far: np.ndarray
 
 
 class Fronts:
@@ -48,15 +79,19 @@ class Fronts:
         if len(np.unique(first)) < len(first):
             raise InputError("the first samples repeat a vertex")
         self.graph = graph
-        self._samples = [first]
-        self._distance = np.full(graph.n, np.inf)
-        self._region = np.full(graph.n, -1, dtype=np.int32)
         if not graph.lengths.any():
             raise InputError("all vertices of the mesh coincide")
-        self._step = _BAND_EDGES * float(graph.lengths.mean())
-        _start_fronts(
-            graph.indptr, graph.indices, graph.lengths, self._step, first, self._distance, self._region
+        self._samples = [first]
+        self._state = _State(
+            *(graph.indptr, graph.indices, graph.lengths),
+            width=_BAND_EDGES * float(graph.lengths.mean()),
+            distance=np.full(graph.n, np.inf),
+            region=np.full(graph.n, -1, dtype=np.int32),
+            queued=np.zeros(graph.n, dtype=np.uint8),
+            near=np.empty(1 << graph.n.bit_length(), dtype=np.int32),
+            far=np.empty(graph.n, dtype=np.int32),
         )
+        _start(self._state, first)
 
     def __len__(self) -> int:
         return sum(len(part) for part in self._samples)
@@ -69,27 +104,17 @@ class Fronts:
     @property
     def region(self) -> np.ndarray:
         """(n,) int32 for each vertex the sample (its position in `samples`) that is nearest."""
-        return self._region
+        return self._state.region
 
     @property
     def distance(self) -> np.ndarray:
         """(n,) float64 graph distance of each vertex to its sample."""
-        return self._distance
+        return self._state.distance
 
     def insert(self, vertices: np.ndarray) -> None:
         """Insert vertices as samples, in the given order; none may be a sample already."""
         vertices = np.asarray(vertices, dtype=np.int64)
-        graph = self.graph
-        _insert(
-            graph.indptr,
-            graph.indices,
-            graph.lengths,
-            self._step,
-            vertices,
-            len(self),
-            self._distance,
-            self._region,
-        )
+        _insert(self._state, vertices, len(self))
         self._samples.append(vertices)
 
     def insert_farthest(self, count: int) -> None:
@@ -102,17 +127,7 @@ class Fronts:
         InputError
             When fewer vertices than that lie apart from the samples.
         """
-        graph = self.graph
-        samples = _insert_farthest(
-            graph.indptr,
-            graph.indices,
-            graph.lengths,
-            self._step,
-            count,
-            len(self),
-            self._distance,
-            self._region,
-        )
+        samples = _insert_farthest(self._state, count, len(self))
         if len(samples) < count:
             raise InputError(
                 f"only {len(self) + len(samples)} vertices lie at different places; "
@@ -139,17 +154,20 @@ def farthest_point_sampling(graph: VertexGraph, count: int, *, first: np.ndarray
 
 
 @njit(cache=True, nogil=True)
-def _advance(indptr, indices, lengths, step, distance, region, queued, near, far, size):
-    """Spread from the first `size` entries of `near` into what gets nearer.
+def _advance(state, size):
+    """Relax the distances of all that is nearer to the first `size` entries of `near` than to its sample.
 
-    Labels are corrected in bands of width `step`, in any order within a band: a vertex may be
-    visited again, but no heap is kept, which would cost several times as much. The labels end
-    the same to the last bit: each is the minimum of sums taken from the samples outwards, and
-    ties go to the smaller sample. `near` is a ring for the band at work, `far` a list for later
-    ones; `queued` says which of the two, if any, a vertex is in.
+    Delta-stepping: labels are corrected in bands of equal width, in any order within a band; a
+    vertex may be visited again, but no heap is kept, which would cost several times as much. The
+    labels end the same to the last bit: each is the minimum of sums taken from the samples
+    outwards, and ties go to the smaller sample.
+
+    U. Meyer, P. Sanders, "Delta-stepping: a parallelizable shortest path algorithm", 2003.
     """
+    indptr, indices, lengths = state.indptr, state.indices, state.lengths
+    distance, region, queued, near, far = state.distance, state.region, state.queued, state.near, state.far
     mask = near.shape[0] - 1
-    head, tail, waiting, limit = 0, size, 0, step
+    head, tail, waiting, limit = 0, size, 0, state.width
     while head != tail:
         while head != tail:
             u = near[head]
@@ -176,7 +194,7 @@ def _advance(indptr, indices, lengths, step, distance, region, queued, near, far
         for q in range(waiting):
             if queued[far[q]] == FAR and distance[far[q]] < nearest:
                 nearest = distance[far[q]]
-        limit = nearest + step
+        limit = nearest + state.width
         kept = 0
         for q in range(waiting):
             w = far[q]
@@ -193,33 +211,25 @@ def _advance(indptr, indices, lengths, step, distance, region, queued, near, far
 
 
 @njit(cache=True, nogil=True)
-def _queues(n):
-    """Empty queues for n vertices: marks, a ring of a power of two above n, a list."""
-    ring = 1
-    while ring <= n:
-        ring *= 2
-    return np.zeros(n, dtype=np.uint8), np.empty(ring, dtype=np.int32), np.empty(n, dtype=np.int32)
-
-
-@njit(cache=True, nogil=True)
-def _start_fronts(indptr, indices, lengths, step, first, distance, region):
-    queued, near, far = _queues(distance.shape[0])
+def _start(state, first):
     for s in range(first.shape[0]):
-        distance[first[s]] = 0.0
-        region[first[s]] = s
-        near[s] = first[s]
-    _advance(indptr, indices, lengths, step, distance, region, queued, near, far, first.shape[0])
+        _place(state, first[s], s, s)
+    _advance(state, first.shape[0])
 
 
 @njit(cache=True, nogil=True)
-def _insert(indptr, indices, lengths, step, vertices, sample, distance, region):
-    queued, near, far = _queues(distance.shape[0])
+def _insert(state, vertices, sample):
     for i in range(vertices.shape[0]):
-        v = vertices[i]
-        distance[v] = 0.0
-        region[v] = sample + i
-        near[0] = v
-        _advance(indptr, indices, lengths, step, distance, region, queued, near, far, 1)
+        _place(state, vertices[i], sample + i, 0)
+        _advance(state, 1)
+
+
+@njit(cache=True, nogil=True)
+def _place(state, vertex, sample, position):
+    """Make a vertex a sample, from which the next front begins."""
+    state.distance[vertex] = 0.0
+    state.region[vertex] = sample
+    state.near[position] = vertex
 
 
 @njit(cache=True, nogil=True)
@@ -259,10 +269,9 @@ def _gather_farthest(distance, far, far_id):
 
 
 @njit(cache=True, nogil=True)
-def _insert_farthest(indptr, indices, lengths, step, count, sample, distance, region):
-    n = distance.shape[0]
+def _insert_farthest(state, count, sample):
+    distance, n = state.distance, state.distance.shape[0]
     samples = np.empty(count, dtype=np.int64)
-    queued, near, far = _queues(n)
     # Distances only shrink, so an entry of the max-heap is an upper bound: it is brought up to
     # date when it comes to the top. The heap holds the farthest band alone and is gathered anew
     # when that is used up, a dozen times in all.
@@ -285,8 +294,6 @@ def _insert_farthest(indptr, indices, lengths, step, count, sample, distance, re
         if d == 0.0:  # every vertex coincides with a sample
             return samples[:i]
         samples[i] = v
-        distance[v] = 0.0
-        region[v] = sample + i
-        near[0] = v
-        _advance(indptr, indices, lengths, step, distance, region, queued, near, far, 1)
+        _place(state, v, sample + i, 0)
+        _advance(state, 1)
     return samples

@@ -11,12 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from sshade.errors import InputError
 from sshade.mesh.adjacency import VertexGraph, vertex_graph
 from sshade.mesh.mesh import Mesh
-from sshade.sampling.closed_ball import refinements
+from sshade.sampling.closed_ball import group_rows, refinements
 from sshade.sampling.fronts import farthest_point_sampling
 
 #: Rounds of closed-ball refinement after which remeshing gives up.
@@ -144,28 +143,13 @@ def _random_other_vertex(n: int, taken: np.ndarray, seed: int | Sequence[int]) -
 
 def _dual_faces(F: np.ndarray, region: np.ndarray) -> np.ndarray:
     """(l, 3) triples of regions that meet in a triangle, oriented as it, smallest first, each once."""
-    faces = _three_regions(F, region)
-    k = int(region.max()) + 1
-    keys = (faces[:, 0] * k + faces[:, 1]) * k + faces[:, 2]
-    _, first = np.unique(keys, return_index=True)
+    corners = region[F]
+    differ = (corners != np.roll(corners, -1, axis=1)).all(axis=1)
+    corners = corners[differ].astype(np.int64)
+    turn = corners.argmin(axis=1)[:, None] + np.arange(3)
+    faces = np.take_along_axis(corners, turn % 3, axis=1)
+    first, _ = group_rows(faces, int(region.max()) + 1)
     return faces[np.sort(first)]
-
-
-@njit(cache=True, nogil=True)
-def _three_regions(F, region):
-    faces = np.empty((F.shape[0], 3), dtype=np.int64)
-    count = 0
-    for f in range(F.shape[0]):
-        a, b, c = region[F[f, 0]], region[F[f, 1]], region[F[f, 2]]
-        if a == b or b == c or c == a:
-            continue
-        if b < a and b < c:
-            a, b, c = b, c, a
-        elif c < a and c < b:
-            a, b, c = c, a, b
-        faces[count, 0], faces[count, 1], faces[count, 2] = a, b, c
-        count += 1
-    return faces[:count].copy()
 
 
 def _check_topology(mesh: Mesh, result: Remesh) -> None:

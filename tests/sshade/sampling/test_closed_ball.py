@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from itertools import combinations
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,8 +9,7 @@ from hypothesis import strategies as st
 
 from sshade import Mesh
 from sshade.mesh.adjacency import vertex_graph
-from sshade.sampling import closed_ball
-from sshade.sampling.closed_ball import refinements
+from sshade.sampling.closed_ball import count_unions, group_rows, refinements
 from sshade.sampling.fronts import Fronts, farthest_point_sampling
 from tests.shapes import double_torus, icosphere, jittered, strip, tetrahedron, torus, tube
 
@@ -42,7 +40,7 @@ def random_regions(mesh: Mesh, k: int, rng: np.random.Generator) -> SimpleNamesp
 
 
 def unions_of(mesh: Mesh, label: list[int]) -> set[tuple[int, ...]]:
-    """Single regions, pairs joined by an edge, triples met in a triangle."""
+    """Single regions, pairs at an edge, triples at a triangle."""
     unions = {(i,) for i in label}
     unions |= {tuple(sorted((label[u], label[v]))) for u, v in mesh.edges.tolist() if label[u] != label[v]}
     return unions | {
@@ -98,52 +96,45 @@ def assert_same_as_the_definition(mesh: Mesh, fronts) -> None:
     assert np.all(np.diff(fronts.distance[vertices]) <= 0)
 
 
-@pytest.mark.parametrize("name", MESHES)
-@given(seed=st.integers(0, 10_000), k=st.integers(1, 12))
-def test_random_labels_fail_where_the_definition_says(name, seed, k):
-    mesh = MESHES[name]
-    k = min(k, mesh.n)
-    assert_same_as_the_definition(mesh, random_regions(mesh, k, np.random.default_rng(seed)))
+def assert_counts_are_those_of_the_definition(mesh: Mesh, fronts) -> None:
+    found = count_unions(mesh.F, fronts)
+    unions = [*np.arange(len(found.chi))[:, None].tolist(), *found.pairs.tolist(), *found.triples.tolist()]
+    counts = np.concatenate([found.chi, found.pair_chi, found.triple_chi]).tolist()
+    assert dict(zip(map(tuple, unions), counts, strict=True)) == euler_counts(mesh, fronts.region)
+    trace, arcs = boundary_counts(mesh, fronts.region)
+    assert dict(enumerate(found.trace.tolist())) == dict.fromkeys(range(len(found.trace)), 1) | trace
+    joined = zip(map(tuple, found.pairs.tolist()), found.arcs.tolist(), strict=True)
+    assert {pair: count for pair, count in joined if count} == arcs
 
 
+@pytest.mark.parametrize("voronoi", [True, False], ids=["voronoi", "random"])
 @pytest.mark.parametrize("name", MESHES)
 @given(seed=st.integers(0, 10_000), k=st.integers(1, 25))
-def test_voronoi_regions_fail_where_the_definition_says(name, seed, k):
-    mesh = MESHES[name]
-    first = np.array([np.random.default_rng(seed).integers(mesh.n)])
-    fronts = farthest_point_sampling(vertex_graph(mesh), min(k, mesh.n), first=first)
+def test_unions_are_counted_and_fail_as_the_definition_says(name, voronoi, seed, k):
+    mesh, rng = MESHES[name], np.random.default_rng(seed)
+    k = min(k, mesh.n)
+    if voronoi:
+        fronts = farthest_point_sampling(vertex_graph(mesh), k, first=rng.permutation(mesh.n)[:1])
+    else:
+        fronts = random_regions(mesh, k, rng)
+    assert_counts_are_those_of_the_definition(mesh, fronts)
     assert_same_as_the_definition(mesh, fronts)
 
 
-@pytest.mark.parametrize("name", MESHES)
-@given(seed=st.integers(0, 10_000), k=st.integers(1, 12), voronoi=st.booleans())
-def test_inclusion_and_exclusion_counts_every_union_as_the_definition_does(name, seed, k, voronoi):
-    mesh = MESHES[name]
-    k, rng, graph = min(k, mesh.n), np.random.default_rng(seed), vertex_graph(mesh)
-    if voronoi:
-        region = farthest_point_sampling(graph, k, first=rng.permutation(mesh.n)[:1]).region
-    else:
-        region = random_regions(mesh, k, rng).region
-    table = closed_ball._pair_table(graph.indptr, graph.indices, region, k)
-    chi, trace = np.zeros((2, k), dtype=np.int64)
-    c, crossings = np.zeros((2, len(table)), dtype=np.int64)
-    closed_ball._count_edges(
-        graph.indptr, graph.indices, graph.boundary, region, table, chi, trace, c, crossings
-    )
-    three = closed_ball._count_triangles(mesh.F, region, table, chi, c)
+def test_rows_of_ids_too_large_for_one_key_are_told_apart():
+    # As one integer of base 2^22 the first two rows would be equal, and the third one negative.
+    n = 2**22
+    rows = np.array([[2**20, 5, 7], [0, 5, 7], [n - 1, n - 2, n - 3], [0, 5, 7], [0, 4, n - 1]])
+    first, group = group_rows(rows, n)
+    assert first.tolist() == [4, 1, 0, 2] and group.tolist() == [2, 1, 3, 1, 0]
 
-    met = [tuple(sorted(region[f].tolist())) for f in mesh.F[three]]
-    slot = {(i, j): closed_ball._slot(table, i * k + j) for i, j in combinations(range(k), 2)}
-    naive = euler_counts(mesh, region)
-    for union, expected in naive.items():
-        shared = sum(c[slot[pair]] for pair in combinations(union, 2))
-        assert chi[list(union)].sum() - shared + (met.count(union) if len(union) == 3 else 0) == expected
-    pairs = {(int(key) // k, int(key) % k) for key in table[table >= 0]}
-    assert pairs == {union for union in naive if len(union) == 2}
-    assert set(met) == {union for union in naive if len(union) == 3}
-    traces, crossed = boundary_counts(mesh, region)
-    assert {i: int(trace[i]) for i in traces} == traces
-    assert {pair: int(crossings[slot[pair]]) for pair in pairs if crossings[slot[pair]]} == crossed
+
+@given(seed=st.integers(0, 10_000), columns=st.integers(1, 3))
+def test_groups_are_those_of_unique(seed, columns):
+    rows = np.random.default_rng(seed).integers(0, 4, (40, columns))
+    _, first, group = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    found = group_rows(rows, 4)
+    assert np.array_equal(found[0], first) and np.array_equal(found[1], group.ravel())
 
 
 @pytest.mark.parametrize("name", ["sphere", "torus", "tube", "strip"])
