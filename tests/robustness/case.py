@@ -80,10 +80,7 @@ def attempt(case: Case) -> None:
     if isinstance(case.call, str):
         code, out, err = run(case.call)
         if case.says:
-            assert code == 2, f"exit code {code}: {out} {err}"
-            assert out == "", f"standard output: {out}"
-            assert err.startswith("error: ") and err.count("\n") == 1 and err.endswith("\n"), err
-            _check_sentence(err[len("error: ") : -1], case.says)
+            check_refusal((code, out, err), *case.says)
         else:
             assert code == case.code, f"exit code {code}: {out} {err}"
             if case.holds:
@@ -106,6 +103,14 @@ def attempt(case: Case) -> None:
     assert not stray, f"left behind: {sorted(stray)}"
     missing = [name for name in case.leaves if not Path(name).exists()]
     assert not missing, f"not made: {missing}"
+
+
+def check_refusal(ended: tuple[int, str, str], *words: str) -> None:
+    """A run ended with exit code 2, nothing printed but one sentence with these words."""
+    code, out, err = ended
+    assert (code, out) == (2, ""), f"exit code {code}: {out} {err}"
+    assert err.startswith("error: ") and err.endswith("\n"), err
+    _check_sentence(err[len("error: ") : -1], words)
 
 
 def _check_sentence(text: str, words: tuple[str, ...]) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.robustness.case import Case, contents, limited, nothing, refused, run, working_in
+from tests.robustness.case import Case, check_refusal, contents, limited, nothing, refused, run, working_in
 from tests.robustness.datasets import RUN, dataset
 from tests.robustness.inputs import Given, both, cut, data, garbage, text
 
@@ -152,9 +152,8 @@ def _full_disk() -> None:
     """Earlier rows stay, the new one is not half there, and a rerun completes it."""
     before = contents()
     with limited(3000):
-        code, out, err = run(f"{RUN} run.experiment=tiny subject=1")
-    assert code == 2 and "cannot be written" in err and "disk may be full" in err, (code, err)
-    assert err.count("\n") == 1 and contents() == before
+        check_refusal(run(f"{RUN} run.experiment=tiny subject=1"), "cannot be written", "disk may be full")
+    assert contents() == before
     code, out, err = run(f"{RUN} run.experiment=tiny subject=1")
     assert code == 0 and len(contents().keys() - before.keys()) == 2, (code, err)
 
@@ -163,8 +162,7 @@ def _full_disk_of(command: str, *made: str, slow: bool = False) -> Case:
     def attempt() -> None:
         before = contents()
         with limited(60):
-            code, out, err = run(command)
-        assert code == 2 and "cannot be written (File too large)" in err and err.count("\n") == 1, (code, err)
+            check_refusal(run(command), "cannot be written (File too large)")
         assert contents() == before
         assert run(command)[0] == 0
         assert all(Path(name).is_file() for name in made)
