@@ -13,10 +13,11 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array, diags_array
+from scipy.sparse import diags_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from sshade import InputError, Mesh
+from sshade.mesh.adjacency import vertex_graph
 from sshade.solver.factorisation import Factorisation
 
 #: Shorter edges count as so long (x diagonal) where normals are smoothed.
@@ -203,17 +204,10 @@ def _place(mesh: Mesh, at: Sequence[float]) -> int:
     return int(np.linalg.norm(mesh.V - (low + (high - low) * at), axis=1).argmin())
 
 
-def _adjacency(mesh: Mesh, *, lengths: bool = False) -> csr_array:
-    i, j = mesh.edges.T
-    values = np.linalg.norm(mesh.V[i] - mesh.V[j], axis=1) if lengths else np.ones(len(i))
-    half = coo_array((values, (i, j)), shape=(mesh.n, mesh.n))
-    return (half + half.T).tocsr()
-
-
 def _connected(mesh: Mesh, inside: np.ndarray, seeds: np.ndarray) -> np.ndarray:
     """Vertices of a subset that are connected within it to one of the seeds, which are in it."""
     vertices = np.flatnonzero(inside)
-    _, label = connected_components(_adjacency(mesh)[vertices][:, vertices], directed=False)
+    _, label = connected_components(vertex_graph(mesh).matrix[vertices][:, vertices], directed=False)
     wanted = np.unique(label[np.isin(vertices, seeds)])
     return vertices[np.isin(label, wanted)]
 
@@ -222,7 +216,7 @@ def _way(mesh: Mesh, start: int, end: int) -> np.ndarray:
     """Vertices of the shortest way along edges."""
     if start == end:
         raise InputError("a fin needs two places that are not at the same vertex")
-    _, before = dijkstra(_adjacency(mesh, lengths=True), indices=start, return_predecessors=True)
+    _, before = dijkstra(vertex_graph(mesh).matrix, indices=start, return_predecessors=True)
     way = [end]
     while way[-1] != start:
         if before[way[-1]] < 0:
@@ -252,7 +246,7 @@ def _normals(mesh: Mesh) -> np.ndarray:
 
 def _smooth_normals(mesh: Mesh, vertices: np.ndarray, length: float) -> np.ndarray:
     """Unit normals of some vertices, diffused among them over a length."""
-    near = _adjacency(mesh, lengths=True)[vertices][:, vertices].tocoo()
+    near = vertex_graph(mesh).matrix[vertices][:, vertices].tocoo()
     # Weights 1 / length^2 spread as far over short edges as over long ones.
     near.data = 0.5 * (length / np.maximum(near.data, SHORTEST * mesh.diagonal)) ** 2
     near = near.tocsr()

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sshade import InputError, Mesh
+from sshade.mesh.adjacency import vertex_graph
 
 #: Handles of one landmark, and the vertices they are drawn from: its graph-nearest ones.
 PER_LANDMARK = 30
@@ -35,15 +36,11 @@ def nearest_vertices(mesh: Mesh, vertex: int, *, count: int) -> np.ndarray:
     Raises
     ------
     InputError
-        When fewer vertices can be reached.
+        When fewer vertices can be reached, or the mesh is no oriented manifold.
     """
-    from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
-    i, j = mesh.edges.T
-    length = np.linalg.norm(mesh.V[i] - mesh.V[j], axis=1)
-    graph = coo_array((length, (i, j)), shape=(mesh.n, mesh.n)).tocsr()
-    distance = dijkstra(graph, directed=False, indices=vertex)
+    distance = dijkstra(vertex_graph(mesh).matrix, indices=vertex)
     nearest = np.argsort(distance, kind="stable")[:count]
     if len(nearest) < count or not np.isfinite(distance[nearest[-1]]):
         raise InputError(
@@ -143,28 +140,21 @@ def handle_records(
         Landmarks with handles in this pose; the others are listed as unused.
     static_below : float
     """
-    records = []
+    records: list[dict[str, Any]] = []
     for name, index in chosen.items():
-        if name not in used:
-            records.append(
-                {
-                    "landmark": name,
-                    "kind": UNUSED,
-                    "delta": None,
-                    "delta_mean": None,
-                    "source": [],
-                    "target": [],
-                }
-            )
-            continue
+        kind, delta, delta_mean = UNUSED, None, None
         source, target = rest.V[index], posed[index]
-        d = displacement(source, target, diagonal=rest.diagonal, static_below=static_below)
+        if name in used:
+            d = displacement(source, target, diagonal=rest.diagonal, static_below=static_below)
+            kind, delta, delta_mean = d.kind, d.delta, d.delta_mean
+        else:
+            source, target = source[:0], target[:0]
         records.append(
             {
                 "landmark": name,
-                "kind": d.kind,
-                "delta": d.delta,
-                "delta_mean": d.delta_mean,
+                "kind": kind,
+                "delta": delta,
+                "delta_mean": delta_mean,
                 "source": source.tolist(),
                 "target": target.tolist(),
             }

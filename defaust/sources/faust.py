@@ -17,20 +17,11 @@ from typing import Any
 import numpy as np
 
 from defaust.folder.layout import sha256
-from defaust.sources.registered import (
-    MESH_SUFFIXES,
-    as_landmarks,
-    existing_folder,
-    is_whole,
-    read_counted,
-    refuse_repeated,
-    require_whole,
-    shortened,
-)
+from defaust.sources.choices import OneTemplate, require_choice, require_landmarks, shortened
+from defaust.sources.files import MESH_SUFFIXES, Shape, existing, mesh_files
 from defaust.sources.source import SourcePose
 from sshade import InputError, Mesh
 
-SUBJECTS = 10
 VERTICES, FACES = 6890, 13776
 #: What the poses show, by FAUST's number; the words are this project's.
 POSES = (
@@ -50,7 +41,7 @@ INSIDE = ("", "registrations", "training/registrations", "MPI-FAUST/training/reg
 
 
 @dataclass(frozen=True)
-class Faust:
+class Faust(OneTemplate):
     """Source of FAUST's registrations.
 
     Parameters
@@ -84,41 +75,28 @@ class Faust:
     more_landmarks: tuple[str, ...]
     name: str = field(default="faust", init=False)
 
+    #: Whether or not their files are there.
+    subjects = tuple(range(10))
+
     def __post_init__(self) -> None:
-        object.__setattr__(self, "landmarks", as_landmarks(self.landmarks, option="source.landmarks"))
-        for name, vertex in self.landmarks.items():
+        landmarks = require_landmarks(self.landmarks, option="source.landmarks")
+        for name, vertex in landmarks.items():
             if vertex >= VERTICES:
                 raise InputError(
                     f"source.landmarks: the vertex of {name} is {vertex}, "
                     f"but the registrations have {VERTICES} vertices"
                 )
-        for attribute, known in (
-            ("base_landmarks", self.landmarks),
-            ("more_landmarks", self.landmarks),
-            ("target_poses", range(len(POSES))),
-            ("unaligned", range(len(POSES))),
-        ):
-            _check_list(getattr(self, attribute), known=known, option=f"source.{attribute}")
-            object.__setattr__(self, attribute, tuple(getattr(self, attribute)))
-        refuse_repeated(self.landmark_names, option="source.base_landmarks and source.more_landmarks")
-        refuse_repeated(self.target_poses, option="source.target_poses")
-        if not is_whole(self.rest_pose) or self.rest_pose not in range(len(POSES)):
-            raise InputError(f"source.rest_pose is {self.rest_pose!r}; FAUST's poses are 0 to 9")
-        if not self.target_poses or not self.base_landmarks:
-            raise InputError("source.target_poses and source.base_landmarks need one entry at least")
+        object.__setattr__(self, "landmarks", landmarks)
+        self._check_landmarks()
+        known = range(len(POSES))
+        for attribute, empty in (("target_poses", False), ("unaligned", True)):
+            option = f"source.{attribute}"
+            chosen = require_choice(getattr(self, attribute), known=known, option=option, empty=empty)
+            object.__setattr__(self, attribute, chosen)
+        require_choice([self.rest_pose], known=known, option="source.rest_pose")
         if self.rest_pose in self.target_poses:
             raise InputError(f"source.target_poses holds {self.rest_pose}, which is the rest pose")
         self._files  # noqa: B018  # a wrong folder is an error now, not in a worker
-
-    @property
-    def subjects(self) -> tuple[int, ...]:
-        """0 to 9, whether or not their files are there."""
-        return tuple(range(SUBJECTS))
-
-    @property
-    def landmark_names(self) -> tuple[str, ...]:
-        """Base landmarks, then the others."""
-        return (*self.base_landmarks, *self.more_landmarks)
 
     @property
     def provenance(self) -> Mapping[str, Any]:
@@ -161,57 +139,53 @@ class Faust:
         if missing:
             complete = [s for s, of in numbers.items() if all(k in self._files for k in of)]
             hint = f"; those of subjects=[{','.join(map(str, complete))}] are there" if complete else ""
+            listed, of_each = (", ".join(map(str, numbers)) for numbers in (subjects, poses))
             raise InputError(
-                f"{self._folder} lacks {shortened(missing)}: subjects {_join(subjects)} in poses "
-                f"{_join(poses)} are {len(numbers) * len(poses)} files{hint}"
+                f"{self._folder} lacks {shortened(missing)}: subjects {listed} in poses {of_each} are "
+                f"{len(subjects) * len(poses)} files{hint}"
             )
         paths = [self._files[k] for of in numbers.values() for k in sorted(of)]
         return {path.name: sha256(path) for path in paths}
 
-    def landmark_vertices(self, subject: int) -> Mapping[str, int]:
-        """The same vertices on every subject."""
-        self._check(subject)
-        return {name: self.landmarks[name] for name in self.landmark_names}
-
     def poses(self, subject: int) -> tuple[SourcePose, ...]:
         """The target poses, named by FAUST's number and what they show."""
-        self._check(subject)
-        return tuple(
-            SourcePose(
-                name=f"{pose}_{POSES[pose]}",
-                landmarks=self.landmark_names if pose in self.unaligned else self.base_landmarks,
-                aligned=pose not in self.unaligned,
-            )
-            for pose in self.target_poses
+        return self._poses(
+            subject, ((f"{pose}_{POSES[pose]}", pose not in self.unaligned) for pose in self.target_poses)
         )
 
     def rest(self, subject: int) -> Mesh:
         """Rest mesh, checked: closed, manifold, one component."""
-        mesh, path = self._read(subject, self.rest_pose)
-        require_whole(mesh, label=str(path), closed=True)
-        return mesh
+        return self._read(subject, self.rest_pose, whole=True)
 
     def posed(self, subject: int, pose: SourcePose) -> Mesh:
         """Registered mesh in a target pose."""
-        return self._read(subject, int(pose.name.split("_", 1)[0]))[0]
+        return self._read(subject, int(pose.name.split("_", 1)[0]))
 
-    def _read(self, subject: int, pose: int) -> tuple[Mesh, Path]:
-        self._check(subject)
+    def _read(self, subject: int, pose: int, *, whole: bool = False) -> Mesh:
+        self._require(subject)
         number = 10 * subject + pose
         if number not in self._files:
             raise InputError(f"{self._folder} lacks tr_reg_{number:03d}")
-        path = self._files[number]
-        mesh = read_counted(path, vertices=VERTICES, faces=FACES)
-        if not np.array_equal(mesh.F, self._faces):
-            raise InputError(
-                f"{path}: its faces are not those of {self._first.name}, but all registrations share one "
-                "list of faces; take the file from FAUST again"
-            )
-        return mesh, path
+        file = Shape(f"tr_reg_{number:03d}", self._files[number])
+        mesh = file.mesh(whole=whole)
+        first = min(self._files)
+        with file.named():
+            if (mesh.n, mesh.m) != (VERTICES, FACES):
+                raise InputError(
+                    f"{mesh.n} vertices and {mesh.m} faces, but the registrations have {VERTICES} and {FACES}"
+                )
+            if whole and not mesh.is_closed:
+                raise InputError(f"{len(mesh.boundary_edges)} boundary edges; it must be closed")
+            if number != first and not np.array_equal(mesh.F, self._faces):
+                raise InputError(
+                    f"its faces are not those of {self._files[first].name}, but all registrations share one "
+                    "list of faces; take the file from FAUST again"
+                )
+        return mesh
 
     @cached_property
     def _folder(self) -> Path:
-        root = existing_folder(self.root, option="source.root=MPI-FAUST")
+        root = existing(self.root, option="source.root=MPI-FAUST")
         if root.is_file():
             raise InputError(f"{root} is a file; give a folder")
         for inside in INSIDE:
@@ -226,40 +200,13 @@ class Faust:
     def _files(self) -> dict[int, Path]:
         return _registrations(self._folder)
 
-    @property
-    def _first(self) -> Path:
-        return self._files[min(self._files)]
-
     @cached_property
     def _faces(self) -> np.ndarray:
         """Faces of the first registration, which all others must have."""
-        return read_counted(self._first, vertices=VERTICES, faces=FACES).F
-
-    def _check(self, subject: int) -> None:
-        if subject not in self.subjects:
-            raise InputError(f"there is no FAUST subject {subject}; they are 0 to {SUBJECTS - 1}")
+        return self._read(*divmod(min(self._files), 10)).F
 
 
 def _registrations(folder: Path) -> dict[int, Path]:
-    """File of each registration; of several formats the first of MESH_SUFFIXES."""
-    found: dict[int, Path] = {}
-    for path in sorted(folder.iterdir(), reverse=True):
-        match = re.fullmatch(r"tr_reg_(0\d\d)", path.stem)
-        if match and path.suffix.lower() in MESH_SUFFIXES and path.is_file():
-            number = int(match[1])
-            rank = MESH_SUFFIXES.index(path.suffix.lower())
-            if number not in found or rank < MESH_SUFFIXES.index(found[number].suffix.lower()):
-                found[number] = path
-    return found
-
-
-def _check_list(value: Any, *, known: Any, option: str) -> None:
-    if not isinstance(value, (list, tuple)):
-        raise InputError(f"{option}={value} is not a list")
-    for item in value:
-        if isinstance(item, bool) or item not in known:
-            raise InputError(f"{option}: {item!r} does not exist; choose from {_join(known)}")
-
-
-def _join(items: Any) -> str:
-    return ", ".join(str(item) for item in items)
+    """File of each registration by its number."""
+    files = mesh_files(folder, MESH_SUFFIXES)
+    return {int(name[-3:]): files[name] for name in sorted(files) if re.fullmatch(r"tr_reg_0\d\d", name)}

@@ -11,15 +11,9 @@ from typing import Any
 import numpy as np
 
 from defaust.folder.layout import sha256
-from defaust.sources.registered import (
-    as_landmarks,
-    existing_folder,
-    is_whole,
-    refuse_repeated,
-    require_whole,
-    shortened,
-)
-from defaust.sources.shapes import LAYOUTS, Shape, find_shapes
+from defaust.schema import mismatch
+from defaust.sources.choices import require_choice, require_landmarks
+from defaust.sources.files import LAYOUTS, Shape, existing, find_shapes
 from defaust.sources.source import SourcePose
 from defaust.sources.winding import same_triangles, wound_outward
 from sshade import InputError, Mesh
@@ -44,7 +38,7 @@ class RegisteredSequence:
         A folder of .ply, .off, .obj, .vert with .tri, or .mat files, or an
         .npz file with positions V_0, V_1, ... and triangles F.
     layout : str
-        ``auto``, ``tosca`` or ``sequence``; see :func:`defaust.sources.shapes.find_shapes`.
+        ``auto``, ``tosca`` or ``sequence``; see :func:`defaust.sources.files.find_shapes`.
     classes : sequence of str, optional
         Use only these, in this order: they are the subjects 0, 1, ...; by default all.
     rest : str, optional
@@ -83,30 +77,24 @@ class RegisteredSequence:
         wrong = set(self.facts) ^ set(FACTS)
         if wrong:
             raise InputError(f"source.facts needs {', '.join(FACTS)}; look at {sorted(wrong)[0]!r}")
-        for attribute in ("classes", "poses_used"):
-            value = getattr(self, attribute)
-            if value is not None:
-                if not isinstance(value, (list, tuple)) or not value:
-                    raise InputError(f"source.{attribute}={value} is not a list of names")
-                refuse_repeated(value, option=f"source.{attribute}")
-                object.__setattr__(self, attribute, tuple(value))
-        shapes = self._shapes
-        names = [shape.name for of_class in shapes.values() for shape in of_class]
-        for option, wanted in (("rest_pose", [self.rest_pose]), ("poses_used", self.poses_used or ())):
-            for name in wanted:
-                if name is not None and name not in names:
-                    raise InputError(
-                        f"source.{option}: no mesh is called {name!r}; there are {shortened(names)}"
-                    )
-        if is_whole(self.landmarks):
+        if self.classes is not None:
+            classes = require_choice(self.classes, known=self._found, option="source.classes")
+            object.__setattr__(self, "classes", classes)
+        names = [shape.name for of_class in self._shapes.values() for shape in of_class]
+        if self.rest_pose is not None:
+            require_choice([self.rest_pose], known=names, option="source.rest_pose")
+        if self.poses_used is not None:
+            used = require_choice(self.poses_used, known=names, option="source.poses_used")
+            object.__setattr__(self, "poses_used", used)
+        if not mismatch(self.landmarks, int):
             if self.landmarks < 1:
                 raise InputError(f"source.landmarks is {self.landmarks}; it must be at least 1")
             return
-        object.__setattr__(self, "landmarks", as_landmarks(self.landmarks, option="source.landmarks"))
-        if len(shapes) > 1:
+        object.__setattr__(self, "landmarks", require_landmarks(self.landmarks, option="source.landmarks"))
+        if len(self._shapes) > 1:
             raise InputError(
-                f"source.landmarks gives vertices, but there are the classes {', '.join(shapes)}; choose one "
-                "with source.classes=[...], or give a number for farthest point sampling"
+                f"source.landmarks gives vertices, but there are the classes {', '.join(self._shapes)}; "
+                "choose one with source.classes=[...], or give a number for farthest point sampling"
             )
 
     @property
@@ -179,11 +167,13 @@ class RegisteredSequence:
         """Rest mesh, wound outward; checked: manifold, one component."""
         if subject not in self._oriented:
             shape = self._rest(subject)
-            mesh = wound_outward(shape.mesh())
-            try:
-                require_whole(mesh, label=shape.label)
-            except InputError as error:
-                raise InputError(f"{error}; or leave its class out with source.classes") from error
+            with shape.named():
+                mesh = wound_outward(shape.mesh())
+                try:
+                    mesh.require_manifold()
+                    mesh.require_one_component()
+                except InputError as error:
+                    raise InputError(f"{error}; or leave its class out with source.classes") from error
             self._oriented[subject] = mesh
         return self._oriented[subject]
 
@@ -203,13 +193,14 @@ class RegisteredSequence:
         return Mesh(mesh.V, rest.F)
 
     @cached_property
+    def _found(self) -> dict[str, tuple[Shape, ...]]:
+        root = existing(self.root, option="source.root to a folder of meshes, or an .npz file")
+        return find_shapes(root, layout=self.layout)
+
+    @property
     def _shapes(self) -> dict[str, tuple[Shape, ...]]:
-        root = existing_folder(self.root, option="source.root to a folder of meshes, or an .npz file")
-        found = find_shapes(root, layout=self.layout)
-        for name in self.classes or ():
-            if name not in found:
-                raise InputError(f"source.classes: no class is called {name!r}; there are {', '.join(found)}")
-        return {name: found[name] for name in self.classes or found}
+        """The classes that are used: the subjects, in their order."""
+        return {name: self._found[name] for name in self.classes or self._found}
 
     def _of(self, subject: int) -> tuple[str, tuple[Shape, ...]]:
         if subject not in self.subjects:

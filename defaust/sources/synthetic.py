@@ -9,12 +9,13 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cache
 from importlib import resources
-from typing import Any
+from types import MappingProxyType
 
 import numpy as np
 
+from defaust.sources.choices import OneTemplate, require_choice
 from defaust.sources.skinning import apply_motions, blend_motions, bone_motions
 from defaust.sources.source import SourcePose
 from sshade import InputError, Mesh
@@ -25,18 +26,30 @@ QUANTUM = 2e-5
 SHA256 = "e17a204607fdaec2dd8c45b467cd29e7fe44778f8957cc3b8c0014aac96c92dc"
 
 BASE_LANDMARKS = ("nose", "hand_l", "hand_r", "toe_l", "toe_r", "heel_l", "heel_r")
-#: Added where the pose is turned against the rest pose, so that few points do not have to fix it all.
 MORE_LANDMARKS = (
-    "elbow_l",
-    "elbow_r",
-    "knee_l",
-    "knee_r",
-    "hip_l",
-    "hip_r",
-    "chest",
-    "upper_back",
+    *("elbow_l", "elbow_r", "knee_l", "knee_r", "hip_l", "hip_r"),
+    *("chest", "upper_back"),
 )
+#: Poses that are turned against the rest pose.
 UNALIGNED = ("bend_twist",)
+#: For the dataset card.
+FACTS = {
+    "title": "synthetic bodies",
+    "origin": (
+        "MakeHuman/MPFB2 base mesh, macro targets and game-engine rig, morphed to ten adults, "
+        "closed, decimated to 6890 vertices and posed by dual quaternion skinning"
+    ),
+    "licence": "CC0 1.0 Universal (see the NOTICE file of the package)",
+    "citation": "MakeHuman community, base mesh hm08 and its targets, CC0 since September 2020",
+    "limits": [
+        "The bodies are synthetic: no scan, no hair, neutral faces, closed mouth and eyes.",
+        "Skinning stands for soft tissue: shoulders bulge when the arms go up, creases stretch.",
+        "Fingers and toes are thin; remeshed below about 100,000 vertices they are coarse.",
+    ],
+    "axes": "y up, facing +z, the person's left at +x",
+    "unit": "metre",
+    "asset_sha256": SHA256,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +119,7 @@ def load_bodies() -> Bodies:
 
 
 @dataclass(frozen=True)
-class SyntheticBodies:
+class SyntheticBodies(OneTemplate):
     """Source of the ten synthetic adults.
 
     Parameters
@@ -129,90 +142,38 @@ class SyntheticBodies:
     poses_used: tuple[str, ...] | None = None
     name: str = field(default="synthetic", init=False)
 
+    subjects = tuple(range(10))
+    provenance = MappingProxyType(FACTS)
+
     def __post_init__(self) -> None:
-        bodies = load_bodies()
-        used = bodies.pose_names if self.poses_used is None else tuple(self.poses_used)
-        for attribute, value, known, what in (
-            ("base_landmarks", self.base_landmarks, bodies.landmarks, "landmark"),
-            ("more_landmarks", self.more_landmarks, bodies.landmarks, "landmark"),
-            ("poses_used", used, bodies.pose_names, "pose"),
-        ):
-            for item in value:
-                if item not in known:
-                    raise InputError(f"no {what} is called {item!r}; choose from {', '.join(known)}")
-            object.__setattr__(self, attribute, tuple(value))
-        for names in (self.landmark_names, self.poses_used):
-            repeated = [name for name in names if names.count(name) > 1]
-            if repeated:
-                raise InputError(f"{repeated[0]!r} is listed twice; name each landmark and pose once")
+        self._check_landmarks()
+        known = load_bodies().pose_names
+        used = known if self.poses_used is None else self.poses_used
+        object.__setattr__(self, "poses_used", require_choice(used, known=known, option="source.poses_used"))
 
     @property
-    def subjects(self) -> tuple[int, ...]:
-        """0 to 9."""
-        return tuple(range(len(load_bodies().rest)))
-
-    @property
-    def landmark_names(self) -> tuple[str, ...]:
-        """Base landmarks, then the others."""
-        return (*self.base_landmarks, *self.more_landmarks)
-
-    @cached_property
-    def provenance(self) -> Mapping[str, Any]:
-        """Facts for the card."""
-        return {
-            "title": "synthetic bodies",
-            "origin": (
-                "MakeHuman/MPFB2 base mesh, macro targets and game-engine rig, morphed to ten adults, "
-                "closed, decimated to 6890 vertices and posed by dual quaternion skinning"
-            ),
-            "licence": "CC0 1.0 Universal (see the NOTICE file of the package)",
-            "citation": "MakeHuman community, base mesh hm08 and its targets, CC0 since September 2020",
-            "limits": [
-                "The bodies are synthetic: no scan, no hair, neutral faces, closed mouth and eyes.",
-                "Skinning stands for soft tissue: shoulders bulge when the arms go up, creases stretch.",
-                "Fingers and toes are thin; remeshed below about 100,000 vertices they are coarse.",
-            ],
-            "axes": "y up, facing +z, the person's left at +x",
-            "unit": "metre",
-            "asset_sha256": SHA256,
-        }
+    def landmarks(self) -> Mapping[str, int]:
+        """Vertex of each landmark of the asset."""
+        return load_bodies().landmarks
 
     def checksums(self, subjects: Sequence[int]) -> Mapping[str, str]:
         """None: the asset's own checksum is one of the facts."""
         return {}
 
-    def landmark_vertices(self, subject: int) -> Mapping[str, int]:
-        """The same vertices on every subject."""
-        self._check(subject)
-        landmarks = load_bodies().landmarks
-        return {name: landmarks[name] for name in self.landmark_names}
-
     def poses(self, subject: int) -> tuple[SourcePose, ...]:
         """The target poses of the asset."""
-        self._check(subject)
-        return tuple(
-            SourcePose(
-                name=name,
-                landmarks=self.landmark_names if name in UNALIGNED else self.base_landmarks,
-                aligned=name not in UNALIGNED,
-            )
-            for name in self.poses_used
-        )
+        return self._poses(subject, ((name, name not in UNALIGNED) for name in self.poses_used))
 
     def rest(self, subject: int) -> Mesh:
         """Rest mesh."""
-        self._check(subject)
+        self._require(subject)
         bodies = load_bodies()
         return Mesh(bodies.rest[subject], bodies.faces)
 
     def posed(self, subject: int, pose: SourcePose) -> Mesh:
         """Posed mesh, by dual quaternion skinning."""
-        self._check(subject)
+        self._require(subject)
         bodies = load_bodies()
         k = bodies.pose_names.index(pose.name)
         V = bodies.pose(subject, rotations=bodies.rotations[subject, k], shift=bodies.shifts[subject, k])
         return Mesh(V, bodies.faces)
-
-    def _check(self, subject: int) -> None:
-        if subject not in self.subjects:
-            raise InputError(f"there is no synthetic subject {subject}; they are 0 to {self.subjects[-1]}")

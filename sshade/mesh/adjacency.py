@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
+from scipy.sparse import csr_array
 
 if TYPE_CHECKING:
     from sshade.mesh.mesh import Mesh
@@ -122,6 +123,11 @@ class VertexGraph:
         found = np.zeros(self.n, dtype=bool)
         found[owner[self.boundary]] = True
         return found
+
+    @property
+    def matrix(self) -> csr_array:
+        """(n, n) symmetric sparse float64 lengths; entries of edges without length are stored zeros."""
+        return csr_array((self.lengths, self.indices, self.indptr), shape=(self.n, self.n))
 
 
 def vertex_graph(mesh: Mesh) -> VertexGraph:

@@ -48,7 +48,7 @@ def test_build_verify_info(tmp_path, capsys):
         (["out=x", "subjects=3"], "subjects is 3, not a list"),
         (["out=x", "window=[1]"], "window has 1 items, not 2"),
         (["out=x", "static_below=a"], "static_below is 'a', not a number"),
-        (["out=x", "source.poses_used=[jump]"], "no pose is called 'jump'"),
+        (["out=x", "source.poses_used=[jump]"], "there is no 'jump'; choose from arms_up"),
         (["out=x", "source._target_=os.system"], "source._target_=os.system is named by no file of conf"),
         (["out=x", "+source.speed=1"], "unexpected keyword argument 'speed'"),
     ],

@@ -362,7 +362,7 @@ def test_damaged_archives(tmp_path):
     with pytest.raises(InputError, match="a.npz: not readable as .npz"):
         source.posed(0, source.poses(0)[0])
     path.write_text("text")
-    with pytest.raises(InputError, match="a.npz: not a readable .npz file"):
+    with pytest.raises(InputError, match="a.npz: not readable as .npz"):
         sequence(path)
     np.save(tmp_path / "a.npy", ball.V)
     with pytest.raises(InputError, match="a.npy: not an .npz file; give a folder"):
@@ -376,15 +376,12 @@ def test_damaged_archives(tmp_path):
         ("source.root=empty", "holds no meshes (.ply, .off, .obj, .vert, .mat)"),
         ("source.name='a b'", "source.name=a b is not made of letters"),
         ("source.layout=free", "source.layout=free is unknown; use one of auto, tosca, sequence"),
-        ("source.classes=[bear]", "no class is called 'bear'; there are cat, dog"),
-        ("source.classes=cat", "source.classes=cat is not a list of names"),
-        ("source.classes=[]", "source.classes=[] is not a list of names"),
-        ("source.classes=[cat,cat]", "source.classes: 'cat' is listed twice"),
-        ("source.rest_pose=cat7", "source.rest_pose: no mesh is called 'cat7'; there are cat0, cat1, cat2"),
-        ("source.poses_used=[cat7]", "source.poses_used: no mesh is called 'cat7'"),
+        ("source.classes=[bear]", "source.classes: there is no 'bear'; choose from cat, dog"),
+        ("source.classes=cat", "source.classes is 'cat', not a list"),
+        ("source.rest_pose=cat7", "source.rest_pose: there is no 'cat7'; choose from cat0, cat1, cat2"),
+        ("source.poses_used=[cat7]", "source.poses_used: there is no 'cat7'"),
         ("source.landmarks=0", "source.landmarks is 0; it must be at least 1"),
-        ("source.landmarks=a", "source.landmarks=a is not a mapping"),
-        ("source.landmarks={a:x}", "the vertex of a is 'x'; give a number"),
+        ("source.landmarks=a", "source.landmarks is 'a', not an object; give names"),
         ("source.landmarks={a:1}", "there are the classes cat, dog; choose one with source.classes"),
         ("+source.facts.colour=red", "look at 'colour'"),
         ("subjects=[2]", "has no subject 2; it has [0, 1]"),

@@ -130,21 +130,6 @@ def test_poses_and_landmarks_of_the_source():
     assert [p.name for p in SyntheticBodies(poses_used=["squat"]).poses(0)] == ["squat"]
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"base_landmarks": ("nose", "tail")}, "no landmark is called 'tail'"),
-        ({"more_landmarks": ("antler",)}, "no landmark is called 'antler'"),
-        ({"more_landmarks": ("nose",)}, "'nose' is listed twice"),
-        ({"poses_used": ("jump",)}, "no pose is called 'jump'"),
-        ({"poses_used": ("squat", "squat")}, "'squat' is listed twice"),
-    ],
-)
-def test_wrong_options_of_the_source(options, message):
-    with pytest.raises(InputError, match=message):
-        SyntheticBodies(**options)
-
-
 def test_unknown_subject():
     source = SyntheticBodies()
     for call in (source.rest, source.poses, source.landmark_vertices):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from defaust.sources.shapes import Shape, find_shapes
+from defaust.sources.files import Shape, find_shapes
 from sshade import InputError
 from tests.fuzz.mutate import mutated
 from tests.shapes import icosphere

@@ -273,7 +273,7 @@ BUILDS = [
         "an archive that is a pickle",
         f"{SMALL} source.root=meshes.npz",
         data("meshes.npz", b"\x80\x04K\x01."),
-        "not a readable .npz",
+        "not readable as .npz",
     ),
     _build(
         "an archive without positions",

@@ -1,9 +1,10 @@
-"""Files of registered sequences: TOSCA's layouts, numbered meshes, archives of arrays."""
+"""Files of registered meshes: found by name, read with that name in every complaint."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+import warnings
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,12 +12,14 @@ from typing import Any
 
 import numpy as np
 
+from defaust.sources.choices import shortened
 from defaust.sources.matlab import read_surface
-from defaust.sources.registered import MESH_SUFFIXES, shortened
 from sshade import InputError, Mesh
 from sshade.io.meshes import read_arrays
 
-#: Formats of one mesh a file, the first that is there first. A .vert has its .tri beside it.
+#: Mesh formats that keep shared vertices, the first that is there first.
+MESH_SUFFIXES = (".ply", ".off", ".obj")
+#: All formats of one mesh a file. A .vert has its .tri beside it.
 SUFFIXES = (*MESH_SUFFIXES, ".vert", ".mat")
 LAYOUTS = ("auto", "tosca", "sequence")
 #: Name of the class where a folder is one sequence: the folder's own must not enter the record.
@@ -25,7 +28,7 @@ SEQUENCE = "sequence"
 
 @dataclass(frozen=True)
 class Shape:
-    """One mesh of a sequence.
+    """One mesh in a file.
 
     Parameters
     ----------
@@ -51,23 +54,51 @@ class Shape:
         """What complaints about it begin with."""
         return f"{self.path}, {self.array}" if self.array else str(self.path)
 
-    def arrays(self) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (n, 3) float64 and triangles (m, 3) int64, counted from 0, as they stand there."""
+    def mesh(self, *, whole: bool = False) -> Mesh:
+        """Read the mesh.
+
+        Parameters
+        ----------
+        whole : bool
+            It must be manifold and of one component.
+
+        Raises
+        ------
+        InputError
+            With the file's name.
+        """
         for path in self.files:
             if not path.is_file():
                 raise InputError(f"{path}: no such file")
         if self.array:
-            return _read_archive(self.path, array=self.array)
-        read = {".vert": _read_vert_tri, ".mat": _read_mat}.get(self.path.suffix.lower(), read_arrays)
-        return read(self.path)
+            V, F = _read_archive(self.path, array=self.array)
+        else:
+            read = {".vert": _read_vert_tri, ".mat": _read_mat}.get(self.path.suffix.lower(), read_arrays)
+            V, F = read(self.path)
+        with self.named():
+            mesh = Mesh(V, F)
+            if whole:
+                mesh.require_manifold()
+                mesh.require_one_component()
+            return mesh
 
-    def mesh(self) -> Mesh:
-        """The mesh, validated; InputError with the file's name."""
-        V, F = self.arrays()
+    @contextmanager
+    def named(self) -> Iterator[None]:
+        """Put the label before the text of an InputError."""
         try:
-            return Mesh(V, F)
+            yield
         except InputError as error:
             raise InputError(f"{self.label}: {error}") from error
+
+
+def mesh_files(folder: Path, suffixes: Sequence[str] = SUFFIXES) -> dict[str, Path]:
+    """The meshes in a folder, by name without suffix; of several formats the first of `suffixes`."""
+    found: dict[str, Path] = {}
+    for suffix in reversed(suffixes):
+        for path in folder.iterdir():
+            if path.suffix.lower() == suffix and path.is_file() and not path.name.startswith("."):
+                found[path.stem] = path
+    return found
 
 
 def find_shapes(root: Path, *, layout: str) -> dict[str, tuple[Shape, ...]]:
@@ -88,34 +119,33 @@ def find_shapes(root: Path, *, layout: str) -> dict[str, tuple[Shape, ...]]:
     """
     if root.is_file():
         return {root.stem: _archive_shapes(root)}
-    paths: dict[str, Path] = {}
-    for path in sorted(root.iterdir()):
-        if path.suffix.lower() in SUFFIXES and path.is_file() and not path.name.startswith("."):
-            before = paths.get(path.stem)
-            if before is None or _rank(path) < _rank(before):
-                paths[path.stem] = path
-    if not paths:
+    files = mesh_files(root)
+    if not files:
         raise InputError(
             f"{root} holds no meshes ({', '.join(SUFFIXES)}); set source.root to their folder, or to an .npz"
         )
-    shapes = sorted((Shape(name, path) for name, path in paths.items()), key=lambda s: _natural(s.name))
-    parts = {s.name: re.fullmatch(r"([A-Za-z]+)(\d+)", s.name) for s in shapes}
-    if layout == "sequence" or (layout == "auto" and not all(parts.values())):
+    shapes = [Shape(name, files[name]) for name in sorted(files, key=_natural)]
+    parts = [re.fullmatch(r"([A-Za-z]+)\d+", shape.name) for shape in shapes]
+    if layout == "sequence" or (layout == "auto" and not all(parts)):
         return {SEQUENCE: tuple(shapes)}
-    unfit = [name for name, match in parts.items() if not match]
+    unfit = [shape.name for shape, match in zip(shapes, parts, strict=True) if not match]
     if unfit:
         raise InputError(
             f"{root}: {shortened(unfit)} do not read as a class and a number, like cat0; "
             "remove them, or set source.layout=sequence"
         )
-    classes: dict[str, list[Shape]] = {}
-    for shape in shapes:
-        classes.setdefault(parts[shape.name][1], []).append(shape)
-    return {name: tuple(classes[name]) for name in sorted(classes)}
+    classes = sorted({match[1] for match in parts})
+    return {
+        name: tuple(s for s, match in zip(shapes, parts, strict=True) if match[1] == name) for name in classes
+    }
 
 
-def _rank(path: Path) -> int:
-    return SUFFIXES.index(path.suffix.lower())
+def existing(root: Any, *, option: str) -> Path:
+    """The path that the user named; InputError where nothing is there."""
+    path = Path(str(root)).expanduser()
+    if not path.exists():
+        raise InputError(f"{path}: no such folder; set {option}")
+    return path
 
 
 def _natural(name: str) -> list[tuple[int, str]]:
@@ -137,11 +167,7 @@ def _archive_shapes(path: Path) -> tuple[Shape, ...]:
 @contextmanager
 def _open_archive(path: Path) -> Iterator[Any]:
     with path.open("rb") as file:
-        try:
-            archive = np.load(file, allow_pickle=False)
-        except Exception as error:  # zipfile and numpy fail in many ways, all of them the file's fault
-            why = " ".join(str(error).split())
-            raise InputError(f"{path}: not a readable .npz file ({why})") from error
+        archive = _reading(path, lambda: np.load(file, allow_pickle=False))
         if not isinstance(archive, np.lib.npyio.NpzFile):
             raise InputError(f"{path}: not an .npz file; give a folder of meshes or an .npz")
         with archive:
@@ -161,15 +187,12 @@ def _read_vert_tri(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _read_mat(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """A struct with X, Y, Z and TRIV, as TOSCA's `surface`; the triangles count from 1."""
     V, F = _reading(path, lambda: read_surface(path))
     return V, _from_one(F, path=path)
 
 
 def _reading(path: Path, read: Callable[[], Any]) -> Any:
     """What `read` returns; any failure becomes one sentence that names the file."""
-    import warnings
-
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # an empty table: the next check says so
