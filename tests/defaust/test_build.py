@@ -152,7 +152,7 @@ def test_wrong_places_and_numbers(tmp_path):
         with pytest.raises(InputError, match=message):
             build(Balls(), out, options=OPTIONS, workers=1)
     assert (tmp_path / "full/thesis.tex").read_text() == "x"
-    with pytest.raises(InputError, match="workers is 0"):
+    with pytest.raises(InputError, match="0 workers were asked for"):
         build(Balls(), tmp_path / "x", options=OPTIONS, workers=0)
     with pytest.raises(InputError, match=r"no subject 7; it has \[0, 1, 2\]"):
         build(Balls(), tmp_path / "x", options=replace(OPTIONS, subjects=(7,)), workers=1)

@@ -256,7 +256,7 @@ BUILDS = [
     _build("a missing root", SMALL, lambda: None, "meshes"),
     _build("a root without meshes", SMALL, text("meshes/a.txt", "x"), "holds no meshes"),
     _build("a root of one mesh", SMALL, shapes("a"), "no target pose"),
-    _build("no workers", f"{SMALL} workers=0", shapes("a", "b"), "workers is 0"),
+    _build("no workers", f"{SMALL} workers=0", shapes("a", "b"), "0 workers were asked for"),
     _build(
         "more handles than vertices around",
         f"{SMALL} handles_per_landmark=11",
