@@ -30,7 +30,7 @@ from defaust.sources.source import Source
 from sshade import InputError
 from sshade.io.files import make_folder
 from sshade.task import Progress, silent
-from sshade.threads import available_cpus
+from sshade.threads import available_cpus, number_of_workers
 
 log = logging.getLogger(__name__)
 
@@ -61,7 +61,7 @@ def build(
         The folder; its parent must exist.
     options : BuildOptions
     workers : int, optional
-        Processes; by default one a core. 1 works in this process.
+        Processes; by default one for each CPU that this process may use. 1 works in this process.
     progress : Progress
 
     Returns
@@ -76,8 +76,7 @@ def build(
         when another process builds there, or a subject cannot be built.
     """
     out = Path(out)
-    if workers is not None and workers < 1:
-        raise InputError(f"workers is {workers}; it must be at least 1")
+    workers = number_of_workers(workers, default=available_cpus())
     recipe = _recipe(source, options)
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file; give a folder")
@@ -88,7 +87,7 @@ def build(
         missing = [s for s in subjects if s not in done]
         log.info("%d of %d subjects are there already", len(done), len(subjects))
         progress("subjects", len(done), len(subjects))
-        workers = min(workers or available_cpus(), max(1, len(missing)))
+        workers = min(workers, max(1, len(missing)))
         for subject, record in build_subjects(
             source, out, subjects=missing, options=options, workers=workers, progress=progress
         ):
