@@ -10,6 +10,7 @@ import numpy as np
 
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.rigid import rigid_motion
 
 #: Two targets of one vertex that differ by more than this (x diagonal) contradict each other.
 SAME_TARGET = 1e-9
@@ -149,9 +150,9 @@ class Handles:
         if not raw:
             moved[~dynamic] = mesh.V[index[~dynamic]]
             for g in np.unique(group[dynamic]):
-                of_group = dynamic & (group == g)
-                R, _ = rigid_motion(source[of_group], target[of_group])
-                moved[of_group] += (mesh.V[index[of_group]] - source[of_group]) @ R.T
+                own = dynamic & (group == g)
+                R, _ = rigid_motion(source[own], target[own])
+                moved[own] += (mesh.V[index[own]] - source[own]) @ R.T
 
         # One row per (group, vertex); the constructor sees to equal vertices of different groups.
         pairs, inverse, count = np.unique(
@@ -159,8 +160,6 @@ class Handles:
         )
         inverse = inverse.ravel()
         mean = np.stack([np.bincount(inverse, moved[:, c]) for c in range(3)], axis=1) / count[:, None]
-        single = count[inverse] == 1
-        mean[inverse[single]] = moved[single]
         farthest = np.zeros(len(pairs))
         np.maximum.at(farthest, inverse, distance)
         any_dynamic = np.zeros(len(pairs), dtype=bool)
@@ -207,20 +206,10 @@ class DeformationTask:
     meta: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        mesh, index = self.mesh, self.handles.index
-        if index.max() >= mesh.n:
-            raise InputError(f"handle id {index.max()} is out of range: the mesh has {mesh.n} vertices")
-        held = np.zeros(mesh.topology.components, dtype=bool)
-        held[mesh.component[index]] = True
-        if not held.all():
-            raise InputError(
-                f"{int((~held).sum())} of the mesh's {len(held)} components have no handle; "
-                "every component needs at least one"
-            )
+        self.mesh.require_handles(self.handles.index)
         for name in ("truth", "guess"):
-            shape = np.shape(getattr(self, name))
-            if getattr(self, name) is not None and shape != mesh.V.shape:
-                raise InputError(f"the {name} has shape {shape}, the mesh {mesh.V.shape}")
+            if getattr(self, name) is not None:
+                self.mesh.checked(getattr(self, name), name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,52 +256,6 @@ class Method(Protocol):
     def __call__(
         self, task: DeformationTask, *, seed: int, progress: Progress = silent
     ) -> DeformationResult: ...
-
-
-def rigid_motion(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation R and translation t minimising ``sum |R s_i + t - t_i|^2`` (Kabsch).
-
-    Parameters
-    ----------
-    source, target : (k, 3) float64
-        One point is enough; where the points leave the rotation open, the
-        smallest one that fits is taken.
-
-    Returns
-    -------
-    R : (3, 3) float64, det 1
-    t : (3,) float64
-
-    References
-    ----------
-    W. Kabsch, "A solution for the best rotation to relate two sets of vectors", 1976.
-    """
-    cs, ct = source.mean(axis=0), target.mean(axis=0)
-    a, b = source - cs, target - ct
-    U, s, Vt = np.linalg.svd(b.T @ a)
-    rank = int((s > 1e-12 * s[0]).sum()) if s[0] > 0 else 0
-    if rank == 0:
-        R = np.eye(3)
-    elif rank == 1:
-        R = _smallest_rotation(Vt[0], U[:, 0])
-    else:
-        R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-    return R, ct - R @ cs
-
-
-def _smallest_rotation(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Rotate unit vector a onto unit vector b about their common normal."""
-    from scipy.spatial.transform import Rotation
-
-    axis = np.cross(a, b)
-    sine, cosine = np.linalg.norm(axis), float(a @ b)
-    if sine < 1e-15:
-        if cosine > 0:
-            return np.eye(3)
-        axis = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
-        sine = np.linalg.norm(axis)
-        return Rotation.from_rotvec(np.pi * axis / sine).as_matrix()
-    return Rotation.from_rotvec(np.arctan2(sine, cosine) * axis / sine).as_matrix()
 
 
 def _per_handle(values: Any, default: Any, dtype: Any, k: int, name: str) -> np.ndarray:

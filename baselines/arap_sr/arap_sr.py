@@ -29,10 +29,11 @@ from baselines.arap_sr.smooth_rotations import Cells, band_position, largest_tur
 from baselines.global_step import GlobalStep, iterate, last
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.rigid import rigid_motion
 from sshade.solver.options import Start
 from sshade.solver.rotations import right_hand_side
 from sshade.solver.start import initial_guess
-from sshade.task import DeformationResult, DeformationTask, Progress, rigid_motion, silent
+from sshade.task import DeformationResult, DeformationTask, Progress, silent
 
 #: Differences that the acceleration keeps.
 WINDOW = 5

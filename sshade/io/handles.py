@@ -28,7 +28,8 @@ from sshade.errors import InputError
 from sshade.io.files import replacing
 from sshade.io.meshes import read_mesh
 from sshade.mesh.mesh import Mesh
-from sshade.task import DeformationTask, Handles, rigid_motion
+from sshade.mesh.rigid import rigid_motion
+from sshade.task import DeformationTask, Handles
 
 #: Half the extent of a mesh in Implicit-ARAP's coordinates.
 HALF_EXTENT = 0.8

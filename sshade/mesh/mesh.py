@@ -195,19 +195,31 @@ class Mesh:
             boundary_loops=facts.boundary_loops,
         )
 
-    def checked(self, positions: np.ndarray) -> np.ndarray:
-        """Other positions (n, 3) of the vertices, as float64.
+    def checked(self, positions: np.ndarray, name: str = "shape") -> np.ndarray:
+        """Other positions (n, 3) of the vertices, as float64; `name` stands in the message of an error.
 
         Raises
         ------
         InputError
             On another shape, or positions that a mesh cannot have.
         """
-        V = _as_vertices(positions)
+        V = np.ascontiguousarray(positions, dtype=np.float64)
         if V.shape != self.V.shape:
-            raise InputError(f"the positions must be of shape {self.V.shape}, not {V.shape}")
-        _check_numbers(V)
+            raise InputError(f"the {name} has shape {V.shape}, the mesh {self.V.shape}; they must correspond")
+        _check_numbers(V, name)
         return V
+
+    def require_handles(self, index: np.ndarray) -> None:
+        """Raise InputError unless ids (k,) are vertices, and every component has one of them."""
+        outside = index[(index < 0) | (index >= self.n)]
+        if len(outside):
+            raise InputError(f"handle id {outside[0]} is out of range: the mesh has {self.n} vertices")
+        free = np.setdiff1d(self.component, self.component[index])
+        if len(free):
+            raise InputError(
+                f"{len(free)} of the mesh's {self.topology.components} components have no handle; "
+                "every component needs at least one"
+            )
 
     def require_manifold(self) -> None:
         """Raise InputError unless the mesh is manifold and consistently oriented."""
@@ -246,21 +258,21 @@ class Mesh:
         return np.cross(self.V[self.F[:, 1]] - a, self.V[self.F[:, 2]] - a)
 
 
-def _check_numbers(V: np.ndarray) -> None:
+def _check_numbers(V: np.ndarray, name: str = "mesh") -> None:
     """Raise InputError where positions are no numbers, or have too few digits or a size to compute with."""
     low, high = bounds(V)
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
         bad = int(np.flatnonzero(~np.isfinite(V).all(axis=1))[0])
-        raise InputError(f"vertex {bad} has a NaN or infinite coordinate")
+        raise InputError(f"vertex {bad} has a NaN or infinite coordinate in the {name}")
     farthest, extent = float(np.maximum(-low, high).max()), float((0.5 * high - 0.5 * low).max())
     if farthest > LARGEST or 0 < extent < 1 / LARGEST:
         raise InputError(
-            f"the mesh has coordinates up to {farthest:.1e} and an extent of {2 * extent:.1e}, with which "
+            f"the {name} has coordinates up to {farthest:.1e} and an extent of {2 * extent:.1e}, with which "
             f"areas cannot be squared; scale it to between {1 / LARGEST:.0e} and {LARGEST:.0e}"
         )
     if farthest > FARTHEST * extent > 0:
         raise InputError(
-            f"the mesh is {2 * extent:.1e} wide and {farthest:.1e} from the origin, which leaves its "
+            f"the {name} is {2 * extent:.1e} wide and {farthest:.1e} from the origin, which leaves its "
             "coordinates fewer than four digits; move it towards the origin before they are rounded"
         )
 

@@ -18,7 +18,8 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.mesh.cutting import Cut, cut_to_manifold
 from sshade.mesh.mesh import Mesh
-from sshade.task import DeformationResult, DeformationTask, Handles, Progress, rigid_motion, silent
+from sshade.mesh.rigid import rigid_motion
+from sshade.task import DeformationResult, DeformationTask, Handles, Progress, silent
 
 #: Proxy vertices of a piece besides its handles, at least.
 SPARE = 4

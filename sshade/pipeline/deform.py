@@ -15,9 +15,10 @@ from sshade.carry.projection import sent_far
 from sshade.errors import InputError
 from sshade.mesh.adjacency import VertexGraph, vertex_graph
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.rigid import rigid_motion
 from sshade.sampling.remesh import Remesh, proxy_mesh, remesh
 from sshade.solver.local_global import local_global
-from sshade.task import DeformationResult, DeformationTask, Handles, Method, Progress, rigid_motion, silent
+from sshade.task import DeformationResult, DeformationTask, Handles, Method, Progress, silent
 from sshade.threads import in_threads
 
 #: What a coarse method may tell, and the result then does too.

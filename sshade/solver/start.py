@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from sshade.errors import InputError
+from sshade.mesh.rigid import rigid_motion
 from sshade.solver.options import Start
-from sshade.task import DeformationTask, rigid_motion
+from sshade.task import DeformationTask
 
 
 def initial_guess(task: DeformationTask, start: Start) -> np.ndarray:

@@ -6,8 +6,8 @@ import pytest
 
 from baselines.arap import libigl_arap
 from sshade import DeformationTask, Handles, InputError, Mesh
+from sshade.mesh.rigid import rigid_motion
 from sshade.solver.start import initial_guess
-from sshade.task import rigid_motion
 from tests.shapes import bumpy, icosphere, rotation, strip
 
 ENERGIES = {

@@ -11,8 +11,9 @@ from baselines.arap_sr.arap_sr import arap_sr
 from baselines.arap_sr.smooth_rotations import largest_turn, vertex_colours
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.rigid import rigid_motion
 from sshade.solver.start import initial_guess
-from sshade.task import DeformationTask, Handles, rigid_motion
+from sshade.task import DeformationTask, Handles
 from tests.baselines.tasks import bent_bar, errors, held_ends
 from tests.shapes import bumpy, double_torus, family, jittered, strip, tube
 

@@ -7,10 +7,11 @@ from baselines.arap import libigl_arap
 from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh, bind, deform
 from sshade.carry.projection import sent_far
 from sshade.mesh.adjacency import vertex_graph
+from sshade.mesh.rigid import rigid_motion
 from sshade.pipeline.deform import proxy_handles
 from sshade.sampling.remesh import Remesh, proxy_mesh, remesh
 from sshade.solver.start import initial_guess
-from sshade.task import rigid_motion, silent
+from sshade.task import silent
 from tests.shapes import bent, bumpy, family, folded, rotation, strip
 
 #: Positions agree to rounding: this times the bounding-box diagonal.

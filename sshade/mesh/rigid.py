@@ -1,0 +1,38 @@
+"""The rigid motion that fits one set of points to another."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def rigid_motion(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation R and translation t minimising ``sum |R s_i + t - t_i|^2`` (Kabsch).
+
+    Parameters
+    ----------
+    source, target : (k, 3) float64
+        One point is enough; where the points leave the rotation open, the
+        smallest one that fits is taken.
+
+    Returns
+    -------
+    R : (3, 3) float64, det 1
+    t : (3,) float64
+
+    References
+    ----------
+    W. Kabsch, "A solution for the best rotation to relate two sets of vectors", 1976.
+    """
+    from scipy.spatial.transform import Rotation
+
+    cs, ct = source.mean(axis=0), target.mean(axis=0)
+    a, b = source - cs, target - ct
+    U, s, Vt = np.linalg.svd(b.T @ a)
+    rank = int((s > 1e-12 * s[0]).sum())
+    if rank == 0:
+        R = np.eye(3)
+    elif rank == 1:  # points on a line: its direction turns about the common normal
+        R = Rotation.align_vectors(U[None, :, 0], Vt[:1])[0].as_matrix()
+    else:
+        R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    return R, ct - R @ cs

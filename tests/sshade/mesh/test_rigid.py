@@ -1,0 +1,69 @@
+"""Kabsch against scipy, and what is left open: reflections, points on a line, one point."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from sshade.mesh.rigid import rigid_motion
+from tests.shapes import icosphere, rotation
+
+
+def proper(R: np.ndarray) -> bool:
+    return np.allclose(R @ R.T, np.eye(3), atol=1e-13) and np.linalg.det(R) > 0
+
+
+@given(seed=st.integers(0, 10_000), count=st.integers(3, 8))
+def test_kabsch_equals_scipys_alignment(seed, count):
+    rng = np.random.default_rng(seed)
+    source, target = rng.normal(size=(2, count, 3))
+    R, t = rigid_motion(source, target)
+    assert proper(R)
+    reference = Rotation.align_vectors(target - target.mean(axis=0), source - source.mean(axis=0))[0]
+    gap = np.linalg.norm(source @ R.T + t - target)
+    best = np.linalg.norm(
+        (source - source.mean(axis=0)) @ reference.as_matrix().T + target.mean(axis=0) - target
+    )
+    assert gap <= best * (1 + 1e-12)
+    assert np.allclose(R, reference.as_matrix(), atol=1e-6)
+
+
+@given(seed=st.integers(0, 10_000))
+def test_kabsch_recovers_a_rigid_motion_also_of_flat_points(seed):
+    rng = np.random.default_rng(seed)
+    for source in (rng.normal(size=(6, 3)), rng.normal(size=(6, 3)) * [1, 1, 0]):
+        turn, shift = rotation(seed), rng.normal(size=3)
+        R, t = rigid_motion(source, source @ turn.T + shift)
+        assert np.allclose(R, turn, atol=1e-9) and np.allclose(t, shift, atol=1e-9)
+
+
+def test_kabsch_answers_a_reflection_with_a_rotation():
+    source = icosphere(0).V * [1.0, 2.0, 3.0]
+    R, _ = rigid_motion(source, source * [-1, 1, 1])
+    assert proper(R)
+    # The smallest direction is given up: the other two stay in place.
+    assert np.allclose(R, np.eye(3), atol=1e-12)
+
+
+def test_kabsch_of_points_on_a_line_is_the_smallest_rotation():
+    line = np.linspace(-1, 1, 5)[:, None]
+    for a, b in ([[1, 0, 0], [0, 1, 0]], [[0, 0, 1], [0.6, 0, 0.8]]):
+        a, b = np.array(a, dtype=float), np.array(b, dtype=float)
+        R, t = rigid_motion(line * a + 2, line * b - 1)
+        assert proper(R) and np.allclose(R @ a, b, atol=1e-13)
+        assert Rotation.from_matrix(R).magnitude() == pytest.approx(np.arccos(a @ b))
+        assert np.allclose((line * a + 2) @ R.T + t, line * b - 1, atol=1e-13)
+    same, _ = rigid_motion(line * [0.0, 0.6, 0.8], line * [0.0, 0.6, 0.8])
+    assert np.allclose(same, np.eye(3), atol=1e-13)
+    turned, _ = rigid_motion(line * [0.0, 0.6, 0.8], -line * [0.0, 0.6, 0.8])
+    assert proper(turned) and np.allclose(turned @ [0, 0.6, 0.8], [0, -0.6, -0.8], atol=1e-13)
+
+
+def test_kabsch_of_one_point_or_one_place_is_a_translation():
+    R, t = rigid_motion(np.array([[1.0, 2, 3]]), np.array([[4.0, 4, 4]]))
+    assert np.array_equal(R, np.eye(3)) and np.array_equal(t, [3, 2, 1])
+    R, t = rigid_motion(np.ones((4, 3)), np.arange(12.0).reshape(4, 3))
+    assert np.array_equal(R, np.eye(3)) and np.allclose(t, np.arange(12.0).reshape(4, 3).mean(axis=0) - 1)
