@@ -1,12 +1,19 @@
-"""Work on tiny meshes that calls every kernel."""
+"""Kernels as plain Python, which checks every index, give what their machine code gives.
+
+Work on tiny meshes calls every kernel, compiled and then not.
+"""
 
 from __future__ import annotations
 
+import importlib
+import sys
 from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 import numpy as np
+import pytest
+from numba.core.registry import CPUDispatcher
 from scipy.sparse import csc_array
 
 from baselines.accelerated import accelerated_arap
@@ -22,11 +29,13 @@ from sshade.sampling.remesh import remesh
 from sshade.solver.local_global import local_global
 from sshade.solver.substitution import Factors, divide, substitute, substitute_together
 from sshade.threads import ThreadTeam
-from tests.robustness.inputs import pose
-from tests.shapes import bent, bumpy, double_torus, folded, icosphere, jittered, torus
+from tests.robustness.inputs import BODY, pose
+from tests.robustness.test_trust import ROOT, SOURCES
+from tests.shapes import bent, double_torus, folded, icosphere, jittered, torus
 from tests.sshade.mesh.test_cutting import moebius, t_fin
 
-BODY = bumpy(2)
+#: Apart, relative to the largest value: the compiler contracts and reorders sums.
+CLOSE = 1e-9
 FEW: dict[str, Any] = {"tolerance": 0.0, "max_iterations": 4}
 
 
@@ -148,3 +157,45 @@ WORK: dict[str, Callable[[], np.ndarray]] = {
     "leading apart": _separated,
     "substitution": _substituted,
 }
+
+
+def kernels() -> dict[CPUDispatcher, list[tuple[Any, str]]]:
+    """Every compiled function, and the modules that name it."""
+    for path in SOURCES:
+        if "@njit" in path.read_text(encoding="utf-8"):
+            importlib.import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
+    found: dict[CPUDispatcher, list[tuple[Any, str]]] = {}
+    for module in [
+        m for n, m in sys.modules.items() if n.startswith(("sshade.", "baselines.", "eval.", __name__))
+    ]:
+        for name, value in vars(module).items():
+            if isinstance(value, CPUDispatcher):
+                found.setdefault(value, []).append((module, name))
+    return found
+
+
+@pytest.mark.filterwarnings(
+    "ignore::RuntimeWarning"
+)  # of divisions by zero, which machine code does not tell
+def test_every_kernel_gives_uncompiled_what_it_gives_compiled(monkeypatch):
+    expected = {name: work() for name, work in WORK.items()}
+    called = set()
+
+    def plain(kernel: CPUDispatcher) -> Callable[..., Any]:
+        def call(*arguments: Any) -> Any:
+            called.add(kernel)
+            return kernel.py_func(*arguments)
+
+        return call
+
+    compiled = kernels()
+    assert len(compiled) > 100
+    for kernel, places in compiled.items():
+        for module, name in places:
+            monkeypatch.setattr(module, name, plain(kernel))
+    for name, work in WORK.items():
+        np.testing.assert_allclose(
+            work(), expected[name], rtol=0, atol=CLOSE * np.abs(expected[name]).max(), err_msg=name
+        )
+    missed = [f"{kernel.__module__}.{kernel.__name__}" for kernel in compiled if kernel not in called]
+    assert missed == [], "WORK needs something that calls them"
