@@ -15,6 +15,8 @@ from sshade.mesh.rigid import rigid_motion
 #: Two targets of one vertex that differ by more than this (x diagonal) contradict each other.
 SAME_TARGET = 1e-9
 
+NO_HANDLES = "there are no handles; at least one vertex needs a prescribed position"
+
 
 class Progress(Protocol):
     """Receives the advance of a long computation: stage, steps done, steps in all, a short note."""
@@ -70,7 +72,7 @@ class Handles:
         index = index.astype(np.int64)
         k = len(index)
         if k == 0:
-            raise InputError("there are no handles; at least one vertex needs a prescribed position")
+            raise InputError(NO_HANDLES)
         target = np.asarray(self.target, dtype=np.float64)
         if target.shape != (k, 3):
             raise InputError(f"{k} handles need targets of shape ({k}, 3), not {target.shape}")
@@ -139,7 +141,7 @@ class Handles:
         if len(target) != k:
             raise InputError(f"{k} handles have {len(target)} targets; each needs one")
         if k == 0:
-            raise InputError("there are no handles; at least one vertex needs a prescribed position")
+            raise InputError(NO_HANDLES)
         if not (np.isfinite(source).all() and np.isfinite(target).all()):
             raise InputError("a handle has a NaN or infinite position")
         dynamic = np.broadcast_to(np.asarray(dynamic, dtype=bool), (k,))

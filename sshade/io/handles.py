@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import json
 import os
-from itertools import permutations, product
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,7 @@ from sshade.io.files import replacing
 from sshade.io.meshes import read_mesh
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
-from sshade.task import DeformationTask, Handles
+from sshade.task import NO_HANDLES, DeformationTask, Handles
 
 #: Half the extent of a mesh in Implicit-ARAP's coordinates.
 HALF_EXTENT = 0.8
@@ -116,74 +116,71 @@ def write_handles(path: str | os.PathLike[str], handles: Handles) -> None:
 def _from_json(data: Any, mesh: Mesh, *, raw: bool, vertex: np.ndarray) -> Handles:
     if not isinstance(data, dict) or not isinstance(data.get("handles"), list):
         raise InputError('expected an object with a list "handles"')
-    parts, placed = [], []
+    exact: list[tuple[np.ndarray, ...]] = []
+    snapped: list[tuple[np.ndarray, ...]] = []
     for number, entry in enumerate(data["handles"]):
-        if not isinstance(entry, dict):
-            raise InputError(f"entry {number} of handles is no object")
-        kind = entry.get("kind", "dynamic" if "target" in entry else "static")
-        if kind not in ("static", "dynamic", "unused"):
-            raise InputError(f"entry {number}: unknown kind {kind!r}; use static, dynamic or unused")
-        if kind == "unused":
-            continue
-        if ("vertices" in entry) == ("source" in entry):
-            raise InputError(f'entry {number}: give its handles either as "vertices" or as "source"')
-        if kind == "dynamic" and "target" not in entry:
-            raise InputError(f'entry {number} is dynamic and has no "target"')
-        if "vertices" in entry:
-            parts.append(_by_vertex(entry, number, mesh, kind == "dynamic", raw, vertex))
-        else:
-            placed.append(_by_position(entry, number, kind == "dynamic"))
-    if placed:  # one search tree serves them all
-        source, target, dynamic, group = (np.concatenate(column) for column in zip(*placed, strict=True))
+        try:
+            kind = _kind(entry)
+            if kind == "unused":
+                continue
+            by_id = "vertices" in entry
+            at = _ids(entry["vertices"], vertex) if by_id else _points(entry["source"], '"source"')
+            target = mesh.V[at] if by_id else at
+            if "target" in entry and (raw or kind == "dynamic" or not by_id):
+                target = _points(entry["target"], '"target"')
+            if len(target) != len(at):
+                raise InputError(f"{len(at)} handles have {len(target)} targets; each needs one")
+        except InputError as error:
+            raise InputError(f"entry {number}: {error}") from error
+        own = at, target, np.full(len(at), kind == "dynamic"), np.full(len(at), number)
+        (exact if by_id else snapped).append(own)
+    parts = []
+    if exact:
+        index, target, dynamic, group = _columns(exact)
+        parts.append(Handles(index, target, dynamic, group))
+    if snapped:  # one search tree serves them all
+        source, target, dynamic, group = _columns(snapped)
         parts.append(Handles.from_positions(mesh, source, target, dynamic=dynamic, group=group, raw=raw))
     if not parts:
-        raise InputError("there are no handles; at least one vertex needs a prescribed position")
-    return _joined(parts)
+        raise InputError(NO_HANDLES)
+    order = np.argsort(np.concatenate([part.group for part in parts]), kind="stable")
+    names = ("index", "target", "dynamic", "group", "snap_distance")
+    joined = {name: np.concatenate([getattr(part, name) for part in parts])[order] for name in names}
+    return Handles(**joined, merged=sum(part.merged for part in parts))
 
 
-def _by_vertex(entry: dict, number: int, mesh: Mesh, dynamic: bool, raw: bool, vertex: np.ndarray) -> Handles:
+def _columns(rows: Sequence[tuple[np.ndarray, ...]]) -> list[np.ndarray]:
+    return [np.concatenate(column) for column in zip(*rows, strict=True)]
+
+
+def _kind(entry: Any) -> str:
+    """Static, dynamic or unused, of an entry that has what it needs to be that."""
+    if not isinstance(entry, dict):
+        raise InputError("it is no object")
+    kind = entry.get("kind", "dynamic" if "target" in entry else "static")
+    if kind not in ("static", "dynamic", "unused"):
+        raise InputError(f"unknown kind {kind!r}; use static, dynamic or unused")
+    if kind != "unused" and ("vertices" in entry) == ("source" in entry):
+        raise InputError('give its handles either as "vertices" or as "source"')
+    if kind == "dynamic" and "target" not in entry:
+        raise InputError('it is dynamic and has no "target"')
+    return kind
+
+
+def _ids(values: Any, vertex: np.ndarray) -> np.ndarray:
+    """Vertices of the mesh for ids of the file."""
     try:
-        index = np.asarray(entry["vertices"])
+        index = np.asarray(values)
     except ValueError:  # lists of several lengths
         index = np.zeros(0)
     if index.ndim != 1 or not np.issubdtype(index.dtype, np.integer):
-        raise InputError(f'entry {number}: "vertices" must be a list of integers, at least one')
-    if index.min() < 0 or index.max() >= len(vertex):
-        raise InputError(
-            f"entry {number}: vertex ids must lie in 0..{len(vertex) - 1}, "
-            f"not {index.min() if index.min() < 0 else index.max()}"
-        )
-    given, index = index, vertex[index]
-    if (index < 0).any():
-        raise InputError(f"entry {number}: vertex {given[np.argmin(index)]} belongs to no face")
-    target = mesh.V[index]
-    if "target" in entry and (dynamic or raw):
-        target = _points(entry["target"], f'"target" of entry {number}')
-        if len(target) != len(index):
-            raise InputError(
-                f"entry {number}: {len(index)} handles have {len(target)} targets; each needs one"
-            )
-    k = len(index)
-    return Handles(index, target, dynamic=np.full(k, dynamic), group=np.full(k, number))
-
-
-def _by_position(
-    entry: dict, number: int, dynamic: bool
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Sources, targets, dynamic flags and group numbers of an entry."""
-    source = _points(entry["source"], f'"source" of entry {number}')
-    target = _points(entry.get("target", entry["source"]), f'"target" of entry {number}')
-    k = len(source)
-    if len(target) != k:
-        raise InputError(f"entry {number}: {k} handles have {len(target)} targets; each needs one")
-    return source, target, np.full(k, dynamic), np.full(k, number)
-
-
-def _joined(parts: list[Handles]) -> Handles:
-    names = ("index", "target", "dynamic", "group", "snap_distance")
-    order = np.argsort(np.concatenate([part.group for part in parts]), kind="stable")
-    joined = {name: np.concatenate([getattr(part, name) for part in parts])[order] for name in names}
-    return Handles(**joined, merged=sum(part.merged for part in parts))
+        raise InputError('"vertices" must be a list of integers, at least one')
+    outside = index[(index < 0) | (index >= len(vertex))]
+    if len(outside):
+        raise InputError(f"vertex ids must lie in 0..{len(vertex) - 1}, not {outside[0]}")
+    if (vertex[index] < 0).any():
+        raise InputError(f"vertex {index[np.argmin(vertex[index])]} belongs to no face")
+    return vertex[index]
 
 
 def _points(values: Any, what: str) -> np.ndarray:
@@ -207,7 +204,7 @@ def _from_implicit_arap(path: Path, mesh: Mesh, *, raw: bool) -> Handles:
     )
 
 
-def _read_implicit_arap(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _read_implicit_arap(path: Path) -> list[np.ndarray]:
     """Points, targets, dynamic flags and part numbers, in the file's own coordinates."""
     import yaml
 
@@ -224,19 +221,17 @@ def _read_implicit_arap(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray,
         raise InputError(f"{len(moving)} moving parts have {len(transforms)} transforms; each needs one")
     if not static and not moving:
         raise InputError("there are no handles; name at least one static or moving part")
-    sources, targets, dynamic, group = [], [], [], []
-    for number, (name, transform) in enumerate(
-        [(n, None) for n in static] + list(zip(moving, transforms, strict=True))
-    ):
+    parts: list[tuple[str, str | None]] = [(name, None) for name in static]
+    parts += zip(moving, transforms, strict=True)
+    rows = []
+    for number, (name, transform) in enumerate(parts):
         points = _read_points(path.parent / "parts", name)
         moved = points if transform is None else _read_points(path.parent / "transforms", transform)
         if len(points) != len(moved):
             raise InputError(f"part {name} has {len(points)} points, its transform {transform} {len(moved)}")
-        sources.append(points)
-        targets.append(moved)
-        dynamic += [transform is not None] * len(points)
-        group += [number] * len(points)
-    return np.concatenate(sources), np.concatenate(targets), np.array(dynamic), np.array(group)
+        k = len(points)
+        rows.append((points, moved, np.full(k, transform is not None), np.full(k, number)))
+    return _columns(rows)
 
 
 def _names(handles: dict, kind: str, key: str) -> list[str]:
@@ -270,6 +265,7 @@ def _implicit_arap_frame(points: np.ndarray, mesh: Mesh):
     points nearest to the surface is refined by rigid ICP on all of them.
     """
     import igl
+    from scipy.spatial.transform import Rotation
 
     barycentres = mesh.V[mesh.F].mean(axis=1)
     centre = (barycentres * mesh.face_areas[:, None]).sum(axis=0) / mesh.area
@@ -280,13 +276,14 @@ def _implicit_arap_frame(points: np.ndarray, mesh: Mesh):
         squared, _, nearest = igl.point_mesh_squared_distance(np.ascontiguousarray(queries), V, F)
         return np.sqrt(squared), nearest
 
-    rotations = _axis_rotations()
-    distance, _ = closest(np.concatenate([points @ R.T for R in rotations]))
+    rotations = np.rint(Rotation.create_group("O").as_matrix())
+    rotations = rotations[np.argsort(-np.trace(rotations, axis1=1, axis2=2), kind="stable")]
+    distance, _ = closest((points @ rotations.transpose(0, 2, 1)).reshape(-1, 3))
     mean = distance.reshape(len(rotations), -1).mean(axis=1)
-    R, t = rotations[int(np.argmin(mean))], np.zeros(3)
-    error = float(mean.min())
+    R, t, error = rotations[int(np.argmin(mean))], np.zeros(3), float(mean.min())
     for _ in range(2):
-        dR, dt = rigid_motion(points @ R.T + t, closest(points @ R.T + t)[1])
+        at = points @ R.T + t
+        dR, dt = rigid_motion(at, closest(at)[1])
         refined = float(closest(points @ (dR @ R).T + dR @ t + dt)[0].mean())
         if refined >= error:
             break
@@ -298,15 +295,3 @@ def _implicit_arap_frame(points: np.ndarray, mesh: Mesh):
             "is this the mesh they were made for?"
         )
     return lambda x: (x @ R.T + t) / scale + centre
-
-
-def _axis_rotations() -> list[np.ndarray]:
-    """The 24 rotations that permute the axes; the identity first."""
-    rotations = []
-    for order in permutations(range(3)):
-        for signs in product((1.0, -1.0), repeat=3):
-            R = np.zeros((3, 3))
-            R[range(3), order] = signs
-            if np.linalg.det(R) > 0:
-                rotations.append(R)
-    return rotations

@@ -16,20 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-_TYPES = {
-    name: np.dtype(code)
-    for code, names in {
-        "i1": "char int8",
-        "u1": "uchar uint8",
-        "i2": "short int16",
-        "u2": "ushort uint16",
-        "i4": "int int32",
-        "u4": "uint uint32",
-        "f4": "float float32",
-        "f8": "double float64",
-    }.items()
-    for name in names.split()
-}
+_OLD_NAMES = ["char", "uchar", "short", "ushort", "int", "uint", "float", "double"]
+_NEW_NAMES = ["int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64"]
+_TYPES = {name: np.dtype(new) for old, new in zip(_OLD_NAMES, _NEW_NAMES, strict=True) for name in (old, new)}
 _ORDER = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _CORNERS = ("vertex_indices", "vertex_index")
 
@@ -44,6 +33,13 @@ class Property(NamedTuple):
     def as_double(self) -> Property:
         """The same where every number of the file is a float64."""
         return Property(self.name, _TYPES["double"], self.length and _TYPES["double"])
+
+
+_NO_FACES = np.zeros((0, 3), dtype=np.int64)
+
+#: Rows of an element whose lists have the same lengths: their numbers, and a structured array of
+#: them with fields p0, p1, ... for the properties.
+Groups = list[tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass
@@ -75,30 +71,36 @@ def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
         # As numbers of one type, text is read the way binary is.
         data, at, order = _numbers(data[at:]), 0, "<"
         elements = [Element(e.name, e.rows, [p.as_double() for p in e.properties]) for e in elements]
-    V, F = None, np.zeros((0, 3), dtype=np.int64)
+    found = {}
     for element in elements:
         groups, at = _take(data, at, element, order)
-        place = {p.name: i for i, p in enumerate(element.properties)}
-        if element.name == "vertex":
-            if not {"x", "y", "z"} <= place.keys():
-                raise ValueError("its vertices have no x, y and z")
-            V = np.empty((element.rows, 3))
-            for which, rows in groups:
-                V[which] = np.stack([rows[f"p{place[axis]}"] for axis in "xyz"], axis=1)
-        elif element.name == "face" and element.rows:
-            corners = [i for name, i in place.items() if name in _CORNERS and element.properties[i].length]
-            if len(corners) != 1:
-                raise ValueError("its faces have no list vertex_indices")
-            fans = [_fans(rows[f"p{corners[0]}"]) for _, rows in groups]
-            each = [
-                np.repeat(which, len(F) // len(which)) for (which, _), F in zip(groups, fans, strict=True)
-            ]
-            F = np.concatenate(fans)[np.argsort(np.concatenate(each), kind="stable")]
+        found[element.name] = element, groups
     if at != len(data):
         raise ValueError("more follows after the last of what it announces")
-    if V is None:
+    if "vertex" not in found:
         raise ValueError("it has no vertices")
-    return V, F
+    return _positions(*found["vertex"]), _triangles(*found["face"]) if "face" in found else _NO_FACES
+
+
+def _positions(vertices: Element, groups: Groups) -> np.ndarray:
+    """(n, 3) float64 of the element vertex."""
+    place = {p.name: i for i, p in enumerate(vertices.properties)}
+    if not {"x", "y", "z"} <= place.keys():
+        raise ValueError("its vertices have no x, y and z")
+    V = np.empty((vertices.rows, 3))
+    for which, rows in groups:
+        V[which] = np.stack([rows[f"p{place[axis]}"] for axis in "xyz"], axis=1)
+    return V
+
+
+def _triangles(faces: Element, groups: Groups) -> np.ndarray:
+    """(m, 3) int64 of the element face, its polygons fanned, in the order of the file."""
+    corners = [i for i, p in enumerate(faces.properties) if p.name in _CORNERS and p.length]
+    if faces.rows and len(corners) != 1:
+        raise ValueError("its faces have no list vertex_indices")
+    fans = [_fans(rows[f"p{corners[0]}"]) for _, rows in groups]
+    face = [np.repeat(which, len(F) // len(which)) for (which, _), F in zip(groups, fans, strict=True)]
+    return np.concatenate([_NO_FACES, *fans])[np.argsort(np.concatenate([[], *face]), kind="stable")]
 
 
 def write_ply(path: Path, V: np.ndarray, F: np.ndarray) -> None:
@@ -161,37 +163,30 @@ def _numbers(text: bytes) -> bytes:
     return np.fromiter(map(float, words), dtype="<f8", count=len(words)).tobytes()
 
 
-def _take(
-    data: bytes, at: int, element: Element, order: str
-) -> tuple[list[tuple[np.ndarray, np.ndarray]], int]:
-    """The rows of an element that begins at byte `at`, and where they end.
-
-    Rows whose lists have the same lengths are one structured array, with fields
-    p0, p1, ...; beside it their numbers among all rows.
-    """
+def _take(data: bytes, at: int, element: Element, order: str) -> tuple[Groups, int]:
+    """The rows of an element that begins at byte `at`, and where they end."""
     if not element.rows or not element.properties:
         return [], at
     lengths = _lengths(data, at, element, order)
     layout = _layout(element, lengths, order)
     end = at + element.rows * layout.itemsize
-    if end <= len(data):
+    if end <= len(data):  # all rows may be as the first one
         rows = np.frombuffer(data, layout, element.rows, at)
-        counts = [(f"n{i}", length) for i, length in enumerate(lengths) if length is not None]
-        if all((rows[name] == length).all() for name, length in counts):
+        if all((rows[f"n{i}"] == n).all() for i, n in enumerate(lengths) if n is not None):
             return [(np.arange(element.rows), rows)], end
-    found: dict[tuple[int | None, ...], list[tuple[int, int]]] = {}
-    sizes: dict[tuple[int | None, ...], int] = {}
+    layouts: dict[tuple[int | None, ...], np.dtype] = {}
+    places: dict[tuple[int | None, ...], list[tuple[int, int]]] = {}
     for row in range(element.rows):
         lengths = _lengths(data, at, element, order)
-        if lengths not in found:
-            found[lengths], sizes[lengths] = [], _layout(element, lengths, order).itemsize
-        found[lengths].append((row, at))
-        at += sizes[lengths]
-    every, groups = np.frombuffer(data, np.uint8), []
-    for lengths, places in found.items():
-        which, begin = np.array(places).T
-        taken = every[begin[:, None] + np.arange(sizes[lengths])]
-        groups.append((which, taken.view(_layout(element, lengths, order))[:, 0]))
+        if lengths not in layouts:
+            layouts[lengths], places[lengths] = _layout(element, lengths, order), []
+        places[lengths].append((row, at))
+        at += layouts[lengths].itemsize
+    groups, every = [], np.frombuffer(data, np.uint8)
+    for lengths, layout in layouts.items():
+        which, begin = np.array(places[lengths]).T
+        taken = every[begin[:, None] + np.arange(layout.itemsize)]
+        groups.append((which, taken.view(layout)[:, 0]))
     return groups, at
 
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sshade import Handles, InputError, Mesh
-from sshade.io.handles import _axis_rotations, read_handles, write_handles
+from sshade.io.handles import read_handles, write_handles
 from sshade.io.meshes import repair
 from tests.shapes import bumpy, rotation, tetrahedron, torus
 
@@ -131,14 +131,14 @@ def test_written_handles_read_back_the_same(tmp_path, body):
         ("{}", 'an object with a list "handles"'),
         ([], "no handles"),
         ([{"kind": "unused"}], "no handles"),
-        ([3], "entry 0 of handles is no object"),
+        ([3], "entry 0: it is no object"),
         (
             [{"kind": "fixed", "vertices": [1]}],
             "entry 0: unknown kind 'fixed'; use static, dynamic or unused",
         ),
         ([{"vertices": [1]}, {"kind": "static"}], 'entry 1: .*either as "vertices" or as "source"'),
         ([{"vertices": [1], "source": [[0, 0, 0]]}], 'either as "vertices" or as "source"'),
-        ([{"kind": "dynamic", "vertices": [1]}], 'entry 0 is dynamic and has no "target"'),
+        ([{"kind": "dynamic", "vertices": [1]}], 'entry 0: it is dynamic and has no "target"'),
         ([{"vertices": [1.5]}], '"vertices" must be a list of integers'),
         ([{"vertices": [True]}], '"vertices" must be a list of integers'),
         ([{"vertices": []}], '"vertices" must be a list of integers'),
@@ -150,13 +150,13 @@ def test_written_handles_read_back_the_same(tmp_path, body):
         ([{"source": [[0, 0, 0]], "target": [[0, 0, 0]] * 2}], "1 handles have 2 targets"),
         (
             [{"vertices": [1], "target": [[0, 0]]}],
-            r'"target" of entry 0 must be a list of points \[x, y, z\]',
+            r'entry 0: "target" must be a list of points \[x, y, z\]',
         ),
-        ([{"source": []}], '"source" of entry 0 must be a list of points'),
-        ([{"source": [["a", 0, 0]]}], '"source" of entry 0 must be a list of points'),
-        ([{"source": [[0, 0, 0], [1, 1]]}], '"source" of entry 0 must be a list of points'),
-        ('{"handles": [{"vertices": [1], "target": [[NaN, 0, 0]]}]}', '"target" of entry 0 has a NaN'),
-        ('{"handles": [{"source": [[Infinity, 0, 0]]}]}', '"source" of entry 0 has a NaN or infinite'),
+        ([{"source": []}], 'entry 0: "source" must be a list of points'),
+        ([{"source": [["a", 0, 0]]}], 'entry 0: "source" must be a list of points'),
+        ([{"source": [[0, 0, 0], [1, 1]]}], 'entry 0: "source" must be a list of points'),
+        ('{"handles": [{"vertices": [1], "target": [[NaN, 0, 0]]}]}', 'entry 0: "target" has a NaN'),
+        ('{"handles": [{"source": [[Infinity, 0, 0]]}]}', 'entry 0: "source" has a NaN or infinite'),
         (
             [{"vertices": [1], "target": [[0, 0, 0]]}, {"vertices": [1], "target": [[1, 0, 0]]}],
             "vertex 1 has contradictory targets",
@@ -294,16 +294,6 @@ def test_a_little_rigid_motion_of_another_copy_is_found_by_icp(tmp_path, far_bod
     target = made.to_mesh(made.to_file(far_body.V) + [0, 0, 0.5])
     gap = np.linalg.norm(handles.target - target[handles.index], axis=1)
     assert np.max(gap) < 0.75 * np.linalg.norm(shift) / made.scale
-
-
-def test_the_axis_rotations_are_the_24_of_the_cube():
-    rotations = _axis_rotations()
-    assert np.array_equal(rotations[0], np.eye(3))
-    assert (
-        len({R.tobytes() for R in np.abs(rotations)}) == 6 and len({str(R.tolist()) for R in rotations}) == 24
-    )
-    for R in rotations:
-        assert np.array_equal(R @ R.T, np.eye(3)) and np.linalg.det(R) == 1
 
 
 def test_static_or_moving_parts_may_be_missing(tmp_path, far_body):
