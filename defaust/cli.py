@@ -39,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     build = commands.add_parser("build", help="build a dataset, or resume one")
     build.add_argument("overrides", nargs="+", metavar="key=value", help="see conf/defaust/build.yaml")
-    for name, text in (("verify", "check every file of a dataset"), ("info", "print a summary")):
+    for name, text in (("verify", "check every file of a dataset"), ("info", "print its card")):
         commands.add_parser(name, help=text).add_argument("folder", type=Path, metavar="DIR")
     args = parser.parse_args(argv)
     logging.basicConfig(level=logging.INFO if args.verbose else logging.WARNING, format="%(message)s")
@@ -119,46 +119,13 @@ def _verify(args: argparse.Namespace) -> int:
 
 
 def _info(args: argparse.Namespace) -> int:
-    from rich.console import Console
-    from rich.table import Table
-
-    from defaust.folder.card import subject_names
+    from defaust.folder.card import render_card
     from defaust.folder.record import read_dataset
 
     document = read_dataset(args.folder)
-    build = document["build"]
-    target = build["target_vertices"]
-    # Piped output would be folded at 80 columns.
-    console = Console() if sys.stdout.isatty() else Console(width=110)
-    console.print(f"[bold]{document['name']}[/bold], {document['source']['title']}", highlight=False)
-    for name, value in (
-        ("landmarks", ", ".join(document["landmarks"])),
-        ("seed", build["seed"]),
-        ("target vertices", f"{target:,}" if target else "none, the registered meshes are kept"),
-        ("origin", document["source"]["origin"]),
-        ("subjects", subject_names(document)),
-        ("unit, axes", f"{document['source']['unit']}; {document['source']['axes']}"),
-        ("licence", document["source"]["licence"]),
-        ("size", f"{sum(entry['bytes'] for entry in document['files'].values()) / 1e6:.1f} MB"),
-        ("checksum", document["checksum"]),
-    ):
-        console.print(f"{name}: {value}", highlight=False, soft_wrap=True)
-    table = Table("subject", "vertices", "faces", "volume", "area", "pose", "name", "static", "dynamic")
-    for subject in document["subjects"]:
-        high = subject["high"]
-        start = [
-            subject["subject"],
-            f"{high['vertices']:,}",
-            f"{high['faces']:,}",
-            "-" if high["volume"] is None else f"{high['volume']:.4g}",
-            f"{high['area']:.4g}",
-        ]
-        for pose in subject["poses"]:
-            row = [*start, pose["pose"], pose["name"], pose["static"], pose["dynamic"]]
-            table.add_row(*map(str, row))
-            start = [""] * len(start)
-        table.add_section()
-    console.print(table)
+    size = sum(entry["bytes"] for entry in document["files"].values())
+    print(render_card(document))  # noqa: T201
+    print(f"Name: {document['name']}. Size: {size / 1e6:.1f} MB. Checksum: {document['checksum']}")  # noqa: T201
     return 0
 
 

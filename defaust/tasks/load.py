@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -40,8 +39,6 @@ def list_tasks(
     *,
     subjects: Sequence[int] | None = None,
     poses: Sequence[int] | None = None,
-    resolution: str = "high",
-    vertices: tuple[int, int] | None = None,
 ) -> list[TaskId]:
     """Tasks of a DeFAUST folder, subject by subject.
 
@@ -50,37 +47,13 @@ def list_tasks(
     root : path
     subjects, poses : sequence of int, optional
         Keep only these; poses count from 1.
-    resolution : str
-        ``high`` or ``low``: the mesh whose vertices count for `vertices`.
-    vertices : (2,) int, optional
-        Keep only tasks whose rest mesh has so many vertices, both ends included.
 
     Raises
     ------
     InputError
         When the folder is no dataset, or has none of a subject or pose asked for.
     """
-    _check_resolution(resolution)
-    low, high = (0, math.inf) if vertices is None else vertices
-    if not low <= high:
-        raise InputError(f"vertices is {vertices}; give the smallest and the largest number")
-    document = read_dataset(root)
-    count = {s["subject"]: s[resolution]["vertices"] for s in document["subjects"]}
-    tasks = [TaskId(s["subject"], p["pose"]) for s in document["subjects"] for p in s["poses"]]
-    for what, wanted, known in (
-        ("subject", subjects, {t.subject for t in tasks}),
-        ("pose", poses, {t.pose for t in tasks}),
-    ):
-        for number in wanted or ():
-            if number not in known:
-                raise InputError(f"{root} has no {what} {number}; it has {sorted(known)}")
-    return [
-        t
-        for t in tasks
-        if (subjects is None or t.subject in subjects)
-        and (poses is None or t.pose in poses)
-        and low <= count[t.subject] <= high
-    ]
+    return _tasks(read_dataset(root), root, subjects=subjects, poses=poses)
 
 
 def load_task(
@@ -131,36 +104,47 @@ def load_task(
         or pose, or a file is missing or is not the one that the dataset lists.
     """
     root = Path(root)
-    _check_resolution(resolution)
-    list_tasks(root, subjects=[subject], poses=[pose])
+    if resolution not in RESOLUTIONS:
+        raise InputError(f"resolution {resolution!r} is unknown; use one of {', '.join(RESOLUTIONS)}")
     document = read_dataset(root)
+    _tasks(document, root, subjects=[subject], poses=[pose])
     built_from = document["source"]["name"]
     if source not in (None, built_from):
         raise InputError(f"{root} was built with source={built_from}, not source={source}")
     folder = subject_folder(subject)
     name = f"{document['name']}/{folder}/pose_{pose}"
     mesh_name = f"{folder}/{REST if resolution == 'high' else REST_LOW}"
-    pose_name = f"{folder}/{pose_file(pose)}"
-    sums = [_checked(root, file, document=document) for file in (mesh_name, pose_name)]
-
-    mesh = read_mesh(root / mesh_name)
-    content = read_record(root / pose_name, POSE)
-    facts = _facts(document, subject=subject, pose=pose, source_pose=content["source_pose"])
-    facts |= {"resolution": resolution, "vertices": mesh.n, "checksum": "+".join(s[:16] for s in sums)}
+    pose_name, posed_name = f"{folder}/{pose_file(pose)}", f"{folder}/{pose_mesh(pose)}"
+    mesh = read_mesh(_checked(root, mesh_name, document=document))
+    content = read_record(_checked(root, pose_name, document=document), POSE)
+    sums = [document["files"][file]["sha256"][:16] for file in (mesh_name, pose_name)]
+    note = document["source"].get("note")
+    facts = ({"note": note} if note else {}) | {
+        "dataset": document["name"],
+        "source": built_from,
+        "seed": document["build"]["seed"],
+        "subject": subject,
+        "pose": pose,
+        "source_pose": content["source_pose"],
+        "resolution": resolution,
+        "vertices": mesh.n,
+        "checksum": "+".join(sums),
+    }
     registered = resolution == "low" or document["build"]["target_vertices"] is None
+    posed = None
+    if registered or edit is not None:
+        posed = read_mesh(_checked(root, posed_name, document=document))
     if edit is not None:
-        meshes = _registered(root, document, folder=folder, pose=pose, rest=None if registered else mesh)
-        return transfer_task(meshes, document, name=name, edit=edit, facts=facts)
+        low = mesh
+        if not registered:
+            low = read_mesh(_checked(root, f"{folder}/{REST_LOW}", document=document))
+        return transfer_task(Registered(mesh, low, posed), document, name=name, edit=edit, facts=facts)
     handles = _handles(mesh, content["handles"], landmarks=document["landmarks"], raw=raw)
-    truth = None
-    if registered:
-        _checked(root, f"{folder}/{pose_mesh(pose)}", document=document)
-        truth = read_mesh(root / folder / pose_mesh(pose)).V
     return DeformationTask(
         name=name,
         mesh=mesh,
         handles=handles,
-        truth=truth,
+        truth=None if posed is None else posed.V,
         meta=facts
         | {
             "n_static": int((~handles.dynamic).sum()),
@@ -172,19 +156,22 @@ def load_task(
     )
 
 
-def _registered(
-    root: Path, document: dict[str, Any], *, folder: str, pose: int, rest: Mesh | None
-) -> Registered:
-    """The registered meshes of a pose, with the rest mesh of the task; None: the registered one."""
-    for name in (REST_LOW, pose_mesh(pose)):
-        _checked(root, f"{folder}/{name}", document=document)
-    low, posed = (read_mesh(root / folder / name) for name in (REST_LOW, pose_mesh(pose)))
-    return Registered(low if rest is None else rest, low, posed)
-
-
-def _check_resolution(resolution: str) -> None:
-    if resolution not in RESOLUTIONS:
-        raise InputError(f"resolution {resolution!r} is unknown; use one of {', '.join(RESOLUTIONS)}")
+def _tasks(
+    document: dict[str, Any],
+    root: str | os.PathLike[str],
+    *,
+    subjects: Sequence[int] | None,
+    poses: Sequence[int] | None,
+) -> list[TaskId]:
+    tasks = [TaskId(s["subject"], p["pose"]) for s in document["subjects"] for p in s["poses"]]
+    for what, wanted in (("subject", subjects), ("pose", poses)):
+        if wanted is not None:
+            known = {getattr(task, what) for task in tasks}
+            for number in wanted:
+                if number not in known:
+                    raise InputError(f"{root} has no {what} {number}; it has {sorted(known)}")
+            tasks = [task for task in tasks if getattr(task, what) in wanted]
+    return tasks
 
 
 def _handles(mesh: Mesh, records: list[dict[str, Any]], *, landmarks: list[str], raw: bool) -> Handles:
@@ -206,28 +193,16 @@ def _handles(mesh: Mesh, records: list[dict[str, Any]], *, landmarks: list[str],
     )
 
 
-def _facts(document: dict[str, Any], *, subject: int, pose: int, source_pose: str) -> dict[str, Any]:
-    note = document["source"].get("note")
-    return ({"note": note} if note else {}) | {
-        "dataset": document["name"],
-        "source": document["source"]["name"],
-        "seed": document["build"]["seed"],
-        "subject": subject,
-        "pose": pose,
-        "source_pose": source_pose,
-    }
-
-
-def _checked(root: Path, name: str, *, document: dict[str, Any]) -> str:
-    """sha256 of a file that must be the one listed."""
+def _checked(root: Path, name: str, *, document: dict[str, Any]) -> Path:
+    """Path of a file, which must be the one listed."""
+    path = root / name
     if name not in document["files"]:
         raise InputError(f"{root} lists no {name}; rebuild the dataset")
-    if not (root / name).is_file():
-        raise InputError(f"{root / name} is missing; run the same defaust build again to restore it")
-    found = sha256(root / name)
-    if found != document["files"][name]["sha256"]:
+    if not path.is_file():
+        raise InputError(f"{path} is missing; run the same defaust build again to restore it")
+    if sha256(path) != document["files"][name]["sha256"]:
         raise InputError(
-            f"{root / name} is not the file that the dataset lists; run the same defaust build again, "
+            f"{path} is not the file that the dataset lists; run the same defaust build again, "
             f"or defaust verify {root} for all such files"
         )
-    return found
+    return path

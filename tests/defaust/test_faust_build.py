@@ -51,7 +51,7 @@ def test_card_and_info_show_the_facts(whole, capsys):
     assert "are a guess" in card and "may be redistributed" in card and "Read from 50 files" in card
     assert main(["info", str(whole)]) == 0
     text = capsys.readouterr().out
-    assert "user's own copy" in text and "metre; y up" in text and "3_forearms_raised" in text
+    assert "user's own copy" in text and "Unit: metre. Axes: y up" in text and "3_forearms_raised" in text
 
 
 def test_killed_and_run_again_elsewhere_is_byte_identical(whole, folder, tmp_path, capsys):

@@ -202,7 +202,7 @@ def test_card_and_info_show_the_facts(cups, capsys):
     assert "| 1 | 642 | 1,279 | 0 | - |" in card
     assert main(["info", str(cups)]) == 0
     text = capsys.readouterr().out
-    assert "subjects: 0 ball, 1 cup" in text and "the registered meshes are kept" in text
+    assert "Subjects: 0 ball, 1 cup" in text and "the registered mesh itself" in text
 
 
 def test_elsewhere_with_two_workers_the_same_bytes(cups, tmp_path):
@@ -245,7 +245,7 @@ def test_tosca_keeps_its_resolution_by_default(tmp_path):
     assert main(command) == 0
     document = read_dataset(tmp_path / "out")
     assert document["build"]["target_vertices"] is None and document["name"] == "defaust-tosca"
-    assert list_tasks(tmp_path / "out", vertices=(642, 642)) == [(0, 1), (0, 2)]
+    assert list_tasks(tmp_path / "out") == [(0, 1), (0, 2)]
     options = configure(["source=tosca", f"source.root={root}", "out=x", "target_vertices=5000"])[2]
     assert options.target_vertices == 5000
 

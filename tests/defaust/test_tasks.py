@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from defaust.folder.layout import checksum, sha256
-from defaust.folder.record import read_dataset
 from defaust.tasks import TaskId, list_tasks, load_task
 from sshade import InputError
 from sshade.io.meshes import read_mesh
@@ -19,22 +18,6 @@ def test_list(finished):
         list_tasks(finished, subjects=[4])
     with pytest.raises(InputError, match=r"no pose 0; it has \[1, 2\]"):
         list_tasks(finished, poses=[0])
-
-
-def test_list_by_number_of_vertices(finished):
-    high = [s["high"]["vertices"] for s in read_dataset(finished)["subjects"]]
-    assert min(high) < max(high)
-    for count in high:
-        fits = [s for s in range(3) if high[s] == count]
-        assert list_tasks(finished, vertices=(count, count)) == [(s, k) for s in fits for k in (1, 2)]
-    assert list_tasks(finished, vertices=(max(high) + 1, 10**6)) == []
-    assert list_tasks(finished, vertices=(642, 642), resolution="low", poses=[2]) == [
-        (s, 2) for s in range(3)
-    ]
-    with pytest.raises(InputError, match=r"vertices is \(5, 4\); give the smallest and the largest"):
-        list_tasks(finished, vertices=(5, 4))
-    with pytest.raises(InputError, match="resolution 'medium' is unknown"):
-        list_tasks(finished, resolution="medium")
 
 
 def test_low_resolution_is_exact(finished):
