@@ -13,6 +13,7 @@ import numpy as np
 from defaust.bake.landmarks import find_landmarks
 from defaust.bake.morphs import (
     BONES,
+    PARAMETERS,
     Shape,
     morph,
     read_base,
@@ -22,7 +23,6 @@ from defaust.bake.morphs import (
 )
 from defaust.bake.poses import POSES, make_pose
 from defaust.bake.template import (
-    carry,
     fill,
     make_template,
     neighbour_average,
@@ -30,7 +30,9 @@ from defaust.bake.template import (
     quantise_weights,
     smooth_weights,
 )
+from defaust.build.upsample import self_intersecting
 from defaust.sources.synthetic import QUANTUM, Bodies
+from defaust.tasks.full_size import interpolation
 from sshade import InputError, Mesh
 from sshade.cli.console import run_command
 from sshade.io.files import replacing
@@ -38,19 +40,7 @@ from sshade.io.files import replacing
 log = logging.getLogger("defaust.bake")
 
 SEED = 0
-#: Adults of both genders, all ages, builds and origins; statures 1.47 to 1.87 m.
-SUBJECTS = (
-    Shape(1.0, 0.50, 0.55, 0.50, 0.50, 0.60, (0.2, 0.2, 0.6)),
-    Shape(0.0, 0.50, 0.50, 0.45, 0.50, 0.60, (0.3, 0.3, 0.4)),
-    Shape(1.0, 0.60, 0.85, 0.60, 0.56, 0.70, (0.8, 0.1, 0.1)),
-    Shape(0.0, 0.62, 0.40, 0.75, 0.46, 0.45, (0.1, 0.1, 0.8)),
-    Shape(1.0, 0.75, 0.40, 0.85, 0.48, 0.40, (0.1, 0.5, 0.4)),
-    Shape(0.0, 0.55, 0.70, 0.35, 0.55, 0.70, (0.7, 0.2, 0.1)),
-    Shape(1.0, 0.90, 0.30, 0.45, 0.45, 0.40, (0.3, 0.1, 0.6)),
-    Shape(0.0, 0.85, 0.35, 0.60, 0.44, 0.45, (0.1, 0.8, 0.1)),
-    Shape(0.7, 0.52, 0.60, 0.30, 0.58, 0.65, (0.2, 0.6, 0.2)),
-    Shape(0.3, 0.58, 0.45, 0.90, 0.52, 0.50, (0.4, 0.3, 0.3)),
-)
+SUBJECTS = tuple(Shape(*values) for values in PARAMETERS["subjects"])
 
 
 def bake(root: Path) -> dict[str, np.ndarray]:
@@ -59,14 +49,14 @@ def bake(root: Path) -> dict[str, np.ndarray]:
     Raises
     ------
     InputError
-        When a subject intersects itself at rest, or in a pose however much it is shrunk.
+        When a subject intersects itself at rest after smoothing, or in a pose at half of its angles.
     """
     base = read_base(root)
     body = base.F.max() + 1
     neutral = morph(root, base, shape=Shape())
     skin = base.F[outer_skin(neutral[:body], base.F)]
     T, TF = make_template(neutral[:body], skin)
-    matrix, distance = carry(neutral[:body], skin, points=T)
+    matrix, distance = interpolation(T, neutral[:body], skin)
     on_skin = distance < 1e-6
     log.info("template: %d vertices, %d of them fill holes", len(T), int((~on_skin).sum()))
 
@@ -76,7 +66,7 @@ def bake(root: Path) -> dict[str, np.ndarray]:
         V = morph(root, base, shape=shape)
         shaped = T + fill(matrix @ (V - neutral)[:body], on_skin, T=T, TF=TF)
         floor = np.array([0.0, shaped[:, 1].min(), 0.0])
-        steps.append(_untangle(shaped - floor, TF))
+        steps.append(_without_intersections(shaped - floor, TF))
         joints.append([V[joint_ids[bone][0]].mean(axis=0) - floor for bone in BONES])
     W = fill(matrix @ read_weights(root, len(base.V))[:body], on_skin, T=T, TF=TF)
     bone, weight = quantise_weights(smooth_weights(W, TF))
@@ -107,20 +97,20 @@ def bake(root: Path) -> dict[str, np.ndarray]:
     return arrays
 
 
-def _untangle(V: np.ndarray, F: np.ndarray) -> np.ndarray:
-    """Positions in units of QUANTUM, smoothed where the surface intersects itself.
+def _without_intersections(V: np.ndarray, F: np.ndarray) -> np.ndarray:
+    """(n, 3) int64 positions in units of QUANTUM, smoothed where the surface intersects itself.
 
-    The targets press the little toes together.
+    The morph targets press the little toes together.
     """
     average = neighbour_average(len(V), F)
     for step in range(60):
         rounded = np.round(V / QUANTUM).astype(np.int64)
-        tangled = self_intersections(QUANTUM * rounded, F)
-        if not tangled.any():
-            log.info("untangled in %d steps", step)
+        intersecting = self_intersecting(Mesh(QUANTUM * rounded, F))
+        if not intersecting.any():
+            log.info("no intersections after %d steps", step)
             return rounded
         near = np.zeros(len(V))
-        near[F[tangled]] = 1.0
+        near[F[intersecting]] = 1.0
         near = np.minimum(1.0, near + average @ near)[:, None]
         V = V + 0.3 * near * (average @ V - V)
     raise InputError("a shape still intersects itself after 60 smoothing steps; change it")
@@ -130,9 +120,7 @@ def _find_poses(arrays: dict[str, np.ndarray]) -> None:
     """Fill in rotations and shifts, shrinking a pose until the skinned body does not intersect itself."""
     bodies = Bodies.from_arrays(arrays)
     for s in range(len(SUBJECTS)):
-        at_rest = int(self_intersections(bodies.rest[s], bodies.faces).sum())
-        if at_rest:
-            raise InputError(f"subject {s} has {at_rest} self-intersecting faces at rest; change its shape")
+        rest = Mesh(bodies.rest[s], bodies.faces)
         for k, name in enumerate(POSES):
             for factor in np.linspace(1.0, 0.5, 26):
                 rotations, shift = make_pose(
@@ -147,25 +135,15 @@ def _find_poses(arrays: dict[str, np.ndarray]) -> None:
                     rotations=arrays["rotations"][s, k].astype(np.float64),
                     shift=arrays["shifts"][s, k].astype(np.float64),
                 )
-                if not self_intersections(V, bodies.faces).any():
+                posed = Mesh(V, bodies.faces)
+                if not self_intersecting(posed).any():
                     break
             else:
                 raise InputError(f"subject {s} intersects itself in {name} even at half the angles")
-            rest, posed = Mesh(bodies.rest[s], bodies.faces), Mesh(V, bodies.faces)
             log.info(
                 "subject %d %-10s factor %.2f volume %+.1f %%",
                 s, name, factor, 100 * (posed.volume / rest.volume - 1),
             )  # fmt: skip
-
-
-def self_intersections(V: np.ndarray, F: np.ndarray) -> np.ndarray:
-    """(m,) which faces intersect another one (the filter of pymeshlab)."""
-    import pymeshlab
-
-    meshes = pymeshlab.MeshSet()
-    meshes.add_mesh(pymeshlab.Mesh(V, F))
-    meshes.compute_selection_by_self_intersections_per_face()
-    return meshes.current_mesh().face_selection_array()
 
 
 def main(argv: list[str] | None = None) -> int:

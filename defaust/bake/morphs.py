@@ -6,10 +6,15 @@ import gzip
 import itertools
 import json
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import yaml
 
+#: The shapes of the subjects and their poses.
+PARAMETERS = yaml.safe_load(resources.files("defaust").joinpath("data/bake.yaml").read_text(encoding="utf-8"))
 #: The files are in decimetres.
 METRES = 0.1
 #: Parameter values at which a target has its full weight.
@@ -108,32 +113,36 @@ def morph(root: Path, base: BaseMesh, *, shape: Shape) -> np.ndarray:
 
 def read_joints(root: Path, base: BaseMesh) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Vertex ids whose mean is the head, and the tail, of each bone of the game rig."""
-    rig = json.loads((root / "rigs" / "standard" / "rig.game_engine.json").read_text(encoding="utf-8"))
 
-    def ids(end: dict) -> np.ndarray:
+    def ids(end: dict[str, Any]) -> np.ndarray:
         if end["strategy"] == "CUBE":
             return base.groups[end["cube_name"]]
         return np.array(end["vertex_indices"])
 
-    return {name: (ids(bone["head"]), ids(bone["tail"])) for name, bone in rig.items()}
+    return {name: (ids(bone["head"]), ids(bone["tail"])) for name, bone in _read_rig(root, "rig").items()}
 
 
 def read_parents(root: Path) -> np.ndarray:
     """(b,) parent of each bone of :data:`BONES`, -1 at the root."""
-    rig = json.loads((root / "rigs" / "standard" / "rig.game_engine.json").read_text(encoding="utf-8"))
+    rig = _read_rig(root, "rig")
     parents = [rig[name]["parent"] for name in BONES]
     return np.array([BONES.index(parent) if parent else -1 for parent in parents])
 
 
 def read_weights(root: Path, n: int) -> np.ndarray:
     """(n, b) skinning weights of :data:`BONES`; the fingers' are the hand's."""
-    text = (root / "rigs" / "standard" / "weights.game_engine.json").read_text(encoding="utf-8")
     W = np.zeros((n, len(BONES)))
-    for name, pairs in json.loads(text)["weights"].items():
+    for name, pairs in _read_rig(root, "weights")["weights"].items():
         bone = name if name in BONES else f"hand_{name[-1]}"
         for vertex, weight in pairs:
             W[int(vertex), BONES.index(bone)] += weight
     return W / np.maximum(W.sum(axis=1, keepdims=True), 1e-12)
+
+
+def _read_rig(root: Path, part: str) -> dict[str, Any]:
+    path = root / "rigs" / "standard" / f"{part}.game_engine.json"
+    content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return content
 
 
 def _hat(anchors: dict[str, float], value: float) -> dict[str, float]:

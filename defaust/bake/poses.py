@@ -6,48 +6,12 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from defaust.bake.morphs import BONES
+from defaust.bake.morphs import BONES, PARAMETERS
 from defaust.sources.skinning import apply_motions, bone_motions
 
-#: Rotation vectors in degrees. x bends forward where positive, y turns to the
-#: left, z raises the left arm. A name without side stands for both: the right
-#: one gets the mirror image.
-POSES: dict[str, dict[str, tuple[float, float, float]]] = {
-    "arms_up": {
-        "clavicle": (0, 0, 14),
-        "upperarm": (-8, 0, 72),
-        "lowerarm": (-6, 0, 16),
-        "head": (-6, 0, 0),
-    },
-    "leg_lift": {
-        "thigh_l": (-56, 0, 6),
-        "calf_l": (58, 0, 0),
-        "upperarm": (10, 0, 22),
-        "lowerarm": (-16, 0, 8),
-        "spine_02": (3, 0, 0),
-    },
-    "squat": {
-        "pelvis": (18, 0, 0),
-        "spine_02": (10, 0, 0),
-        "neck_01": (-14, 0, 0),
-        "upperarm": (-52, -18, 0),
-        "lowerarm": (-14, 0, 0),
-    },
-    "bend_twist": {
-        "spine_01": (12, 10, 0),
-        "spine_02": (12, 10, 0),
-        "spine_03": (10, 12, 0),
-        "neck_01": (-8, 10, 0),
-        "upperarm_l": (-48, 0, 20),
-        "lowerarm_l": (-28, 0, 0),
-        "upperarm_r": (18, 0, 18),
-        "lowerarm_r": (-30, 0, 0),
-        "thigh_l": (-34, 0, 6),
-        "calf_l": (36, 0, 0),
-        "thigh_r": (8, 0, -4),
-        "calf_r": (16, 0, 0),
-    },
-}
+#: Rotation vectors in degrees, by pose and bone; data/bake.yaml says how they are meant.
+POSES: dict[str, dict[str, list[float]]] = PARAMETERS["poses"]
+#: Standard deviation of the angles among subjects, in degrees.
 JITTER = 3.0
 #: The whole body's motion in bend_twist: lean (x, z), then turn (y), in degrees; and shift in metres.
 TURN = Rotation.from_euler("YXZ", (125.0, 14.0, 10.0), degrees=True).as_rotvec()
@@ -114,7 +78,8 @@ def _plant(
     rotations[foot] = Rotation.from_quat(real, scalar_first=True).inv().as_rotvec()
 
 
-def _both_sides(pose: dict[str, tuple[float, float, float]]) -> dict[str, tuple[float, float, float]]:
+def _both_sides(pose: dict[str, list[float]]) -> dict[str, tuple[float, float, float]]:
+    """Angles of each bone; those of the right side mirror a name without side."""
     full = {}
     for bone, (x, y, z) in pose.items():
         if bone in BONES:

@@ -1,4 +1,4 @@
-"""Makes the closed template mesh, and carries shapes and weights to it."""
+"""Makes the closed template mesh, and fills in values where it closes holes of the base mesh."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import logging
 
 import igl
 import numpy as np
-from scipy.sparse import coo_array, diags_array
+from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import splu
 
 log = logging.getLogger(__name__)
 
-#: FAUST's own counts, so that the synthetic bodies stand in for it.
-VERTICES, FACES = 6890, 13776
+#: FAUST's own count (of 6890 vertices), so that the synthetic bodies stand in for it.
+FACES = 13776
 
 
 def outer_skin(V: np.ndarray, F: np.ndarray) -> np.ndarray:
@@ -34,12 +34,12 @@ def outer_skin(V: np.ndarray, F: np.ndarray) -> np.ndarray:
     normal = igl.per_face_normals(V, F, np.zeros(3))
     hidden = igl.ambient_occlusion(V, F, centre, normal, 64) > 0.93
     hidden &= centre[:, 1] > V[:, 1].min() + 0.8 * np.ptp(V[:, 1])
-    neighbour = _face_graph(F)
+    ids = np.flatnonzero(hidden)
+    component = igl.facet_components(F[ids])[1]
+    size = np.bincount(component)
+    log.info("pockets of %s faces", size[size >= 40].tolist())
     pockets = np.zeros(len(F), dtype=bool)
-    for ids in _components(neighbour, hidden):
-        if len(ids) >= 40:
-            log.info("pocket of %d faces", len(ids))
-            pockets[ids] = True
+    pockets[ids[size[component] >= 40]] = True
     # Two more rings: at their rims the lips and lids still intersect themselves.
     for _ in range(2):
         touched = np.zeros(len(V), dtype=bool)
@@ -49,7 +49,7 @@ def outer_skin(V: np.ndarray, F: np.ndarray) -> np.ndarray:
 
 
 def make_template(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Close the holes, decimate to :data:`VERTICES`, and even out the triangles.
+    """Close the holes, decimate to :data:`FACES`, and even out the triangles.
 
     Quadric decimation rather than uniform remeshing: at this count uniform
     edges would be 17 mm, which kills the fingers.
@@ -78,16 +78,6 @@ def make_template(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]
         T = _relax(T, TF, step=0.35)
         T = igl.point_mesh_squared_distance(T, *surface)[2]
     return T, TF
-
-
-def carry(V: np.ndarray, F: np.ndarray, *, points: np.ndarray) -> tuple[coo_array, np.ndarray]:
-    """Barycentric matrix from the vertices V to points near the surface, and their distance to it."""
-    squared, face, nearest = igl.point_mesh_squared_distance(points, V, F)
-    corners = F[face]
-    coordinates = igl.barycentric_coordinates(nearest, *(V[corners[:, i]].copy() for i in range(3)))
-    rows = np.repeat(np.arange(len(points)), 3)
-    matrix = coo_array((coordinates.ravel(), (rows, corners.ravel())), shape=(len(points), len(V)))
-    return matrix.tocsr(), np.sqrt(squared)
 
 
 def fill(values: np.ndarray, known: np.ndarray, *, T: np.ndarray, TF: np.ndarray) -> np.ndarray:
@@ -125,7 +115,7 @@ def quantise_weights(W: np.ndarray, *, keep: int = 4) -> tuple[np.ndarray, np.nd
     return bone.astype(np.uint8), weight.astype(np.uint8)
 
 
-def neighbour_average(n: int, F: np.ndarray) -> coo_array:
+def neighbour_average(n: int, F: np.ndarray) -> csr_array:
     """(n, n) matrix that takes the mean over each vertex's neighbours."""
     A = igl.adjacency_matrix(F).astype(np.float64)
     return diags_array(1.0 / np.asarray(A.sum(axis=1)).ravel()) @ A
@@ -136,19 +126,3 @@ def _relax(V: np.ndarray, F: np.ndarray, *, step: float) -> np.ndarray:
     move = step * (neighbour_average(len(V), F) @ V - V)
     normal = igl.per_vertex_normals(V, F)
     return V + move - (move * normal).sum(axis=1, keepdims=True) * normal
-
-
-def _face_graph(F: np.ndarray) -> coo_array:
-    neighbour = igl.triangle_triangle_adjacency(F)[0]
-    rows = np.repeat(np.arange(len(F)), 3)
-    columns = neighbour.ravel()
-    inside = columns >= 0
-    return coo_array((np.ones(inside.sum()), (rows[inside], columns[inside])), shape=(len(F), len(F))).tocsr()
-
-
-def _components(graph: coo_array, mask: np.ndarray) -> list[np.ndarray]:
-    from scipy.sparse.csgraph import connected_components
-
-    ids = np.flatnonzero(mask)
-    count, label = connected_components(graph[ids][:, ids], directed=False)
-    return [ids[label == i] for i in range(count)]

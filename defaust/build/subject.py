@@ -9,7 +9,7 @@ from typing import Any
 
 from defaust.build.handles import choose_handles, handle_records
 from defaust.build.options import BuildOptions
-from defaust.build.upsample import Upsampled, count_self_intersections, upsample
+from defaust.build.upsample import Upsampled, self_intersecting, upsample
 from defaust.folder.layout import (
     REST,
     REST_LOW,
@@ -136,7 +136,7 @@ def _mesh_facts(mesh: Mesh) -> dict[str, Any]:
         "volume": mesh.volume if mesh.is_closed else None,
         "area": mesh.area,
         "diagonal": mesh.diagonal,
-        "self_intersecting_faces": count_self_intersections(mesh),
+        "self_intersecting_faces": int(self_intersecting(mesh).sum()),
     }
 
 

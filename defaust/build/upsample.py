@@ -131,11 +131,11 @@ def remesh(mesh: Mesh, *, edge_length: float, iterations: int) -> tuple[np.ndarr
     return _arrays(meshes)
 
 
-def count_self_intersections(mesh: Mesh) -> int:
-    """Number of faces that intersect another one."""
+def self_intersecting(mesh: Mesh) -> np.ndarray:
+    """(m,) bool: which faces intersect another one."""
     meshes = _mesh_set(mesh)
     meshes.compute_selection_by_self_intersections_per_face()
-    return int(meshes.current_mesh().selected_face_number())
+    return meshes.current_mesh().face_selection_array()
 
 
 def _require_closed(mesh: Mesh) -> None:

@@ -113,7 +113,7 @@ def subdivided_pose(rest: Mesh, low: Mesh, posed: Mesh, *, steps: int) -> np.nda
 def _on_subdivided(rest: Mesh, low: Mesh, *, steps: int) -> tuple[Mesh, csr_array]:
     """The subdivided registered mesh, and the interpolation from it to a mesh that lies on it."""
     fine = subdivide(low, steps=steps)
-    carry, distance = interpolation(rest.V, fine)
+    carry, distance = interpolation(rest.V, fine.V, fine.F)
     if distance.max() > ON_SURFACE * low.diagonal:
         raise InputError(
             f"the rest mesh lies up to {distance.max() / low.diagonal:.1g} x its diagonal off the subdivided "
@@ -122,27 +122,28 @@ def _on_subdivided(rest: Mesh, low: Mesh, *, steps: int) -> tuple[Mesh, csr_arra
     return fine, carry
 
 
-def interpolation(points: np.ndarray, mesh: Mesh) -> tuple[csr_array, np.ndarray]:
+def interpolation(points: np.ndarray, V: np.ndarray, F: np.ndarray) -> tuple[csr_array, np.ndarray]:
     """Barycentric interpolation of values at a mesh's vertices to the surface points nearest to others.
 
     Parameters
     ----------
-    points : (n, 3) float64
-    mesh : Mesh
+    points : (k, 3) float64
+    V : (n, 3) float64
+    F : (m, 3) int64
 
     Returns
     -------
-    (n, mesh.n) sparse float64
-        Three entries a row, which add up to 1.
-    (n,) float64
+    (k, n) sparse float64
+        Three entries a row, none negative, which add up to 1.
+    (k,) float64
         Distances to the surface.
     """
     import igl
 
-    squared, face, nearest = igl.point_mesh_squared_distance(points, mesh.V, mesh.F)
-    corners = mesh.F[face]
-    a, b, c = (np.ascontiguousarray(mesh.V[corners[:, k]]) for k in range(3))
+    squared, face, nearest = igl.point_mesh_squared_distance(points, V, F)
+    corners = F[face]
+    a, b, c = (np.ascontiguousarray(V[corners[:, k]]) for k in range(3))
     weights = np.maximum(0.0, igl.barycentric_coordinates(nearest, a, b, c))
     weights /= weights.sum(axis=1, keepdims=True)
     rows = 3 * np.arange(len(points) + 1)
-    return csr_array((weights.ravel(), corners.ravel(), rows), shape=(len(points), mesh.n)), np.sqrt(squared)
+    return csr_array((weights.ravel(), corners.ravel(), rows), shape=(len(points), len(V))), np.sqrt(squared)

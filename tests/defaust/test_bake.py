@@ -7,10 +7,10 @@ from defaust.bake.__main__ import main
 from defaust.bake.landmarks import find_landmarks
 from defaust.bake.morphs import AGES, BONES, BaseMesh, Shape, morph, read_base
 from defaust.bake.poses import POSES, make_pose
-from defaust.bake.template import carry, fill, neighbour_average, quantise_weights, smooth_weights
+from defaust.bake.template import fill, neighbour_average, outer_skin, quantise_weights, smooth_weights
 from defaust.sources.skinning import apply_motions, bone_motions
 from defaust.sources.synthetic import load_bodies
-from tests.shapes import icosphere
+from tests.shapes import block, icosphere
 
 
 def write_target(folder, name, rows):
@@ -50,21 +50,28 @@ def test_base_mesh_is_split_along_the_shorter_diagonal(tmp_path):
     assert base.groups["helper"].tolist() == [0, 1, 3, 4]
 
 
-def test_carry_and_fill_reproduce_linear_functions():
-    fine, coarse = icosphere(3), icosphere(2)
-    matrix, distance = carry(fine.V, fine.F, points=coarse.V)
-    np.testing.assert_allclose(matrix @ fine.V, coarse.V, atol=1e-12)
-    assert distance.max() < 1e-7
-    known = np.ones(coarse.n, dtype=bool)
+def test_filled_values_are_harmonic():
+    ball = icosphere(2)
+    known = np.ones(ball.n, dtype=bool)
     known[5:9] = False
-    values = np.where(known[:, None], coarse.V, 7.0)
-    filled = fill(values, known, T=coarse.V, TF=coarse.F)
-    np.testing.assert_array_equal(filled[known], coarse.V[known])
-    assert np.abs(filled[~known] - coarse.V[~known]).max() < 0.1
-    # Harmonic: constants stay constant.
-    np.testing.assert_allclose(
-        fill(np.where(known, 2.0, 0.0), known, T=coarse.V, TF=coarse.F), 2.0, atol=1e-12
-    )
+    values = np.where(known[:, None], ball.V, 7.0)
+    filled = fill(values, known, T=ball.V, TF=ball.F)
+    np.testing.assert_array_equal(filled[known], ball.V[known])
+    assert np.abs(filled[~known] - ball.V[~known]).max() < 0.1
+    constant = fill(np.where(known, 2.0, 0.0), known, T=ball.V, TF=ball.F)
+    np.testing.assert_allclose(constant, 2.0, atol=1e-12)
+
+
+def test_pockets_of_the_head_are_no_skin():
+    # A block with a deep pit in its top.
+    solid = np.ones((5, 9, 5))
+    solid[2, 4:, 2] = 0
+    mesh = block(solid, cells=3)
+    skin = outer_skin(mesh.V, mesh.F)
+    centre = mesh.V[mesh.F].mean(axis=1) - mesh.V.min(axis=0)
+    inside = (np.abs(centre[:, [0, 2]] - 2.5) < 0.51).all(axis=1) & (centre[:, 1] > 3.5)
+    assert not skin[inside & (centre[:, 1] > 7.3) & (centre[:, 1] < 7.7)].any()
+    assert skin[~inside & (centre[:, 1] < 8.9)].all()
 
 
 def test_smoothing_keeps_sums():

@@ -82,11 +82,11 @@ def test_interpolation():
     weights = rng.dirichlet([1, 1, 1], size=50)
     faces = rng.integers(0, mesh.m, 50)
     points = np.einsum("nk,nkc->nc", weights, mesh.V[mesh.F[faces]])
-    B, distance = interpolation(points, mesh)
+    B, distance = interpolation(points, mesh.V, mesh.F)
     np.testing.assert_allclose(B @ mesh.V, points, atol=1e-12)
     np.testing.assert_allclose(B.sum(axis=1), 1)
     assert distance.max() < 1e-12 and B.data.min() >= 0
-    B, distance = interpolation(3 * mesh.V, mesh)
+    B, distance = interpolation(3 * mesh.V, mesh.V, mesh.F)
     np.testing.assert_allclose(B.toarray(), np.eye(mesh.n), atol=1e-12)
     np.testing.assert_allclose(distance, 2)
 
