@@ -32,7 +32,7 @@ from eval.metrics.metrics import METRICS
 from eval.rows.bands import out_of_band
 from eval.run.run import Outcome, run
 from eval.run.sweep import SweepRecord, told_status
-from sshade.cli.configuration import CONFIGURATION, one_sentence, unreadable_override
+from sshade.cli.configuration import CONFIGURATION, PACKAGES, one_sentence, unreadable_override
 from sshade.cli.console import progress_bar
 from sshade.errors import InputError
 from sshade.io.files import reason
@@ -65,6 +65,9 @@ def main() -> int:
     _errors, cli_sweep.monitor = [], None
     # Hydra would print a traceback and exit with 1 on its own: let errors come through instead.
     os.environ["HYDRA_FULL_ERROR"] = "1"
+    if sys.path[0] != str(PACKAGES):  # `python -m eval` in a clone, which may not be installed
+        # Launchers' workers must not look for our packages in the current folder first.
+        os.environ["PYTHONSAFEPATH"] = "1"
     interrupted = False
     try:
         _check_trust(sys.argv[1:])

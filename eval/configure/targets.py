@@ -11,12 +11,15 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import os
+import sys
 import types
 import typing
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
+from sshade.cli.configuration import PACKAGES
 from sshade.errors import InputError
 
 #: Keys of a method's configuration that are not for its function.
@@ -52,8 +55,10 @@ def instantiate(config: Mapping[str, Any]) -> Any:
 
 
 def locate(target: str) -> Callable[..., Any]:
-    """The function of a dotted name such as "baselines.arap.arap"."""
+    """The function of a dotted name such as "baselines.arap.arap", of a module in the current folder too."""
     module_name, name = _split(target)
+    # Last of all: a folder `eval` or `tests` beside a module of one's own must not hide ours.
+    sys.path.extend(folder for folder in (str(PACKAGES), os.getcwd()) if folder not in sys.path)
     try:
         module = importlib.import_module(module_name)
     except ModuleNotFoundError as error:

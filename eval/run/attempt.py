@@ -39,6 +39,9 @@ CURVE = "_curve"
 #: What a fresh process sends when its clock starts.
 CLOCK = "clock"
 
+#: Seconds for libraries, compilation and the warm-up of a run that has a time limit.
+WARM_UP_LIMIT = 900.0
+
 #: Seconds between two messages of progress from a fresh process.
 PROGRESS_PERIOD = 0.2
 
@@ -81,8 +84,7 @@ def attempt(
     before_clock : callable
         Called after the warm-up.
     """
-    row: Row = {"status": "failed", "reason": "", "iterations": None, "converged": None}
-    row["env.warmed_up"] = method.get("warm_up", {}) is not None
+    row = _nothing() | {"env.warmed_up": method.get("warm_up", {}) is not None}
     try:
         call = instantiate({**method, "_partial_": True})
         if row["env.warmed_up"]:
@@ -103,6 +105,11 @@ def attempt(
     return Attempt(row | _facts(result, seconds), result.vertices, _curves(result))
 
 
+def _nothing() -> Row:
+    """The facts of a method that gave no result."""
+    return {"status": "failed", "reason": "", "iterations": None, "converged": None}
+
+
 def attempt_fresh(
     method: Mapping[str, Any],
     task: Task,
@@ -113,27 +120,31 @@ def attempt_fresh(
 ) -> Attempt:
     """:func:`attempt` in a process of its own, with ``peak_mib`` and at most `time_limit` seconds of clock.
 
-    The limit counts from the end of the warm-up. The peak is that of the whole
-    process: libraries, warm-up and the method.
+    The limit counts from the end of the warm-up, which has a limit of its own,
+    :data:`WARM_UP_LIMIT`. The peak is that of the whole process: libraries,
+    warm-up and the method.
     """
+    # A worker of joblib has a start method that a process begun by it would not know.
+    if multiprocessing.get_start_method(allow_none=True) not in (
+        None,
+        *multiprocessing.get_all_start_methods(),
+    ):
+        multiprocessing.set_start_method("spawn", force=True)
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
-    arguments = (theirs, method, task, seed, progress is not silent)
-    process = context.Process(target=_child, args=arguments, daemon=False)
-    row: Row = {"status": "failed", "reason": "", "iterations": None, "converged": None}
+    process = context.Process(target=_child, args=(theirs, progress is not silent), daemon=False)
     try:
         # Begun by `start` itself, it would lift the mask there.
         resource_tracker.ensure_running()
         with _no_interrupt():
             process.start()
         theirs.close()
-        answer = _answer(ours, time_limit, progress)
-        if answer is None:
-            return Attempt(row | {"status": "timeout", "reason": f"no result within {time_limit:g} s"})
-        return answer
-    except EOFError:
+        # Not as arguments: `start` would wait for ever for a process that dies before it reads them.
+        ours.send((method, task, seed))
+        return _answer(ours, time_limit, progress)
+    except (EOFError, ConnectionError):
         process.join()
-        return Attempt(row | {"reason": _end(process.exitcode)})
+        return Attempt(_nothing() | {"reason": _end(process.exitcode)})
     finally:
         if process.pid is not None:
             process.kill()
@@ -163,19 +174,19 @@ def _no_interrupt() -> Iterator[None]:
         raise KeyboardInterrupt
 
 
-def _answer(connection: Connection, time_limit: float | None, progress: Progress) -> Attempt | None:
-    """What the child sends last; None if that is not there in time. Its progress is passed on."""
-    end = None
-    while True:
-        if not connection.poll(None if end is None else max(0.0, end - perf_counter())):
-            return None
+def _answer(connection: Connection, time_limit: float | None, progress: Progress) -> Attempt:
+    """What the child sends last, or that it took too long. Its progress is passed on."""
+    stage, limit = "the warm-up did not end", WARM_UP_LIMIT
+    begin = perf_counter()
+    while connection.poll(None if time_limit is None else max(0.0, begin + limit - perf_counter())):
         message = connection.recv()
         if isinstance(message, Attempt):
             return message
         if message == CLOCK:
-            end = None if time_limit is None else perf_counter() + time_limit
+            stage, limit, begin = "no result", time_limit, perf_counter()
         else:
             progress(*message)
+    return Attempt(_nothing() | {"status": "timeout", "reason": f"{stage} within {limit:g} s"})
 
 
 def _end(code: int) -> str:
@@ -186,8 +197,9 @@ def _end(code: int) -> str:
     return f"the process ended with exit code {code}"
 
 
-def _child(connection: Connection, method: Mapping[str, Any], task: Task, seed: int, report: bool) -> None:
+def _child(connection: Connection, report: bool) -> None:
     end_with_parent()
+    method, task, seed = connection.recv()
     send = _Sender(connection)
     done = attempt(
         method,

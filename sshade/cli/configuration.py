@@ -11,12 +11,12 @@ import re
 from functools import cache
 from pathlib import Path
 
-_PACKAGES = Path(__file__).resolve().parents[2]
+PACKAGES = Path(__file__).resolve().parents[2]
 
-_SHIPPED = _PACKAGES / "eval" / "conf"
+_SHIPPED = PACKAGES / "eval" / "conf"
 
 #: Folder of the YAML files of methods, datasets, experiments and builds.
-CONFIGURATION = _SHIPPED if _SHIPPED.is_dir() else _PACKAGES / "conf"
+CONFIGURATION = _SHIPPED if _SHIPPED.is_dir() else PACKAGES / "conf"
 
 #: Keys whose value is the dotted name of a function to call.
 CALLED = ("_target_", "cases")

@@ -241,6 +241,12 @@ def test_a_time_limit_ends_a_run_and_is_not_tried_again(task, tmp_path):
     assert not run(task, method, name="e", root=tmp_path, time_limit=0.3).reused
 
 
+def test_a_warm_up_that_does_not_end_is_given_up(task, tmp_path, monkeypatch):
+    monkeypatch.setattr(attempt_module, "WARM_UP_LIMIT", 5.0)
+    row = run(task, {"_target_": "eval_cases.endless_warm_up"}, name="e", root=tmp_path, time_limit=0.2).row
+    assert (row["status"], row["reason"]) == ("timeout", "the warm-up did not end within 5 s")
+
+
 def test_a_process_that_dies_leaves_a_row(task, tmp_path):
     row = run(task, {"_target_": "eval_cases.dying"}, name="d", root=tmp_path, fresh=True).row
     assert row["status"] == "failed" and row["reason"] == "the process ended with exit code 3"

@@ -1,0 +1,111 @@
+"""The commands as they are installed: from a folder whose own names are ours too, and from a wheel."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from shutil import copytree, ignore_patterns
+from zipfile import ZipFile
+
+import pytest
+
+from eval.rows.collect import collect
+
+ROOT = Path(__file__).parents[2]
+MODULE = """
+from baselines.identity import identity
+
+
+def mine(task, *, seed, progress=None):
+    return identity(task, seed=seed)
+"""
+
+
+def run(folder, *command, **variables):
+    environment = {**os.environ, "EVAL_ALLOW_TARGETS": "", **variables}
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=120)
+
+
+@pytest.fixture
+def own_folder(tmp_path):
+    """A project of a user's: with folders `conf`, `eval` and `tests`, and a method in a module."""
+    for name in ("conf/method", "eval", "tests", "results"):
+        (tmp_path / name).mkdir(parents=True)
+    for name in ("eval", "tests"):
+        (tmp_path / name / "mine.py").write_text("raise AssertionError('not ours')\n")
+    (tmp_path / "eval" / "__init__.py").write_text("raise AssertionError('not ours')\n")
+    (tmp_path / "conf" / "method" / "mine.yaml").write_text("_target_: mymethod.mine\n_partial_: true\n")
+    (tmp_path / "mymethod.py").write_text(MODULE)
+    return tmp_path
+
+
+MINE = ["--config-dir", "conf", "method=mine", "dataset=hairpin", "run.allow_targets=[mymethod.]"]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        [],
+        ["-m", "run.fresh=true"],
+        ["-m", "run.fresh=true", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2"],
+        ["-m", "hydra/launcher=submitit_local"],
+    ],
+    ids=["once", "fresh", "joblib", "submitit"],
+)
+def test_a_folder_with_folders_of_the_same_names(own_folder, options):
+    command = Path(sys.executable).with_name("sshade-eval")
+    done = run(own_folder, command, "run", *options[:1], *MINE, *options[1:])
+    assert done.returncode == 0, done.stderr
+    (row,) = collect(own_folder / "out/runs/single")
+    assert (row["method.target"], row["status"]) == ("mymethod.mine", "ok")
+    assert (row["peak_mib"] is not None) == ("run.fresh=true" in options)
+    assert sorted(path.name for path in own_folder.iterdir() if path.name != "__pycache__") == [
+        *("conf", "eval", "mymethod.py", "out", "results", "tests")
+    ]
+
+
+def test_a_wheel_has_what_the_commands_need_and_nothing_else(tmp_path, own_folder):
+    source, target = tmp_path / "source", tmp_path / "installed"
+    copytree(ROOT, source, ignore=ignore_patterns(".*", "data", "out", "build", "*.egg-info", "__pycache__"))
+    copytree(ROOT / "defaust/data", source / "defaust/data")
+    copytree(ROOT / "defaust/build", source / "defaust/build")
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check"]
+    made = run(tmp_path, *pip, "wheel", "--no-deps", "--no-build-isolation", "-w", tmp_path, source)
+    assert made.returncode == 0, made.stderr
+    (wheel,) = tmp_path.glob("*.whl")
+    with ZipFile(wheel) as archive:
+        tops = {name.split("/")[0] for name in archive.namelist() if ".dist-info/" not in name}
+        assert tops == {"sshade", "baselines", "defaust", "eval"}
+        assert not [
+            name for name in archive.namelist() if name.startswith("eval/conf/") and name.endswith(".py")
+        ]
+    installed = run(tmp_path, *pip, "install", "--no-deps", "--no-index", "--target", target, wheel)
+    assert installed.returncode == 0, installed.stderr
+
+    def call(name, *arguments):
+        done = run(own_folder, sys.executable, target / "bin" / name, *arguments, PYTHONPATH=str(target))
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    code = "import eval.main, defaust, sshade, baselines; print(eval.__file__)"
+    where = run(tmp_path, sys.executable, "-P", "-c", code, PYTHONPATH=str(target))
+    assert where.stdout.startswith(str(target)), where.stderr
+    assert "deform" in call("sshade", "--help") and "verify" in call("defaust", "--help")
+    assert "ok" in call("sshade-eval", "run", *MINE)
+    build = "source=synthetic subjects=[0] target_vertices=null workers=1 out=bodies"
+    call("defaust", "build", *build.split())
+    assert call("defaust", "info", "bodies").startswith("defaust-synthetic")
+    call(
+        "sshade-eval",
+        "run",
+        "-m",
+        "experiment=table1_lowres",
+        "dataset.root=bodies",
+        "method=identity",
+        "pose=1",
+    )
+    assert call("sshade-eval", "collect", "table1_lowres") == "out/rows/table1_lowres.csv: 1 row\n"
+    call("sshade", "deform", "bodies/subject_00/rest.ply", "bodies/subject_00/pose_1.json", "-o", "posed.ply")
+    assert (own_folder / "posed.ply").is_file()
