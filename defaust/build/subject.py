@@ -7,9 +7,11 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from defaust.build.handles import choose_handles, handle_records
+import numpy as np
+
+from defaust.build.handles import DYNAMIC, STATIC, choose_handles, handle_records
 from defaust.build.options import BuildOptions
-from defaust.build.upsample import Upsampled, self_intersecting, upsample
+from defaust.build.upsample import self_intersecting, upsample
 from defaust.folder.layout import (
     REST,
     REST_LOW,
@@ -66,7 +68,6 @@ def _fill(
     progress(stage, 0, steps, "rest pose")
     rest = source.rest(subject)
     meshes = {REST_LOW: rest}
-    write_mesh(folder / REST_LOW, rest.V, rest.F)
     landmarks = source.landmark_vertices(subject)
     chosen = choose_handles(
         rest,
@@ -80,21 +81,36 @@ def _fill(
     for k, pose in enumerate(poses, start=1):
         progress(stage, k, steps, pose.name)
         posed = source.posed(subject, pose)
-        if posed.F.shape != rest.F.shape or (posed.F != rest.F).any():
+        if not np.array_equal(posed.F, rest.F):
             raise InputError(f"pose {pose.name} has other faces than the rest pose")
         meshes[pose_mesh(k)] = posed
-        write_mesh(folder / pose_mesh(k), posed.V, posed.F)
         handles = handle_records(
             rest, posed.V, chosen=chosen, used=pose.landmarks, static_below=options.static_below
         )
         content = dump({"source_pose": pose.name, "handles": handles}, indent=None)
         write_text(folder / pose_file(k), content)
-        facts.append(_pose_facts(k, pose.name, handles, volume=posed.volume if posed.is_closed else None))
+        kinds = [handle["kind"] for handle in handles]
+        facts.append(
+            {
+                "pose": k,
+                "name": pose.name,
+                "static": kinds.count(STATIC),
+                "dynamic": kinds.count(DYNAMIC),
+                "volume": posed.volume if posed.is_closed else None,
+            }
+        )
 
     progress(stage, steps - 1, steps, "upsampling")
-    high = _high_resolution(rest, options)
+    high = upsample(
+        rest,
+        target_vertices=options.target_vertices,
+        window=options.window,
+        ls3_steps=options.ls3_steps,
+        iterations=options.remesh_iterations,
+    )
     meshes[REST] = high.mesh
-    write_mesh(folder / REST, high.mesh.V, high.mesh.F)
+    for name, mesh in meshes.items():
+        write_mesh(folder / name, mesh.V, mesh.F)
     progress(stage, steps, steps)
     return {
         "subject": subject,
@@ -102,28 +118,12 @@ def _fill(
         "poses": facts,
         "low": _mesh_facts(rest),
         "high": _mesh_facts(high.mesh)
-        | {
-            "ls3_steps": high.ls3_steps,
-            "edge_length": high.edge_length,
-            "remeshings": high.attempts,
-        },
+        | {"ls3_steps": high.ls3_steps, "edge_length": high.edge_length, "remeshings": high.attempts},
         "files": {
             f"{subject_folder(subject)}/{path.name}": _entry(path, meshes.get(path.name))
             for path in sorted(folder.iterdir())
         },
     }
-
-
-def _high_resolution(rest: Mesh, options: BuildOptions) -> Upsampled:
-    if options.target_vertices is None:
-        return Upsampled(rest, ls3_steps=0, edge_length=None, attempts=0)
-    return upsample(
-        rest,
-        target_vertices=options.target_vertices,
-        window=options.window,
-        ls3_steps=options.ls3_steps,
-        iterations=options.remesh_iterations,
-    )
 
 
 def _mesh_facts(mesh: Mesh) -> dict[str, Any]:
@@ -137,17 +137,6 @@ def _mesh_facts(mesh: Mesh) -> dict[str, Any]:
         "area": mesh.area,
         "diagonal": mesh.diagonal,
         "self_intersecting_faces": int(self_intersecting(mesh).sum()),
-    }
-
-
-def _pose_facts(k: int, name: str, handles: list[dict[str, Any]], *, volume: float | None) -> dict[str, Any]:
-    kinds = [h["kind"] for h in handles]
-    return {
-        "pose": k,
-        "name": name,
-        "static": kinds.count("static"),
-        "dynamic": kinds.count("dynamic"),
-        "volume": volume,
     }
 
 

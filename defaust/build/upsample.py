@@ -38,7 +38,7 @@ class Upsampled:
 def upsample(
     mesh: Mesh,
     *,
-    target_vertices: int,
+    target_vertices: int | None,
     window: tuple[float, float] = (0.9, 1.1),
     ls3_steps: int | None = None,
     iterations: int = 5,
@@ -51,7 +51,8 @@ def upsample(
     ----------
     mesh : Mesh
         Closed, manifold, consistently oriented, one component.
-    target_vertices : int
+    target_vertices : int, optional
+        None keeps the mesh as it is, which then may have holes.
     window : (2,) float
         Accepted vertex counts, as multiples of `target_vertices`.
     ls3_steps : int, optional
@@ -71,6 +72,8 @@ def upsample(
     S. Boye, G. Guennebaud, C. Schlick, "Least squares subdivision surfaces", 2010.
     M. Botsch, L. Kobbelt, "A remeshing approach to multiresolution modeling", 2004.
     """
+    if target_vertices is None:
+        return Upsampled(mesh, ls3_steps=0, edge_length=None, attempts=0)
     check_window(window)
     low, high = window
     _require_closed(mesh)

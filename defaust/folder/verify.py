@@ -61,19 +61,17 @@ def verify(root: str | os.PathLike[str], *, progress: Progress = silent) -> list
     faults = []
     if checksum(document) != document["checksum"]:
         faults.append(Fault(DATASET, "its content does not match its own checksum"))
-    total = len(document["files"])
     for number, (name, entry) in enumerate(document["files"].items(), start=1):
         path = root / name
         if not path.is_file():
             faults.append(Fault(name, "missing"))
         elif sha256(path) != entry["sha256"]:
             faults.append(Fault(name, "its sha256 is not the one listed"))
-        progress("checksums", number, total)
+        progress("checksums", number, len(document["files"]))
+    card = render_card(document).encode("utf-8", "surrogatepass")
     if CARD not in document["files"]:
         faults.append(Fault(DATASET, f"lists no {CARD}"))
-    elif (root / CARD).is_file() and (root / CARD).read_bytes() != render_card(document).encode(
-        "utf-8", "surrogatepass"
-    ):
+    elif (root / CARD).is_file() and (root / CARD).read_bytes() != card:
         faults.append(Fault(CARD, "is not the card that this record gives"))
     for number, subject in enumerate(document["subjects"], start=1):
         faults += _check_subject(root, document, subject=subject)

@@ -14,11 +14,8 @@ from defaust.folder.record import read_dataset
 from defaust.folder.verify import verify
 from sshade import InputError
 from sshade.io.meshes import read_mesh
+from tests.defaust.registrations import contents
 from tests.defaust.toy import OPTIONS, Balls
-
-
-def contents(root):
-    return {str(p.relative_to(root)): p.read_bytes() for p in sorted(root.rglob("*")) if p.is_file()}
 
 
 def test_folder(finished):

@@ -1,17 +1,20 @@
-"""FAUST's layout: what is found, what is checked, and what is refused."""
+"""FAUST's layout: what is found, checked and refused, and a build of it."""
 
 import pickle
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from defaust.build.dataset import build
 from defaust.cli import main
 from defaust.folder.layout import sha256
 from defaust.sources.synthetic import SyntheticBodies
+from defaust.tasks import load_task
 from sshade import InputError
 from sshade.io.meshes import write_mesh
-from tests.defaust.registrations import POSES, faust, write_faust
+from tests.defaust.registrations import POSES, SMALL, faust, write_faust
 from tests.shapes import icosphere
 
 
@@ -42,13 +45,10 @@ def test_any_folder_around_the_files_will_do(folder, inside):
         np.testing.assert_array_equal(source.posed(3, pose).F, source.rest(0).F)
 
 
-@pytest.mark.parametrize("suffix", [".off", ".obj"])
-def test_other_formats(tmp_path, suffix):
-    source = faust(write_faust(tmp_path, suffix=suffix))
-    mesh, expected = source.posed(0, source.poses(0)[3]), SyntheticBodies().rest(0)
-    assert np.abs(source.rest(0).V - expected.V).max() <= 1e-15 * expected.diagonal
-    np.testing.assert_array_equal(mesh.F, expected.F)
-    assert list(source.checksums([0])) == [f"tr_reg_00{k}{suffix}" for k in POSES]
+def test_other_formats(tmp_path):
+    source = faust(write_faust(tmp_path, suffix=".off"))
+    assert np.abs(source.rest(0).V - SyntheticBodies().rest(0).V).max() <= 1e-15 * source.rest(0).diagonal
+    assert list(source.checksums([0])) == [f"tr_reg_00{k}.off" for k in POSES]
 
 
 def test_of_two_formats_ply_is_read(copy):
@@ -82,14 +82,6 @@ def test_poses_and_landmarks(folder):
     np.testing.assert_array_equal(other.posed(0, other.poses(0)[1]).V, source.rest(0).V)
 
 
-def test_facts(folder, copy):
-    here, there = faust(folder), faust(copy)
-    assert here.provenance == there.provenance and str(folder) not in str(here.provenance)
-    assert "guess" in here.provenance["limits"][0] and "1, 3, 6, 8" in here.provenance["limits"][0]
-    assert "redistributed" in here.provenance["licence"] and "Bogo" in here.provenance["citation"]
-    assert here.checksums([0]) == {f"tr_reg_00{k}.ply": sha256(folder / f"tr_reg_00{k}.ply") for k in POSES}
-
-
 def test_nothing_is_read_before_it_is_needed(copy):
     (copy / "tr_reg_036.ply").write_bytes(b"")
     source = pickle.loads(pickle.dumps(faust(copy)))
@@ -106,20 +98,16 @@ def test_missing_files_are_named(folder, tmp_path):
         InputError, match=r"lacks tr_reg_010, .* and 35 more: .*; those of subjects=\[0\] are"
     ):
         source.checksums(source.subjects)
-    with pytest.raises(InputError, match=r"poses 0, 1, 3, 6, 8 are 5 files$"):
-        source.checksums([4])
     with pytest.raises(InputError, match="lacks tr_reg_038$"):
         source.posed(3, source.poses(3)[3])
-    assert list(faust(folder, "source.target_poses=[6]").checksums([3])) == [
-        "tr_reg_030.ply",
-        "tr_reg_036.ply",
-    ]
     with pytest.raises(InputError, match=r"holds no registrations \(tr_reg_NNN.ply, .off or .obj\)"):
         faust(tmp_path)
     with pytest.raises(InputError, match=r"nowhere: no such folder; set source.root=MPI-FAUST"):
         faust(tmp_path / "nowhere")
     with pytest.raises(InputError, match="is a file; give a folder"):
         faust(folder / "tr_reg_000.ply")
+    with pytest.raises(InputError, match="there is no faust subject 10; they are 0 to 9"):
+        source.rest(10)
 
 
 def test_wrong_meshes_are_named(copy):
@@ -167,11 +155,33 @@ def test_mistakes_are_one_sentence(folder, override, message, capsys):
     assert message in error and error.startswith("error: ") and error.count("\n") == 1
 
 
-def test_subject_out_of_range(folder):
-    with pytest.raises(InputError, match="there is no faust subject 10; they are 0 to 9"):
-        faust(folder).rest(10)
-
-
 def test_root_must_be_set(capsys):
     assert main(["build", "out=x", "source=faust"]) == 2
     assert capsys.readouterr().err == "error: source.root is not set; add e.g. source.root=MPI-FAUST\n"
+
+
+def test_a_build_lists_its_files_and_holds_no_path(copy, tmp_path):
+    out = tmp_path / "out"
+    options = replace(SMALL, subjects=(0,), target_vertices=None)
+    document = build(faust(copy), out, options=options, workers=1)
+    assert document["source"]["files"] == {
+        f"tr_reg_00{k}.ply": sha256(copy / f"tr_reg_00{k}.ply") for k in POSES
+    }
+    assert str(tmp_path) not in (out / "dataset.json").read_text()
+    tasks = [load_task(out, subject=0, pose=k) for k in range(1, 5)]
+    assert [len(set(task.handles.group)) for task in tasks] == [7, 7, 7, 15]
+    assert [len(task.handles) for task in tasks] == [210, 210, 210, 450]
+    assert all(task.truth.shape == (6890, 3) for task in tasks)
+    assert all("poses 1, 3, 6, 8, the rest pose 0 and" in task.meta["note"] for task in tasks)
+    with pytest.raises(InputError, match="source.landmark_vertices.nose was 332 and is now 333"):
+        build(faust(copy, "source.landmarks.nose=333"), out, options=options, workers=1)
+    (copy / "tr_reg_001.ply").write_bytes((copy / "tr_reg_003.ply").read_bytes())
+    with pytest.raises(InputError, match="source.files.tr_reg_001.ply was '.*' and is now '"):
+        build(faust(copy), out, options=options, workers=1)
+
+
+def test_missing_files_are_named_before_anything_is_built(copy, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["build", "source=faust", f"source.root='{copy}'", f"out={out}"]) == 2
+    assert "those of subjects=[0] are there" in capsys.readouterr().err
+    assert not out.exists()

@@ -16,8 +16,7 @@ from defaust.folder.verify import verify
 from defaust.sources.winding import same_triangles, wound_outward
 from defaust.tasks import list_tasks, load_task
 from sshade import InputError, Mesh
-from sshade.io.meshes import read_mesh, write_mesh
-from tests.defaust.registrations import contents
+from sshade.io.meshes import write_mesh
 from tests.shapes import icosphere, strip, torus
 
 KEPT = BuildOptions(target_vertices=None, handles_per_landmark=6, neighbourhood=10)
@@ -65,12 +64,8 @@ def test_classes_in_every_format(tmp_path, kind):
     np.testing.assert_allclose(source.posed(1, source.poses(1)[1]).V, bent(ball, 10), rtol=0, atol=1e-14)
     expected = {f"cat{k}{kind}" for k in (0, 1)} | ({"cat0.tri", "cat1.tri"} if kind == ".vert" else set())
     assert set(source.checksums([0])) == expected
-
-
-def test_of_several_formats_one_is_read(tmp_path):
-    write_class(tmp_path, "cat", icosphere(2), kind=".vert")
-    write_class(tmp_path, "cat", torus(), kind=".ply")
-    assert sequence(tmp_path).rest(0).n == torus().n
+    with pytest.raises(InputError, match="there is no subject 2; they are 0 to 1"):
+        source.rest(2)
 
 
 def test_one_sequence_sorted_by_numbers_in_the_names(tmp_path):
@@ -98,14 +93,6 @@ def test_layout_may_be_forced(tmp_path):
     write(tmp_path, "rest_pose", icosphere(1).V, icosphere(1).F)
     with pytest.raises(InputError, match="rest_pose do not read as a class and a number, like cat0"):
         sequence(tmp_path, "source.layout=tosca")
-
-
-def test_classes_are_chosen_and_numbered_as_listed(tmp_path):
-    for name, mesh in (("cat", icosphere(1)), ("dog", torus()), ("wolf", icosphere(2))):
-        write_class(tmp_path, name, mesh)
-    source = sequence(tmp_path, "source.classes=[wolf,cat]", source="tosca")
-    assert (source.name, source.provenance["classes"]) == ("tosca", ["wolf", "cat"])
-    assert source.rest(0).n == icosphere(2).n
 
 
 def test_archive(tmp_path):
@@ -196,23 +183,6 @@ def test_meshes_with_holes_are_kept(cups):
     assert (task.meta["snap_max"], task.name) == (0.0, "defaust-sequence/subject_01/pose_2")
 
 
-def test_card_and_info_show_the_facts(cups, capsys):
-    card = (cups / "README.md").read_text()
-    assert "the registered mesh itself" in card and "0 ball, 1 cup" in card
-    assert "| 1 | 642 | 1,279 | 0 | - |" in card
-    assert main(["info", str(cups)]) == 0
-    text = capsys.readouterr().out
-    assert "Subjects: 0 ball, 1 cup" in text and "the registered mesh itself" in text
-
-
-def test_elsewhere_with_two_workers_the_same_bytes(cups, tmp_path):
-    source = cups_source(tmp_path / "elsewhere")
-    build(source, tmp_path / "out", options=KEPT, workers=2)
-    assert contents(tmp_path / "out") == contents(cups)
-    with pytest.raises(InputError, match="source.landmark_choice was 4 and is now 5"):
-        build(cups_source(tmp_path / "elsewhere", 5), tmp_path / "out", options=KEPT, workers=1)
-
-
 @pytest.mark.parametrize(
     ("listed", "text"), [(0, "not closed: 3 boundary edges"), (2, "has 1 boundary loops, not 2")]
 )
@@ -224,50 +194,34 @@ def test_a_hole_that_is_not_listed_is_a_fault(cups, tmp_path, listed, text):
     assert ("subject_01/rest_low.ply", text) in verify(out)
 
 
-def test_upsampling_is_for_closed_meshes(tmp_path):
-    ball = icosphere(3)
-    root = write_class(tmp_path / "data", "ball", ball)
-    options = BuildOptions(target_vertices=400, handles_per_landmark=6, neighbourhood=10)
-    build(sequence(root), tmp_path / "out", options=options, workers=1)
-    assert verify(tmp_path / "out") == []
-    assert 360 <= read_mesh(tmp_path / "out/subject_00/rest.ply").n <= 440
-    write_class(root, "cup", Mesh(ball.V, ball.F[1:]))
-    with pytest.raises(
-        InputError, match="subject 1: the mesh has 3 boundary edges.*target_vertices=null keeps"
-    ):
-        build(sequence(root), tmp_path / "cup", options=options, workers=1)
-
-
-def test_tosca_keeps_its_resolution_by_default(tmp_path):
-    root = write_class(tmp_path / "data", "cat", icosphere(3))
-    small = ["handles_per_landmark=6", "neighbourhood=10", "workers=1"]
-    command = ["build", "source=tosca", f"source.root={root}", f"out={tmp_path / 'out'}", *small]
+def test_tosca_keeps_its_resolution_and_takes_classes_as_listed(tmp_path, capsys):
+    for name, mesh in (("cat", icosphere(3)), ("dog", torus()), ("wolf", icosphere(2))):
+        write_class(tmp_path / "data", name, mesh)
+    write(tmp_path / "data", "cat0", torus().V, torus().F, kind=".vert")  # .ply goes first
+    out = str(tmp_path / "out")
+    small = ["handles_per_landmark=6", "neighbourhood=10", "workers=1", "source.classes=[wolf,cat]"]
+    command = ["build", "source=tosca", f"source.root={tmp_path / 'data'}", f"out={out}", *small]
     assert main(command) == 0
-    document = read_dataset(tmp_path / "out")
+    document = read_dataset(out)
     assert document["build"]["target_vertices"] is None and document["name"] == "defaust-tosca"
-    assert list_tasks(tmp_path / "out") == [(0, 1), (0, 2)]
-    options = configure(["source=tosca", f"source.root={root}", "out=x", "target_vertices=5000"])[2]
-    assert options.target_vertices == 5000
-
-
-def two_balls():
-    ball = icosphere(1)
-    return np.concatenate([ball.V, ball.V + 3]), np.concatenate([ball.F, ball.F + ball.n])
+    assert [s["high"]["vertices"] for s in document["subjects"]] == [162, 642]
+    assert list_tasks(out) == [(0, 1), (0, 2), (1, 1), (1, 2)]
+    assert main(["info", out]) == 0
+    text = capsys.readouterr().out
+    assert "Subjects: 0 wolf, 1 cat" in text and "the registered mesh itself" in text
+    assert configure([*command[1:], "target_vertices=5000"])[2].target_vertices == 5000
 
 
 def test_unfit_surfaces_are_refused_by_name(tmp_path):
     ball = icosphere(1)
     write(tmp_path, "gorilla0", ball.V, np.concatenate([ball.F, [[0, 1, 2]]]))
-    write(tmp_path, "gorilla1", ball.V, ball.F)
-    write(tmp_path, "pair0", *two_balls())
-    write(tmp_path, "pair1", *two_balls())
+    write(tmp_path, "pair0", np.concatenate([ball.V, ball.V + 3]), np.concatenate([ball.F, ball.F + ball.n]))
     source = sequence(tmp_path)
-    with pytest.raises(
-        InputError, match="gorilla0.ply: the mesh is not manifold: .*; or leave its class out"
+    for subject, words in enumerate(
+        (r"gorilla0.ply: the mesh is not manifold: .*; or leave its class", "pair0.ply: the mesh has 2 comp")
     ):
-        source.rest(0)
-    with pytest.raises(InputError, match="pair0.ply: the mesh has 2 components"):
-        source.rest(1)
+        with pytest.raises(InputError, match=words):
+            source.rest(subject)
 
 
 def test_a_surface_with_one_side_is_refused(tmp_path):
@@ -395,8 +349,3 @@ def test_mistakes_are_one_sentence(tmp_path, monkeypatch, override, message, cap
     assert main(["build", "out=x", "source=sequence", "source.root=data", override]) == 2
     error = capsys.readouterr().err
     assert message in error and error.startswith("error: ") and error.count("\n") == 1
-
-
-def test_subject_out_of_range(tmp_path):
-    with pytest.raises(InputError, match="there is no subject 1; they are 0 to 0"):
-        sequence(write_class(tmp_path, "cat", icosphere(1))).rest(1)
