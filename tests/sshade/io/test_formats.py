@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sshade import InputError
-from sshade.io.formats import read_off, read_stl
+from sshade.io.formats import read_obj, read_off, read_stl
 from sshade.io.meshes import write_mesh
 from tests.shapes import icosphere
 
@@ -74,6 +74,21 @@ def test_what_is_wrong_with_an_off_is_said(tmp_path, old, new, words):
     (tmp_path / "a.off").write_text(OFF.replace(old, new))
     with pytest.raises(ValueError, match=words):
         read_off(tmp_path / "a.off")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("v 0 0 0\nv 1 0\nv 0 1 0\nf 1 2 3\n", "line 2: .*three coordinates"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n", "line 4: .*counted from 1"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2\n", "line 4: a face needs three"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\n", "no triangles"),
+    ],
+)
+def test_what_is_wrong_with_an_obj_is_said(tmp_path, text, words):
+    (tmp_path / "a.obj").write_text(text)
+    with pytest.raises(ValueError, match=words):
+        read_obj(tmp_path / "a.obj")
 
 
 def test_an_off_of_one_line(tmp_path):

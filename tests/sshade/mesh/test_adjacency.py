@@ -51,6 +51,10 @@ def test_tables_equal_those_of_sets(name):
     edges = sides_by_edge(mesh.F, mesh.n)
     assert [tuple(ends) for ends in edges.ends.tolist()] == sorted(at)
     assert [own.tolist() for own in np.split(edges.side, edges.start[1:-1])] == [at[e] for e in sorted(at)]
+    assert [tuple(ends) for ends in mesh.boundary_edges.tolist()] == [
+        e for e in sorted(at) if len(at[e]) == 1
+    ]
+    assert np.array_equal(mesh.edges, edges.ends) and np.array_equal(mesh.face_edges, edges.edge)
     start, face = faces_around_vertices(mesh.F, mesh.n)
     around = [np.flatnonzero((i == mesh.F).any(axis=1)).tolist() for i in range(mesh.n)]
     assert [own.tolist() for own in np.split(face, start[1:-1])] == around

@@ -67,10 +67,6 @@ def test_arrays_become_read_only_float64_and_int64_and_leave_the_callers_alone()
     assert np.array_equal(mesh.V, TRIANGLE) and mesh.F.tolist() == [[0, 1, 2]]
 
 
-def test_lists_are_accepted():
-    assert Mesh(TRIANGLE.tolist(), [[0, 1, 2]]).n == 3
-
-
 def test_areas_normals_volume_and_diagonal_of_a_block_are_exact():
     mesh = block(np.ones((2, 3, 4)))
     assert mesh.area == pytest.approx(2 * (6 + 8 + 12), rel=1e-14)
@@ -102,15 +98,6 @@ def test_area_volume_and_topology_follow_rigid_motions_and_scale(seed, shift, sc
     assert moved.area == pytest.approx(scale**2 * mesh.area, rel=1e-11)
     assert moved.volume == pytest.approx(scale**3 * mesh.volume, rel=1e-10)
     assert moved.topology == mesh.topology
-
-
-def test_edges_equal_a_set_of_sorted_pairs():
-    for mesh in (icosphere(2), torus(12, 8), double_torus(cells=1), tube(8, 10), strip(9, 3)):
-        sides = [tuple(sorted((int(f[a]), int(f[(a + 1) % 3])))) for f in mesh.F for a in range(3)]
-        assert [tuple(edge) for edge in mesh.edges.tolist()] == sorted(set(sides))
-        alone = sorted(side for side in set(sides) if sides.count(side) == 1)
-        assert [tuple(edge) for edge in mesh.boundary_edges.tolist()] == alone
-        assert mesh.is_closed == (not alone)
 
 
 @pytest.mark.parametrize(
