@@ -9,8 +9,6 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from sshade.solver.quasi_newton import inner
-
 #: Pivot, relative to unit columns, under which a difference adds nothing to the others.
 DEPENDENT = 1e-12
 
@@ -69,7 +67,7 @@ def _advance(u, g, count, last_F, last_g, dF, dG, gram):
             last_F[i] = F
             last_g[i] = g[i]
         for c in range(used):
-            gram[newest, c] = gram[c, newest] = inner(dF[newest], dF[c])
+            gram[newest, c] = gram[c, newest] = _inner(dF[newest], dF[c])
     else:
         for i in range(size):
             last_F[i] = g[i] - u[i]
@@ -78,7 +76,7 @@ def _advance(u, g, count, last_F, last_g, dF, dG, gram):
     if used > 0:
         target = np.empty(used)
         for c in range(used):
-            target[c] = inner(dF[c], last_F)
+            target[c] = _inner(dF[c], last_F)
         theta = _least_squares(gram[:used, :used], target)
         for c in range(used):
             if theta[c] != 0.0:
@@ -128,3 +126,18 @@ def _least_squares(gram, target):
     for c in range(n):
         theta[c] *= scale[c]
     return theta
+
+
+@njit(cache=True, nogil=True)
+def _inner(a, b):
+    """Dot product in four partial sums: in a single one each addition waits for the last."""
+    s0 = s1 = s2 = s3 = 0.0
+    end = len(a) - len(a) % 4
+    for i in range(0, end, 4):
+        s0 += a[i] * b[i]
+        s1 += a[i + 1] * b[i + 1]
+        s2 += a[i + 2] * b[i + 2]
+        s3 += a[i + 3] * b[i + 3]
+    for i in range(end, len(a)):
+        s0 += a[i] * b[i]
+    return (s0 + s1) + (s2 + s3)

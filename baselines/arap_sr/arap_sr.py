@@ -31,8 +31,8 @@ from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 from sshade.solver.options import Start
-from sshade.solver.rotations import right_hand_side
 from sshade.solver.start import initial_guess
+from sshade.solver.terms import right_hand_side
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
 
 #: Differences that the acceleration keeps.
@@ -107,9 +107,8 @@ def arap_sr(
     Raises
     ------
     InputError
-        On an unknown start or first step, or an alpha that is negative or infinite.
-    FloatingPointError
-        When triangles have no area.
+        On an unknown start or first step, an alpha that is negative or infinite, or
+        triangles without area.
     """
     if not 0 <= alpha < np.inf:
         raise InputError(f"alpha={alpha!r} is no weight; it takes a number from 0")
@@ -192,7 +191,7 @@ class _Iteration:
         if self.to_fit:
             self._cells.fit(u, self.Q, self.R)
         self.to_fit = True
-        right_hand_side(self._cells.corners, self._cells.Y, self.R, self._B)
+        right_hand_side(self._cells.terms, self.R, self._B, 0, len(self._B))
         self._global.solve(self._B, out)
 
     def turn(self) -> float:

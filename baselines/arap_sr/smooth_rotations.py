@@ -8,6 +8,8 @@ neighbours, so their rotations may be fitted in any order, or in one call.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numba import njit
 from scipy.sparse import coo_array
@@ -15,7 +17,8 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from sshade.mesh.mesh import Mesh
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
-from sshade.solver.fitting import fit_rotations
+from sshade.solver.rotations import fit_rotations
+from sshade.solver.terms import Terms
 
 
 def vertex_colours(mesh: Mesh) -> np.ndarray:
@@ -48,15 +51,14 @@ class Cells:
 
     Raises
     ------
-    FloatingPointError
+    InputError
         When triangles have no area.
 
     Attributes
     ----------
     laplacian : (n, n) sparse float64
-    corners : (e, 2) int32
-    Y : (e, 1, 3) float64
-        The edges as elements of :mod:`sshade.solver.rotations`.
+    terms : Terms
+        The edges, as in the spokes energy.
     """
 
     def __init__(self, mesh: Mesh, *, alpha: float, clamp: bool, colour: np.ndarray) -> None:
@@ -67,8 +69,8 @@ class Cells:
             h = np.maximum(h, 0.0)
         edges, weights = edge_weights(mesh, h)
         self.laplacian = laplacian_matrix(mesh.n, edges, weights)
-        self.corners = edges.astype(np.int32)
-        self.Y = (weights[:, None] * (mesh.V[edges[:, 0]] - mesh.V[edges[:, 1]]))[:, None]
+        Y = (weights[:, None] * (mesh.V[edges[:, 0]] - mesh.V[edges[:, 1]]))[:, None]
+        self.terms = Terms(edges.astype(np.int32), Y, weights[:, None])
         star = _symmetric(mesh, weights, edges=edges)
         degree = np.diff(star.indptr)
         centre = np.repeat(np.arange(mesh.n), degree)
@@ -86,9 +88,11 @@ class Cells:
         return np.tile([w, x, y, z], (n, 1)), np.tile(R0.ravel(), (n, 1))
 
     def fit(self, P: np.ndarray, Q: np.ndarray, R: np.ndarray, *, smooth: bool = True) -> None:
-        """One sweep: fit all rotations to positions P (n, 3), replacing Q and R."""
+        """One Gauss-Seidel sweep over the colours: fit Q and R to positions P (n, 3)."""
         weight = self._smooth if smooth else np.zeros_like(self._smooth)
-        _sweep(self._start, self._neighbour, self._edges, weight, self._first, P, Q, R)
+        for begin, end in pairwise(self._first):
+            _covariances(self._start, self._neighbour, self._edges, weight, P, R, begin, end)
+            fit_rotations(R[begin:end], Q[begin:end])
 
 
 def _symmetric(mesh: Mesh, values: np.ndarray, *, edges: np.ndarray):
@@ -126,23 +130,19 @@ def _greedy_colours(start, neighbour):
 
 
 @njit(cache=True, nogil=True)
-def _sweep(start, neighbour, edges, smooth, first, P, Q, R):
-    """Gauss-Seidel over the colours; `first` is where each begins."""
-    for colour in range(len(first) - 1):
-        begin, end = first[colour], first[colour + 1]
-        for i in range(begin, end):
-            # No vertex of this colour reads R[i], so it holds the covariance meanwhile.
-            S = R[i]
-            S[:] = 0.0
-            for p in range(start[i], start[i + 1]):
-                j = neighbour[p]
-                x, y, z = P[i, 0] - P[j, 0], P[i, 1] - P[j, 1], P[i, 2] - P[j, 2]
-                for r in range(3):
-                    e = edges[p, r]
-                    S[3 * r] += e * x + smooth[i] * R[j, r]
-                    S[3 * r + 1] += e * y + smooth[i] * R[j, 3 + r]
-                    S[3 * r + 2] += e * z + smooth[i] * R[j, 6 + r]
-        fit_rotations(R[begin:end], Q[begin:end])
+def _covariances(start, neighbour, edges, smooth, P, R, begin, end):
+    """Write S~ of the vertices of a colour, from `begin` to `end`, in place of their rotations."""
+    for i in range(begin, end):
+        S = R[i]  # no vertex of this colour reads it
+        S[:] = 0.0
+        for p in range(start[i], start[i + 1]):
+            j = neighbour[p]
+            x, y, z = P[i, 0] - P[j, 0], P[i, 1] - P[j, 1], P[i, 2] - P[j, 2]
+            for r in range(3):
+                e = edges[p, r]
+                S[3 * r] += e * x + smooth[i] * R[j, r]
+                S[3 * r + 1] += e * y + smooth[i] * R[j, 3 + r]
+                S[3 * r + 2] += e * z + smooth[i] * R[j, 6 + r]
 
 
 @njit(cache=True, nogil=True)

@@ -31,8 +31,9 @@ from sshade.mesh.adjacency import vertex_graph
 from sshade.sampling.fronts import farthest_point_sampling
 from sshade.solver.cotangents import laplacian_matrix
 from sshade.solver.options import Start
-from sshade.solver.rotations import local_step, right_hand_side
+from sshade.solver.rotations import fit_rotations
 from sshade.solver.start import initial_guess
+from sshade.solver.terms import Terms, covariances, right_hand_side
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
 
 
@@ -133,20 +134,20 @@ class _NodeSolver:
     def __init__(self, coarse: NodeGraph, *, held: np.ndarray, targets: np.ndarray) -> None:
         k, edges = len(coarse.P), coarse.edges
         weights = np.ones(len(edges))
-        self._corners = edges.astype(np.int32)
-        self._H = weights[:, None]
-        self._Y = np.ascontiguousarray((coarse.P[edges[:, 0]] - coarse.P[edges[:, 1]])[:, None])
+        Y = np.ascontiguousarray((coarse.P[edges[:, 0]] - coarse.P[edges[:, 1]])[:, None])
+        self._terms = Terms(edges.astype(np.int32), Y, weights[:, None])
         self._Q, self._R, self._B = np.tile([1.0, 0.0, 0.0, 0.0], (k, 1)), np.empty((k, 9)), np.empty((k, 3))
         self._global = GlobalStep(laplacian_matrix(k, edges, weights), held, targets=targets)
 
     def rotations(self, q: np.ndarray) -> np.ndarray:
         """(k, 9) the local step at q."""
-        local_step(self._corners, self._Y, self._H, q, self._Q, self._R)
+        covariances(self._terms, q, self._R, 0, len(q))
+        fit_rotations(self._R, self._Q)
         return self._R
 
     def advance(self, q: np.ndarray, out: np.ndarray) -> None:
         """One local and one global step."""
-        right_hand_side(self._corners, self._Y, self.rotations(q), self._B)
+        right_hand_side(self._terms, self.rotations(q), self._B, 0, len(q))
         self._global.solve(self._B, out)
 
 

@@ -49,8 +49,7 @@ from sshade.carry.projection import Projection
 from sshade.carry.vertex_maps import VertexMaps
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.solver.fitting import fit_rotations
-from sshade.solver.quaternions import quaternions
+from sshade.solver.rotations import fit_rotations, quaternions
 
 #: How far R^T R of a given rotation may be from the identity.
 ORTHOGONAL = 1e-6

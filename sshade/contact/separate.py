@@ -84,7 +84,7 @@ def separate(
     met : (n,) bool, optional
         Of an earlier call: they are held apart from the first round on.
     stiffness, strain
-        How the triangles of the patch soften; see :mod:`sshade.solver.softening`.
+        How the triangles of the patch soften; see :mod:`sshade.solver.strain_softening`.
     margin : float
         Gap between separated sides, over the mean edge around the contact.
     rounds : int

@@ -12,9 +12,8 @@ from sshade.carry.frames import FrameKind
 from sshade.errors import InputError
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
-from sshade.solver.local_global import LocalGlobal
+from sshade.solver.local_global import LocalGlobal, Solution
 from sshade.solver.options import Energy
-from sshade.solver.solution import Solution
 from sshade.task import DeformationResult, Progress, silent
 from sshade.threads import in_threads
 

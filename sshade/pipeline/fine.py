@@ -1,7 +1,7 @@
 """Beyond the paper: constrained, softening proxies carried back with blended frames, and a polish.
 
 `sshade_fast` is one proxy: its volume and its area held, its triangles softening
-(:mod:`sshade.solver.softening`), its motion blended over each triangle
+(:mod:`sshade.solver.strain_softening`), its motion blended over each triangle
 (:mod:`sshade.carry.blended`). `sshade_fine` goes on from there with a few accelerated
 iterations of the same energy at full resolution, and leads apart what crosses in
 the end (:mod:`sshade.contact.separate`).
@@ -24,9 +24,8 @@ from sshade.mesh.mesh import Mesh
 from sshade.pipeline.deform import deform
 from sshade.pipeline.multilevel import multilevel
 from sshade.sampling.fronts import farthest_point_sampling
-from sshade.solver.local_global import LocalGlobal, local_global
+from sshade.solver.local_global import LocalGlobal, Solution, local_global
 from sshade.solver.options import SolverOptions, complete, energy_options
-from sshade.solver.solution import Solution
 from sshade.solver.substitution import Factors, divide, substitute_together
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
 from sshade.threads import ThreadTeam, available_cpus, number_of_workers

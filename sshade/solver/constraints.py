@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import logging
 import math
+from dataclasses import asdict, dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -25,13 +26,12 @@ from sshade.solver.volume_area import (
     AREA,
     ROUNDING,
     VOLUME,
+    Equations,
+    add_gradients,
     along,
-    gather_columns,
     gradients,
     measure,
     newton,
-    push,
-    scatter_columns,
 )
 
 log = logging.getLogger(__name__)
@@ -47,27 +47,31 @@ RELAXED, GIVE_UP = 1.0, 30
 FLAT = 1e-9
 
 
-class Wanted(NamedTuple):
+@dataclass(frozen=True)
+class VolumeArea:
     """What a solve is asked to hold.
 
-    Attributes
+    Parameters
     ----------
     volume, area : float
         Weights: 0 leaves it free, inf holds it exactly. In between, an error e
         (relative, of a component) costs ``weight / 2 x e^2`` times the
         component's rest energy: the energy of its rest shape shrunk to a point.
         Neither the unit of length nor the resolution matters.
+
+    Raises
+    ------
+    InputError
+        On a weight that is negative or NaN.
     """
 
     volume: float = 0.0
     area: float = 0.0
 
-    def checked(self) -> Wanted:
-        """Itself; InputError on a weight that is negative or NaN."""
-        for name, weight in self._asdict().items():
+    def __post_init__(self) -> None:
+        for name, weight in asdict(self).items():
             if not weight >= 0:
                 raise InputError(f"the {name} weight goes from 0 (free) to inf (exact); {weight} does not")
-        return self
 
 
 class Errors(NamedTuple):
@@ -77,7 +81,7 @@ class Errors(NamedTuple):
     area: float
 
 
-class Constraints:
+class Components:
     """The volumes and areas of a mesh's components, to be held in any number of solves.
 
     Parameters
@@ -85,19 +89,19 @@ class Constraints:
     mesh : Mesh
         Rest shape. Components that are not closed and consistently oriented, or
         are flat, have no volume to hold.
-    position : (n,) int
+    place : (n,) int
         Place of each vertex in the order of the solver's arrays.
     """
 
-    def __init__(self, mesh: Mesh, position: np.ndarray) -> None:
+    def __init__(self, mesh: Mesh, place: np.ndarray) -> None:
         owner = mesh.component[mesh.F[:, 0]]
-        near = np.lexsort((position[mesh.F].min(axis=1), owner))
-        self.faces = np.ascontiguousarray(position[mesh.F[near]], dtype=np.int32)
+        near = np.lexsort((place[mesh.F].min(axis=1), owner))
+        self.faces = np.ascontiguousarray(place[mesh.F[near]], dtype=np.int32)
         self.start = np.searchsorted(owner[near], np.arange(mesh.component.max() + 2))
         self.component = np.empty(mesh.n, dtype=np.int32)
-        self.component[position] = mesh.component
+        self.component[place] = mesh.component
         rest = np.empty((mesh.n, 3))
-        rest[position] = mesh.V
+        rest[place] = mesh.V
         self.rest = measure(self.faces, self.start, rest)
         self._lacking = _lacking_volume(mesh, self.rest)
 
@@ -106,28 +110,28 @@ class Constraints:
         """(c,) bool: which components enclose a volume that can be held."""
         return self._lacking == ""
 
-    def hold(self, wanted: Wanted, *, corners: int) -> Hold | None:
-        """What a solve needs to hold what is wanted; None if that is nothing.
+    def held(self, asked: VolumeArea, *, corners: int) -> HeldConstraints | None:
+        """The constraints of a solve; None where it holds nothing.
 
         Parameters
         ----------
-        wanted : Wanted
+        asked : VolumeArea
         corners : int
             How often the energy counts an edge.
         """
-        if wanted.volume > 0 and not self.has_volume.all():
+        if asked.volume > 0 and not self.has_volume.all():
             log.warning("the volume constraint is %s", self._off())
-        kinds = [VOLUME] * bool(wanted.volume > 0 and self.has_volume.any()) + [AREA] * (wanted.area > 0)
-        return Hold(self, wanted, np.array(kinds), corners=corners) if kinds else None
+        kinds = [VOLUME] * bool(asked.volume > 0 and self.has_volume.any()) + [AREA] * (asked.area > 0)
+        return HeldConstraints(self, asked, np.array(kinds), corners=corners) if kinds else None
 
-    def errors(self, P: np.ndarray, wanted: Wanted) -> Errors:
-        """How far positions P (n, 3), in the solver's order, are from what is wanted."""
+    def errors(self, P: np.ndarray) -> Errors:
+        """How far the volumes and areas at positions P (n, 3), in the solver's order, are from rest."""
         now, has = measure(self.faces, self.start, P), self.has_volume
         volume = np.abs(now[VOLUME, has] / self.rest[VOLUME, has] - 1)
         area = np.abs(now[AREA] / self.rest[AREA] - 1)
         return Errors(float(volume.max()) if len(volume) else math.nan, float(area.max()))
 
-    def status(self, wanted: Wanted, errors: Errors) -> tuple[str, str]:
+    def status(self, asked: VolumeArea, errors: Errors) -> tuple[str, str]:
         """What became of the volume and of the area, in words for a row.
 
         Returns
@@ -137,10 +141,10 @@ class Constraints:
             an exact one is above `REACHED`. The volume may be "off", and why.
         """
         words = []
-        for weight, error in ((wanted.volume, errors.volume), (wanted.area, errors.area)):
+        for weight, error in ((asked.volume, errors.volume), (asked.area, errors.area)):
             reached = "exact" if error <= REACHED else "infeasible"
             words.append("free" if weight == 0 else "weighted" if weight < math.inf else reached)
-        if wanted.volume > 0 and not self.has_volume.all():
+        if asked.volume > 0 and not self.has_volume.all():
             words[0] = f"{words[0]}; {self._off()}" if self.has_volume.any() else self._off()
         return words[0], words[1]
 
@@ -150,102 +154,129 @@ class Constraints:
         return f"off{where}: {', '.join(sorted(set(lacking.tolist())))}"
 
 
-class Hold:
-    """The constraints of one solve, with their work arrays; see :meth:`Constraints.hold`.
+class HeldConstraints:
+    """Multipliers and directions of one solve; a :class:`sshade.solver.arap.Constraints`.
 
-    Attributes
-    ----------
-    columns : int
-        Right-hand sides that it adds to a global step.
+    The multiplier of a constraint grows by each move along its direction. With
+    which weights the constraints are held at a step, :class:`InfeasibleAreas` decides.
     """
 
-    def __init__(self, constraints: Constraints, wanted: Wanted, kinds: np.ndarray, *, corners: int) -> None:
-        rest, n = constraints.rest, len(constraints.component)
-        on = np.stack([constraints.has_volume, np.ones_like(constraints.has_volume)])[kinds]
-        self._mesh = constraints.faces, constraints.start
-        self._component, self._kinds, self._area = constraints.component, kinds, rest[AREA]
-        self._scale = np.where(on, 1.0, 0.0) / np.where(on, rest[kinds], 1.0)
-        self._goal = np.where(on, 1.0, 0.0)
-        self._weight = np.where(on, np.array([wanted.volume, wanted.area])[kinds, None], math.inf)
-        self._now, self._corners = self._weight, corners
-        self._G, self._Z = np.zeros((2, n, len(kinds), 3))
+    def __init__(self, components: Components, asked: VolumeArea, kinds: np.ndarray, *, corners: int) -> None:
+        rest, has = components.rest, components.has_volume
+        on = np.stack([has, np.ones_like(has)])[kinds]
+        weight = np.where(on, np.array([asked.volume, asked.area])[kinds, None], math.inf)
+        self._area, self._corners = rest[AREA], corners
+        self._equations = Equations(
+            components.faces,
+            components.start,
+            components.component,
+            kinds,
+            scale=on / np.where(on, rest[kinds], 1.0),
+            compliance=np.zeros(on.shape),
+            active=on,
+        )
+        self._policy, self._weight = InfeasibleAreas(kinds, weight), weight
+        self._G, self._Z = np.zeros((2, len(components.component), len(kinds), 3))
         self._slope = np.empty((on.shape[1], len(kinds), len(kinds)))
-        self._failures, self._miss = np.zeros((2, on.shape[1]))
-        self._multiplier = np.zeros((on.shape[1], len(kinds)))
+        self._violation, self._multiplier = np.zeros(on.shape[1]), np.zeros((on.shape[1], len(kinds)))
         self.columns, self._steps = 3 * len(kinds), 0
-        both = math.isinf(wanted.volume) and math.isinf(wanted.area)
+        both = math.isinf(asked.volume) and math.isinf(asked.area)
         self._every = EVERY_OF_BOTH if both else EVERY
 
+    @property
+    def renews_directions(self) -> bool:
+        return self._steps % self._every == 0
+
     def penalty(self, P: np.ndarray) -> float:
-        """What weighted constraints add to the energy of positions P (n, 3)."""
-        weight = np.where(np.isinf(self._now), 0.0, self._now)
+        weight = np.where(np.isinf(self._weight), 0.0, self._weight)
         if not weight.any():
             return 0.0
-        error = self._scale * measure(*self._mesh, P)[self._kinds] - self._goal
+        F, start, _, kinds, scale, *_ = self._equations
+        error = scale * measure(F, start, P)[kinds] - 1.0
         # The rest energy of a component is 2 corners x area; of the penalty's 1/2 a 1 remains.
         return float((weight * self._corners * self._area * error**2).sum())
 
-    @property
-    def turns(self) -> bool:
-        """Whether the next step needs new directions."""
-        return self._steps % self._every == 0
-
-    def push(self, P: np.ndarray, B: np.ndarray) -> None:
-        """Write to B (n, 3) what the multipliers add to right-hand sides at positions P (n, 3)."""
+    def forces(self, P: np.ndarray, B: np.ndarray) -> None:
+        F, start, _, kinds, scale, *_ = self._equations
         B[:] = 0.0
-        push(*self._mesh, self._kinds, self._scale * self._multiplier.T, P, B)
+        add_gradients(F, start, kinds, scale * self._multiplier.T, P, B)
 
-    def gather(self, P: np.ndarray, rows: np.ndarray, X: np.ndarray) -> None:
-        """Write the gradients at P (n, 3) of the vertices `rows` to columns 3.. of X (f, 3 + columns)."""
-        gradients(*self._mesh, self._kinds, self._scale, P, self._G)
-        gather_columns(self._G, rows, X)
+    def write_gradients(self, P: np.ndarray, rows: np.ndarray, X: np.ndarray) -> None:
+        F, start, _, kinds, scale, *_ = self._equations
+        gradients(F, start, kinds, scale, P, self._G)
+        X[:, 3:] = self._G.reshape(len(self._G), -1)[rows]
 
-    def turn(self, X: np.ndarray, rows: np.ndarray) -> None:
-        """Take the solutions in columns 3.. of X for directions."""
-        scatter_columns(X, rows, self._Z)
-        along(self._G, self._component, self._Z, self._slope)
+    def take_directions(self, X: np.ndarray, rows: np.ndarray) -> None:
+        self._Z.reshape(len(self._Z), -1)[rows] = X[:, 3:]
+        along(self._G, self._equations.component, self._Z, self._slope)
 
-    def pull(self, P: np.ndarray) -> None:
-        """Move P (n, 3) to where the constraints hold.
-
-        Where a component's exact constraints cannot be met together, its area
-        gets the weight `RELAXED` until the next step; after `GIVE_UP` such
-        steps in a row, for good.
-        """
+    def project(self, P: np.ndarray) -> None:
         self._steps += 1
-        area = (self._kinds == AREA)[:, None]
-        exact_area = (area & np.isinf(self._weight)).any(axis=0)
-        before = (P.copy(), self._multiplier.copy()) if exact_area.any() else (P, self._multiplier)
-        self._now = self._weight
-        self._miss = self._newton(P, np.ones_like(self._weight, dtype=bool), self._multiplier)
-        failed = exact_area & (self._miss > REACHED)
+        policy, multiplier = self._policy, self._multiplier
+        self._weight = policy.weight
+        before = (P.copy(), multiplier.copy()) if policy.may_fail.any() else (P, multiplier)
+        self._violation = self._newton(P, multiplier)
+        failed = policy.may_fail & (self._violation > REACHED)
         if failed.any():
-            again = failed[self._component]
-            P[again], self._multiplier[failed] = before[0][again], before[1][failed]
-            self._now = np.where(area & failed, RELAXED, self._weight)
-            only = np.broadcast_to(failed, self._now.shape)
-            self._miss = np.where(failed, self._newton(P, only, self._multiplier), self._miss)
-        lost = self._miss > REACHED
+            again = failed[self._equations.component]
+            P[again], multiplier[failed] = before[0][again], before[1][failed]
+            self._weight = policy.relaxed(failed)
+            self._violation = np.where(failed, self._newton(P, multiplier, only=failed), self._violation)
+        lost = self._violation > REACHED
         if lost.any():  # their multipliers would add up from step to step: begin anew
-            self._multiplier[lost], self._steps = 0.0, 0
-        self._failures = np.where(failed, self._failures + 1, 0)
-        self._weight = np.where(self._failures >= GIVE_UP, self._now, self._weight)
+            multiplier[lost], self._steps = 0.0, 0
+        policy.record(failed)
 
     def restore(self, P: np.ndarray) -> bool:
-        """Move P (n, 3) to where the exact constraints hold, along the present directions.
-
-        False where they are missed by more than they were then.
-        """
-        exact = np.isinf(self._now)
+        exact = np.isinf(self._weight)
         if not exact.any():
             return True
-        miss = self._newton(P, exact, np.zeros_like(self._multiplier))
-        return bool((miss <= np.maximum(self._miss, ROUNDING)).all())
+        violation = self._newton(P, np.zeros_like(self._multiplier), only=exact)
+        return bool((violation <= np.maximum(self._violation, ROUNDING)).all())
 
-    def _newton(self, P: np.ndarray, only: np.ndarray, multiplier: np.ndarray) -> np.ndarray:
-        scale, goal = np.where(only, (self._scale, self._goal), 0.0)
-        equations = self._kinds, scale, goal, 1.0 / (self._now * self._area)
-        return newton(*self._mesh, self._component, *equations, self._Z, self._slope, multiplier, P)
+    def _newton(self, P: np.ndarray, multiplier: np.ndarray, *, only: np.ndarray | bool = True) -> np.ndarray:
+        """Newton's method on the equations, or on those of them `only` (q, c) or (c,) bool."""
+        equations = self._equations._replace(
+            compliance=1.0 / (self._weight * self._area), active=self._equations.active & only
+        )
+        return newton(equations, self._Z, self._slope, multiplier, P)
+
+
+class InfeasibleAreas:
+    """Which exact areas are held with a weight, as they cannot be met together with the volume.
+
+    Where Newton's method fails on a component, its area has the weight `RELAXED` at this
+    step; after `GIVE_UP` such steps in a row, for good.
+
+    Parameters
+    ----------
+    kinds : (q,) int64
+    weight : (q, c) float64
+        Those asked for.
+
+    Attributes
+    ----------
+    weight : (q, c) float64
+        Those of the next step.
+    """
+
+    def __init__(self, kinds: np.ndarray, weight: np.ndarray) -> None:
+        self._areas, self.weight = (kinds == AREA)[:, None], weight
+        self._failures = np.zeros(weight.shape[1])
+
+    @property
+    def may_fail(self) -> np.ndarray:
+        """(c,) bool: components whose area is to hold exactly."""
+        return (self._areas & np.isinf(self.weight)).any(axis=0)
+
+    def relaxed(self, failed: np.ndarray) -> np.ndarray:
+        """(q, c) weights of a step at which the components `failed` (c,) bool."""
+        return np.where(self._areas & failed, RELAXED, self.weight)
+
+    def record(self, failed: np.ndarray) -> None:
+        """Count a step at which the components `failed` (c,) bool."""
+        self._failures = np.where(failed, self._failures + 1, 0)
+        self.weight = self.relaxed(self._failures >= GIVE_UP)
 
 
 def _lacking_volume(mesh: Mesh, rest: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
+from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 
 
@@ -21,7 +22,7 @@ def half_cotangents(mesh: Mesh) -> np.ndarray:
 
     Raises
     ------
-    FloatingPointError
+    InputError
         When triangles have no area.
     """
     double_area = 2.0 * mesh.face_areas
@@ -33,7 +34,7 @@ def half_cotangents(mesh: Mesh) -> np.ndarray:
         h = 0.5 * dots / double_area[:, None]
     bad = int((~np.isfinite(h)).any(axis=1).sum())
     if bad:
-        raise FloatingPointError(
+        raise InputError(
             f"{bad} triangles of the rest mesh have no area, so their cotangent weights are infinite; "
             "remesh or remove them"
         )

@@ -1,9 +1,8 @@
 """As-rigid-as-possible deformation by a local/global solver of our own, with quasi-Newton steps.
 
 The mesh and the choice of handle vertices are bound once (:class:`LocalGlobal`:
-weights, element lists, Cholesky factor), then solved for any number of handle
-positions. All heavy steps run without the GIL: solvers in several threads
-proceed at the same time.
+weights, terms, factorisation), then solved for any number of handle positions. All
+heavy steps run without the GIL: solvers in several threads proceed at the same time.
 
 O. Sorkine, M. Alexa, "As-rigid-as-possible surface modeling", 2007 (spokes);
 I. Chao, U. Pinkall, P. Sanan, P. Schroeder, "A simple geometric model for
@@ -14,22 +13,68 @@ from __future__ import annotations
 
 from math import inf
 from time import perf_counter
-from typing import Unpack
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.solver.constraints import Wanted
-from sshade.solver.elements import Elements
-from sshade.solver.iterate import iterate
+from sshade.solver.arap import ArapIteration, ArapSystem
+from sshade.solver.constraints import Components, VolumeArea
 from sshade.solver.options import Energy, EnergyOptions, SolverOptions, complete, energy_options
-from sshade.solver.quasi_newton import QuasiNewton
-from sshade.solver.softening import Softening
-from sshade.solver.solution import Solution
+from sshade.solver.quasi_newton import QuasiNewton, iterate
 from sshade.solver.start import initial_guess
+from sshade.solver.strain_softening import StrainSoftening
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
 from sshade.threads import ThreadTeam
+
+
+class Solution(NamedTuple):
+    """A deformed shape and how the iteration went.
+
+    Attributes
+    ----------
+    positions : (n, 3) float64
+        The handles are on their targets exactly.
+    rotations : (n, 3, 3) float64
+        The local step at `positions`: det 1, from rest edges to deformed ones.
+    iterations : int
+        Global steps.
+    residual : float
+        Largest move of a vertex in the last plain iteration / bounding-box diagonal.
+    residual_curve : (iterations,) float64
+        That of each iteration.
+    energy, energy_initial : float
+        After the local steps at `positions` and at the start, with the penalties
+        of weighted constraints; unit length^2. The start fulfils no constraint,
+        so that its energy may be the lower one.
+    converged : bool
+    rejected : int
+        Accelerated iterates given up because the energy rose.
+    volume_error, area_error : float
+        Relative, of the worst component; NaN where none encloses a volume.
+    volume_constraint, area_constraint : str
+        See :meth:`sshade.solver.constraints.Components.status`.
+    """
+
+    positions: np.ndarray
+    rotations: np.ndarray
+    iterations: int
+    residual: float
+    residual_curve: np.ndarray
+    energy: float
+    energy_initial: float
+    converged: bool
+    rejected: int
+    volume_error: float
+    area_error: float
+    volume_constraint: str
+    area_constraint: str
+
+    def facts(self) -> dict[str, Any]:
+        """What belongs into the `extra` of a result."""
+        own = ("positions", "iterations", "converged")
+        return {name: value for name, value in self._asdict().items() if name not in own}
 
 
 class LocalGlobal:
@@ -50,15 +95,14 @@ class LocalGlobal:
     Raises
     ------
     InputError
-        On an unknown energy, or vertices as above that are out of
-        range, repeated, or leave a component free.
-    FloatingPointError
-        When triangles have no area: their cotangents are infinite.
+        On an unknown energy, vertices as above that are out of range, repeated, or
+        leave a component free, or triangles without area: their cotangents are infinite.
     """
 
     def __init__(self, mesh: Mesh, index: np.ndarray, *, energy: Energy = "spokes_and_rims") -> None:
-        self._elements = Elements(mesh, index, energy=energy)
-        self.mesh, self.index, self.energy = mesh, self._elements.index, energy
+        self.system = ArapSystem(mesh, index, energy=energy)
+        self.mesh, self.index = mesh, self.system.index
+        self._components = Components(mesh, self.system.place)
 
     def solve(
         self,
@@ -80,7 +124,7 @@ class LocalGlobal:
         The residual is the largest move of a vertex in one *plain* iteration
         over the rest shape's diagonal, also under acceleration. The safeguard
         compares energies after local steps: where an accelerated iterate has a
-        higher one than the iterate before, or cannot be led back to the exact
+        higher one than the iterate before, or cannot be projected onto the exact
         constraints, half of its step is tried, and then the plain one takes its
         place. Deterministic, and safe to call from several threads at once.
 
@@ -128,27 +172,41 @@ class LocalGlobal:
         if window < 1:
             raise InputError(f"the acceleration window must be at least 1, not {window}")
         options = complete(energy)
-        wanted = Wanted(options["volume"], options["area"])
-        softening = Softening(options["stiffness"], options["strain"])
-        u = start[self._elements.vertex] - self.mesh.origin
-        u[self._elements.held] = targets - self.mesh.origin
+        held = VolumeArea(options["volume"], options["area"])
+        softening = StrainSoftening(options["stiffness"], options["strain"])
+        system, u = self.system, self._to_system(start, targets)
         with ThreadTeam(workers) as team:
-            iteration = self._elements.iteration(u[self._elements.held], wanted, softening, team=team)
+            iteration = ArapIteration(
+                system,
+                u[system.held],
+                team=team,
+                constraints=self._components.held(held, corners=system.terms.corners.shape[1]),
+                softening=softening.of(system.terms, system.rest),
+            )
             if rotations is not None:
                 iteration.begin_with(rotations)
-            mixer = QuasiNewton(len(u), window, iteration.laplacian) if accelerate else None
             facts = iterate(
                 iteration,
                 u,
-                mixer=mixer,
+                mixer=QuasiNewton(len(u), window, iteration.multiply) if accelerate else None,
                 tolerance=tolerance,
                 max_iterations=max_iterations,
                 deadline=perf_counter() + max_seconds,
                 progress=progress,
             )
-        solution = self._solution(u, iteration.R, wanted, facts)
-        solution.positions[self.index] = targets
-        return solution
+        R = np.empty((self.mesh.n, 3, 3))
+        R[system.vertex] = iteration.R.reshape(-1, 3, 3)
+        errors = self._components.errors(u)
+        states = self._components.status(held, errors)
+        return Solution(
+            positions=self._from_system(u, targets),
+            rotations=R,
+            volume_error=errors.volume,
+            area_error=errors.area,
+            volume_constraint=states[0],
+            area_constraint=states[1],
+            **facts,
+        )
 
     def project(
         self, positions: np.ndarray, *, volume: float = 0.0, area: float = 0.0, workers: int = 1
@@ -174,33 +232,23 @@ class LocalGlobal:
             As :meth:`solve`.
         """
         targets, positions = self._checked_positions(np.asarray(positions)[self.index], positions)
-        u = positions[self._elements.vertex] - self.mesh.origin
+        system, u = self.system, self._to_system(positions, targets)
+        held = self._components.held(VolumeArea(volume, area), corners=system.terms.corners.shape[1])
         with ThreadTeam(workers) as team:
-            iteration = self._elements.iteration(
-                targets, Wanted(volume, area).checked(), Softening(), team=team
-            )
-            iteration.correct(u)
-        result = np.empty_like(positions)
-        result[self._elements.vertex] = u + self.mesh.origin
-        result[self.index] = targets
-        return result
+            ArapIteration(system, u[system.held], team=team, constraints=held).project(u)
+        return self._from_system(u, targets)
 
-    def _solution(self, u: np.ndarray, R: np.ndarray, wanted: Wanted, facts: dict) -> Solution:
-        elements, n = self._elements, self.mesh.n
-        positions, rotations = np.empty((n, 3)), np.empty((n, 3, 3))
-        positions[elements.vertex] = u + self.mesh.origin
-        rotations[elements.vertex] = R.reshape(-1, 3, 3)
-        errors = elements.constraints.errors(u, wanted)
-        volume_constraint, area_constraint = elements.constraints.status(wanted, errors)
-        return Solution(
-            positions=positions,
-            rotations=rotations,
-            volume_error=errors.volume,
-            area_error=errors.area,
-            volume_constraint=volume_constraint,
-            area_constraint=area_constraint,
-            **facts,
-        )
+    def _to_system(self, positions: np.ndarray, targets: np.ndarray) -> np.ndarray:
+        """(n, 3) in the system's order, about the mesh's origin, handles on their targets."""
+        u = positions[self.system.vertex] - self.mesh.origin
+        u[self.system.held] = targets - self.mesh.origin
+        return u
+
+    def _from_system(self, u: np.ndarray, targets: np.ndarray) -> np.ndarray:
+        positions = np.empty_like(u)
+        positions[self.system.vertex] = u + self.mesh.origin
+        positions[self.index] = targets
+        return positions
 
     def _checked_positions(self, targets, start) -> tuple[np.ndarray, np.ndarray]:
         k, n = len(self.index), self.mesh.n
@@ -252,9 +300,10 @@ def local_global(
     TypeError
         On an unknown option.
     InputError
-        On an unknown energy or start, a negative weight, or a stiffness out of (0, 1].
+        On an unknown energy or start, a negative weight, a stiffness out of (0, 1], or
+        triangles without area.
     FloatingPointError
-        When triangles have no area.
+        When an iterate is not finite.
     """
     begin = perf_counter()
     solver_options = complete(options)

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal, TypedDict, Unpack
 
-from sshade.solver.constraints import Wanted
-from sshade.solver.softening import Softening
+from sshade.solver.constraints import VolumeArea
+from sshade.solver.strain_softening import StrainSoftening
 
 Energy = Literal["spokes", "spokes_and_rims"]
 Start = Literal["rest", "rigid"]
@@ -24,11 +24,11 @@ class EnergyOptions(TypedDict, total=False):
     volume, area : float
         Weights of the constraints on the volume that each component encloses and on
         its area, without unit: 0 leaves it free, inf holds it exactly; see
-        :class:`sshade.solver.constraints.Wanted`. Components with a boundary keep a
+        :class:`sshade.solver.constraints.VolumeArea`. Components with a boundary keep a
         free volume, with a warning.
     stiffness, strain : float
         Residual stiffness of strongly strained triangles, in (0, 1], and the strain about
-        which they soften, of spokes and rims only; see :mod:`sshade.solver.softening`.
+        which they soften, of spokes and rims only; see :mod:`sshade.solver.strain_softening`.
         A stiffness of 1 is the energy as published.
     """
 
@@ -87,8 +87,8 @@ def complete(given: Mapping[str, Any], **defaults: Unpack[SolverOptions]) -> Sol
     if unknown:
         raise TypeError(f"unexpected keyword argument {unknown[0]!r}; the options are {', '.join(DEFAULTS)}")
     options = DEFAULTS | defaults | given  # type: ignore[operator]
-    Wanted(options["volume"], options["area"]).checked()
-    Softening(options["stiffness"], options["strain"]).checked()
+    VolumeArea(options["volume"], options["area"])
+    StrainSoftening(options["stiffness"], options["strain"])
     return options
 
 

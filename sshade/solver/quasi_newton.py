@@ -14,10 +14,19 @@ matrices with limited storage", Mathematics of Computation 35, 1980.
 from __future__ import annotations
 
 from collections.abc import Callable
+from time import perf_counter
+from typing import Any
 
 import numpy as np
 from numba import njit
 
+from sshade.solver.arap import ArapIteration
+from sshade.task import Progress
+
+#: A rise of the energy below this (x the rest shape's Dirichlet energy) is rounding, not a bad step.
+ENERGY_ROUNDING = 1e-14
+#: Iterations between two calls of the progress callback.
+REPORT_EVERY = 10
 #: Cosine between a step and the change of the gradient along it, below which it tells nothing.
 CURVED = 1e-10
 #: Numbers that are worked on at a time.
@@ -45,10 +54,10 @@ class QuasiNewton:
     def __init__(self, n: int, window: int, product: Callable[[np.ndarray, np.ndarray], None]) -> None:
         self._product, self._window = product, window
         self.plain = np.empty((n, 3))
-        self._last_u, self._F, self._G, self._last_F, self._last_G = np.zeros((5, n, 3))
+        self._u, self._F, self._G, *self._spare = np.zeros((5, n, 3))
         self._S, self._Y, self._Z = np.zeros((3, window, n, 3))
         self._curvature = np.zeros(window)
-        self._way, self._q = np.empty((n, 3)), np.empty((n, 3))
+        self._step, self._q = np.empty((n, 3)), np.empty((n, 3))
         self._begun, self._steps = False, 0
 
     def advance(self, u: np.ndarray, g: np.ndarray) -> bool:
@@ -60,34 +69,112 @@ class QuasiNewton:
             False where that is g: nothing is remembered, or what is leads uphill.
         """
         self.plain[:] = g
-        np.subtract(g, u, out=self._F)
-        self._product(self._F, self._G)
+        F, G = self._spare
+        np.subtract(g, u, out=F)
+        self._product(F, G)
         if self._begun:
             slot = self._steps % self._window
-            pair = self._S[slot], self._Y[slot], self._Z[slot]
-            now, last = (u, self._F, self._G), (self._last_u, self._last_F, self._last_G)
-            curvature = _curvature(u, self._last_u, self._G, self._last_G)
+            curvature = _curvature(u, self._u, G, self._G)
             if curvature > 0.0:
-                _remember(*now, *last, *pair)
+                np.subtract(u, self._u, out=self._S[slot])
+                np.subtract(self._G, G, out=self._Y[slot])
+                np.subtract(self._F, F, out=self._Z[slot])
                 self._curvature[slot] = curvature
                 self._steps += 1
         self._begun = True
-        self._last_u[:] = u
-        self._F, self._last_F = self._last_F, self._F
-        self._G, self._last_G = self._last_G, self._G
+        self._u[:] = u
+        self._spare, self._F, self._G = [self._F, self._G], F, G
         stored = min(self._steps, self._window)
         newest_first = (self._steps - 1 - np.arange(stored)) % self._window
         pairs = self._S, self._Y, self._Z, self._curvature
-        if stored and _direction(self._last_F, self._last_G, *pairs, newest_first, self._q, self._way):
-            u += self._way
+        if stored and _direction(F, G, *pairs, newest_first, self._q, self._step):
+            u += self._step
             return True
         self._steps = 0
         u[:] = g
         return False
 
-    def half(self, u: np.ndarray) -> None:
-        """Replace u (n, 3) by the middle of the last step that was no plain one."""
-        u[:] = self._last_u + 0.5 * self._way
+    def halve(self, u: np.ndarray) -> None:
+        """Replace u (n, 3) by the middle of the last quasi-Newton step."""
+        u[:] = self._u + 0.5 * self._step
+
+
+def iterate(
+    iteration: ArapIteration,
+    u: np.ndarray,
+    *,
+    mixer: QuasiNewton | None,
+    tolerance: float,
+    max_iterations: int,
+    deadline: float,
+    progress: Progress,
+) -> dict[str, Any]:
+    """Repeat a plain iteration, accelerated by a mixer, until its residual is below a tolerance.
+
+    Parameters
+    ----------
+    iteration : ArapIteration
+    u : (n, 3) float64
+        Where to begin; replaced by the last iterate.
+    mixer : QuasiNewton, optional
+    tolerance, max_iterations
+        See :meth:`sshade.solver.local_global.LocalGlobal.solve`.
+    deadline : float
+        Value of `perf_counter` after which no iteration begins.
+    progress : Progress
+
+    Returns
+    -------
+    dict
+        The fields of :class:`sshade.solver.local_global.Solution` that the iteration determines.
+
+    Raises
+    ------
+    FloatingPointError
+        When an iterate is not finite.
+    """
+    rest_energy, diagonal = iteration.system.rest_energy, iteration.system.mesh.diagonal
+    g, slack = u.copy(), ENERGY_ROUNDING * abs(rest_energy)
+    iterations, rejected, residual, mixed = 0, 0, np.inf, False
+    energies, residuals = [np.inf], []
+    while True:
+        energy = iteration.local_step(u)
+        if mixer and mixed and not (energy <= energies[-1] + slack and iteration.restored):
+            rejected += 1
+            mixer.halve(u)
+            iteration.restore(u)
+            energy = iteration.local_step(u)
+            if not (energy <= energies[-1] + slack and iteration.restored):
+                u[:] = mixer.plain
+                energy = iteration.local_step(u)
+        energies.append(energy)
+        if residual < tolerance or iterations >= max_iterations or perf_counter() >= deadline:
+            break
+        iteration.global_step(u, g)
+        residual = float(largest_move(g, u)) / diagonal
+        residuals.append(residual)
+        iterations += 1
+        if not np.isfinite(residual):
+            raise FloatingPointError(f"the positions are not finite after {iterations} iterations")
+        mixed = False
+        if mixer and residual >= tolerance and iterations < max_iterations:
+            mixed = mixer.advance(u, g)
+            if mixed:
+                iteration.restore(u)
+        else:
+            u[:] = g
+        if iterations % REPORT_EVERY == 0:
+            progress("iterations", iterations, max_iterations, f"residual {residual:.1e}")
+    progress("iterations", iterations, max_iterations, f"residual {residual:.1e}")
+    return {
+        "iterations": iterations,
+        "residual": residual,
+        "residual_curve": np.array(residuals),
+        "energy": rest_energy + energies[-1],
+        "energy_initial": rest_energy + energies[1],
+        "converged": residual < tolerance,
+        "rejected": rejected,
+    }
 
 
 @njit(cache=True, nogil=True)
@@ -121,27 +208,19 @@ def _curvature(u, last_u, G, last_G):
 
 
 @njit(cache=True, nogil=True)
-def _remember(u, F, G, last_u, last_F, last_G, S, Y, Z):
-    """Write the step, the gradient's change, and L^-1 of that."""
-    _subtract(u.reshape(-1), last_u.reshape(-1), S.reshape(-1))
-    _subtract(last_G.reshape(-1), G.reshape(-1), Y.reshape(-1))
-    _subtract(last_F.reshape(-1), F.reshape(-1), Z.reshape(-1))
-
-
-@njit(cache=True, nogil=True)
-def _direction(F, G, S, Y, Z, curvature, newest_first, q, way):
-    """Write the quasi-Newton step to `way`; False where it does not descend.
+def _direction(F, G, S, Y, Z, curvature, newest_first, q, step):
+    """Write the quasi-Newton step to `step`; False where it does not descend.
 
     The usual two loops, upwards in sign: q begins as G, minus the gradient, and
-    `way`, L^-1 q all along, as F. Block by block, so that what one pass leaves in
+    `step`, L^-1 q all along, as F. Block by block, so that what one pass leaves in
     the cache the dot product for the next finds there.
     """
-    F, G, q, way = F.reshape(-1), G.reshape(-1), q.reshape(-1), way.reshape(-1)
+    F, G, q, step = F.reshape(-1), G.reshape(-1), q.reshape(-1), step.reshape(-1)
     size, last = len(q), len(newest_first) - 1
     share = np.empty(last + 1)
     q[:] = G
-    way[:] = F
-    dot = inner(S[newest_first[0]].reshape(-1), q)
+    step[:] = F
+    dot = _inner(S[newest_first[0]].reshape(-1), q)
     for k in range(last + 1):
         p = newest_first[k]
         share[k] = dot / curvature[p]
@@ -151,8 +230,8 @@ def _direction(F, G, S, Y, Z, curvature, newest_first, q, way):
         for begin in range(0, size, BLOCK):
             own = slice(begin, min(begin + BLOCK, size))
             _add(-share[k], y[own], q[own])
-            _add(-share[k], z[own], way[own])
-            dot += inner(other[own], q[own] if k < last else way[own])
+            _add(-share[k], z[own], step[own])
+            dot += _inner(other[own], q[own] if k < last else step[own])
     for k in range(last, -1, -1):
         p = newest_first[k]
         change, s = share[k] - dot / curvature[p], S[p].reshape(-1)
@@ -160,15 +239,9 @@ def _direction(F, G, S, Y, Z, curvature, newest_first, q, way):
         dot = 0.0
         for begin in range(0, size, BLOCK):
             own = slice(begin, min(begin + BLOCK, size))
-            _add(change, s[own], way[own])
-            dot += inner(other[own], way[own])
+            _add(change, s[own], step[own])
+            dot += _inner(other[own], step[own])
     return dot > 0.0
-
-
-@njit(cache=True, nogil=True)
-def _subtract(a, b, out):
-    for i in range(len(a)):
-        out[i] = a[i] - b[i]
 
 
 @njit(cache=True, nogil=True)
@@ -178,7 +251,7 @@ def _add(share, a, b):
 
 
 @njit(cache=True, nogil=True)
-def inner(a, b):
+def _inner(a, b):
     """Dot product in four partial sums: in a single one each addition waits for the last."""
     s0 = s1 = s2 = s3 = 0.0
     n = len(a)

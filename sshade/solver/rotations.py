@@ -1,149 +1,328 @@
-"""The local step of as-rigid-as-possible energies: one rotation a vertex, and what follows from it.
+"""Rotation fits: the rotation nearest to a matrix, for many at a time, from rotations that were near before.
 
-Both energies are sums over *elements*, small sets of corners c with vectors
-y_c that add up to zero:
-
-- spokes: an edge (i, j), y_i = w_ij (p_i - p_j);
-- spokes and rims: a triangle, y_k = sum over its edges kl of h_kl (p_k - p_l).
-
-An element adds ``sum_c y_c q_c^T`` to the covariance S of each of its corners
-and ``M y_c`` to the right-hand side of corner c, M being the mean of its
-corners' rotations.
+Rotations are kept as unit quaternions (w, x, y, z): they stay orthogonal over
+any number of warm-started updates. Newton's method takes some hundred of them
+together, one number after the other of all: loops without a branch, which the
+compiler turns into instructions for eight.
 """
 
 from __future__ import annotations
 
+import numpy as np
 from numba import njit
 
-from sshade.solver.fitting import fit_rotations
-
-#: The end of a range that has none.
-EVERY = 2**62
+#: Rotations that are fitted together: their work array stays in the first-level cache.
+LANES = 128
+#: A Newton step shorter than this (radians) leaves an error of its cube, below rounding.
+LAST_STEP = 1e-6
+#: Beyond this step (radians), or this many, the warm start is no use.
+LONGEST_STEP = 0.5
+MOST_STEPS = 6
+#: Smallest accepted det H / (tr H)^3: below it the maximum is nearly undetermined.
+SMALLEST_DETERMINANT = 1e-10
+#: Eigenvalues this close (relative) to the largest count as equal to it.
+SAME_EIGENVALUE = 1e-13
+JACOBI_SWEEPS = 30
+#: Rows of the work array: C, quaternions, squared steps, matrices, traces.
+_C, _Q, _STEP, _R, _TRACE, _ROWS = 0, 9, 13, 14, 23, 24
+#: Of a lane.
+_PENDING, _FITTED, _UNCERTAIN = 0, 1, 2
 
 
 @njit(cache=True, nogil=True)
-def local_step(corners, Y, H, P, Q, R, first=0, end=EVERY):
-    """Fit the rotations of the vertices from `first` to `end`, by default all, to positions P.
+def fit_rotations(S, Q):
+    """Rotate each cell as well as possible: R_i maximises tr(R S_i) over the rotations.
+
+    Equals ``V diag(1, 1, det(V U^T)) U^T`` of the singular value decomposition
+    ``S = U diag(s) V^T``. Newton's method on the rotation group, started from
+    the previous rotation: with T = R S, the step is (tr T - sym T)^-1 times the
+    axial vector of T, and its error is the cube of its length. A stationary
+    point at which that matrix is positive definite is the global maximum, so
+    what Newton returns is certain; where it is not, or the steps are long, the
+    largest eigenvector of Horn's 4 x 4 matrix decides. Where S leaves the
+    rotation open (rank one, or zero) the previous one turns by the least that
+    makes it a maximiser.
 
     Parameters
     ----------
-    corners : (e, 2) or (e, 3) int32
-        Vertices of each element; at least those that touch the vertices from `first` to `end`.
-    Y : (e, 1, 3) or (e, 2, 3) float64
-        y of all its corners but the last, whose y is minus their sum.
-    H : (e, 1) or (e, 3) float64
-        Weight of its edges 01, 12, 20.
-    P : (n, 3) float64
-        Deformed positions.
+    S : (n, 9) float64
+        Covariances ``sum w e e'^T`` (rest times deformed), row by row, of any
+        scale; replaced by the rotation matrices.
     Q : (n, 4) float64
-        Unit quaternions: the previous rotations in, the new ones out.
-    R : (n, 9) float64
-        The new rotation matrices out, row by row.
-    first, end : int
-        Steps over ranges that cover all vertices equal one over all, to the
-        last bit, and may run at the same time.
+        Unit quaternions, replaced.
 
     Returns
     -------
     float
-        ``sum_elements corners * sum_edges h |e'|^2 - 2 sum_i tr(R_i S_i)``: the
-        energy, but for the constant that the rest edges add. Of a range, the
-        part of its vertices and of the elements whose lowest vertex is in it.
+        ``sum_i tr(R_i S_i)``.
+
+    References
+    ----------
+    B. K. P. Horn, "Closed-form solution of absolute orientation using unit
+    quaternions", 1987. T. Kugelstadt, D. Koschier, J. Bender, "Fast corotated
+    FEM using operator splitting", 2018 (the warm-started Newton iteration).
     """
-    end = min(end, len(P))
-    R[first:end] = 0.0
-    if corners.shape[1] == 3:
-        energy = _triangle_covariances(corners, Y, H, P, R, first, end)
-    else:
-        energy = _edge_covariances(corners, Y, H, P, R, first, end)
-    return energy - 2.0 * fit_rotations(R[first:end], Q[first:end])
+    W, size, state = np.empty(_ROWS * LANES), np.empty(LANES), np.empty(LANES, dtype=np.int64)
+    C, A, E = np.empty(9), np.empty((4, 4)), np.empty((4, 4))
+    total = 0.0
+    for first in range(0, len(S), LANES):
+        lanes = min(LANES, len(S) - first)
+        own = Q[first : first + lanes]
+        pending = _load(S[first : first + lanes], own, W, size, state)
+        for _ in range(MOST_STEPS):
+            if pending == 0:
+                break
+            _newton_steps(W, lanes)
+            pending = _decide(W, own, state)
+        for i in range(lanes):
+            if state[i] != _FITTED:
+                for c in range(9):
+                    C[c] = W[(_C + c) * LANES + i]
+                _largest_eigenvector(C, own[i], A, E)
+        for i in range(lanes):
+            for c in range(4):
+                W[(_Q + c) * LANES + i] = own[i, c]
+        _matrices(W, lanes)
+        for i in range(lanes):
+            for c in range(9):
+                S[first + i, c] = W[(_R + c) * LANES + i]
+            total += size[i] * W[_TRACE * LANES + i]
+    return total
 
 
 @njit(cache=True, nogil=True)
-def right_hand_side(corners, Y, R, B, first=0, end=EVERY):
-    """Write the global step's right-hand side, without what held vertices add, to B (n, 3).
+def quaternions(R):
+    """Turn rotation matrices into unit quaternions.
 
-    To its rows from `first` to `end` only, as in :func:`local_step`.
+    Parameters
+    ----------
+    R : (n, 3, 3) float64
+
+    Returns
+    -------
+    Q : (n, 4) float64
+        (w, x, y, z).
+    error : float
+        The largest sum of absolute differences between a matrix and its
+        quaternion's rotation: far from 0 where R is none, NaN where it has NaN.
     """
-    end = min(end, len(B))
-    B[first:end] = 0.0
-    if corners.shape[1] == 3:
-        _triangle_right_hand_side(corners, Y, R, B, first, end)
-    else:
-        _edge_right_hand_side(corners, Y, R, B, first, end)
+    Q = np.empty((len(R), 4))
+    error = 0.0
+    for i in range(len(R)):
+        a, b, c = R[i, 0, 0], R[i, 1, 1], R[i, 2, 2]
+        x, y, z = R[i, 2, 1] - R[i, 1, 2], R[i, 0, 2] - R[i, 2, 0], R[i, 1, 0] - R[i, 0, 1]
+        xy, xz, yz = R[i, 0, 1] + R[i, 1, 0], R[i, 0, 2] + R[i, 2, 0], R[i, 1, 2] + R[i, 2, 1]
+        # Four times the largest of the components, times each.
+        if a + b + c > 0.0:
+            q = (1.0 + a + b + c, x, y, z)
+        elif a >= b and a >= c:
+            q = (x, 1.0 + a - b - c, xy, xz)
+        elif b >= c:
+            q = (y, xy, 1.0 - a + b - c, yz)
+        else:
+            q = (z, xz, yz, 1.0 - a - b + c)
+        scale = 1.0 / np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+        w, x, y, z = scale * q[0], scale * q[1], scale * q[2], scale * q[3]
+        Q[i, 0], Q[i, 1], Q[i, 2], Q[i, 3] = w, x, y, z
+        off = abs(a - 1.0 + 2.0 * (y * y + z * z)) + abs(b - 1.0 + 2.0 * (x * x + z * z))
+        off += abs(c - 1.0 + 2.0 * (x * x + y * y))
+        off += abs(R[i, 1, 0] - 2.0 * (x * y + w * z)) + abs(R[i, 0, 1] - 2.0 * (x * y - w * z))
+        off += abs(R[i, 0, 2] - 2.0 * (x * z + w * y)) + abs(R[i, 2, 0] - 2.0 * (x * z - w * y))
+        off += abs(R[i, 2, 1] - 2.0 * (y * z + w * x)) + abs(R[i, 1, 2] - 2.0 * (y * z - w * x))
+        if off > error or off != off:  # NaN stays
+            error = off
+    return Q, error
+
+
+# Where a division by zero is an error, a loop has a branch.
+@njit(cache=True, nogil=True, error_model="numpy")
+def _load(S, Q, W, size, state):
+    """Write Q, and S scaled to a largest entry of 1, to W; return how many lanes are not zero."""
+    pending, lanes = 0, len(S)
+    for i in range(lanes):
+        largest = 0.0
+        for c in range(9):
+            largest = max(largest, abs(S[i, c]))
+            W[(_C + c) * LANES + i] = S[i, c]
+        size[i], state[i] = largest, _PENDING if largest > 0.0 else _FITTED
+        pending += largest > 0.0
+        for c in range(4):
+            W[(_Q + c) * LANES + i] = Q[i, c]
+    for c in range(9):
+        for i in range(lanes):
+            W[(_C + c) * LANES + i] /= size[i] if size[i] > 0.0 else 1.0
+    return pending
 
 
 @njit(cache=True, nogil=True)
-def _triangle_covariances(corners, Y, H, P, S, first, end):
-    energy = 0.0
-    for t in range(len(corners)):
-        i, j, k = corners[t, 0], corners[t, 1], corners[t, 2]
-        ax, ay, az = P[i, 0] - P[k, 0], P[i, 1] - P[k, 1], P[i, 2] - P[k, 2]
-        bx, by, bz = P[j, 0] - P[k, 0], P[j, 1] - P[k, 1], P[j, 2] - P[k, 2]
-        cx, cy, cz = ax - bx, ay - by, az - bz
-        if min(i, j, k) >= first:
-            energy += 3.0 * (
-                H[t, 0] * (cx * cx + cy * cy + cz * cz)
-                + H[t, 1] * (bx * bx + by * by + bz * bz)
-                + H[t, 2] * (ax * ax + ay * ay + az * az)
-            )
-        for c in (i, j, k):
-            if first <= c < end:
-                for r in range(3):
-                    y, z = Y[t, 0, r], Y[t, 1, r]
-                    S[c, 3 * r] += y * ax + z * bx
-                    S[c, 3 * r + 1] += y * ay + z * by
-                    S[c, 3 * r + 2] += y * az + z * bz
-    return energy
+def _decide(W, Q, state):
+    """Take quaternions whose last step was short; return how many lanes are pending still."""
+    pending = 0
+    for i in range(len(Q)):
+        if state[i] == _PENDING:
+            step = W[_STEP * LANES + i]
+            if step < LAST_STEP * LAST_STEP:
+                state[i] = _FITTED
+                for c in range(4):
+                    Q[i, c] = W[(_Q + c) * LANES + i]
+            elif step == np.inf:
+                state[i] = _UNCERTAIN
+            else:
+                pending += 1
+    return pending
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _newton_steps(W, lanes):
+    """Improve the quaternions in W, and write the squared steps: infinity where nothing is certain."""
+    for i in range(lanes):
+        w, x, y, z = (
+            W[_Q * LANES + i],
+            W[(_Q + 1) * LANES + i],
+            W[(_Q + 2) * LANES + i],
+            W[(_Q + 3) * LANES + i],
+        )
+        r00, r01, r02, r10, r11, r12, r20, r21, r22 = _matrix(w, x, y, z)
+        c00, c01, c02 = W[i], W[LANES + i], W[2 * LANES + i]
+        c10, c11, c12 = W[3 * LANES + i], W[4 * LANES + i], W[5 * LANES + i]
+        c20, c21, c22 = W[6 * LANES + i], W[7 * LANES + i], W[8 * LANES + i]
+        t00 = r00 * c00 + r01 * c10 + r02 * c20
+        t01 = r00 * c01 + r01 * c11 + r02 * c21
+        t02 = r00 * c02 + r01 * c12 + r02 * c22
+        t10 = r10 * c00 + r11 * c10 + r12 * c20
+        t11 = r10 * c01 + r11 * c11 + r12 * c21
+        t12 = r10 * c02 + r11 * c12 + r12 * c22
+        t20 = r20 * c00 + r21 * c10 + r22 * c20
+        t21 = r20 * c01 + r21 * c11 + r22 * c21
+        t22 = r20 * c02 + r21 * c12 + r22 * c22
+        gx, gy, gz = t12 - t21, t20 - t02, t01 - t10
+        h00, h11, h22 = t11 + t22, t00 + t22, t00 + t11
+        h01, h02, h12 = -0.5 * (t01 + t10), -0.5 * (t02 + t20), -0.5 * (t12 + t21)
+        # The inverse by cofactors: Sylvester's three minors come with it.
+        k00, k01, k02 = h11 * h22 - h12 * h12, h02 * h12 - h01 * h22, h01 * h12 - h02 * h11
+        k11, k12, k22 = h00 * h22 - h02 * h02, h01 * h02 - h00 * h12, h00 * h11 - h01 * h01
+        determinant = h00 * k00 + h01 * k01 + h02 * k02
+        trace = h00 + h11 + h22
+        half = 0.5 / determinant
+        ax = half * (k00 * gx + k01 * gy + k02 * gz)
+        ay = half * (k01 * gx + k11 * gy + k12 * gz)
+        az = half * (k02 * gx + k12 * gy + k22 * gz)
+        step = 4.0 * (ax * ax + ay * ay + az * az)
+        certain = (
+            (h00 > 0.0)
+            & (k22 > 0.0)
+            & (determinant > SMALLEST_DETERMINANT * trace * trace * trace)
+            & (step <= LONGEST_STEP * LONGEST_STEP)
+        )
+        w, x, y, z = (
+            w - ax * x - ay * y - az * z,
+            x + ax * w + ay * z - az * y,
+            y + ay * w + az * x - ax * z,
+            z + az * w + ax * y - ay * x,
+        )
+        norm = np.sqrt(w * w + x * x + y * y + z * z)
+        W[_Q * LANES + i] = w / norm
+        W[(_Q + 1) * LANES + i] = x / norm
+        W[(_Q + 2) * LANES + i] = y / norm
+        W[(_Q + 3) * LANES + i] = z / norm
+        W[_STEP * LANES + i] = step if certain else np.inf
 
 
 @njit(cache=True, nogil=True)
-def _edge_covariances(corners, Y, H, P, S, first, end):
-    energy = 0.0
-    for t in range(len(corners)):
-        i, j = corners[t, 0], corners[t, 1]
-        ax, ay, az = P[i, 0] - P[j, 0], P[i, 1] - P[j, 1], P[i, 2] - P[j, 2]
-        if min(i, j) >= first:
-            energy += 2.0 * H[t, 0] * (ax * ax + ay * ay + az * az)
-        for c in (i, j):
-            if first <= c < end:
-                for r in range(3):
-                    y = Y[t, 0, r]
-                    S[c, 3 * r] += y * ax
-                    S[c, 3 * r + 1] += y * ay
-                    S[c, 3 * r + 2] += y * az
-    return energy
+def _matrices(W, lanes):
+    """Write the matrices R of the quaternions in W, and tr(R C)."""
+    for i in range(lanes):
+        r00, r01, r02, r10, r11, r12, r20, r21, r22 = _matrix(
+            W[_Q * LANES + i], W[(_Q + 1) * LANES + i], W[(_Q + 2) * LANES + i], W[(_Q + 3) * LANES + i]
+        )
+        W[_R * LANES + i] = r00
+        W[(_R + 1) * LANES + i] = r01
+        W[(_R + 2) * LANES + i] = r02
+        W[(_R + 3) * LANES + i] = r10
+        W[(_R + 4) * LANES + i] = r11
+        W[(_R + 5) * LANES + i] = r12
+        W[(_R + 6) * LANES + i] = r20
+        W[(_R + 7) * LANES + i] = r21
+        W[(_R + 8) * LANES + i] = r22
+        trace = r00 * W[i] + r01 * W[3 * LANES + i] + r02 * W[6 * LANES + i]
+        trace += r10 * W[LANES + i] + r11 * W[4 * LANES + i] + r12 * W[7 * LANES + i]
+        trace += r20 * W[2 * LANES + i] + r21 * W[5 * LANES + i] + r22 * W[8 * LANES + i]
+        W[_TRACE * LANES + i] = trace
 
 
 @njit(cache=True, nogil=True)
-def _triangle_right_hand_side(corners, Y, R, B, first, end):
-    third = 1.0 / 3.0
-    for t in range(len(corners)):
-        i, j, k = corners[t, 0], corners[t, 1], corners[t, 2]
-        for r in range(3):
-            a = third * (R[i, 3 * r] + R[j, 3 * r] + R[k, 3 * r])
-            b = third * (R[i, 3 * r + 1] + R[j, 3 * r + 1] + R[k, 3 * r + 1])
-            c = third * (R[i, 3 * r + 2] + R[j, 3 * r + 2] + R[k, 3 * r + 2])
-            at_i = a * Y[t, 0, 0] + b * Y[t, 0, 1] + c * Y[t, 0, 2]
-            at_j = a * Y[t, 1, 0] + b * Y[t, 1, 1] + c * Y[t, 1, 2]
-            if first <= i < end:
-                B[i, r] += at_i
-            if first <= j < end:
-                B[j, r] += at_j
-            if first <= k < end:
-                B[k, r] -= at_i + at_j
+def _matrix(w, x, y, z):
+    """The rotation matrix of a unit quaternion, row by row."""
+    return (
+        1.0 - 2.0 * (y * y + z * z),
+        2.0 * (x * y - w * z),
+        2.0 * (x * z + w * y),
+        2.0 * (x * y + w * z),
+        1.0 - 2.0 * (x * x + z * z),
+        2.0 * (y * z - w * x),
+        2.0 * (x * z - w * y),
+        2.0 * (y * z + w * x),
+        1.0 - 2.0 * (x * x + y * y),
+    )
 
 
 @njit(cache=True, nogil=True)
-def _edge_right_hand_side(corners, Y, R, B, first, end):
-    for t in range(len(corners)):
-        i, j = corners[t, 0], corners[t, 1]
-        for r in range(3):
-            a = 0.5 * (R[i, 3 * r] + R[j, 3 * r])
-            b = 0.5 * (R[i, 3 * r + 1] + R[j, 3 * r + 1])
-            c = 0.5 * (R[i, 3 * r + 2] + R[j, 3 * r + 2])
-            at_i = a * Y[t, 0, 0] + b * Y[t, 0, 1] + c * Y[t, 0, 2]
-            if first <= i < end:
-                B[i, r] += at_i
-            if first <= j < end:
-                B[j, r] -= at_i
+def _largest_eigenvector(C, q, A, E):
+    """Replace q by the maximiser of tr(R C) that is nearest to it: Horn's matrix, cyclic Jacobi."""
+    A[0, 0] = C[0] + C[4] + C[8]
+    A[1, 1] = C[0] - C[4] - C[8]
+    A[2, 2] = C[4] - C[0] - C[8]
+    A[3, 3] = C[8] - C[0] - C[4]
+    A[0, 1] = A[1, 0] = C[5] - C[7]
+    A[0, 2] = A[2, 0] = C[6] - C[2]
+    A[0, 3] = A[3, 0] = C[1] - C[3]
+    A[1, 2] = A[2, 1] = C[1] + C[3]
+    A[1, 3] = A[3, 1] = C[6] + C[2]
+    A[2, 3] = A[3, 2] = C[5] + C[7]
+    E[:] = 0.0
+    for a in range(4):
+        E[a, a] = 1.0
+    for _ in range(JACOBI_SWEEPS):
+        rotated = False
+        for a in range(3):
+            for b in range(a + 1, 4):
+                rotated |= _jacobi(A, E, a, b)
+        if not rotated:
+            break
+    top, size = A[0, 0], 0.0
+    for a in range(4):
+        top, size = max(top, A[a, a]), max(size, abs(A[a, a]))
+    # Project q onto the eigenspace of the largest eigenvalue; one dimension unless S is degenerate.
+    px = py = pz = pw = 0.0
+    for a in range(4):
+        if A[a, a] >= top - SAME_EIGENVALUE * size:
+            dot = E[0, a] * q[0] + E[1, a] * q[1] + E[2, a] * q[2] + E[3, a] * q[3]
+            if A[a, a] == top and abs(dot) < 1e-8:  # orthogonal to q: either sign is as near
+                dot = 1e-8
+            pw, px, py, pz = pw + dot * E[0, a], px + dot * E[1, a], py + dot * E[2, a], pz + dot * E[3, a]
+    norm = 1.0 / np.sqrt(pw * pw + px * px + py * py + pz * pz)
+    q[0], q[1], q[2], q[3] = norm * pw, norm * px, norm * py, norm * pz
+
+
+@njit(cache=True, nogil=True)
+def _jacobi(A, E, a, b):
+    """One rotation that annihilates A[a, b]; False where it is negligible already."""
+    off = A[a, b]
+    if abs(off) <= 1e-17 * (abs(A[a, a]) + abs(A[b, b])) or abs(off) < 1e-300:
+        return False
+    theta = 0.5 * (A[b, b] - A[a, a]) / off
+    t = 1.0 / (abs(theta) + np.sqrt(theta * theta + 1.0))
+    t = t if theta >= 0.0 else -t
+    c = 1.0 / np.sqrt(t * t + 1.0)
+    s = t * c
+    for r in range(4):
+        u, v = A[r, a], A[r, b]
+        A[r, a], A[r, b] = c * u - s * v, s * u + c * v
+    for r in range(4):
+        u, v = A[a, r], A[b, r]
+        A[a, r], A[b, r] = c * u - s * v, s * u + c * v
+    A[a, b] = A[b, a] = 0.0
+    for r in range(4):
+        u, v = E[r, a], E[r, b]
+        E[r, a], E[r, b] = c * u - s * v, s * u + c * v
+    return True

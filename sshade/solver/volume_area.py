@@ -10,6 +10,8 @@ on. Arrays of constraints have a row for each quantity held; `kind` says which.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
@@ -24,6 +26,36 @@ PARALLEL = 1e10
 SLOW = 0.1
 #: Evaluations of the equations at most; 3 are usual.
 MOST_EVALUATIONS = 12
+
+
+class Equations(NamedTuple):
+    """The equations ``scale C_q(P) - 1 + compliance lambda_q = 0``, for each quantity q and component.
+
+    Attributes
+    ----------
+    F : (m, 3) int32
+        Faces, component by component.
+    start : (c + 1,) int64
+        Where each component's faces begin.
+    component : (n,) int32
+        Of each vertex.
+    kind : (q,) int64
+        VOLUME or AREA.
+    scale : (q, c) float64
+        One over the rest value; 0 where a component has none.
+    compliance : (q, c) float64
+        0 of what is to hold exactly.
+    active : (q, c) bool
+        Equations to be solved; the multipliers of others stay, and their directions are not used.
+    """
+
+    F: np.ndarray
+    start: np.ndarray
+    component: np.ndarray
+    kind: np.ndarray
+    scale: np.ndarray
+    compliance: np.ndarray
+    active: np.ndarray
 
 
 @njit(cache=True, nogil=True)
@@ -76,8 +108,8 @@ def gradients(F, start, kind, scale, P, G):
 
 
 @njit(cache=True, nogil=True)
-def push(F, start, kind, scale, P, B):
-    """Add to B (n, 3) what :func:`gradients` tells, summed over the quantities; other parameters as there."""
+def add_gradients(F, start, kind, scale, P, B):
+    """Add to B (n, 3) the :func:`gradients` summed over the quantities; other parameters as there."""
     _add_gradients(F, start, kind, scale, P, B.reshape((len(B), 1, 3)), 0)
 
 
@@ -103,94 +135,79 @@ def along(G, component, Z, slope):
 
 
 @njit(cache=True, nogil=True)
-def newton(F, start, component, kind, scale, goal, compliance, Z, slope, multiplier, P):
-    """Move P along Z to where ``scale C - goal + compliance x multiplier = 0``.
+def newton(equations, Z, slope, multiplier, P):
+    """Move P along Z to where the equations hold; each multiplier grows by the move along its direction.
 
-    Moves along Z count towards the multipliers, one for each quantity and component. Steps
-    use the slopes given while they shrink the worst equation of a component
-    tenfold, then Newton's. A step that makes it worse is halved, and taken back
+    Steps use the slopes given while they shrink the worst equation of a component
+    tenfold, then those at P. A step that makes it worse is halved, and taken back
     if that does not help.
 
     Parameters
     ----------
-    F, start, component, kind, scale
-        As for :func:`gradients` and :func:`along`; a scale of 0 leaves an equation out.
-    goal, compliance : (q, c) float64
+    equations : Equations
     Z : (n, q, 3) float64
         Directions.
     slope : (c, q, q) float64
-        Derivatives along Z somewhere near P, of equations that `scale` leaves out too.
-        Overwritten with better ones, where steps told.
+        Derivatives of ``scale C`` along Z somewhere near P. Overwritten with better ones.
     multiplier : (c, q) float64
-        Overwritten. Those that P has in it already.
+        lambda, of which P has the forces in it already. Overwritten.
     P : (n, 3) float64
         Overwritten.
 
     Returns
     -------
     (c,) float64
-        The largest absolute value of a component's equations in the end.
+        The largest absolute value of a component's active equations in the end.
     """
+    F, start, component, kind, scale, compliance, active = equations
     count, held = len(start) - 1, len(kind)
     G = np.empty((0, held, 3))
-    r, move, taken = np.zeros((3, count, held))
-    error, now, done = np.full(count, np.inf), np.empty(count), np.zeros(count, dtype=np.bool_)
+    residual, step, last = np.zeros((3, count, held))
+    error, done = np.full(count, np.inf), np.zeros(count, dtype=np.bool_)
     for left in range(MOST_EVALUATIONS - 1, -1, -1):
-        value = measure(F, start, P)
-        slow = False
-        for c in range(count):
-            for q in range(held):
-                if scale[q, c] != 0.0:
-                    r[c, q] = scale[q, c] * value[kind[q], c] - goal[q, c]
-                    r[c, q] += compliance[q, c] * multiplier[c, q]
-            now[c] = np.abs(r[c]).max()
-            slow = slow or SLOW * error[c] < now[c] <= error[c]
+        now = _evaluate(equations, multiplier, P, residual)
+        slow = np.any((SLOW * error < now) & (now <= error))
         if slow:
             G = np.empty(Z.shape) if len(G) == 0 else G
             gradients(F, start, kind, scale, P, G)
             along(G, component, Z, slope)
-        busy = False
         for c in range(count):
-            stalled = error[c] < ROUNDING and now[c] > 0.5 * error[c]
-            move[c] = 0.0
+            step[c] = 0.0
             if done[c]:
                 continue
+            stalled = error[c] < ROUNDING and now[c] > 0.5 * error[c]
+            final = stalled or left == 0
             if now[c] > error[c]:
-                share = 1.0 if stalled or left == 0 else 0.5
-                move[c] = -share * taken[c]
-                taken[c] *= 1.0 - share
+                share = 1.0 if final else 0.5
+                step[c] = -share * last[c]
+                last[c] *= 1.0 - share
             else:
-                if 0.0 < now[c] < error[c] and not slow:  # Broyden's update: so much was left of r by `taken`
-                    _update(slope[c], r[c], taken[c])
+                if not slow:
+                    _broyden(slope[c], residual[c], last[c])
                 error[c] = now[c]
-                if now[c] > CLOSE and left > 0 and not stalled:
-                    newton_step(slope[c], scale[:, c], compliance[:, c], r[c], move[c])
-                    taken[c] = move[c]
+                if now[c] > CLOSE and not final:
+                    newton_step(slope[c], active[:, c], compliance[:, c], residual[c], step[c])
+                    last[c] = step[c]
             done[c] = stalled or now[c] <= CLOSE
-            multiplier[c] += move[c]
-            busy = busy or np.abs(move[c]).max() > 0.0
-        if not busy:
+            multiplier[c] += step[c]
+        if not np.any(step != 0.0):
             break
-        _shift(P, component, Z, move)
+        _shift(P, component, Z, step)
     return error
 
 
 @njit(cache=True, nogil=True)
-def gather_columns(G, rows, X):
-    """Write G (n, q, 3) of the vertices `rows` (f,) to columns 3.. of X (f, 3 + 3 q)."""
-    for r in range(len(rows)):
-        for q in range(G.shape[1]):
-            for d in range(3):
-                X[r, 3 + 3 * q + d] = G[rows[r], q, d]
-
-
-@njit(cache=True, nogil=True)
-def scatter_columns(X, rows, Z):
-    """Write columns 3.. of X (f, 3 + 3 q) to the vertices `rows` (f,) of Z (n, q, 3)."""
-    for r in range(len(rows)):
-        for q in range(Z.shape[1]):
-            for d in range(3):
-                Z[rows[r], q, d] = X[r, 3 + 3 * q + d]
+def _evaluate(equations, multiplier, P, residual):
+    """Write what the active equations are off to `residual` (c, q); return the largest of each component."""
+    F, start, _, kind, scale, compliance, active = equations
+    value, largest = measure(F, start, P), np.empty(len(residual))
+    for c in range(len(residual)):
+        for q in range(len(kind)):
+            if active[q, c]:
+                residual[c, q] = scale[q, c] * value[kind[q], c] - 1.0
+                residual[c, q] += compliance[q, c] * multiplier[c, q]
+        largest[c] = np.abs(residual[c]).max()
+    return largest
 
 
 @njit(cache=True, nogil=True)
@@ -248,8 +265,8 @@ def _add_component(F, first, end, volume, area, P, G, to_volume, to_area):
 
 
 @njit(cache=True, nogil=True)
-def _update(J, left, step):
-    """Broyden's update of the slopes J (q, q), for what a step leaves of the equations."""
+def _broyden(J, left, step):
+    """Broyden's update of the slopes J (q, q), where a step has left so much of the equations."""
     square = 0.0
     for p in range(len(step)):
         square += step[p] * step[p]
@@ -260,16 +277,16 @@ def _update(J, left, step):
 
 
 @njit(cache=True, nogil=True)
-def newton_step(J, scale, compliance, r, x):
-    """Newton step ``(J + diag(compliance)) x = -r`` for one or two unknowns, 0 where `scale` is.
+def newton_step(J, active, compliance, r, x):
+    """Newton step ``(J + diag(compliance)) x = -r`` for one or two unknowns; 0 of those not active.
 
     The least-squares one where two gradients are parallel.
     """
     x[:] = 0.0
-    if len(r) == 1 or scale[0] == 0.0 or scale[1] == 0.0:
+    if not active.all() or len(r) == 1:
         for q in range(len(r)):
             slope = J[q, q] + compliance[q]
-            if scale[q] != 0.0 and slope != 0.0:
+            if active[q] and slope != 0.0:
                 x[q] = -r[q] / slope
         return
     a, b, c, d = J[0, 0] + compliance[0], J[0, 1], J[1, 0], J[1, 1] + compliance[1]

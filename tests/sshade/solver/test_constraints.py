@@ -16,10 +16,19 @@ from scipy.spatial.transform import Rotation
 from baselines.accelerated import accelerated_arap, accelerated_elastic
 from sshade import DeformationTask, Handles, InputError, Mesh
 from sshade.solver.constraints import EVERY, EVERY_OF_BOTH
-from sshade.solver.local_global import LocalGlobal, local_global
+from sshade.solver.local_global import LocalGlobal, Solution, local_global
 from sshade.solver.quasi_newton import largest_move
-from sshade.solver.solution import Solution
-from sshade.solver.volume_area import AREA, CLOSE, VOLUME, along, gradients, measure, newton_step
+from sshade.solver.volume_area import (
+    AREA,
+    CLOSE,
+    VOLUME,
+    Equations,
+    along,
+    gradients,
+    measure,
+    newton,
+    newton_step,
+)
 from tests.shapes import bent, bumpy, double_torus, icosphere, jittered, rotation, strip, torus
 from tests.sshade.naive import TASKS, Naive
 
@@ -144,7 +153,7 @@ def test_a_triangle_of_no_area_pulls_at_nothing():
 
 def test_a_newton_step_solves_or_fits():
     rng = np.random.default_rng(1)
-    on, r, x = np.ones(2), rng.normal(size=2), np.empty(2)
+    on, r, x = np.ones(2, dtype=bool), rng.normal(size=2), np.empty(2)
     J, compliance = rng.normal(size=(2, 2)), np.array([0.5, 0.0])
     newton_step(J, on, compliance, r, x)
     assert (J + np.diag(compliance)) @ x == pytest.approx(-r, rel=1e-12)
@@ -154,8 +163,27 @@ def test_a_newton_step_solves_or_fits():
         assert x == pytest.approx(np.linalg.lstsq(parallel, -r, rcond=1e-10)[0], rel=1e-9)
     newton_step(np.zeros((2, 2)), on, np.zeros(2), r, x)
     assert not x.any()
-    newton_step(J, np.array([0.0, 1.0]), np.zeros(2), r, x)  # the first equation is left out
+    newton_step(J, np.array([False, True]), np.zeros(2), r, x)  # the first equation is left out
     assert x == pytest.approx([0.0, -r[1] / J[1, 1]], rel=1e-15)
+
+
+def test_newton_renews_the_slopes_of_equations_that_it_leaves_out():
+    mesh = bumpy(2)
+    F, start = arrays(mesh)
+    scale = 1.0 / measure(F, start, mesh.V)
+    V = bent(mesh.V)
+    G, component = np.empty((mesh.n, 2, 3)), np.zeros(mesh.n, dtype=np.int32)
+    gradients(F, start, BOTH, scale, V, G)
+    Z = np.random.default_rng(2).normal(size=G.shape) * 0.01 + G
+    P, slope, multiplier = V.copy(), np.full((1, 2, 2), 1e3), np.zeros((1, 2))  # far too steep: slow
+    active = np.array([[True], [False]])
+    equations = Equations(F, start, component, BOTH, scale, np.zeros((2, 1)), active)
+    assert newton(equations, Z, slope, multiplier, P)[0] <= CLOSE
+    assert multiplier[0, 0] != 0.0 and multiplier[0, 1] == 0.0
+    there = np.empty((1, 2, 2))
+    gradients(F, start, BOTH, scale, P, G)
+    along(G, component, Z, there)
+    assert slope[0, 1] == pytest.approx(there[0, 1], rel=0.2)
 
 
 # --- one constrained iteration, from the definitions

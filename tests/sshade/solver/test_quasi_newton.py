@@ -49,7 +49,7 @@ def test_steps_are_those_of_the_bfgs_formula_from_the_metric_on(window):
         assert np.array_equal(mixer.plain, g)
         expected = U[k] - (H @ gradients[k]).reshape(N, 3)
         assert np.abs(u - expected).max() < 1e-8 * np.abs(expected).max()
-    mixer.half(u)
+    mixer.halve(u)
     assert u == pytest.approx((U[-1] + expected) / 2, rel=1e-8, abs=1e-8)
 
 

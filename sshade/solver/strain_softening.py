@@ -1,4 +1,4 @@
-"""Triangles that soften as they are strained: strain gathers at joints, and limbs keep their shape.
+"""Strain softening: strain gathers at joints, and limbs keep their shape.
 
 Quadratic energies spread the strain of a bend over all that can take a share
 of it. Here a triangle of rest area A costs
@@ -7,7 +7,7 @@ of it. Here a triangle of rest area A costs
 
 where s^2 is its spokes-and-rims energy over 6 A: the squared strain, if it is
 stretched alike in all directions. Under the strain e that is the quadratic
-energy; far beyond it the stiffness falls to c of the initial one. A pseudo-Huber
+energy; far beyond it the stiffness falls to the residual stiffness c. A pseudo-Huber
 penalty with a floor: the floor bounds how sharply a bend can crease.
 
 The function is concave in s^2, so the quadratic energy with each triangle
@@ -20,47 +20,94 @@ half-quadratic regularization", IEEE TIP 4(7), 1995). Neither step raises the en
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 
 from sshade.errors import InputError
-from sshade.solver.fitting import fit_rotations
-from sshade.solver.rotations import EVERY
+from sshade.solver.terms import Terms
 
 
-class Softening(NamedTuple):
+@dataclass(frozen=True)
+class StrainSoftening:
     """How triangles soften.
 
-    Attributes
+    Parameters
     ----------
     stiffness : float
-        c, of strongly strained triangles over that of unstrained ones. 1 is the quadratic energy.
+        c, the residual stiffness of strongly strained triangles over that of unstrained
+        ones, in (0, 1]. 1 is the quadratic energy.
     strain : float
-        e, the strain about which it falls; without unit.
+        e, the strain about which it falls; positive, without unit.
+
+    Raises
+    ------
+    InputError
+        On other values.
     """
 
     stiffness: float = 1.0
     strain: float = 0.02
 
-    def checked(self) -> Softening:
-        """Itself; InputError on a stiffness out of (0, 1], or a strain that is not positive."""
+    def __post_init__(self) -> None:
         if not 0 < self.stiffness <= 1:
             raise InputError(f"the stiffness goes from above 0 to 1 (no softening), not {self.stiffness}")
         if not 0 < self.strain < np.inf:
             raise InputError(f"the strain at which triangles soften must be positive, not {self.strain}")
-        return self
+
+    def of(self, terms: Terms, rest: np.ndarray) -> SoftenedTriangles | None:
+        """The softening of a solve; None where the energy is quadratic.
+
+        Parameters
+        ----------
+        terms : Terms
+        rest : (m,) float64
+            6 A of each triangle.
+
+        Raises
+        ------
+        InputError
+            Where the terms are edges.
+        """
+        if self.stiffness == 1.0:
+            return None
+        if terms.corners.shape[1] == 2:
+            raise InputError("only triangles soften: take the energy spokes_and_rims, or a stiffness of 1")
+        return SoftenedTriangles(self, terms, rest)
+
+
+class SoftenedTriangles:
+    """The triangles of one solve; a :class:`sshade.solver.arap.Softening`.
+
+    Attributes
+    ----------
+    weight : (m,) float64
+        w of each triangle at the last local step.
+    """
+
+    def __init__(self, softening: StrainSoftening, terms: Terms, rest: np.ndarray) -> None:
+        self._softening, self._terms, self._rest = softening, terms, rest
+        self.weight = np.ones(len(rest))
+
+    def covariances(self, own: slice, P: np.ndarray, S: np.ndarray, first: int, end: int) -> float:
+        corners, Y, _ = self._terms.part(own)
+        _weighted_covariances(corners, Y, self.weight[own], P, S, first, end)
+        return 0.0
+
+    def energy(self, own: slice, P: np.ndarray, R: np.ndarray) -> float:
+        c, e = self._softening.stiffness, self._softening.strain
+        return _weigh(*self._terms.part(own), self._rest[own], P, R, c, e, self.weight[own])
+
+    def right_hand_side(
+        self, own: slice, P: np.ndarray, R: np.ndarray, B: np.ndarray, first: int, end: int
+    ) -> None:
+        _weighted_right_hand_side(*self._terms.part(own), self.weight[own], P, R, B, first, end)
 
 
 @njit(cache=True, nogil=True)
-def weighted_local_step(corners, Y, weight, P, Q, R, first=0, end=EVERY):
-    """Fit the rotations of the vertices from `first` to `end` to positions P, triangles weighted.
-
-    Parameters as of :func:`sshade.solver.rotations.local_step`; `weight` (e,) float64.
-    """
-    end = min(end, len(P))
-    R[first:end] = 0.0
+def _weighted_covariances(corners, Y, weight, P, S, first, end):
+    S[first:end] = 0.0
     for t in range(len(corners)):
         i, j, k = corners[t, 0], corners[t, 1], corners[t, 2]
         ax, ay, az = P[i, 0] - P[k, 0], P[i, 1] - P[k, 1], P[i, 2] - P[k, 2]
@@ -69,25 +116,14 @@ def weighted_local_step(corners, Y, weight, P, Q, R, first=0, end=EVERY):
             if first <= c < end:
                 for r in range(3):
                     y, z = weight[t] * Y[t, 0, r], weight[t] * Y[t, 1, r]
-                    R[c, 3 * r] += y * ax + z * bx
-                    R[c, 3 * r + 1] += y * ay + z * by
-                    R[c, 3 * r + 2] += y * az + z * bz
-    fit_rotations(R[first:end], Q[first:end])
+                    S[c, 3 * r] += y * ax + z * bx
+                    S[c, 3 * r + 1] += y * ay + z * by
+                    S[c, 3 * r + 2] += y * az + z * bz
 
 
 @njit(cache=True, nogil=True)
-def soften(corners, Y, H, rest, P, R, stiffness, strain, weight):
-    """Write w of each triangle to `weight` (e,), and return the energy of all.
-
-    Parameters
-    ----------
-    corners, Y, H, P, R
-        As of :func:`sshade.solver.rotations.local_step`, for triangles.
-    rest : (e,) float64
-        6 A of each.
-    stiffness, strain : float
-        See :class:`Softening`.
-    """
+def _weigh(corners, Y, H, rest, P, R, stiffness, strain, weight):
+    """Write phi'(s^2) of each triangle to `weight`; return the energy of all, ``sum rest phi(s^2)``."""
     energy = 0.0
     scale = 1.0 / (strain * strain)
     for t in range(len(corners)):
@@ -116,13 +152,8 @@ def soften(corners, Y, H, rest, P, R, stiffness, strain, weight):
 
 
 @njit(cache=True, nogil=True)
-def softened_right_hand_side(corners, Y, H, weight, P, R, B, first=0, end=EVERY):
-    """Write the global step's right-hand side, without what held vertices add, to B (n, 3).
-
-    To its rows from `first` to `end` only. Parameters as of the functions above.
-    """
+def _weighted_right_hand_side(corners, Y, H, weight, P, R, B, first, end):
     third = 1.0 / 3.0
-    end = min(end, len(B))
     B[first:end] = 0.0
     for t in range(len(corners)):
         i, j, k = corners[t, 0], corners[t, 1], corners[t, 2]

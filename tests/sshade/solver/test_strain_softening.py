@@ -3,13 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import sshade.solver.elements as elements_module
 from sshade import DeformationTask, Handles, InputError, Mesh
-from sshade.solver.constraints import Wanted
+from sshade.solver.arap import ArapIteration, ArapSystem
 from sshade.solver.cotangents import half_cotangents
-from sshade.solver.elements import Elements
 from sshade.solver.local_global import LocalGlobal, local_global
-from sshade.solver.softening import Softening
+from sshade.solver.strain_softening import StrainSoftening
 from sshade.threads import ThreadTeam
 from tests.shapes import bumpy
 from tests.sshade.naive import TASKS
@@ -52,19 +50,20 @@ def test_the_energy_is_that_of_the_definition(task):
 
 
 def test_weights_are_the_derivative_of_the_penalty(task):
-    elements = Elements(task.mesh, task.handles.index, energy="spokes_and_rims")
+    system = ArapSystem(task.mesh, task.handles.index, energy="spokes_and_rims")
+    softening = StrainSoftening(**SOFT).of(system.terms, system.rest)
     with ThreadTeam(1) as team:
-        iteration = elements.iteration(task.handles.target, Wanted(), Softening(**SOFT), team=team)
-        u = task.mesh.V[elements.vertex].copy()
-        u[elements.held] = task.handles.target
+        iteration = ArapIteration(system, task.handles.target, team=team, softening=softening)
+        u = task.mesh.V[system.vertex].copy()
+        u[system.held] = task.handles.target
         iteration.local_step(u)
     U, R = np.empty_like(u), np.empty((len(u), 3, 3))
-    U[elements.vertex], R[elements.vertex] = u, iteration.R.reshape(-1, 3, 3)
+    U[system.vertex], R[system.vertex] = u, iteration.R.reshape(-1, 3, 3)
     x = triangle_energies(task.mesh, U, R) / (6 * task.mesh.face_areas)
     c, e = SOFT["stiffness"], SOFT["strain"]
     expected = np.sort(c + (1 - c) / np.sqrt(1 + x / e**2))
-    np.testing.assert_allclose(np.sort(iteration.weight), expected, rtol=1e-9)
-    assert iteration.weight.min() < 0.9 and iteration.weight.max() <= 1
+    np.testing.assert_allclose(np.sort(softening.weight), expected, rtol=1e-9)
+    assert softening.weight.min() < 0.9 and softening.weight.max() <= 1
 
 
 def test_plain_iterations_lower_the_energy(task):
@@ -140,7 +139,7 @@ def test_volume_and_area_are_held_too():
 def test_the_result_does_not_depend_on_threads(task, monkeypatch):
     options = {"max_iterations": 9, "tolerance": 0.0, **SOFT}
     whole = solver_of(task).solve(task.handles.target, **options)
-    monkeypatch.setattr(elements_module, "RANGE", 40)
+    monkeypatch.setattr("sshade.solver.arap.CHUNK", 40)
     pieces = [solver_of(task).solve(task.handles.target, workers=w, **options) for w in (1, 3)]
     np.testing.assert_array_equal(pieces[0].positions, pieces[1].positions)
     # The energy is summed in other pieces, so that an accelerated step may go the other way.

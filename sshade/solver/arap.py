@@ -1,0 +1,332 @@
+"""The as-rigid-as-possible system of a mesh with handles, and its plain iteration.
+
+The local step fits a rotation R_i to the covariance ``S_i = sum w_ij e_ij e'_ij^T`` of
+each vertex; the global step solves ``L q = b(R)`` with the Laplacian of the rest shape,
+factorised once, and the handle vertices eliminated. Both energies are sums of terms:
+see :mod:`sshade.solver.terms`. Constraints and softening are given to an iteration as
+objects, see :class:`Constraints` and :class:`Softening`; the system knows of neither.
+
+O. Sorkine, M. Alexa, "As-rigid-as-possible surface modeling", 2007 (spokes);
+I. Chao, U. Pinkall, P. Sanan, P. Schroeder, "A simple geometric model for
+elastic deformations", 2010 (spokes and rims: the paper's "Elastic").
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+from numba import njit
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+from sshade.errors import InputError
+from sshade.mesh.mesh import Mesh
+from sshade.solver.cotangents import corner_vectors, edge_weights, half_cotangents, laplacian_matrix
+from sshade.solver.factorisation import Factorisation
+from sshade.solver.options import Energy
+from sshade.solver.rotations import fit_rotations, quaternions
+from sshade.solver.terms import Terms, covariances, right_hand_side
+from sshade.threads import ThreadTeam
+
+#: Vertices that a thread works on at a time, and half the terms.
+CHUNK = 32_768
+
+
+class Constraints(Protocol):
+    """Quantities of the shape that an iteration holds, such as volumes.
+
+    P and B are (n, 3) float64, in the system's order of vertices.
+    """
+
+    #: Right-hand sides, besides the three of positions, that new directions need.
+    columns: int
+
+    @property
+    def renews_directions(self) -> bool:
+        """Whether the next global step is to renew the directions."""
+
+    def penalty(self, P: np.ndarray) -> float:
+        """Energy of what is held with a finite weight."""
+
+    def forces(self, P: np.ndarray, B: np.ndarray) -> None:
+        """Write to B ``sum_q lambda_q grad C_q(P)``, which the right-hand side gets."""
+
+    def write_gradients(self, P: np.ndarray, rows: np.ndarray, X: np.ndarray) -> None:
+        """Write ``grad C_q(P)`` of the vertices `rows` (f,) to columns 3.. of X (f, 3 + columns)."""
+
+    def take_directions(self, X: np.ndarray, rows: np.ndarray) -> None:
+        """Take ``L^-1 grad C_q`` from columns 3.. of X for the directions of `project`."""
+
+    def project(self, P: np.ndarray) -> None:
+        """Move P along the directions to where the constraints hold; the multipliers follow."""
+
+    def restore(self, P: np.ndarray) -> bool:
+        """Move P to where the exact constraints hold; False where they are missed by more than then."""
+
+
+class Softening(Protocol):
+    """An energy of each triangle in place of the quadratic one, majorised by weighted quadratics."""
+
+    def covariances(self, own: slice, P: np.ndarray, S: np.ndarray, first: int, end: int) -> float:
+        """As :func:`covariances` of the triangles `own`, each with its weight; returns 0."""
+
+    def energy(self, own: slice, P: np.ndarray, R: np.ndarray) -> float:
+        """Energy of the triangles `own`, whose weights are renewed."""
+
+    def right_hand_side(
+        self, own: slice, P: np.ndarray, R: np.ndarray, B: np.ndarray, first: int, end: int
+    ) -> None:
+        """As :func:`right_hand_side` of the triangles `own`, each with its weight."""
+
+
+class ArapSystem:
+    """Weights, terms and factorised Laplacian of a mesh whose handle vertices are held.
+
+    Parameters and errors as of :class:`sshade.solver.local_global.LocalGlobal`. All
+    arrays of vertices are in an order of its own, a band ordering: the
+    elimination order scatters neighbours over memory, and the loops over terms run
+    five times faster where they stay in cache (at 150,000 vertices).
+
+    Attributes
+    ----------
+    mesh : Mesh
+    index : (k,) int64
+    vertex : (n,) int
+        Vertex of the mesh at each place of the order.
+    place : (n,) int32
+        Place of each vertex of the mesh.
+    held, free : (k,), (n - k,) int
+        Places of the handle vertices, in the order of `index`, and of the others, in the
+        elimination order.
+    terms : Terms
+        In the order of their lowest vertices.
+    rest : (e,) float64
+        6 A of each triangle, the energy of one shrunk to a point; of edges nothing.
+    rest_energy : float
+        That of the whole mesh; unit length^2.
+    """
+
+    def __init__(self, mesh: Mesh, index: np.ndarray, *, energy: Energy) -> None:
+        if energy not in ("spokes", "spokes_and_rims"):
+            raise InputError(f"unknown energy {energy!r}; use 'spokes' or 'spokes_and_rims'")
+        self.mesh, self.index = mesh, _checked(mesh, index)
+        h = half_cotangents(mesh)
+        edges, weights = edge_weights(mesh, h)
+        laplacian = laplacian_matrix(mesh.n, edges, weights)
+        held = np.zeros(mesh.n, dtype=bool)
+        held[self.index] = True
+        free = np.flatnonzero(~held)
+        with ThreadPoolExecutor(max_workers=1) as pool:
+            factorised = pool.submit(Factorisation, laplacian[free][:, free])
+            self.vertex = reverse_cuthill_mckee(laplacian, symmetric_mode=True)
+            self.place = np.empty(mesh.n, dtype=np.int32)
+            self.place[self.vertex] = np.arange(mesh.n)
+            banded = laplacian[self.vertex][:, self.vertex]
+            banded.sort_indices()
+            self._laplacian = banded.indptr, banded.indices, banded.data
+            self._list_terms(h, edges, weights, energy=energy)
+            self.factorisation = factorised.result()
+        free = free[self.factorisation.order]
+        self.to_handles = laplacian[free][:, self.index]
+        self.free, self.held = self.place[free], self.place[self.index]
+
+    def _list_terms(self, h: np.ndarray, edges: np.ndarray, weights: np.ndarray, *, energy: Energy) -> None:
+        mesh = self.mesh
+        lengths = mesh.V[edges[:, 0]] - mesh.V[edges[:, 1]]
+        if energy == "spokes":
+            corners, Y, H = edges, (weights[:, None] * lengths)[:, None], weights[:, None]
+        else:
+            corners, Y, H = mesh.F, corner_vectors(mesh, h), h
+        near = np.argsort(self.place[corners].min(axis=1), kind="stable")
+        lists = self.place[corners[near]], Y[near], H[near]
+        self.terms = Terms(*(np.ascontiguousarray(array) for array in lists))
+        self.rest = 6.0 * mesh.face_areas[near] if energy == "spokes_and_rims" else np.empty(0)
+        self.rest_energy = float(corners.shape[1] * (weights @ (lengths**2).sum(axis=1)))
+        self.ranges = _ranges(self.terms.corners, mesh.n)
+        self.chunks = [slice(first, first + 2 * CHUNK) for first in range(0, len(corners), 2 * CHUNK)]
+
+    def multiply(self, F: np.ndarray, out: np.ndarray, *, team: ThreadTeam) -> None:
+        """Write the Laplacian of the rest shape times F (n, 3) to `out` (n, 3)."""
+
+        def rows(number: int) -> None:
+            _, first, end = self.ranges[number]
+            _multiply(*self._laplacian, F, out, first, end)
+
+        team(rows, len(self.ranges))
+
+
+class ArapIteration:
+    """One plain iteration under fixed targets: a local step, a global step, and the constraints.
+
+    Holds the work arrays of one solve.
+
+    Parameters
+    ----------
+    system : ArapSystem
+    targets : (k, 3) float64
+        Positions of the handle vertices.
+    team : ThreadTeam
+    constraints : Constraints, optional
+    softening : Softening, optional
+
+    Attributes
+    ----------
+    R : (n, 9) float64
+        Rotation matrices of the last local step, row by row.
+    restored : bool
+        The last :meth:`restore` succeeded.
+    """
+
+    def __init__(
+        self,
+        system: ArapSystem,
+        targets: np.ndarray,
+        *,
+        team: ThreadTeam,
+        constraints: Constraints | None = None,
+        softening: Softening | None = None,
+    ) -> None:
+        n, free = system.mesh.n, len(system.free)
+        self.system, self._team = system, team
+        self._constraints, self._softening, self.restored = constraints, softening, True
+        self._fixed = -(system.to_handles @ targets)
+        self._X = np.empty((free, 3))
+        self._wide = np.zeros((free, 3 + constraints.columns if constraints else 0))
+        self._Q, self.R, self._B = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), np.empty((n, 9)), np.empty((n, 3))
+        self._forces = np.empty((n if constraints else 0, 3))
+
+    def begin_with(self, rotations: np.ndarray) -> None:
+        """Begin the search for rotations at those (n, 3, 3) of the mesh's vertices."""
+        n = self.system.mesh.n
+        rotations = np.ascontiguousarray(rotations, dtype=np.float64)
+        if rotations.shape != (n, 3, 3):
+            raise InputError(f"the rotations must have shape ({n}, 3, 3), not {rotations.shape}")
+        Q, error = quaternions(rotations)
+        if not error < 1e-6:
+            raise InputError("a matrix in the rotations to begin with is not a rotation")
+        self._Q[:] = Q[self.system.vertex]
+
+    def local_step(self, u: np.ndarray) -> float:
+        """Fit the rotations to positions u (n, 3); return the energy there less the rest energy."""
+        s, softening = self.system, self._softening
+
+        def fit(number: int) -> float:
+            own, first, end = s.ranges[number]
+            if softening is None:
+                energy = covariances(s.terms.part(own), u, self.R, first, end)
+            else:
+                energy = softening.covariances(own, u, self.R, first, end)
+            return energy - 2.0 * fit_rotations(self.R[first:end], self._Q[first:end])
+
+        energy = sum(self._team(fit, len(s.ranges)))
+        if softening is not None:
+
+            def soften(number: int) -> float:
+                return softening.energy(s.chunks[number], u, self.R)
+
+            energy = sum(self._team(soften, len(s.chunks))) - s.rest_energy
+        return energy + self._constraints.penalty(u) if self._constraints else energy
+
+    def global_step(self, u: np.ndarray, g: np.ndarray) -> None:
+        """Write to g (n, 3) the best positions for the rotations, near u (n, 3) as for the constraints."""
+        s, constraints = self.system, self._constraints
+        work = [partial(self._right_hand_side, u, number) for number in range(len(s.ranges))]
+        if constraints is None:
+            self._team(lambda number: work[number](), len(work))
+            self._solve(self._X, g)
+            return
+        work.insert(0, partial(constraints.forces, u, self._forces))  # the longest first
+        self._team(lambda number: work[number](), len(work))
+        self._B += self._forces
+        if constraints.renews_directions:
+            constraints.write_gradients(u, s.free, self._wide)
+            self._solve(self._wide, g)
+            constraints.take_directions(self._wide, s.free)
+        else:
+            self._solve(self._X, g)
+        constraints.project(g)
+
+    def restore(self, u: np.ndarray) -> None:
+        """Project positions u (n, 3) onto the exact constraints, along the present directions."""
+        if self._constraints:
+            self.restored = self._constraints.restore(u)
+
+    def project(self, u: np.ndarray) -> None:
+        """Project positions u (n, 3) onto the exact constraints, along directions of their own."""
+        if self._constraints:
+            s = self.system
+            self._constraints.write_gradients(u, s.free, self._wide)
+            s.factorisation.solve_ordered(self._wide, team=self._team)
+            self._constraints.take_directions(self._wide, s.free)
+            self.restore(u)
+
+    def multiply(self, F: np.ndarray, out: np.ndarray) -> None:
+        """Write the Laplacian of the rest shape times F (n, 3) to `out` (n, 3)."""
+        self.system.multiply(F, out, team=self._team)
+
+    def _right_hand_side(self, u: np.ndarray, number: int) -> None:
+        """Write the rows of one range, without what constraints and held vertices add, to B."""
+        own, first, end = self.system.ranges[number]
+        if self._softening is None:
+            right_hand_side(self.system.terms.part(own), self.R, self._B, first, end)
+        else:
+            self._softening.right_hand_side(own, u, self.R, self._B, first, end)
+
+    def _solve(self, X: np.ndarray, g: np.ndarray) -> None:
+        """Solve for B in the first three columns of X; write the free rows to g."""
+        free = self.system.free
+        chunks = [slice(first, first + CHUNK) for first in range(0, len(free), CHUNK)]
+
+        def gather(number: int) -> None:
+            own = chunks[number]
+            np.add(self._B[free[own]], self._fixed[own], out=X[own, :3])
+
+        def scatter(number: int) -> None:
+            own = chunks[number]
+            g[free[own]] = X[own, :3]
+
+        self._team(gather, len(chunks))
+        self.system.factorisation.solve_ordered(X, team=self._team)
+        self._team(scatter, len(chunks))
+
+
+def _checked(mesh: Mesh, index: np.ndarray) -> np.ndarray:
+    index = np.array(index, dtype=np.int64)
+    if index.ndim != 1 or len(index) == 0:
+        raise InputError("at least one vertex needs a prescribed position")
+    if index.min() < 0 or index.max() >= mesh.n:
+        raise InputError(f"a handle id is out of range: the mesh has {mesh.n} vertices")
+    if len(np.unique(index)) < len(index):
+        raise InputError("a handle vertex is given twice")
+    free = np.setdiff1d(mesh.component, mesh.component[index])
+    if len(free):
+        raise InputError(f"{len(free)} components of the mesh have no handle; every component needs one")
+    return index
+
+
+def _ranges(corners: np.ndarray, n: int) -> list[tuple[slice, int, int]]:
+    """Ranges of vertices for threads, which depend on n alone, and the terms that touch each.
+
+    Terms are in the order of their lowest vertices.
+    """
+    low, high = corners.min(axis=1), np.maximum.accumulate(corners.max(axis=1))
+    bounds = [*range(0, n, CHUNK), n]
+    return [
+        (slice(int(np.searchsorted(high, first)), int(np.searchsorted(low, end))), first, end)
+        for first, end in zip(bounds, bounds[1:], strict=False)
+    ]
+
+
+@njit(cache=True, nogil=True)
+def _multiply(start, column, value, F, out, first, end):
+    """Write the rows from `first` to `end` of a sparse matrix times F (n, 3) to `out`."""
+    for i in range(first, end):
+        x = y = z = 0.0
+        for k in range(start[i], start[i + 1]):
+            j, v = column[k], value[k]
+            x += v * F[j, 0]
+            y += v * F[j, 1]
+            z += v * F[j, 2]
+        out[i, 0], out[i, 1], out[i, 2] = x, y, z
