@@ -13,6 +13,7 @@ from typing import Unpack
 import numpy as np
 
 from sshade.errors import InputError
+from sshade.solver.cotangents import half_cotangents
 from sshade.solver.options import Energy, IterationOptions, Start
 from sshade.solver.start import initial_guess
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
@@ -71,9 +72,9 @@ def libigl_arap(
     Raises
     ------
     InputError
-        On an unknown energy or start.
+        On an unknown energy or start, or triangles without area.
     FloatingPointError
-        When the result is not finite, as with zero-area triangles.
+        When the result is not finite.
     """
     import igl
 
@@ -84,6 +85,7 @@ def libigl_arap(
     if energy not in energies:
         raise InputError(f"unknown energy {energy!r}; use 'spokes' or 'spokes_and_rims'")
     mesh, handles = task.mesh, task.handles
+    half_cotangents(mesh)  # refuses triangles without area
     begin = perf_counter()
     data = igl.ARAPData()
     data.energy = energies[energy]
