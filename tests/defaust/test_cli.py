@@ -30,12 +30,16 @@ def test_build_verify_info(tmp_path, capsys):
     (out / "subject_01/pose_2.json").unlink()
     assert main(["verify", str(out)]) == 1
     assert capsys.readouterr().out.startswith("subject_01/pose_2.json: missing\n")
+    for command in ("verify", "info"):
+        assert main([command, str(tmp_path)]) == 2
+        assert "not a finished DeFAUST folder" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
-        (["seed=1"], "out is not set"),
+        (["seed=1"], "out is not set; add e.g. out=data/defaust"),
+        (["out=x", "source=faust"], "source.root is not set; add e.g. source.root=MPI-FAUST"),
         (["source=scape"], "there is no source 'scape'; choose one of faust, seq"),
         (["out=x", "speed=1"], "there is no setting speed"),
         (["out=x", "+speed=1"], "there is no option speed"),
@@ -67,12 +71,6 @@ def test_defaults_are_those_of_the_paper():
     assert options.target_vertices * options.window[1] <= 200_000
     with pytest.raises(InputError, match="workers is 'many', not a whole number"):
         configure(["out=x", "workers=many"])
-
-
-def test_wrong_folder(tmp_path, capsys):
-    for command in ("verify", "info"):
-        assert main([command, str(tmp_path)]) == 2
-        assert "not a finished DeFAUST folder" in capsys.readouterr().err
 
 
 def test_module_runs_and_starts_light():

@@ -71,12 +71,6 @@ def test_without_locks_it_goes_on_with_a_warning(tmp_path, monkeypatch, caplog):
     assert "no lock can be had (No locks available)" in caplog.text
 
 
-def test_a_folder_that_cannot_be_made(tmp_path):
-    (tmp_path / "file").write_text("x")
-    with pytest.raises(InputError, match="cannot be made"), sole_builder(tmp_path / "file" / "out"):
-        pass
-
-
 def test_a_build_killed_before_its_recipe_is_taken_up(tmp_path):
     out = tmp_path / "out"
     (out / ".build").mkdir(parents=True)

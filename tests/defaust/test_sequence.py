@@ -226,16 +226,12 @@ def test_unfit_surfaces_are_refused_by_name(tmp_path):
 
 def test_a_surface_with_one_side_is_refused(tmp_path):
     # A Moebius band: a strip of 8 squares whose ends are joined with a twist.
-    u, v = np.meshgrid(np.arange(8) / 8 * 2 * np.pi, [-0.3, 0.3], indexing="ij")
+    u, v = np.meshgrid(np.arange(8) * np.pi / 4, [-0.3, 0.3], indexing="ij")
     r = 1 + v * np.cos(u / 2)
     V = np.stack([r * np.cos(u), r * np.sin(u), v * np.sin(u / 2)], axis=-1).reshape(-1, 3)
-    F = []
-    for i in range(8):
-        a, b = 2 * i, 2 * i + 1
-        c, d = (2 * i + 2, 2 * i + 3) if i < 7 else (1, 0)
-        F += [(a, c, b), (b, c, d)]
+    ladder = np.array([*range(16), 1, 0])
+    F = [ladder[[i, i + 2, i + 1] if i % 2 == 0 else [i, i + 1, i + 2]] for i in range(16)]
     write(tmp_path, "band0", V, np.array(F))
-    write(tmp_path, "band1", V, np.array(F))
     with pytest.raises(InputError, match="band0.ply: the faces are not consistently oriented"):
         sequence(tmp_path).rest(0)
 
@@ -249,15 +245,9 @@ def test_meshes_out_of_correspondence_are_refused_by_name(tmp_path):
     write(tmp_path, "cat2", ball.V, swapped)
     write(tmp_path, "cat3", np.where(ball.V > 0.99, np.nan, ball.V), ball.F, kind=".ply")
     source = sequence(tmp_path)
-    for pose, message in zip(
-        source.poses(0),
-        (
-            "cat1.ply: 288 vertices, but the rest pose cat0 has 162",
-            "cat2.ply: other triangles than the rest pose cat0",
-            "cat3.ply: vertex .* has a NaN",
-        ),
-        strict=True,
-    ):
+    messages = ("cat1.ply: 288 vertices, but the rest pose cat0 has 162",)
+    messages += ("cat2.ply: other triangles than the rest pose cat0", "cat3.ply: vertex .* has a NaN")
+    for pose, message in zip(source.poses(0), messages, strict=True):
         with pytest.raises(InputError, match=message):
             source.posed(0, pose)
 
@@ -269,7 +259,6 @@ def test_meshes_out_of_correspondence_are_refused_by_name(tmp_path):
         ("cat0.tri", "0 1 2\n", "cat0.tri: its vertices must count from 1, but one is 0"),
         ("cat0.tri", "1 2\n", r"cat0.vert: .*\(m, 3\)"),
         ("cat0.tri", "1 2 900\n", "cat0.vert: face 0 refers to vertices"),
-        ("cat0.tri", "", "cat0.vert: "),
         ("cat0.tri", None, "cat0.tri: no such file"),
         ("cat0.mat", "MATLAB", "cat0.mat: not readable as .mat"),
     ],
@@ -290,37 +279,36 @@ def test_damaged_files_are_named(tmp_path, name, content, message):
 
 
 def test_mat_without_a_surface(tmp_path):
-    for k in range(2):
-        savemat(tmp_path / f"cat{k}.mat", {"surface": {"X": np.zeros(3)}, "y": 1})
+    savemat(tmp_path / "cat0.mat", {"surface": {"X": np.zeros(3)}, "y": 1})
     with pytest.raises(InputError, match="cat0.mat: .* holds no struct with X, Y, Z and TRIV"):
         sequence(tmp_path).rest(0)
 
 
-def test_damaged_archives(tmp_path):
-    ball = icosphere(1)
-    path = tmp_path / "a.npz"
-    for arrays, message in (
-        ({"V_0": ball.V}, "a.npz: holds V_0; it needs positions V_0, V_1, ... and triangles F"),
-        ({"F": ball.F}, "a.npz: holds F; it needs"),
+BALL = icosphere(1)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"V_0": BALL.V}, "a.npz: holds V_0; it needs positions V_0, V_1, ... and triangles F"),
+        ({"F": BALL.F}, "a.npz: holds F; it needs"),
         ({}, "holds nothing; it needs"),
-    ):
-        np.savez(path, **arrays)
-        with pytest.raises(InputError, match=message):
-            sequence(path)
-    np.savez(path, V_0=ball.V, V_1=ball.V[:, :2], F=ball.F)
-    source = sequence(path)
-    with pytest.raises(InputError, match="a.npz, V_1: "):
-        source.posed(0, source.poses(0)[0])
-    np.savez(path, V_0=ball.V, V_1=np.array(["x"]), F=ball.F)
-    source = sequence(path)
-    with pytest.raises(InputError, match="a.npz: not readable as .npz"):
-        source.posed(0, source.poses(0)[0])
-    path.write_text("text")
-    with pytest.raises(InputError, match="a.npz: not readable as .npz"):
-        sequence(path)
-    np.save(tmp_path / "a.npy", ball.V)
-    with pytest.raises(InputError, match="a.npy: not an .npz file; give a folder"):
-        sequence(tmp_path / "a.npy")
+        ({"V_0": BALL.V[:, :2], "F": BALL.F}, "a.npz, V_0: "),
+        ({"V_0": np.array(["x"]), "F": BALL.F}, "a.npz: not readable as .npz"),
+        (b"text", "a.npz: not readable as .npz"),
+        (BALL.V, "a.npz: not an .npz file; give a folder"),
+    ],
+)
+def test_damaged_archives(tmp_path, arrays, message):
+    with (tmp_path / "a.npz").open("wb") as file:
+        if isinstance(arrays, bytes):
+            file.write(arrays)
+        elif isinstance(arrays, dict):
+            np.savez(file, **arrays)
+        else:
+            np.save(file, arrays)
+    with pytest.raises(InputError, match=message):
+        sequence(tmp_path / "a.npz").rest(0)
 
 
 @pytest.mark.parametrize(
@@ -331,11 +319,9 @@ def test_damaged_archives(tmp_path):
         ("source.name='a b'", "source.name=a b is not made of letters"),
         ("source.layout=free", "source.layout=free is unknown; use one of auto, tosca, sequence"),
         ("source.classes=[bear]", "source.classes: there is no 'bear'; choose from cat, dog"),
-        ("source.classes=cat", "source.classes is 'cat', not a list"),
         ("source.rest_pose=cat7", "source.rest_pose: there is no 'cat7'; choose from cat0, cat1, cat2"),
         ("source.poses_used=[cat7]", "source.poses_used: there is no 'cat7'"),
         ("source.landmarks=0", "source.landmarks is 0; it must be at least 1"),
-        ("source.landmarks=a", "source.landmarks is 'a', not an object; give names"),
         ("source.landmarks={a:1}", "there are the classes cat, dog; choose one with source.classes"),
         ("+source.facts.colour=red", "look at 'colour'"),
         ("subjects=[2]", "has no subject 2; it has [0, 1]"),

@@ -128,10 +128,6 @@ def test_poses_and_landmarks_of_the_source():
     assert tuple(source.landmark_vertices(4)) == source.landmark_names
     assert poses[0] == SourcePose("arms_up", source.base_landmarks)
     assert [p.name for p in SyntheticBodies(poses_used=["squat"]).poses(0)] == ["squat"]
-
-
-def test_unknown_subject():
-    source = SyntheticBodies()
     for call in (source.rest, source.poses, source.landmark_vertices):
         with pytest.raises(InputError, match="no synthetic subject 10"):
             call(10)

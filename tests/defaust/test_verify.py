@@ -30,22 +30,15 @@ def test_intact(finished):
     assert ("subjects", 3, 3) in calls
 
 
-@pytest.mark.parametrize("name", ["subject_01/rest.ply", "subject_00/pose_1.json", "README.md"])
-def test_flipped_byte(dataset, name):
+@pytest.mark.parametrize("name", ["subject_01/rest.ply", "subject_02/rest_low.ply", "subject_00/pose_1.json"])
+def test_a_flipped_byte_or_a_missing_file(dataset, name):
     data = bytearray((dataset / name).read_bytes())
     data[len(data) // 2] ^= 1
     (dataset / name).write_bytes(data)
-    faults = verify(dataset)
-    assert files(faults) == [name]
-    assert faults[0].text == "its sha256 is not the one listed"
-
-
-@pytest.mark.parametrize(
-    "name", ["subject_01/rest.ply", "subject_02/rest_low.ply", "subject_00/pose_1.json", "README.md"]
-)
-def test_deleted_file(dataset, name):
+    assert verify(dataset)[0] == (name, "its sha256 is not the one listed")
+    assert files(verify(dataset)) == [name]
     (dataset / name).unlink()
-    assert [tuple(fault) for fault in verify(dataset)] == [(name, "missing")]
+    assert verify(dataset) == [(name, "missing")]
 
 
 def test_changed_record(dataset):
@@ -62,10 +55,6 @@ def test_record_without_an_entry(dataset):
     path.write_text(dump(document))
     texts = [fault.text for fault in verify(dataset)]
     assert "lists no README.md" in texts and "lists no subject_00/rest.ply" in texts
-    del document["files"]
-    path.write_text(dump(document))
-    with pytest.raises(InputError, match="it has no files"):
-        verify(dataset)
 
 
 @pytest.mark.parametrize(
@@ -94,13 +83,6 @@ def test_wrong_handle(dataset, change, message):
     faults = verify(dataset)
     assert files(faults) == [name]
     assert message in faults[0].text
-
-
-def test_pose_file_that_is_no_json(dataset):
-    (dataset / "subject_01/pose_2.json").write_text("{")
-    relist(dataset, "subject_01/pose_2.json")
-    (fault,) = verify(dataset)
-    assert fault.file == "subject_01/pose_2.json" and "not a readable JSON" in fault.text
 
 
 def test_wrong_meshes(dataset):
