@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from eval.rows.store import TRANSFER, Row
+import pandas as pd
+
+from eval.rows.frame import distinct, numbers
+from eval.rows.store import TRANSFER
 
 #: Functions that are no methods, whatever their label, and what tables say of them.
 REFERENCES = {
@@ -84,11 +87,11 @@ TRANSFER_COLUMNS = (
 )
 
 
-def columns_of(rows: list[Row]) -> tuple[Column, ...]:
+def columns_of(rows: pd.DataFrame) -> tuple[Column, ...]:
     """The columns of deformations by handles, or of pose transfers."""
     if not are_transfers(rows):
         return COLUMNS
-    if any(row.get("metric.hausdorff") is not None for row in rows):
+    if numbers(rows, "metric.hausdorff").notna().any():
         return TRANSFER_COLUMNS
     # Without a truth there is what changed against the rest shape, some of which is the pose's own doing.
     return tuple(
@@ -96,11 +99,11 @@ def columns_of(rows: list[Row]) -> tuple[Column, ...]:
     )
 
 
-def are_transfers(rows: list[Row]) -> bool:
+def are_transfers(rows: pd.DataFrame) -> bool:
     """Whether rows are of pose transfers."""
-    return any(row.get("task.kind") == TRANSFER for row in rows)
+    return TRANSFER in distinct(rows, "task.kind")
 
 
-def is_reference(row: Row) -> bool:
-    """Whether a row stands beside the methods without being one."""
-    return row.get("method.target") in REFERENCES
+def reference_rows(rows: pd.DataFrame) -> pd.Series:
+    """Of each row, whether it stands beside the methods without being one."""
+    return rows.reindex(columns=["method.target"])["method.target"].isin(REFERENCES)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import operator
-import re
 from dataclasses import dataclass, replace
 
+import numpy as np
+import pandas as pd
+
 from eval.metrics.metrics import METRICS
-from eval.publish.columns import REFERENCES, Column, are_transfers, columns_of, is_reference
-from eval.rows.store import VALID, Row, newest
+from eval.publish.columns import REFERENCES, Column, are_transfers, columns_of, reference_rows
+from eval.rows.frame import CASE, distinct, method_names, method_order, newest, numbers, valid
 from sshade.errors import InputError
 
 #: Fewer cases than this have no table of the worst and the best of them.
@@ -16,48 +17,37 @@ LEAST_CASES = 4
 
 
 @dataclass(frozen=True)
-class Line:
-    """A method's line.
+class Table:
+    """Lines, the columns they share, the sentences that belong under them, and tables of parts of it.
 
     Parameters
     ----------
-    method : str
-    valid, runs : int
-        Runs with a result, and all runs.
-    competes : bool
-        It has a result for every case, and is no reference.
-    converged : str
-        "5/8" runs met the stopping rule; "-" for methods without one.
-    means : dict
-        Heading -> mean over the valid runs, None where it is not available for all of them.
+    title : str
+    columns : tuple of Column
+    lines : DataFrame
+        By method: ``runs`` and, with a result, ``valid``; ``converged``, "5/8" met the stopping
+        rule, "-" for methods without one; ``outcome``, ok or why there is no result;
+        ``competes``, whether it has a result for every case and is no reference.
+    means : DataFrame
+        By method and heading, over the valid runs; NaN where one of them lacks the number.
+    notes : list of str
+    parts : tuple of Table
     """
-
-    method: str
-    valid: int
-    runs: int
-    competes: bool
-    outcome: str
-    converged: str
-    means: dict[str, float | None]
-
-
-@dataclass(frozen=True)
-class Table:
-    """Lines, the columns they share, the sentences that belong under them, and tables of parts of it."""
 
     title: str
     columns: tuple[Column, ...]
-    lines: list[Line]
+    lines: pd.DataFrame
+    means: pd.DataFrame
     notes: list[str]
     parts: tuple[Table, ...] = ()
 
 
-def make_table(rows: list[Row], *, title: str, with_time: bool = True) -> Table:
+def make_table(rows: pd.DataFrame, *, title: str, with_time: bool = True) -> Table:
     """Gather rows into a table.
 
     Parameters
     ----------
-    rows : list of rows
+    rows : DataFrame
         Of one experiment; a method's rows must come from one configuration.
     title : str
     with_time : bool
@@ -71,62 +61,51 @@ def make_table(rows: list[Row], *, title: str, with_time: bool = True) -> Table:
         configurations, or times come from different machines or from runs that
         shared a machine.
     """
-    _check_dataset(rows)
     if with_time:
         check_times(rows)
     else:
         rows = newest(rows, across_machines=True)
+    _check_one_experiment(rows)
     columns = tuple(
         column
         for column in columns_of(rows)
         if (with_time or column.unit != "s")
-        and (not column.optional or any(row.get(column.source) for row in rows))
+        and (not column.optional or numbers(rows, column.source).fillna(0).any())
     )
-    parts = tuple(Table(name, columns, _lines(part, columns), []) for name, part in _parts(rows).items())
-    lines = _lines(rows, columns)
-    return Table(
-        title, columns, lines, _notes(rows, columns=columns), (*parts, *contest(rows, lines, columns))
-    )
+    parts = tuple(Table(name, columns, *_lines(part, columns), []) for name, part in _parts(rows).items())
+    lines, means = _lines(rows, columns)
+    parts += contest(rows, lines, columns)
+    return Table(title, columns, lines, means, _notes(rows, columns=columns), parts)
 
 
-def contest(rows: list[Row], lines: list[Line], columns: tuple[Column, ...]) -> tuple[Table, ...]:
+def contest(rows: pd.DataFrame, lines: pd.DataFrame, columns: tuple[Column, ...]) -> tuple[Table, ...]:
     """Of deformations of several cases: each method's worst case, and in how many it is the best.
 
     The best of a case are those that none prints a lower number than. Only
     methods with a result for every case compete; references do not.
     """
-    competing = [line for line in lines if line.competes]
-    cases = sorted({_case(row) for row in rows})
-    if are_transfers(rows) or len(cases) < LEAST_CASES or len(competing) < 2:
+    competing = lines[lines["competes"]]
+    cases = len(rows[CASE].drop_duplicates())
+    if are_transfers(rows) or cases < LEAST_CASES or len(competing) < 2:
         return ()
-    row_of = {(row["method.name"], _case(row)): row for row in rows if row["status"] in VALID}
-    worst: dict[str, dict[str, float | None]] = {line.method: {} for line in competing}
-    won: dict[str, dict[str, float | None]] = {line.method: {} for line in competing}
+    results = valid(rows).set_index([*CASE, "method.name"])
+    worst, won = {}, {}
     for column in columns:
-        values = {name: [row_of[name, case].get(column.source) for case in cases] for name in worst}
-        if any(value is None for own in values.values() for value in own):
-            for name in worst:
-                worst[name][column.heading] = won[name][column.heading] = None
-            continue
-        printed = {name: [float(column.text(value)) for value in values[name]] for name in worst}
-        lowest = [min(numbers) for numbers in zip(*printed.values(), strict=True)]
-        for name in worst:
-            worst[name][column.heading] = max(values[name])
-            count = sum(map(operator.eq, printed[name], lowest))
-            won[name][column.heading] = count if column.ranked else None
+        value = numbers(results, column.source).unstack("method.name")[competing.index]
+        usable = not value.isna().any(axis=None)
+        worst[column.heading] = value.max() if usable else np.nan
+        won[column.heading] = np.nan
+        if usable and column.ranked:
+            printed = value.map(column.text).astype(float)
+            won[column.heading] = printed.eq(printed.min(axis=1), axis=0).sum()
     counts = tuple(replace(column, unit="", decimals=0, ranked=False, scientific=False) for column in columns)
     return (
-        Table("worst case", columns, [replace(line, means=worst[line.method]) for line in competing], []),
-        Table(
-            f"cases won, of {len(cases)}",
-            counts,
-            [replace(line, means=won[line.method]) for line in competing],
-            [],
-        ),
+        Table("worst case", columns, competing, pd.DataFrame(worst, competing.index), []),
+        Table(f"cases won, of {cases}", counts, competing, pd.DataFrame(won, competing.index), []),
     )
 
 
-def _parts(rows: list[Row]) -> dict[str, list[Row]]:
+def _parts(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     """Rows of pose transfers by class, pose and edit, each where there are several.
 
     By pose only where every class has the same ones: elsewhere a pose is one case.
@@ -134,31 +113,38 @@ def _parts(rows: list[Row]) -> dict[str, list[Row]]:
     if not are_transfers(rows):
         return {}
     parts = {}
-    classes = {row.get("task.meta.class") for row in rows}
-    for fact in ("class", "source_pose", "edit"):
-        of_value: dict[str, list[Row]] = {}
-        for row in rows:
-            of_value.setdefault(str(row.get(f"task.meta.{fact}")), []).append(row)
-        everywhere = all(
-            {row.get("task.meta.class") for row in part} == classes for part in of_value.values()
-        )
-        if len(of_value) > 1 and (fact != "source_pose" or everywhere):
-            word = fact.removeprefix("source_")
-            parts |= {f"{word}: {value}": of_value[value] for value in sorted(of_value)}
+    facts = rows.reindex(columns=[f"task.meta.{fact}" for fact in ("class", "source_pose", "edit")])
+    classes = facts["task.meta.class"]
+    for fact, values in facts.astype(str).items():
+        poses = fact == "task.meta.source_pose"
+        everywhere = (classes.groupby(values).nunique() == classes.nunique()).all()
+        if values.nunique() > 1 and (everywhere or not poses):
+            word = "pose" if poses else fact.rpartition(".")[2]
+            parts |= {f"{word}: {value}": part for value, part in rows.groupby(values)}
     return parts
 
 
-def _lines(rows: list[Row], columns: tuple[Column, ...]) -> list[Line]:
-    cases = {_case(row) for row in rows}
-    return [
-        _line(name, [row for row in rows if row["method.name"] == name], cases=cases, columns=columns)
-        for name in method_names(rows)
-    ]
+def _lines(rows: pd.DataFrame, columns: tuple[Column, ...]) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The lines and the means of a :class:`Table`."""
+    methods = method_names(rows)
+    results = valid(rows)
+    means = pd.DataFrame({column.heading: numbers(results, column.source) for column in columns})
+    means = means.groupby(results["method.name"]).agg(lambda values: values.mean(skipna=False))
+    own = rows.groupby("method.name")
+    lines = pd.DataFrame({"runs": own.size(), "outcome": own["status"].first()}).loc[methods]
+    of_results = results.groupby("method.name")
+    lines["valid"] = of_results.size().reindex(methods, fill_value=0)
+    lines["converged"] = of_results["converged"].agg(_share).reindex(methods, fill_value="-")
+    every = len(rows[CASE].drop_duplicates())
+    references = rows["method.name"][reference_rows(rows)]
+    lines["competes"] = (lines["valid"] == every) & ~lines.index.isin(references)
+    return lines, means.reindex(methods)
 
 
-def method_names(rows: list[Row]) -> list[str]:
-    """The methods of rows, in a table's order."""
-    return sorted({row["method.name"] for row in rows}, key=_place)
+def _share(converged: pd.Series) -> str:
+    """How many runs met the stopping rule, of those that have one."""
+    rule = converged.dropna()
+    return f"{int(rule.sum())}/{len(rule)}" if len(rule) else "-"
 
 
 def ranks(table: Table, column: Column) -> dict[str, int]:
@@ -168,34 +154,44 @@ def ranks(table: Table, column: Column) -> dict[str, int]:
     """
     if not column.ranked:
         return {}
-    printed = {
-        line.method: column.text(line.means[column.heading])
-        for line in table.lines
-        if line.means[column.heading] is not None and line.competes
-    }
-    order = sorted(set(printed.values()), key=float)
-    return {method: order.index(text) + 1 for method, text in printed.items() if text in order[:2]}
+    printed = table.means.loc[table.lines["competes"], column.heading].dropna().map(column.text).astype(float)
+    place = printed.rank(method="dense").astype(int)
+    return place[place <= 2].to_dict()
 
 
-def _check_dataset(rows: list[Row]) -> None:
-    datasets = sorted({row["task.meta.dataset"] for row in rows if row.get("task.meta.dataset")})
+def _check_one_experiment(rows: pd.DataFrame) -> None:
+    """Raise InputError where a table would hide what the rows mix."""
+    datasets = distinct(rows, "task.meta.dataset")
     if len(datasets) > 1:
         raise InputError(
             f"the rows are of {len(datasets)} datasets ({', '.join(datasets)}), whose means say nothing "
             "together: run each dataset under a name of its own, run.experiment=..."
         )
+    hashes = rows.groupby("method.name")["method.hash"].nunique()
+    if hashes.max() > 1:
+        raise InputError(
+            f"method {hashes.idxmax()!r} has rows of different parameters: give each its own label=..., "
+            "or remove the old runs"
+        )
+    repeated = rows[rows.duplicated(["method.name", *CASE])].sort_values(["method.name", *CASE])
+    if len(repeated):
+        name, task, seed = repeated.iloc[0][["method.name", *CASE]]
+        raise InputError(
+            f"method {name!r} has several rows for {task}, seed {seed} (two resolutions, or two copies of "
+            "the dataset?): collect them as experiments of their own, or remove the old runs"
+        )
 
 
-def check_times(rows: list[Row]) -> None:
+def check_times(rows: pd.DataFrame) -> None:
     """Raise InputError unless the times of the rows compare: one machine, one run at a time."""
-    timed = [row for row in rows if row["status"] in VALID]
-    machines = sorted({row["env.machine"] for row in timed})
+    timed = valid(rows)
+    machines = distinct(timed, "env.machine")
     if len(machines) > 1:
         raise InputError(
             f"the rows come from {len(machines)} machines ({'; '.join(machines)}), whose times do not "
             "compare: make one table for each with --machine, or leave the times out with --no-time"
         )
-    shared = sum(1 for row in timed if row["env.concurrent"])
+    shared = timed["env.concurrent"].eq(True).sum()
     if shared:
         raise InputError(
             f"{shared} of {len(timed)} rows come from runs that shared the machine with others, "
@@ -203,92 +199,47 @@ def check_times(rows: list[Row]) -> None:
         )
 
 
-def _place(name: str) -> tuple[bool, list[str | float]]:
-    """Where a method stands: ours last, the others by name, numbers in it as such (7000 before 25000)."""
-    parts: list[str | float] = list(re.split(r"(\d+(?:\.\d+)?)", name))
-    parts[1::2] = map(float, parts[1::2])
-    return name.startswith("sshade"), parts
-
-
-def _case(row: Row) -> tuple[str, int]:
-    return row["task.name"], row["seed"]
-
-
-def _line(name: str, rows: list[Row], *, cases: set[tuple[str, int]], columns: tuple[Column, ...]) -> Line:
-    if len({row["method.hash"] for row in rows}) > 1:
-        raise InputError(
-            f"method {name!r} has rows of different parameters: give each its own label=..., "
-            "or remove the old runs"
-        )
-    repeated = {_case(row) for row in rows if [_case(other) for other in rows].count(_case(row)) > 1}
-    if repeated:
-        task, seed = min(repeated)
-        raise InputError(
-            f"method {name!r} has several rows for {task}, seed {seed} (two resolutions, or two copies of "
-            "the dataset?): collect them as experiments of their own, or remove the old runs"
-        )
-    valid = [row for row in rows if row["status"] in VALID]
-    means: dict[str, float | None] = {}
-    for column in columns:
-        values = [row.get(column.source) for row in valid]
-        usable = bool(values) and None not in values
-        means[column.heading] = sum(values) / len(values) if usable else None
-    rule = [row["converged"] for row in valid if row["converged"] is not None]
-    return Line(
-        method=name,
-        valid=len(valid),
-        runs=len(rows),
-        competes={_case(row) for row in valid} == cases and not any(map(is_reference, rows)),
-        outcome="ok" if valid else rows[0]["status"],
-        converged=f"{sum(rule)}/{len(rule)}" if rule else "-",
-        means=means,
-    )
-
-
-def _load(rows: list[Row]) -> list[str]:
-    """A warning where other work was on the machine: the load average at a run's start exceeds its cores."""
-    crowded = [row for row in rows if (row.get("env.load") or 0) > (row.get("env.cores") or float("inf"))]
-    if not crowded:
-        return []
-    highest = max(row["env.load"] for row in crowded)
-    return [
-        f"Times are loose: {len(crowded)} of {len(rows)} runs began under a load of more than one process "
-        f"a core, up to {highest:g} on {crowded[0]['env.cores']:g} cores."
-    ]
-
-
-def _notes(rows: list[Row], *, columns: tuple[Column, ...]) -> list[str]:
+def _notes(rows: pd.DataFrame, *, columns: tuple[Column, ...]) -> list[str]:
     """Cases, the dataset's note, machine, failures, the methods' own notes and legend."""
-    cases = {row["task.name"] for row in rows}
-    low, high = (bound(row["task.vertices"] for row in rows) for bound in (min, max))
-    size = f"{low:,}" if low == high else f"{low:,} to {high:,}"
-    plural = "" if len(cases) == 1 else "s"
-    notes = [f"{len(cases)} case{plural} of {size} vertices; means over the runs with a result."]
-    notes += sorted({f"{row['task.meta.note']}." for row in rows if row.get("task.meta.note")})
-    machines = sorted({row["env.machine"] for row in rows})
-    notes.append(f"Machine: {'; '.join(machines)}.")
-    notes += _load(rows)
+    cases, sizes = rows["task.name"].nunique(), rows["task.vertices"]
+    size = " to ".join(f"{n:,}" for n in sorted({sizes.min(), sizes.max()}))
+    notes = [f"{cases} case{'s' * (cases > 1)} of {size} vertices; means over the runs with a result."]
+    notes += [f"{note}." for note in distinct(rows, "task.meta.note")]
+    notes += [f"Machine: {'; '.join(distinct(rows, 'env.machine'))}.", *_load(rows)]
     for status in ("failed", "timeout", "skipped"):
-        by_method: dict[str, list[str]] = {}
-        for row in rows:
-            if row["status"] == status:
-                by_method.setdefault(row["method.name"], []).append(row["reason"])
-        notes += [
-            f"{name}: {len(reasons)} {status} ({sorted(set(reasons))[0]})"
-            for name, reasons in sorted(by_method.items())
-        ]
-    own = {(row["method.name"], row["method.note"]) for row in rows if row.get("method.note")}
-    own |= {(row["method.name"], REFERENCES[row["method.target"]]) for row in rows if is_reference(row)}
-    notes += [f"{name}: {note}" for name, note in sorted(own, key=lambda pair: (_place(pair[0]), pair[1]))]
-    posed_by = sorted({row["task.meta.posed_by"] for row in rows if row.get("task.meta.posed_by")})
+        for name, own in rows[rows["status"] == status].groupby("method.name"):
+            notes.append(f"{name}: {len(own)} {status} ({own['reason'].fillna('').min()})")
+    notes += _method_notes(rows)
+    posed_by = distinct(rows, "task.meta.posed_by")
     notes += [f"The poses come from {', '.join(posed_by)}."] if posed_by else []
     marks = "Best in bold, second best underlined, among methods with a result for every case."
     if any(column.source == "iterations" for column in columns):
         marks += " In brackets after the iterations: runs that converged; the others stopped at the cutoff."
-    notes.append(marks)
     metrics = {f"metric.{name}": metric.equation for name, metric in METRICS.items()}
     said = {column.heading: column.legend or metrics.get(column.source) for column in columns}
     legend = "; ".join(f"{heading}: {text}" for heading, text in said.items() if text)
-    if any(column.ranked and column.unit != "s" for column in columns):
-        return [*notes, f"{legend}. Lower is better."]
-    return [*notes, f"{legend}. The pose changes these by itself, and no truth says by how much."]
+    ranked = any(column.ranked and column.unit != "s" for column in columns)
+    end = "Lower is better" if ranked else "The pose changes these by itself, and no truth says by how much"
+    return [*notes, marks, f"{legend}. {end}."]
+
+
+def _load(rows: pd.DataFrame) -> list[str]:
+    """A warning where other work was on the machine: the load average at a run's start exceeds its cores."""
+    load, cores = numbers(rows, "env.load"), numbers(rows, "env.cores")
+    crowded = load > cores
+    if not crowded.any():
+        return []
+    return [
+        f"Times are loose: {crowded.sum()} of {len(rows)} runs began under a load of more than one process "
+        f"a core, up to {load[crowded].max():g} on {cores[crowded].iloc[0]:g} cores."
+    ]
+
+
+def _method_notes(rows: pd.DataFrame) -> list[str]:
+    """What methods say of themselves, and what references are."""
+    facts = rows.reindex(columns=["method.name", "method.note", "method.target"])
+    own = facts[["method.name", "method.note"]].replace("", None)
+    reference = facts.assign(**{"method.note": facts["method.target"].map(REFERENCES)})
+    notes = pd.concat([own, reference[own.columns]]).dropna().drop_duplicates()
+    pairs = sorted(notes.to_numpy().tolist(), key=lambda pair: (method_order(pair[0]), pair[1]))
+    return [f"{name}: {note}" for name, note in pairs]

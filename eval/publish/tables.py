@@ -7,31 +7,37 @@ runs in the paper's order of columns.
 from __future__ import annotations
 
 import argparse
-import csv
-import io
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
+
 from eval.publish.summary import Table, make_table, ranks
-from eval.rows.store import ROWS, ROWS_HELP, Row, read_csv, rows_file
+from eval.rows.experiment import read_experiments, rows_file
+from eval.rows.frame import distinct
+from eval.rows.store import ROWS_HELP
 from sshade.errors import InputError
 from sshade.io.files import make_folder, replacing
 
 
 def to_csv(table: Table) -> str:
     """Numbers to six digits, without marks; where there are parts, a first column names them."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    headings = [f"{c.heading} [{c.unit}]" if c.unit else c.heading for c in table.columns]
-    first = ["part"] if table.parts else []
-    writer.writerow([*first, "method", "runs", "valid", "converged", *headings])
-    for name, part in (("all", table), *((part.title, part) for part in table.parts)):
-        for line in part.lines:
-            means = [line.means[c.heading] for c in table.columns]
-            numbers = ["" if mean is None else format(mean, ".6g") for mean in means]
-            first = [name] if table.parts else []
-            writer.writerow([*first, line.method, line.runs, line.valid, line.converged, *numbers])
-    return text.getvalue()
+    tables = {"all": table} | {part.title: part for part in table.parts}
+    lines = pd.concat(
+        {
+            name: part.lines[["runs", "valid", "converged"]].join(part.means.map(_six_digits))
+            for name, part in tables.items()
+        },
+        names=["part", "method"],
+    )
+    headings = {c.heading: f"{c.heading} [{c.unit}]" if c.unit else c.heading for c in table.columns}
+    lines = lines if table.parts else lines.droplevel("part")
+    return lines.rename(columns=headings).to_csv(lineterminator="\n")
+
+
+def _six_digits(mean: float) -> str:
+    return "" if np.isnan(mean) else f"{mean:.6g}"
 
 
 def to_markdown(table: Table) -> str:
@@ -83,19 +89,17 @@ def cells(
     escape: Callable[[str], str] = str,
 ) -> list[list[str]]:
     """The texts of a table, line by line: `marks` holds formats by rank, 0 for none."""
-    by_column = {column.heading: ranks(table, column) for column in table.columns}
+    rank = {column.heading: ranks(table, column) for column in table.columns}
     body = []
-    for line in table.lines:
-        texts = [
-            escape(line.method),
-            str(line.runs) if line.valid == line.runs else f"{line.valid}/{line.runs}",
-        ]
+    for method, line in table.lines.iterrows():
+        count = f"{line.runs}" if line.valid == line.runs else f"{line.valid}/{line.runs}"
+        texts = [escape(method), count]
         for column in table.columns:
-            mean = line.means[column.heading]
-            if mean is None:
+            mean = table.means.at[method, column.heading]
+            if np.isnan(mean):
                 texts.append(not_available if line.valid else line.outcome)
                 continue
-            text = marks[by_column[column.heading].get(line.method, 0)].format(column.text(mean))
+            text = marks[rank[column.heading].get(method, 0)].format(column.text(mean))
             if column.source == "iterations" and line.converged != "-":
                 text += f" ({line.converged})"
             texts.append(text)
@@ -107,7 +111,7 @@ def _escape(text: str) -> str:
     return "".join(f"\\{c}" if c in "&%$#_{}" else c for c in text)
 
 
-def of_machine(rows: list[Row], text: str) -> list[Row]:
+def of_machine(rows: pd.DataFrame, text: str) -> pd.DataFrame:
     """The rows of the machines with `text` in their name.
 
     Raises
@@ -115,11 +119,20 @@ def of_machine(rows: list[Row], text: str) -> list[Row]:
     InputError
         When there is no such machine.
     """
-    found = [row for row in rows if text in row["env.machine"]]
-    if not found:
-        machines = "; ".join(sorted({row["env.machine"] for row in rows}))
+    found = rows[rows["env.machine"].str.contains(text, regex=False)]
+    if found.empty:
+        machines = "; ".join(distinct(rows, "env.machine"))
         raise InputError(f"no row is of a machine with {text!r} in its name; there are: {machines}")
     return found
+
+
+def write_tables(tables: Iterable[Table], folder: Path) -> None:
+    """Write tables in every format, as ``folder/<title>.<suffix>``."""
+    make_folder(folder)
+    for table in tables:
+        for suffix, text_of in FORMATS.items():
+            with replacing(folder / f"{table.title}.{suffix}") as temporary:
+                temporary.write_text(text_of(table))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -132,19 +145,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Do it; return the exit code."""
-    paths = [rows_file(name) for name in options.rows] or sorted(ROWS.glob("*.csv"))
-    if not paths:
-        raise InputError(f"{ROWS} holds no rows; `sshade-eval collect` makes them from runs")
-    if any(path.parent.resolve() == options.out.resolve() for path in paths):
+    experiments = read_experiments(options.rows)
+    if any(path.parent.resolve() == options.out.resolve() for path in map(rows_file, options.rows)):
         raise InputError(f"{options.out} holds the rows, which the tables would replace; name another -o")
     tables = []  # all of them, before anything is written
-    for path in paths:
-        rows = of_machine(read_csv(path), options.machine or "")
-        tables.append(make_table(rows, title=path.stem, with_time=not options.no_time))
-    make_folder(options.out)
-    for path, table in zip(paths, tables, strict=True):
-        for suffix, write in FORMATS.items():
-            with replacing(options.out / f"{path.stem}.{suffix}") as temporary:
-                temporary.write_text(write(table))
+    for experiment in experiments:
+        rows = of_machine(experiment.rows, options.machine or "")
+        tables.append(make_table(rows, title=experiment.name, with_time=not options.no_time))
+    write_tables(tables, options.out)
+    for table in tables:
         print(to_markdown(table))  # noqa: T201
     return 0

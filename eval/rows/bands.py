@@ -9,11 +9,11 @@ for a new method or data set: look at the numbers before committing them.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from eval.metrics.metrics import METRICS
-from eval.rows.store import VALID, Row, read_csv
+from eval.rows.store import ROWS_HELP, VALID, Row
 from sshade.cli.configuration import CONFIGURATION
 from sshade.errors import InputError
 
@@ -49,7 +49,7 @@ def out_of_band(row: Row, bands: Bands) -> list[str]:
     return problems
 
 
-def suggest(rows: list[Row]) -> dict[str, dict[str, dict[str, list[float]]]]:
+def suggest(rows: Iterable[Row]) -> dict[str, dict[str, dict[str, list[float]]]]:
     """Bands around the metrics of valid rows; what is not available gets none."""
     bands: dict[str, dict[str, dict[str, list[float]]]] = {}
     for row in rows:
@@ -77,14 +77,17 @@ def read_bands(name: str) -> Bands:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("rows", type=Path, help="CSV made by `sshade-eval collect`")
+    parser.add_argument("rows", type=Path, help=ROWS_HELP)
     parser.add_argument("--bands", default="ci", help="name of a file in conf/bands (default: %(default)s)")
     parser.add_argument("--suggest", action="store_true", help="print bands around the rows instead")
 
 
 def command(options: argparse.Namespace) -> int:
     """Do it; return the exit code."""
-    rows = read_csv(options.rows)
+    from eval.rows.experiment import rows_file  # not above: a run holds its row against bands without pandas
+    from eval.rows.frame import read_csv, records
+
+    rows = records(read_csv(rows_file(options.rows)))
     if options.suggest:
         import yaml
 

@@ -10,21 +10,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from eval.rows.store import (
-    FOLDER_HELP,
-    ROWS,
-    RUNS,
-    Row,
-    experiment_folder,
-    newest,
-    read_row,
-    run_folders,
-    write_csv,
-)
+import pandas as pd
+
+from eval.rows.frame import newest, to_frame, write_csv
+from eval.rows.store import FOLDER_HELP, ROWS, RUNS, experiment_folder, read_row, run_folders
 from sshade.errors import InputError
 
 
-def collect(*folders: Path) -> list[Row]:
+def collect(*folders: Path) -> pd.DataFrame:
     """The rows under folders of runs: the newest of each method, task, seed and machine, in a fixed order.
 
     Raises
@@ -32,18 +25,18 @@ def collect(*folders: Path) -> list[Row]:
     InputError
         When there are none.
     """
-    rows = newest(read_row(run) for folder in folders for run in run_folders(folder))
-    if not rows:
+    rows = to_frame(read_row(run) for folder in folders for run in run_folders(folder))
+    if rows.empty:
         raise InputError(
             f"{folders[0]}: no runs there; `sshade-eval run -m experiment={folders[0].name}` makes them"
         )
-    return rows
+    return newest(rows)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("folders", nargs="*", type=Path, help=f"{FOLDER_HELP} (default: all)")
-    parser.add_argument("-o", "--out", type=Path, default=ROWS)
+    parser.add_argument("-o", "--out", type=Path, default=ROWS, help="default: %(default)s")
 
 
 def command(options: argparse.Namespace) -> int:
@@ -60,7 +53,7 @@ def command(options: argparse.Namespace) -> int:
         rows = collect(*parts)
         path = options.out / f"{name}.csv"
         write_csv(path, rows)
-        machines = len({row["env.machine"] for row in rows})
+        machines = rows["env.machine"].nunique()
         counts = f"{len(rows)} row{'s' * (len(rows) > 1)}"
         print(f"{path}: {counts}" + (f" of {machines} machines" if machines > 1 else ""))  # noqa: T201
     return 0

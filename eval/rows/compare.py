@@ -8,10 +8,12 @@ digit, but for times and provenance, which the command names.
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from eval.rows.collect import collect
-from eval.rows.store import ROWS, Row, experiment_folder, read_csv
+import pandas as pd
+
+from eval.rows.experiment import load_rows
+from eval.rows.frame import records
+from eval.rows.store import Row, in_group
 from sshade.errors import InputError
 
 #: What may differ: when, where and in what company a run took place, and how long it took.
@@ -21,22 +23,12 @@ LEFT_OUT = ("date", "env.", "peak_mib", "seconds.", "task.source")
 KEPT = "env.version."
 
 
-def load(name: Path) -> list[Row]:
-    """Rows of a CSV, of a folder of runs, or of an experiment by its name."""
-    if name.suffix == ".csv":
-        return read_csv(name)
-    if not name.is_dir() and (ROWS / f"{name}.csv").is_file():
-        return read_csv(ROWS / f"{name}.csv")
-    return collect(experiment_folder(name))
-
-
 def compared(column: str) -> bool:
     """Whether a column must be equal."""
-    left_out = any(column == name or (name.endswith(".") and column.startswith(name)) for name in LEFT_OUT)
-    return column.startswith(KEPT) or not left_out
+    return in_group(column, KEPT) or not any(in_group(column, group) for group in LEFT_OUT)
 
 
-def differences(first: list[Row], second: list[Row]) -> list[str]:
+def differences(first: pd.DataFrame, second: pd.DataFrame) -> list[str]:
     """What differs between two sets of rows, one sentence each; empty if they say the same.
 
     Runs are matched by method, task and seed.
@@ -47,44 +39,37 @@ def differences(first: list[Row], second: list[Row]) -> list[str]:
         When a set holds two rows of one method, task and seed.
     """
     a, b = _by_run(first), _by_run(second)
-    found = [f"{' '.join(run)}: only in the {where}" for run, where in _unmatched(a, b)]
+    found = [f"{run}: only in the first" for run in sorted(a.keys() - b.keys())]
+    found += [f"{run}: only in the second" for run in sorted(b.keys() - a.keys())]
     for run in sorted(a.keys() & b.keys()):
-        for column in sorted(name for name in a[run].keys() | b[run].keys() if compared(name)):
+        for column in sorted(filter(compared, a[run].keys() | b[run].keys())):
             one, other = a[run].get(column), b[run].get(column)
             if one != other:
-                found.append(f"{' '.join(run)}: {column} is {one!r} and {other!r}")
+                found.append(f"{run}: {column} is {one!r} and {other!r}")
     return found
 
 
-def _by_run(rows: list[Row]) -> dict[tuple[str, str, str], Row]:
-    by_run: dict[tuple[str, str, str], Row] = {}
-    for row in rows:
-        run = row["method.name"], row["task.name"], f"seed {row['seed']}"
-        if run in by_run:
-            raise InputError(f"{' '.join(run)}: several rows; compare sets that hold one row a run")
-        by_run[run] = row
+def _by_run(rows: pd.DataFrame) -> dict[str, Row]:
+    """The rows by what tells runs apart."""
+    by_run = {f"{row['method.name']} {row['task.name']} seed {row['seed']}": row for row in records(rows)}
+    if len(by_run) < len(rows):
+        raise InputError("several rows of one method, task and seed; compare sets that hold one row a run")
     return by_run
-
-
-def _unmatched(a: dict, b: dict) -> list[tuple[tuple[str, str, str], str]]:
-    return [(run, "first") for run in sorted(a.keys() - b.keys())] + [
-        (run, "second") for run in sorted(b.keys() - a.keys())
-    ]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("first", type=Path, help="CSV, folder of runs, or name of an experiment")
-    parser.add_argument("second", type=Path, help="the same")
+    parser.add_argument("first", help="CSV, folder of runs, or name of an experiment")
+    parser.add_argument("second", help="the same")
 
 
 def command(options: argparse.Namespace) -> int:
-    """Do it; return the exit code."""
-    first, second = load(options.first), load(options.second)
+    """Do it; exit code 1 if the rows differ."""
+    first, second = load_rows(options.first), load_rows(options.second)
     found = differences(first, second)
     for text in found:
         print(text)  # noqa: T201
-    names = {name for row in (*first, *second) for name in row}
+    names = first.columns.union(second.columns)
     left_out = ", ".join(f"{name}*" if name.endswith(".") else name for name in LEFT_OUT)
     print(  # noqa: T201
         f"{len(first)} and {len(second)} rows, {sum(map(compared, names))} columns compared, "

@@ -1,25 +1,26 @@
-"""An experiment's rows, and where the runs behind them lie."""
+"""An experiment: its rows, found by name, and the runs behind them."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
-from eval.publish.summary import method_names
+from eval.rows.collect import collect
+from eval.rows.frame import method_names, read_csv, records, valid
 from eval.rows.store import (
+    PUBLISHED,
     ROWS,
     RUNS,
-    VALID,
     Row,
-    read_csv,
+    experiment_folder,
     read_curves,
     read_row,
     read_vertices,
-    rows_file,
     run_folder,
 )
 from sshade.errors import InputError
@@ -32,13 +33,13 @@ class Experiment:
     Parameters
     ----------
     name : str
-    rows : list of rows
+    rows : DataFrame
     runs : tuple of path
         Folders that may hold their run folders.
     """
 
     name: str
-    rows: list[Row]
+    rows: pd.DataFrame
     runs: tuple[Path, ...]
 
     @property
@@ -46,22 +47,16 @@ class Experiment:
         """Methods in the order of the table."""
         return method_names(self.rows)
 
-    @property
-    def valid(self) -> list[Row]:
-        """Rows with a result."""
-        return [row for row in self.rows if row["status"] in VALID]
-
-    def cases(self) -> list[list[Row]]:
+    def cases(self) -> Iterator[list[Row]]:
         """Valid rows by case, each in the order of methods; of several seeds the first one.
 
         A case is told by its name and its checksum: one name can stand for several resolutions.
         """
-        place = {method: i for i, method in enumerate(self.methods)}
-        found: dict[tuple[str, float, str], dict[str, Row]] = {}
-        for row in sorted(self.valid, key=lambda row: (place[row["method.name"]], row["seed"])):
-            case = row["task.name"], row["task.vertices"], row["task.checksum"]
-            found.setdefault(case, {}).setdefault(row["method.name"], row)
-        return [list(found[case].values()) for case in sorted(found)]
+        rows = valid(self.rows).assign(place=lambda rows: rows["method.name"].map(self.methods.index))
+        case = ["task.name", "task.vertices", "task.checksum"]
+        rows = rows.sort_values(["place", "seed"]).drop_duplicates([*case, "method.name"])
+        for _, group in rows.groupby(case):
+            yield records(group.drop(columns="place"))
 
     def folder(self, row: Row) -> Path | None:
         """The run folder of a row, or None where it is not here."""
@@ -108,3 +103,19 @@ def read_experiments(
     if repeated:
         raise InputError(f"two experiments are named {repeated[0]!r}; give them one CSV, or other names")
     return [Experiment(path.stem, read_csv(path), tuple(runs) or (RUNS / path.stem,)) for path in paths]
+
+
+def rows_file(name: str | os.PathLike[str]) -> Path:
+    """The CSV meant by a path, or by the name of an experiment: in out/rows, or else in results/rows."""
+    if Path(name).suffix == ".csv":
+        return Path(name)
+    files = [folder / f"{name}.csv" for folder in (ROWS, PUBLISHED / "rows")]
+    return next((path for path in files if path.is_file()), files[0])
+
+
+def load_rows(name: str | os.PathLike[str]) -> pd.DataFrame:
+    """Rows of a CSV, of a folder of runs, or of an experiment by its name."""
+    path = rows_file(name)
+    if Path(name).suffix == ".csv" or (path.is_file() and not Path(name).is_dir()):
+        return read_csv(path)
+    return collect(experiment_folder(Path(name)))

@@ -1,4 +1,4 @@
-"""The store of runs: one folder a run with ``row.json`` and the deformed vertices; rows as CSV.
+"""The store of runs: one folder a run with ``row.json`` and the deformed vertices.
 
 A row is a flat mapping from ``task.* method.* seed status reason iterations
 converged metric.* seconds.* peak_mib env.* schema key`` to a number, a string, a
@@ -7,8 +7,6 @@ bool or None.
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import os
 import re
@@ -30,8 +28,10 @@ SCHEMA = 1
 RUNS = Path("out/runs")
 #: Where their rows are collected: one CSV an experiment.
 ROWS = Path("out/rows")
+#: What is committed: rows, tables and figures. Only `sshade-eval publish` writes there.
+PUBLISHED = Path("results")
 FOLDER_HELP = "name of an experiment in out/runs, or a folder of runs"
-ROWS_HELP = "CSV made by `sshade-eval collect`, or name of an experiment in out/rows"
+ROWS_HELP = "CSV of rows, or name of an experiment in out/rows or else results/rows"
 
 #: What became of a run. The first two are valid results.
 STATUSES = ("ok", "not_converged", "timeout", "failed", "skipped")
@@ -45,20 +45,9 @@ IDENTITY = ("task.name", "method.name", "method.hash", "seed", "status", "key", 
 #: Beginnings of columns that hold numbers, or nothing.
 _NUMBERS = ("metric.", "seconds.", "iterations", "task.vertices", "peak_mib")
 
-_GROUPS = ("task.", "method.", "seed", "status", "reason", "iterations", "converged")
-_LATER_GROUPS = ("metric.", "extra.", "seconds.", "peak_mib", "env.", "date", "schema", "key")
-_TEXT_COLUMNS = (
-    "reason",
-    "key",
-    "task.checksum",
-    "task.source",
-    "method.hash",
-    "method.sources",
-    "method.note",
-    "env.commit",
-    "env.omp_num_threads",
-    "env.openblas_num_threads",
-    "env.mkl_num_threads",
+_GROUPS = (
+    *("task.", "method.", "seed", "status", "reason", "iterations", "converged"),
+    *("metric.", "extra.", "seconds.", "peak_mib", "env.", "date", "schema", "key"),
 )
 
 
@@ -132,13 +121,13 @@ def read_row(folder: str | os.PathLike[str]) -> Row | None:
         row = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: not a row ({error}); remove the folder to run it again") from error
-    problem = _problem(row)
+    problem = row_problem(row)
     if problem:
         raise InputError(f"{path}: not a row ({problem}); remove the folder to run it again")
     return row
 
 
-def _problem(row: Any) -> str:
+def row_problem(row: Any) -> str:
     """What keeps a row from being used, or nothing."""
     if not isinstance(row, dict):
         return "no object"
@@ -200,117 +189,21 @@ def run_folders(root: str | os.PathLike[str]) -> list[Path]:
     return sorted(path.parent for path in Path(root).rglob("row.json"))
 
 
-def newest(rows: Iterable[Row], *, across_machines: bool = False) -> list[Row]:
-    """One row for each (method, its parameters, task, seed, machine): the latest one, in a fixed order.
-
-    Two rows have the same task if it has the same name and either the same
-    checksum (so that copies of a dataset in different folders are one), or the
-    same source (so that after a rebuild of a dataset the old rows give way).
-
-    Parameters
-    ----------
-    rows : iterable of rows
-    across_machines : bool
-        Keep the latest one of all machines, for numbers that do not depend on the machine.
-    """
-    rows = list(rows)
-    for told_by in ("task.checksum", "task.source"):
-        kept: dict[tuple, Row] = {}
-        for row in sorted(rows, key=lambda row: (row["date"], row["key"])):
-            task = row["task.name"], row.get(told_by) or ""
-            machine = "" if across_machines else row["env.machine"]
-            kept[row["method.name"], row["method.hash"], *task, row["seed"], machine] = row
-        rows = [kept[identity] for identity in sorted(kept)]
-    return rows
-
-
 def ordered(row: Mapping[str, Any]) -> Row:
     """The same row with its columns in the fixed order."""
-    return {name: row[name] for name in columns([row])}
+    return {name: row[name] for name in in_order(row)}
 
 
-def columns(rows: Iterable[Mapping[str, Any]]) -> list[str]:
-    """Every column of the rows: group by group, alphabetical within a group."""
-    groups = (*_GROUPS, *_LATER_GROUPS)
+def in_order(columns: Iterable[str]) -> list[str]:
+    """Names of columns: group by group, alphabetical within a group."""
 
     def place(name: str) -> tuple[int, str]:
-        for i, group in enumerate(groups):
-            if name == group or (group.endswith(".") and name.startswith(group)):
-                return i, name
-        return len(groups), name
+        group = next((i for i, group in enumerate(_GROUPS) if in_group(name, group)), len(_GROUPS))
+        return group, name
 
-    return sorted({name for row in rows for name in row}, key=place)
+    return sorted(columns, key=place)
 
 
-def write_csv(path: str | os.PathLike[str], rows: list[Row]) -> None:
-    """Write rows as CSV; the same rows give the same bytes."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    names = columns(rows)
-    writer.writerow(names)
-    writer.writerows([[_cell(row.get(name)) for name in names] for row in rows])
-    path = Path(path)
-    make_folder(path.parent)
-    with replacing(path) as temporary:
-        temporary.write_text(text.getvalue())
-
-
-def rows_file(name: str | os.PathLike[str]) -> Path:
-    """The CSV of rows that is meant by a path, or by the name of an experiment."""
-    path = Path(name)
-    return path if path.suffix == ".csv" else ROWS / f"{name}.csv"
-
-
-def read_csv(path: str | os.PathLike[str]) -> list[Row]:
-    """Read rows back; an empty cell is None.
-
-    Raises
-    ------
-    InputError
-        When the file is missing or holds no rows.
-    """
-    path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; `sshade-eval collect` makes it from runs")
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            lines = list(csv.DictReader(file))
-    except (csv.Error, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not a readable CSV file ({error})") from error
-    if not lines or "status" not in lines[0]:
-        raise InputError(f"{path}: holds no rows of runs")
-    rows = []
-    for number, line in enumerate(lines, start=2):
-        if None in line or None in line.values():
-            raise InputError(
-                f"{path}: line {number} has another number of cells than the first; collect again"
-            )
-        rows.append({name: _value(name, cell) for name, cell in line.items()})
-        problem = _problem(rows[-1])
-        if problem:
-            raise InputError(f"{path}: line {number} is not a row ({problem}); collect again")
-    return rows
-
-
-def _cell(value: Any) -> str:
-    if value is None:
-        return ""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    return repr(value) if isinstance(value, float) else str(value)
-
-
-def _value(name: str, cell: str) -> Any:
-    if cell == "":
-        return None
-    # A hash such as 12e4567890123456 is no number, nor is a variable of the environment.
-    if name in _TEXT_COLUMNS or name.startswith("env.version."):
-        return cell
-    if cell in ("true", "false"):
-        return cell == "true"
-    for kind in (int, float):
-        try:
-            return kind(cell)
-        except ValueError:
-            continue
-    return cell
+def in_group(name: str, group: str) -> bool:
+    """Whether a column is the one named, or of a group such as ``metric.``."""
+    return name == group or (group.endswith(".") and name.startswith(group))

@@ -1,0 +1,167 @@
+"""Rows of many runs as a pandas DataFrame: a line a run, a column a fact; read from CSV and written.
+
+The cells are what ``row.json`` holds (numbers, strings, bools, None), so the
+columns have dtype object; :func:`numbers` gives a column to compute with.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from eval.rows.store import IDENTITY, VALID, Row, in_group, in_order, row_problem
+from sshade.errors import InputError
+from sshade.io.files import make_folder, replacing
+
+#: What tells apart the runs of one method.
+CASE = ["task.name", "seed"]
+
+#: Columns that are text even where it looks like a number: a label 5, a hash 12e456, a version 1.0.
+_TEXT = (
+    *(name for name in IDENTITY if name != "seed"),
+    *("reason", "task.checksum", "task.source", "task.meta.", "method.sources", "method.note"),
+    *("env.commit", "env.python", "env.omp_num_threads", "env.openblas_num_threads", "env.mkl_num_threads"),
+    "env.version.",
+)
+
+
+def to_frame(rows: Iterable[Row]) -> pd.DataFrame:
+    """Rows in the order given, columns in the fixed one; None where a row lacks a column."""
+    rows = list(rows)
+    names = in_order({name for row in rows for name in row})
+    frame = pd.DataFrame(rows, columns=names, dtype=object)
+    return frame.where(frame.notna(), None)
+
+
+def records(rows: pd.DataFrame) -> list[Row]:
+    """The rows one by one."""
+    return rows.to_dict("records")
+
+
+def numbers(rows: pd.DataFrame, column: str) -> pd.Series:
+    """A column as float64: NaN where there is nothing, also where no row has the column."""
+    return pd.to_numeric(rows.reindex(columns=[column])[column]).astype(float)
+
+
+def distinct(rows: pd.DataFrame, column: str) -> list[Any]:
+    """The values of a column, sorted, each once; none where no row has the column."""
+    return sorted(rows.reindex(columns=[column])[column].replace("", None).dropna().unique())
+
+
+def valid(rows: pd.DataFrame) -> pd.DataFrame:
+    """The rows with a result."""
+    return rows[rows["status"].isin(VALID)]
+
+
+def newest(rows: pd.DataFrame, *, across_machines: bool = False) -> pd.DataFrame:
+    """One row for each (method, its parameters, task, seed, machine): the latest one, in a fixed order.
+
+    Two rows have the same task if it has the same name and either the same
+    checksum (so that copies of a dataset in different folders are one), or the
+    same source (so that after a rebuild of a dataset the old rows give way).
+
+    Parameters
+    ----------
+    rows : DataFrame
+    across_machines : bool
+        Keep the latest one of all machines, for numbers that do not depend on the machine.
+    """
+    for same_task in ("task.checksum", "task.source"):
+        run = ["method.name", "method.hash", "task.name", same_task, "seed", "env.machine"]
+        run = [name for name in run if name in rows and not (across_machines and name == "env.machine")]
+        latest = rows.sort_values(["date", "key"], kind="stable").drop_duplicates(run, keep="last")
+        rows = latest.sort_values(run, na_position="first")
+    return rows.reset_index(drop=True)
+
+
+def split_label(name: str) -> tuple[str, float | None]:
+    """A method's label such as "arap-7000" as its family and the number; None where it ends with none."""
+    family, _, number = name.rpartition("-")
+    try:
+        return (family, float(number)) if family else (name, None)
+    except ValueError:
+        return name, None
+
+
+def method_names(rows: pd.DataFrame) -> list[str]:
+    """The methods of rows in a table's order."""
+    return sorted(rows["method.name"].unique(), key=method_order)
+
+
+def method_order(name: str) -> tuple[bool, list[str | float]]:
+    """Sorts ours last, the others by name, numbers in it as such (7000 before 25000)."""
+    parts: list[str | float] = list(re.split(r"(\d+(?:\.\d+)?)", name))
+    parts[1::2] = map(float, parts[1::2])
+    return name.startswith("sshade"), parts
+
+
+def write_csv(path: str | os.PathLike[str], rows: pd.DataFrame) -> None:
+    """Write rows as CSV; the same rows give the same bytes."""
+    # Not DataFrame.map, which would make floats of ints beside None.
+    cells = pd.DataFrame({name: map(_cell, rows[name]) for name in in_order(rows)}, dtype=object)
+    make_folder(Path(path).parent)
+    with replacing(path) as temporary:
+        cells.to_csv(temporary, index=False, lineterminator="\n")
+
+
+def read_csv(path: str | os.PathLike[str]) -> pd.DataFrame:
+    """Read rows back; an empty cell is None.
+
+    Raises
+    ------
+    InputError
+        When the file is missing, or a line of it is no row.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; `sshade-eval collect` makes it from runs")
+    try:  # not pandas' reader, which fills up a line that was cut
+        with path.open(newline="", encoding="utf-8") as file:
+            header, *lines = list(csv.reader(file)) or [[]]
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not a readable CSV file ({error})") from error
+    if not lines or "status" not in header:
+        raise InputError(f"{path}: holds no rows of runs")
+    for number, line in enumerate(lines, start=2):
+        if len(line) != len(header):
+            raise InputError(
+                f"{path}: line {number} has another number of cells than the first; collect again"
+            )
+    columns = dict(zip(header, zip(*lines, strict=True), strict=True))
+    frame = pd.DataFrame({n: map(_reader(n), cells) for n, cells in columns.items()}, dtype=object)
+    for number, row in enumerate(records(frame), start=2):
+        if problem := row_problem(row):
+            raise InputError(f"{path}: line {number} is not a row ({problem}); collect again")
+    return frame
+
+
+def _cell(value: Any) -> Any:
+    """A value as it is written, where that is not for pandas to say."""
+    return str(value).lower() if isinstance(value, bool) else value
+
+
+def _reader(column: str) -> Callable[[str], Any]:
+    """What makes values of a column's cells."""
+    return _text if any(in_group(column, group) for group in _TEXT) else _value
+
+
+def _text(cell: str) -> str | None:
+    return cell or None
+
+
+def _value(cell: str) -> Any:
+    """The number or bool that a cell tells, else its text; None where it is empty."""
+    if cell in ("true", "false"):
+        return cell == "true"
+    for kind in (int, float):
+        try:
+            return kind(cell)
+        except ValueError:
+            continue
+    return cell or None
