@@ -34,6 +34,7 @@ COMMANDS = {
     "curves": Command("eval.publish.curves", "metrics against a size or a parameter"),
     "front": Command("eval.publish.front", "volume against stretch"),
     "report": Command("eval.publish.report.command", "one HTML page with all of it and a 3D view"),
+    "publish": Command("eval.publish.publish", "an experiment's rows, tables and figures into results/"),
     "remeasure": Command("eval.rows.remeasure", "metrics of finished runs, from their stored vertices"),
     "compare": Command("eval.rows.compare", "whether two sets of rows say the same"),
     "check": Command("eval.rows.bands", "hold rows against committed bands of quality"),

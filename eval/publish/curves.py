@@ -1,4 +1,4 @@
-"""How numbers change with a size: ``sshade-eval curves ROWS.csv``, needs the extra ``figures``.
+"""How numbers change with a size: ``sshade-eval curves ROWS``, needs the extra ``figures``.
 
 For experiments whose methods are labelled by a number, such as ``arap-7000``:
 one curve a method over the vertices of its tasks (``conf/experiment/resolution.yaml``)
@@ -9,15 +9,21 @@ or over another column of the rows, such as ``--over method.samplings``
 from __future__ import annotations
 
 import argparse
-import re
-from collections import defaultdict
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pandas as pd
 
 from eval.metrics.metrics import METRICS
-from eval.publish.plotting import look, new_figure, save, style
-from eval.rows.store import ROWS_HELP, VALID, Row, read_csv, rows_file
+from eval.publish.plotting import FIGURES, axis_label, look, new_figure, plot_points, save, styled
+from eval.rows.experiment import rows_file
+from eval.rows.frame import read_csv, split_label, valid
+from eval.rows.store import ROWS_HELP
 from sshade.errors import InputError
 from sshade.figures import require_extra
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: Method -> (size, value), by growing size.
 Curves = dict[str, list[tuple[float, float]]]
@@ -27,12 +33,12 @@ DRAWN = {name: (f"metric.{name}", metric.unit) for name, metric in METRICS.items
 DRAWN["time"] = ("seconds.total", "s")
 
 
-def curves(rows: list[Row], metric: str = "volume", *, over: str = "task.vertices") -> Curves:
+def curves(rows: pd.DataFrame, metric: str = "volume", *, over: str = "task.vertices") -> Curves:
     """Means over the valid runs of each method and size.
 
     Parameters
     ----------
-    rows : list of rows
+    rows : DataFrame
         Labelled ``<method>-<size>``.
     metric : str
         A name in :data:`DRAWN`.
@@ -47,58 +53,46 @@ def curves(rows: list[Row], metric: str = "volume", *, over: str = "task.vertice
     """
     if metric not in DRAWN:
         raise InputError(f"there is no metric {metric!r}; there are {', '.join(DRAWN)}")
-    found: dict[str, dict[int, list[tuple[int, float]]]] = defaultdict(lambda: defaultdict(list))
-    for row in rows:
-        label = re.fullmatch(r"(.+)-(\d+)", row["method.name"])
-        size, value = row.get(over), row.get(DRAWN[metric][0])
-        if label and row["status"] in VALID and value is not None and type(size) in (int, float):
-            found[label[1]][int(label[2])].append((size, value))
-    if not found:
+    rows = valid(rows).reindex(columns=["method.name", over, DRAWN[metric][0]])
+    labels = rows["method.name"].map(split_label)
+    points = pd.DataFrame({"method": labels.str[0], "number": labels.str[1].astype(float)})
+    points["size"], points["value"] = (pd.to_numeric(rows[name], "coerce") for name in rows.columns[1:])
+    means = points.dropna().groupby(["method", "number"]).mean().astype(float)
+    if means.empty:
         raise InputError(
             f"no valid row of a method labelled like arap-7000 has the metric {metric} and a number in {over}"
         )
-    return {
-        method: [
-            tuple(sum(part) / len(part) for part in zip(*sizes[size], strict=True)) for size in sorted(sizes)
-        ]
-        for method, sizes in sorted(found.items())
-    }
+    return {method: list(own.itertuples(index=False, name=None)) for method, own in means.groupby("method")}
 
 
-def draw(panels: dict[str, Curves], path: Path, *, over: str = "task.vertices") -> None:
-    """Draw curves into a .svg, .pdf or .png file.
+@styled
+def draw(panels: dict[str, Curves], *, over: str = "task.vertices") -> Figure:
+    """Draw curves.
 
     Parameters
     ----------
     panels : dict
         Metric -> its curves, one panel each.
-    path : path
     over : str
         The column that is the size; numbers of vertices get a logarithmic axis.
     """
     one = len(panels) == 1
-    with style():
-        figure = new_figure(6.0 if one else 2.5 * len(panels), 3.8 if one else 2.5)
-        every = figure.subplots(1, len(panels), squeeze=False)[0]
-        for axes, (metric, lines) in zip(every, panels.items(), strict=True):
-            looks = look(list(lines))
-            for method, points in lines.items():
-                axes.plot(
-                    *zip(*points, strict=True), label=method, markersize=4, linewidth=1.2, **looks[method]
-                )
-            if over.endswith("vertices"):
-                axes.set_xscale("log")
-            axes.set_ylim(0, 1.06 * max(value for points in lines.values() for _, value in points) or 1.0)
-            axes.set_xlabel(over.rpartition(".")[2])
-            axes.set_ylabel(f"{metric} ({DRAWN[metric][1]})")
-        if one or len(lines) > 1:
-            axes.legend()
-    save(figure, path)
+    figure = new_figure(6.0 if one else 2.5 * len(panels), 3.8 if one else 2.5)
+    every = figure.subplots(1, len(panels), squeeze=False)[0]
+    for axes, (metric, lines) in zip(every, panels.items(), strict=True):
+        plot_points(axes, lines, look(lines))
+        if over.endswith("vertices"):
+            axes.set_xscale("log")
+        axes.set_ylim(0, 1.06 * max(value for points in lines.values() for _, value in points) or 1.0)
+        axes.set(xlabel=over.rpartition(".")[2], ylabel=axis_label(metric, DRAWN[metric][1]))
+    if one or len(lines) > 1:
+        axes.legend()
+    return figure
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("rows", type=Path, help=ROWS_HELP)
+    parser.add_argument("rows", type=rows_file, help=ROWS_HELP)
     parser.add_argument(
         "--metric", nargs="+", default=["volume"], help=f"of {', '.join(DRAWN)} (default: volume)"
     )
@@ -108,10 +102,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Do it; return the exit code."""
-    require_extra()
-    path = options.out or Path("out/figures") / f"{options.rows.stem}.png"
-    rows = read_csv(rows_file(options.rows))
+    require_extra("matplotlib")
+    rows = read_csv(options.rows)
     panels = {metric: curves(rows, metric, over=options.over) for metric in options.metric}
-    draw(panels, path, over=options.over)
-    print(path)  # noqa: T201
+    save(draw(panels, over=options.over), options.out or FIGURES / f"{options.rows.stem}.png")
     return 0

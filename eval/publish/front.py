@@ -1,4 +1,4 @@
-"""Volume against stretch: ``sshade-eval front ROWS.csv [ROWS.csv ...]``.
+"""Volume against stretch: ``sshade-eval front ROWS [ROWS ...]``, needs the extra ``figures``.
 
 A method labelled by its weight of the volume, such as ``sshade_fine-0.1``, is a
 curve from the free volume to the exact one; any other is a point. Means over
@@ -8,14 +8,21 @@ the cases that all of them have. Made from rows; no method is run.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
 
 from eval.metrics.metrics import METRICS
-from eval.publish.plotting import look, new_figure, save, style
-from eval.rows.store import ROWS_HELP, VALID, Row, read_csv, rows_file
+from eval.publish.plotting import FIGURES, axis_label, look, new_figure, plot_points, save, styled
+from eval.rows.experiment import rows_file
+from eval.rows.frame import read_csv, split_label, valid
+from eval.rows.store import ROWS_HELP
 from sshade.errors import InputError
 from sshade.figures import require_extra
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: What volume is drawn against.
 AGAINST = ("edge", "angle")
@@ -24,13 +31,14 @@ AGAINST = ("edge", "angle")
 Point = tuple[float, ...]
 
 
-def front(rows: Iterable[Row], *, leave_out: tuple[str, ...] = ("identity",)) -> dict[str, list[Point]]:
-    """Mean volume and stretch of each method, curves by growing weight of the volume.
+def front(rows: pd.DataFrame, *, leave_out: tuple[str, ...] = ("identity",)) -> dict[str, list[Point]]:
+    """Mean volume and stretch of each method, curves by falling volume.
 
     Parameters
     ----------
-    rows : rows
-        A method's curve: those named ``<method>-<weight>`` with the weight in ``method.volume``.
+    rows : DataFrame
+        A method's curve: those named ``<method>-<weight>`` with the weight in ``method.volume``,
+        and the one named ``<method>``, of another experiment perhaps.
     leave_out : names of methods
 
     Returns
@@ -43,51 +51,46 @@ def front(rows: Iterable[Row], *, leave_out: tuple[str, ...] = ("identity",)) ->
     InputError
         When no case has a valid row of every method.
     """
-    found: dict[tuple[str, float | None], dict[tuple, Row]] = {}
-    for row in rows:
-        weight = _weight(row)
-        method = row["method.name"] if weight is None else row["method.name"].rpartition("-")[0]
-        if row["status"] in VALID and method not in leave_out and row["metric.volume"] is not None:
-            found.setdefault((method, weight), {})[row["task.checksum"], row["seed"]] = row
-    common = set.intersection(*(set(cases) for cases in found.values())) if found else set()
-    if not common:
+    columns = ["metric.volume", *(f"metric.{name}" for name in AGAINST)]
+    rows = valid(rows).reindex(columns=["method.name", "method.volume", "task.checksum", "seed", *columns])
+    pairs = zip(rows["method.name"], rows["method.volume"], strict=True)
+    rows = rows.assign(family=[_family(name, weight) for name, weight in pairs])
+    rows = rows[~rows["family"].isin(leave_out) & rows["metric.volume"].notna()]
+    run = ["task.checksum", "seed", "family", "method.name"]
+    values = rows.drop_duplicates(run, keep="last").set_index(run)[columns].astype(float)
+    common = values.unstack(["family", "method.name"]).dropna()
+    if common.empty:
         raise InputError("the methods of these rows have no case in common that all have a volume for")
-    points: dict[str, list[Point]] = {}
-    for method, weight in sorted(found, key=lambda one: (one[0], -1.0 if one[1] is None else one[1])):
-        own = [found[method, weight][case] for case in common]
-        columns = ("metric.volume", *(f"metric.{name}" for name in AGAINST))
-        mean = tuple(sum(row[column] for row in own) / len(own) for column in columns)
-        points.setdefault(method, []).append(mean)
-    # A row by the plain name, of another experiment, has its place among those of the curve.
-    return {method: sorted(own, reverse=True) for method, own in points.items()}
+    means = common.mean().unstack(0)[columns]
+    return {
+        family: sorted(own.itertuples(index=False, name=None), reverse=True)
+        for family, own in means.groupby("family")
+    }
 
 
-def draw(points: dict[str, list[Point]], path: Path) -> None:
-    """Draw a panel for each metric in :data:`AGAINST` into a .svg, .pdf or .png file."""
-    looks = look(list(points))
-    with style():
-        figure = new_figure(7.0, 3.4)
-        panels = figure.subplots(1, len(AGAINST))
-        for i, (name, axes) in enumerate(zip(AGAINST, panels, strict=True), start=1):
-            for method, own in points.items():
-                line = "-" if len(own) > 1 else "none"
-                x, y = [point[0] for point in own], [point[i] for point in own]
-                axes.plot(x, y, linestyle=line, linewidth=1.2, markersize=4, label=method, **looks[method])
-            axes.set_xlabel(f"volume ({METRICS['volume'].unit})")
-            axes.set_ylabel(f"{name} ({METRICS[name].unit})")
-            axes.set_xlim(left=-0.3)
-            axes.set_ylim(bottom=0)
-        panels[-1].legend()
-    save(figure, path)
-
-
-def _weight(row: Row) -> float | None:
-    """The weight of the volume that a row's name tells, if it does."""
-    label, weight = row["method.name"].rpartition("-")[2], row.get("method.volume")
+def _family(name: str, weight: Any) -> str:
+    """A row's method: its name without the weight of the volume, where the name ends with that."""
+    family, number = split_label(name)
     try:
-        return float(weight) if weight is not None and float(label) == float(weight) else None
+        return family if weight is not None and number == float(weight) else name
     except ValueError:
-        return None
+        return name
+
+
+@styled
+def draw(points: dict[str, list[Point]]) -> Figure:
+    """A panel for each metric in :data:`AGAINST`."""
+    figure = new_figure(7.0, 3.4)
+    panels = figure.subplots(1, len(AGAINST))
+    for i, (name, axes) in enumerate(zip(AGAINST, panels, strict=True), start=1):
+        curves = {method: [(point[0], point[i]) for point in own] for method, own in points.items()}
+        plot_points(axes, curves, look(points))
+        axes.set_xlabel(axis_label("volume", METRICS["volume"].unit))
+        axes.set_ylabel(axis_label(name, METRICS[name].unit))
+        axes.set_xlim(left=-0.3)
+        axes.set_ylim(bottom=0)
+    panels[-1].legend()
+    return figure
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -102,9 +105,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def command(options: argparse.Namespace) -> int:
     """Do it; return the exit code."""
     require_extra("matplotlib")
-    out = options.out or Path("out/figures") / f"{options.rows[0].stem}.png"
-    rows = [row for path in options.rows for row in read_csv(path)]
+    rows = pd.concat([read_csv(path) for path in options.rows], ignore_index=True)
     points = front(rows, leave_out=tuple(options.leave_out))
-    draw(points, out)
-    print(out)  # noqa: T201
+    save(draw(points), options.out or FIGURES / f"{options.rows[0].stem}.png")
     return 0

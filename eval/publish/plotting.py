@@ -1,29 +1,26 @@
-"""What the drawn figures share: colours, fonts, and files that the same rows give byte by byte."""
+"""What the drawn figures share: colours, fonts, lines, and files that the same rows give byte by byte."""
 
 from __future__ import annotations
 
 import io
+from collections.abc import Callable, Iterable, Mapping
+from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ParamSpec
 
 from sshade.errors import InputError
 from sshade.io.files import make_folder, replacing
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+P = ParamSpec("P")
 
 #: Colours of methods in the order of the table; told apart by people who do not see all of them.
 PALETTE = (
-    "#0072b2",
-    "#e69f00",
-    "#009e73",
-    "#d55e00",
-    "#cc79a7",
-    "#56b4e9",
-    "#8c6d31",
-    "#6b6ecf",
-    "#637939",
-    "#7f7f7f",
+    *("#0072b2", "#e69f00", "#009e73", "#d55e00", "#cc79a7"),
+    *("#56b4e9", "#8c6d31", "#6b6ecf", "#637939", "#7f7f7f"),
 )
 MARKERS = "osD^vPX*<>"
 
@@ -49,11 +46,26 @@ _METADATA = {
 }
 
 
+#: Where figures go unless told.
+FIGURES = Path("out/figures")
+
+
 def style() -> Any:
     """A context in which figures are made and saved."""
     import matplotlib
 
     return matplotlib.rc_context(_STYLE)
+
+
+def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
+    """Make a function draw in our :func:`style`."""
+
+    @wraps(draw)
+    def in_style(*args: P.args, **kwargs: P.kwargs) -> Figure:
+        with style():
+            return draw(*args, **kwargs)
+
+    return in_style
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -63,7 +75,7 @@ def new_figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def look(methods: list[str]) -> dict[str, dict[str, Any]]:
+def look(methods: Iterable[str]) -> dict[str, dict[str, Any]]:
     """Colour and marker of each method, by its place."""
     return {
         method: {"color": PALETTE[i % len(PALETTE)], "marker": MARKERS[i // len(PALETTE) % len(MARKERS)]}
@@ -71,8 +83,23 @@ def look(methods: list[str]) -> dict[str, dict[str, Any]]:
     }
 
 
+def plot_points(
+    axes: Axes, points: Mapping[str, Iterable[tuple[float, float]]], looks: Mapping[str, dict[str, Any]]
+) -> None:
+    """Plot (x, y) of each method: a line through several, a marker alone for one."""
+    for method, own in points.items():
+        x, y = zip(*own, strict=True)
+        line = "-" if len(x) > 1 else "none"
+        axes.plot(x, y, linestyle=line, linewidth=1.2, markersize=4, label=method, **looks[method])
+
+
+def axis_label(name: str, unit: str) -> str:
+    """A measure's name with its unit, if it has one."""
+    return f"{name.replace('_', ' ')} ({unit})" if unit not in ("", "-") else name.replace("_", " ")
+
+
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure as .svg, .pdf or .png, by the path's suffix.
+    """Write a figure as .svg, .pdf or .png, by the path's suffix, and print where it is.
 
     Raises
     ------
@@ -85,6 +112,7 @@ def save(figure: Figure, path: Path) -> None:
     make_folder(path.parent)
     with style(), replacing(path) as temporary:
         figure.savefig(temporary, format=suffix[1:], dpi=200, metadata=_METADATA[suffix])
+    print(path)  # noqa: T201
 
 
 def to_svg(figure: Figure) -> str:

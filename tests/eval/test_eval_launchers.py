@@ -87,7 +87,7 @@ def test_another_launcher_gives_the_same_rows(tmp_path, basic, launcher, options
     assert "[2 done, 1 failed, 0 remaining]" in lines[1]
     assert lines[2] == lines_of_basic[2] == "2 runs: 2 new (1 failed, 1 ok), 0 kept"
     assert differences(rows, basic[1]) == []
-    assert [(row["env.jobs"], row["env.concurrent"]) for row in rows] == [(2, True)] * 2
+    assert rows[["env.jobs", "env.concurrent"]].to_numpy().tolist() == [[2, True]] * 2
     assert not list(tmp_path.rglob(".sweeps"))
 
 

@@ -12,16 +12,13 @@ from eval_cases import bumpy_task
 
 import eval.run.attempt as attempt_module
 import eval.run.run as run_module
-from eval.main import call
 from eval.metrics.metrics import METRICS, measure
 from eval.rows.collect import collect
 from eval.rows.store import (
-    read_csv,
     read_curves,
     read_row,
     read_vertices,
     run_folders,
-    write_csv,
     write_run,
 )
 from eval.run import provenance
@@ -252,46 +249,9 @@ def test_a_process_that_dies_leaves_a_row(task, tmp_path):
     assert row["status"] == "failed" and row["reason"] == "the process ended with exit code 3"
 
 
-def test_csv_gives_rows_back_and_the_same_bytes(task, tmp_path):
-    for method, name in ((ARAP, "arap"), ({"_target_": "eval_cases.failing"}, "failing")):
-        run(task, method, name=name, root=tmp_path / "runs")
-    rows = collect(tmp_path / "runs")
-    path = tmp_path / "rows.csv"
-    write_csv(path, rows)
-    back = read_csv(path)
-    names = {name for row in rows for name in row}
-    for row, other in zip(rows, back, strict=True):
-        assert {name: row.get(name) or None for name in names if row.get(name) not in (0, False)} == {
-            name: other[name] for name in names if row.get(name) not in (0, False)
-        }
-    text = path.read_bytes()
-    write_csv(path, back)
-    assert path.read_bytes() == text
-    assert call("collect", [str(tmp_path / "runs"), "-o", str(tmp_path / "out")]) == 0
-    assert (tmp_path / "out" / "runs.csv").read_bytes() == text
-
-
-def test_a_hash_of_digits_stays_text(tmp_path):
-    row = {"status": "ok", "key": "12e4567890123456", "task.checksum": "0012", "env.version.x": "1.0"}
-    row |= {
-        "method.sources": "1234567890123456",
-        "env.omp_num_threads": "1",
-        "method.name": "arap",
-        "seed": 0,
-    }
-    row |= {"task.name": "t", "method.hash": "9", "date": "2026-01-01", "env.machine": "box"}
-    write_csv(tmp_path / "r.csv", [row])
-    assert read_csv(tmp_path / "r.csv") == [row]
-
-
 def test_clear_errors_for_missing_and_damaged_files(tmp_path):
     with pytest.raises(InputError, match="no runs"):
         collect(tmp_path)
-    with pytest.raises(InputError, match="no such file"):
-        read_csv(tmp_path / "none.csv")
-    (tmp_path / "empty.csv").write_text("a,b\n")
-    with pytest.raises(InputError, match="no rows"):
-        read_csv(tmp_path / "empty.csv")
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "row.json").write_text("{")
     with pytest.raises(InputError, match="not a row"):

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from defaust.folder.record import POSE, read_dataset, read_record
-from eval.rows.store import read_csv, read_row
+from eval.rows.frame import read_csv
+from eval.rows.store import read_row
 from sshade import Binding, InputError, bind
 from sshade.io.handles import read_handles
 from sshade.io.meshes import SUFFIXES, read_mesh, write_mesh
@@ -166,7 +167,7 @@ def _read_manifest(data: bytes, folder: Path) -> None:
 
 def _manifest_seeds() -> list[bytes]:
     from defaust.build.dataset import build
-    from eval.rows.store import write_csv
+    from eval.rows.frame import to_frame, write_csv
     from tests.defaust.toy import OPTIONS, Balls
 
     out = Path(_scratch()) / "balls"
@@ -179,7 +180,7 @@ def _manifest_seeds() -> list[bytes]:
         "seconds.total": 2.0,
         "reason": "",
     }
-    write_csv(out / "rows.csv", [row, row | {"seed": 1}])
+    write_csv(out / "rows.csv", to_frame([row, row | {"seed": 1}]))
     contents = [(out / "dataset.json").read_bytes(), (out / "subject_00/pose_1.json").read_bytes()]
     contents += [json.dumps(row).encode(), (out / "rows.csv").read_bytes()]
     return [bytes([kind]) + content for kind, content in enumerate(contents)]

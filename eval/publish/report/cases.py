@@ -5,19 +5,18 @@ from __future__ import annotations
 import base64
 import io
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from eval.metrics.truth import Task
+from eval.publish.panels import error_label, error_of
 from eval.publish.report.surface import pack, surface
-from eval.publish.transfer_figures import error_of
 from eval.rows.experiment import Experiment
 from eval.rows.recall import load_task
 from eval.rows.store import Row
 from sshade.errors import InputError
-from sshade.figures import View, colour_range, edge_error, picture
+from sshade.figures import View, colour_range, picture
 from sshade.pipeline.transfer_task import TransferTask
 
 #: Width of a rendering in pixels.
@@ -106,7 +105,7 @@ def show_case(
     except (InputError, OSError, ImportError) as error:
         case.missing.append(f"No pictures: {error}.")
         return case
-    case.label, shapes = _shapes(task, found)
+    case.label, shapes = error_label(task), _shapes(task, found)
     case.top = colour_range(shape.error for shape in shapes if shape.error is not None)
     view = View.of([shape.V for shape in shapes], towards=towards, up=up)
     handles = getattr(task, "handles", None)
@@ -130,18 +129,16 @@ def show_case(
     return case
 
 
-def _shapes(task: Task, found: list[tuple[Row, np.ndarray]]) -> tuple[str, list[Shape]]:
-    """What the colours say, and the shapes of a case."""
+def _shapes(task: Task, found: list[tuple[Row, np.ndarray]]) -> list[Shape]:
+    """The shapes of a case."""
     counts = f"{task.mesh.n:,} vertices"
     shapes = [Shape("rest", counts, task.mesh.V)]
-    label, error_in = "change of edge length at a vertex (%)", partial(edge_error, task.mesh)
     if isinstance(task, TransferTask) and task.truth is not None:
-        label, error_in = "distance to the true place (% of the diagonal)", partial(error_of, task)
         shapes.append(Shape("truth", "", task.truth))
     for row, V in found:
-        error = error_in(V)
+        error = error_of(task, V)
         shapes.append(Shape(row["method.name"], f"mean {error.mean():.2g} %", V, error))
-    return label, shapes
+    return shapes
 
 
 def _packed(case: Case, task: Task, shapes: list[Shape]) -> dict[str, Any]:

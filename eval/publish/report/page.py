@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import base64
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from eval.publish.charts import convergence, distributions, times
 from eval.publish.plotting import to_svg
@@ -17,7 +17,8 @@ from eval.publish.report.cases import Case, show_case
 from eval.publish.summary import Column, Table, make_table
 from eval.publish.tables import cells
 from eval.rows.experiment import Experiment
-from eval.rows.store import VALID, Row
+from eval.rows.frame import distinct, method_names, numbers, records, valid
+from eval.rows.store import Row
 from sshade.errors import InputError
 from sshade.figures import COLOURS
 from sshade.task import Progress, silent
@@ -92,7 +93,8 @@ def write_page(
     InputError
         When no experiment has such a case, or the rows of one make no table.
     """
-    known = {row["task.name"] for experiment in experiments for row in experiment.rows}
+    every = pd.concat([experiment.rows for experiment in experiments], ignore_index=True)
+    known = set(every["task.name"])
     unknown = [name for name in cases if name not in known]
     if unknown:
         raise InputError(f"there is no case {unknown[0]!r}; there are {', '.join(sorted(known))}")
@@ -106,7 +108,6 @@ def write_page(
         for i, case in enumerate(section.cases)
         if case.view is not None
     ]
-    every = [row for experiment in experiments for row in experiment.rows]
     return _template().render(
         sections=sections,
         views=[{name: value for name, value in view.items() if name != "data"} for view in views],
@@ -117,7 +118,7 @@ def write_page(
         style=_text("style.css"),
         script=_text("viewer.js"),
         three=_text("three.min.js"),
-        valid=sum(row["status"] in VALID for row in every),
+        valid=len(valid(every)),
         runs=len(every),
     )
 
@@ -150,7 +151,7 @@ def _section(
         cases=shown,
         numbers=[_numbers(case, table.columns) for case in shown],
         columns=table.columns,
-        failures=[row for row in rows if row["status"] not in VALID],
+        failures=records(rows.drop(valid(rows).index)),
         configurations=[(method, _configuration(rows, method)) for method in experiment.methods],
         facts=_facts(rows),
     )
@@ -191,37 +192,28 @@ def _numbers(case: Case, columns: tuple[Column, ...]) -> list[list[str]]:
 def _convergence(experiment: Experiment) -> list[list[str]]:
     """Headings, then what iterating methods tell of their iterations; without columns that say nothing."""
     lines = [["method", "converged", "iterations", "last residual", "energy"]]
-    for method in experiment.methods:
-        rows = [row for row in experiment.valid if row["method.name"] == method and row["iterations"]]
-        if not rows:
-            continue
-        rule = [row["converged"] for row in rows if row["converged"] is not None]
-        lines.append(
-            [
-                method,
-                f"{sum(rule)}/{len(rule)}" if rule else "no rule",
-                _range((row["iterations"] for row in rows), form="{:,.0f}"),
-                _range(row.get("extra.residual") for row in rows),
-                _range(row.get("extra.energy") for row in rows),
-            ]
-        )
+    rows = valid(experiment.rows)
+    rows = rows[numbers(rows, "iterations") > 0]
+    for method in method_names(rows):
+        own = rows[rows["method.name"] == method]
+        rule = own["converged"].dropna()
+        share = f"{int(rule.sum())}/{len(rule)}" if len(rule) else "no rule"
+        facts = [_range(numbers(own, f"extra.{name}"), "{:.3g}") for name in ("residual", "energy")]
+        lines.append([method, share, _range(numbers(own, "iterations"), "{:,.0f}"), *facts])
     kept = [i for i in range(len(lines[0])) if any(line[i] != "-" for line in lines[1:])]
     return [[line[i] for i in kept] for line in lines]
 
 
-def _range(values: Iterable[float | None], *, form: str = "{:.3g}") -> str:
+def _range(values: pd.Series, form: str) -> str:
     """Smallest, median and largest of numbers."""
-    numbers = [value for value in values if value is not None]
-    if not numbers:
-        return "-"
-    return " / ".join(map(form.format, (min(numbers), float(np.median(numbers)), max(numbers))))
+    return " / ".join(map(form.format, values.quantile([0, 0.5, 1]))) if values.notna().any() else "-"
 
 
-def _configuration(rows: list[Row], method: str) -> str:
+def _configuration(rows: pd.DataFrame, method: str) -> str:
     """A method's settings as YAML, nested as in its configuration."""
     import yaml
 
-    row = next(row for row in rows if row["method.name"] == method)
+    row = records(rows[rows["method.name"] == method])[0]
     nested: dict[str, Any] = {}
     for column, value in row.items():
         group, _, name = column.partition(".")
@@ -247,21 +239,19 @@ def _pruned(settings: dict[str, Any]) -> dict[str, Any]:
     return dict(sorted(((n, v) for n, v in kept.items() if v != {}), key=lambda pair: pair[0] != "_target_"))
 
 
-def _facts(rows: list[Row]) -> list[tuple[str, str]]:
+def _facts(rows: pd.DataFrame) -> list[tuple[str, str]]:
     """Where and when the rows were made; several values are listed."""
     facts = []
     for column, heading in FACTS.items():
-        values = sorted({row[column] for row in rows if row.get(column) not in (None, "")})
+        values = distinct(rows, column)
         if len(values) > 4 and all(isinstance(value, (int, float)) for value in values):
             facts.append((heading, f"{values[0]:g} to {values[-1]:g}"))
         elif values:
-            facts.append((heading, ", ".join(_word(value) for value in values)))
-    versions = sorted({column for row in rows for column in row if column.startswith("env.version.")})
-    for column in versions:
-        values = sorted({row[column] for row in rows if row.get(column)})
-        facts.append((column.removeprefix("env.version."), ", ".join(values)))
-    dates = sorted(row["date"][:10] for row in rows)
-    return [("dates", dates[0] if dates[0] == dates[-1] else f"{dates[0]} to {dates[-1]}"), *facts]
+            facts.append((heading, ", ".join(map(_word, values))))
+    for column in sorted(name for name in rows if name.startswith("env.version.")):
+        facts.append((column.removeprefix("env.version."), ", ".join(distinct(rows, column))))
+    days = sorted({rows["date"].min()[:10], rows["date"].max()[:10]})
+    return [("dates", " to ".join(days)), *facts]
 
 
 def _word(value: Any) -> str:

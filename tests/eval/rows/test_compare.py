@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import pandas as pd
 import pytest
 from eval_cases import bumpy_task
 
 from eval.main import call
 from eval.rows.collect import collect
-from eval.rows.compare import compared, differences
-from eval.rows.store import write_csv
+from eval.rows.compare import differences
+from eval.rows.frame import records, to_frame, write_csv
 from eval.run.run import run
 from sshade.errors import InputError
 
@@ -26,7 +27,7 @@ def folders(tmp_path):
 
 def test_the_same_sweep_twice_is_equal_up_to_what_the_command_names(folders, tmp_path, capsys):
     first, second = map(collect, folders)
-    assert first != second
+    assert not first.equals(second)
     assert differences(first, second) == []
     assert call("compare", [str(folder) for folder in folders]) == 0
     out = capsys.readouterr().out
@@ -42,8 +43,8 @@ def test_the_same_sweep_twice_is_equal_up_to_what_the_command_names(folders, tmp
 )
 def test_a_changed_column_is_named(folders, column, value):
     first, second = map(collect, folders)
-    second[1] = {**second[1], column: value}
-    (text,) = differences(first, second)
+    rows = records(second)
+    (text,) = differences(first, to_frame([rows[0], rows[1] | {column: value}]))
     assert text.startswith(f"s bumpy_30 seed 1: {column} is ") and text.endswith(repr(value))
 
 
@@ -52,26 +53,8 @@ def test_runs_of_one_set_alone_are_named(folders, capsys):
     assert differences(first, second[:1]) == ["s bumpy_30 seed 1: only in the first"]
     assert differences(first[:1], second) == ["s bumpy_30 seed 1: only in the second"]
     with pytest.raises(InputError, match="several rows"):
-        differences([*first, first[0]], second)
+        differences(pd.concat([first, first[:1]]), second)
     changed = STRETCHING | {"factor": 3.0}
     run(bumpy_task(level=2), changed, name="s", root=folders[1].parent / "c")
     assert call("compare", [str(folders[0]), str(folders[1].parent / "c")]) == 1
     assert "s bumpy_30 seed 0: method.factor is 2.0 and 3.0\n" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("column", "answer"),
-    [
-        ("date", False),
-        ("env.jobs", False),
-        ("env.version.libigl", True),
-        ("seconds.total", False),
-        ("peak_mib", False),
-        ("task.source", False),
-        ("task.name", True),
-        ("key", True),
-        ("metric.edge", True),
-    ],
-)
-def test_which_columns_are_compared(column, answer):
-    assert compared(column) is answer

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from eval_rows import frame, lost, row
 
 from eval.main import call
-from eval.rows.experiment import Experiment, read_experiments
-from eval.rows.store import run_folder, write_csv, write_run
+from eval.rows.experiment import Experiment
+from eval.rows.frame import write_csv
+from eval.rows.store import run_folder, write_run
 from sshade.errors import InputError
 
 pytest.importorskip("matplotlib")
@@ -16,34 +18,13 @@ from eval.publish.charts import charts, convergence, distributions, times
 from eval.publish.plotting import look, new_figure, save
 
 
-def row(method, task="t1", **changes):
-    values = {
-        "method.name": method,
-        "method.hash": method,
-        "task.name": task,
-        "task.checksum": "c",
-        "task.vertices": 1000,
-        "seed": 0,
-        "date": "2026-01-01",
-        "key": f"{method}-{task}",
-        "status": "ok",
-        "metric.volume": 1.0,
-        "metric.area": 2.0,
-        "metric.edge": None,
-        "seconds.total": 5.0,
-        "env.machine": "box",
-        "env.concurrent": False,
-    }
-    return {**values, **{name.replace("__", "."): value for name, value in changes.items()}}
-
-
 @pytest.fixture
 def rows():
     return [
         row("arap", metric__volume=4.0),
         row("arap", "t2", metric__volume=8.0, seconds__total=50.0),
         row("sshade", metric__volume=2.0, seconds__total=0.5),
-        row("sshade", "t2", status="failed", metric__volume=None, seconds__total=None),
+        lost("sshade", "t2"),
     ]
 
 
@@ -53,7 +34,7 @@ def dots(axes):
 
 
 def test_a_distribution_shows_every_run_of_every_method(rows):
-    found = distributions(rows)
+    found = distributions(frame(*rows))
     # The area is the same everywhere, and the edges were not measured.
     assert set(found) == {"volume", "time"}
     axes = found["volume"].axes[0]
@@ -68,21 +49,21 @@ def test_a_distribution_shows_every_run_of_every_method(rows):
 
 def test_zeros_among_orders_of_magnitude_stay_visible():
     rows = [row("a", f"t{i}", metric__volume=v) for i, v in enumerate([0.0, 0.1, 0.2, 50.0])]
-    axes = distributions(rows)["volume"].axes[0]
+    axes = distributions(frame(*rows))["volume"].axes[0]
     assert axes.get_xscale() == "symlog" and axes.get_xlim()[0] == 0
     assert axes.xaxis.get_transform().linthresh == pytest.approx(0.1)
 
 
 def test_what_rounding_left_counts_as_zero():
     rows = [row("a", f"t{i}", metric__volume=v) for i, v in enumerate([3e-13, 0.1, 0.2, 50.0])]
-    axes = distributions(rows)["volume"].axes[0]
+    axes = distributions(frame(*rows))["volume"].axes[0]
     assert axes.get_xscale() == "symlog" and axes.get_xlim()[0] == 0
     assert axes.xaxis.get_transform().linthresh == pytest.approx(0.1)
 
 
 def test_ticks_of_a_logarithmic_axis_do_not_crowd():
     rows = [row("a", f"t{i}", metric__volume=v) for i, v in enumerate([0.15, 0.9, 7.0])]
-    figure = distributions(rows)["volume"]
+    figure = distributions(frame(*rows))["volume"]
     figure.draw_without_rendering()
     axes = figure.axes[0]
     texts = [text.get_text() for text in axes.get_xticklabels(which="both") if text.get_text()]
@@ -91,16 +72,16 @@ def test_ticks_of_a_logarithmic_axis_do_not_crowd():
 
 def test_references_are_in_no_chart(rows):
     reference = row("nothing", method__target="baselines.identity.identity", metric__volume=1e6)
-    axes = distributions([*rows, reference])["volume"].axes[0]
+    axes = distributions(frame(*rows, reference))["volume"].axes[0]
     assert dots(axes) == [[4.0, 8.0], [2.0]]
-    (axes,) = times([*rows, reference])["time_vertices"].axes
+    (axes,) = times(frame(*rows, reference))["time_vertices"].axes
     assert [line.get_label() for line in axes.lines] == ["arap", "sshade"]
 
 
 @pytest.mark.parametrize("change", [{"env__machine": "laptop"}, {"env__concurrent": True}])
 def test_times_that_do_not_compare_are_not_drawn(rows, change):
     rows[0] |= {name.replace("__", "."): value for name, value in change.items()}
-    assert set(distributions(rows)) == {"volume"} and times(rows) == {}
+    assert set(distributions(frame(*rows))) == {"volume"} and times(frame(*rows)) == {}
 
 
 def test_time_against_vertices_joins_the_sizes_of_a_method():
@@ -110,7 +91,7 @@ def test_time_against_vertices_joins_the_sizes_of_a_method():
         row("arap-9000", task__vertices=9020, seconds__total=10.0),
         row("sshade-6000", task__vertices=2010, seconds__total=0.1),  # 6000 is no number of its vertices
     ]
-    axes = times(rows)["time_vertices"].axes[0]
+    axes = times(frame(*rows))["time_vertices"].axes[0]
     lines = {line.get_label(): (list(line.get_xdata()), list(line.get_ydata())) for line in axes.lines}
     assert lines == {"arap": ([2020, 9020], [2.0, 10.0]), "sshade-6000": ([2010], [0.1])}
     assert axes.get_xscale() == axes.get_yscale() == "log"
@@ -124,14 +105,14 @@ def test_curves_of_the_runs_that_are_here(rows, tmp_path):
     write_run(
         run_folder(tmp_path, rows[2]), rows[2] | {"date": "2020"}, curves={"energy_curve": losses[:, 0]}
     )
-    found = convergence(Experiment("tiny", rows, (tmp_path,)))
+    found = convergence(Experiment("tiny", frame(*rows), (tmp_path,)))
     assert list(found) == ["energy_curve", "loss_curve_1", "loss_curve_2"]
     (line,) = found["loss_curve_2"].axes[0].lines
     assert line.get_xydata().tolist() == [[1, 1.0], [2, 0.5], [3, 0.25]]
     assert found["loss_curve_2"].axes[0].get_yscale() == "log"
     (line,) = found["energy_curve"].axes[0].lines
     assert line.get_label() == "arap" and found["energy_curve"].axes[0].get_yscale() == "linear"
-    assert convergence(Experiment("tiny", rows, (tmp_path / "elsewhere",))) == {}
+    assert convergence(Experiment("tiny", frame(*rows), (tmp_path / "elsewhere",))) == {}
 
 
 def test_methods_look_different():
@@ -141,13 +122,13 @@ def test_methods_look_different():
 
 @pytest.mark.parametrize("suffix", ["svg", "pdf"])
 def test_command_writes_the_same_bytes_again(rows, tmp_path, capsys, suffix):
-    write_csv(tmp_path / "tiny.csv", rows)
+    write_csv(tmp_path / "tiny.csv", frame(*rows))
     for out in ("one", "two"):
         assert (
             call("charts", [str(tmp_path / "tiny.csv"), "--format", suffix, "-o", str(tmp_path / out)]) == 0
         )
     files = sorted(path.name for path in (tmp_path / "one" / "tiny").iterdir())
-    assert files == sorted(f"{name}.{suffix}" for name in charts(Experiment("tiny", rows, ())))
+    assert files == sorted(f"{name}.{suffix}" for name in charts(Experiment("tiny", frame(*rows), ())))
     for name in files:
         one, two = ((tmp_path / out / "tiny" / name).read_bytes() for out in ("one", "two"))
         assert one == two and len(one) > 1000
@@ -157,30 +138,3 @@ def test_command_writes_the_same_bytes_again(rows, tmp_path, capsys, suffix):
 def test_another_format_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"unknown figure format '.bmp'; use .svg, .pdf, .png"):
         save(new_figure(1, 1), tmp_path / "x.bmp")
-
-
-def test_cases_of_an_experiment(rows):
-    low = row("arap", task__checksum="low", task__vertices=100)
-    more = [row("arap", seed=1), low, row("aa", "t2")]
-    cases = Experiment("tiny", rows + more, ()).cases()
-    told = [
-        [(r["task.name"], r["task.vertices"], r["method.name"], r["seed"]) for r in case] for case in cases
-    ]
-    assert told == [
-        [("t1", 100, "arap", 0)],
-        [("t1", 1000, "arap", 0), ("t1", 1000, "sshade", 0)],
-        [("t2", 1000, "aa", 0), ("t2", 1000, "arap", 0)],
-    ]
-
-
-def test_experiments_are_found_by_name(rows, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match="holds no rows"):
-        read_experiments([])
-    write_csv("out/rows/tiny.csv", rows)
-    write_csv("elsewhere/tiny.csv", rows)
-    for names in ([], ["tiny"], ["out/rows/tiny.csv"]):
-        (found,) = read_experiments(names)
-        assert found.name == "tiny" and len(found.rows) == 4 and str(found.runs[0]) == "out/runs/tiny"
-    with pytest.raises(InputError, match="two experiments are named 'tiny'"):
-        read_experiments(["tiny", "elsewhere/tiny.csv"])

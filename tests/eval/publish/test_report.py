@@ -18,7 +18,7 @@ from report_runs import METHODS, make_runs, make_transfers
 from eval.main import call
 from eval.publish.summary import make_table
 from eval.publish.tables import cells
-from eval.rows.store import read_csv, write_csv
+from eval.rows.frame import read_csv, records, write_csv
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from tests.shapes import bumpy, torus
@@ -139,9 +139,9 @@ def test_every_case_has_pictures_and_numbers(page, rows_file):
     red, green, blue = np.moveaxis(images["rest"].astype(int), 2, 0)
     assert (blue - red > 80).any() and ((red - blue > 120) & (green > 120)).any()
     numbers = page.tables[2]
-    row = next(r for r in read_csv(rows_file) if r["task.name"] == "bumpy_10" and r["method.name"] == "arap")
+    rows = read_csv(rows_file).set_index(["method.name", "task.name"])
     assert [line[0] for line in numbers[1:]] == ["arap", "learned", "stretching"]
-    assert numbers[1][1] == f"{row['metric.volume']:.2f}"
+    assert numbers[1][1] == f"{rows.at[('arap', 'bumpy_10'), 'metric.volume']:.2f}"
 
 
 def test_convergence_failures_and_facts(page, rows_file):
@@ -161,7 +161,7 @@ def test_convergence_failures_and_facts(page, rows_file):
         ],
     ]
     facts = page.told("dl")
-    row = read_csv(rows_file)[0]
+    row = records(read_csv(rows_file))[0]
     for value in (row["env.machine"], row["env.python"], row["env.version.numpy"], row["date"][:10]):
         assert str(value) in facts
     assert "loss curve 1 of each method" in page.images and "volume of each method" in page.images
@@ -234,7 +234,7 @@ def test_a_changed_dataset_is_told(rows_file, tmp_path, monkeypatch):
 
 def test_times_that_do_not_compare_are_left_out_with_the_reason(rows_file, tmp_path):
     rows = read_csv(rows_file)
-    rows[0]["env.machine"] = "laptop"
+    rows.loc[0, "env.machine"] = "laptop"
     for name, changed in (("one", rows), ("two", read_csv(rows_file))):
         write_csv(tmp_path / f"{name}.csv", changed)
     paths = [str(tmp_path / f"{name}.csv") for name in ("one", "two")]

@@ -8,7 +8,7 @@ import numpy as np
 from eval_cases import bumpy_sphere, bumpy_task
 
 from eval.rows.collect import collect
-from eval.rows.store import write_csv
+from eval.rows.frame import write_csv
 from eval.run.run import run
 from sshade.mesh.mesh import Mesh
 from sshade.pipeline.transfer_task import TransferTask

@@ -3,42 +3,30 @@
 from __future__ import annotations
 
 import pytest
+from eval_rows import frame, row
 
 from eval.main import call
 from eval.publish.curves import curves
-from eval.rows.store import write_csv
+from eval.rows.frame import write_csv
 from sshade.errors import InputError
 
 
-def row(name, vertices, volume, task="t1", status="ok"):
-    return {
-        "method.name": name,
-        "method.hash": name,
-        "task.name": task,
-        "seed": 0,
-        "date": "2026-01-01",
-        "key": f"{name}-{task}",
-        "env.machine": "box",
-        "task.vertices": vertices,
-        "status": status,
-        "metric.volume": volume,
-        "metric.area": 1.0,
-        "method.samplings": vertices // 1000,
-        "seconds.total": 0.25,
-    }
+def sized(name, vertices, volume, task="t1", status="ok"):
+    facts = {"method__samplings": vertices // 1000, "metric__area": 1.0, "seconds__total": 0.25}
+    return row(name, task, task__vertices=vertices, metric__volume=volume, status=status, **facts)
 
 
 @pytest.fixture
 def rows():
-    return [
-        row("b-10000", 10010, 5.0),
-        row("arap-10000", 9990, 7.0),
-        row("arap-2000", 2010, 1.0),
-        row("arap-2000", 2030, 2.0, task="t2"),
-        row("arap-2000", 2020, None, task="t3"),
-        row("arap-500", 510, 9.0, status="failed"),
-        row("sshade", 510, 9.0),
-    ]
+    return frame(
+        sized("b-10000", 10010, 5.0),
+        sized("arap-10000", 9990, 7.0),
+        sized("arap-2000", 2010, 1.0),
+        sized("arap-2000", 2030, 2.0, task="t2"),
+        sized("arap-2000", 2020, None, task="t3"),
+        sized("arap-500", 510, 9.0, status="failed"),
+        sized("sshade", 510, 9.0),
+    )
 
 
 def test_means_by_method_and_size(rows):

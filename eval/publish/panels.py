@@ -1,0 +1,156 @@
+"""Rows of panels for the comparison picture: shapes from one side each, errors in colours on one scale.
+
+A deformation has one row: the rest shape with its handles (blue: static, yellow:
+dynamic) and each method's result. A pose transfer has two: the rest shape, the
+edited one, the pose and each result; then the same for the surroundings of the
+place where the results are farthest from the truth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from eval.metrics.truth import Task
+from eval.publish.plotting import new_figure, styled
+from sshade.figures import COLOURS, View, edge_error, picture
+from sshade.mesh.mesh import Mesh
+from sshade.pipeline.transfer_task import TransferTask
+from sshade.task import Handles
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: Reach of a close-up over the bounding-box diagonal.
+CLOSE_UP = 0.06
+
+#: Width of a panel in inches, and in pixels.
+INCHES, PIXELS = 2.1, 600
+
+
+class Panels(NamedTuple):
+    """A row of panels: shapes (n, 3) of one connectivity, each from its own side but at one scale.
+
+    Those with an error (n,) are coloured by it; handles are shown on the shape named "rest".
+    """
+
+    label: str
+    mesh: Mesh
+    shapes: Mapping[str, np.ndarray]
+    errors: Mapping[str, np.ndarray]
+    views: Sequence[View]
+    handles: Handles | None = None
+
+
+def error_of(task: Task, V: np.ndarray) -> np.ndarray:
+    """(n,) of a pose transfer with a known truth the distance to it, else the change of edge lengths.
+
+    In percent: of the diagonal, or of the length of the edges at a vertex.
+    """
+    if not _held_to_truth(task):
+        return edge_error(task.mesh, V)
+    return 100 * np.linalg.norm(V - task.truth, axis=1) / task.mesh.diagonal
+
+
+def error_label(task: Task) -> str:
+    """What :func:`error_of` is."""
+    if _held_to_truth(task):
+        return "distance to the true place (% of the diagonal)"
+    return "change of edge length at a vertex (%)"
+
+
+def _held_to_truth(task: Task) -> bool:
+    return isinstance(task, TransferTask) and task.truth is not None
+
+
+def rows_of(
+    task: Task, results: Mapping[str, np.ndarray], *, towards: np.ndarray, up: np.ndarray
+) -> list[Panels]:
+    """The rows of a case, with the results (n, 3) by method.
+
+    Parameters
+    ----------
+    task : DeformationTask or TransferTask
+    results : mapping
+    towards, up : (3,) float64
+        From the scene to the camera, and the upright direction.
+    """
+    errors = {name: error_of(task, V) for name, V in results.items()}
+    if not isinstance(task, TransferTask):
+        shapes = {"rest": task.mesh.V, **results}
+        view = View.of(shapes.values(), towards=towards, up=up)
+        return [Panels(task.name, task.mesh, shapes, errors, [view] * len(shapes), task.handles)]
+    shapes = {"rest": task.rest.V}
+    if task.mesh is not task.rest:
+        shapes |= {"edited": task.mesh.V}
+    shapes |= {"pose": task.posed}
+    if task.mesh is not task.rest and task.truth is not None:
+        shapes |= {"truth": task.truth}
+    shapes |= results
+    views = _alike([View.of([V], towards=towards, up=up) for V in shapes.values()])
+    worst = int(np.argmax(sum(errors.values())))
+    ids, patch = surroundings(task.rest, worst, CLOSE_UP * task.rest.diagonal)
+    close = {name: V[ids] for name, V in shapes.items()}
+    near = _alike([View.of([V], towards=_outwards(patch, V), up=up) for V in close.values()])
+    in_patch = {name: error[ids] for name, error in errors.items()}
+    return [
+        Panels(task.name, task.mesh, shapes, errors, views),
+        Panels("largest error", patch, close, in_patch, near),
+    ]
+
+
+def surroundings(mesh: Mesh, vertex: int, radius: float) -> tuple[np.ndarray, Mesh]:
+    """The faces at a vertex, and those in a ball about it that hang together with it: vertex ids and mesh."""
+    inside = np.linalg.norm(mesh.V - mesh.V[vertex], axis=1) <= radius
+    F = mesh.F[inside[mesh.F].all(axis=1) | (vertex == mesh.F).any(axis=1)]
+    i, j = F.ravel(), F[:, [1, 2, 0]].ravel()
+    graph = coo_array((np.ones(len(i)), (i, j)), shape=(mesh.n, mesh.n))
+    _, label = connected_components(graph, directed=False)
+    ids, faces = np.unique(F[label[F[:, 0]] == label[vertex]], return_inverse=True)
+    return ids, Mesh(mesh.V[ids], faces.reshape(-1, 3))
+
+
+def _outwards(patch: Mesh, V: np.ndarray) -> np.ndarray:
+    """The mean normal of a piece of surface in a pose."""
+    a, b, c = (V[patch.F[:, k]] for k in range(3))
+    return np.cross(b - a, c - a).sum(axis=0)
+
+
+def _alike(views: list[View]) -> list[View]:
+    """The same views with the extents of the largest, so that a length has one size in all."""
+    width, height, depth = (max(getattr(v, name) for v in views) for name in ("width", "height", "depth"))
+    return [replace(view, width=width, height=height, depth=depth) for view in views]
+
+
+@styled
+def draw(rows: Sequence[Panels], *, title: str, top: float, label: str, pixels: int = PIXELS) -> Figure:
+    """Draw rows of panels with one bar of colours, labelled `label`, from 0 to `top`."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    columns = max(len(row.shapes) for row in rows)
+    heights = [row.views[0].height / row.views[0].width for row in rows]
+    figure = new_figure(INCHES * columns + 0.9, INCHES * sum(heights) + 0.6 + 0.2 * len(rows))
+    axes = figure.subplots(len(rows), columns, squeeze=False, height_ratios=heights)
+    for panel in axes.flat:
+        panel.set_axis_off()
+    for row, panels in zip(rows, axes, strict=True):
+        for panel, view, (name, V) in zip(panels, row.views, row.shapes.items(), strict=False):
+            error = row.errors.get(name)
+            handles = row.handles if name == "rest" else None
+            panel.imshow(picture(row.mesh, V, view=view, width=pixels, error=error, top=top, handles=handles))
+            panel.set_title(name if error is None else f"{name}\nmean {error.mean():.2g}", fontsize=8)
+        beside = {"rotation": 90, "ha": "right", "va": "center", "fontsize": 7}
+        panels[0].text(-0.03, 0.5, row.label, transform=panels[0].transAxes, **beside)
+    bar = figure.colorbar(
+        ScalarMappable(Normalize(0, top), COLOURS), ax=axes, shrink=0.6, extend="max", pad=0.01
+    )
+    bar.set_label(label)
+    bar.ax.tick_params(labelsize=7)
+    figure.suptitle(title, fontsize=10)
+    return figure

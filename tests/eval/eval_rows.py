@@ -1,0 +1,52 @@
+"""Rows of runs that never took place, for the tests of what is made of rows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pandas as pd
+
+from eval.rows.frame import to_frame
+from eval.rows.store import Row
+
+#: What a run without a result lacks.
+NOTHING: Row = {"iterations": None, "converged": None, "seconds.total": None} | {
+    f"metric.{name}": None for name in ("volume", "area", "edge", "angle", "handle")
+}
+
+
+def row(method: str = "a", task: str = "t1", **changes: Any) -> Row:
+    """A row of a method on a task; ``metric__volume=2.0`` changes ``metric.volume``."""
+    values = {
+        "method.name": method,
+        "method.hash": method,
+        "task.name": task,
+        "task.checksum": "c",
+        "task.vertices": 1000,
+        "seed": 0,
+        "date": "2026-01-01",
+        "key": f"{method} {task}",
+        "status": "ok",
+        "reason": "",
+        "iterations": 10.0,
+        "converged": True,
+        "metric.volume": 1.0,
+        "metric.area": 2.0,
+        "metric.edge": 3.0,
+        "metric.angle": 4.0,
+        "metric.handle": 0.0,
+        "seconds.total": 5.0,
+        "env.machine": "box",
+        "env.concurrent": False,
+    }
+    return {**values, **{name.replace("__", "."): value for name, value in changes.items()}}
+
+
+def lost(method: str, task: str = "t1", *, status: str = "failed", reason: str = "ValueError: no") -> Row:
+    """A row of a run without a result."""
+    return row(method, task, status=status, reason=reason) | NOTHING
+
+
+def frame(*rows: Row) -> pd.DataFrame:
+    """The rows as a table takes them."""
+    return to_frame(rows)

@@ -1,0 +1,62 @@
+"""Volume against stretch: curves of weights, points of methods, over the cases that all have."""
+
+from __future__ import annotations
+
+import pytest
+from eval_rows import frame, lost, row
+
+from eval.main import call
+from eval.publish.front import front
+from eval.rows.frame import write_csv
+from sshade.errors import InputError
+
+
+def weighted(name, case="a", *, volume=1.0, weight=None, **changes):
+    facts = {"metric__volume": volume, "metric__edge": 2 * volume, "metric__angle": 3 * volume}
+    return row(name, case, task__checksum=case, method__volume=weight, **facts | changes)
+
+
+def test_weights_make_a_curve_and_other_methods_points():
+    rows = frame(
+        weighted("fine-inf", volume=0.0, weight=float("inf")),
+        weighted("fine-0.0", volume=4.0, weight=0.0),
+        weighted("fine-0.1", volume=2.0, weight=0.1),
+        weighted("fine", volume=3.0, weight=0.05),  # by the plain name
+        weighted("arap", volume=9.0),
+        weighted("accelerated-2", volume=7.0),  # a number, but no weight
+        weighted("identity", volume=5.0),
+    )
+    points = front(rows)
+    assert points["fine"] == [(4.0, 8.0, 12.0), (3.0, 6.0, 9.0), (2.0, 4.0, 6.0), (0.0, 0.0, 0.0)]
+    assert points["arap"] == [(9.0, 18.0, 27.0)] and points["accelerated-2"] == [(7.0, 14.0, 21.0)]
+    assert "identity" not in points
+
+
+def test_means_are_over_the_cases_that_all_have():
+    rows = [weighted("fine-1", "a", volume=1.0, weight=1), weighted("fine-1", "b", volume=3.0, weight=1)]
+    rows += [weighted("arap", case, volume=volume) for case, volume in (("a", 5.0), ("b", 7.0), ("c", 100.0))]
+    points = front(frame(*rows, lost("arap", "d")))
+    assert points == {"fine": [(2.0, 4.0, 6.0)], "arap": [(6.0, 12.0, 18.0)]}
+    with pytest.raises(InputError, match="no case in common"):
+        front(frame(*rows, weighted("other", "z")))
+    with pytest.raises(InputError, match="no case in common"):
+        front(frame(lost("a")))
+
+
+def test_command_draws_rows_of_several_files(tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    write_csv(
+        tmp_path / "front.csv",
+        frame(weighted("fine-0.0", weight=0.0), weighted("fine-inf", weight=float("inf"), volume=0.5)),
+    )
+    write_csv(tmp_path / "others.csv", frame(weighted("arap", volume=2.0)))
+    paths = [str(tmp_path / f"{name}.csv") for name in ("front", "others")]
+    pictures = [tmp_path / f"{i}.svg" for i in (1, 2)]
+    for picture in pictures:
+        assert call("front", [*paths, "-o", str(picture)]) == 0
+    assert pictures[0].read_bytes() == pictures[1].read_bytes()
+    text = pictures[0].read_text()
+    assert text.count("<!-- fine -->") == text.count("<!-- arap -->") == 1
+    assert str(pictures[1]) in capsys.readouterr().out
+    assert call("front", [*paths, "-o", str(pictures[0]), "--leave-out", "arap"]) == 0
+    assert "<!-- arap -->" not in pictures[0].read_text()

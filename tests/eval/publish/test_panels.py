@@ -1,0 +1,102 @@
+"""Rows of panels: what they show, coloured by which error, and from where."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from eval_cases import bumpy_sphere, bumpy_task
+
+from eval.publish.panels import draw, error_label, error_of, rows_of, surroundings
+from sshade.errors import InputError
+from sshade.figures import edge_error
+from sshade.mesh.mesh import Mesh
+from sshade.pipeline.transfer_task import TransferTask
+
+CAMERA = {"towards": np.array([1.0, 0, 0.2]), "up": np.array([0.0, 0, 1])}
+
+
+def transfer(edited=True, known=True) -> TransferTask:
+    rest = bumpy_sphere(3)
+    mesh = Mesh(rest.V * [1.3, 1, 1], rest.F) if edited else rest
+    posed, truth = (V + np.array([0.2, 0, 0]) * V[:, 2:] ** 2 for V in (rest.V, mesh.V))
+    return TransferTask("t", mesh, rest, posed, truth=truth if known else None)
+
+
+def assert_fits(row):
+    """One scale in all panels of a row, and every shape fits."""
+    assert len({(view.width, view.height) for view in row.views}) == 1
+    for V, view in zip(row.shapes.values(), row.views, strict=True):
+        assert (np.abs((V - view.centre) @ view.right) < view.width / 2).all()
+        assert (np.abs((V - view.centre) @ view.up) < view.height / 2).all()
+
+
+def test_error_is_the_distance_to_the_truth_or_else_the_change_of_edges():
+    known, unknown = transfer(), transfer(known=False)
+    V = known.truth + [0, 0.03, 0.04]
+    np.testing.assert_allclose(error_of(known, V), 100 * 0.05 / known.mesh.diagonal)
+    np.testing.assert_array_equal(error_of(unknown, V), edge_error(unknown.mesh, V))
+    assert "true place" in error_label(known)
+    assert error_label(unknown) == error_label(bumpy_task(level=1)) and "edge" in error_label(unknown)
+
+
+def test_a_deformation_shows_the_rest_shape_with_its_handles_and_each_result():
+    task = bumpy_task(level=2)
+    (row,) = rows_of(task, {"far": task.mesh.V + [0, 0, 3.0]}, **CAMERA)
+    assert list(row.shapes) == ["rest", "far"] and list(row.errors) == ["far"]
+    assert row.handles is task.handles and row.views[0].up[2] > 0.9
+    assert_fits(row)
+    with pytest.raises(InputError, match="upright"):
+        rows_of(task, {}, towards=np.array([0.0, 0, 1]), up=np.array([0.0, 0, 1]))
+
+
+@pytest.mark.parametrize(
+    ("edited", "known", "expected"),
+    [
+        (True, True, ["rest", "edited", "pose", "truth", "m"]),
+        (True, False, ["rest", "edited", "pose", "m"]),
+        (False, True, ["rest", "pose", "m"]),
+    ],
+)
+def test_a_transfer_shows_what_is_given_what_is_true_and_what_was_found(edited, known, expected):
+    case = transfer(edited, known)
+    whole, close = rows_of(case, {"m": case.posed}, **CAMERA)
+    for row in (whole, close):
+        assert list(row.shapes) == expected and list(row.errors) == ["m"]
+        assert_fits(row)
+
+
+def test_the_close_up_shows_the_largest_error_from_outside():
+    case = transfer(edited=False)
+    V = case.truth.copy()
+    V[17] += 0.3
+    _, close = rows_of(case, {"good": case.truth, "bad": V}, **CAMERA)
+    assert close.errors["bad"].max() == error_of(case, V)[17] > 0
+    assert (close.mesh.face_normals @ close.views[0].towards).min() > 0.3
+
+
+def test_surroundings_hang_together():
+    mesh = bumpy_sphere(3)
+    two = Mesh(np.concatenate([mesh.V, mesh.V + [0.01, 0, 0]]), np.concatenate([mesh.F, mesh.F + mesh.n]))
+    ids, patch = surroundings(two, 5, 0.6)
+    assert 5 in ids and ids.max() < mesh.n and 10 < patch.m < 200
+    np.testing.assert_array_equal(patch.V, mesh.V[ids])
+    assert (np.linalg.norm(patch.V - mesh.V[5], axis=1) <= 0.6).all()
+    assert patch.topology.components == 1
+    ids, patch = surroundings(mesh, 5, 1e-6)
+    assert patch.m == (mesh.F == 5).any(axis=1).sum() and 5 in ids
+
+
+def test_every_shape_has_its_panel():
+    pytest.importorskip("pyvista")
+    pytest.importorskip("matplotlib")
+    task = bumpy_task(level=1)
+    rows = rows_of(task, {"larger": 1.5 * task.mesh.V, "same": task.mesh.V}, **CAMERA)
+    rows += rows_of(task, {"same": task.mesh.V}, **CAMERA)
+    figure = draw(rows, title="t", top=100.0, label="error", pixels=60)
+    titles = [axes.get_title() for axes in figure.axes[:6]]
+    assert titles == ["rest", "larger\nmean 50", "same\nmean 0", "rest", "same\nmean 0", ""]
+    pictures = [axes.images[0].get_array() if axes.images else None for axes in figure.axes[:6]]
+    assert pictures[5] is None
+    spread = [int(np.ptp(np.asarray(pixels, dtype=int), axis=2).max()) for pixels in pictures[:5]]
+    assert spread[1] > 1.5 * spread[2]  # the colour of an error, and of none
+    assert spread[0] > 100  # handles

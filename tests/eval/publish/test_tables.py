@@ -1,0 +1,266 @@
+"""Tables: a small one by hand, what they mark and say, and what they refuse to mix."""
+
+from __future__ import annotations
+
+import pytest
+from eval_rows import frame, lost, row
+
+from eval.main import call
+from eval.publish.summary import Table, make_table, ranks
+from eval.publish.tables import to_csv, to_latex, to_markdown
+from eval.rows.frame import write_csv
+from sshade.errors import InputError
+
+
+def table_of(*rows, **options) -> Table:
+    return make_table(frame(*rows), title="t", **options)
+
+
+@pytest.fixture
+def rows():
+    novolume = {"metric__volume": None, "converged": None}
+    return [
+        row("arap", metric__volume=4.0),
+        row("arap", "t2", metric__volume=8.0, iterations=20.0, status="not_converged", converged=False),
+        row("sshade_x", metric__angle=1.0, seconds__total=0.5, **novolume),
+        row("sshade_x", "t2", metric__angle=2.0, seconds__total=0.25, **novolume),
+        row("bad", metric__volume=0.0, metric__area=0.0, metric__edge=0.0),
+        lost("bad", "t2"),
+        lost("worse"),
+    ]
+
+
+def test_markdown(rows):
+    lines = to_markdown(table_of(*rows)).splitlines()
+    assert lines[:9] == [
+        "### t",
+        "",
+        "| method | runs | volume (%) | area (%) | EL (%) | FA (deg) | handle (%) | iterations | time (s) |",
+        "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
+        "| arap | 2 | **6.00** | **2.00** | **3.00** | <u>4.000</u> | **0.000** | 15 (1/2) | <u>5.00</u> |",
+        "| bad | 1/2 | 0.00 | 0.00 | 0.00 | 4.000 | 0.000 | 10 (1/1) | 5.00 |",
+        "| worse | 0/1 | failed | failed | failed | failed | failed | failed | failed |",
+        "| sshade_x | 2 | n/a | **2.00** | **3.00** | **1.500** | **0.000** | 10 | **0.375** |",
+        "",
+    ]
+    notes = "\n".join(lines[9:])
+    assert "2 cases of 1,000 vertices" in notes and "Machine: box." in notes
+    assert "bad: 1 failed (ValueError: no)" in notes
+
+
+def test_a_reference_takes_part_in_no_ranking():
+    best_of_all = {f"metric__{name}": 0.0 for name in ("volume", "area", "edge", "angle", "handle")}
+    reference = {"method__target": "baselines.identity.identity", "seconds__total": 0.0, **best_of_all}
+    tasks = ["t1", "t2", "t3", "t4"]
+    methods = [row(name, task, metric__volume=v) for name, v in (("arap", 2), ("x", 3)) for task in tasks]
+    alone = to_markdown(table_of(*methods))
+    table = table_of(*methods, *(row("nothing", task, **reference) for task in tasks))
+    text = to_markdown(table)
+    line = "| nothing | 4 | 0.00 | 0.00 | 0.00 | 0.000 | 0.000 | 10 (4/4) | 0.000 |\n"
+    note = next(note for note in table.notes if note.startswith("nothing: "))
+    # The rest of the table, the worst cases and the contest are as without it.
+    assert "no ranking" in note and text.replace(line, "", 1).replace(f"- {note}\n", "") == alone
+    assert "| arap | 4 | **2.00** |" in text and "cases won, of 4" in text
+    assert not any("nothing" in ranks(table, column) for column in table.columns)
+
+
+def test_notes_of_methods_stand_under_the_table_once():
+    note = "after the paper's description"
+    table = table_of(row("graph", method__note=note), row("graph", "t2", method__note=note), row("arap"))
+    assert to_markdown(table).count(f"- graph: {note}\n") == to_latex(table).count(f"% graph: {note}\n") == 1
+    assert not any(line.startswith("arap:") for line in table.notes)
+
+
+def test_a_crowded_machine_is_said(rows):
+    assert "loose" not in to_markdown(table_of(*rows))
+    for loaded in rows[:2]:
+        loaded |= {"env.cores": 2, "env.load": 3.5}
+    notes = table_of(*rows).notes
+    assert any(note.startswith(f"Times are loose: 2 of {len(rows)} runs") for note in notes)
+
+
+def test_one_case_at_several_sizes():
+    table = table_of(*(row(f"arap-{n}", task__vertices=n) for n in (7000, 25000, 2000)))
+    assert list(table.lines.index) == ["arap-2000", "arap-7000", "arap-25000"]
+    assert table.notes[0].startswith("1 case of 2,000 to 25,000 vertices")
+
+
+def test_an_optional_column_is_there_where_a_row_has_more_than_zero(rows):
+    for extra in (None, 0.0):
+        same = table_of(*({**one, "extra.far_share": extra} for one in rows))
+        assert to_markdown(same) == to_markdown(table_of(*rows))
+    far = [row("fan", extra__far_share=0.0), row("surface", extra__far_share=1.25), row("arap")]
+    table = table_of(*far)
+    assert table.means["far"].fillna(-1).tolist() == [-1, 0.0, 1.25]
+    assert "| far (%) |" in to_markdown(table) and "; far: vertices carried by" in table.notes[-1]
+
+
+def test_rows_of_two_datasets_are_refused_and_a_dataset_can_say_what_it_is():
+    of = {name: row("a", f"{name}/pose", task__meta__dataset=name) for name in ("faust", "synthetic")}
+    with pytest.raises(InputError, match="2 datasets .faust, synthetic.*run.experiment="):
+        table_of(*of.values())
+    noted = row("a", task__meta__dataset="faust", task__meta__note="The poses are a guess")
+    table = table_of(noted, row("b", task__meta__dataset="faust"))
+    assert table.notes[1] == "The poses are a guess."
+
+
+def transfer_row(method, task="t1", **changes):
+    metrics = {"hausdorff": 0.01, "chamfer": 1.5e-7, "truth_distance": 0.02, "truth_edge": 0.3}
+    facts = {f"metric__{name}": value for name, value in metrics.items()}
+    facts |= {"metric__truth_angle": 1.0, "metric__handle": None, "iterations": 0.0, "converged": None}
+    facts |= {"task__kind": "transfer", "task__meta__class": "a", "task__meta__edit": "none"}
+    facts |= {"task__meta__source_pose": "sit", "task__meta__posed_by": "skinning"}
+    return row(method, task, **facts | changes)
+
+
+def test_pose_transfers_have_columns_of_their_own_and_parts():
+    rows = [
+        transfer_row("x"),
+        transfer_row("x", "t2", task__meta__source_pose="run", metric__hausdorff=0.03),
+        transfer_row("y", metric__chamfer=2.5e-8),
+        transfer_row("y", "t2", task__meta__source_pose="run", metric__chamfer=1.5e-8),
+    ]
+    text = to_markdown(table_of(*rows))
+    assert (
+        "| method | runs | d_H | d_C | distance (%) | EL to truth (%) | FA to truth (deg) | time (s) |"
+        in text
+    )
+    assert "| x | 2 | <u>2.00e-02</u> | <u>1.50e-07</u> | **0.0200** |" in text
+    assert "| y | 2 | **1.00e-02** | **2.00e-08** |" in text
+    assert "The poses come from skinning." in text and "iterations" not in text
+    assert text.count("#### ") == 2
+    run, sit = text.split("#### pose: run\n")[1].split("#### pose: sit\n")
+    assert "| x | 1 | <u>3.00e-02</u> |" in run and "| y | 1 | **1.00e-02** | **2.50e-08** |" in sit
+    lines = to_csv(table_of(*rows)).splitlines()
+    assert lines[0].startswith("part,method,runs,valid,converged,d_H,d_C,distance [%]")
+    assert [line.split(",")[:3] for line in lines[1:]] == [
+        [part, method, "2" if part == "all" else "1"]
+        for part in ("all", "pose: run", "pose: sit")
+        for method in ("x", "y")
+    ]
+    latex = to_latex(table_of(*rows))
+    assert r"d\_H & d\_C & distance (\%)" in latex
+    assert latex.count(r"\midrule") == 3 and r"\multicolumn{8}{l}{pose: sit} \\" in latex
+
+
+def test_pose_transfers_by_class_and_edit():
+    two = [
+        transfer_row("x", f"{kind} {edit}", task__meta__class=kind, task__meta__edit=edit, **pose)
+        for kind, pose in (("cat", {"task__meta__source_pose": "cat1"}), ("dog", {}))
+        for edit in ("fin", "horns")
+    ]
+    parts = [part.title for part in table_of(*two).parts]
+    # Poses that not every class has are cases, not parts.
+    assert parts == ["class: cat", "class: dog", "edit: fin", "edit: horns"]
+    assert table_of(*two[:1]).parts == ()
+
+
+def test_pose_transfers_without_a_truth_show_what_changed():
+    unknown = {name: None for name in transfer_row("x") if name.startswith(("metric.hausd", "metric.ch"))}
+    table = table_of(transfer_row("x") | unknown)
+    assert [c.heading for c in table.columns] == ["volume", "area", "EL", "FA", "time"]
+    text = to_markdown(table)
+    assert "| x | 1 | 1.00 | 2.00 | 3.00 | 4.000 | **5.00** |" in text
+    assert "no truth says by how much" in text and "Lower is better" not in text
+
+
+def test_latex(rows):
+    lines = [line for line in to_latex(table_of(*rows)).splitlines() if line[0] != "%"]
+    assert lines == [
+        r"\begin{tabular}{lrrrrrrrr}",
+        r"\toprule",
+        r"method & runs & volume (\%) & area (\%) & EL (\%) & FA ($^\circ$) & handle (\%) & iterations"
+        r" & time (s) \\",
+        r"\midrule",
+        r"arap & 2 & \textbf{6.00} & \textbf{2.00} & \textbf{3.00} & \underline{4.000} & \textbf{0.000}"
+        r" & 15 (1/2) & \underline{5.00} \\",
+        r"bad & 1/2 & 0.00 & 0.00 & 0.00 & 4.000 & 0.000 & 10 (1/1) & 5.00 \\",
+        r"worse & 0/1 & failed & failed & failed & failed & failed & failed & failed \\",
+        r"sshade\_x & 2 & -- & \textbf{2.00} & \textbf{3.00} & \textbf{1.500} & \textbf{0.000} & 10"
+        r" & \textbf{0.375} \\",
+        r"\bottomrule",
+        r"\end{tabular}",
+    ]
+
+
+def test_csv(rows):
+    lines = to_csv(table_of(*rows)).splitlines()
+    assert lines[0].startswith("method,runs,valid,converged,volume [%],area [%]")
+    assert lines[1] == "arap,2,2,1/2,6,2,3,4,0,15,5"
+    assert lines[3] == "worse,1,0,-,,,,,,,"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"env__machine": "laptop"}, "2 machines.*box; laptop.*--machine.*--no-time"),
+        ({"env__concurrent": True}, "1 of 3 rows.*--no-time"),
+    ],
+)
+def test_times_that_do_not_compare_are_refused(change, message):
+    rows = [row("a"), row("a", "t2"), row("b", **change)]
+    with pytest.raises(InputError, match=message):
+        table_of(*rows)
+    table = table_of(*rows, with_time=False)
+    assert "time" not in to_markdown(table).splitlines()[2]
+
+
+def test_rows_of_two_configurations_are_no_one_method():
+    with pytest.raises(InputError, match="'a' has rows of different parameters"):
+        table_of(row("a"), row("a", "t2", method__hash="other"))
+
+
+def test_two_rows_of_one_case_are_refused():
+    with pytest.raises(InputError, match="several rows for t1, seed 0"):
+        table_of(row("a"), row("a", "t2"), row("a"))
+    table_of(row("a"), row("a", seed=1))
+
+
+def test_times_keep_three_digits():
+    text = to_markdown(table_of(row("a", seconds__total=435.4)))
+    assert "**435** |" in text
+    text = to_markdown(table_of(row("a", seconds__total=0.0123)))
+    assert "**0.012** |" in text
+
+
+def test_a_table_for_each_machine_or_one_without_times(tmp_path, capsys):
+    mine = [row("a", metric__volume=1.0), row("a", "t2", metric__volume=1.0)]
+    theirs = [row("a", metric__volume=3.0, env__machine="laptop", date="2026-02-02", seconds__total=9.0)]
+    path = tmp_path / "both.csv"
+    write_csv(path, frame(*mine, *theirs))
+    out = ["-o", str(tmp_path / "tables")]
+    with pytest.raises(InputError, match="2 machines"):
+        call("tables", [str(path), *out])
+    for machine, volume, time, runs in (("box", "1.00", "5.00", 2), ("lap", "3.00", "9.00", 1)):
+        assert call("tables", [str(path), "--machine", machine, *out]) == 0
+        line = capsys.readouterr().out.splitlines()[4]
+        assert line.startswith(f"| a | {runs} | **{volume}** |") and f"**{time}**" in line
+    assert call("tables", [str(path), "--no-time", *out]) == 0
+    assert capsys.readouterr().out.splitlines()[4].startswith("| a | 2 | **2.00** |")
+    with pytest.raises(InputError, match="'phone' in its name; there are: box; laptop"):
+        call("tables", [str(path), "--machine", "phone", *out])
+
+
+def test_tables_never_replace_their_rows(rows, tmp_path):
+    path = tmp_path / "tiny.csv"
+    write_csv(path, frame(*rows))
+    before = path.read_bytes()
+    with pytest.raises(InputError, match="holds the rows"):
+        call("tables", [str(path), "-o", str(tmp_path)])
+    assert path.read_bytes() == before
+
+
+def test_worst_cases_and_cases_won():
+    """b is better in the mean volume, a in more cases; equal printed numbers count for both."""
+    volumes = {"a": [1.0, 1.0, 1.0, 9.0], "b": [2.0, 2.0, 1.001, 2.0]}
+    rows = [
+        row(method, f"t{i}", metric__volume=volume, key=f"{method}{i}")
+        for method, own in volumes.items()
+        for i, volume in enumerate(own)
+    ]
+    worst, won = table_of(*rows).parts
+    assert worst.means["volume"].tolist() == [9.0, 2.0]
+    assert won.title == "cases won, of 4" and won.means["volume"].tolist() == [3, 2]
+    assert won.means["area"].tolist() == [4, 4] and won.means["iterations"].isna().all()
+    assert table_of(*rows[:3], *rows[4:7]).parts == ()
+    assert list(table_of(*rows, row("c", "t0")).parts[0].lines.index) == ["a", "b"]

@@ -1,0 +1,59 @@
+"""Rows of several runs, folders, people and machines together."""
+
+from __future__ import annotations
+
+import pytest
+from eval_rows import row
+
+from eval.main import call
+from eval.rows.frame import read_csv
+from eval.rows.store import write_run
+from sshade.errors import InputError
+
+
+@pytest.fixture
+def people(tmp_path):
+    for who, rows in {
+        "alice": [row(key="k1", task__source="t"), row(seed=1, key="k2", task__source="t")],
+        "bob": [
+            row(key="k1", date="2026-01-02", task__source="/home/bob/t"),
+            row(env__machine="laptop", key="k1", task__name="u"),
+        ],
+    }.items():
+        for i, one in enumerate(rows):
+            write_run(tmp_path / who / "quick" / str(i), one)
+    write_run(tmp_path / "alice" / "other" / "0", row())
+    return tmp_path
+
+
+def test_folders_of_one_name_are_one_experiment(people):
+    folders = [str(people / who) for who in ("alice/quick", "alice/other", "bob/quick")]
+    assert call("collect", [*folders, "-o", str(people / "rows")]) == 0
+    merged = read_csv(people / "rows/quick.csv")[["task.name", "seed", "env.machine", "date"]]
+    assert merged.to_numpy().tolist() == [
+        ["t1", 0, "box", "2026-01-02"],
+        ["t1", 1, "box", "2026-01-01"],
+        ["u", 0, "laptop", "2026-01-01"],
+    ]
+    assert len(read_csv(people / "rows/other.csv")) == 1
+    again = people / "again"
+    assert call("collect", [*reversed(folders), "-o", str(again)]) == 0
+    assert (again / "quick.csv").read_bytes() == (people / "rows/quick.csv").read_bytes()
+
+
+def test_a_relative_folder_gives_its_own_name(people, monkeypatch):
+    monkeypatch.chdir(people / "alice" / "quick")
+    assert call("collect", [".", "-o", str(people / "rows")]) == 0
+    assert (people / "rows" / "quick.csv").is_file()
+
+
+def test_an_empty_folder_of_a_refused_run_is_no_experiment(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "out/runs/refused").mkdir(parents=True)
+    with pytest.raises(InputError, match="holds no experiment"):
+        call("collect", [])
+    with pytest.raises(InputError, match="no runs in refused"):
+        call("collect", ["refused"])
+    write_run(tmp_path / "out/runs/mine/r", row())
+    assert call("collect", []) == 0
+    assert len(read_csv("out/rows/mine.csv")) == 1

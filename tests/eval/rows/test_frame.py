@@ -1,0 +1,127 @@
+"""Rows as a table of pandas: types in CSV, what is read back, the newest of equal runs, labels."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from eval_rows import frame, row
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eval.publish.summary import make_table
+from eval.publish.tables import to_markdown
+from eval.rows.frame import newest, numbers, read_csv, records, split_label, to_frame, write_csv
+from sshade.errors import InputError
+
+COMMITTED = sorted((Path(__file__).parents[3] / "results/rows").glob("*.csv"))
+
+
+@pytest.mark.parametrize("path", COMMITTED, ids=lambda path: path.stem)
+def test_committed_rows_come_back_byte_for_byte(path, tmp_path):
+    write_csv(tmp_path / "again.csv", read_csv(path))
+    assert (tmp_path / "again.csv").read_bytes() == path.read_bytes()
+
+
+def test_types_survive(tmp_path):
+    facts = {
+        "method.hash": "12e4567890123456",
+        "method.vertices": 6000,
+        "method.exact": True,
+        "method.weight": 1e-7,
+        "method.kind": "rest, or rigid",
+        "env.omp_num_threads": "2",
+        "env.version.numpy": "2.0",
+        "env.python": "3.12",
+        "peak_mib": None,
+        "extra.gap": float("inf"),
+    }
+    rows = [row() | facts, row("b", reason="two\nlines")]
+    write_csv(tmp_path / "r.csv", to_frame(rows))
+    back = records(read_csv(tmp_path / "r.csv"))
+    expected = [{name: rows[i].get(name) for name in back[0]} for i in (0, 1)]
+    expected[0]["reason"] = None  # nothing and an empty text are one
+    assert back == expected
+    assert {name: type(back[0][name]) for name in facts} == {name: type(v) for name, v in facts.items()}
+
+
+@pytest.mark.parametrize("label", ["5", "5.0", "1e3", "true", "nan", "inf", "007"])
+def test_a_label_that_looks_like_a_number_is_a_name(label, tmp_path):
+    write_csv(tmp_path / "r.csv", frame(row(label), row("arap")))
+    rows = read_csv(tmp_path / "r.csv")
+    assert set(rows["method.name"]) == {label, "arap"}
+    assert f"| {label} | 1 |" in to_markdown(make_table(rows, title="t"))
+
+
+def test_a_column_of_numbers():
+    rows = frame(row(metric__volume=None), row(metric__volume=2))
+    assert numbers(rows, "metric.volume").isna().tolist() == [True, False]
+    assert numbers(rows, "metric.volume").sum() == 2.0 and numbers(rows, "no.such").isna().all()
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda text: "", "holds no rows of runs"),
+        (lambda text: text.splitlines()[0], "holds no rows of runs"),
+        (lambda text: "a,b\n1,2\n", "holds no rows of runs"),
+        (lambda text: text[:-9], "line 3 has another number of cells"),
+        (lambda text: text.replace(",ok,", ",fine,"), "line 2 is not a row .its status is 'fine'"),
+        (lambda text: text.replace("2026-01-01", ""), "line 2 is not a row .it has no date"),
+        (lambda text: text.replace(",1.0,", ",small,"), "metric.volume is 'small', no number"),
+        (lambda text: text.encode("utf-16").decode("latin1"), "r.csv"),
+    ],
+)
+def test_what_is_no_csv_of_rows_is_refused(damage, message, tmp_path):
+    write_csv(tmp_path / "r.csv", frame(row(), row("b")))
+    (tmp_path / "r.csv").write_text(damage((tmp_path / "r.csv").read_text()))
+    with pytest.raises(InputError, match=message):
+        read_csv(tmp_path / "r.csv")
+
+
+def test_the_newest_of_equal_runs_is_kept():
+    old, new = row(date="2026-01-01"), row(date="2026-01-02")
+    other_seed = row(seed=1, date="2025-01-01")
+    other_method = row(method__hash="i")
+    assert records(newest(frame(new, other_seed, old, other_method))) == [new, other_seed, other_method]
+
+
+def test_a_rebuilt_dataset_replaces_the_old_and_copies_of_one_are_one():
+    old, rebuilt = (
+        row(task__source="data/t"),
+        row(task__checksum="d", date="2026-01-02", task__source="data/t"),
+    )
+    another = row(task__checksum="e", task__source="data/low")
+    assert records(newest(frame(rebuilt, another, old))) == [another, rebuilt]
+    theirs = row(task__source="/home/bob/t", date="2026-01-02")
+    assert records(newest(frame(theirs, old))) == [theirs]
+
+
+def test_machines_are_kept_apart_unless_asked():
+    mine, theirs = row(), row(env__machine="laptop", date="2026-01-02")
+    assert records(newest(frame(theirs, mine))) == [mine, theirs]
+    assert records(newest(frame(theirs, mine), across_machines=True)) == [theirs]
+
+
+@given(st.permutations(range(6)))
+def test_the_newest_do_not_depend_on_the_order(order):
+    rows = [
+        row("ab"[i % 2], seed=i % 3, date=f"2026-01-0{i + 1}", task__source=f"s{i % 2}") for i in range(6)
+    ]
+    assert newest(frame(*(rows[i] for i in order))).equals(newest(frame(*rows)))
+
+
+@pytest.mark.parametrize(
+    ("label", "parts"),
+    [
+        ("arap-7000", ("arap", 7000.0)),
+        ("sshade_fine-0.1", ("sshade_fine", 0.1)),
+        ("fine-inf", ("fine", float("inf"))),
+        ("a-b-2", ("a-b", 2.0)),
+        ("a-b", ("a-b", None)),
+        ("arap", ("arap", None)),
+        ("5", ("5", None)),
+    ],
+)
+def test_labels(label, parts):
+    assert split_label(label) == parts
