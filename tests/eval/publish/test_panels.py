@@ -99,4 +99,4 @@ def test_every_shape_has_its_panel():
     assert pictures[5] is None
     spread = [int(np.ptp(np.asarray(pixels, dtype=int), axis=2).max()) for pixels in pictures[:5]]
     assert spread[1] > 1.5 * spread[2]  # the colour of an error, and of none
-    assert spread[0] > 100  # handles
+    assert spread[0] > 60  # handles
