@@ -17,10 +17,10 @@ import logging
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from sshade.carry.frames import FLAT
+from sshade.carry.triangle import FLAT
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.pipeline.transfer_task import TransferTask
+from sshade.pipeline.transfer import TransferTask
 from sshade.task import DeformationResult, Progress, silent
 
 log = logging.getLogger(__name__)
@@ -60,7 +60,7 @@ def transfer_pose(
         f: the rest coordinate of largest extent, one by name, or a value for each
         vertex, which is divided by its range over the diagonal first. Where the
         tangential gradient of f in the rest mesh is under
-        :data:`sshade.carry.frames.FLAT`, the rest coordinate of largest one replaces it,
+        :data:`sshade.carry.triangle.FLAT`, the rest coordinate of largest one replaces it,
         in both poses.
 
     Returns

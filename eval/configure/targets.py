@@ -169,6 +169,8 @@ def _fits(value: Any, hint: Any) -> bool:
         return any(_fits(value, part) for part in typing.get_args(hint))
     if origin is typing.Literal:
         return value in typing.get_args(hint)
+    if origin is Callable:
+        return callable(value)
     if hint in (bool, str, types.NoneType):
         return isinstance(value, hint)
     if hint in (int, float):

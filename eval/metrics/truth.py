@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from eval.metrics.geometry import corner_angles, edge_lengths
-from sshade.pipeline.transfer_task import TransferTask
+from sshade.pipeline.transfer import TransferTask
 from sshade.task import DeformationTask
 
 Task = DeformationTask | TransferTask

@@ -20,7 +20,7 @@ from eval.metrics.truth import Task
 from eval.publish.plotting import new_figure, styled
 from sshade.figures import COLOURS, View, edge_error, picture
 from sshade.mesh.mesh import Mesh
-from sshade.pipeline.transfer_task import TransferTask
+from sshade.pipeline.transfer import TransferTask
 from sshade.task import Handles
 
 if TYPE_CHECKING:

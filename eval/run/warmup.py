@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -10,9 +9,15 @@ from typing import Any
 import numpy as np
 
 from eval.metrics.truth import Task
+from sshade.contact.separate import separate
+from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
-from sshade.pipeline.transfer_task import TransferTask
+from sshade.pipeline.fine import sshade_fine
+from sshade.pipeline.transfer import TransferTask
+from sshade.sampling.fronts import farthest_point_sampling
+from sshade.solver.substitution import Factors, divide, substitute_together
 from sshade.task import DeformationResult, DeformationTask, Handles
+from sshade.threads import ThreadTeam
 
 _done: set[str] = set()
 
@@ -22,8 +27,7 @@ def warm_up(
 ) -> None:
     """Run a method once on a tiny task of a kind, unless this process has done so for `key`.
 
-    Where its module has a function ``prepare``, that is called, too: it compiles what
-    only other tasks need.
+    For :func:`sshade.sshade_fine` :func:`compile_rare_kernels`, too.
 
     Parameters
     ----------
@@ -38,9 +42,23 @@ def warm_up(
     if key in _done:
         return
     method(tiny_transfer() if kind is TransferTask else tiny_task(), seed=0, **overrides)
-    module = sys.modules[getattr(method, "func", method).__module__]
-    getattr(module, "prepare", lambda: None)()
+    if getattr(method, "func", method) is sshade_fine:
+        compile_rare_kernels()
     _done.add(key)
+
+
+def compile_rare_kernels() -> None:
+    """Compile the kernels that only large meshes or intersecting surfaces need, on something small."""
+    chain = Factors(np.array([0, 1, 2, 2]), np.array([1, 2], dtype=np.int32), np.ones(2), np.ones(3))
+    _, factors, branches = divide(chain, parts=2)
+    with ThreadTeam(1) as team:
+        substitute_together(factors, branches, np.zeros((3, 3)), team=team)
+    V = np.concatenate([np.eye(3), -np.eye(3)])
+    F = [[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]]
+    octahedron = Mesh(V, np.array(F))
+    farthest_point_sampling(vertex_graph(octahedron), 2, first=np.array([0])).insert(np.array([1]))
+    V[2, 2] = -2.0
+    separate(octahedron, V, np.array([5]), rounds=2)
 
 
 @cache

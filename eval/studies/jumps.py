@@ -19,14 +19,16 @@ from pathlib import Path
 
 import numpy as np
 
-from sshade.carry.affine import adjacent_triangles, affine_maps
-from sshade.carry.binding import Binding, bind
+from sshade.carry.affine import affine_maps
+from sshade.carry.binding import Binding
 from sshade.carry.blended import nearest_rotations
+from sshade.carry.neighbours import adjacent_triangles
 from sshade.errors import InputError
 from sshade.figures import UP, View, picture, require_extra
 from sshade.io.handles import read_task
 from sshade.mesh.mesh import Mesh
 from sshade.pipeline.deform import deform
+from sshade.pipeline.proxies import bind
 from sshade.solver.local_global import local_global
 from sshade.task import DeformationTask
 

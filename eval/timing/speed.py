@@ -11,7 +11,8 @@ from eval.configure.targets import locate
 from eval.metrics.metrics import measure
 from eval.timing.timing import Timing, take_turns
 from sshade.pipeline.deform import deform
-from sshade.pipeline.fine import sshade_fast, sshade_fine
+from sshade.pipeline.fast import sshade_fast
+from sshade.pipeline.fine import sshade_fine
 from sshade.sampling.remesh import remesh
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
 from sshade.solver.factorisation import Factorisation

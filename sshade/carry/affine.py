@@ -1,29 +1,31 @@
-"""Affine maps of triangles: a frame that stretches with its triangle, in the place of one that only turns.
+"""Affine maps of triangles: frames that stretch with their triangle, where rigid ones only turn.
 
-A triangle with edges e1, e2 and unit normal n, deformed to e1', e2', n', defines
-the affine map A = [e1' e2' n'] [e1 e2 n]^-1. In the plane it is what linear
-interpolation of the corners does, so neighbouring triangles agree along their
-edge; across it only the normals differ.
+A triangle with first corner a, edges e1, e2 and unit normal n, deformed to a', e1', e2', n',
+defines the affine map with the linear part A = [e1' e2' n'] [e1 e2 n]^-1:
+
+    x' = a' + A (x - a) .
+
+In the triangle's plane that is linear interpolation of the corners, so neighbouring triangles
+agree along their edge; off the plane their normals differ, and x' jumps. An ablation.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numba import njit
 
 from sshade.carry.frames import ZERO_AREA
+from sshade.carry.neighbours import adjacent_triangles, fill_from_neighbours
 from sshade.carry.projection import Projection
-from sshade.carry.vertex_maps import spread_means
 from sshade.mesh.mesh import Mesh
 
 
 @dataclass(frozen=True, eq=False)
 class AffineFrames:
-    """Points carried by the affine maps of their triangles.
-
-    An ablation: continuous in the plane of the proxy, but the normals jump.
+    """Frames that follow the affine maps of a proxy's triangles.
 
     Parameters
     ----------
@@ -31,23 +33,25 @@ class AffineFrames:
         N at rest.
     """
 
+    name: ClassVar[str] = "affine"
+
     proxy: Mesh
 
     def encode(self, V: np.ndarray, on: Projection) -> np.ndarray:
-        """Offsets from the first corner of a point's triangle; see :class:`sshade.carry.frames.Frames`."""
+        """Offsets x - a from the triangle's first corner; see :class:`sshade.carry.frames.Frames`."""
         return V - self.proxy.V[self.proxy.F[on.face, 0]]
 
     def decode(
         self, local: np.ndarray, NV: np.ndarray, *, on: Projection, rotations: np.ndarray | None = None
     ) -> tuple[np.ndarray, int]:
-        """Points on a deformed proxy; see :class:`sshade.carry.frames.Frames`.
+        """Points a' + A (x - a); see :class:`sshade.carry.frames.Frames`.
 
-        A triangle without area takes the mean map of its edge neighbours.
+        A triangle without area takes the mean A of its edge neighbours.
         """
         F = self.proxy.F
         A, known = affine_maps(self.proxy.V, NV, F=F)
         if not known.all():
-            A = spread_means(A, known, pairs=adjacent_triangles(F))
+            A = fill_from_neighbours(A, known, pairs=adjacent_triangles(F))
         return _decode(local, on.face, A, NV, F), int((~known).sum())
 
 
@@ -67,20 +71,11 @@ def affine_maps(rest: np.ndarray, deformed: np.ndarray, *, F: np.ndarray) -> tup
     known : (l,) bool
         False for triangles without area in N or N'.
     """
-    return _maps(rest, deformed, F)
-
-
-def adjacent_triangles(F: np.ndarray) -> np.ndarray:
-    """(p, 2) pairs of triangles that share an edge; F (l, 3) must be manifold."""
-    import igl
-
-    beside = np.asarray(igl.triangle_triangle_adjacency(np.array(F))[0])
-    pairs = np.stack([np.repeat(np.arange(len(F)), 3), beside.ravel()], axis=1)
-    return pairs[pairs[:, 0] < pairs[:, 1]]
+    return _maps(rest, deformed, F, ZERO_AREA)
 
 
 @njit(cache=True, nogil=True)
-def _edges_and_normal(V, a, b, c, E):
+def _edges_and_normal(V, a, b, c, E, zero_area):
     """Write e1, e2 and n to the rows of E; return the doubled area, 0 where there is no normal."""
     longest = 0.0
     for r in range(3):
@@ -90,7 +85,7 @@ def _edges_and_normal(V, a, b, c, E):
         E[2, r] = E[0, p] * E[1, q] - E[0, q] * E[1, p]
         longest += E[0, r] ** 2 + E[1, r] ** 2
     doubled = np.sqrt(E[2, 0] ** 2 + E[2, 1] ** 2 + E[2, 2] ** 2)
-    if doubled <= ZERO_AREA * longest:
+    if doubled <= zero_area * longest:
         return 0.0
     for r in range(3):
         E[2, r] /= doubled
@@ -98,13 +93,13 @@ def _edges_and_normal(V, a, b, c, E):
 
 
 @njit(cache=True, nogil=True)
-def _maps(rest, deformed, F):
+def _maps(rest, deformed, F, zero_area):
     A, known = np.zeros((len(F), 3, 3)), np.ones(len(F), dtype=np.bool_)
     E, D = np.empty((3, 3)), np.empty((3, 3))
     for t in range(len(F)):
         a, b, c = F[t, 0], F[t, 1], F[t, 2]
-        area = _edges_and_normal(rest, a, b, c, E)
-        if area == 0.0 or _edges_and_normal(deformed, a, b, c, D) == 0.0:
+        area = _edges_and_normal(rest, a, b, c, E, zero_area)
+        if area == 0.0 or _edges_and_normal(deformed, a, b, c, D, zero_area) == 0.0:
             known[t] = False
             continue
         for s in range(3):

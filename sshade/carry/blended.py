@@ -54,10 +54,17 @@ from sshade.solver.rotations import fit_rotations, quaternions
 #: How far R^T R of a given rotation may be from the identity.
 ORTHOGONAL = 1e-6
 
+# What decoding needs of a triangle abc, side by side in memory, for a point reads all of it:
+#
+#   column      0     3     6     9      12     15     18    22    26    30
+#   T[t]        | v_a'| v_b'| v_c'| b_bc | b_ca | b_ab | q_a | q_b | q_c |
+#               CORNER            BULGE                QUATERNION
+CORNER, BULGE, QUATERNION, WIDTH = 0, 9, 18, 30
+
 
 @dataclass(frozen=True, eq=False)
 class BlendedFrames:
-    """Points carried by the blended frames of a proxy's vertices.
+    """Frames at a proxy's vertices, blended over its triangles.
 
     Parameters
     ----------
@@ -78,17 +85,22 @@ class BlendedFrames:
         """Frames of a rest proxy."""
         return cls(proxy, VertexMaps.at_rest(proxy), stretch)
 
+    @property
+    def name(self) -> str:
+        """Of the kind, as users give it."""
+        return "blended_affine" if self.stretch else "blended"
+
     def encode(self, V: np.ndarray, on: Projection) -> np.ndarray:
-        """Offsets x - p of points from where they lie on the proxy; see :class:`Frames`."""
+        """Offsets x - p, p = sum_i w_i v_i; see :class:`sshade.carry.frames.Frames`."""
         return _offsets(V, on.face, on.barycentric, self.proxy.V, self.proxy.F)
 
     def decode(
         self, local: np.ndarray, NV: np.ndarray, *, on: Projection, rotations: np.ndarray | None = None
     ) -> tuple[np.ndarray, int]:
-        """Points on a deformed proxy; see :class:`sshade.carry.frames.Frames`.
+        """Points o(w) + R(w) (x - p), or o(w) + R(w) S(w) (x - p); see :class:`sshade.carry.frames.Frames`.
 
-        Where rotations are not given, those nearest to the vertices' affine maps
-        are taken; a vertex whose edges are on a line turns as its neighbours do.
+        Rotations that are not given, and those of frames that stretch, are the ones nearest to
+        the vertices' affine maps.
 
         Raises
         ------
@@ -133,20 +145,20 @@ def _offsets(V, face, barycentric, NV, F):
 
 @njit(cache=True, nogil=True)
 def _triangles(F, V, Q):
-    """(l, 30): for each triangle abc the corners; b_bc, b_ca, b_ab; the quaternions, their signs agreeing.
+    """(l, WIDTH): T as above, with quaternions whose signs agree.
 
     A quaternion and its negative are the same rotation; the signs are chosen
     along the two edges with the smaller turns. Were they chosen along any two,
     opposite ones could meet on the third edge and cancel.
     """
-    T = np.empty((len(F), 30))
+    T = np.empty((len(F), WIDTH))
     for t in range(len(F)):
         a, b, c = F[t, 0], F[t, 1], F[t, 2]
         for r in range(3):
-            T[t, r], T[t, 3 + r], T[t, 6 + r] = V[a, r], V[b, r], V[c, r]
-        bc = _bulge(V, Q, b, c, T[t, 9:12])
-        ca = _bulge(V, Q, c, a, T[t, 12:15])
-        ab = _bulge(V, Q, a, b, T[t, 15:18])
+            T[t, CORNER + r], T[t, CORNER + 3 + r], T[t, CORNER + 6 + r] = V[a, r], V[b, r], V[c, r]
+        bc = _bulge(V, Q, b, c, T[t, BULGE : BULGE + 3])
+        ca = _bulge(V, Q, c, a, T[t, BULGE + 3 : BULGE + 6])
+        ab = _bulge(V, Q, a, b, T[t, BULGE + 6 : BULGE + 9])
         b_sign = 1.0 if ab >= 0.0 else -1.0
         c_sign = 1.0 if ca >= 0.0 else -1.0
         if abs(bc) > min(abs(ca), abs(ab)):
@@ -155,7 +167,9 @@ def _triangles(F, V, Q):
             else:
                 b_sign = c_sign if bc >= 0.0 else -c_sign
         for r in range(4):
-            T[t, 18 + r], T[t, 22 + r], T[t, 26 + r] = Q[a, r], b_sign * Q[b, r], c_sign * Q[c, r]
+            T[t, QUATERNION + r] = Q[a, r]
+            T[t, QUATERNION + 4 + r] = b_sign * Q[b, r]
+            T[t, QUATERNION + 8 + r] = c_sign * Q[c, r]
     return T
 
 
@@ -178,7 +192,7 @@ def _bulge(V, Q, i, j, out):
 
 @njit(cache=True, nogil=True)
 def _add_stretch(T, F, rest, Q, S):
-    """Add to b_ij what the stretch contributes."""
+    """Add R (S_i - S_j) (v_j - v_i) / 2 to each b_ij, R the blend of R_i and R_j half-way."""
     q, g = np.empty(4), np.empty(3)
     for t in range(len(F)):
         for k in range(3):
@@ -192,9 +206,9 @@ def _add_stretch(T, F, rest, Q, S):
                 for s in range(3):
                     g[r] += 0.5 * (S[i, r, s] - S[j, r, s]) * (rest[j, s] - rest[i, s])
             x, y, z = _turned(q[0], q[1], q[2], q[3], g[0], g[1], g[2])
-            T[t, 9 + 3 * k] += x
-            T[t, 10 + 3 * k] += y
-            T[t, 11 + 3 * k] += z
+            T[t, BULGE + 3 * k] += x
+            T[t, BULGE + 3 * k + 1] += y
+            T[t, BULGE + 3 * k + 2] += z
 
 
 @njit(cache=True, nogil=True)
@@ -207,7 +221,7 @@ def _turned(w, x, y, z, u, v, s):
 
 @njit(cache=True, nogil=True)
 def _stretched(local, face, barycentric, F, S):
-    """Offsets under S(w)."""
+    """(n, 3) stretched offsets S(w) (x - p)."""
     result = np.empty_like(local)
     for i in range(len(local)):
         a, b, c = F[face[i], 0], F[face[i], 1], F[face[i], 2]
@@ -227,12 +241,14 @@ def _decode(local, face, barycentric, T):
     for i in range(len(local)):
         t, a, b, c = face[i], barycentric[i, 0], barycentric[i, 1], barycentric[i, 2]
         bc, ca, ab = b * c, c * a, a * b
-        w = a * T[t, 18] + b * T[t, 22] + c * T[t, 26]
-        x = a * T[t, 19] + b * T[t, 23] + c * T[t, 27]
-        y = a * T[t, 20] + b * T[t, 24] + c * T[t, 28]
-        z = a * T[t, 21] + b * T[t, 25] + c * T[t, 29]
-        dx, dy, dz = _turned(w, x, y, z, local[i, 0], local[i, 1], local[i, 2])
-        V[i, 0] = a * T[t, 0] + b * T[t, 3] + c * T[t, 6] + bc * T[t, 9] + ca * T[t, 12] + ab * T[t, 15] + dx
-        V[i, 1] = a * T[t, 1] + b * T[t, 4] + c * T[t, 7] + bc * T[t, 10] + ca * T[t, 13] + ab * T[t, 16] + dy
-        V[i, 2] = a * T[t, 2] + b * T[t, 5] + c * T[t, 8] + bc * T[t, 11] + ca * T[t, 14] + ab * T[t, 17] + dz
+        q = QUATERNION
+        w = a * T[t, q] + b * T[t, q + 4] + c * T[t, q + 8]
+        x = a * T[t, q + 1] + b * T[t, q + 5] + c * T[t, q + 9]
+        y = a * T[t, q + 2] + b * T[t, q + 6] + c * T[t, q + 10]
+        z = a * T[t, q + 3] + b * T[t, q + 7] + c * T[t, q + 11]
+        V[i, 0], V[i, 1], V[i, 2] = _turned(w, x, y, z, local[i, 0], local[i, 1], local[i, 2])
+        for r in range(3):
+            p, s = CORNER + r, BULGE + r
+            o = a * T[t, p] + b * T[t, p + 3] + c * T[t, p + 6]
+            V[i, r] = o + bc * T[t, s] + ca * T[t, s + 3] + ab * T[t, s + 6] + V[i, r]
     return V

@@ -1,27 +1,23 @@
-"""Where each vertex of M lies on the proxy N.
+"""The projection P: where each vertex of M lies on the proxy N.
 
-P looks only at the triangles around the vertex's own sample: O(n) in all, and
-an arm never lands on the torso that it touches. U, ReMatching's map, takes the
-nearest point of the whole surface; it is here for the comparison.
+P takes a vertex of M to the nearest point of the triangle fan around its own sample: O(n) in
+all, and a vertex of an arm never lands on the torso that the arm touches.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from heapq import heappop, heappush
 
 import numpy as np
 from numba import njit
 
-from sshade.mesh.adjacency import faces_around_vertices, vertex_graph
+from sshade.mesh.adjacency import faces_around_vertices
 from sshade.mesh.mesh import Mesh
+from sshade.sampling.remesh import Remesh
 
 #: Distances closer than this, times the largest coordinate, count as equal when triangles compete.
 TIE = 1e-14
-
-#: A vertex is far from its triangle beyond so many covering radii: samples whose regions touch
-#: lie nearer to each other, but for one edge of M.
-FAR = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +39,12 @@ class Projection:
     distance: np.ndarray
 
 
-def project_to_fans(V: np.ndarray, proxy: Mesh, region: np.ndarray) -> Projection:
-    """P: the nearest point of the triangles of N that touch the vertex's own sample.
+#: Takes the vertices of M (n, 3), N at rest, and how N was sampled.
+Projector = Callable[[np.ndarray, Mesh, Remesh], Projection]
+
+
+def project_to_fans(V: np.ndarray, proxy: Mesh, remeshed: Remesh) -> Projection:
+    """P: the nearest point of the triangles of N at the vertex's own sample.
 
     Where two triangles are equally near, as at samples and along ridges, the
     one whose barycentre is nearer is taken, whatever their numbers.
@@ -55,94 +55,12 @@ def project_to_fans(V: np.ndarray, proxy: Mesh, region: np.ndarray) -> Projectio
         Vertices of M.
     proxy : Mesh
         N; each of its vertices has a triangle.
-    region : (n,) int
-        The vertex of N in whose region each vertex of M is.
+    remeshed : Remesh
+        Its `region` tells the sample of each vertex of M.
     """
     start, fan = faces_around_vertices(proxy.F, proxy.n)
     tie = TIE * float(np.abs(proxy.V).max())
-    return Projection(*_project(V, region, start, fan, proxy.V, proxy.F, tie))
-
-
-def project_to_surface(V: np.ndarray, proxy: Mesh) -> Projection:
-    """U: the nearest point of all of N (ReMatching's map).
-
-    Parameters
-    ----------
-    V : (n, 3) float64
-        Vertices of M.
-    proxy : Mesh
-        N.
-    """
-    import igl
-
-    squared, face, point = igl.point_mesh_squared_distance(V, np.array(proxy.V), np.array(proxy.F))
-    corners = proxy.V[proxy.F[face]]
-    barycentric = igl.barycentric_coordinates(point, *(np.ascontiguousarray(corners[:, c]) for c in range(3)))
-    return Projection(np.asarray(face, dtype=np.int64), barycentric, np.sqrt(squared))
-
-
-def sent_far(projection: Projection, proxy: Mesh, *, region: np.ndarray, radius: float) -> np.ndarray:
-    """Vertices that a projection puts onto another part of the surface than their own.
-
-    That is where the way along edges of N, from the vertex's sample to the
-    nearest corner of its triangle, is longer than :data:`FAR` covering radii.
-    N has the topology of M, so there is no short way from an arm to the torso
-    that it touches. None where P is restricted to fans: the sample is a corner.
-
-    Parameters
-    ----------
-    projection : Projection
-    proxy : Mesh
-        N.
-    region : (n,) int
-        The vertex of N in whose region each vertex of M is.
-    radius : float
-        Covering radius: the largest graph distance of a vertex of M to its sample.
-
-    Returns
-    -------
-    far : (n,) bool
-    """
-    graph = vertex_graph(proxy)
-    order = np.argsort(region, kind="stable")
-    start = np.searchsorted(region[order], np.arange(proxy.n + 1))
-    corners = np.ascontiguousarray(proxy.F[projection.face])
-    limit = FAR * radius
-    return _sent_far(graph.indptr, graph.indices, graph.lengths, corners, order, start, limit)
-
-
-@njit(cache=True, nogil=True)
-def _sent_far(indptr, indices, lengths, corners, order, start, limit):
-    k = start.shape[0] - 1
-    far = np.zeros(order.shape[0], dtype=np.bool_)
-    distance = np.full(k, np.inf)
-    for s in range(k):
-        elsewhere = False
-        for p in range(start[s], start[s + 1]):
-            a, b, c = corners[order[p]]
-            elsewhere = elsewhere or (a != s and b != s and c != s)
-        if not elsewhere:
-            continue
-        reached = [np.int64(s)]
-        distance[s] = 0.0
-        heap = [(0.0, np.int64(s))]
-        while len(heap) > 0:
-            d, i = heappop(heap)
-            if d > distance[i]:
-                continue
-            for q in range(indptr[i], indptr[i + 1]):
-                j, nd = np.int64(indices[q]), d + lengths[q]
-                if nd <= limit and nd < distance[j]:
-                    if distance[j] == np.inf:
-                        reached.append(j)
-                    distance[j] = nd
-                    heappush(heap, (nd, j))
-        for p in range(start[s], start[s + 1]):
-            a, b, c = corners[order[p]]
-            far[order[p]] = min(distance[a], distance[b], distance[c]) == np.inf
-        for i in reached:
-            distance[i] = np.inf
-    return far
+    return Projection(*_project(V, remeshed.region, start, fan, proxy.V, proxy.F, tie))
 
 
 @njit(cache=True, nogil=True)

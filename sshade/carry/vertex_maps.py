@@ -1,12 +1,12 @@
-"""How a deformed surface turns and stretches at its vertices: least-squares affine maps of 1-rings.
+"""Least-squares affine maps of the 1-rings of a surface: how it turns and stretches at its vertices.
 
-A_i minimises, over the edges e_ij at vertex i and its unit normal n_i,
+The linear part A_i minimises, over the edges e_ij at vertex i and its unit normal n_i,
 
-    sum_j |e_ij' - A e_ij|^2 / |e_ij|^3 + lambda |n_i' - A n_i|^2 .
+    sum_j w_ij |e_ij' - A e_ij|^2 + lambda_i |n_i' - A n_i|^2 ,
+    w_ij = 1 / |e_ij|^3 ,   lambda_i = 1/2 sum_j w_ij |e_ij|^2 .
 
-Short edges count most, as they say most about the point itself. The normal
-settles the direction that edges leave open, the more they lie in a plane the
-more, with lambda the mean of the edges' own weight along an axis of the plane.
+Short edges weigh most, as they are nearest to the derivative at the vertex. Edges in a plane
+leave A n open; lambda_i, the mean of their weight along the plane's two axes, settles it.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 
 from sshade.carry.frames import ZERO_AREA
+from sshade.carry.neighbours import fill_from_neighbours
 from sshade.mesh.mesh import Mesh
 
 #: Edges shorter than this, times the mean, count as so long; coincident vertices have a finite weight.
@@ -55,7 +56,7 @@ class VertexMaps:
         edges = mesh.edges
         length = np.linalg.norm(mesh.V[edges[:, 1]] - mesh.V[edges[:, 0]], axis=1)
         weight = np.maximum(length, SHORTEST * length.mean()) ** -3.0
-        return cls(mesh.F, edges, *_dual(mesh.V, _normals(mesh.V, mesh.F), edges, weight))
+        return cls(mesh.F, edges, *_dual(mesh.V, _normals(mesh.V, mesh.F, ZERO_AREA), edges, weight))
 
     def __call__(self, V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Fit the maps to a deformed shape.
@@ -68,47 +69,16 @@ class VertexMaps:
         -------
         A : (k, 3, 3) float64
         known : (k,) bool
-            False where the rest or the deformed edges are all on a line, or a
-            point; such a vertex has the mean map of its neighbours.
+            False where the rest or the deformed edges lie on a line or in a point; in place of such
+            a map stands the mean of the neighbours' (:func:`sshade.carry.neighbours.fill_from_neighbours`).
         """
-        A = _maps(V, _normals(V, self.F), self.edges, self.c, self.d)
+        A = _maps(V, _normals(V, self.F, ZERO_AREA), self.edges, self.c, self.d)
         known = _has_two_dimensions(A)
-        return spread_means(A.reshape(-1, 3, 3), known, pairs=self.edges), known
-
-
-def spread_means(values: np.ndarray, known: np.ndarray, *, pairs: np.ndarray) -> np.ndarray:
-    """Fill unknown 3 x 3 matrices with the mean of their known neighbours', ring by ring inwards.
-
-    Parameters
-    ----------
-    values : (k, 3, 3) float64
-    known : (k,) bool
-    pairs : (e, 2) int
-        Which entries are neighbours.
-
-    Returns
-    -------
-    (k, 3, 3) float64
-        The identity where no known entry is connected.
-    """
-    if known.all():
-        return values
-    flat, known = np.where(known[:, None], values.reshape(-1, 9), 0.0), known.copy()
-    one, two = np.concatenate([pairs, pairs[:, ::-1]]).T
-    while True:
-        use = known[two] & ~known[one]
-        ready = np.unique(one[use])
-        if len(ready) == 0:
-            flat[~known] = np.eye(3).ravel()
-            return flat.reshape(-1, 3, 3)
-        count = np.bincount(one[use], minlength=len(known))
-        total = [np.bincount(one[use], flat[two[use], r], len(known)) for r in range(9)]
-        flat[ready] = np.stack(total, axis=1)[ready] / count[ready, None]
-        known[ready] = True
+        return fill_from_neighbours(A.reshape(-1, 3, 3), known, pairs=self.edges), known
 
 
 @njit(cache=True, nogil=True)
-def _normals(V, F):
+def _normals(V, F, zero_area):
     """(k, 3) unit normals at the vertices, by area; zero where they cancel."""
     N = np.zeros((len(V), 4))
     for t in range(len(F)):
@@ -124,7 +94,7 @@ def _normals(V, F):
             N[i, 3] += size
     for i in range(len(V)):
         length = np.sqrt(N[i, 0] ** 2 + N[i, 1] ** 2 + N[i, 2] ** 2)
-        inverse = 1.0 / length if length > ZERO_AREA * N[i, 3] else 0.0
+        inverse = 1.0 / length if length > zero_area * N[i, 3] else 0.0
         for r in range(3):
             N[i, r] *= inverse
     return N[:, :3]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
-from sshade.carry.frames import FrameKind
+from sshade.carry.kinds import FrameKind
 from sshade.cli.console import announced_compilation, progress_bar, run_command
 from sshade.cli.show import add_show
 from sshade.errors import InputError
@@ -199,7 +199,7 @@ def _proxy_vertices(asked: int | None, n: int, handles: int = 0) -> int:
 
 def _deform(arguments: argparse.Namespace) -> int:
     from sshade.io.handles import read_handles
-    from sshade.pipeline.components import deform_pieces
+    from sshade.pipeline.components import deform_components
 
     check_output(arguments.output)
     method = _method(arguments)
@@ -213,12 +213,12 @@ def _deform(arguments: argparse.Namespace) -> int:
     vertices = _proxy_vertices(arguments.vertices, mesh.n, len(handles))
     begin = perf_counter()
     with progress_bar() as progress:
-        result = deform_pieces(
+        result = deform_components(
             mesh,
             handles,
             partial(method, workers=arguments.workers),
             vertices=vertices,
-            carry_loose=arguments.carry_loose,
+            carry_unconstrained=arguments.carry_loose,
             name=arguments.mesh.stem,
             seed=arguments.seed,
             progress=progress,
@@ -233,7 +233,7 @@ def _deform(arguments: argparse.Namespace) -> int:
         f"{arguments.output}: {len(V)} vertices, {len(handles)} handles reached to {100 * error:.2g} % of "
         f"the diagonal, {proxies} of {result.extra['proxy_vertices']:.0f} vertices, {seconds:.2f} s"
     )
-    _say_of_pieces(result.extra)
+    _say_of_components(result.extra)
     if result.converged is False and arguments.method != "sshade_fine":
         _say(
             f"note: the iterations stopped at {result.iterations:.0f} in the mean, "
@@ -242,25 +242,30 @@ def _deform(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _say_of_pieces(facts: Mapping[str, Any]) -> None:
+def _say_of_components(facts: Mapping[str, Any]) -> None:
     """What was done besides, with a mesh that is no oriented manifold of one component."""
     if facts["copies"] or facts["turned"]:
         _say(
             f"note: no oriented manifold: {facts['turned']} faces were turned, {facts['copies']} copies of "
             f"vertices made, and joined over at most {100 * facts['gap']:.2g} % of the diagonal"
         )
-    if facts["pieces"] > 1:
-        _say(f"note: {facts['pieces']} pieces were deformed on their own, with shares of the proxy vertices")
-    if facts["carried"]:
-        _say(f"note: {facts['carried']} components without handles follow the nearest one rigidly")
-    if facts.get("tangled"):
-        _say(f"note: {facts['tangled']} faces cross others or are flipped, where handles force that")
+    if facts["components"] > 1:
+        _say(
+            f"note: {facts['components']} components were deformed on their own, with shares of the proxy "
+            "vertices"
+        )
+    if facts["unconstrained"]:
+        _say(f"note: {facts['unconstrained']} components without handles follow the nearest one rigidly")
+    left = facts.get("intersecting_or_inverted")
+    if left:
+        _say(f"note: {left} faces intersect others or are inverted, where handles force that")
 
 
 def _method(arguments: argparse.Namespace) -> Callable[..., DeformationResult]:
     """The function of --method, with what the arguments say of it."""
     from sshade.pipeline.deform import deform
-    from sshade.pipeline.fine import sshade_fast, sshade_fine
+    from sshade.pipeline.fast import sshade_fast
+    from sshade.pipeline.fine import sshade_fine
     from sshade.solver.local_global import local_global
 
     given = {} if arguments.samplings is None else {"samplings": arguments.samplings}
@@ -274,7 +279,8 @@ def _method(arguments: argparse.Namespace) -> Callable[..., DeformationResult]:
 
 
 def _remesh(arguments: argparse.Namespace) -> int:
-    from sshade.carry.binding import bind
+    from sshade.carry.binding_file import save_binding
+    from sshade.pipeline.proxies import bind
 
     check_output(arguments.output)
     if arguments.map.suffix != ".npz" or not arguments.map.parent.is_dir():
@@ -282,18 +288,18 @@ def _remesh(arguments: argparse.Namespace) -> int:
     mesh = read_mesh(arguments.mesh)
     binding = bind(mesh, _proxy_vertices(arguments.vertices, mesh.n), seed=arguments.seed)
     with replacing(arguments.map) as temporary:
-        binding.save(temporary)
+        save_binding(temporary, binding)
         write_mesh(arguments.output, binding.proxy.V, binding.proxy.F)  # without it there shall be no map
     _say(f"{arguments.output}: {binding.proxy.n} vertices, {binding.proxy.m} faces; map in {arguments.map}")
     return 0
 
 
 def _carry(arguments: argparse.Namespace) -> int:
-    from sshade.carry.binding import Binding
+    from sshade.carry.binding_file import load_binding
 
     check_output(arguments.output)
     mesh = read_mesh(arguments.mesh)
-    binding = Binding.load(arguments.map, mesh, frames=arguments.frames)
+    binding = load_binding(arguments.map, mesh, frames=arguments.frames)
     edited, _ = read_arrays(arguments.edited)
     if not np.isfinite(edited).all():
         raise InputError(f"{arguments.edited}: a vertex has a NaN or infinite coordinate")

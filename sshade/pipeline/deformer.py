@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from time import perf_counter
-from typing import Literal
+from typing import Unpack
 
 import numpy as np
 
-from sshade.carry.binding import Binding, bind
-from sshade.carry.frames import FrameKind
-from sshade.errors import InputError
-from sshade.mesh.adjacency import vertex_graph
+from sshade.carry.binding import Binding
 from sshade.mesh.mesh import Mesh
+from sshade.pipeline.proxies import Proxies, ProxyOptions
 from sshade.solver.local_global import LocalGlobal, Solution
 from sshade.solver.options import Energy
 from sshade.task import DeformationResult, Progress, silent
@@ -25,7 +24,7 @@ class Deformer:
     starts from the shape and the rotations that the last one ended with, so
     that small moves of the handles take a few iterations: a drag. The first
     call with given targets equals :func:`sshade.deform` with the same
-    parameters, bit for bit.
+    options, bit for bit.
 
     Parameters
     ----------
@@ -33,22 +32,16 @@ class Deformer:
         M: manifold, oriented, one component.
     index : (h,) int
         Handle vertices, each once; their targets come with each call, in this order.
-    vertices : int
-        Proxy vertices N; the paper's 6000.
-    samplings : int
-        Proxies, whose results are averaged. One is the choice for interaction.
     energy : {"spokes", "spokes_and_rims"}
-    frames, frame_function, projection
-        As in :func:`sshade.bind`.
-    workers : int, optional
-        Threads that share the proxies; by default two for each CPU. No influence on results.
-    seed : int
     progress : Progress
+    **options
+        See :class:`sshade.pipeline.proxies.ProxyOptions`. By default one sampling, the choice for
+        interaction.
 
     Raises
     ------
     InputError
-        On a mesh or parameters out of the above.
+        On a mesh or options out of the above.
 
     Examples
     --------
@@ -66,41 +59,24 @@ class Deformer:
         mesh: Mesh,
         index: np.ndarray,
         *,
-        vertices: int = 6000,
-        samplings: int = 1,
         energy: Energy = "spokes_and_rims",
-        frames: FrameKind = "triangle",
-        frame_function: str | np.ndarray = "extent",
-        projection: Literal["fan", "surface"] = "fan",
-        workers: int | None = None,
-        seed: int = 0,
         progress: Progress = silent,
+        **options: Unpack[ProxyOptions],
     ) -> None:
-        if samplings < 1:
-            raise InputError(f"{samplings} samplings were asked for; at least one is needed")
-        index = np.array(index, dtype=np.int64)
-        self.mesh, self.index, self.workers = mesh, index, workers
-        graph = vertex_graph(mesh)
+        self.mesh, self.index = mesh, np.array(index, dtype=np.int64)
+        self._proxies = proxies = Proxies(mesh, **options)
 
         def make(number: int) -> tuple[Binding, LocalGlobal]:
-            binding = bind(
-                mesh,
-                vertices,
-                first=index,
-                seed=(seed, number),
-                projection=projection,
-                frames=frames,
-                frame_function=frame_function,
-                graph=graph,
-            )
-            solver = LocalGlobal(binding.proxy, np.arange(len(index)), energy=energy)
-            progress("binding", number + 1, samplings)
+            binding = proxies.bind(number, first=self.index)
+            solver = LocalGlobal(binding.proxy, np.arange(len(self.index)), energy=energy)
+            progress("binding", number + 1, proxies.samplings)
             return binding, solver
 
-        made = in_threads(make, samplings, workers=workers)
+        made = in_threads(make, proxies.samplings, workers=proxies.workers)
         self.bindings = [binding for binding, _ in made]
         self.solvers = [solver for _, solver in made]
-        self._last: list[Solution | None] = [None] * samplings
+        self._last: list[Solution | None]
+        self.reset()
 
     def reset(self) -> None:
         """Forget the last shape: the next call starts from the rest shape."""
@@ -133,10 +109,11 @@ class Deformer:
             ``residual`` and the proxies' ``energy``.
         """
         begin = perf_counter()
+        ends: list[Solution | None] = [None] * len(self.solvers)
 
-        def one(number: int) -> tuple[Solution, np.ndarray, int]:
+        def one_sampling(number: int) -> DeformationResult:
             last = self._last[number]
-            solution = self.solvers[number].solve(
+            ends[number] = solution = self.solvers[number].solve(
                 targets,
                 start=None if last is None else last.positions,
                 rotations=None if last is None else last.rotations,
@@ -144,19 +121,14 @@ class Deformer:
                 max_iterations=max_iterations,
                 progress=progress,
             )
-            return solution, *self.bindings[number].carry(solution.positions, rotations=solution.rotations)
+            V, degenerate = self.bindings[number].carry(solution.positions, rotations=solution.rotations)
+            facts = {
+                "residual": solution.residual,
+                "energy": solution.energy,
+                "degenerate_frames": degenerate,
+            }
+            return DeformationResult(V, solution.iterations, solution.converged, extra=facts)
 
-        done = in_threads(one, len(self.solvers), workers=self.workers)
-        self._last = [solution for solution, _, _ in done]
-        total = sum((V for _, V, _ in done[1:]), start=done[0][1])
-        return DeformationResult(
-            vertices=total / len(done),
-            iterations=float(np.mean([solution.iterations for solution, _, _ in done])),
-            converged=all(solution.converged for solution, _, _ in done),
-            seconds={"total": perf_counter() - begin},
-            extra={
-                "residual": max(solution.residual for solution, _, _ in done),
-                "energy": [solution.energy for solution, _, _ in done],
-                "degenerate_frames": sum(degenerate for _, _, degenerate in done),
-            },
-        )
+        result = self._proxies.average(one_sampling)
+        self._last = ends
+        return replace(result, seconds={"total": perf_counter() - begin})

@@ -1,93 +1,21 @@
-"""Beyond the paper: constrained, softening proxies carried back with blended frames, and a polish.
-
-`sshade_fast` is one proxy: its volume and its area held, its triangles softening
-(:mod:`sshade.solver.strain_softening`), its motion blended over each triangle
-(:mod:`sshade.carry.blended`). `sshade_fine` goes on from there with a few accelerated
-iterations of the same energy at full resolution, and leads apart what crosses in
-the end (:mod:`sshade.contact.separate`).
-"""
+"""Beyond the paper: `sshade_fast`, polished at full resolution, with its self-intersections resolved."""
 
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from math import inf
 from time import perf_counter
 from typing import Any, Unpack
 
-import numpy as np
-
-from sshade.carry.frames import FrameKind
 from sshade.contact.separate import MARGIN, separate
-from sshade.mesh.adjacency import vertex_graph
-from sshade.mesh.mesh import Mesh
-from sshade.pipeline.deform import deform
-from sshade.pipeline.multilevel import multilevel
-from sshade.sampling.fronts import farthest_point_sampling
-from sshade.solver.local_global import LocalGlobal, Solution, local_global
+from sshade.pipeline.fast import STIFFNESS, STRAIN, sshade_fast
+from sshade.solver.local_global import LocalGlobal, Solution
 from sshade.solver.options import SolverOptions, complete, energy_options
-from sshade.solver.substitution import Factors, divide, substitute_together
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
-from sshade.threads import ThreadTeam, available_cpus, number_of_workers
+from sshade.threads import available_cpus, number_of_workers
 
-#: Stiffness of strongly strained triangles, and the strain about which they soften.
-STIFFNESS, STRAIN = 0.08, 0.0125
-#: Times that crossings are led apart and the constraints restored.
+#: Times that intersections are resolved and the constraints restored, at most.
 PASSES = 5
-
-
-def sshade_fast(
-    task: DeformationTask,
-    *,
-    vertices: int = 6000,
-    samplings: int = 1,
-    frames: FrameKind = "blended",
-    workers: int | None = None,
-    seed: int = 0,
-    progress: Progress = silent,
-    **options: Unpack[SolverOptions],
-) -> DeformationResult:
-    """SShaDe with one constrained proxy and blended frames.
-
-    Parameters
-    ----------
-    task : DeformationTask
-        As for :func:`sshade.deform`.
-    vertices, samplings, frames, workers
-        See :func:`sshade.deform`.
-    **options
-        Of the proxy's energy, the spokes and rims, and its iteration; see
-        :class:`sshade.solver.options.SolverOptions`. By default volume and area are exact (inf),
-        stiffness and strain :data:`STIFFNESS` and :data:`STRAIN`, and the start is "rigid".
-        Large proxies begin with a coarser one's result: see :mod:`sshade.pipeline.multilevel`.
-    seed : int
-        Of the sampling.
-    progress : Progress
-
-    Returns
-    -------
-    DeformationResult
-        As of :func:`sshade.deform`. Volume and area are held on the proxy: those
-        of the mesh come out within what the proxy's details add, about 0.05 %
-        at a vertex in four.
-
-    Raises
-    ------
-    InputError
-        Those of :func:`sshade.deform` and :func:`sshade.solver.local_global.local_global`.
-    """
-    solver = complete(options, volume=inf, area=inf, stiffness=STIFFNESS, strain=STRAIN, start="rigid")
-    tolerance = solver.pop("tolerance")
-    return deform(
-        task,
-        vertices=vertices,
-        samplings=samplings,
-        coarse=partial(multilevel, coarse=partial(local_global, **solver), tolerance=tolerance),
-        frames=frames,
-        workers=workers,
-        seed=seed,
-        progress=progress,
-    )
 
 
 def sshade_fine(
@@ -113,21 +41,21 @@ def sshade_fine(
     ----------
     task : DeformationTask
     vertices : int
-        Of the proxy; see :func:`sshade_fast`.
+        Of the proxy; see :func:`sshade.sshade_fast`.
     polish_iterations : int
         Iterations at full resolution, at most.
     polish_seconds : float, optional
         Another limit to them; the result then depends on the machine.
     contact : bool
-        Whether to lead apart what crosses in the end, and to unfold what is flipped, unless
-        it was so at rest; see :mod:`sshade.contact.separate`.
+        Whether to resolve self-intersections and inverted faces in the end that were not there at
+        rest; see :mod:`sshade.contact.separate`.
     workers : int, optional
         Threads at full resolution; by default one for each CPU. No influence on the result.
     seed : int
         Of the sampling.
     progress : Progress
     **options
-        As of :func:`sshade_fast`: `max_iterations` and `start` of the proxy, the others of both
+        As of :func:`sshade.sshade_fast`: `max_iterations` and `start` of the proxy, the others of both
         resolutions. The area has the weight 1 by default, which leaves it some half a percent;
         for that, edges and angles change a twentieth less than with an exact one.
 
@@ -137,40 +65,42 @@ def sshade_fine(
         `iterations` and `converged` are of the polish. Handles are on their
         targets, and exact constraints hold to 1e-6. ``seconds``: ``precompute``
         overlaps with ``proxy``, ``wait`` is what it took longer. ``extra`` as of
-        :func:`sshade.solver.local_global.local_global`, the proxy's iterations, and the faces
-        that cross others or are flipped after the polish and in the end.
+        :func:`sshade.solver.local_global.local_global`, the proxy's iterations, and the numbers
+        of faces that are ``intersecting_or_inverted_polished``, after the polish, and
+        ``intersecting_or_inverted`` in the end.
 
     Raises
     ------
     InputError
-        Those of :func:`sshade_fast`.
+        Those of :func:`sshade.sshade_fast`.
     """
-    begin = perf_counter()
     workers = number_of_workers(workers, default=available_cpus())
-    solver_options = complete(
-        options, volume=inf, area=1.0, stiffness=STIFFNESS, strain=STRAIN, start="rigid"
-    )
+    # What the proxy will refuse, before the factorisation begins that its error would wait for.
+    task.mesh.require_manifold()
+    task.mesh.require_one_component()
+    begin = perf_counter()
+    own = complete(options, volume=inf, area=1.0, stiffness=STIFFNESS, strain=STRAIN, start="rigid")
     with ThreadPoolExecutor(max_workers=1) as pool:
         bound = pool.submit(_bind, task)
-        proxy = sshade_fast(task, vertices=vertices, seed=seed, progress=progress, **solver_options)
+        proxy = sshade_fast(task, vertices=vertices, seed=seed, progress=progress, **own)
         arrived = perf_counter()
         solver, precompute = bound.result()
     ready = perf_counter()
-    energy: dict[str, Any] = {**energy_options(solver_options), "workers": workers}
+    energy: dict[str, Any] = {**energy_options(own), "workers": workers}
     solution = solver.solve(
         task.handles.target,
         start=proxy.vertices,
-        tolerance=solver_options["tolerance"],
+        tolerance=own["tolerance"],
         max_iterations=polish_iterations,
         max_seconds=inf if polish_seconds is None else polish_seconds,
         progress=lambda _, done, total, note="": progress("polish", done, total, note),
         **energy,
     )
     polished = perf_counter()
-    facts = {"proxy_iterations": proxy.iterations}
+    facts = {"proxy_iterations": proxy.iterations, "proxy_vertices": proxy.extra["proxy_vertices"]}
     if contact:
-        solution, tangled = _lead_apart(solver, solution, energy, progress=progress)
-        facts |= tangled
+        solution, counts = _resolve_intersections(solver, solution, energy, progress=progress)
+        facts |= counts
     seconds = {
         "proxy": arrived - begin,
         "precompute": precompute,
@@ -183,67 +113,50 @@ def sshade_fine(
         iterations=solution.iterations,
         converged=solution.converged,
         seconds=seconds,
-        extra={**solution.facts(), **facts, "proxy_vertices": proxy.extra["proxy_vertices"]},
+        extra={**solution.facts(), **facts},
     )
 
 
-def prepare() -> None:
-    """Compile the kernels that :func:`sshade_fine` needs for large meshes or crossing surfaces only.
-
-    For those who time it, and run it on something small first.
-    """
-    chain = Factors(np.array([0, 1, 2, 2]), np.array([1, 2], dtype=np.int32), np.ones(2), np.ones(3))
-    _, factors, branches = divide(chain, parts=2)
-    with ThreadTeam(1) as team:
-        substitute_together(factors, branches, np.zeros((3, 3)), team=team)
-    V = np.concatenate([np.eye(3), -np.eye(3)])
-    F = [[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]]
-    octahedron = Mesh(V, np.array(F))
-    farthest_point_sampling(vertex_graph(octahedron), 2, first=np.array([0])).insert(np.array([1]))
-    V[2, 2] = -2.0
-    separate(octahedron, V, np.array([5]), rounds=2)
+def _bind(task: DeformationTask) -> tuple[LocalGlobal, float]:
+    begin = perf_counter()
+    return LocalGlobal(task.mesh, task.handles.index), perf_counter() - begin
 
 
-def _lead_apart(
+def _resolve_intersections(
     solver: LocalGlobal, solution: Solution, energy: dict[str, Any], *, progress: Progress
 ) -> tuple[Solution, dict[str, int]]:
-    """The solution without crossings and flips, and how many faces there were before and still are.
+    """A solution with the fewest intersecting or inverted faces, and their numbers before and after.
 
-    What is led apart loses the volume of the overlap; with that given back to the
-    whole, some of it may cross again.
+    Separating two parts of the surface takes away the volume of their overlap; projecting the
+    whole onto the constraints again can bring back some of it.
     """
-    local = {name: energy[name] for name in ("stiffness", "strain", "workers")}
-    exact = {name: energy[name] for name in ("volume", "area", "workers")}
+    patch = {name: energy[name] for name in ("stiffness", "strain", "workers")}
+    constraints = {name: energy[name] for name in ("volume", "area", "workers")}
     positions, counts, met = solution.positions, [], None
     best = positions
     for attempt in range(1, PASSES + 1):
-        parted = separate(
+        separated = separate(
             solver.mesh,
             positions,
             solver.index,
             met=met,
             margin=attempt * MARGIN,
             progress=progress,
-            **local,
+            **patch,
         )
-        met = parted.met
-        counts.append(parted.before)
-        if parted.before <= min(counts):
+        met = separated.met
+        counts.append(separated.before)
+        if separated.before <= min(counts):
             best = positions
-        # Handles that force parts through each other leave most of the crossings.
-        if parted.before == 0 or parted.after > 0.5 * parted.before:
+        # Handles that force parts through each other leave most of the intersections.
+        if separated.before == 0 or separated.after > 0.5 * separated.before:
             break
-        positions = solver.project(parted.positions, **exact)
-    tangled = {"tangled_polished": counts[0], "tangled": min(counts)}
+        positions = solver.project(separated.positions, **constraints)
+    facts = {"intersecting_or_inverted_polished": counts[0], "intersecting_or_inverted": min(counts)}
     if best is solution.positions:
-        return solution, tangled
+        return solution, facts
     after = solver.solve(
         best[solver.index], start=best, rotations=solution.rotations, max_iterations=0, **energy
     )
     names = "iterations", "residual", "residual_curve", "converged", "rejected", "energy_initial"
-    return after._replace(**{name: getattr(solution, name) for name in names}), tangled
-
-
-def _bind(task: DeformationTask) -> tuple[LocalGlobal, float]:
-    begin = perf_counter()
-    return LocalGlobal(task.mesh, task.handles.index), perf_counter() - begin
+    return after._replace(**{name: getattr(solution, name) for name in names}), facts

@@ -1,12 +1,13 @@
 """A start for the proxy's solver from a proxy of the proxy.
 
-Far moves take a local/global solver the most iterations, and need the least
-detail: on a mesh of a sixth of the vertices they take a sixth of the time, and
-to a tenth of the accuracy. From there the proxy's minimum is near.
+Far moves take a local/global solver the most iterations, and need the least detail: on a mesh
+of a sixth of the vertices they take a sixth of the time, to a tenth of the accuracy. From there
+the minimum of the proxy's energy is near.
 """
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -14,6 +15,8 @@ from functools import partial
 from sshade.errors import InputError
 from sshade.pipeline.deform import deform
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
+
+log = logging.getLogger(__name__)
 
 #: Meshes with fewer vertices are solved as quickly without.
 SMALLEST = 3000
@@ -36,8 +39,9 @@ def multilevel(
     Parameters
     ----------
     task : DeformationTask
-        Of the proxy. One with a guess needs no other start, one with fewer than `SMALLEST`
-        vertices, or many handles, none that is coarser.
+        Of the proxy. There is no coarser one for a task with a guess, with fewer than
+        :data:`SMALLEST` vertices, or with many handles; nor for a mesh so thin that fewer samples
+        cannot keep its topology.
     coarse : callable
         The solver, on both levels: ``coarse(task, tolerance=, seed=, progress=)``, which begins
         at the task's guess where there is one.
@@ -49,7 +53,7 @@ def multilevel(
     Returns
     -------
     DeformationResult
-        As of `coarse`, with the ``coarser_iterations`` in its `extra`.
+        As of `coarse`, with the ``coarser_iterations`` in its `extra`, 0 without a coarser proxy.
 
     Raises
     ------
@@ -58,19 +62,12 @@ def multilevel(
     """
     size, iterations = max(task.mesh.n // RATIO, ROOM * len(task.handles)), 0.0
     if task.guess is None and task.mesh.n >= SMALLEST and size <= task.mesh.n // ROOM:
+        rougher = partial(coarse, tolerance=ROUGH * tolerance)
         try:
-            rough = deform(
-                task,
-                vertices=size,
-                samplings=1,
-                coarse=partial(coarse, tolerance=ROUGH * tolerance),
-                frames="blended",
-                seed=seed,
-            )
-        # What is thin keeps its topology on the proxy, but not on a coarser one.
-        except (InputError, FloatingPointError):
-            pass
+            rough = deform(task, vertices=size, samplings=1, coarse=rougher, frames="blended", seed=seed)
+        except InputError as error:
+            log.info("%s: solved without a coarser proxy of %d vertices: %s", task.name, size, error)
         else:
-            task, iterations = replace(task, guess=rough.vertices), rough.iterations or 0.0
+            task, iterations = replace(task, guess=rough.vertices), rough.iterations
     result = coarse(task, tolerance=tolerance, seed=seed, progress=progress)
     return replace(result, extra={**result.extra, "coarser_iterations": iterations})

@@ -1,63 +1,84 @@
-"""Poses that are known at the samples: isometric reconstruction and pose transfer."""
+"""Pose transfer and isometric reconstruction: poses that are known at the samples."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from time import perf_counter
-from typing import Literal
+from typing import Any, Unpack
 
 import numpy as np
 
-from sshade.carry.binding import bind
-from sshade.carry.frames import FrameKind
 from sshade.errors import InputError
-from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
+from sshade.pipeline.proxies import Proxies, ProxyOptions
 from sshade.task import DeformationResult, Progress, silent
-from sshade.threads import in_threads
-
-STAGES = ("remesh", "bind", "carry")
 
 
-def transfer_pose(
-    mesh: Mesh,
-    posed: np.ndarray,
-    edited: np.ndarray,
-    *,
-    vertices: int = 6000,
-    samplings: int = 10,
-    frames: FrameKind = "triangle",
-    frame_function: str | np.ndarray = "extent",
-    projection: Literal["fan", "surface"] = "fan",
-    residual: bool = False,
-    workers: int | None = None,
-    seed: int = 0,
-    progress: Progress = silent,
-) -> DeformationResult:
-    """Put an edited shape S into the pose M' of the shape M that it was made from.
+@dataclass(frozen=True, eq=False)
+class TransferTask:
+    """One pose transfer: put an edited shape into the pose of the shape that it was made from.
 
-    The proxy N is sampled on M and its posed positions N' are read off M'. The
-    vertices of S are expressed in the frames of N and read back in those of N'.
+    With the unedited shape as `mesh` this is isometric reconstruction: a method is
+    then trusted to look at `posed` at its samples only.
 
     Parameters
     ----------
+    name : str
     mesh : Mesh
-        M: manifold, oriented, one component.
+        S, the edited shape at rest: what is to be deformed.
+    rest : Mesh
+        M, with the faces of S.
     posed : (n, 3) float64
-        M', in correspondence with M. Only the rows of samples are used, unless `residual`.
-    edited : (n, 3) float64
-        S, in correspondence with M.
-    vertices : int
-        Vertices of each proxy; the paper's is 6000.
-    samplings : int
-        Proxies averaged; the paper's is 10.
-    frames, frame_function, projection, workers
-        As in :func:`sshade.deform`.
+        M', the pose of M.
+    truth : (n, 3) float64, optional
+        S', the true result, where it is known.
+    meta : mapping
+        Flat facts for the row of a table (subject, pose, edit, ...).
+
+    Raises
+    ------
+    InputError
+        When S, M, M' and the truth do not correspond, or a position is not finite.
+    """
+
+    name: str
+    mesh: Mesh
+    rest: Mesh
+    posed: np.ndarray
+    truth: np.ndarray | None = None
+    meta: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not np.array_equal(self.mesh.F, self.rest.F):
+            raise InputError("the edited shape has other faces than the rest shape; they must correspond")
+        self.mesh.checked(self.posed, "posed shape")
+        if self.truth is not None:
+            self.mesh.checked(self.truth, "truth shape")
+
+
+def transfer(
+    task: TransferTask,
+    *,
+    residual: bool = False,
+    progress: Progress = silent,
+    **options: Unpack[ProxyOptions],
+) -> DeformationResult:
+    """Express S in the frames of proxies of M, and read it back in the frames of their poses.
+
+    A proxy N is sampled on M, and its posed positions N' are read off M'.
+
+    Parameters
+    ----------
+    task : TransferTask
+        Its rest shape M must be manifold, oriented and of one component.
     residual : bool
         Add to each vertex what the proxy leaves out of M' there, so that frames carry
         the edit alone: vertices that were not edited end exactly on M'. Not in the
-        paper; it reads M' at every vertex.
-    seed : int
+        paper. It reads M' at every vertex; without it, only the samples of M' are used.
     progress : Progress
+    **options
+        See :class:`sshade.pipeline.proxies.ProxyOptions`. By default 10 samplings, as in the paper.
 
     Returns
     -------
@@ -67,94 +88,56 @@ def transfer_pose(
     Raises
     ------
     InputError
-        On a mesh as :func:`sshade.bind` refuses, shapes that differ from M's, or
-        positions that are not finite.
+        On another mesh, or options out of the above.
 
     References
     ----------
     F. Maggioli, D. Baieri, Z. Laehner, S. Melzi, "SShaDe: scalable shape
     deformation via local representations", the sections on isometric and pose transfer.
     """
-    posed, edited = _checked(mesh, posed, "posed"), _checked(mesh, edited, "edited")
-    if samplings < 1:
-        raise InputError(f"{samplings} samplings were asked for; at least one is needed")
-    begin = perf_counter()
-    graph = vertex_graph(mesh)
-    shared = perf_counter() - begin
+    posed, edited = np.asarray(task.posed, dtype=np.float64), task.mesh.V
+    given: ProxyOptions = {"samplings": 10, **options}
+    proxies = Proxies(task.rest, **given)
 
-    def one(number: int) -> tuple[np.ndarray, dict[str, float], int]:
-        binding = bind(
-            mesh,
-            vertices,
-            seed=(seed, number),
-            projection=projection,
-            frames=frames,
-            frame_function=frame_function,
-            graph=graph,
-        )
-        start = perf_counter()
-        on = binding.projection
-        local = binding.local if edited is mesh.V else binding.frames.encode(edited, on)
-        V, degenerate = binding.frames.decode(local, posed[binding.remesh.samples], on=on)
+    def one_sampling(number: int) -> DeformationResult:
+        binding = proxies.bind(number)
+        begin = perf_counter()
+        NV, on = posed[binding.remesh.samples], binding.projection
+        local = binding.local if edited is task.rest.V else binding.frames.encode(edited, on)
+        V, degenerate = binding.frames.decode(local, NV, on=on)
         if residual:
-            V = V + (posed - binding.frames.decode(binding.local, posed[binding.remesh.samples], on=on)[0])
-        progress("samplings", number + 1, samplings)
-        return V, {**binding.seconds, "carry": perf_counter() - start}, degenerate
+            V = V + (posed - binding.frames.decode(binding.local, NV, on=on)[0])
+        progress("samplings", number + 1, proxies.samplings)
+        seconds = {**binding.seconds, "carry": perf_counter() - begin}
+        return DeformationResult(V, 0, None, seconds, {"degenerate_frames": degenerate})
 
-    done = in_threads(one, samplings, workers=workers)
-    total = sum((V for V, _, _ in done[1:]), start=done[0][0])
-    seconds = {stage: sum(times[stage] for _, times, _ in done) for stage in STAGES}
-    return DeformationResult(
-        vertices=total / samplings,
-        iterations=0,
-        converged=None,
-        seconds={**seconds, "remesh": seconds["remesh"] + shared},
-        extra={"samplings": samplings, "degenerate_frames": sum(count for _, _, count in done)},
-    )
+    return proxies.average(one_sampling)
 
 
-def reconstruct(
+def transfer_pose(
     mesh: Mesh,
     posed: np.ndarray,
+    edited: np.ndarray | None = None,
     *,
-    vertices: int = 6000,
-    samplings: int = 10,
-    frames: FrameKind = "triangle",
-    frame_function: str | np.ndarray = "extent",
-    projection: Literal["fan", "surface"] = "fan",
-    workers: int | None = None,
-    seed: int = 0,
+    residual: bool = False,
     progress: Progress = silent,
+    **options: Unpack[ProxyOptions],
 ) -> DeformationResult:
-    """Rebuild a pose M' of M from its positions at the samples alone (isometric transfer).
+    """:func:`transfer` of shapes given by their vertices.
 
-    :func:`transfer_pose` with S = M; how near the result comes to M' tells what
-    the proxy and the frames lose. Parameters and errors are the same.
+    Parameters
+    ----------
+    mesh : Mesh
+        M.
+    posed : (n, 3) float64
+        M', in correspondence with M.
+    edited : (n, 3) float64, optional
+        S, in correspondence with M. By default M itself: the result rebuilds M' from its
+        samples (isometric reconstruction), and how near it comes to M' tells what proxies
+        and frames lose.
+    residual, progress, **options
+        See :func:`transfer`.
     """
-    return transfer_pose(
-        mesh,
-        posed,
-        mesh.V,
-        vertices=vertices,
-        samplings=samplings,
-        frames=frames,
-        frame_function=frame_function,
-        projection=projection,
-        workers=workers,
-        seed=seed,
-        progress=progress,
-    )
-
-
-def _checked(mesh: Mesh, V: np.ndarray, name: str) -> np.ndarray:
-    if V is mesh.V:
-        return V
-    V = np.ascontiguousarray(V, dtype=np.float64)
-    if V.shape != mesh.V.shape:
-        raise InputError(
-            f"the {name} shape has vertices of shape {V.shape}, the rest mesh {mesh.V.shape}; "
-            "they must correspond"
-        )
-    if not np.isfinite(V).all():
-        raise InputError(f"the {name} shape has a NaN or infinite coordinate")
-    return V
+    shape = mesh if edited is None else Mesh(mesh.checked(edited, "edited shape"), mesh.F)
+    task = TransferTask("transfer", shape, mesh, posed)
+    return transfer(task, residual=residual, progress=progress, **options)

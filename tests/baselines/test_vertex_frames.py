@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from baselines.vertex_frames import transfer, transfer_pose, vertex_frames
-from sshade.carry.frames import FLAT
+from sshade.carry.triangle import FLAT
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.pipeline.transfer_task import TransferTask
+from sshade.pipeline.transfer import TransferTask
 from tests.shapes import bent, family, jittered, rotation, strip, tetrahedron
 
 

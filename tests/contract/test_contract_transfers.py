@@ -12,10 +12,10 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import OmegaConf
 from scipy.spatial.transform import Rotation
 
-from eval.configure.targets import OWN_KEYS, check_parameters, instantiate, locate
+from eval.configure.targets import OWN_KEYS, check_parameters, instantiate, locate, parameter_hints
 from sshade.cli.configuration import CONFIGURATION
 from sshade.mesh.mesh import Mesh
-from sshade.pipeline.transfer_task import TransferTask
+from sshade.pipeline.transfer import TransferTask
 from sshade.task import Method
 
 METHODS = sorted(
@@ -62,7 +62,7 @@ def moved(task: TransferTask, turn: np.ndarray, shift: np.ndarray) -> TransferTa
 
 def test_its_yaml_names_a_method_and_every_parameter_of_it(method):
     function = locate(method["_target_"])
-    taken = set(inspect.signature(function).parameters)
+    taken = set(parameter_hints(function))
     assert set(inspect.signature(Method.__call__).parameters) - {"self"} <= taken
     assert set(method) - set(OWN_KEYS) == taken - {"task", "seed", "progress"}
     check_parameters(function, method.get("warm_up") or {}, target=method["_target_"])

@@ -205,8 +205,8 @@ def test_the_key_follows_the_sources_a_method_imports_and_no_other_file(task, tm
 def test_a_method_does_not_depend_on_all_of_our_package():
     sources = provenance.dependencies("baselines.arap").sources
     assert "sshade.solver.start" in sources and "sshade.mesh.mesh" in sources
-    assert "sshade.carry.frames" not in sources and "baselines.identity" not in sources
-    assert "sshade.carry.frames" in provenance.dependencies("sshade.pipeline.deform").sources
+    assert "sshade.carry.triangle" not in sources and "baselines.identity" not in sources
+    assert "sshade.carry.triangle" in provenance.dependencies("sshade.pipeline.deform").sources
 
 
 def test_versions_of_the_libraries_are_known_and_in_the_key(task, tmp_path, monkeypatch):

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import sys
 from functools import partial
-from types import ModuleType
 
 import numpy as np
 import pytest
 
-from eval.run.warmup import icosphere, tiny_task, tiny_transfer, warm_up
+from eval.run.warmup import compile_rare_kernels, icosphere, tiny_task, tiny_transfer, warm_up
 from sshade.contact.apart import _lacks
-from sshade.pipeline.fine import prepare
-from sshade.pipeline.transfer_task import TransferTask
+from sshade.pipeline.fast import sshade_fast
+from sshade.pipeline.fine import sshade_fine
+from sshade.pipeline.transfer import TransferTask
 from sshade.sampling.fronts import _insert
 from sshade.solver.substitution import _rows
 from sshade.task import DeformationResult, DeformationTask
@@ -58,24 +57,16 @@ def test_the_tiny_transfer_edits_the_shape_and_bends_it():
     assert np.array_equal(task.mesh.F, task.rest.F)
 
 
-def test_what_a_method_s_module_prepares_is_prepared_once(monkeypatch):
-    said = []
-
-    def method(task, *, seed: int, size: int) -> None:
-        said.append((task.name, size))
-
-    module = ModuleType("prepared")
-    module.prepare = lambda: said.append("prepared")
-    monkeypatch.setitem(sys.modules, "prepared", module)
-    method.__module__ = "prepared"
-    for _ in range(2):
-        warm_up(partial(method, size=3), {"size": 2}, key="a", kind=DeformationTask)
-    assert said == [(tiny_task().name, 2), "prepared"]
-    del module.prepare
-    warm_up(method, {"size": 1}, key="b", kind=TransferTask)
-    assert said[2:] == [(tiny_transfer().name, 1)]
-
-
-def test_what_sshade_fine_prepares_is_compiled():
-    prepare()
+def test_kernels_that_a_tiny_task_does_not_need_are_compiled():
+    compile_rare_kernels()
     assert all(kernel.signatures for kernel in (_lacks, _insert, _rows))
+
+
+@pytest.mark.parametrize(("method", "times"), [(sshade_fine, 1), (sshade_fast, 0)])
+def test_they_are_compiled_for_sshade_fine_once(monkeypatch, method, times):
+    calls = []
+    monkeypatch.setattr("eval.run.warmup.compile_rare_kernels", lambda: calls.append(1))
+    for _ in range(2):
+        key = f"{__name__} {method.__name__}"
+        warm_up(partial(method, vertices=150), {"max_iterations": 2}, key=key, kind=DeformationTask)
+    assert len(calls) == times

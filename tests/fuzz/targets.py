@@ -16,7 +16,7 @@ import numpy as np
 from defaust.folder.record import POSE, read_dataset, read_record
 from eval.rows.frame import read_csv
 from eval.rows.store import read_row
-from sshade import Binding, InputError, bind
+from sshade import InputError, bind, load_binding, save_binding
 from sshade.io.handles import read_handles
 from sshade.io.meshes import SUFFIXES, read_mesh, write_mesh
 from tests.shapes import bumpy, icosphere
@@ -189,7 +189,7 @@ def _manifest_seeds() -> list[bytes]:
 @cache
 def _sound_map() -> dict[str, np.ndarray]:
     buffer = Path(_scratch()) / "map.npz"
-    bind(BODY, 12).save(buffer)
+    save_binding(buffer, bind(BODY, 12))
     with np.load(buffer, allow_pickle=False) as data:
         return dict(data)
 
@@ -201,7 +201,7 @@ def _read_map(data: bytes, folder: Path) -> None:
         path.write_bytes(data)
     else:
         np.savez(path, **_damaged(data))
-    binding = Binding.load(path, BODY)
+    binding = load_binding(path, BODY)
     V, _ = binding.carry(binding.proxy.V)
     assert V.shape == BODY.V.shape
 

@@ -17,7 +17,6 @@ from sshade import (
     TransferTask,
     bind,
     deform,
-    reconstruct,
     transfer_pose,
 )
 from sshade.sampling.remesh import remesh
@@ -78,11 +77,9 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "transfer task: NaN": (lambda: TransferTask("t", BODY, BODY, NAN), "NaN"),
     "deform: no samplings": (_deform(samplings=0), "0 samplings"),
     "deform: unknown frames": (_deform(frames="round"), "unknown frames 'round'"),
-    "deform: an unknown projection": (_deform(projection="up"), "unknown projection 'up'"),
     "deform: an unknown function of frames": (_deform(frame_function="w"), "'w'"),
     "deform: a function of frames too short": (_deform(frame_function=np.ones(5)), "162 values"),
     "deform: a function of frames with NaN": (_deform(frame_function=NAN[:, 0]), "finite"),
-    "deform: an unknown handle mode": (_deform(handle_mode="all"), "unknown handle mode 'all'"),
     "deform: a coarse method that loses a vertex": (_deform(coarse=_short), "shape"),
     "deform: an unknown start": (_deform(coarse=partial(local_global, start="up")), "unknown start 'up'"),
     "deform: a negative weight": (_deform(coarse=partial(local_global, volume=-1.0)), "-1"),
@@ -102,6 +99,5 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "transfer: an edit of other counts": (_transfer(edited=V[1:]), "edited"),
     "transfer: NaN": (_transfer(posed=NAN), "NaN"),
     "transfer: no samplings": (_transfer(samplings=0), "0 samplings"),
-    "reconstruct: a pose with NaN": (lambda: reconstruct(BODY, NAN, vertices=60), "NaN"),
 }
 CASES = [Case(f"Python, {name}", call, says=(word,)) for name, (call, word) in REFUSED.items()]

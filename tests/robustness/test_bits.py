@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from sshade import DeformationTask, deform
-from sshade.pipeline.fine import sshade_fast, sshade_fine
+from sshade.pipeline.fast import sshade_fast
+from sshade.pipeline.fine import sshade_fine
 from tests.robustness.inputs import BODY, pose
 
 METHODS = {

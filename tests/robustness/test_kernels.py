@@ -20,8 +20,8 @@ from baselines.accelerated import accelerated_arap
 from baselines.arap import arap
 from baselines.arap_sr.arap_sr import arap_sr
 from baselines.deformation_graph.deformation_graph import deformation_graph
-from sshade import DeformationTask, Deformer, bind, deform, reconstruct, sshade_fast, sshade_fine
-from sshade.carry.projection import _closest_in_triangle, sent_far
+from sshade import DeformationTask, Deformer, bind, deform, sshade_fast, sshade_fine, transfer_pose
+from sshade.carry.projection import _closest_in_triangle
 from sshade.contact.intersections import intersecting_faces, new_crossings
 from sshade.contact.separate import separate
 from sshade.mesh.cutting import cut_to_manifold
@@ -71,14 +71,6 @@ def _remeshed_with_few() -> np.ndarray:
     """Closed balls are mended where regions touch in too little."""
     found = remesh(double_torus(cells=2), 4, seed=1)
     return np.concatenate([found.samples, found.faces.ravel(), found.region])
-
-
-def _sent_far() -> np.ndarray:
-    sheet = folded(30, 4, gap=0.01)
-    binding = bind(sheet, 40, projection="surface")
-    regions = binding.remesh.region
-    far = sent_far(binding.projection, binding.proxy, region=regions, radius=0.1 * sheet.diagonal)
-    return np.flatnonzero(far)
 
 
 def _on_needles() -> np.ndarray:
@@ -146,13 +138,12 @@ WORK: dict[str, Callable[[], np.ndarray]] = {
     "affine frames": partial(_bound, "affine"),
     "blended frames": partial(_bound, "blended"),
     "blended affine frames": partial(_bound, "blended_affine"),
-    "reconstruction": lambda: reconstruct(BODY, bent(BODY.V), vertices=50, samplings=1).vertices,
+    "reconstruction": lambda: transfer_pose(BODY, bent(BODY.V), vertices=50, samplings=1).vertices,
     "dragging": _dragged,
     "remeshing a torus": _remeshed,
     "cutting": _cut,
     "remeshing with few samples": _remeshed_with_few,
     "intersections": _crossing,
-    "points sent far": _sent_far,
     "points near needles": _on_needles,
     "leading apart": _separated,
     "substitution": _substituted,

@@ -14,8 +14,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sshade import DeformationTask, Handles, Mesh, deform, reconstruct
-from sshade.pipeline.fine import sshade_fast, sshade_fine
+from sshade import DeformationTask, Handles, Mesh, deform, transfer_pose
+from sshade.pipeline.fast import sshade_fast
+from sshade.pipeline.fine import sshade_fine
 from sshade.sampling import remesh as remesh_module
 from sshade.solver.local_global import local_global
 from tests.shapes import bumpy, double_torus, rotation, strip, torus, tube
@@ -186,5 +187,5 @@ def test_reconstruction_of_a_rigid_motion_is_exact(number, seed):
     task, R = drawn(number), rotation(seed)
     posed = task.mesh.V @ R.T + [1.0, 2.0, -3.0]
     for frames in ("triangle", "affine", "blended", "blended_affine"):
-        result = reconstruct(task.mesh, posed, vertices=50, samplings=2, frames=frames).vertices
+        result = transfer_pose(task.mesh, posed, vertices=50, samplings=2, frames=frames).vertices
         assert_same(result, posed, task)

@@ -17,7 +17,7 @@ from eval.rows.recall import load_task
 from eval.rows.store import Row
 from sshade.errors import InputError
 from sshade.figures import View, colour_range, picture
-from sshade.pipeline.transfer_task import TransferTask
+from sshade.pipeline.transfer import TransferTask
 
 #: Width of a rendering in pixels.
 PANEL = 360

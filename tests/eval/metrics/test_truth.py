@@ -13,7 +13,7 @@ from eval.run.provenance import task_checksum
 from eval.run.run import run
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.pipeline.transfer_task import TransferTask
+from sshade.pipeline.transfer import TransferTask
 from sshade.task import DeformationTask, Handles
 
 OF_TRUTH = {name for name, metric in METRICS.items() if metric.needs == "truth"}
@@ -128,7 +128,7 @@ def test_a_pose_transfer_becomes_a_row(tmp_path):
     edited = Mesh(rest.V * [1.1, 1, 1], rest.F)
     posed, truth = rest.V[:, [1, 2, 0]], edited.V[:, [1, 2, 0]]
     task = TransferTask("t", edited, rest, posed, truth=truth, meta={"edit": "wider"})
-    method = {"_target_": "sshade.pipeline.transfer_task.transfer", "vertices": 60, "samplings": 2}
+    method = {"_target_": "sshade.pipeline.transfer.transfer", "vertices": 60, "samplings": 2}
     method["warm_up"] = {"samplings": 1}
     row = run(task, method, name="sshade", root=tmp_path).row
     assert row["status"] == "ok" and row["task.meta.edit"] == "wider" and row["env.warmed_up"]
@@ -144,7 +144,7 @@ def test_a_method_for_another_kind_of_task_is_a_mistake(tmp_path):
     rest = bumpy_sphere(1)
     pairs = (
         (TransferTask("a", rest, rest, rest.V), "baselines.arap.arap"),
-        (ends_task(rest, name="a"), "sshade.pipeline.transfer_task.transfer"),
+        (ends_task(rest, name="a"), "sshade.pipeline.transfer.transfer"),
     )
     for task, target in pairs:
         with pytest.raises(InputError, match=f"takes a .*, but a is a {type(task).__name__}"):

@@ -6,28 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sshade import (
-    Binding,
-    DeformationTask,
-    Deformer,
-    Handles,
-    InputError,
-    Mesh,
-    bind,
-    deform,
-    reconstruct,
-    transfer_pose,
-)
+from baselines.ablations import project_to_surface
+from sshade import InputError, Mesh, bind
 from sshade.carry.affine import AffineFrames, affine_maps
 from sshade.carry.blended import BlendedFrames, nearest_rotations
-from sshade.carry.projection import Projection, project_to_surface
+from sshade.carry.projection import Projection
 from sshade.carry.vertex_maps import VertexMaps
-from sshade.cli.main import main
-from sshade.io.meshes import read_mesh, write_mesh
-from sshade.pipeline.deform import proxy_handles
-from sshade.sampling.remesh import remesh
-from sshade.solver.local_global import local_global
-from sshade.task import DeformationResult, silent
 from tests.shapes import bent, bumpy, family, rotation, strip, tube
 
 #: Positions agree to rounding: this times the bounding-box diagonal.
@@ -41,6 +25,11 @@ def points_on(mesh: Mesh, count: int, *, seed: int = 0) -> Projection:
     """Random points in random triangles."""
     rng = np.random.default_rng(seed)
     return Projection(rng.integers(0, mesh.m, count), rng.dirichlet([1, 1, 1], count), np.zeros(count))
+
+
+def nearest_on(V: np.ndarray, mesh: Mesh) -> Projection:
+    """The nearest points of a whole mesh."""
+    return project_to_surface(V, mesh, None)
 
 
 def turns(count: int, *, most: float, seed: int = 0) -> np.ndarray:
@@ -80,19 +69,6 @@ def one_by_one(
         turn = Rotation.from_quat(w @ (q * np.where(q @ q[0] < 0, -1.0, 1.0)[:, None])).as_matrix()
         moved[i] = o + turn @ np.einsum("c,cxy->xy", w, S[corners]) @ (V[i] - w @ proxy.V[corners])
     return moved
-
-
-@pytest.mark.parametrize("name", MESHES)
-@pytest.mark.parametrize("kind", KINDS)
-def test_an_undeformed_and_a_moved_proxy_carry_the_mesh_exactly(name, kind):
-    mesh, turn, shift = MESHES[name], rotation(1), np.array([3.0, -1, 2])
-    binding = bind(mesh, mesh.n // 6, frames=kind)
-    for R, t in ((np.eye(3), np.zeros(3)), (turn, shift)):
-        given = np.broadcast_to(R, (binding.proxy.n, 3, 3))
-        for rotations in (None, given):
-            V, degenerate = binding.carry(binding.proxy.V @ R.T + t, rotations=rotations)
-            assert degenerate == 0
-            assert np.abs(V - (mesh.V @ R.T + t)).max() <= ROUNDING * mesh.diagonal
 
 
 @pytest.mark.parametrize("name", MESHES)
@@ -142,7 +118,7 @@ def test_a_bent_sheet_becomes_an_arc(turn):
     def rolled(V: np.ndarray) -> np.ndarray:
         return np.stack([np.sin(V[:, 0] * turn), V[:, 1] * turn, np.cos(V[:, 0] * turn)], axis=1) / turn
 
-    on = project_to_surface(points, coarse)
+    on = nearest_on(points, coarse)
     R = Rotation.from_rotvec(np.outer(coarse.V[:, 0] * turn, [0, 1, 0])).as_matrix()
     lift = coarse.V * [1, 1, 0]
     for frames in (BlendedFrames.at_rest(coarse), BlendedFrames.at_rest(coarse, stretch=True)):
@@ -216,7 +192,7 @@ def test_a_tube_twisted_over_one_edge_keeps_its_cross_section(degrees, plain, bl
     turn = Rotation.from_euler("z", degrees, degrees=True).as_matrix()
     R = np.where(upper[:, None, None], turn, np.eye(3))
     NV = np.einsum("kxy,ky->kx", R, coarse.V)
-    on = project_to_surface(fine.V, coarse)
+    on = nearest_on(fine.V, coarse)
     frames = BlendedFrames.at_rest(coarse)
     moved, _ = frames.decode(frames.encode(fine.V, on), NV, on=on, rotations=R)
     corners = coarse.F[on.face]
@@ -299,118 +275,3 @@ def test_unknown_frames_and_rotations_that_do_not_fit_are_refused():
             rotations[place] = wrong
             with pytest.raises(InputError, match="it is no rotation"):
                 binding.carry(NV, rotations=rotations)
-
-
-def test_renumbering_the_mesh_renumbers_the_result():
-    mesh, rng = MESHES["bumpy"], np.random.default_rng(4)
-    first = remesh(mesh, 60, seed=1).samples[:60]
-    new_id = rng.permutation(mesh.n)
-    V = np.empty_like(mesh.V)
-    V[new_id] = mesh.V
-    F = np.array([np.roll(f, r) for f, r in zip(new_id[mesh.F], rng.integers(0, 3, mesh.m), strict=True)])
-    for kind in KINDS:
-        a = bind(mesh, 60, first=first, frames=kind)
-        b = bind(Mesh(V, rng.permutation(F)), 60, first=new_id[first], frames=kind)
-        A, B = a.carry(bent(a.proxy.V))[0], b.carry(bent(b.proxy.V))[0]
-        assert np.abs(A - B[new_id]).max() <= 1e-9 * mesh.diagonal
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_scaling_by_a_power_of_two_changes_no_bit(kind):
-    mesh, scale = MESHES["bumpy"], 2.0**20
-    a, b = bind(mesh, 80, frames=kind), bind(Mesh(mesh.V * scale, mesh.F), 80, frames=kind)
-    NV = bent(a.proxy.V)
-    assert np.array_equal(a.carry(NV)[0] * scale, b.carry(NV * scale)[0])
-
-
-@pytest.mark.parametrize("kind", ["triangle", *KINDS])
-def test_a_binding_read_back_has_its_frames_or_those_that_are_asked_for(tmp_path, kind):
-    mesh = MESHES["bumpy"]
-    binding = bind(mesh, 80, frames=kind, frame_function="best")
-    binding.save(tmp_path / "map.npz")
-    NV = bent(binding.proxy.V)
-    again = Binding.load(tmp_path / "map.npz", mesh)
-    assert again.kind == kind
-    assert np.array_equal(binding.carry(NV)[0], again.carry(NV)[0])
-    for other in ("triangle", *KINDS):
-        asked = Binding.load(tmp_path / "map.npz", mesh, frames=other)
-        direct = bind(mesh, 80, frames=other, frame_function="best")
-        assert asked.kind == other
-        assert np.array_equal(asked.carry(NV)[0], direct.carry(NV)[0])
-
-
-def held_ends() -> DeformationTask:
-    mesh = bumpy(3)
-    order = np.argsort(mesh.V[:, 2])
-    index = np.concatenate([order[:8], order[-8:]])
-    target = mesh.V[index] + np.where(np.arange(16) < 8, 0.0, 0.5)[:, None] * [0.5, 0, 1]
-    return DeformationTask("lift", mesh, Handles(index, target))
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_deform_carries_with_the_solvers_rotations_on_any_number_of_threads(kind):
-    task = held_ends()
-    one, two = (deform(task, vertices=150, samplings=2, frames=kind, workers=w) for w in (1, 2))
-    assert np.array_equal(one.vertices, two.vertices)
-    bound = Deformer(task.mesh, task.handles.index, vertices=150, samplings=2, frames=kind)
-    assert np.array_equal(bound(task.handles.target).vertices, one.vertices)
-    expected = []
-    for number in range(2):
-        binding = bind(task.mesh, 150, first=task.handles.index, seed=(0, number), frames=kind)
-        handles = proxy_handles(task.handles, task.mesh, binding.remesh)
-        solved = local_global(DeformationTask("one", binding.proxy, handles))
-        expected.append(binding.carry(solved.vertices, rotations=solved.extra["rotations"])[0])
-    assert np.abs(one.vertices - np.mean(expected, axis=0)).max() <= ROUNDING * task.mesh.diagonal
-    assert kind == "affine" or np.array_equal(one.vertices[task.handles.index], task.handles.target)
-
-
-def test_a_coarse_method_without_rotations_has_them_fitted():
-    task = held_ends()
-
-    def silently(task, *, seed, progress=silent) -> DeformationResult:
-        solved = local_global(task)
-        return DeformationResult(solved.vertices, iterations=solved.iterations, converged=solved.converged)
-
-    result = deform(task, vertices=150, samplings=1, frames="blended", coarse=silently)
-    binding = bind(task.mesh, 150, first=task.handles.index, seed=(0, 0), frames="blended")
-    handles = proxy_handles(task.handles, task.mesh, binding.remesh)
-    solved = local_global(DeformationTask("one", binding.proxy, handles))
-    assert np.array_equal(result.vertices, binding.carry(solved.vertices)[0])
-    given = deform(task, vertices=150, samplings=1, frames="blended")
-    assert 0 < np.abs(given.vertices - result.vertices).max() < 0.01 * task.mesh.diagonal
-
-
-def test_one_blended_sampling_comes_nearer_to_a_pose_than_ten_rigid_ones():
-    mesh = bumpy(4)
-    posed = bent(mesh.V)
-
-    def error(samplings: int, frames: str) -> float:
-        result = reconstruct(mesh, posed, vertices=300, samplings=samplings, frames=frames)
-        return np.linalg.norm(result.vertices - posed, axis=1).mean()
-
-    rigid = error(10, "triangle")
-    assert error(1, "blended") < 0.6 * rigid
-    assert error(1, "blended_affine") < 0.3 * rigid
-
-
-@pytest.mark.parametrize("kind", ["triangle", *KINDS])
-def test_the_commands_carry_with_the_frames_that_are_asked_for(tmp_path, monkeypatch, kind):
-    monkeypatch.chdir(tmp_path)
-    mesh = bumpy(3)
-    posed, edited = bent(mesh.V), mesh.V + 0.02 * np.cos(4 * mesh.V)
-    for name, V in (("rest", mesh.V), ("posed", posed), ("edited", edited)):
-        write_mesh(f"{name}.ply", V, mesh.F)
-    binding = bind(mesh, 100, frames=kind)
-    write_mesh("moved.ply", bent(binding.proxy.V), binding.proxy.F)
-    frames = ["--frames", kind]
-    assert main(["remesh", "rest.ply", "-o", "proxy.ply", "--map", "map.npz", "--vertices", "100"]) == 0
-    assert main(["carry", "rest.ply", "map.npz", "moved.ply", "-o", "carried.ply", *frames]) == 0
-    assert np.array_equal(read_mesh("carried.ply").V, binding.carry(bent(binding.proxy.V))[0])
-    sampled = {"vertices": 100, "samplings": 2}
-    end = ["--vertices", "100", "--samplings", "2", *frames]
-    assert main(["reconstruct", "rest.ply", "posed.ply", "-o", "rebuilt.ply", *end]) == 0
-    expected = reconstruct(mesh, posed, frames=kind, **sampled).vertices
-    assert np.array_equal(read_mesh("rebuilt.ply").V, expected)
-    assert main(["transfer-pose", "rest.ply", "posed.ply", "edited.ply", "-o", "out.ply", *end]) == 0
-    expected = transfer_pose(mesh, posed, edited, frames=kind, **sampled).vertices
-    assert np.array_equal(read_mesh("out.ply").V, expected)

@@ -17,7 +17,8 @@ from sshade.contact.flips import new_flips
 from sshade.contact.intersections import new_crossings
 from sshade.io.handles import read_handles, write_handles
 from sshade.io.meshes import read_arrays, read_mesh, write_mesh
-from sshade.pipeline.fine import sshade_fast, sshade_fine
+from sshade.pipeline.fast import sshade_fast
+from sshade.pipeline.fine import sshade_fine
 from sshade.solver.local_global import local_global
 from tests.shapes import bumpy, rotation, tetrahedron
 
@@ -107,7 +108,7 @@ def test_a_small_mesh_gets_a_proxy_by_default(folder, capsys):
 
 def test_iterations_that_do_not_converge_are_said(folder, capsys, monkeypatch):
     short = partial(local_global, max_iterations=2)
-    monkeypatch.setattr("sshade.pipeline.fine.sshade_fast", partial(sshade_fast, max_iterations=2))
+    monkeypatch.setattr("sshade.pipeline.fast.sshade_fast", partial(sshade_fast, max_iterations=2))
     monkeypatch.setattr("sshade.solver.local_global.local_global", short)
     assert main(["deform", "body.ply", "pose.json", "-o", "out.ply"]) == 0
     assert "note: the iterations stopped at 2" in capsys.readouterr().err
@@ -141,7 +142,7 @@ def test_what_handles_force_through_the_body_is_said(folder, capsys):
     command = ["deform", "body.ply", "pose.json", "-o", "out.ply", "--method", "sshade_fine"]
     assert main([*command, "--vertices", "80"]) == 0
     said = capsys.readouterr().err
-    left = int(re.search(r"note: (\d+) faces cross others or are flipped", said)[1])
+    left = int(re.search(r"note: (\d+) faces intersect others or are inverted", said)[1])
     V = read_mesh("out.ply").V
     assert left == (new_crossings(BODY, V) | new_flips(BODY, V)).sum() > 0
 
@@ -248,7 +249,7 @@ def test_several_components_are_refused_unless_each_has_handles(folder, capsys):
     assert "1 components without handles follow the nearest one" in capsys.readouterr().err
     put_handles({"vertices": [0, BODY.n]})
     assert main(["deform", "body.ply", "pose.json", "-o", "out.ply"]) == 0
-    assert "2 pieces were deformed on their own" in capsys.readouterr().err
+    assert "2 components were deformed on their own" in capsys.readouterr().err
     Path("out.ply").unlink()
     assert_refused(capsys, ["remesh", "body.ply", "-o", "out.ply", "--map", "map.npz"], "2 components")
 

@@ -1,4 +1,4 @@
-"""Piece by piece: each as it is alone, seams that stay closed, loose components, and shares."""
+"""Component by component: each as it is alone, seams that stay closed, unconstrained ones, and shares."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh, deform
-from sshade.pipeline.components import deform_pieces
-from sshade.pipeline.fine import sshade_fast
+from sshade.pipeline.components import deform_components
+from sshade.pipeline.fast import sshade_fast
 from tests.shapes import block, bumpy, icosphere, rotation, strip
 from tests.sshade.mesh.test_cutting import moebius, t_fin
 
@@ -51,10 +51,13 @@ def of_all(*given: tuple[Handles, int]) -> Handles:
 @pytest.mark.parametrize("method", [METHOD, sshade_fast], ids=["paper", "fast"])
 def test_a_sound_mesh_gives_what_the_method_gives(method):
     own = ends(BODY)
-    result = deform_pieces(BODY, own, method, vertices=60, seed=3)
+    result = deform_components(BODY, own, method, vertices=60, seed=3)
     alone = method(DeformationTask("body", BODY, own), vertices=60, seed=3)
     assert np.array_equal(result.vertices, alone.vertices)
-    assert result.extra.items() >= {"pieces": 1, "carried": 0, "copies": 0, "turned": 0, "gap": 0.0}.items()
+    assert (
+        result.extra.items()
+        >= {"components": 1, "unconstrained": 0, "copies": 0, "turned": 0, "gap": 0.0}.items()
+    )
     assert result.extra["proxy_vertices"] == alone.extra["proxy_vertices"]
     assert result.iterations == alone.iterations and result.converged == alone.converged
 
@@ -63,7 +66,7 @@ def test_two_spheres_are_each_as_alone():
     """Shares go by area; the small one comes first in the file, and keeps its place."""
     small, large = Mesh(0.5 * BODY.V + [4, 0, 0], BODY.F), Mesh(BODY.V, BODY.F[:, [1, 2, 0]])
     own_small, own_large = ends(small), ends(large, lift=(0, 0.4, 0))
-    result = deform_pieces(
+    result = deform_components(
         beside(small, large), of_all((own_small, 0), (own_large, BODY.n)), METHOD, vertices=150, seed=1
     )
     for mesh, own, share, part in (
@@ -72,11 +75,11 @@ def test_two_spheres_are_each_as_alone():
     ):
         alone = METHOD(DeformationTask("alone", mesh, own), vertices=share, seed=1)
         assert np.array_equal(part, alone.vertices)
-    assert result.extra["pieces"] == 2 and result.extra["proxy_vertices"] == 150
+    assert result.extra["components"] == 2 and result.extra["proxy_vertices"] == 150
     assert set(result.seconds) >= {"remesh", "bind", "solve", "carry"}
 
 
-def test_a_small_piece_has_proxy_vertices_for_its_handles_and_some_more():
+def test_a_small_component_has_proxy_vertices_for_its_handles_and_some_more():
     tiny = Mesh(0.01 * BODY.V + [4, 0, 0], BODY.F)
     shares = []
 
@@ -87,7 +90,7 @@ def test_a_small_piece_has_proxy_vertices_for_its_handles_and_some_more():
     triangle = Mesh(0.1 * np.eye(3) + [0, 9, 0], [[0, 1, 2]])
     mesh = beside(BODY, tiny, triangle)
     own = of_all((ends(BODY), 0), (ends(tiny), BODY.n), (Handles([0, 1], triangle.V[:2] + 1), 2 * BODY.n))
-    result = deform_pieces(mesh, own, spy, vertices=100)
+    result = deform_components(mesh, own, spy, vertices=100)
     assert shares == [(162, 16, 100), (3, 2, 3), (162, 16, 20)]
     assert np.allclose(result.vertices[-3:-1], triangle.V[:2] + 1, atol=1e-9)
 
@@ -97,10 +100,10 @@ def test_a_fin_follows_what_it_stands_on():
     base = strip(10, 4)
     corners = np.array([0, 4, 50, 54])
     own = Handles(corners, base.V[corners] + np.outer([0, 0, 1, 1], [-2.0, 0, 3]), dynamic=[0, 0, 1, 1])
-    result = deform_pieces(mesh, own, METHOD, vertices=60)
+    result = deform_components(mesh, own, METHOD, vertices=60)
     alone = METHOD(DeformationTask("base", base, own), vertices=round(60 * base.area / mesh.area), seed=0)
     assert np.array_equal(result.vertices[: base.n], alone.vertices)
-    assert result.extra["pieces"] == 2 and result.extra["copies"] == 11
+    assert result.extra["components"] == 2 and result.extra["copies"] == 11
     # The fin still stands on its line, about as high as before, and was bent along.
     fin = result.vertices[base.n :].reshape(4, 11, 3)
     seam = result.vertices[5 * np.arange(11) + 2]
@@ -110,19 +113,19 @@ def test_a_fin_follows_what_it_stands_on():
     assert result.extra["gap"] * mesh.diagonal < 0.1
 
 
-def test_rigid_handles_move_pieces_that_were_cut_rigidly():
+def test_rigid_handles_move_what_was_cut_rigidly():
     R, shift = rotation(4), np.array([0.3, -1, 2])
     edge = np.zeros((2, 2, 1))
     edge[0, 0] = edge[1, 1] = 1
     # The tolerance of the solver, where it has to iterate.
     for mesh, close in ((t_fin(), 1e-9), (block(edge, cells=3), 1e-3), (moebius(), 1e-9)):
         own = Handles(np.arange(0, mesh.n, 9), mesh.V[::9] @ R.T + shift)
-        result = deform_pieces(mesh, own, partial(sshade_fast, start="rigid"), vertices=min(60, mesh.n))
+        result = deform_components(mesh, own, partial(sshade_fast, start="rigid"), vertices=min(60, mesh.n))
         assert np.abs(result.vertices - mesh.V @ R.T - shift).max() < close * mesh.diagonal
         assert result.extra["gap"] < close
 
 
-def test_copies_within_a_piece_are_joined_at_their_mean():
+def test_copies_within_a_component_are_joined_at_their_mean():
     mesh = moebius()
 
     def torn(task, *, vertices, seed, progress):
@@ -130,7 +133,7 @@ def test_copies_within_a_piece_are_joined_at_their_mean():
         V = task.mesh.V + [[1, 0, 0]] * np.arange(task.mesh.n)[:, None]
         return DeformationResult(V, iterations=3, converged=None)
 
-    result = deform_pieces(mesh, Handles([0], mesh.V[:1]), torn, vertices=20)
+    result = deform_components(mesh, Handles([0], mesh.V[:1]), torn, vertices=20)
     copies, n = result.extra["copies"], mesh.n
     moved = (result.vertices - mesh.V)[:, 0]
     split = np.flatnonzero(np.abs(moved - np.arange(n)) > 1e-9)
@@ -156,29 +159,29 @@ def test_a_component_without_handles_is_refused_by_its_size_and_place():
         InputError,
         match=r"1 of the mesh's 3 components have no handle \(the first has 42 vertices, one of them 324\)",
     ):
-        deform_pieces(mesh, own, METHOD, vertices=80)
+        deform_components(mesh, own, METHOD, vertices=80)
 
 
 def test_or_it_follows_the_nearest_component_rigidly():
     mesh, own = three()
-    result = deform_pieces(mesh, own, METHOD, vertices=80, carry_loose=True)
-    assert result.extra["carried"] == 1 and result.extra["pieces"] == 2
+    result = deform_components(mesh, own, METHOD, vertices=80, carry_unconstrained=True)
+    assert result.extra["unconstrained"] == 1 and result.extra["components"] == 2
     rest, moved = mesh.V[2 * BODY.n :], result.vertices[2 * BODY.n :]
     lengths = [np.linalg.norm(V[:, None] - V[None], axis=2) for V in (rest, moved)]
     assert np.allclose(*lengths, atol=1e-12)
     # With the end that it is in, whose handles go by (0.3, 0, 0.2); the other body stays.
     assert np.abs((moved - rest).mean(axis=0) - [0.3, 0, 0.2]).max() < 0.05
-    without = deform_pieces(Mesh(mesh.V[: 2 * BODY.n], mesh.F[: 2 * BODY.m]), own, METHOD, vertices=80)
+    without = deform_components(Mesh(mesh.V[: 2 * BODY.n], mesh.F[: 2 * BODY.m]), own, METHOD, vertices=80)
     assert np.array_equal(result.vertices[: 2 * BODY.n], without.vertices)
 
 
-def test_a_loose_component_of_several_pieces_stays_together():
+def test_an_unconstrained_component_that_was_cut_stays_together():
     mesh, fin = BODY, t_fin()
     fin = Mesh(0.02 * fin.V + BODY.V[np.argmax(BODY.V[:, 2])], fin.F)
-    result = deform_pieces(beside(mesh, fin), ends(mesh), METHOD, vertices=60, carry_loose=True)
+    result = deform_components(beside(mesh, fin), ends(mesh), METHOD, vertices=60, carry_unconstrained=True)
     rest, moved = fin.V, result.vertices[mesh.n :]
     lengths = [np.linalg.norm(V[:, None] - V[None], axis=2) for V in (rest, moved)]
-    assert np.allclose(*lengths, atol=1e-12) and result.extra["carried"] == 1
+    assert np.allclose(*lengths, atol=1e-12) and result.extra["unconstrained"] == 1
 
 
 @pytest.mark.parametrize(
@@ -193,21 +196,22 @@ def test_what_does_not_fit_is_refused(handles, vertices, words):
     mesh = beside(BODY, Mesh(BODY.V + 9, BODY.F))
     own = of_all((ends(BODY), 0), (ends(Mesh(BODY.V + 9, BODY.F)), BODY.n))
     with pytest.raises(InputError, match=words):
-        deform_pieces(mesh, handles or own, METHOD, vertices=vertices)
+        deform_components(mesh, handles or own, METHOD, vertices=vertices)
 
 
-def test_a_piece_that_fails_is_named():
+def test_a_component_that_fails_is_named():
     flat = Mesh(BODY.V * [0, 0, 1] + [5, 0, 0], BODY.F)
     mesh, own = beside(BODY, flat), of_all((ends(BODY), 0), (ends(flat), BODY.n))
     with pytest.raises(
-        InputError, match="the piece of 162 vertices around vertex 162 cannot be deformed: .* no area"
+        InputError,
+        match="the component of 162 vertices around vertex 162 cannot be deformed: .* no area",
     ):
-        deform_pieces(mesh, own, METHOD, vertices=100)
+        deform_components(mesh, own, METHOD, vertices=100)
 
 
-def test_progress_names_the_piece():
+def test_progress_names_the_component():
     stages = set()
     mesh = beside(BODY, Mesh(BODY.V + 9, BODY.F))
     own = of_all((ends(BODY), 0), (ends(Mesh(BODY.V + 9, BODY.F)), BODY.n))
-    deform_pieces(mesh, own, METHOD, vertices=80, progress=lambda stage, *_: stages.add(stage))
-    assert stages == {"piece 1 of 2", "piece 2 of 2"}
+    deform_components(mesh, own, METHOD, vertices=80, progress=lambda stage, *_: stages.add(stage))
+    assert stages == {"component 1 of 2", "component 2 of 2"}

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from sshade import DeformationTask, Handles, Mesh
-from sshade.pipeline.fine import STIFFNESS, STRAIN, sshade_fast, sshade_fine
+from sshade.pipeline.fast import STIFFNESS, STRAIN, sshade_fast
+from sshade.pipeline.fine import sshade_fine
 from sshade.solver.local_global import local_global
 from tests.shapes import bumpy, tube
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sshade import DeformationTask, Handles, InputError
-from sshade.pipeline.fine import sshade_fast
+from sshade.pipeline.fast import sshade_fast
 from sshade.pipeline.multilevel import multilevel
 from sshade.solver.local_global import local_global
 from tests.shapes import bent, bumpy, torus

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sshade import InputError, Mesh
-from sshade.carry.frames import TriangleFrames, frame_values
 from sshade.carry.projection import Projection
+from sshade.carry.triangle import TriangleFrames, frame_values
 from tests.shapes import bent, block, bumpy, icosphere, jittered, rotation, strip
 
 BODY = bumpy(2)
@@ -83,14 +83,6 @@ def test_a_coordinate_gives_way_exactly_where_its_gradient_is_under_the_threshol
     assert np.allclose(replaced.L[flat, :, 0], g, rtol=0, atol=1e-10)
 
 
-def test_a_box_takes_the_next_coordinate_on_the_faces_across_its_longest_one():
-    mesh = block(np.ones((2, 3, 5)))
-    across = np.abs(mesh.face_normals[:, 2]) == 1
-    values = frame_values(mesh, "extent")
-    assert np.array_equal(values[across], mesh.V[:, 1][mesh.F[across]])
-    assert np.array_equal(values[~across], mesh.V[:, 2][mesh.F[~across]])
-
-
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
 def test_given_values_are_scaled_by_range_over_diagonal_before_the_threshold(scale):
     f = np.maximum(BODY.V[:, 2], 0) + 0.02 * BODY.V[:, 0]
@@ -101,12 +93,6 @@ def test_given_values_are_scaled_by_range_over_diagonal_before_the_threshold(sca
     values = frame_values(BODY, scale * f)
     assert np.array_equal(values[flat], frame_values(BODY, "best")[flat])
     assert np.allclose(values[~flat], unit[BODY.F[~flat]], rtol=1e-12)
-
-
-def test_a_shift_or_scale_of_given_values_leaves_the_frames():
-    f = BODY.V @ [0.3, 0.5, 0.7] + 0.2 * np.sin(3 * BODY.V[:, 0])
-    a, b = TriangleFrames.at_rest(BODY, f), TriangleFrames.at_rest(BODY, 1000 * f - 7)
-    assert np.allclose(a.L, b.L, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -131,15 +117,6 @@ def test_decoding_what_was_encoded_gives_the_points_back(seed, function):
     back, degenerate = frames.decode(frames.encode(points, at(face)), BODY.V, on=at(face))
     assert degenerate == 0
     assert np.allclose(back, points, rtol=0, atol=1e-14 * BODY.diagonal)
-
-
-def test_coordinates_are_lengths_along_the_axes_from_the_barycentre():
-    frames = TriangleFrames.at_rest(BODY, "best")
-    points, face = np.random.default_rng(0).normal(size=(30, 3)), np.arange(30) * 5
-    local = frames.encode(points, at(face))
-    for i in range(30):
-        expected = np.linalg.solve(frames.L[face[i]], points[i] - frames.origin[face[i]])
-        assert np.allclose(local[i], expected, rtol=0, atol=1e-13)
 
 
 def test_a_rigid_motion_of_the_proxy_moves_points_with_it():
@@ -254,21 +231,6 @@ def test_patches_of_zero_area_triangles_are_filled_from_their_rim():
     # Every frame is a rotation of the rest frame, so that offsets keep their length.
     offsets = moved - NV[BODY.F].mean(axis=1)
     assert np.allclose(np.linalg.norm(offsets, axis=1), 0.1, rtol=1e-12)
-
-
-def test_on_a_rigid_motion_filled_frames_are_exact():
-    # Rest triangles without area, with neighbours that all turn alike.
-    V = strip(4, 3).V.copy()
-    a, b, c = strip(4, 3).F[8]
-    V[c] = 0.5 * (V[a] + V[b])
-    mesh = Mesh(V, strip(4, 3).F)
-    frames = TriangleFrames.at_rest(mesh, "best")
-    assert frames.degenerate[8]
-    turn = rotation(6)
-    points, face = np.random.default_rng(3).normal(size=(mesh.m, 3)), np.arange(mesh.m)
-    moved, count = frames.decode(frames.encode(points, at(face)), V @ turn.T, on=at(face))
-    assert count == frames.degenerate.sum()
-    assert np.allclose(moved, points @ turn.T, rtol=0, atol=1e-12 * mesh.diagonal)
 
 
 def test_a_proxy_without_any_frame_keeps_its_points_unturned():

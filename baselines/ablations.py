@@ -1,0 +1,174 @@
+"""SShaDe with one of its choices undone, for the ablations.
+
+Two choices: where handles go on the proxy, and where vertices go on it. ReMatching's map U takes
+the nearest point of the whole proxy, in place of P (:mod:`sshade.carry.projection`); where parts
+of the surface nearly touch it takes vertices across to the wrong part.
+
+F. Maggioli, D. Baieri, S. Melzi, E. Rodola, "ReMatching: low-resolution representations for
+scalable shape correspondence", 2024.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal, Unpack
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from sshade.carry.projection import Projection, project_to_fans
+from sshade.errors import InputError
+from sshade.mesh.adjacency import VertexGraph, vertex_graph
+from sshade.mesh.mesh import Mesh
+from sshade.mesh.rigid import rigid_motion
+from sshade.pipeline.deform import deform, sample_with_handles
+from sshade.pipeline.proxies import ProxyOptions
+from sshade.sampling.remesh import Remesh, remesh
+from sshade.task import DeformationResult, DeformationTask, Handles, Method, Progress, silent
+
+#: A projection crosses to another part beyond so many covering radii: samples whose regions
+#: touch lie nearer to each other, but for one edge of M.
+FAR = 2.0
+
+
+def sshade_ablated(
+    task: DeformationTask,
+    *,
+    projection: Literal["fan", "surface"] = "fan",
+    handle_mode: Literal["samples", "nearest"] = "samples",
+    coarse: Method | None = None,
+    progress: Progress = silent,
+    **options: Unpack[ProxyOptions],
+) -> DeformationResult:
+    """:func:`sshade.deform` with another projection, or other handles on the proxy.
+
+    Parameters
+    ----------
+    task : DeformationTask
+    projection : {"fan", "surface"}
+        P, onto the fan around a vertex's sample, or U, onto the whole proxy.
+    handle_mode : {"samples", "nearest"}
+        Handle vertices as vertices of every proxy, or handles given to the samples of their regions.
+    coarse, progress, **options
+        See :func:`sshade.deform`.
+
+    Returns
+    -------
+    DeformationResult
+        ``extra`` has besides the mean number ``far_vertices`` of cross-part projections
+        (:func:`cross_part`), and the same as ``far_share`` in percent.
+
+    Raises
+    ------
+    InputError
+        On an unknown choice, and those of :func:`sshade.deform`.
+    """
+    projections = {"fan": project_to_fans, "surface": project_to_surface}
+    samplers = {"samples": sample_with_handles, "nearest": sample_nearest_to_handles}
+    if projection not in projections:
+        raise InputError(f"unknown projection {projection!r}; use 'fan' or 'surface'")
+    if handle_mode not in samplers:
+        raise InputError(f"unknown handle mode {handle_mode!r}; use 'samples' or 'nearest'")
+    counts = []
+
+    def counted(V: np.ndarray, proxy: Mesh, remeshed: Remesh) -> Projection:
+        found = projections[projection](V, proxy, remeshed)
+        counts.append(int(cross_part(found, proxy, remeshed).sum()))
+        return found
+
+    result = deform(
+        task,
+        coarse=coarse,
+        sample=samplers[handle_mode],
+        projection=counted,
+        progress=progress,
+        **options,
+    )
+    far = float(np.mean(counts))
+    facts = {"far_vertices": far, "far_share": 100 * far / task.mesh.n}
+    return replace(result, extra={**result.extra, **facts})
+
+
+def project_to_surface(V: np.ndarray, proxy: Mesh, remeshed: Remesh) -> Projection:
+    """U: the nearest point of all of N.
+
+    Parameters
+    ----------
+    V : (n, 3) float64
+        Vertices of M.
+    proxy : Mesh
+        N.
+    remeshed : Remesh
+        Unused: regions do not restrict U.
+    """
+    import igl
+
+    squared, face, point = igl.point_mesh_squared_distance(V, np.array(proxy.V), np.array(proxy.F))
+    corners = proxy.V[proxy.F[face]]
+    barycentric = igl.barycentric_coordinates(point, *(np.ascontiguousarray(corners[:, c]) for c in range(3)))
+    return Projection(np.asarray(face, dtype=np.int64), barycentric, np.sqrt(squared))
+
+
+def cross_part(projection: Projection, proxy: Mesh, remeshed: Remesh) -> np.ndarray:
+    """Vertices that a projection takes to another part of the surface than their own.
+
+    Those for which the way along edges of N, from the vertex's sample to the
+    nearest corner of its triangle, is longer than :data:`FAR` covering radii: the covering radius
+    is the largest graph distance of a vertex of M to its sample.
+    N has the topology of M, so there is no short way from an arm to the torso
+    that it touches. None where P is restricted to fans: the sample is a corner.
+
+    Parameters
+    ----------
+    projection : Projection
+    proxy : Mesh
+        N.
+    remeshed : Remesh
+
+    Returns
+    -------
+    (n,) bool
+    """
+    graph, region = vertex_graph(proxy), remeshed.region
+    lengths = csr_array((graph.lengths, graph.indices, graph.indptr), shape=(proxy.n, proxy.n))
+    corners = proxy.F[projection.face]
+    far = (corners != region[:, None]).all(axis=1)
+    samples, row = np.unique(region[far], return_inverse=True)
+    if len(samples):
+        # Infinite beyond the limit.
+        ways = dijkstra(lengths, indices=samples, limit=FAR * float(remeshed.distance.max()))
+        far[far] = np.isinf(ways[row[:, None], corners[far]].min(axis=1))
+    return far
+
+
+def sample_nearest_to_handles(
+    task: DeformationTask, vertices: int, seed: tuple[int, int], graph: VertexGraph
+) -> tuple[Remesh, Handles]:
+    """Sample M without regard to handles; each handle goes to the sample of its region.
+
+    A static one stays at the sample's place; a dynamic one goes where the handle's motion takes
+    it: t_i + R (p_s - p_i), R the rotation of the handle's group. Of several handles at one sample
+    the mean is taken.
+
+    Parameters
+    ----------
+    task, vertices, seed, graph
+        See :func:`sshade.pipeline.deform.sample_with_handles`.
+    """
+    mesh, handles = task.mesh, task.handles
+    remeshed = remesh(mesh, vertices, seed=seed, graph=graph)
+    sample = remeshed.region[handles.index].astype(np.int64)
+    at_sample, at_handle = mesh.V[remeshed.samples[sample]], mesh.V[handles.index]
+    moved = np.where(handles.dynamic[:, None], handles.target, at_sample)
+    for group in np.unique(handles.group[handles.dynamic]):
+        own = handles.dynamic & (handles.group == group)
+        R, _ = rigid_motion(at_handle[own], handles.target[own])
+        moved[own] += (at_sample[own] - at_handle[own]) @ R.T
+    index, first, inverse, count = np.unique(
+        sample, return_index=True, return_inverse=True, return_counts=True
+    )
+    mean = np.stack([np.bincount(inverse, moved[:, c]) for c in range(3)], axis=1) / count[:, None]
+    dynamic = np.bincount(inverse, handles.dynamic) > 0
+    merged = len(sample) - len(index)
+    return remeshed, Handles(index, mean, dynamic=dynamic, group=handles.group[first], merged=merged)

@@ -1,0 +1,121 @@
+"""Bindings as files: what carries a proxy's edits back to its mesh, besides the mesh itself."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from typing import Any
+
+import numpy as np
+
+from sshade.carry.binding import Binding
+from sshade.carry.kinds import FrameKind, frame_maker
+from sshade.carry.projection import Projection
+from sshade.carry.triangle import TriangleFrames
+from sshade.errors import InputError
+from sshade.io.files import reason
+from sshade.mesh.mesh import Mesh
+from sshade.sampling.remesh import Remesh, proxy_mesh
+
+
+def save_binding(path: str | os.PathLike[str], binding: Binding) -> None:
+    """Write what :func:`load_binding` needs besides the mesh, as an .npz."""
+    frames, remeshed, on_proxy = binding.frames, binding.remesh, binding.projection
+    values: dict[str, Any] = {"values": frames.values} if isinstance(frames, TriangleFrames) else {}
+    with open(path, "wb") as file:
+        np.savez(
+            file,
+            vertices=len(binding.local),
+            mesh=_digest(binding.mesh.F),
+            samples=remeshed.samples,
+            faces=remeshed.faces,
+            region=remeshed.region,
+            distance=remeshed.distance,
+            face=on_proxy.face,
+            barycentric=on_proxy.barycentric,
+            to_proxy=on_proxy.distance,
+            frames=frames.name,
+            **values,
+        )
+
+
+def load_binding(path: str | os.PathLike[str], mesh: Mesh, *, frames: FrameKind | None = None) -> Binding:
+    """Read a binding written by :func:`save_binding`, for the mesh that it was made of.
+
+    Parameters
+    ----------
+    path : path
+    mesh : Mesh
+    frames : {"triangle", "affine", "blended", "blended_affine"}, optional
+        Instead of the kind that the binding was saved with. ``triangle`` frames follow the
+        saved f, or the default one where other frames were saved.
+
+    Raises
+    ------
+    InputError
+        When the file is unreadable, incomplete, or of a mesh with other counts or faces.
+    """
+    arrays = _read(path)
+    try:
+        if arrays["vertices"] != mesh.n or arrays["samples"].max() >= mesh.n:
+            raise InputError(
+                f"the map is of a mesh with {arrays['vertices']} vertices, this one has {mesh.n}"
+            )
+        if str(arrays["mesh"]) != _digest(mesh.F):
+            raise InputError("the map is of a mesh with other faces; remesh this one")
+        remeshed = Remesh(*(arrays[name] for name in ("samples", "faces", "region", "distance")))
+        on_proxy = Projection(*(arrays[name] for name in ("face", "barycentric", "to_proxy")))
+        _require_fit(remeshed, on_proxy, arrays.get("values"), mesh.n)
+        proxy, saved = proxy_mesh(mesh, remeshed), str(arrays["frames"])
+        made = frame_maker(saved, mesh)(proxy, remeshed.samples)  # type: ignore[arg-type]
+        if (frames or saved) == "triangle" and "values" in arrays:
+            made = TriangleFrames.of_values(proxy, arrays["values"])
+        elif frames:
+            made = frame_maker(frames, mesh)(proxy, remeshed.samples)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    except (KeyError, IndexError, TypeError, ValueError) as error:
+        raise _not_a_map(path, error) from error
+    return Binding(mesh, remeshed, proxy, on_proxy, made, made.encode(mesh.V, on_proxy), {})
+
+
+def _read(path: str | os.PathLike[str]) -> dict[str, Any]:
+    try:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
+            return {name: data[name] for name in data.files}
+    except Exception as error:  # zipfile and numpy fail in many ways, all of them the file's fault
+        raise _not_a_map(path, error) from error
+
+
+def _not_a_map(path: str | os.PathLike[str], error: Exception) -> InputError:
+    why = " ".join(str(reason(error) if isinstance(error, OSError) else error).split())
+    return InputError(f"{path}: not a map written by `sshade remesh` ({why})")
+
+
+def _digest(F: np.ndarray) -> str:
+    return hashlib.sha256(F.tobytes()).hexdigest()
+
+
+def _require_fit(remeshed: Remesh, on_proxy: Projection, values: np.ndarray | None, n: int) -> None:
+    """Raise ValueError unless the arrays of a map fit together: kernels would read out of bounds."""
+    k, faces = len(remeshed.samples), len(remeshed.faces)
+    ids: list[tuple[np.ndarray, tuple[int, ...], int]] = [
+        (remeshed.samples, (k,), n),
+        (remeshed.faces, (faces, 3), k),
+        (remeshed.region, (n,), k),
+        (on_proxy.face, (n,), faces),
+    ]
+    reals: list[tuple[np.ndarray, tuple[int, ...]]] = [
+        (remeshed.distance, (n,)),
+        (on_proxy.distance, (n,)),
+        (on_proxy.barycentric, (n, 3)),
+    ]
+    if values is not None:
+        reals.append((values, (faces, 3)))
+    sound = all(
+        a.shape == shape and a.dtype.kind == "i" and a.min() >= 0 and a.max() < end for a, shape, end in ids
+    )
+    if not sound or not all(
+        a.shape == shape and a.dtype == np.float64 and np.isfinite(a).all() for a, shape in reals
+    ):
+        raise ValueError("its arrays do not fit together")

@@ -1,0 +1,56 @@
+"""What stands in for a frame or a map that is undefined: the mean of its neighbours'."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+
+def fill_from_neighbours(
+    values: np.ndarray,
+    known: np.ndarray,
+    *,
+    pairs: np.ndarray,
+    onto: Callable[[np.ndarray], np.ndarray] | None = None,
+) -> np.ndarray:
+    """Replace unknown 3 x 3 matrices by the mean of their known neighbours', ring by ring inwards.
+
+    Parameters
+    ----------
+    values : (k, 3, 3) float64
+    known : (k,) bool
+    pairs : (e, 2) int
+        Which entries are neighbours.
+    onto : callable, optional
+        Takes the means (j, 3, 3) of a ring to what stands for them, such as the nearest rotations.
+
+    Returns
+    -------
+    (k, 3, 3) float64
+        `values` itself where all are known. The identity where no known entry is connected.
+    """
+    if known.all():
+        return values
+    flat, known = np.where(known[:, None], values.reshape(-1, 9), 0.0), known.copy()
+    one, two = np.concatenate([pairs, pairs[:, ::-1]]).T
+    while True:
+        use = known[two] & ~known[one]
+        ready = np.unique(one[use])
+        if len(ready) == 0:
+            flat[~known] = np.eye(3).ravel()
+            return flat.reshape(-1, 3, 3)
+        count = np.bincount(one[use], minlength=len(known))
+        total = [np.bincount(one[use], flat[two[use], r], len(known)) for r in range(9)]
+        mean = np.stack(total, axis=1)[ready] / count[ready, None]
+        flat[ready] = mean if onto is None else onto(mean.reshape(-1, 3, 3)).reshape(-1, 9)
+        known[ready] = True
+
+
+def adjacent_triangles(F: np.ndarray) -> np.ndarray:
+    """(p, 2) pairs of triangles that share an edge; F (l, 3) must be manifold."""
+    import igl
+
+    beside = np.asarray(igl.triangle_triangle_adjacency(np.array(F))[0])
+    pairs = np.stack([np.repeat(np.arange(len(F)), 3), beside.ravel()], axis=1)
+    return pairs[pairs[:, 0] < pairs[:, 1]]

@@ -1,0 +1,244 @@
+"""The paper's local reference frames, rigid ones on triangles, and coordinates in them.
+
+    v_t = L_t^-1 (v - b_t)          encoded on N at rest
+    v'  = L_t' v_t + b_t'           decoded on N'
+
+L_t = (g_t, w_t, n_t): g_t the direction of the gradient of a scalar f on
+triangle t, n_t its unit normal, w_t = g_t x n_t; the origin b_t is the barycentre. (SShaDe; after
+S. Melzi, R. Spezialetti, F. Tombari, M. Bronstein, L. Di Stefano, E. Rodola, "GFrames:
+gradient-based local reference frame for 3D shape matching", 2019.) The gradient is normalised:
+with its own length in L, a stretch of the triangle along g would come out inverted. L_t is
+orthogonal with determinant -1, which cancels between the rest and the deformed frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numba import njit
+
+from sshade.carry.frames import ZERO_AREA, FrameMaker
+from sshade.carry.neighbours import adjacent_triangles, fill_from_neighbours
+from sshade.carry.projection import Projection
+from sshade.errors import InputError
+from sshade.mesh.mesh import Mesh
+
+#: Under this length of its tangential gradient, f is replaced on a triangle (coordinates are unitless).
+FLAT = 0.1
+
+
+def frame_values(proxy: Mesh, function: str | np.ndarray = "extent") -> np.ndarray:
+    """The values of f at the corners of each triangle of the rest proxy, chosen once and for all.
+
+    Parameters
+    ----------
+    proxy : Mesh
+        N at rest.
+    function : {"extent", "best", "x", "y", "z"} or (k,) float64
+        ``extent``: the coordinate of largest extent, as in the paper. ``best``:
+        on each triangle the coordinate of largest gradient, which is never
+        under sqrt(2/3). Or one value for each vertex of N. Where the tangential
+        gradient is under :data:`FLAT` another function takes over: for a
+        coordinate, the one of next largest extent; for given values, ``best``.
+        Given values are divided by their range over the diagonal first, so
+        that the threshold means the same.
+
+    Returns
+    -------
+    (l, 3) float64
+
+    Raises
+    ------
+    InputError
+        On an unknown name, values of another length, or constant values.
+    """
+    best = _best_coordinate(proxy)
+    order = np.argsort(-np.ptp(proxy.V, axis=0), kind="stable")
+    if isinstance(function, str):
+        if function == "best":
+            return best
+        named = {"extent": order[0], "x": 0, "y": 1, "z": 2}
+        if function not in named:
+            raise InputError(f"unknown frame function {function!r}; use extent, best, x, y or z")
+        axis = named[function]
+        second = order[1] if axis == order[0] else order[0]
+        first, fallback = proxy.V[:, axis][proxy.F], proxy.V[:, second][proxy.F]
+    else:
+        values = np.asarray(function, dtype=np.float64)
+        if values.shape != (proxy.n,) or not np.isfinite(values).all():
+            raise InputError(
+                f"a frame function needs {proxy.n} finite values, one a proxy vertex, not {values.shape}"
+            )
+        if np.ptp(values) == 0:
+            raise InputError("the frame function is constant; it needs a gradient")
+        first, fallback = values[proxy.F] * (proxy.diagonal / np.ptp(values)), best
+    flat = _gradient_length(proxy, first) < FLAT
+    return np.where(flat[:, None], fallback, first)
+
+
+def _gradient_length(mesh: Mesh, values: np.ndarray) -> np.ndarray:
+    """(l,) lengths of the tangential gradient; 0 on zero-area triangles."""
+    a, b, c = (mesh.V[mesh.F[:, i]] for i in range(3))
+    normal = np.cross(b - a, c - a)
+    gradient = (values[:, 1] - values[:, 0])[:, None] * np.cross(c - a, normal)
+    gradient += (values[:, 2] - values[:, 0])[:, None] * np.cross(normal, b - a)
+    squared = (normal**2).sum(axis=1)
+    length = np.linalg.norm(gradient, axis=1)
+    return np.divide(length, squared, out=np.zeros(len(squared)), where=squared > 0)
+
+
+def _best_coordinate(mesh: Mesh) -> np.ndarray:
+    """(l, 3) corner values of the coordinate of largest tangential gradient."""
+    # Along axis c the tangential gradient has length sqrt(1 - n_c^2).
+    axis = np.argmin(np.abs(mesh.face_normals), axis=1)
+    return np.take_along_axis(mesh.V[mesh.F], axis[:, None, None], axis=2)[:, :, 0]
+
+
+def triangle_frames(function: str | np.ndarray = "extent") -> FrameMaker:
+    """The maker of :class:`TriangleFrames` for a frame function f.
+
+    Parameters
+    ----------
+    function : {"extent", "best", "x", "y", "z"} or (n,) float64
+        See :func:`frame_values`; an array gives f at each vertex of M.
+    """
+
+    def make(proxy: Mesh, samples: np.ndarray) -> TriangleFrames:
+        named = isinstance(function, str)
+        return TriangleFrames.at_rest(proxy, function if named else np.asarray(function)[samples])
+
+    return make
+
+
+@dataclass(frozen=True, eq=False)
+class TriangleFrames:
+    """The rigid frames of a proxy's triangles at rest.
+
+    Parameters
+    ----------
+    F : (l, 3) int64
+        Triangles of N.
+    values : (l, 3) float64
+        f at their corners; see :func:`frame_values`.
+    L : (l, 3, 3) float64
+        Rest frames, g, w and n as columns; the identity on zero-area triangles.
+    origin : (l, 3) float64
+        Barycentres at rest.
+    degenerate : (l,) bool
+        Zero-area triangles of the rest proxy.
+    """
+
+    name: ClassVar[str] = "triangle"
+
+    F: np.ndarray
+    values: np.ndarray
+    L: np.ndarray
+    origin: np.ndarray
+    degenerate: np.ndarray
+
+    @classmethod
+    def at_rest(cls, proxy: Mesh, function: str | np.ndarray = "extent") -> TriangleFrames:
+        """Frames of a rest proxy for a frame function; see :func:`frame_values`."""
+        return cls.of_values(proxy, frame_values(proxy, function))
+
+    @classmethod
+    def of_values(cls, proxy: Mesh, values: np.ndarray) -> TriangleFrames:
+        """Frames of a rest proxy for the (l, 3) corner values of f."""
+        L, origin, degenerate = _frames(proxy.V, proxy.F, values, ZERO_AREA)
+        return cls(proxy.F, values, L, origin, degenerate)
+
+    def encode(self, V: np.ndarray, on: Projection) -> np.ndarray:
+        """Coordinates v_t = L_t^-1 (v - b_t); see :class:`sshade.carry.frames.Frames`."""
+        return _encode(V, on.face, self.L, self.origin)
+
+    def decode(
+        self, local: np.ndarray, NV: np.ndarray, *, on: Projection, rotations: np.ndarray | None = None
+    ) -> tuple[np.ndarray, int]:
+        """Points L_t' v_t + b_t'; see :class:`sshade.carry.frames.Frames`.
+
+        A zero-area triangle has no frame L': R L stands in its place, R the rotation nearest to
+        the mean of L' L^T over its edge neighbours.
+        """
+        L, origin, degenerate = _frames(NV, self.F, self.values, ZERO_AREA)
+        missing = degenerate | self.degenerate
+        if missing.any():
+            turns = fill_from_neighbours(
+                L @ self.L.transpose(0, 2, 1),
+                ~missing,
+                pairs=adjacent_triangles(self.F),
+                onto=_nearest_rotations,
+            )
+            L[missing] = turns[missing] @ self.L[missing]
+        return _decode(local, on.face, L, origin), int(missing.sum())
+
+
+def _nearest_rotations(M: np.ndarray) -> np.ndarray:
+    """(k, 3, 3) rotations R that maximise tr(R^T M), of matrices (k, 3, 3)."""
+    U, _, Vt = np.linalg.svd(M)
+    U[:, :, 2] *= np.linalg.det(U @ Vt)[:, None]
+    return U @ Vt
+
+
+@njit(cache=True, nogil=True)
+def _frames(V, F, values, zero_area):
+    m = F.shape[0]
+    L = np.empty((m, 3, 3), dtype=np.float64)
+    origin = np.empty((m, 3), dtype=np.float64)
+    degenerate = np.zeros(m, dtype=np.bool_)
+    e1, e2, normal, g = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    for t in range(m):
+        a, b, c = F[t, 0], F[t, 1], F[t, 2]
+        for x in range(3):
+            origin[t, x] = (V[a, x] + V[b, x] + V[c, x]) / 3.0
+            e1[x], e2[x] = V[b, x] - V[a, x], V[c, x] - V[a, x]
+        for x in range(3):
+            normal[x] = e1[(x + 1) % 3] * e2[(x + 2) % 3] - e1[(x + 2) % 3] * e2[(x + 1) % 3]
+        l1, l2, l3 = 0.0, 0.0, 0.0
+        for x in range(3):
+            l1 += e1[x] * e1[x]
+            l2 += e2[x] * e2[x]
+            l3 += (e1[x] - e2[x]) ** 2
+        longest = max(l1, l2, l3)
+        doubled = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
+        df1, df2 = values[t, 1] - values[t, 0], values[t, 2] - values[t, 0]
+        # The gradient times the squared doubled area; only its direction counts.
+        for x in range(3):
+            y, z = (x + 1) % 3, (x + 2) % 3
+            g[x] = df1 * (e2[y] * normal[z] - e2[z] * normal[y])
+            g[x] += df2 * (normal[y] * e1[z] - normal[z] * e1[y])
+        length = np.sqrt(g[0] ** 2 + g[1] ** 2 + g[2] ** 2)
+        if doubled <= zero_area * longest or length == 0.0:
+            degenerate[t] = True
+            L[t] = np.eye(3)
+            continue
+        for x in range(3):
+            L[t, x, 0] = g[x] / length
+            L[t, x, 2] = normal[x] / doubled
+        for x in range(3):
+            y, z = (x + 1) % 3, (x + 2) % 3
+            L[t, x, 1] = L[t, y, 0] * L[t, z, 2] - L[t, z, 0] * L[t, y, 2]
+    return L, origin, degenerate
+
+
+@njit(cache=True, nogil=True)
+def _encode(V, face, L, origin):
+    local = np.empty((V.shape[0], 3), dtype=np.float64)
+    for i in range(V.shape[0]):
+        t = face[i]
+        x, y, z = V[i, 0] - origin[t, 0], V[i, 1] - origin[t, 1], V[i, 2] - origin[t, 2]
+        for a in range(3):
+            local[i, a] = L[t, 0, a] * x + L[t, 1, a] * y + L[t, 2, a] * z
+    return local
+
+
+@njit(cache=True, nogil=True)
+def _decode(local, face, L, origin):
+    V = np.empty((local.shape[0], 3), dtype=np.float64)
+    for i in range(local.shape[0]):
+        t = face[i]
+        x, y, z = local[i, 0], local[i, 1], local[i, 2]
+        for a in range(3):
+            V[i, a] = L[t, a, 0] * x + L[t, a, 1] * y + L[t, a, 2] * z + origin[t, a]
+    return V

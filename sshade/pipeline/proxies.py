@@ -1,0 +1,226 @@
+"""The proxies of a mesh: how they are sampled and bound, and how their results are averaged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from threading import Lock
+from time import perf_counter
+from typing import Any, TypedDict
+
+import numpy as np
+
+from sshade.carry.binding import Binding, bind_proxy
+from sshade.carry.frames import FrameMaker
+from sshade.carry.kinds import FrameKind, frame_maker
+from sshade.errors import InputError
+from sshade.mesh.adjacency import VertexGraph, vertex_graph
+from sshade.mesh.mesh import Mesh
+from sshade.sampling.remesh import remesh
+from sshade.task import DeformationResult
+from sshade.threads import in_threads, number_of_workers
+
+
+class ProxyOptions(TypedDict, total=False):
+    """The keyword options of everything that makes proxies, as ``**options: Unpack[ProxyOptions]``.
+
+    Attributes
+    ----------
+    vertices : int
+        Vertices of each proxy N, before refinement adds the few that the topology needs;
+        6000 by default, as in the paper.
+    samplings : int
+        k, the number of different proxies whose results are averaged.
+    frames : {"triangle", "affine", "blended", "blended_affine"} or FrameMaker
+        The local frames that carry M along; see :func:`sshade.carry.kinds.frame_maker`. The
+        paper's are ``triangle``.
+    frame_function : {"extent", "best", "x", "y", "z"} or (n,) float64
+        f, whose gradient directs ``triangle`` frames; see :func:`sshade.carry.triangle.frame_values`.
+        By default ``extent``.
+    workers : int, optional
+        Threads that share the samplings; by default two for each CPU. No influence on results.
+    seed : int
+        The samplings differ in the random vertex that follows the handles, which it chooses.
+    """
+
+    vertices: int
+    samplings: int
+    frames: FrameKind | FrameMaker
+    frame_function: str | np.ndarray
+    workers: int | None
+    seed: int
+
+
+class Proxies:
+    """The proxies of a mesh for given options, and what they share.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        M: manifold, oriented, one component; boundary is fine.
+    vertices, samplings, frames, frame_function, workers, seed
+        See :class:`ProxyOptions`.
+
+    Raises
+    ------
+    InputError
+        On another mesh, fewer than one sampling or worker, or unknown frames.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        *,
+        vertices: int = 6000,
+        samplings: int = 1,
+        frames: FrameKind | FrameMaker = "triangle",
+        frame_function: str | np.ndarray = "extent",
+        workers: int | None = None,
+        seed: int = 0,
+    ) -> None:
+        if samplings < 1:
+            raise InputError(f"{samplings} samplings were asked for; at least one is needed")
+        number_of_workers(workers, default=1)  # checked before any work
+        self.frames = frame_maker(frames, mesh, frame_function=frame_function)
+        mesh.require_manifold()
+        mesh.require_one_component()
+        begin = perf_counter()
+        self.mesh, self.graph = mesh, vertex_graph(mesh)
+        self._shared = perf_counter() - begin
+        self.vertices, self.samplings, self.workers, self.seed = vertices, samplings, workers, seed
+
+    def bind(self, number: int, *, first: np.ndarray | None = None) -> Binding:
+        """Sample and bind one proxy; `first` (h,) are vertices of M that it has."""
+        return bind(
+            self.mesh,
+            self.vertices,
+            first=first,
+            seed=(self.seed, number),
+            frames=self.frames,
+            graph=self.graph,
+        )
+
+    def average(self, one: Callable[[int], DeformationResult]) -> DeformationResult:
+        """The mean M' over samplings, ``one(0)`` to ``one(samplings - 1)``, which run in threads.
+
+        Positions are summed in the order of the samplings, whatever the number of threads, and
+        each is let go of once it is in the sum. ``seconds`` are summed; for ``extra`` see
+        :data:`FACTS`.
+        """
+        mean = _RunningMean(self.samplings)
+
+        def summed(number: int) -> DeformationResult:
+            result = one(number)
+            mean.add(number, result.vertices)
+            return replace(result, vertices=np.empty((0, 3)))
+
+        results = in_threads(summed, self.samplings, workers=self.workers)
+        whole = joined(mean.total / self.samplings, results, FACTS)
+        seconds = dict(whole.seconds)
+        if "remesh" in seconds:
+            seconds["remesh"] += self._shared
+        return replace(whole, seconds=seconds, extra={"samplings": self.samplings, **whole.extra})
+
+
+def bind(
+    mesh: Mesh,
+    vertices: int = 6000,
+    *,
+    first: np.ndarray | None = None,
+    seed: int | tuple[int, ...] = 0,
+    frames: FrameKind | FrameMaker = "triangle",
+    frame_function: str | np.ndarray = "extent",
+    graph: VertexGraph | None = None,
+) -> Binding:
+    """Sample a mesh M to a proxy N, project M onto N and encode M in N's frames.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        M: manifold, oriented, one component.
+    vertices, frames, frame_function
+        See :class:`ProxyOptions`.
+    first : (h,) int, optional
+        Vertices of M that become the first ones of N.
+    seed : int or tuple of int
+        Chooses the random vertex that follows them.
+    graph : VertexGraph, optional
+        The mesh's :func:`sshade.mesh.adjacency.vertex_graph`, where several bindings share it.
+
+    Raises
+    ------
+    InputError
+        See :func:`sshade.sampling.remesh.remesh`, :func:`sshade.carry.kinds.frame_maker` and
+        :func:`sshade.carry.triangle.frame_values`.
+    """
+    maker = frame_maker(frames, mesh, frame_function=frame_function)
+    begin = perf_counter()
+    remeshed = remesh(mesh, vertices, first=first, seed=seed, graph=graph)
+    seconds = {"remesh": perf_counter() - begin}
+    binding = bind_proxy(mesh, remeshed, frames=maker)
+    return replace(binding, seconds={**seconds, **binding.seconds})
+
+
+class _RunningMean:
+    """The sum of arrays that come in any order, added up in the order of their numbers."""
+
+    def __init__(self, count: int) -> None:
+        self.total: Any = None
+        self._next, self._early, self._lock = 0, dict[int, np.ndarray](), Lock()
+
+    def add(self, number: int, array: np.ndarray) -> None:
+        """Add an array, once all those of lower numbers are in."""
+        with self._lock:
+            self._early[number] = array
+            while self._next in self._early:
+                array = self._early.pop(self._next)
+                self.total = array if self._next == 0 else self.total + array
+                self._next += 1
+
+
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean(values))
+
+
+def _distinct(values: Sequence[str]) -> str:
+    return ", ".join(dict.fromkeys(values))
+
+
+#: What one fact of an average is, from those of its samplings; others are left out.
+FACTS: Mapping[str, Callable[[Any], Any]] = {
+    "proxy_vertices": _mean,
+    "added_samples": sum,
+    "degenerate_frames": sum,
+    "residual": max,
+    "energy": list,
+    "proxy_energy": _mean,
+    "proxy_volume_error": max,
+    "proxy_area_error": max,
+    "proxy_volume_constraint": _distinct,
+    "proxy_area_constraint": _distinct,
+    "proxy_coarser_iterations": _mean,
+}
+
+
+def joined(
+    vertices: np.ndarray, results: Sequence[DeformationResult], facts: Mapping[str, Callable[[Any], Any]]
+) -> DeformationResult:
+    """One result for several: mean iterations, converged if all are, seconds summed, facts by their rules.
+
+    Parameters
+    ----------
+    vertices : (n, 3) float64
+    results : sequence of DeformationResult
+    facts : mapping
+        For names in ``extra`` what makes one value of those of the results that have it.
+    """
+    converged = [result.converged for result in results]
+    stages = dict.fromkeys(stage for result in results for stage in result.seconds)
+    found = {name: [r.extra[name] for r in results if name in r.extra] for name in facts}
+    return DeformationResult(
+        vertices=vertices,
+        iterations=_mean([result.iterations for result in results]),
+        converged=None if None in converged else all(converged),
+        seconds={stage: sum(r.seconds.get(stage, 0.0) for r in results) for stage in stages},
+        extra={name: facts[name](values) for name, values in found.items() if values},
+    )

@@ -1,0 +1,130 @@
+"""What the ablations put in the place of the method's own choices."""
+
+from __future__ import annotations
+
+import igl
+import numpy as np
+import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+
+from baselines.ablations import (
+    FAR,
+    cross_part,
+    project_to_surface,
+    sample_nearest_to_handles,
+    sshade_ablated,
+)
+from sshade import DeformationTask, Handles, InputError, Mesh, deform
+from sshade.carry.projection import project_to_fans
+from sshade.mesh.adjacency import vertex_graph
+from sshade.mesh.rigid import rigid_motion
+from sshade.sampling.remesh import Remesh, proxy_mesh, remesh
+from sshade.solver.local_global import local_global
+from tests.baselines.tasks import held_ends
+from tests.shapes import bumpy, folded, rotation
+
+ROUNDING = 1e-12
+
+
+@pytest.fixture(scope="module")
+def laid_back():
+    """A strip folded onto itself, whose two layers nearly touch."""
+    mesh = folded()
+    result = remesh(mesh, 120, seed=1)
+    return mesh, result, proxy_mesh(mesh, result)
+
+
+def test_by_default_it_is_the_method():
+    task = held_ends(bumpy(3), turn=np.eye(3))
+    options = {"vertices": 150, "samplings": 2, "seed": 4}
+    ablated, plain = sshade_ablated(task, **options), deform(task, **options)
+    assert np.array_equal(ablated.vertices, plain.vertices)
+    assert ablated.extra == {**plain.extra, "far_vertices": 0.0, "far_share": 0.0}
+    for name, choice in (("projection", "normal"), ("handle_mode", "first")):
+        with pytest.raises(InputError, match=f"unknown .* '{choice}'; use"):
+            sshade_ablated(task, **{name: choice})
+
+
+@pytest.mark.parametrize("level", [2, 3])
+def test_the_unrestricted_map_is_the_nearest_of_all_triangles(level):
+    mesh = bumpy(level)
+    result = remesh(mesh, 40, seed=1)
+    proxy = proxy_mesh(mesh, result)
+    projection = project_to_surface(mesh.V, proxy, result)
+    squared = igl.point_mesh_squared_distance(np.array(mesh.V), np.array(proxy.V), np.array(proxy.F))[0]
+    assert np.allclose(projection.distance**2, squared, rtol=1e-13, atol=0)
+    assert np.allclose(projection.barycentric.sum(axis=1), 1.0, rtol=0, atol=1e-12)
+    point = np.einsum("nc,ncx->nx", projection.barycentric, proxy.V[proxy.F[projection.face]])
+    gap = np.linalg.norm(point - mesh.V, axis=1)
+    assert np.allclose(gap, projection.distance, rtol=0, atol=1e-12 * mesh.diagonal)
+    fan = project_to_fans(mesh.V, proxy, result)
+    assert (fan.distance >= projection.distance - 1e-14 * mesh.diagonal).all()
+
+
+def test_cross_part_projections_are_those_that_land_on_the_other_layer(laid_back):
+    mesh, result, proxy = laid_back
+    on_proxy = project_to_surface(mesh.V, proxy, result)
+    far = cross_part(on_proxy, proxy, result)
+    # By all shortest ways on the proxy.
+    i, j = proxy.edges.T
+    lengths = np.linalg.norm(proxy.V[i] - proxy.V[j], axis=1)
+    ways = dijkstra(coo_array((lengths, (i, j)), shape=(proxy.n, proxy.n)).tocsr(), directed=False)
+    nearest = ways[result.region[:, None], proxy.F[on_proxy.face]].min(axis=1)
+    assert np.array_equal(far, nearest > FAR * result.distance.max())
+    assert 50 < far.sum() < mesh.n / 2
+    layer = np.arange(mesh.n) // 17 > 40  # the first or the second half of the strip
+    corners = layer[result.samples[proxy.F[on_proxy.face[far]]]]
+    assert np.array_equal(corners, np.repeat(~layer[far], 3).reshape(-1, 3))
+    assert not cross_part(project_to_fans(mesh.V, proxy, result), proxy, result).any()
+
+
+def test_the_result_counts_them(laid_back):
+    task = held_ends(laid_back[0], axis=0, share=0.02, turn=np.eye(3))
+    n, options = task.mesh.n, {"vertices": 150, "samplings": 2}
+    extra = sshade_ablated(task, projection="surface", **options).extra
+    counts = []
+    for number in range(2):
+        result = remesh(task.mesh, 150, first=task.handles.index, seed=(0, number))
+        proxy = proxy_mesh(task.mesh, result)
+        counts.append(cross_part(project_to_surface(task.mesh.V, proxy, result), proxy, result).sum())
+    assert min(counts) > 0
+    assert (extra["far_vertices"], extra["far_share"]) == (np.mean(counts), 100 * np.mean(counts) / n)
+
+
+def test_the_sample_of_a_handles_region_gets_its_motion_and_a_mean_of_several(body):
+    graph, result = vertex_graph(body), remesh(body, 40, seed=(2, 0))
+    index = np.flatnonzero(np.isin(result.region, [3, 4]))
+    turn, shift = rotation(8), np.array([1.0, 0, 2])
+    task = DeformationTask("rigid", body, Handles(index, body.V[index] @ turn.T + shift))
+    remeshed, handles = sample_nearest_to_handles(task, 40, (2, 0), graph)
+    assert isinstance(remeshed, Remesh) and np.array_equal(remeshed.samples, result.samples)
+    assert handles.index.tolist() == [3, 4] and handles.merged == len(index) - 2
+    expected = body.V[result.samples[[3, 4]]] @ turn.T + shift
+    assert np.allclose(handles.target, expected, rtol=0, atol=ROUNDING * body.diagonal)
+
+    target = np.random.default_rng(0).normal(size=(len(index), 3))
+    task = DeformationTask("any", body, Handles(index, target))
+    _, handles = sample_nearest_to_handles(task, 40, (2, 0), graph)
+    R, _ = rigid_motion(body.V[index], target)
+    moved = target + (body.V[result.samples[result.region[index]]] - body.V[index]) @ R.T
+    for i, s in enumerate((3, 4)):
+        mean = moved[result.region[index] == s].mean(axis=0)
+        assert np.allclose(handles.target[i], mean, rtol=0, atol=1e-13)
+
+    still = Handles(index, body.V[index] + 1, dynamic=np.zeros(len(index), bool))
+    _, handles = sample_nearest_to_handles(DeformationTask("still", body, still), 40, (2, 0), graph)
+    assert np.allclose(handles.target, body.V[result.samples[[3, 4]]], rtol=1e-14)
+    assert not handles.dynamic.any()
+
+
+def test_with_nearest_samples_too_rigid_handles_move_the_mesh_rigidly():
+    mesh: Mesh = bumpy(3)
+    turn, shift, index = rotation(3), np.array([1.0, 2, 3]), np.arange(0, mesh.n, 40)
+    task = DeformationTask("rigid", mesh, Handles(index, mesh.V[index] @ turn.T + shift))
+
+    def coarse(task, *, seed, progress):
+        return local_global(task, start="rigid")
+
+    result = sshade_ablated(task, vertices=100, samplings=2, handle_mode="nearest", coarse=coarse)
+    assert np.abs(result.vertices - (mesh.V @ turn.T + shift)).max() <= 1e-5 * mesh.diagonal
