@@ -9,6 +9,7 @@ than to every older one; k samples cost O(n log n log k) in expectation.
 
 from __future__ import annotations
 
+from heapq import heapify, heappop, heapreplace
 from typing import NamedTuple
 
 import numpy as np
@@ -233,64 +234,35 @@ def _place(state, vertex, sample, position):
 
 
 @njit(cache=True, nogil=True)
-def _farther(d0, v0, d1, v1):
-    return d0 > d1 or (d0 == d1 and v0 < v1)
-
-
-@njit(cache=True, nogil=True)
-def _sift(far, far_id, size, p, d, v):
-    """Place (d, v) into a max-heap of `size` entries whose position p is free, downwards."""
-    while True:
-        child = 2 * p + 1
-        if child >= size:
-            break
-        if child + 1 < size and _farther(far[child + 1], far_id[child + 1], far[child], far_id[child]):
-            child += 1
-        if not _farther(far[child], far_id[child], d, v):
-            break
-        far[p], far_id[p] = far[child], far_id[child]
-        p = child
-    far[p], far_id[p] = d, v
-
-
-@njit(cache=True, nogil=True)
-def _gather_farthest(distance, far, far_id):
-    """Max-heap of the vertices in the farthest band; return its size and the band's lower end."""
+def _farthest_band(distance):
+    """A heap of (-distance, vertex) of the farthest vertices, and the least distance among them."""
     largest = distance.max()
     low = _BAND * largest if np.isfinite(largest) else np.inf
-    size = 0
-    for v in range(distance.shape[0]):
-        if distance[v] >= low:
-            far[size], far_id[size] = distance[v], v
-            size += 1
-    for p in range(size // 2 - 1, -1, -1):
-        _sift(far, far_id, size, p, far[p], far_id[p])
-    return size, low
+    heap = [(-distance[v], v) for v in range(distance.shape[0]) if distance[v] >= low]
+    heapify(heap)
+    return heap, low
 
 
 @njit(cache=True, nogil=True)
 def _insert_farthest(state, count, sample):
-    distance, n = state.distance, state.distance.shape[0]
+    distance = state.distance
     samples = np.empty(count, dtype=np.int64)
-    # Distances only shrink, so an entry of the max-heap is an upper bound: it is brought up to
-    # date when it comes to the top. The heap holds the farthest band alone and is gathered anew
-    # when that is used up, a dozen times in all.
-    key, top = np.empty(n, dtype=np.float64), np.empty(n, dtype=np.int32)
-    size, low = 0, 0.0
+    # Distances only shrink, so an entry of the heap is an upper bound: it is brought up to date
+    # when it comes to the top. The heap holds the farthest band alone and is gathered anew when
+    # that is used up, a dozen times in all.
+    heap, low = _farthest_band(distance)
     for i in range(count):
         while True:
-            if size == 0:
-                size, low = _gather_farthest(distance, key, top)
-            v = top[0]
+            if len(heap) == 0:
+                heap, low = _farthest_band(distance)
+            key, v = heap[0]
             d = distance[v]
-            if d == key[0]:
+            if d == -key:
                 break
             if d >= low:
-                _sift(key, top, size, 0, d, v)
+                heapreplace(heap, (-d, v))
             else:
-                size -= 1
-                if size > 0:
-                    _sift(key, top, size, 0, key[size], top[size])
+                heappop(heap)
         if d == 0.0:  # every vertex coincides with a sample
             return samples[:i]
         samples[i] = v
