@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sshade import InputError
-from sshade.cli.console import progress_bar, run_command
+from sshade.cli.console import CommandParser, progress_bar, run_command
 
 if TYPE_CHECKING:
     from defaust.build.options import BuildOptions
@@ -29,7 +29,7 @@ EXAMPLES = {"out": "out=data/defaust", "source.root": "source.root=MPI-FAUST"}
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; 0 on success, 1 where verify finds faults, 2 on bad input."""
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="defaust",
         description="Build and check DeFAUST, a benchmark for the deformation of large meshes.",
         epilog=EPILOG,

@@ -12,7 +12,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from importlib import import_module
-from typing import NamedTuple, NoReturn
+from typing import NamedTuple
 
 PROGRAM = "sshade-eval"
 
@@ -55,15 +55,6 @@ Run deformation methods, and make tables, figures and pages of what they left.
 `{PROGRAM} COMMAND --help` tells more. Exit codes: 0; 1 where a run failed or a check did not
 hold; 2 for a mistake in the arguments, told in one sentence.
 """
-
-
-class _Parser(argparse.ArgumentParser):
-    """Tells a mistake in one sentence."""
-
-    def error(self, message: str) -> NoReturn:
-        from sshade.errors import InputError
-
-        raise InputError(f"{message}; `{self.prog} --help` tells more")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -110,7 +101,9 @@ def call(name: str, arguments: Sequence[str]) -> int:
     if name == "run":
         sys.argv[:] = [f"{PROGRAM} run", *arguments]  # where Hydra reads them
         return module.main()
-    parser = _Parser(
+    from sshade.cli.console import CommandParser
+
+    parser = CommandParser(
         prog=f"{PROGRAM} {name}",
         description=module.__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,

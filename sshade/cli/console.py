@@ -1,13 +1,14 @@
-"""A progress bar for terminals, and how a command ends on bad input."""
+"""What the commands of this project share: arguments, a progress bar, how they end on bad input."""
 
 from __future__ import annotations
 
+import argparse
 import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from sshade.errors import InputError
 from sshade.io.files import reason
@@ -15,6 +16,28 @@ from sshade.task import Progress, silent
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bars
+
+
+class CommandParser(argparse.ArgumentParser):
+    """Raises a mistake in the arguments as an InputError: one sentence, without the usage before it."""
+
+    def error(self, message: str) -> NoReturn:
+        raise InputError(f"{message}; `{self.prog} --help` tells more")
+
+
+def add_command(
+    commands: Any, name: str, run: Callable[[argparse.Namespace], None], summary: str, description: str
+) -> argparse.ArgumentParser:
+    """Add a sub-command that calls `run`; the lines of its description stay as they are."""
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = commands.add_parser(name, help=summary, description=description, formatter_class=raw)
+    parser.set_defaults(run=run)
+    return parser
+
+
+def say(text: str) -> None:
+    """Print a line on standard error."""
+    print(text, file=sys.stderr)  # noqa: T201
 
 
 @contextmanager
@@ -71,7 +94,7 @@ def announced_compilation() -> Iterator[None]:
         def on_start(self, _: event.Event) -> None:
             if self.depth == 0:
                 if self.seconds == 0.0:
-                    print("compiling kernels, once for this installation ...", file=sys.stderr)  # noqa: T201
+                    say("compiling kernels, once for this installation ...")
                 self.begin = perf_counter()
             self.depth += 1
 
@@ -84,7 +107,7 @@ def announced_compilation() -> Iterator[None]:
     with event.install_listener("numba:compile", listener):
         yield
     if listener.seconds:
-        print(f"compiled in {listener.seconds:.1f} s; later calls start at once", file=sys.stderr)  # noqa: T201
+        say(f"compiled in {listener.seconds:.1f} s; later calls start at once")
 
 
 def run_command(main: Callable[[], int]) -> int:
@@ -99,18 +122,20 @@ def run_command(main: Callable[[], int]) -> int:
         sys.stdout.flush()
         return code
     except (InputError, FloatingPointError) as error:
-        return _mistake(str(error))
+        mistake = str(error)
     except BrokenPipeError:
         _drop_output()
         return 141
     except OSError as error:
         _drop_output()
-        return _mistake(f"{error.filename}: {reason(error)}" if error.filename else reason(error))
+        mistake = f"{error.filename}: {reason(error)}" if error.filename else reason(error)
     except MemoryError as error:
-        return _mistake(f"there is not enough memory ({' '.join(str(error).split()) or 'out of memory'})")
+        mistake = f"there is not enough memory ({' '.join(str(error).split()) or 'out of memory'})"
     except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)  # noqa: T201
+        say("interrupted")
         return 130
+    say(f"error: {mistake}")
+    return 2
 
 
 def _drop_output() -> None:
@@ -119,8 +144,3 @@ def _drop_output() -> None:
         sys.stdout.flush()
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _mistake(text: str) -> int:
-    print(f"error: {text}", file=sys.stderr)  # noqa: T201
-    return 2

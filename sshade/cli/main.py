@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -13,7 +12,14 @@ from typing import TYPE_CHECKING, Any, get_args
 import numpy as np
 
 from sshade.carry.kinds import FrameKind
-from sshade.cli.console import announced_compilation, progress_bar, run_command
+from sshade.cli.console import (
+    CommandParser,
+    add_command,
+    announced_compilation,
+    progress_bar,
+    run_command,
+    say,
+)
 from sshade.cli.show import add_show
 from sshade.errors import InputError
 from sshade.io.files import replacing
@@ -67,29 +73,23 @@ All files have the same number of vertices, in the same order.
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    arguments = _parser().parse_args(argv)
 
     def run() -> int:
+        arguments = _parser().parse_args(argv)
         with announced_compilation():
-            return arguments.run(arguments)
+            arguments.run(arguments)
+        return 0
 
     return run_command(run)
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="sshade", description="Deform large meshes through a small proxy (SShaDe)."
-    )
+    parser = CommandParser(prog="sshade", description="Deform large meshes through a small proxy (SShaDe).")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    raw = argparse.RawDescriptionHelpFormatter
     formats = ", ".join(SUFFIXES)
 
-    deform = commands.add_parser(
-        "deform", help="move handles, and the mesh with them", description=DEFORM, formatter_class=raw
-    )
-    deform.add_argument("mesh", type=Path, metavar="MESH", help=f"rest shape ({formats})")
-    deform.add_argument("handles", type=Path, metavar="HANDLES", help="handle file (.json, .yaml)")
-    deform.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="mesh to write")
+    deform = add_command(commands, "deform", _deform, "move handles, and the mesh with them", DEFORM)
+    _add_files(deform, output="OUT", mesh=f"rest shape ({formats})", handles="handle file (.json, .yaml)")
     deform.add_argument(
         "--method",
         choices=("sshade_fast", "sshade_fine", "sshade"),
@@ -106,48 +106,44 @@ def _parser() -> argparse.ArgumentParser:
         help="where the solver begins: the best rigid motion of the rest shape, or the rest shape, as the "
         "paper, which is slower and may end in a fold where the handles turn far (default: rigid)",
     )
-    deform.add_argument("--raw", action="store_true", help="take targets as they are, not moved by the snap")
-    deform.add_argument(
-        "--repair",
-        action="store_true",
-        help="deform a copy with coincident vertices welded and unused ones dropped; "
-        "the output still has the input's vertices",
-    )
-    deform.add_argument(
-        "--carry-loose",
-        action="store_true",
-        help="move components without handles rigidly with the nearest one, as eyes with a head",
-    )
-    deform.set_defaults(run=_deform)
+    for flag, text in (
+        ("--raw", "take targets as they are, not moved by the snap"),
+        (
+            "--repair",
+            "deform a copy with coincident vertices welded and unused ones dropped; "
+            "the output still has the input's vertices",
+        ),
+        (
+            "--carry-unconstrained",
+            "move components without handles rigidly with the nearest one, as eyes with a head",
+        ),
+    ):
+        deform.add_argument(flag, action="store_true", help=text)
 
-    remesh = commands.add_parser(
-        "remesh", help="write a proxy and its map", description=REMESH, formatter_class=raw
-    )
-    remesh.add_argument("mesh", type=Path, metavar="MESH", help=f"mesh to sample ({formats})")
-    remesh.add_argument("-o", "--output", type=Path, required=True, metavar="N", help="proxy to write")
+    remesh = add_command(commands, "remesh", _remesh, "write a proxy and its map", REMESH)
+    _add_files(remesh, output="N", mesh=f"mesh to sample ({formats})")
     remesh.add_argument("--map", type=Path, required=True, metavar="MAP", help=".npz map to write")
     _add_vertices(remesh)
-    remesh.set_defaults(run=_remesh)
 
-    carry = commands.add_parser(
-        "carry", help="carry an edited proxy back to the mesh", description=REMESH, formatter_class=raw
+    carry = add_command(commands, "carry", _carry, "carry an edited proxy back to the mesh", REMESH)
+    _add_files(
+        carry,
+        output="OUT",
+        mesh="the mesh that was remeshed",
+        map="the .npz of `sshade remesh`",
+        edited="the proxy with vertices moved",
     )
-    carry.add_argument("mesh", type=Path, metavar="MESH", help="the mesh that was remeshed")
-    carry.add_argument("map", type=Path, metavar="MAP", help="the .npz of `sshade remesh`")
-    carry.add_argument("edited", type=Path, metavar="EDITED", help="the proxy with vertices moved")
-    carry.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="mesh to write")
     _add_frames(carry)
-    carry.set_defaults(run=_carry)
-    rebuild = commands.add_parser(
-        "reconstruct", help="rebuild a pose from its samples", description=TRANSFER, formatter_class=raw
+
+    rest, posed = f"rest shape ({formats})", "the same vertices in a pose"
+    rebuild = add_command(
+        commands, "reconstruct", _transfer, "rebuild a known pose from its samples", TRANSFER
     )
-    pose = commands.add_parser(
-        "transfer-pose", help="put an edited shape into a pose", description=TRANSFER, formatter_class=raw
+    _add_files(rebuild, output="OUT", mesh=rest, posed=posed)
+    pose = add_command(
+        commands, "transfer-pose", _transfer, "put an edited shape into a known pose", TRANSFER
     )
-    for command in (rebuild, pose):
-        command.add_argument("mesh", type=Path, metavar="REST", help="rest shape")
-        command.add_argument("posed", type=Path, metavar="POSED", help="the same vertices in a pose")
-    pose.add_argument("edited", type=Path, metavar="EDITED", help="the rest shape with vertices moved")
+    _add_files(pose, output="OUT", mesh=rest, posed=posed, edited="the rest shape with vertices moved")
     pose.add_argument(
         "--residual",
         action="store_true",
@@ -155,13 +151,18 @@ def _parser() -> argparse.ArgumentParser:
     )
     rebuild.set_defaults(residual=False)
     for command in (rebuild, pose):
-        command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="mesh to write")
         _add_vertices(command)
         _add_samplings(command, default=10)
         _add_frames(command)
-        command.set_defaults(run=_transfer)
     add_show(commands)
     return parser
+
+
+def _add_files(parser: argparse.ArgumentParser, *, output: str, **positional: str) -> None:
+    """Paths by name with what they are, and the -o that is called `output`."""
+    for name, text in positional.items():
+        parser.add_argument(name, type=Path, metavar=name.upper(), help=text)
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar=output, help="mesh to write")
 
 
 def _add_samplings(parser: argparse.ArgumentParser, *, default: int | None) -> None:
@@ -183,12 +184,8 @@ def _add_frames(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_vertices(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--vertices",
-        type=int,
-        metavar="N",
-        help=f"proxy vertices (default: {VERTICES}, or a quarter of the mesh's where that is less)",
-    )
+    usual = f"{VERTICES}, or a quarter of the mesh's where that is less"
+    parser.add_argument("--vertices", type=int, metavar="N", help=f"proxy vertices (default: {usual})")
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="seed of the sampling (default: 0)")
 
 
@@ -197,28 +194,27 @@ def _proxy_vertices(asked: int | None, n: int, handles: int = 0) -> int:
     return asked if asked is not None else min(n, max(min(VERTICES, n // 4), handles + 4))
 
 
-def _deform(arguments: argparse.Namespace) -> int:
+def _deform(arguments: argparse.Namespace) -> None:
     from sshade.io.handles import read_handles
     from sshade.pipeline.components import deform_components
 
     check_output(arguments.output)
     method = _method(arguments)
+    V, F = read_arrays(arguments.mesh)
     if arguments.repair:
-        V, F = read_arrays(arguments.mesh)
         mesh, vertex = repair(V, F)
     else:
         mesh = read_mesh(arguments.mesh)
-        V, F, vertex = mesh.V, mesh.F, np.arange(mesh.n)
+        vertex = np.arange(mesh.n)
     handles = read_handles(arguments.handles, mesh, raw=arguments.raw, vertex=vertex)
-    vertices = _proxy_vertices(arguments.vertices, mesh.n, len(handles))
     begin = perf_counter()
     with progress_bar() as progress:
         result = deform_components(
             mesh,
             handles,
             partial(method, workers=arguments.workers),
-            vertices=vertices,
-            carry_unconstrained=arguments.carry_loose,
+            vertices=_proxy_vertices(arguments.vertices, mesh.n, len(handles)),
+            carry_unconstrained=arguments.carry_unconstrained,
             name=arguments.mesh.stem,
             seed=arguments.seed,
             progress=progress,
@@ -229,36 +225,35 @@ def _deform(arguments: argparse.Namespace) -> int:
     error = np.linalg.norm(result.vertices[handles.index] - handles.target, axis=1).mean() / mesh.diagonal
     samplings = result.extra.get("samplings", 1)
     proxies = f"{samplings} proxies" if samplings > 1 else "a proxy"
-    _say(
+    say(
         f"{arguments.output}: {len(V)} vertices, {len(handles)} handles reached to {100 * error:.2g} % of "
         f"the diagonal, {proxies} of {result.extra['proxy_vertices']:.0f} vertices, {seconds:.2f} s"
     )
-    _say_of_components(result.extra)
+    for note in _notes(result.extra):
+        say(f"note: {note}")
     if result.converged is False and arguments.method != "sshade_fine":
-        _say(
+        say(
             f"note: the iterations stopped at {result.iterations:.0f} in the mean, "
             f"with a residual of {result.extra['residual']:.1e}"
         )
-    return 0
 
 
-def _say_of_components(facts: Mapping[str, Any]) -> None:
-    """What was done besides, with a mesh that is no oriented manifold of one component."""
-    if facts["copies"] or facts["turned"]:
-        _say(
-            f"note: no oriented manifold: {facts['turned']} faces were turned, {facts['copies']} copies of "
-            f"vertices made, and joined over at most {100 * facts['gap']:.2g} % of the diagonal"
-        )
-    if facts["components"] > 1:
-        _say(
-            f"note: {facts['components']} components were deformed on their own, with shares of the proxy "
-            "vertices"
-        )
-    if facts["unconstrained"]:
-        _say(f"note: {facts['unconstrained']} components without handles follow the nearest one rigidly")
-    left = facts.get("intersecting_or_inverted")
-    if left:
-        _say(f"note: {left} faces intersect others or are inverted, where handles force that")
+def _notes(facts: Mapping[str, Any]) -> list[str]:
+    """What was done besides with a mesh that is no oriented manifold of one component, and what is left."""
+    cut = (
+        f"no oriented manifold: {facts['turned']} faces were turned, {facts['copies']} copies of vertices "
+        f"made, and joined over at most {100 * facts['gap']:.2g} % of the diagonal"
+    )
+    components, unconstrained = facts["components"], facts["unconstrained"]
+    left = facts.get("intersecting_or_inverted", 0)
+    notes = {
+        cut: facts["copies"] or facts["turned"],
+        f"{components} components were deformed on their own, with shares of the proxy vertices": components
+        > 1,
+        f"{unconstrained} components without handles follow the nearest one rigidly": unconstrained,
+        f"{left} faces intersect others or are inverted, where handles force that": left,
+    }
+    return [note for note, holds in notes.items() if holds]
 
 
 def _method(arguments: argparse.Namespace) -> Callable[..., DeformationResult]:
@@ -278,7 +273,7 @@ def _method(arguments: argparse.Namespace) -> Callable[..., DeformationResult]:
     return partial(sshade_fine, start=arguments.start)
 
 
-def _remesh(arguments: argparse.Namespace) -> int:
+def _remesh(arguments: argparse.Namespace) -> None:
     from sshade.carry.binding_file import save_binding
     from sshade.pipeline.proxies import bind
 
@@ -290,11 +285,10 @@ def _remesh(arguments: argparse.Namespace) -> int:
     with replacing(arguments.map) as temporary:
         save_binding(temporary, binding)
         write_mesh(arguments.output, binding.proxy.V, binding.proxy.F)  # without it there shall be no map
-    _say(f"{arguments.output}: {binding.proxy.n} vertices, {binding.proxy.m} faces; map in {arguments.map}")
-    return 0
+    say(f"{arguments.output}: {binding.proxy.n} vertices, {binding.proxy.m} faces; map in {arguments.map}")
 
 
-def _carry(arguments: argparse.Namespace) -> int:
+def _carry(arguments: argparse.Namespace) -> None:
     from sshade.carry.binding_file import load_binding
 
     check_output(arguments.output)
@@ -305,13 +299,12 @@ def _carry(arguments: argparse.Namespace) -> int:
         raise InputError(f"{arguments.edited}: a vertex has a NaN or infinite coordinate")
     V, degenerate = binding.carry(edited)
     write_mesh(arguments.output, V, mesh.F)
-    _say(f"{arguments.output}: {mesh.n} vertices carried by {binding.proxy.n}")
+    say(f"{arguments.output}: {mesh.n} vertices carried by {binding.proxy.n}")
     if degenerate:
-        _say(f"note: {degenerate} frames of the proxy stand on no area; they turn with their neighbours")
-    return 0
+        say(f"note: {degenerate} frames of the proxy stand on no area; they turn with their neighbours")
 
 
-def _transfer(arguments: argparse.Namespace) -> int:
+def _transfer(arguments: argparse.Namespace) -> None:
     from sshade.pipeline.transfer import transfer_pose
 
     check_output(arguments.output)
@@ -334,15 +327,10 @@ def _transfer(arguments: argparse.Namespace) -> int:
         )
     seconds = perf_counter() - begin
     write_mesh(arguments.output, result.vertices, mesh.F)
-    _say(f"{arguments.output}: {mesh.n} vertices, {arguments.samplings} proxies, {seconds:.2f} s")
+    say(f"{arguments.output}: {mesh.n} vertices, {arguments.samplings} proxies, {seconds:.2f} s")
     if edited is mesh.V:
         error = np.linalg.norm(result.vertices - posed, axis=1) / mesh.diagonal
-        _say(
+        say(
             f"distance to {arguments.posed}: {100 * error.mean():.2g} % of the diagonal in the mean, "
             f"{100 * error.max():.2g} % at most"
         )
-    return 0
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr)  # noqa: T201

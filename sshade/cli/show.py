@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sshade.cli.console import add_command, say
 from sshade.errors import InputError
 from sshade.figures import (
     TOWARDS,
@@ -47,12 +48,7 @@ PANEL = 900
 
 def add_show(commands: argparse._SubParsersAction) -> None:
     """Add the subcommand."""
-    show = commands.add_parser(
-        "show",
-        help="look at a mesh, its handles and a result",
-        description=SHOW,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    show = add_command(commands, "show", _show, "look at a mesh, its handles and a result", SHOW)
     show.add_argument("mesh", type=Path, metavar="MESH", help=f"rest shape ({', '.join(SUFFIXES)})")
     show.add_argument("handles", type=Path, nargs="?", metavar="HANDLES", help="handle file (.json, .yaml)")
     show.add_argument("--deformed", type=Path, metavar="OUT", help="the same vertices, deformed")
@@ -67,10 +63,9 @@ def add_show(commands: argparse._SubParsersAction) -> None:
             metavar=("X", "Y", "Z"),
             help=f"{text} (default: {shown})",
         )
-    show.set_defaults(run=_show)
 
 
-def _show(arguments: argparse.Namespace) -> int:
+def _show(arguments: argparse.Namespace) -> None:
     require_extra()
     path = arguments.output
     if path is None and not has_display():
@@ -85,18 +80,19 @@ def _show(arguments: argparse.Namespace) -> int:
         from sshade.io.handles import read_handles
 
         handles = read_handles(arguments.handles, mesh)
-    deformed = None if arguments.deformed is None else _read_deformed(arguments.deformed, mesh)
+    deformed = None
+    if arguments.deformed is not None:
+        deformed = mesh.checked(read_arrays(arguments.deformed)[0], f"file {arguments.deformed}")
     plotter = draw(
         mesh, handles, deformed=deformed, towards=arguments.towards, up=arguments.up, window=path is None
     )
     if path is None:
         plotter.show(title=f"sshade show {arguments.mesh}")
-        return 0
+        return
     with replacing(path) as temporary:
         plotter.screenshot(temporary)
     plotter.close()
-    print(path, file=sys.stderr)  # noqa: T201
-    return 0
+    say(str(path))
 
 
 def has_display() -> bool:
@@ -104,15 +100,6 @@ def has_display() -> bool:
     if not sys.platform.startswith("linux"):
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-
-
-def _read_deformed(path: Path, mesh: Mesh) -> np.ndarray:
-    V, _ = read_arrays(path)
-    if V.shape != mesh.V.shape:
-        raise InputError(f"{path} has {len(V)} vertices, the rest shape {mesh.n}; they must correspond")
-    if not np.isfinite(V).all():
-        raise InputError(f"{path}: a vertex has a NaN or infinite coordinate")
-    return np.asarray(V, dtype=np.float64)
 
 
 def draw(

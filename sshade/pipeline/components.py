@@ -252,5 +252,5 @@ def _complaint(mesh: Mesh, unconstrained: np.ndarray) -> str:
     return (
         f"{len(unconstrained)} of the mesh's {len(sizes)} components have no handle (the first has "
         f"{sizes[unconstrained[0]]} vertices, one of them {first}); give each one, weld coincident vertices "
-        "with --repair, or move them with the nearest component with --carry-loose"
+        "with --repair, or move them with the nearest component with --carry-unconstrained"
     )

@@ -82,7 +82,7 @@ NAN = mesh(np.where(np.arange(BODY.n)[:, None] == 4, np.nan, BODY.V), BODY.F, "n
 PLACES = {
     "remesh body.ply -o out.ply --map m.npz": (cut("body.ply", 0.5), "body.ply", "not a readable PLY"),
     "show body.ply -o out.png": (cut("body.ply", 0.5), "body.ply"),
-    "show body.ply --deformed less.ply -o out.png": (LESS, "less.ply has 3 vertices"),
+    "show body.ply --deformed less.ply -o out.png": (LESS, "less.ply has shape (3, 3)"),
     "show body.ply -o out.exr": (nothing, "'.exr'"),
     "show body.ply -o nowhere/out.png": (nothing, "nowhere does not exist"),
     "reconstruct body.ply less.ply -o out.ply": (LESS, "they must correspond"),

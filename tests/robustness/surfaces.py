@@ -17,7 +17,7 @@ from tests.sshade.mesh.test_cutting import moebius, t_fin
 DEFORM = "sshade deform body.ply pose.json -o out.ply"
 REPAIR = f"{DEFORM} --repair"
 REMESH = "sshade remesh body.ply -o n.ply --map map.npz"
-LOOSE = "--carry-loose"
+CARRY = "--carry-unconstrained"
 V, F = BODY.V, BODY.F
 
 
@@ -69,7 +69,7 @@ REFUSED = {
     "a face with a negative id": (_at((3, 2), -1, of="F"), "face 3"),
     "a repeated index in a face": (mesh(V, [*F, [4, 4, 7]]), "1 faces repeat", "--repair"),
     "unreferenced vertices": (mesh([*V, [9, 9, 9]], F), "1 vertices belong to no face", "--repair"),
-    "a component without handles": (mesh(*_two()), "1 of the mesh's 2 components", LOOSE),
+    "a component without handles": (mesh(*_two()), "1 of the mesh's 2 components", CARRY),
     "a soup without --repair": (lambda: _soup(), "components have no handle", "--repair"),
     "all vertices in one place": (mesh(np.ones_like(V), F), "coincide"),
     "all vertices on a line": (mesh(V * [0, 0, 1], F), "no area"),
@@ -216,7 +216,7 @@ TAKEN = {
     ),
 }
 TAKEN_WITH = {
-    f"{LOOSE}: a component without handles": mesh(*_two()),
+    f"{CARRY}: a component without handles": mesh(*_two()),
     "--repair: a soup": _soup,
     "--repair: a face twice": FACE_TWICE,
     "--repair: duplicate vertices": _edited(_unwelded),

@@ -80,16 +80,6 @@ def test_a_picture_fills_the_view_with_the_shape_and_its_handles(body):
     assert np.nonzero(coloured(pixels, **YELLOW))[0].max() < 0.1 * height
 
 
-def test_an_error_darkens_its_place(body):
-    pytest.importorskip("pyvista")
-    view = View.of([body.V], towards=[1.0, 0, 0], up=[0, 0, 1.0])
-    error = np.where(body.V[:, 2] > 0, 5.0, 0.0)
-    pixels = picture(body, body.V, view=view, width=200, error=error, top=5.0).astype(float)
-    shape = (pixels < 250).any(axis=2)
-    upper, lower = (np.array_split(part, 2) for part in (pixels, shape))
-    assert upper[0][lower[0]].mean() < 0.5 * upper[1][lower[1]].mean()
-
-
 @pytest.fixture
 def files(body, tmp_path):
     mesh, posed, handles = (tmp_path / name for name in ("rest.ply", "posed.ply", "handles.json"))
@@ -116,31 +106,15 @@ def test_show_writes_a_picture_with_targets_and_errors(files, tmp_path, capsys):
     left, right = pixels[:, : pixels.shape[1] // 2], pixels[:, pixels.shape[1] // 2 :]
     for panel in (left, right):
         assert coloured(panel, **BLUE).any() and coloured(panel, **YELLOW).any()
-    # On the left the targets of the moving handles stand above them, where no shape is.
-    yellowish = left[..., 0] - left[..., 2] > 60
-    first, last = np.flatnonzero(yellowish.any(axis=1))[[0, -1]]
-    assert first < 0.08 * len(left) and last - first > 0.2 * len(left)
-    between = yellowish[first:last].any(axis=1)
-    assert not between.all()
-    # The errors are in colours, and their bar reaches the scale's dark end.
+    # The errors alone are in colours.
     assert (np.ptp(right, axis=2) > 100).sum() > 10 * (np.ptp(left, axis=2) > 100).sum()
-    assert coloured(right[int(0.85 * len(right)) :], red=(0, 20), green=(0, 20), blue=(0, 40)).any()
-
-
-def test_show_of_a_mesh_alone(files, tmp_path):
-    pytest.importorskip("pyvista")
-    out = tmp_path / "mesh.jpg"
-    assert main(["show", str(files[0]), "-o", str(out), *LOOK]) == 0
-    assert out.stat().st_size > 1000
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["-o", "shape.pdf"], "unknown picture format '.pdf'; use .png, .jpg, .jpeg"),
-        (["-o", "nowhere/shape.png"], "nowhere does not exist"),
-        (["-o", "shape.png", "--deformed", "OTHER"], "has 3 vertices, the rest shape 642"),
-        (["-o", "shape.png", "--deformed", "NAN"], "NaN or infinite"),
+        (["-o", "shape.pdf"], "unknown picture format '.pdf'"),
+        (["-o", "shape.png", "--deformed", "OTHER.ply"], "shape (3, 3), the mesh (642, 3)"),
         (["-o", "shape.png", "--towards", "0", "2", "0"], "looks along the upright direction"),
     ],
 )
@@ -148,10 +122,7 @@ def test_what_cannot_be_shown_is_one_sentence(files, tmp_path, monkeypatch, caps
     pytest.importorskip("pyvista")
     monkeypatch.chdir(tmp_path)
     write_mesh(tmp_path / "OTHER.ply", np.eye(3), np.array([[0, 1, 2]]))
-    lines = ["v nan 0 0"] + ["v 0 0 0"] * 641 + ["f 1 2 3"]
-    (tmp_path / "NAN.obj").write_text("\n".join(lines))
-    names = {"OTHER": "OTHER.ply", "NAN": "NAN.obj"}
-    assert main(["show", str(files[0]), *(names.get(option, option) for option in options)]) == 2
+    assert main(["show", str(files[0]), *options]) == 2
     error = capsys.readouterr().err
     assert message in error and error.startswith("error: ") and error.count("\n") == 1
     assert not (tmp_path / "shape.png").exists()
