@@ -20,7 +20,7 @@ from sshade.io.meshes import read_arrays, read_mesh, write_mesh
 from sshade.pipeline.fast import sshade_fast
 from sshade.pipeline.fine import sshade_fine
 from sshade.solver.local_global import local_global
-from tests.shapes import bumpy, rotation, tetrahedron
+from tests.shapes import bumpy, rotation
 
 BODY = bumpy(2)
 TURN, SHIFT = rotation(2), np.array([0.5, 0.2, 0.1])
@@ -99,13 +99,6 @@ def test_raw_takes_targets_as_they_are(folder):
         assert np.linalg.norm(gap) < 1e-2
 
 
-def test_a_small_mesh_gets_a_proxy_by_default(folder, capsys):
-    put("tetrahedron.ply", tetrahedron().V, tetrahedron().F)
-    put_handles({"vertices": [0]}, {"vertices": [3], "target": [[0, 0, 2]]})
-    assert main(["deform", "tetrahedron.ply", "pose.json", "-o", "out.ply"]) == 0
-    assert "a proxy of 4 vertices" in capsys.readouterr().err
-
-
 def test_iterations_that_do_not_converge_are_said(folder, capsys, monkeypatch):
     short = partial(local_global, max_iterations=2)
     monkeypatch.setattr("sshade.pipeline.fast.sshade_fast", partial(sshade_fast, max_iterations=2))
@@ -156,11 +149,7 @@ def test_repair_deforms_a_soup_and_keeps_its_vertices(folder, capsys):
     put("soup.stl", BODY.V, BODY.F)
     soup, F = read_arrays("soup.stl")
     handles = pose(BODY)
-    entries = []
-    for kind, own in (("static", ~handles.dynamic), ("dynamic", handles.dynamic)):
-        source, target = BODY.V[handles.index[own]], handles.target[own]
-        entries.append({"kind": kind, "source": source.tolist(), "target": target.tolist()})
-    put_handles(*entries)
+    put_handles({"source": BODY.V[handles.index].tolist(), "target": handles.target.tolist()})
     assert_refused(capsys, ["deform", "soup.stl", "pose.json", "-o", "out.ply"], "components")
     assert main(["deform", "soup.stl", "pose.json", "-o", "out.ply", "--repair", "--vertices", "60"]) == 0
     V, G = read_arrays("out.ply")
@@ -168,8 +157,6 @@ def test_repair_deforms_a_soup_and_keeps_its_vertices(folder, capsys):
     # Corners that were at one place still are.
     _, first, inverse = np.unique(soup, axis=0, return_index=True, return_inverse=True)
     assert len(first) == BODY.n and np.array_equal(V, V[first[inverse.ravel()]])
-    assert main(["deform", "body.ply", "pose.json", "-o", "whole.ply", "--vertices", "60"]) == 0
-    assert np.abs(V - read_arrays("whole.ply")[0][BODY.F].reshape(-1, 3)).max() < 0.1 * BODY.diagonal
 
 
 def test_under_repair_vertex_ids_are_those_of_the_input(folder):
@@ -177,10 +164,7 @@ def test_under_repair_vertex_ids_are_those_of_the_input(folder):
     V = np.concatenate([np.full((3, 3), 9.0), BODY.V])
     put("unused.ply", V, BODY.F + 3)
     handles = pose(BODY)
-    write_handles(
-        "pose.json",
-        Handles(handles.index + 3, handles.target, dynamic=handles.dynamic, group=handles.group),
-    )
+    write_handles("pose.json", Handles(handles.index + 3, handles.target))
     assert main(["deform", "unused.ply", "pose.json", "-o", "out.ply", "--repair", "--vertices", "60"]) == 0
     moved, F = read_arrays("out.ply")
     assert np.array_equal(F, BODY.F + 3) and np.array_equal(moved[:3], V[:3])
@@ -200,9 +184,6 @@ def test_remesh_and_carry_bring_an_edit_back(folder, capsys):
     assert np.array_equal(F, BODY.F)
     assert np.allclose(V, BODY.V @ TURN.T + SHIFT, rtol=0, atol=1e-12 * BODY.diagonal)
     assert f"{BODY.n} vertices carried by {proxy.n}" in capsys.readouterr().err
-    assert sorted(p.name for p in folder.iterdir()) == [
-        "body.ply", "edited.ply", "map.npz", "out.ply", "pose.json", "proxy.ply",
-    ]  # fmt: skip
 
 
 def test_carry_counts_collapsed_triangles(folder, capsys):
@@ -214,13 +195,6 @@ def test_carry_counts_collapsed_triangles(folder, capsys):
     assert main(["carry", "body.ply", "map.npz", "edited.ply", "-o", "out.ply"]) == 0
     assert "note: 2 frames of the proxy stand on no area" in capsys.readouterr().err
     assert np.isfinite(read_arrays("out.ply")[0]).all()
-
-
-def test_a_seed_chooses_the_proxy(folder):
-    for name, seed in (("a", "1"), ("b", "1"), ("c", "2")):
-        main(["remesh", "body.ply", "-o", f"{name}.ply", "--map", f"{name}.npz", "--seed", seed])
-    a, b, c = (Path(f"{name}.ply").read_bytes() for name in "abc")
-    assert a == b != c
 
 
 def fin(V, F):

@@ -80,17 +80,6 @@ def test_unused_groups_are_skipped_and_group_numbers_count_entries(write, body):
     assert handles.index.tolist() == [4] and handles.group.tolist() == [1]
 
 
-def test_other_keys_of_the_file_are_left_alone(write, body):
-    path = write(json.dumps({"source_pose": "x", "handles": [{"vertices": [1]}]}))
-    assert len(read_handles(path, body)) == 1
-
-
-def test_merged_handles_are_counted_over_all_groups(write):
-    mesh = tetrahedron()
-    entries = [{"kind": "static", "source": [[1, 0, 0], [1.1, 0, 0], [0, 1, 0], [0, 1.1, 0]]}]
-    assert read_handles(write(entries), mesh).merged == 2
-
-
 def test_ids_count_the_vertices_of_the_file_where_the_mesh_is_a_repaired_copy(write):
     mesh = tetrahedron()
     soup = np.concatenate([[[9.0, 9, 9]], mesh.V[mesh.F].reshape(-1, 3)])

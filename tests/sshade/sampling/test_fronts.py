@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.sparse.csgraph import dijkstra
 
 from sshade import InputError, Mesh
 from sshade.mesh.adjacency import VertexGraph, vertex_graph
@@ -99,32 +99,6 @@ def test_a_multi_source_start_equals_insertion_one_at_a_time(name):
         assert np.array_equal(at_once.samples, other.samples)
         assert np.array_equal(at_once.distance, other.distance)
         assert np.array_equal(at_once.region, other.region)
-
-
-def test_each_sample_is_the_farthest_vertex_of_smallest_id():
-    graph = vertex_graph(MESHES["grid"])
-    fronts = Fronts(graph, np.array([20]))
-    for _ in range(30):
-        expected = int(np.argmax(fronts.distance))
-        fronts.insert_farthest(1)
-        assert fronts.samples[-1] == expected
-
-
-def test_sampling_every_vertex_leaves_no_distance():
-    mesh = MESHES["genus one"]
-    fronts = farthest_point_sampling(vertex_graph(mesh), mesh.n, first=np.array([0]))
-    assert not fronts.distance.any()
-    assert np.array_equal(np.sort(fronts.samples), np.arange(mesh.n))
-    assert np.array_equal(fronts.samples[fronts.region], np.arange(mesh.n))
-
-
-def test_regions_are_connected():
-    mesh = MESHES["genus one"]
-    fronts = farthest_point_sampling(vertex_graph(mesh), 25, first=np.array([0]))
-    i, j = mesh.edges.T
-    inside = mesh.edges[fronts.region[i] == fronts.region[j]]
-    graph = coo_array((np.ones(len(inside)), (inside[:, 0], inside[:, 1])), shape=(mesh.n, mesh.n))
-    assert connected_components(graph, directed=False)[0] == 25
 
 
 def test_another_component_is_farthest_of_all():

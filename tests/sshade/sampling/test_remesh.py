@@ -95,11 +95,6 @@ def test_regions_and_distances_are_those_of_all_samples_also_the_added_ones(name
         assert_regions_are_voronoi(mesh, remesh(mesh, k, seed=2))
 
 
-def test_refinement_adds_what_a_torus_needs():
-    result = remesh(SURFACES["torus"], 4)
-    assert result.added > 0 and result.rounds > 0
-
-
 def test_all_vertices_as_samples_give_the_mesh_back(small_body):
     result = remesh(small_body, small_body.n, seed=3)
     assert result.rounds == result.added == 0 and not result.distance.any()
@@ -108,17 +103,15 @@ def test_all_vertices_as_samples_give_the_mesh_back(small_body):
     assert rolled == {tuple(np.roll(face, -int(np.argmin(face))).tolist()) for face in small_body.F}
 
 
-def test_given_samples_come_first_and_in_order(body):
+@pytest.mark.parametrize("clustered", [False, True])
+def test_given_samples_come_first_and_in_order(body, clustered):
     first = np.random.default_rng(0).permutation(body.n)[:30]
+    if clustered:
+        first = np.argsort(np.linalg.norm(body.V - body.V[17], axis=1))[:30]
     for k in (30, 31, 120):
         result = remesh(body, k, first=first, seed=5)
         assert np.array_equal(result.samples[:30], first)
         assert_valid_proxy(body, result)
-
-
-def test_clustered_first_samples_keep_the_topology(body):
-    nearest = np.argsort(np.linalg.norm(body.V - body.V[17], axis=1))[:60]
-    assert_valid_proxy(body, remesh(body, 70, first=nearest))
 
 
 def test_one_seed_gives_the_same_bits_and_another_other_samples(body):
@@ -137,44 +130,27 @@ def test_the_random_vertex_follows_the_given_ones_and_is_none_of_them():
     assert drawn == {1, 3}
 
 
-def test_the_seed_is_of_no_account_when_all_samples_are_given(body):
-    first = np.random.default_rng(1).permutation(body.n)[:50]
-    a, b = remesh(body, 50, first=first, seed=0), remesh(body, 50, first=first, seed=1)
-    assert np.array_equal(a.samples, b.samples) and np.array_equal(a.faces, b.faces)
-
-
 def test_scaling_by_a_power_of_two_changes_no_bit(body):
     a, b = remesh(body, 80), remesh(Mesh(body.V * 2.0**-30, body.F), 80)
     assert np.array_equal(a.samples, b.samples) and np.array_equal(a.faces, b.faces)
     assert np.array_equal(a.region, b.region) and np.array_equal(a.distance * 2.0**-30, b.distance)
 
 
-def test_more_proxy_vertices_than_the_mesh_has_are_refused(small_body):
-    with pytest.raises(InputError, match="163 proxy vertices were asked for, but the mesh has only 162"):
-        remesh(small_body, 163)
-
-
-def test_too_few_vertices_for_the_handles_are_refused(small_body):
-    with pytest.raises(InputError, match="4 proxy vertices cannot hold the 5 handle vertices"):
-        remesh(small_body, 4, first=np.arange(5))
-
-
-@pytest.mark.parametrize("count", [0, -3])
-def test_no_vertices_at_all_are_refused(small_body, count):
-    with pytest.raises(InputError):
-        remesh(small_body, count)
-
-
-@pytest.mark.parametrize("first", [[162], [-1], [3, 3]])
-@pytest.mark.parametrize("k", [2, 20])
-def test_first_samples_out_of_range_or_repeated_are_refused(small_body, first, k):
-    with pytest.raises(InputError):
-        remesh(small_body, k, first=np.array(first))
-
-
-def test_a_negative_seed_is_refused(small_body):
-    with pytest.raises(InputError, match="seed"):
-        remesh(small_body, 20, seed=-1)
+@pytest.mark.parametrize(
+    ("vertices", "options", "words"),
+    [
+        (163, {}, "163 proxy vertices were asked for, but the mesh has only 162"),
+        (4, {"first": np.arange(5)}, "4 proxy vertices cannot hold the 5 handle vertices"),
+        (0, {}, "cannot hold|needs a vertex"),
+        (-3, {}, "cannot hold"),
+        (20, {"first": np.array([162])}, r"0\.\.161"),
+        (20, {"first": np.array([3, 3])}, "repeat"),
+        (20, {"seed": -1}, "seed -1"),
+    ],
+)
+def test_numbers_that_no_proxy_can_have_are_refused(small_body, vertices, options, words):
+    with pytest.raises(InputError, match=words):
+        remesh(small_body, vertices, **options)
 
 
 def test_unsuitable_meshes_are_refused(small_body):
