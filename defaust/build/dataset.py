@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import shutil
+from collections.abc import Sequence
 from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
@@ -83,7 +84,7 @@ def build(
     with sole_builder(out):
         _prepare(out, recipe)
         subjects = recipe["build"]["subjects"]
-        done = {s: record for s in subjects if (record := _finished(out, s)) is not None}
+        done = _finished(out, subjects)
         missing = [s for s in subjects if s not in done]
         log.info("%d of %d subjects are there already", len(done), len(subjects))
         progress("subjects", len(done), len(subjects))
@@ -126,11 +127,14 @@ def _recipe(source: Source, options: BuildOptions) -> dict[str, Any]:
 
 def _prepare(out: Path, recipe: dict[str, Any]) -> None:
     """Check that what is in the folder was built by the same recipe, and begin or go on with it."""
-    started = out / WORK / RECIPE
+    started, finished = out / WORK / RECIPE, out / DATASET
+    others = [path for path in out.iterdir() if path.name not in (LOCK, WORK)]
+    if others and not started.is_file() and not finished.is_file():
+        raise InputError(f"{out} is not empty and holds no DeFAUST build; give another out")
     # A recipe under which no subject was finished binds nobody.
-    begun = started.is_file() and any((out / WORK).glob("subject_*.json"))
-    for path, exists in ((started, begun), (out / DATASET, (out / DATASET).is_file())):
-        if exists:
+    begun = any((out / WORK).glob("subject_*.json"))
+    for path in (started, finished) if begun else (finished,):
+        if path.is_file():
             before = read_json(path)
             if not isinstance(before, dict):
                 raise InputError(f"{path}: not a record of a build; delete the folder")
@@ -140,31 +144,14 @@ def _prepare(out: Path, recipe: dict[str, Any]) -> None:
                     f"{out} was built with another configuration: {difference}; "
                     "give another out, or delete the folder"
                 )
-    others = [path for path in out.iterdir() if path.name not in (LOCK, WORK)]
-    if not started.is_file() and not (out / DATASET).is_file() and others:
-        raise InputError(f"{out} is not empty and holds no DeFAUST build; give another out")
     make_folder(out / WORK)
-    _clear_leftovers(out)
-    if (out / DATASET).is_file():
-        # A finished dataset to be mended: its subjects' records become the work's again.
-        document = read_dataset(out, intact=False)
-        for record in document["subjects"]:
-            path = _record_path(out, record["subject"])
-            if not path.is_file():
-                inside = f"{subject_folder(record['subject'])}/"
-                files = {name: e for name, e in document["files"].items() if name.startswith(inside)}
-                write_text(path, dump(record | {"files": files}))
-    write_text(started, dump(recipe))
-
-
-def _clear_leftovers(out: Path) -> None:
-    """Remove what a killed build left half written."""
     for folder in (out, out / WORK):
-        for path in folder.glob(".*.partial*"):
+        for path in folder.glob(".*.partial*"):  # what a killed build left half written
             if path.is_dir():
                 shutil.rmtree(path)
             else:
                 path.unlink()
+    write_text(started, dump(recipe))
 
 
 def _difference(before: Any, now: Any, *, where: str = "") -> str:
@@ -182,21 +169,30 @@ def _record_path(out: Path, subject: int) -> Path:
     return out / WORK / f"{subject_folder(subject)}.json"
 
 
-def _finished(out: Path, subject: int) -> dict[str, Any] | None:
-    """Record of a subject whose files are all there and intact."""
-    path = _record_path(out, subject)
-    if not path.is_file():
-        return None
-    try:
-        record = read_record(path, FINISHED)
-    except InputError as error:
-        log.warning("%s: subject %d is built again", error, subject)
-        return None
-    for name, entry in record["files"].items():
-        if not (out / name).is_file() or sha256(out / name) != entry["sha256"]:
-            log.warning("%s is missing or damaged: subject %d is built again", out / name, subject)
-            return None
-    return record
+def _finished(out: Path, subjects: Sequence[int]) -> dict[int, dict[str, Any]]:
+    """Records of the subjects whose files are all there and intact."""
+    records: dict[int, dict[str, Any]] = {}
+    if (out / DATASET).is_file():  # a finished dataset to be mended
+        document = read_dataset(out, intact=False)
+        for record in document["subjects"]:
+            inside = f"{subject_folder(record['subject'])}/"
+            files = {name: e for name, e in document["files"].items() if name.startswith(inside)}
+            records[record["subject"]] = record | {"files": files}
+    for subject in subjects:
+        path = _record_path(out, subject)
+        try:
+            if path.is_file():
+                records[subject] = read_record(path, FINISHED)
+        except InputError as error:
+            log.warning("%s: subject %d is built again", error, subject)
+            records.pop(subject, None)
+    for subject, record in list(records.items()):
+        for name, entry in record["files"].items():
+            if not (out / name).is_file() or sha256(out / name) != entry["sha256"]:
+                log.warning("%s is missing or damaged: subject %d is built again", out / name, subject)
+                del records[subject]
+                break
+    return records
 
 
 def _finish(out: Path, recipe: dict[str, Any], *, records: list[dict[str, Any]]) -> dict[str, Any]:

@@ -62,6 +62,7 @@ def build_subject(
 def _fill(
     source: Source, folder: Path, *, subject: int, options: BuildOptions, progress: Progress
 ) -> dict[str, Any]:
+    """Write the files of a subject and return its entry in dataset.json."""
     stage = f"subject {subject}"
     poses = source.poses(subject)
     steps = len(poses) + 2
@@ -87,18 +88,11 @@ def _fill(
         handles = handle_records(
             rest, posed.V, chosen=chosen, used=pose.landmarks, static_below=options.static_below
         )
-        content = dump({"source_pose": pose.name, "handles": handles}, indent=None)
-        write_text(folder / pose_file(k), content)
+        write_text(folder / pose_file(k), dump({"source_pose": pose.name, "handles": handles}, indent=None))
         kinds = [handle["kind"] for handle in handles]
-        facts.append(
-            {
-                "pose": k,
-                "name": pose.name,
-                "static": kinds.count(STATIC),
-                "dynamic": kinds.count(DYNAMIC),
-                "volume": posed.volume if posed.is_closed else None,
-            }
-        )
+        static, dynamic = kinds.count(STATIC), kinds.count(DYNAMIC)
+        volume = posed.volume if posed.is_closed else None
+        facts.append({"pose": k, "name": pose.name, "static": static, "dynamic": dynamic, "volume": volume})
 
     progress(stage, steps - 1, steps, "upsampling")
     high = upsample(

@@ -41,7 +41,7 @@ class RegisteredSequence:
         ``auto``, ``tosca`` or ``sequence``; see :func:`defaust.sources.files.find_shapes`.
     classes : sequence of str, optional
         Use only these, in this order: they are the subjects 0, 1, ...; by default all.
-    rest : str, optional
+    rest_pose : str, optional
         Name of the rest pose, where it is not the first of its class.
     poses_used : sequence of str, optional
         Names of the target poses; by default all but the rest pose.
