@@ -50,7 +50,7 @@ def warm_up(
 def compile_rare_kernels() -> None:
     """Compile the kernels that only large meshes or intersecting surfaces need, on something small."""
     chain = Factors(np.array([0, 1, 2, 2]), np.array([1, 2], dtype=np.int32), np.ones(2), np.ones(3))
-    _, factors, branches = divide(chain, parts=2)
+    _, factors, branches = divide(chain, chunks=2)
     with ThreadTeam(1) as team:
         substitute_together(factors, branches, np.zeros((3, 3)), team=team)
     V = np.concatenate([np.eye(3), -np.eye(3)])

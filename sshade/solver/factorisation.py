@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csc_array, csc_matrix, sparray, spmatrix
 
-from sshade.solver.substitution import Branches, Factors, divide, substitute, substitute_together
+from sshade.solver.substitution import Factors, Subtrees, divide, substitute, substitute_together
 from sshade.threads import ThreadTeam
 
 #: Rows from which on several threads share a substitution.
@@ -78,9 +78,9 @@ class Factorisation:
             lower.data[below].astype(np.float64, copy=False),
             1.0 / pivots,
         )
-        self._branches: Branches | None = None
+        self._subtrees: Subtrees | None = None
         if n >= SHARED:
-            divided, self.factors, self._branches = divide(self.factors)
+            divided, self.factors, self._subtrees = divide(self.factors)
             self.order = self.order[divided]
 
     def solve_ordered(self, X: np.ndarray, *, team: ThreadTeam | None = None) -> None:
@@ -93,10 +93,10 @@ class Factorisation:
         team : ThreadTeam, optional
             Threads to share the work, where that pays. The same bits.
         """
-        if team is None or team.workers == 1 or self._branches is None or X.shape[1] % 3:
+        if team is None or team.workers == 1 or self._subtrees is None:
             substitute(self.factors, X)
         else:
-            substitute_together(self.factors, self._branches, X, team=team)
+            substitute_together(self.factors, self._subtrees, X, team=team)
 
     def solve(self, B: np.ndarray) -> np.ndarray:
         """Solve ``Q X = B`` for B (n, c) float64; returns X (n, c)."""

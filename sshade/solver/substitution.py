@@ -1,18 +1,28 @@
 """Forward and backward substitution with ``L D L^T``, by one thread or by several, to the same bits.
 
 L is unit lower triangular, in compressed columns without its diagonal, rows
-ascending. Column j changes only rows that lie above j in the elimination tree,
-so that branches of the tree know nothing of each other: several threads take
-branches of about equal weight, and what remains, the top of the tree, is a
-seventh of the entries on surface meshes. Rows are in an order in which the
-branches of a part follow each other and the top comes last. What the parts add to
-the top's rows is summed up in the order in which the serial loop would do it.
+ascending. Column j changes only rows that lie above j in the elimination tree, so
+that subtrees know nothing of each other. Several threads take subtrees of about
+equal weight; the separator, the top of the tree with a seventh of the entries on
+surface meshes, comes last. With the rows in that order
+
+        | L_1                     |
+        |      L_2                |        L_p  subtrees of chunk p
+    L = |           ...           |        B_p  rows of the separator, columns of chunk p
+        |                L_k      |        S    the separator
+        | B_1  B_2  ...  B_k   S  |
+
+forward substitution is ``L_p x_p = b_p`` for all p at once, then the rows of ``b_s -
+sum_p B_p x_p`` at once, then S; backward substitution is S^T, then all ``L_p^T`` and
+``B_p^T`` at once. What is subtracted from a row of the separator is so in the order
+of the serial loop.
 
 T. A. Davis, "Direct methods for sparse linear systems", 2006, chapters 3 and 4.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -21,8 +31,8 @@ from scipy.sparse import csc_array
 
 from sshade.threads import ThreadTeam
 
-#: Parts of about equal weight into which a tree is divided, whatever the number of threads.
-PARTS = 4
+#: Chunks of about equal weight into which a tree is divided, whatever the number of threads.
+CHUNKS = 4
 
 
 class Factors(NamedTuple):
@@ -44,19 +54,19 @@ class Factors(NamedTuple):
     inverse_pivot: np.ndarray
 
 
-class Branches(NamedTuple):
-    """A division of the elimination tree; see :func:`divide`.
+class Subtrees(NamedTuple):
+    """The elimination tree in chunks and a separator; see :func:`divide`.
 
     Attributes
     ----------
-    bounds : (parts + 2,) int64
-        Where the rows of each part begin, those of the top, and their end.
+    bounds : (k + 2,) int64
+        Where the rows of each chunk begin, those of the separator, and their end.
     inside : (n,) int64
-        End of the entries of each column of a part that lie in that part; all entries of the top's.
-    share : (parts + 1,) int64
-        Where each thread's part of the top's rows begins, of about equal weight.
+        End of the entries of each column that lie in its L_p; all entries of the separator's.
+    share : (k + 1,) int64
+        Where each thread's part of the separator's rows begins, of about equal weight.
     first : (t + 1,) int64
-        Where each of the top's t rows of L begins, without what lies in columns of the top.
+        Where each of the t rows of ``[B_1 ... B_k]`` begins.
     column : (y,) int32
     value : (y,) float64
     """
@@ -71,106 +81,122 @@ class Branches(NamedTuple):
 
 def substitute(factors: Factors, X: np.ndarray) -> None:
     """Solve ``L D L^T X = X`` in place, for X (n, c) float64, C-contiguous."""
-    kernel = {3: _three, 6: _six}.get(X.shape[1], _any)
-    kernel(*factors, X)
+    start, row, value, _ = factors
+    n = len(X)
+
+    def solve(Y: np.ndarray) -> None:
+        _forward(0, n, start, start[1:], row, value, Y)
+        _backward(0, n, *factors, Y)
+
+    _by_threes(solve, X)
 
 
-def substitute_together(factors: Factors, branches: Branches, X: np.ndarray, *, team: ThreadTeam) -> None:
-    """:func:`substitute` by the threads of a team; the same bits.
+def substitute_together(factors: Factors, subtrees: Subtrees, X: np.ndarray, *, team: ThreadTeam) -> None:
+    """:func:`substitute` by the threads of a team; the same bits."""
+    start, row, value, _ = factors
+    bounds, inside, share, *rows = subtrees
+    chunks = len(share) - 1
 
-    X (n, c) has three columns or a multiple of that: points and vectors.
-    """
-    start, row, value, inverse_pivot = factors
-    bounds, inside, share, *rows = branches
-    parts = len(share) - 1
+    def solve(Y: np.ndarray) -> None:
+        def forward(p: int) -> None:
+            _forward(bounds[p], bounds[p + 1], start, inside, row, value, Y)
 
-    def forward(p: int) -> None:
-        _columns(bounds[p], bounds[p + 1], start, inside, row, value, X)
+        def to_separator(p: int) -> None:
+            _rows(share[p], share[p + 1], bounds[chunks], *rows, Y)
 
-    def forward_top(p: int) -> None:
-        _rows(share[p], share[p + 1], bounds[parts], *rows, X)
+        def backward(p: int) -> None:
+            _backward(bounds[p], bounds[p + 1], *factors, Y)
 
-    def backward(p: int) -> None:
-        _transposed(bounds[p], bounds[p + 1], start, row, value, inverse_pivot, X)
+        team(forward, chunks)
+        team(to_separator, chunks)
+        forward(chunks)
+        backward(chunks)
+        team(backward, chunks)
 
-    team(forward, parts)
-    team(forward_top, parts)
-    forward(parts)
-    backward(parts)
-    team(backward, parts)
+    _by_threes(solve, X)
 
 
-def divide(factors: Factors, *, parts: int = PARTS) -> tuple[np.ndarray, Factors, Branches]:
-    """Divide the elimination tree into branches, in some parts of about equal weight, and the top.
+def _by_threes(solve: Callable[[np.ndarray], None], X: np.ndarray) -> None:
+    """Solve for the columns of X (n, c) three at a time, the points or vectors that they mostly are."""
+    if X.shape[1] == 3:
+        solve(X)
+        return
+    for c in range(0, X.shape[1], 3):
+        part = X[:, c : c + 3]
+        Y = np.zeros((len(X), 3))
+        Y[:, : part.shape[1]] = part
+        solve(Y)
+        part[:] = Y[:, : part.shape[1]]
 
-    Branches are as large as they can be with at most 0.8 / parts of all
-    entries; the heaviest first, each goes to the part with the least weight.
+
+def divide(factors: Factors, *, chunks: int = CHUNKS) -> tuple[np.ndarray, Factors, Subtrees]:
+    """Divide the elimination tree into chunks of subtrees, of about equal weight, and a separator.
+
+    Subtrees are as large as they can be with at most 0.8 / chunks of all entries;
+    the heaviest first, each goes to the chunk with the least weight.
 
     Parameters
     ----------
     factors : Factors
-    parts : int
+    chunks : int
 
     Returns
     -------
     order : (n,) int64
-        Present place of each row in the new order: part after part, then the top.
+        Present place of each row in the new order: chunk after chunk, then the separator.
     factors : Factors
         The same in that order.
-    branches : Branches
+    subtrees : Subtrees
         Of that order.
     """
     n, entries = len(factors.inverse_pivot), len(factors.row)
-    weight, branch = np.zeros(n, dtype=np.int64), np.empty(n, dtype=np.int64)
-    _branches(factors.start, factors.row, int(0.8 / parts * entries), weight, branch)
-    roots = np.flatnonzero(branch == np.arange(n))
-    load, part = np.zeros(parts), np.full(n + 1, parts)
+    weight, subtree = np.zeros(n, dtype=np.int64), np.empty(n, dtype=np.int64)
+    _subtrees(factors.start, factors.row, int(0.8 / chunks * entries), weight, subtree)
+    roots = np.flatnonzero(subtree == np.arange(n))
+    load, chunk = np.zeros(chunks), np.full(n + 1, chunks)
     for root in roots[np.argsort(-weight[roots], kind="stable")]:
-        part[root] = load.argmin()
-        load[part[root]] += weight[root]
-    part = part[branch]  # the top's branch is -1, and so is the last entry's
-    order = np.argsort(part, kind="stable")
-    bounds = np.concatenate([[0], np.cumsum(np.bincount(part, minlength=parts + 1))])
+        chunk[root] = load.argmin()
+        load[chunk[root]] += weight[root]
+    chunk = chunk[subtree]  # the separator's subtree is -1, and so is the last entry's
+    order = np.argsort(chunk, kind="stable")
+    bounds = np.concatenate([[0], np.cumsum(np.bincount(chunk, minlength=chunks + 1))])
     start, row, value = np.empty(n + 1, dtype=np.int64), np.empty_like(factors.row), np.empty(entries)
     inside = np.empty(n, dtype=np.int64)
-    _reordered(*factors[:3], order, bounds[parts], start, row, value, inside)
-    top, rest = bounds[parts], start[bounds[parts]]
-    inside[top:] = start[top + 1 :]
-    below = row[:rest] >= top
-    columns = np.repeat(np.arange(top, dtype=np.int32), np.diff(start[: top + 1]))[below]
-    rows = csc_array((value[:rest][below], (row[:rest][below] - top, columns)), shape=(n - top, top)).tocsr()
-    rows.sort_indices()
-    first = rows.indptr.astype(np.int64)
-    branches = Branches(
+    _reordered(*factors[:3], order, bounds[chunks], start, row, value, inside)
+    separator = bounds[chunks]
+    inside[separator:] = start[separator + 1 :]
+    B = csc_array((value, row, start), shape=(n, n))[separator:, :separator].tocsr()
+    first = B.indptr.astype(np.int64)
+    subtrees = Subtrees(
         bounds=bounds,
         inside=inside,
-        share=np.searchsorted(first, np.linspace(0, first[-1], parts + 1)),
+        share=np.searchsorted(first, np.linspace(0, first[-1], chunks + 1)),
         first=first,
-        column=rows.indices.astype(np.int32),
-        value=rows.data,
+        column=B.indices.astype(np.int32),
+        value=B.data,
     )
-    return order, Factors(start, row, value, factors.inverse_pivot[order]), branches
+    return order, Factors(start, row, value, factors.inverse_pivot[order]), subtrees
 
 
 @njit(cache=True, nogil=True)
-def _branches(start, row, limit, weight, branch):
-    """Entries of L at and below each node, and the root of its branch; -1 in the top."""
-    n = len(branch)
+def _subtrees(start, row, limit, weight, subtree):
+    """Entries of L at and below each node, and the root of its subtree; -1 in the separator."""
+    n = len(subtree)
     for j in range(n):
         weight[j] += start[j + 1] - start[j]
         if start[j] < start[j + 1]:
             weight[row[start[j]]] += weight[j]  # the first row below the diagonal is the parent
     for j in range(n - 1, -1, -1):
         parent = row[start[j]] if start[j] < start[j + 1] else -1
-        if parent >= 0 and branch[parent] >= 0:
-            branch[j] = branch[parent]
+        if parent >= 0 and subtree[parent] >= 0:
+            subtree[j] = subtree[parent]
         else:
-            branch[j] = j if weight[j] <= limit else -1
+            subtree[j] = j if weight[j] <= limit else -1
 
 
 @njit(cache=True, nogil=True)
-def _reordered(start, row, value, order, top, new_start, new_row, new_value, inside):
-    """Columns in another order; rows stay ascending, as those of a branch and of the top keep theirs."""
+def _reordered(start, row, value, order, separator, new_start, new_row, new_value, inside):
+    """Columns in another order; rows stay ascending, as as within a subtree."""
     place = np.empty(len(order), dtype=row.dtype)
     for j in range(len(order)):
         place[order[j]] = j
@@ -179,72 +205,44 @@ def _reordered(start, row, value, order, top, new_start, new_row, new_value, ins
         inside[j] = end
         for k in range(start[order[j]], start[order[j] + 1]):
             new_row[end], new_value[end] = place[row[k]], value[k]
-            inside[j] += new_row[end] < top
+            inside[j] += new_row[end] < separator
             end += 1
         new_start[j + 1] = end
 
 
 @njit(cache=True, nogil=True)
-def _columns(begin, end, start, inside, row, value, X):
+def _forward(begin, end, start, inside, row, value, X):
     """Forward substitution with the columns of L from `begin` to `end`, as far as `inside`."""
     for j in range(begin, end):
-        for o in range(0, X.shape[1], 3):
-            a, b, c = X[j, o], X[j, o + 1], X[j, o + 2]
-            for k in range(start[j], inside[j]):
-                i, v = row[k], value[k]
-                X[i, o] -= v * a
-                X[i, o + 1] -= v * b
-                X[i, o + 2] -= v * c
+        a, b, c = X[j, 0], X[j, 1], X[j, 2]
+        for k in range(start[j], inside[j]):
+            i, v = row[k], value[k]
+            X[i, 0] -= v * a
+            X[i, 1] -= v * b
+            X[i, 2] -= v * c
 
 
 @njit(cache=True, nogil=True)
-def _rows(begin, end, top, first, column, value, X):
-    """Forward substitution into the top's rows from `begin` to `end`, with what parts add."""
+def _rows(begin, end, separator, first, column, value, X):
+    """Subtract ``sum_p B_p x_p`` from the separator's rows from `begin` to `end`."""
     for r in range(begin, end):
-        i = top + r
-        for o in range(0, X.shape[1], 3):
-            a, b, c = X[i, o], X[i, o + 1], X[i, o + 2]
-            for k in range(first[r], first[r + 1]):
-                j, v = column[k], value[k]
-                a -= v * X[j, o]
-                b -= v * X[j, o + 1]
-                c -= v * X[j, o + 2]
-            X[i, o], X[i, o + 1], X[i, o + 2] = a, b, c
+        i = separator + r
+        a, b, c = X[i, 0], X[i, 1], X[i, 2]
+        for k in range(first[r], first[r + 1]):
+            j, v = column[k], value[k]
+            a -= v * X[j, 0]
+            b -= v * X[j, 1]
+            c -= v * X[j, 2]
+        X[i, 0], X[i, 1], X[i, 2] = a, b, c
 
 
 @njit(cache=True, nogil=True)
-def _transposed(begin, end, start, row, value, inverse_pivot, X):
+def _backward(begin, end, start, row, value, inverse_pivot, X):
     """Division by D and backward substitution of the rows from `begin` to `end`, the last first.
 
     Of its terms a row takes those last that are known last: the processor does not wait for them.
     """
     for j in range(end - 1, begin - 1, -1):
-        d = inverse_pivot[j]
-        for o in range(0, X.shape[1], 3):
-            a, b, c = d * X[j, o], d * X[j, o + 1], d * X[j, o + 2]
-            for k in range(start[j + 1] - 1, start[j] - 1, -1):
-                i, v = row[k], value[k]
-                a -= v * X[i, o]
-                b -= v * X[i, o + 1]
-                c -= v * X[i, o + 2]
-            X[j, o], X[j, o + 1], X[j, o + 2] = a, b, c
-
-
-@njit(cache=True, nogil=True)
-def _three(start, row, value, inverse_pivot, X):
-    """Solve L D L^T X = X for three columns; L is unit lower triangular, by columns, without diagonal.
-
-    Backward with the terms of :func:`_transposed` in its order.
-    """
-    n = len(inverse_pivot)
-    for j in range(n):
-        a, b, c = X[j, 0], X[j, 1], X[j, 2]
-        for k in range(start[j], start[j + 1]):
-            i, v = row[k], value[k]
-            X[i, 0] -= v * a
-            X[i, 1] -= v * b
-            X[i, 2] -= v * c
-    for j in range(n - 1, -1, -1):
         d = inverse_pivot[j]
         a, b, c = d * X[j, 0], d * X[j, 1], d * X[j, 2]
         for k in range(start[j + 1] - 1, start[j] - 1, -1):
@@ -253,49 +251,3 @@ def _three(start, row, value, inverse_pivot, X):
             b -= v * X[i, 1]
             c -= v * X[i, 2]
         X[j, 0], X[j, 1], X[j, 2] = a, b, c
-
-
-@njit(cache=True, nogil=True)
-def _any(start, row, value, inverse_pivot, X):
-    """:func:`_three` for any number of columns."""
-    n, columns = X.shape
-    for j in range(n):
-        for k in range(start[j], start[j + 1]):
-            i, v = row[k], value[k]
-            for c in range(columns):
-                X[i, c] -= v * X[j, c]
-    for j in range(n - 1, -1, -1):
-        for c in range(columns):
-            X[j, c] *= inverse_pivot[j]
-        for k in range(start[j + 1] - 1, start[j] - 1, -1):
-            i, v = row[k], value[k]
-            for c in range(columns):
-                X[j, c] -= v * X[i, c]
-
-
-@njit(cache=True, nogil=True)
-def _six(start, row, value, inverse_pivot, X):
-    """:func:`_three` for six columns."""
-    n = len(inverse_pivot)
-    for j in range(n):
-        a, b, c, d, e, f = X[j, 0], X[j, 1], X[j, 2], X[j, 3], X[j, 4], X[j, 5]
-        for k in range(start[j], start[j + 1]):
-            i, v = row[k], value[k]
-            X[i, 0] -= v * a
-            X[i, 1] -= v * b
-            X[i, 2] -= v * c
-            X[i, 3] -= v * d
-            X[i, 4] -= v * e
-            X[i, 5] -= v * f
-    for j in range(n - 1, -1, -1):
-        p = inverse_pivot[j]
-        a, b, c, d, e, f = p * X[j, 0], p * X[j, 1], p * X[j, 2], p * X[j, 3], p * X[j, 4], p * X[j, 5]
-        for k in range(start[j + 1] - 1, start[j] - 1, -1):
-            i, v = row[k], value[k]
-            a -= v * X[i, 0]
-            b -= v * X[i, 1]
-            c -= v * X[i, 2]
-            d -= v * X[i, 3]
-            e -= v * X[i, 4]
-            f -= v * X[i, 5]
-        X[j, 0], X[j, 1], X[j, 2], X[j, 3], X[j, 4], X[j, 5] = a, b, c, d, e, f

@@ -117,7 +117,7 @@ def _substituted() -> np.ndarray:
         X = rng.normal(size=(n, columns))
         Y = X.copy()
         substitute(factors, X)
-        _, divided, branches = divide(factors, parts=2)
+        _, divided, branches = divide(factors, chunks=2)
         if columns > 1:
             with ThreadTeam(1) as team:
                 substitute_together(divided, branches, Y, team=team)

@@ -53,10 +53,10 @@ def test_substitution_solves_the_triangular_systems(factors, count):
     assert np.abs(X - expected).max() < 1e-12 * np.abs(expected).max()
 
 
-@pytest.mark.parametrize("parts", [1, 2, 3, 8])
-@pytest.mark.parametrize("count", [3, 6, 9])
-def test_several_threads_find_the_same_bits(factors, count, parts):
-    order, divided, branches = divide(factors, parts=parts)
+@pytest.mark.parametrize("chunks", [1, 2, 3, 8])
+@pytest.mark.parametrize("count", [3, 5, 6])
+def test_several_threads_find_the_same_bits(factors, count, chunks):
+    order, divided, subtrees = divide(factors, chunks=chunks)
     X = columns(factors, count)
     expected, alone = X.copy(), X[order]
     substitute(factors, expected)
@@ -66,26 +66,26 @@ def test_several_threads_find_the_same_bits(factors, count, parts):
     for threads in (1, 2, 3):
         again = together.copy()
         with ThreadTeam(threads) as team:
-            substitute_together(divided, branches, again, team=team)
+            substitute_together(divided, subtrees, again, team=team)
         assert np.array_equal(again, alone)
 
 
-@pytest.mark.parametrize("parts", [1, 2, 5])
-def test_branches_are_independent_and_the_top_is_last(factors, parts):
-    order, (start, row, _, _), branches = divide(factors, parts=parts)
+@pytest.mark.parametrize("chunks", [1, 2, 5])
+def test_subtrees_are_independent_and_the_separator_is_last(factors, chunks):
+    order, (start, row, _, _), subtrees = divide(factors, chunks=chunks)
     n = len(order)
     assert np.array_equal(np.sort(order), np.arange(n))
-    part = np.repeat(np.arange(parts + 1), np.diff(branches.bounds))
+    chunk = np.repeat(np.arange(chunks + 1), np.diff(subtrees.bounds))
     column = np.repeat(np.arange(n), np.diff(start))
-    assert ((part[row] == part[column]) | (part[row] == parts)).all()
+    assert ((chunk[row] == chunk[column]) | (chunk[row] == chunks)).all()
     assert (np.diff(row)[np.diff(column) == 0] > 0).all() and (row > column).all()
-    assert np.array_equal(branches.inside, start[:-1] + np.bincount(column, part[row] == part[column], n))
-    assert len(branches.column) == ((part[column] < parts) & (part[row] == parts)).sum()
+    assert np.array_equal(subtrees.inside, start[:-1] + np.bincount(column, chunk[row] == chunk[column], n))
+    assert len(subtrees.column) == ((chunk[column] < chunks) & (chunk[row] == chunks)).sum()
 
 
-def test_branches_share_the_work():
-    for parts, left in ((2, 0.25), (4, 0.5)):
-        _, divided, branches = divide(FACTORS["closed"], parts=parts)
-        entries = np.diff(divided.start[branches.bounds]) / len(divided.row)
+def test_subtrees_share_the_work():
+    for chunks, left in ((2, 0.25), (4, 0.5)):
+        _, divided, subtrees = divide(FACTORS["closed"], chunks=chunks)
+        entries = np.diff(divided.start[subtrees.bounds]) / len(divided.row)
         assert entries[-1] < left
         assert entries[:-1].max() < 1.5 * entries[:-1].min()
