@@ -40,8 +40,8 @@ class Constraints(Protocol):
     P and B are (n, 3) float64, in the system's order of vertices.
     """
 
-    #: Right-hand sides, besides the three of positions, that new directions need.
-    columns: int
+    #: Number of directions.
+    count: int
 
     @property
     def renews_directions(self) -> bool:
@@ -54,10 +54,10 @@ class Constraints(Protocol):
         """Write to B ``sum_q lambda_q grad C_q(P)``, which the right-hand side gets."""
 
     def write_gradients(self, P: np.ndarray, rows: np.ndarray, X: np.ndarray) -> None:
-        """Write ``grad C_q(P)`` of the vertices `rows` (f,) to columns 3.. of X (f, 3 + columns)."""
+        """Write ``grad C_q(P)`` of the vertices `rows` (f,) to X (count, f, 3)."""
 
     def take_directions(self, X: np.ndarray, rows: np.ndarray) -> None:
-        """Take ``L^-1 grad C_q`` from columns 3.. of X for the directions of `project`."""
+        """Take X (count, f, 3), ``L^-1 grad C_q``, for the directions of `project`."""
 
     def project(self, P: np.ndarray) -> None:
         """Move P along the directions to where the constraints hold; the multipliers follow."""
@@ -192,8 +192,10 @@ class ArapIteration:
         self.system, self._team = system, team
         self._constraints, self._softening, self.restored = constraints, softening, True
         self._fixed = -(system.to_handles @ targets)
-        self._X = np.empty((free, 3))
-        self._wide = np.zeros((free, 3 + constraints.columns if constraints else 0))
+        self._X, self._directions = (
+            np.empty((free, 3)),
+            np.empty((constraints.count if constraints else 0, free, 3)),
+        )
         self._Q, self.R, self._B = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), np.empty((n, 9)), np.empty((n, 3))
         self._forces = np.empty((n if constraints else 0, 3))
 
@@ -235,17 +237,14 @@ class ArapIteration:
         work = [partial(self._right_hand_side, u, number) for number in range(len(s.ranges))]
         if constraints is None:
             self._team(lambda number: work[number](), len(work))
-            self._solve(self._X, g)
+            self._solve(g)
             return
         work.insert(0, partial(constraints.forces, u, self._forces))  # the longest first
         self._team(lambda number: work[number](), len(work))
         self._B += self._forces
+        self._solve(g)
         if constraints.renews_directions:
-            constraints.write_gradients(u, s.free, self._wide)
-            self._solve(self._wide, g)
-            constraints.take_directions(self._wide, s.free)
-        else:
-            self._solve(self._X, g)
+            self._renew_directions(constraints, u)
         constraints.project(g)
 
     def restore(self, u: np.ndarray) -> None:
@@ -256,10 +255,7 @@ class ArapIteration:
     def project(self, u: np.ndarray) -> None:
         """Project positions u (n, 3) onto the exact constraints, along directions of their own."""
         if self._constraints:
-            s = self.system
-            self._constraints.write_gradients(u, s.free, self._wide)
-            s.factorisation.solve_ordered(self._wide, team=self._team)
-            self._constraints.take_directions(self._wide, s.free)
+            self._renew_directions(self._constraints, u)
             self.restore(u)
 
     def multiply(self, F: np.ndarray, out: np.ndarray) -> None:
@@ -274,18 +270,25 @@ class ArapIteration:
         else:
             self._softening.right_hand_side(own, u, self.R, self._B, first, end)
 
-    def _solve(self, X: np.ndarray, g: np.ndarray) -> None:
-        """Solve for B in the first three columns of X; write the free rows to g."""
-        free = self.system.free
+    def _renew_directions(self, constraints: Constraints, u: np.ndarray) -> None:
+        free, X = self.system.free, self._directions
+        constraints.write_gradients(u, free, X)
+        for right in X:
+            self.system.factorisation.solve_ordered(right, team=self._team)
+        constraints.take_directions(X, free)
+
+    def _solve(self, g: np.ndarray) -> None:
+        """Write the solution for the right-hand side B to the free rows of g (n, 3)."""
+        free, X = self.system.free, self._X
         chunks = [slice(first, first + CHUNK) for first in range(0, len(free), CHUNK)]
 
         def gather(number: int) -> None:
             own = chunks[number]
-            np.add(self._B[free[own]], self._fixed[own], out=X[own, :3])
+            _gather(self._B, free[own], self._fixed[own], X[own])
 
         def scatter(number: int) -> None:
             own = chunks[number]
-            g[free[own]] = X[own, :3]
+            _scatter(X[own], free[own], g)
 
         self._team(gather, len(chunks))
         self.system.factorisation.solve_ordered(X, team=self._team)
@@ -330,3 +333,17 @@ def _multiply(start, column, value, F, out, first, end):
             y += v * F[j, 1]
             z += v * F[j, 2]
         out[i, 0], out[i, 1], out[i, 2] = x, y, z
+
+
+@njit(cache=True, nogil=True)
+def _gather(B, rows, fixed, X):
+    for i in range(len(rows)):
+        for c in range(3):
+            X[i, c] = B[rows[i], c] + fixed[i, c]
+
+
+@njit(cache=True, nogil=True)
+def _scatter(X, rows, g):
+    for i in range(len(rows)):
+        for c in range(3):
+            g[rows[i], c] = X[i, c]

@@ -179,7 +179,7 @@ class HeldConstraints:
         self._G, self._Z = np.zeros((2, len(components.component), len(kinds), 3))
         self._slope = np.empty((on.shape[1], len(kinds), len(kinds)))
         self._violation, self._multiplier = np.zeros(on.shape[1]), np.zeros((on.shape[1], len(kinds)))
-        self.columns, self._steps = 3 * len(kinds), 0
+        self.count, self._steps = len(kinds), 0
         both = math.isinf(asked.volume) and math.isinf(asked.area)
         self._every = EVERY_OF_BOTH if both else EVERY
 
@@ -204,10 +204,12 @@ class HeldConstraints:
     def write_gradients(self, P: np.ndarray, rows: np.ndarray, X: np.ndarray) -> None:
         F, start, _, kinds, scale, *_ = self._equations
         gradients(F, start, kinds, scale, P, self._G)
-        X[:, 3:] = self._G.reshape(len(self._G), -1)[rows]
+        for q in range(self.count):
+            X[q] = self._G[rows, q]
 
     def take_directions(self, X: np.ndarray, rows: np.ndarray) -> None:
-        self._Z.reshape(len(self._Z), -1)[rows] = X[:, 3:]
+        for q in range(self.count):
+            self._Z[rows, q] = X[q]
         along(self._G, self._equations.component, self._Z, self._slope)
 
     def project(self, P: np.ndarray) -> None:
