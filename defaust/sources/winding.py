@@ -5,6 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from sshade import Mesh
+from sshade.mesh.adjacency import sides_by_edge
+from sshade.mesh.cutting import faces_to_turn
+
+#: Corners of a face that is turned over.
+TURNED = [0, 2, 1]
 
 
 def same_triangles(F: np.ndarray, G: np.ndarray) -> bool:
@@ -18,26 +23,16 @@ def same_triangles(F: np.ndarray, G: np.ndarray) -> bool:
 
 
 def wound_outward(mesh: Mesh) -> Mesh:
-    """The mesh with all triangles running the same way round, counter-clockwise seen from outside.
+    """Orient all triangles alike, counter-clockwise seen from outside.
 
     The order of the triangles is kept; of each only the winding may change.
     Outside is where the enclosed volume is positive; on a mesh with holes the
     volume of the cone to the centre of its box decides. A surface with one
     side only, or one that is not manifold, comes back inconsistent.
     """
-    F = mesh.F
-    if not mesh.is_oriented:
-        import igl
-
-        # Compared row by row: igl may rotate the corners too.
-        F = np.where(_is_even(F, igl.bfs_orient(F)[0])[:, None], F, F[:, [0, 2, 1]])
-    oriented = Mesh(mesh.V, F)
-    return Mesh(mesh.V, F[:, [0, 2, 1]]) if oriented.volume < 0 else oriented
-
-
-def _is_even(F: np.ndarray, G: np.ndarray) -> np.ndarray:
-    """(m,) whether row i of G is a rotation of row i of F, not its reversal."""
-    return np.stack([(np.roll(F, k, axis=1) == G).all(axis=1) for k in range(3)]).any(axis=0)
+    turn = faces_to_turn(mesh, sides_by_edge(mesh.F, mesh.n))
+    oriented = Mesh(mesh.V, np.where(turn[:, None], mesh.F[:, TURNED], mesh.F))
+    return Mesh(mesh.V, oriented.F[:, TURNED]) if oriented.volume < 0 else oriented
 
 
 def _canonical(F: np.ndarray) -> np.ndarray:

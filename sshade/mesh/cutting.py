@@ -65,7 +65,7 @@ def cut_to_manifold(mesh: Mesh) -> Cut:
     if mesh.is_manifold and mesh.is_oriented:
         return Cut(mesh, np.arange(mesh.n), 0)
     edges = sides_by_edge(mesh.F, mesh.n)
-    flipped = _orientation(mesh, edges)
+    flipped = faces_to_turn(mesh, edges)
     pairs = _joined(mesh, edges, flipped)
     while True:
         F, origin = _fans(mesh, edges, pairs)
@@ -79,8 +79,22 @@ def cut_to_manifold(mesh: Mesh) -> Cut:
         pairs = _Pairs(*(column[~crowded] for column in pairs))
 
 
-def _orientation(mesh: Mesh, edges: EdgeSides) -> np.ndarray:
-    """(m,) bool: faces to turn so that neighbours agree at edges of two; the larger part of a sheet stays."""
+def faces_to_turn(mesh: Mesh, edges: EdgeSides) -> np.ndarray:
+    """Find faces that, turned over, make neighbours run through their edge in opposite directions.
+
+    Neighbours are two faces at an edge that has no third one. Of each sheet of neighbours the part
+    of larger area stays. Neighbours on a surface with one side only go on disagreeing somewhere.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    edges : EdgeSides
+        Of its faces.
+
+    Returns
+    -------
+    (m,) bool
+    """
     tail, twin = mesh.F.ravel(), edges.twin
     # Two sides of an edge begin at the same vertex: one of their faces is turned against the other.
     same = (twin >= 0) & (tail == tail[twin])
