@@ -28,7 +28,7 @@ from eval.configure import sweep as cli_sweep
 from eval.configure.allowed import allow_from, check_folders, require_allowed, require_from_command_line
 from eval.configure.sweep import SweepRefused, check_root
 from eval.configure.targets import instantiate
-from eval.metrics.metrics import METRICS
+from eval.metrics import METRICS
 from eval.rows.bands import out_of_band
 from eval.run.run import Outcome, run
 from eval.run.sweep import SweepRecord, told_status

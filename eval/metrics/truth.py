@@ -10,35 +10,41 @@ from __future__ import annotations
 import numpy as np
 
 from eval.metrics.geometry import corner_angles, edge_lengths
-from sshade.pipeline.transfer import TransferTask
-from sshade.task import DeformationTask
-
-Task = DeformationTask | TransferTask
+from eval.metrics.registry import Task, metric
 
 
+@metric("-", "largest distance of a vertex to the other surface, the truth in the unit sphere", needs="truth")
 def hausdorff(task: Task, vertices: np.ndarray) -> float:
     """d_H: the largest distance of a vertex of one shape to the surface of the other; no unit."""
     there, back = _squared_distances(task, vertices)
     return float(np.sqrt(max(there.max(), back.max())))
 
 
+@metric(
+    "-",
+    "mean squared distance of vertices to the other surface, both ways added, scaled as d_H",
+    needs="truth",
+)
 def chamfer(task: Task, vertices: np.ndarray) -> float:
     """d_C: the two mean squared distances of vertices to the other surface, added; no unit."""
     there, back = _squared_distances(task, vertices)
     return float(there.mean() + back.mean())
 
 
+@metric("%", "mean distance of vertices to their true places / diagonal", needs="truth")
 def truth_distance(task: Task, vertices: np.ndarray) -> float:
     """Mean distance of a vertex to its true place over M's diagonal, in percent."""
     return 100 * float(np.linalg.norm(vertices - task.truth, axis=1).mean()) / task.mesh.diagonal
 
 
+@metric("%", "mean over edges of |length - true length| / longest true edge", needs="truth")
 def truth_edge(task: Task, vertices: np.ndarray) -> float:
     """EL against the truth: mean absolute difference of an edge's length over the longest true edge, in %."""
     true = edge_lengths(task.truth, task.mesh.edges)
     return 100 * float(np.abs(edge_lengths(vertices, task.mesh.edges) - true).mean()) / float(true.max())
 
 
+@metric("deg", "mean over corners of |angle - true angle|", needs="truth")
 def truth_angle(task: Task, vertices: np.ndarray) -> float:
     """FA against the truth: mean absolute difference of a corner's angle, in degrees."""
     F = task.mesh.F

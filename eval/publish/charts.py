@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from eval.metrics.metrics import METRICS
+from eval.metrics import METRICS
 from eval.publish.columns import reference_rows
 from eval.publish.plotting import FIGURES, SUFFIXES, axis_label, look, new_figure, plot_points, save, styled
 from eval.publish.summary import check_times

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from eval.metrics.metrics import METRICS
+from eval.metrics import METRICS
 from eval.publish.plotting import FIGURES, axis_label, look, new_figure, plot_points, save, styled
 from eval.rows.experiment import rows_file
 from eval.rows.frame import read_csv, split_label, valid

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eval.metrics.truth import Task
+from eval.metrics import Task
 from eval.publish import panels
 from eval.publish.plotting import FIGURES, save
 from eval.rows.collect import collect

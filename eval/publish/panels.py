@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from eval.metrics.truth import Task
+from eval.metrics import Task
 from eval.publish.plotting import new_figure, styled
 from sshade.figures import COLOURS, View, edge_error, picture
 from sshade.mesh.mesh import Mesh

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from eval.metrics.metrics import METRICS
+from eval.metrics import METRICS
 from eval.publish.columns import REFERENCES, Column, are_transfers, columns_of, reference_rows
 from eval.rows.frame import CASE, distinct, method_names, method_order, newest, numbers, valid
 from sshade.errors import InputError

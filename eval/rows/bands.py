@@ -12,7 +12,7 @@ import argparse
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from eval.metrics.metrics import METRICS
+from eval.metrics import METRICS
 from eval.rows.store import ROWS_HELP, VALID, Row
 from sshade.cli.configuration import CONFIGURATION
 from sshade.errors import InputError

@@ -6,7 +6,7 @@ import json
 
 from eval.configure.allowed import require_allowed
 from eval.configure.targets import instantiate
-from eval.metrics.truth import Task
+from eval.metrics import Task
 from eval.rows.store import Row
 from eval.run.provenance import task_checksum
 from sshade.errors import InputError

@@ -12,8 +12,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from eval.metrics.metrics import METRICS, measure
-from eval.metrics.truth import Task
+from eval.metrics import METRICS, Task, measure
 from eval.rows.recall import load_task
 from eval.rows.store import (
     FOLDER_HELP,

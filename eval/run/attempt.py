@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eval.configure.targets import instantiate, settings
-from eval.metrics.truth import Task
+from eval.metrics import Task
 from eval.rows.store import Row
 from eval.run.provenance import process_memory
 from eval.run.warmup import warm_up

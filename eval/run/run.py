@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from eval.configure.targets import flat, instantiate, require_kind, settings, target_modules
-from eval.metrics.metrics import measure
-from eval.metrics.truth import Task
+from eval.metrics import Task, measure
 from eval.rows.store import SCHEMA, TRANSFER, VALID, Row, read_row, run_folder, write_run
 from eval.run.attempt import attempt, attempt_fresh, is_scalar
 from eval.run.provenance import config_hash, dependencies, digest, environment, source_hash, task_checksum

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from eval.metrics.truth import Task
+from eval.metrics import Task
 from sshade.contact.separate import separate
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh

@@ -16,15 +16,18 @@ import argparse
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eval.publish.panels import Panels, draw
+from eval.publish.plotting import save
 from sshade.carry.affine import affine_maps
 from sshade.carry.binding import Binding
 from sshade.carry.blended import nearest_rotations
 from sshade.carry.neighbours import adjacent_triangles
 from sshade.errors import InputError
-from sshade.figures import UP, View, picture, require_extra
+from sshade.figures import UP, View, require_extra
 from sshade.io.handles import read_task
 from sshade.mesh.mesh import Mesh
 from sshade.pipeline.deform import deform
@@ -32,11 +35,14 @@ from sshade.pipeline.proxies import bind
 from sshade.solver.local_global import local_global
 from sshade.task import DeformationTask
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 #: What is compared: the kind of frames and the number of samplings.
 SETTINGS = (("triangle", 1), ("triangle", 5), ("affine", 1), ("blended", 1), ("blended_affine", 1))
 
-#: Width of a panel of the close-up in pixels, and in inches.
-PANEL, INCHES = 700, 2.2
+#: Width of a panel of the close-up in pixels.
+PANEL = 700
 
 #: Radius of the close-up over the bounding-box diagonal.
 RADIUS = 0.08
@@ -114,12 +120,9 @@ def table(results: dict[str, tuple[np.ndarray, Jumps]]) -> str:
     """The summaries as a Markdown table, in degrees."""
     rows = {name: jumps.summary() for name, (_, jumps) in results.items()}
     names = list(next(iter(rows.values())))
-    lines = ["| frames | " + " | ".join(names) + " |", "| --- |" + " ---: |" * len(names)]
-    lines += [
-        f"| {name} | " + " | ".join(f"{value:.2f}" for value in row.values()) + " |"
-        for name, row in rows.items()
-    ]
-    return "\n".join(lines)
+    lines = [["frames", *names], ["---", *["---:"] * len(names)]]
+    lines += [[name, *(f"{row[column]:.2f}" for column in names)] for name, row in rows.items()]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def close_up(
@@ -128,9 +131,8 @@ def close_up(
     *,
     centre: int,
     radius: float,
-    path: Path,
     towards: np.ndarray | None = None,
-) -> None:
+) -> Figure:
     """Draw the surroundings of a vertex in each result: shaded above, coloured by the jumps below.
 
     Parameters
@@ -143,12 +145,9 @@ def close_up(
         Vertex in the middle of the picture.
     radius : float
         In the mesh's unit of length, around the vertex at rest.
-    path : path
     towards : (3,) float64, optional
         From the scene to the camera, by default along the normal.
     """
-    from eval.publish.plotting import new_figure, save
-
     near = np.linalg.norm(mesh.V - mesh.V[centre], axis=1) < radius
     shown = np.flatnonzero(near[mesh.F].all(axis=1))
     if len(shown) == 0:
@@ -157,21 +156,16 @@ def close_up(
         towards = Mesh(next(iter(results.values()))[0], mesh.F).face_normals[shown].sum(axis=0)
     up = np.array(UP) if abs(towards[1]) < 0.9 * np.linalg.norm(towards) else np.array([0.0, 0.0, 1.0])
     view = View.of([V[near] for V, _ in results.values()], towards=towards, up=up)
+    shapes = {name: V for name, (V, _) in results.items()}
     errors = {name: at_vertices(mesh, jumps) for name, (_, jumps) in results.items()}
-    top = float(np.percentile(next(iter(errors.values()))[near], 99))
-    figure = new_figure(INCHES * len(results), 2 * INCHES * view.height / view.width + 0.7)
-    panels = figure.subplots(2, len(results), squeeze=False)
-    for column, (name, (V, _)) in zip(panels.T, results.items(), strict=True):
-        column[0].imshow(picture(mesh, V, view=view, width=PANEL))
-        column[1].imshow(picture(mesh, V, view=view, width=PANEL, error=errors[name], top=top))
-        column[0].set_title(name, fontsize=9)
-        for panel in column:
-            panel.set_axis_off()
-    figure.suptitle(
-        f"below: angles between neighbouring triangles' rotations, light 0 to dark {top:.0f} degrees",
-        fontsize=9,
+    views = [view] * len(shapes)
+    return draw(
+        [Panels("", mesh, shapes, {}, views), Panels("", mesh, shapes, errors, views)],
+        title="",
+        top=float(np.percentile(next(iter(errors.values()))[near], 99)),
+        label="largest angle to a neighbouring triangle's rotation (degrees)",
+        pixels=PANEL,
     )
-    save(figure, path)
 
 
 def at_vertices(mesh: Mesh, jumps: Jumps) -> np.ndarray:
@@ -222,6 +216,6 @@ def command(options: argparse.Namespace) -> int:
         if not 0 <= centre < task.mesh.n:
             raise InputError(f"the mesh has no vertex {centre}; it has {task.mesh.n}")
         towards = None if options.towards is None else np.array(options.towards)
-        close_up(task.mesh, results, centre=centre, radius=radius, path=options.out, towards=towards)
-        print(f"\n{options.out}: around vertex {centre}")  # noqa: T201
+        print(f"\naround vertex {centre}:")  # noqa: T201
+        save(close_up(task.mesh, results, centre=centre, radius=radius, towards=towards), options.out)
     return 0

@@ -29,6 +29,7 @@ from eval.timing.drag import drag
 from eval.timing.scaling import SIZES, scaling
 from eval.timing.speed import speed
 from eval.timing.startup import start_up
+from eval.timing.timing import say
 from sshade.io.handles import read_handles
 from sshade.io.meshes import read_mesh
 from sshade.task import DeformationTask
@@ -54,31 +55,25 @@ def command(options: argparse.Namespace) -> int:
     """Do it; return the exit code."""
     mesh = read_mesh(options.mesh)
     task = DeformationTask(options.mesh.stem, mesh, read_handles(options.handles, mesh))
-    _say(f"{options.mesh}: {mesh.n} vertices, {len(task.handles)} handles")
-    _say(f"{environment(jobs=1)['machine']}; load {os.getloadavg()[0]:.1f} at the start")
+    say(f"{options.mesh}: {mesh.n} vertices, {len(task.handles)} handles")
+    say(f"{environment(jobs=1)['machine']}; load {os.getloadavg()[0]:.1f} at the start")
     speed(
         task,
-        _say,
         vertices=options.vertices,
         samplings=options.samplings,
         repeats=options.repeats,
         block=options.block,
         full=options.full,
     )
-    start_up(_say, repeats=options.repeats)
-    drag(task, _say, vertices=options.vertices)
+    start_up(repeats=options.repeats)
+    drag(task, vertices=options.vertices)
     if options.scaling:
         scaling(
             options.scaling,
             options.handles,
-            _say,
             vertices=options.vertices,
             repeats=3,
             sizes=options.sizes,
             plot=options.plot,
         )
     return 0
-
-
-def _say(text: str) -> None:
-    print(text, flush=True)  # noqa: T201

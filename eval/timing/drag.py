@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from time import perf_counter
 
 import numpy as np
 
+from eval.timing.timing import say
 from sshade.pipeline.deformer import Deformer
 from sshade.task import DeformationTask
 
@@ -20,14 +20,12 @@ FLUID = {"tolerance": 1e-4, "max_iterations": 15}
 EXACT = {"tolerance": 1e-7, "max_iterations": 5000}
 
 
-def drag(task: DeformationTask, say: Callable[[str], None], *, vertices: int) -> None:
+def drag(task: DeformationTask, *, vertices: int) -> None:
     """Drag the handles over the last part of their way and print frames a second, then release.
 
     Parameters
     ----------
     task : DeformationTask
-    say : callable
-        Takes each line.
     vertices : int
         Proxy vertices.
     """

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eval.publish.plotting import PALETTE, new_figure, save, styled
 from eval.run.provenance import process_memory
-from sshade.io.files import make_folder, replacing
+from eval.timing.timing import say
 from sshade.io.handles import read_handles
 from sshade.io.meshes import read_mesh
 from sshade.mesh.mesh import Mesh
 from sshade.pipeline.deform import deform
 from sshade.task import DeformationTask
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: The slope of time against vertices is fitted from this size on.
 FIT_FROM = 100_000
@@ -28,7 +33,6 @@ DEEPEST = 5
 def scaling(
     bases: Sequence[Path],
     handles: Path,
-    say: Callable[[str], None],
     *,
     vertices: int,
     repeats: int,
@@ -45,8 +49,6 @@ def scaling(
     bases : sequence of path
         Meshes of 10,000 to 30,000 vertices, which the handles fit by position.
     handles : path
-    say : callable
-        Takes each line.
     vertices : int
         Proxy vertices.
     repeats : int
@@ -71,13 +73,10 @@ def scaling(
         rows.append((n, seconds, peak))
         say(f"{n:10d}{seconds:10.3f}{1e6 * seconds / n:11.3f}{peak / 2**20:8.0f}{peak / n:14.0f}")
     fitted = np.log([(n, seconds) for n, seconds, _ in rows if n >= FIT_FROM]).reshape(-1, 2)
-    slope = float("nan")
-    if len(fitted) > 1:
-        slope = float(np.polyfit(*fitted.T, 1)[0])
+    slope = float(np.polyfit(*fitted.T, 1)[0]) if len(fitted) > 1 else np.nan
     say(f"log-log slope of time against vertices from {FIT_FROM} on: {slope:.2f}")
     if plot is not None:
-        _plot(plot, rows, slope)
-        say(str(plot))
+        save(_figure(rows, slope), plot)
 
 
 def _measure(base: Path, handles: Path, level: int, vertices: int, repeats: int) -> tuple[int, float, int]:
@@ -111,25 +110,19 @@ def _reset_peak() -> int:
     return process_memory("VmRSS")
 
 
-def _plot(path: Path, rows: list[tuple[int, float, int]], slope: float) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
+@styled
+def _figure(rows: list[tuple[int, float, int]], slope: float) -> Figure:
     n, seconds, peak = (np.array(column, dtype=float) for column in zip(*rows, strict=True))
-    figure, (left, right) = pyplot.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
-    left.loglog(n, seconds, "o-", color="#2166ac")
+    figure = new_figure(9, 3.6)
+    left, right = figure.subplots(1, 2)
+    left.loglog(n, seconds, "o-", color=PALETTE[0])
     anchor = n >= FIT_FROM
     if anchor.any():
         left.loglog(n, seconds[anchor][0] * n / n[anchor][0], ":", color="grey", label="linear")
-        left.legend(frameon=False)
+        left.legend()
     left.set(xlabel="vertices", ylabel="seconds", title=f"one sampling, slope {slope:.2f}")
-    right.semilogx(n, peak / n, "o-", color="#b2182b")
+    right.semilogx(n, peak / n, "o-", color=PALETTE[3])
     right.set(xlabel="vertices", ylabel="bytes a vertex", title="peak memory above the input", ylim=(0, None))
     for axes in (left, right):
         axes.grid(alpha=0.3)
-    make_folder(path.parent)
-    with replacing(path) as temporary:
-        figure.savefig(temporary)
-    pyplot.close(figure)
+    return figure

@@ -8,8 +8,8 @@ from functools import partial
 import numpy as np
 
 from eval.configure.targets import locate
-from eval.metrics.metrics import measure
-from eval.timing.timing import Timing, take_turns
+from eval.metrics import measure
+from eval.timing.timing import Timing, say, take_turns
 from sshade.pipeline.deform import deform
 from sshade.pipeline.fast import sshade_fast
 from sshade.pipeline.fine import sshade_fine
@@ -25,12 +25,9 @@ ELASTIC = "baselines.arap.elastic"
 #: Metrics printed for the quality of both.
 QUALITY = ("volume", "area", "edge", "angle", "handle")
 
-Say = Callable[[str], None]
-
 
 def speed(
     task: DeformationTask,
-    say: Say,
     *,
     vertices: int,
     samplings: Sequence[int],
@@ -43,8 +40,6 @@ def speed(
     Parameters
     ----------
     task : DeformationTask
-    say : callable
-        Takes each line.
     vertices : int
         Proxy vertices.
     samplings : sequence of int
@@ -88,10 +83,10 @@ def speed(
         )
     remesh_time = timings["remesh"].median
     say(f"remesh (one thread): {remesh_time:.3f} s = {remesh_time / one:.2f} iterations of elastic")
-    _say_factorisations(say, timings, list(factorisations), _name(min(samplings)))
-    _say_warm_start(say, task, timings)
+    _say_factorisations(timings, list(factorisations), _name(min(samplings)))
+    _say_warm_start(task, timings)
     if full:
-        _full(task, say, {name: timings[name] for name in ours})
+        _full(task, {name: timings[name] for name in ours})
 
 
 def _name(samplings: int) -> str:
@@ -115,14 +110,14 @@ def _factorisations(task: DeformationTask) -> dict[str, Callable[[], object]]:
     return runs
 
 
-def _say_factorisations(say: Say, timings: dict[str, Timing], names: list[str], ours: str) -> None:
+def _say_factorisations(timings: dict[str, Timing], names: list[str], ours: str) -> None:
     fastest = min(names, key=lambda name: timings[name].median)
     each = ", ".join(f"{name.removeprefix('factor, ')} {timings[name].median:.2f} s" for name in names)
     ratio = timings[ours].median / timings[fastest].median
     say(f"one full-resolution Cholesky factorisation: {each}; {ours} takes {ratio:.2f} of the fastest")
 
 
-def _say_warm_start(say: Say, task: DeformationTask, timings: dict[str, Timing]) -> None:
+def _say_warm_start(task: DeformationTask, timings: dict[str, Timing]) -> None:
     """How far a warm start of the later samplings moves the result."""
     for name, timing in timings.items():
         if name.endswith(", warm start"):
@@ -134,7 +129,7 @@ def _say_warm_start(say: Say, task: DeformationTask, timings: dict[str, Timing])
             )
 
 
-def _full(task: DeformationTask, say: Say, ours: dict[str, Timing]) -> None:
+def _full(task: DeformationTask, ours: dict[str, Timing]) -> None:
     """Elastic to its end, once; ratios and quality."""
     results = {name: timing.result for name, timing in ours.items()}
     for name, tolerance in (("stopping rule", 1e-5), (f"{ITERATIONS} iterations", 0.0)):

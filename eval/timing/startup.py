@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from eval.run.warmup import tiny_task
-from eval.timing.timing import take_turns
+from eval.timing.timing import say, take_turns
 from sshade.io.handles import write_handles
 from sshade.io.meshes import write_mesh
 
 
-def start_up(say: Callable[[str], None], *, repeats: int) -> None:
+def start_up(*, repeats: int) -> None:
     """Print the time of `sshade deform` on a mesh so small that imports and cached kernels are all there is.
 
     Parameters
     ----------
-    say : callable
-        Takes each line.
     repeats : int
         A first call, which may compile, is not counted.
     """

@@ -42,3 +42,8 @@ def take_turns(runs: dict[str, Callable[[], Any]], repeats: int) -> dict[str, Ti
         for name, run in runs.items():
             timings[name].add(run)
     return timings
+
+
+def say(text: str) -> None:
+    """Print a line at once, also where the output is no terminal."""
+    print(text, flush=True)  # noqa: T201

@@ -12,7 +12,7 @@ from eval_cases import bumpy_task
 
 import eval.run.attempt as attempt_module
 import eval.run.run as run_module
-from eval.metrics.metrics import METRICS, measure
+from eval.metrics import METRICS, measure
 from eval.rows.collect import collect
 from eval.rows.store import (
     read_curves,

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from eval.metrics.truth import Task
+from eval.metrics import Task
 from eval.publish.panels import error_label, error_of
 from eval.publish.report.surface import pack, surface
 from eval.rows.experiment import Experiment

@@ -7,7 +7,7 @@ import pytest
 from eval_cases import box, bumpy_sphere, ends_task
 from scipy.spatial.transform import Rotation
 
-from eval.metrics.metrics import METRICS, measure
+from eval.metrics import METRICS, measure
 from eval.metrics.truth import chamfer, hausdorff, truth_angle, truth_distance, truth_edge
 from eval.run.provenance import task_checksum
 from eval.run.run import run

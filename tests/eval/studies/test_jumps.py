@@ -106,7 +106,7 @@ def test_command(results, tmp_path, capsys, monkeypatch):
         == 0
     )
     printed = capsys.readouterr().out
-    assert table(compared) in printed and f"{picture}: around vertex 7" in printed
+    assert table(compared) in printed and f"around vertex 7:\n{picture}" in printed
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 

@@ -40,10 +40,10 @@ def test_every_section_prints_its_figures(files, capsys):
         assert re.search(pattern, printed), pattern
 
 
-def test_scaling_measures_the_nearest_subdivisions(files, tmp_path):
-    lines = []
+def test_scaling_measures_the_nearest_subdivisions(files, tmp_path, capsys):
     plot = tmp_path / "plots/scaling.svg"
-    scaling([files[0]], files[1], lines.append, vertices=150, repeats=1, sizes=(600, 2500, 2600), plot=plot)
+    scaling([files[0]], files[1], vertices=150, repeats=1, sizes=(600, 2500, 2600), plot=plot)
+    lines = capsys.readouterr().out.splitlines()
     sizes = [int(line.split()[0]) for line in lines[1:3]]
     assert sizes == [642, 2562]  # two of the wanted sizes share one
     assert "log-log slope" in lines[3]

@@ -1,0 +1,86 @@
+"""The registry of metrics: pure functions of a task and of the deformed vertices.
+
+M is the rest mesh and M' the deformed one, of the same connectivity; where the
+task is a pose transfer, they are S and S'.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from sshade.pipeline.transfer import TransferTask
+from sshade.task import DeformationTask
+
+Task = DeformationTask | TransferTask
+
+
+@dataclass(frozen=True)
+class Metric:
+    """One number about a deformation.
+
+    Parameters
+    ----------
+    name : str
+        Its column in a row is ``metric.<name>``.
+    unit : str
+        ``%``, ``deg``, ``count``, or ``-`` for none.
+    equation : str
+        The definition in one line, for the legend of a table.
+    function : callable
+        ``(task, vertices (n, 3) float64) -> float``, NaN where not available.
+    needs : {"mesh", "handles", "truth"}
+        What a task must have; the others have no such column.
+    better : {"lower"}
+        Which way is better.
+    """
+
+    name: str
+    unit: str
+    equation: str
+    function: Callable[[Task, np.ndarray], float]
+    needs: Literal["mesh", "handles", "truth"] = "mesh"
+    better: Literal["lower"] = "lower"
+
+
+#: Every metric by its name, in the order of rows and legends.
+METRICS: dict[str, Metric] = {}
+
+Function = Callable[[Task, np.ndarray], float]
+
+
+def metric(
+    unit: str, equation: str, *, needs: Literal["mesh", "handles", "truth"] = "mesh"
+) -> Callable[[Function], Function]:
+    """Put a function into the registry under its own name; the arguments are those of :class:`Metric`."""
+
+    def register(function: Function) -> Function:
+        METRICS[function.__name__] = Metric(function.__name__, unit, equation, function, needs)
+        return function
+
+    return register
+
+
+def measure(
+    task: Task, vertices: np.ndarray, *, only: Collection[str] = METRICS.keys()
+) -> dict[str, float | None]:
+    """Every metric of the registry that the task has what it takes for, None where it is not available.
+
+    Parameters
+    ----------
+    task : DeformationTask or TransferTask
+    vertices : (n, 3) float
+        M', in the numbering of the task's mesh.
+    only : collection of str
+        Names of the metrics; all of them unless told.
+    """
+    vertices = np.ascontiguousarray(vertices, dtype=np.float64)
+    values = {
+        name: float(metric.function(task, vertices))
+        for name, metric in METRICS.items()
+        if name in only and getattr(task, metric.needs, None) is not None
+    }
+    return {name: value if np.isfinite(value) else None for name, value in values.items()}
