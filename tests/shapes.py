@@ -1,10 +1,14 @@
-"""Small meshes for the tests, each with a known topology and no file behind it."""
+"""Small meshes for the tests, each with a known topology and no file behind it, and handles at their ends."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from sshade.mesh.mesh import Mesh
+from sshade.task import DeformationTask, Handles
+
+#: A quarter turn about z.
+QUARTER = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
 
 
 def tetrahedron() -> Mesh:
@@ -147,3 +151,20 @@ def family() -> dict[str, Mesh]:
         "tube": jittered(tube(), 0.02),
         "strip": jittered(strip(30, 5), 0.1),
     }
+
+
+def end_handles(V: np.ndarray, *, axis: int = 2, share: float = 0.1, turn=None, shift=(0.0, 0, 0)) -> Handles:
+    """Handles at both ends along an axis: one stays, the other is turned and shifted."""
+    x = V[:, axis]
+    low = np.flatnonzero(x <= x.min() + share * np.ptp(x))
+    high = np.flatnonzero(x >= x.max() - share * np.ptp(x))
+    moved = V[high] @ (np.eye(3) if turn is None else turn).T + shift
+    dynamic = np.repeat([False, True], [len(low), len(high)])
+    index, target = np.concatenate([low, high]), np.concatenate([V[low], moved])
+    return Handles(index, target, dynamic=dynamic, group=dynamic.astype(int))
+
+
+def held_ends(mesh: Mesh, *, axis: int = 2, share: float = 0.15, turn=QUARTER) -> DeformationTask:
+    """One end along an axis stays, the other turns about the origin and rises by 0.1 along the axis."""
+    handles = end_handles(mesh.V, axis=axis, share=share, turn=turn, shift=0.1 * np.eye(3)[axis])
+    return DeformationTask("ends", mesh, handles)

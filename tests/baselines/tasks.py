@@ -6,27 +6,7 @@ import numpy as np
 
 from sshade.mesh.mesh import Mesh
 from sshade.task import DeformationTask, Handles
-
-#: A quarter turn about z.
-QUARTER = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
-
-
-def held_ends(mesh: Mesh, *, axis: int = 2, share: float = 0.15, turn=QUARTER, lift=0.1) -> DeformationTask:
-    """One end along an axis stays, the other turns about the origin and rises along the axis."""
-    x = mesh.V[:, axis]
-    low = np.flatnonzero(x <= x.min() + share * np.ptp(x))
-    high = np.flatnonzero(x >= x.max() - share * np.ptp(x))
-    moved = mesh.V[high] @ turn.T + lift * np.eye(3)[axis]
-    return DeformationTask(
-        "ends",
-        mesh,
-        Handles(
-            index=np.concatenate([low, high]),
-            target=np.concatenate([mesh.V[low], moved]),
-            dynamic=np.repeat([False, True], [len(low), len(high)]),
-            group=np.repeat([0, 1], [len(low), len(high)]),
-        ),
-    )
+from tests.shapes import QUARTER
 
 
 def bent_bar(subdivisions: int) -> DeformationTask:

@@ -14,8 +14,8 @@ from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 from sshade.solver.start import initial_guess
 from sshade.task import DeformationTask, Handles
-from tests.baselines.tasks import bent_bar, errors, held_ends
-from tests.shapes import bumpy, double_torus, family, jittered, strip, tube
+from tests.baselines.tasks import bent_bar, errors
+from tests.shapes import bumpy, double_torus, family, held_ends, jittered, strip, tube
 
 #: Area, volume and edge error in percent after so many iterations of the bar with raw cotangents and
 #: alpha = 0.02, from an implementation in numpy that follows CGAL's order: global step first.

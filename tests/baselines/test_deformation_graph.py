@@ -15,8 +15,7 @@ from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.sampling.fronts import farthest_point_sampling
 from sshade.task import DeformationTask, Handles
-from tests.baselines.tasks import held_ends
-from tests.shapes import block, family, jittered, strip
+from tests.shapes import block, family, held_ends, jittered, strip
 
 
 def sampled(mesh, nodes, first=(0,)):

@@ -12,8 +12,7 @@ from baselines.implicit_arap import implicit_arap
 from baselines.implicit_arap.method import normalised
 from eval.run.attempt import attempt
 from sshade.mesh.mesh import Mesh
-from tests.baselines.tasks import held_ends
-from tests.shapes import bumpy
+from tests.shapes import bumpy, held_ends
 
 
 class Absent:

@@ -30,8 +30,12 @@ from baselines.implicit_arap.sdf import GridSdf, Surface, fit_network_sdf, grid_
 from baselines.implicit_arap.training import Constraints, Plan, displacements, make_field  # noqa: E402
 from sshade.mesh.mesh import Mesh  # noqa: E402
 from sshade.task import DeformationTask, Handles, silent  # noqa: E402
-from tests.baselines.tasks import held_ends  # noqa: E402
-from tests.shapes import bumpy, icosphere, rotation  # noqa: E402
+from tests.shapes import (  # noqa: E402
+    bumpy,
+    held_ends,
+    icosphere,
+    rotation,
+)
 
 CPU = torch.device("cpu")
 FIELDS = ("mlp", "invertible")

@@ -21,7 +21,7 @@ HERE = Path(__file__).parent
 
 
 def run_eval(folder, *arguments):
-    environment = {**os.environ, "PYTHONPATH": str(HERE)}
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE), str(HERE.parents[1])])}
     command = [sys.executable, "-m", "eval", "run", "--config-dir", str(HERE / "extra_conf"), *arguments]
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=120)
 
@@ -45,7 +45,7 @@ def test_warnings_of_a_method_reach_the_user_of_a_run_and_of_a_sweep(tmp_path):
     write_mesh(tmp_path / "open.ply", task.mesh.V, task.mesh.F[:-1])
     write_handles(tmp_path / "pose.json", task.handles)
     overrides = ["dataset=mesh", "dataset.mesh=open.ply", "dataset.handles=pose.json", "method=sshade_fast"]
-    overrides += ["method.vertices=60"]
+    overrides += ["method.vertices=80"]
     for mode in ([], ["-m"]):
         done = run_eval(tmp_path, *mode, *overrides, "run.force=true")
         assert done.returncode == 0, done.stderr

@@ -28,6 +28,9 @@ def names(group):
     return sorted(f.name.removesuffix(".yaml") for f in folder.iterdir() if f.name.endswith(".yaml"))
 
 
+METHODS = names("method") + [f"transfer/{name}" for name in names("method/transfer")]
+
+
 def composed(*overrides):
     with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
         config = compose("config", overrides=list(overrides), return_hydra_config=True)
@@ -36,7 +39,7 @@ def composed(*overrides):
         return config
 
 
-@pytest.mark.parametrize("name", names("method"))
+@pytest.mark.parametrize("name", METHODS)
 def test_method_composes_and_is_a_method(name):
     config = composed(f"method={name}")
     assert config.label == name
@@ -50,7 +53,7 @@ def test_method_composes_and_is_a_method(name):
     assert hydra_instantiate(own).keywords == {k: v for k, v in call.keywords.items() if k != "coarse"}
 
 
-@pytest.mark.parametrize("name", names("method"))
+@pytest.mark.parametrize("name", METHODS)
 def test_yaml_names_every_parameter_of_its_method(name):
     """A row then tells all that the method was given."""
     plain = OmegaConf.to_container(composed(f"method={name}").method)

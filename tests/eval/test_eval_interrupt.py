@@ -23,7 +23,12 @@ def start_eval(folder, *arguments, **streams):
 
     It hears Ctrl-C even where the tests do not, as in the background of a shell.
     """
-    environment = {**os.environ, "PYTHONPATH": str(HERE), "TERM": "xterm", "COLUMNS": "120"}
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join([str(HERE), str(HERE.parents[1])]),
+        "TERM": "xterm",
+        "COLUMNS": "120",
+    }
     command = [sys.executable, "-m", "eval", "run", "--config-dir", str(HERE / "extra_conf"), *arguments]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **streams}
     process = subprocess.Popen(

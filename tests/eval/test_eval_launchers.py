@@ -28,7 +28,7 @@ RUNS = ["method=failing,sshade", "proxy.vertices=100"]
 
 
 def sweep(folder, *overrides):
-    environment = {**os.environ, "PYTHONPATH": str(HERE)}
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE), str(HERE.parents[1])])}
     command = [
         sys.executable,
         "-m",

@@ -12,7 +12,7 @@ import numpy as np
 from sshade import Handles, Mesh
 from sshade.io.handles import write_handles
 from sshade.io.meshes import write_mesh
-from tests.shapes import bumpy
+from tests.shapes import bumpy, end_handles
 
 BODY = bumpy(2)
 
@@ -21,12 +21,7 @@ Given = Callable[[], None]
 
 def pose(V: np.ndarray) -> Handles:
     """The lowest tenth along z held, the highest tenth moved sideways and up."""
-    z = V[:, 2]
-    extent = np.ptp(z)
-    low, high = np.flatnonzero(z <= z.min() + 0.1 * extent), np.flatnonzero(z >= z.max() - 0.1 * extent)
-    dynamic = np.repeat([False, True], [len(low), len(high)])
-    target = np.concatenate([V[low], V[high] + [0.1 * extent, 0, 0.05 * extent]])
-    return Handles(np.concatenate([low, high]), target, dynamic=dynamic, group=dynamic.astype(int))
+    return end_handles(V, shift=np.ptp(V[:, 2]) * np.array([0.1, 0, 0.05]))
 
 
 def write_sound() -> None:

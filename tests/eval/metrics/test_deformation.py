@@ -6,7 +6,7 @@ import igl
 import numpy as np
 import pytest
 import trimesh
-from eval_cases import box, bumpy_sphere, ends_task
+from eval_cases import ends_task
 from scipy.spatial.transform import Rotation
 
 from eval.metrics import measure
@@ -14,6 +14,7 @@ from eval.metrics.geometry import corner_angles
 from sshade.contact.flips import opposes_neighbours
 from sshade.mesh.mesh import Mesh
 from sshade.task import DeformationTask, Handles
+from tests.shapes import block, bumpy
 
 
 def held(mesh: Mesh, *, index=(0,), target=None) -> DeformationTask:
@@ -25,7 +26,7 @@ def held(mesh: Mesh, *, index=(0,), target=None) -> DeformationTask:
 
 @pytest.fixture
 def cube():
-    return box(1, 1, 1)
+    return block(np.ones((1, 1, 1)))
 
 
 def test_unit_cube_stretched_to_twice_its_height(cube):
@@ -83,14 +84,14 @@ def test_an_ear_folded_over_is_one_flip():
 
 
 def test_rest_shape_has_no_error():
-    task = ends_task(bumpy_sphere(2), angle=0, lift=0)
+    task = ends_task(bumpy(2), angle=0, lift=0)
     assert set(measure(task, task.mesh.V).values()) == {0.0}
 
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_invariant_under_rigid_motion_scale_and_renumbering(seed):
     rng = np.random.default_rng(seed)
-    task = ends_task(bumpy_sphere(2))
+    task = ends_task(bumpy(2))
     mesh, handles = task.mesh, task.handles
     vertices = mesh.V + rng.normal(0, 0.15, mesh.V.shape)
     turn, shift, scale = Rotation.random(rng=rng).as_matrix(), rng.normal(size=3), 37.0
@@ -114,7 +115,7 @@ def test_invariant_under_rigid_motion_scale_and_renumbering(seed):
 
 
 def test_against_trimesh_and_igl():
-    task = ends_task(bumpy_sphere(3))
+    task = ends_task(bumpy(3))
     V, F = task.mesh.V, np.array(task.mesh.F)
     vertices = V * [1.1, 0.8, 1.05] + 0.05 * np.sin(7 * V[:, [1, 2, 0]])
     before, after = (trimesh.Trimesh(X, F, process=False) for X in (V, vertices))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from eval_cases import box, bumpy_sphere, ends_task
+from eval_cases import ends_task
 from scipy.spatial.transform import Rotation
 
 from eval.metrics import METRICS, measure
@@ -15,6 +15,7 @@ from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.pipeline.transfer import TransferTask
 from sshade.task import DeformationTask, Handles
+from tests.shapes import block, bumpy
 
 OF_TRUTH = {name for name, metric in METRICS.items() if metric.needs == "truth"}
 
@@ -43,7 +44,7 @@ def brute_force(P, V, F):
 
 
 def test_against_brute_force():
-    mesh = bumpy_sphere(1)
+    mesh = bumpy(1)
     rng = np.random.default_rng(0)
     truth = 3 + 2 * mesh.V * [1, 0.8, 1.1]
     vertices = truth + rng.normal(0, 0.2, truth.shape)
@@ -59,7 +60,8 @@ def test_against_brute_force():
 
 def test_a_cube_grown_by_hand():
     """The unit cube as truth, half its diagonal the unit; the result twice as large about the same centre."""
-    cube = box(1, 1, 1)
+    cube = block(np.ones((1, 1, 1)))
+    cube = Mesh(cube.V - 1, cube.F)
     vertices = 2 * cube.V - 0.5
     task, unit = transfer_task(cube, cube.V), 3**0.5 / 2
     corner, inner = 0.5 * 3**0.5 / unit, 0.5 / unit
@@ -84,7 +86,7 @@ def test_sliding_along_the_surface_is_no_surface_distance():
 
 
 def test_the_truth_itself_has_no_error():
-    mesh = bumpy_sphere(2)
+    mesh = bumpy(2)
     truth = 5 - mesh.V * [1, 2, 1]
     found = measure(transfer_task(mesh, truth), truth)
     assert {name: found[name] for name in OF_TRUTH} == dict.fromkeys(OF_TRUTH, 0.0)
@@ -93,7 +95,7 @@ def test_the_truth_itself_has_no_error():
 @pytest.mark.parametrize("seed", [0, 1])
 def test_invariant_under_rigid_motion_scale_and_renumbering(seed):
     rng = np.random.default_rng(seed)
-    mesh = bumpy_sphere(2)
+    mesh = bumpy(2)
     truth = mesh.V * [1, 1.2, 0.7]
     vertices = truth + rng.normal(0, 0.05, truth.shape)
     turn, shift, scale = Rotation.random(rng=rng).as_matrix(), rng.normal(size=3), 37.0
@@ -112,7 +114,7 @@ def test_invariant_under_rigid_motion_scale_and_renumbering(seed):
 
 
 def test_a_task_gets_the_metrics_that_it_has_what_it_takes_for():
-    task = ends_task(bumpy_sphere(1))
+    task = ends_task(bumpy(1))
     without = set(measure(task, task.mesh.V))
     assert without == set(METRICS) - OF_TRUTH
     known = DeformationTask("t", task.mesh, Handles(np.array([0]), task.mesh.V[:1]), truth=task.mesh.V)
@@ -124,7 +126,7 @@ def test_a_task_gets_the_metrics_that_it_has_what_it_takes_for():
 
 
 def test_a_pose_transfer_becomes_a_row(tmp_path):
-    rest = bumpy_sphere(2)
+    rest = bumpy(2)
     edited = Mesh(rest.V * [1.1, 1, 1], rest.F)
     posed, truth = rest.V[:, [1, 2, 0]], edited.V[:, [1, 2, 0]]
     task = TransferTask("t", edited, rest, posed, truth=truth, meta={"edit": "wider"})
@@ -141,7 +143,7 @@ def test_a_pose_transfer_becomes_a_row(tmp_path):
 
 
 def test_a_method_for_another_kind_of_task_is_a_mistake(tmp_path):
-    rest = bumpy_sphere(1)
+    rest = bumpy(1)
     pairs = (
         (TransferTask("a", rest, rest, rest.V), "baselines.arap.arap"),
         (ends_task(rest, name="a"), "sshade.pipeline.transfer.transfer"),
@@ -154,7 +156,7 @@ def test_a_method_for_another_kind_of_task_is_a_mistake(tmp_path):
 
 
 def test_the_checksum_of_a_pose_transfer_covers_all_that_a_method_reads():
-    rest = bumpy_sphere(1)
+    rest = bumpy(1)
     task = TransferTask("t", rest, rest, 2 * rest.V)
     same = TransferTask("other name", rest, rest, 2 * rest.V, truth=rest.V)
     assert task_checksum(task) == task_checksum(same)

@@ -5,13 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from eval_cases import bumpy_sphere, bumpy_task
+from eval_cases import bumpy_task
 
 from eval.rows.collect import collect
 from eval.rows.frame import write_csv
 from eval.run.run import run
 from sshade.mesh.mesh import Mesh
 from sshade.pipeline.transfer import TransferTask
+from tests.shapes import bumpy
 
 SOURCE = {"_target_": "eval_cases.bumpy_task", "level": 2}
 METHODS = {
@@ -38,7 +39,7 @@ def make_runs(folder: Path, *, name: str = "tiny") -> Path:
 
 def transfer_task(edit: float) -> TransferTask:
     """A bumpy sphere, made wider by `edit`, that is turned half around."""
-    rest = bumpy_sphere(2)
+    rest = bumpy(2)
     turned = np.array([-1.0, -1.0, 1.0])
     wider = Mesh(rest.V * [1 + edit, 1, 1], rest.F)
     meta = {"edit": f"wider_{edit:g}", "class": "sphere", "source_pose": "turned"}

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from eval_cases import bumpy_sphere, bumpy_task
+from eval_cases import bumpy_task
 
 from eval.publish.panels import draw, error_label, error_of, rows_of, surroundings
 from sshade.errors import InputError
 from sshade.figures import edge_error
 from sshade.mesh.mesh import Mesh
 from sshade.pipeline.transfer import TransferTask
+from tests.shapes import bumpy
 
 CAMERA = {"towards": np.array([1.0, 0, 0.2]), "up": np.array([0.0, 0, 1])}
 
 
 def transfer(edited=True, known=True) -> TransferTask:
-    rest = bumpy_sphere(3)
+    rest = bumpy(3)
     mesh = Mesh(rest.V * [1.3, 1, 1], rest.F) if edited else rest
     posed, truth = (V + np.array([0.2, 0, 0]) * V[:, 2:] ** 2 for V in (rest.V, mesh.V))
     return TransferTask("t", mesh, rest, posed, truth=truth if known else None)
@@ -75,7 +76,7 @@ def test_the_close_up_shows_the_largest_error_from_outside():
 
 
 def test_surroundings_hang_together():
-    mesh = bumpy_sphere(3)
+    mesh = bumpy(3)
     two = Mesh(np.concatenate([mesh.V, mesh.V + [0.01, 0, 0]]), np.concatenate([mesh.F, mesh.F + mesh.n]))
     ids, patch = surroundings(two, 5, 0.6)
     assert 5 in ids and ids.max() < mesh.n and 10 < patch.m < 200

@@ -12,7 +12,6 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 import yaml
-from eval_cases import bumpy_sphere
 from report_runs import METHODS, make_runs, make_transfers
 
 from eval.main import call
@@ -285,7 +284,7 @@ def test_a_large_mesh_of_two_pieces_is_refused():
 
 
 def test_packed_shapes_come_back_to_their_precision():
-    mesh = bumpy_sphere(1)
+    mesh = bumpy(1)
     shapes = [mesh.V, 2 * mesh.V + 1]
     error = np.linspace(0, 12, mesh.n)
     packed = pack(shapes, [None, error], mesh.F, top=10.0)

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from eval_cases import bumpy_sphere, ends_task
+from eval_cases import ends_task
 
 from eval.main import call
 from eval.studies.jumps import SETTINGS, Jumps, at_vertices, busiest, compare, measure_jumps, table
@@ -18,7 +18,7 @@ from tests.shapes import bent, bumpy, rotation, strip
 
 @pytest.fixture(scope="module")
 def results():
-    task = ends_task(bumpy_sphere(4))
+    task = ends_task(bumpy(4))
     return task, compare(task, vertices=400)
 
 

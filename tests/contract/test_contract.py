@@ -1,0 +1,163 @@
+"""What every method of conf/method and of conf/method/transfer promises, whoever wrote it."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+from scipy.spatial.transform import Rotation
+
+from eval.configure.targets import instantiate
+from sshade.cli.configuration import CONFIGURATION
+from sshade.mesh.mesh import Mesh
+from sshade.pipeline.transfer import TransferTask
+from sshade.task import DeformationTask, Handles
+from tests.shapes import bumpy, end_handles
+
+METHODS = [
+    str(path.relative_to(CONFIGURATION / "method").with_suffix(""))
+    for folder in ("method", "method/transfer")
+    for path in sorted((CONFIGURATION / folder).glob("*.yaml"))
+]
+
+#: Relative to the bounding-box diagonal.
+CLOSE = 1e-6
+
+#: libigl fits rotations in float32: targets at rest already move vertices by 1.2e-5 of this mesh's diagonal.
+CLOSE_LIBIGL = 5e-5
+
+#: Soft handles and few steps: a learned method is only near.
+LEARNED = {"implicit_arap_cpu": 2e-2, "implicit_arap_paper": 2e-2}
+
+#: SShaDe's frames follow a coordinate of the mesh, so its result depends on how the mesh lies in the axes:
+#: 0.7e-3 to 1.5e-3 over four random turns with this coarse proxy.
+#: A learned method's samples and features lie along the axes too: 3e-2 to 4e-2 after its few steps.
+AXIS_DEPENDENT = {"sshade": 3e-3, "implicit_arap_cpu": 6e-2, "implicit_arap_paper": 6e-2}
+
+#: A transfer's vertex that is as near to two triangles of the proxy goes with one or the other by rounding.
+TRANSFER = 3e-3
+
+#: Turns that carry axes to axes without rounding, and one that does not.
+TURNS = {
+    "no turn": np.eye(3),
+    "quarter turn about x": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
+    "quarter turn about y": np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]),
+    "any turn": Rotation.from_rotvec([0.3, -0.5, 0.8]).as_matrix(),
+}
+
+
+@pytest.fixture(scope="module", params=METHODS)
+def method(request):
+    """The method as its YAML configures it, with a small proxy and a fixed number of iterations.
+
+    A learned method gets the sizes of its warm-up.
+    """
+    overrides = [f"method={request.param}", "proxy.vertices=200"]
+    overrides += ["solver.tolerance=0", "solver.max_iterations=40"]
+    with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
+        config = compose("config", overrides=overrides)
+        plain = OmegaConf.to_container(config.method, resolve=True)
+    if request.param in LEARNED:
+        pytest.importorskip("torch", reason="the extra torch is not installed")
+        plain |= plain["warm_up"]
+    transfers = request.param.startswith("transfer/")
+    task = transfer_task() if transfers else ends_task()
+    call = instantiate({**plain, "_partial_": True})
+    result = call(task, seed=3)
+    return SimpleNamespace(name=request.param, call=call, task=task, transfers=transfers, result=result)
+
+
+def ends_task() -> DeformationTask:
+    mesh = bumpy(3)
+    turn = Rotation.from_euler("z", 30, degrees=True).as_matrix()
+    return DeformationTask("ends", mesh, end_handles(mesh.V, turn=turn, shift=[0, 0, 0.1]))
+
+
+def transfer_task() -> TransferTask:
+    rest = bumpy(3)
+    x, y, z = rest.V.T
+    edited = Mesh(rest.V * (1 + 0.2 * np.maximum(0, x) ** 3)[:, None], rest.F)
+    return TransferTask("t", edited, rest, np.stack([x + 0.1 * z**2, y, z], axis=1))
+
+
+def moved(task, R: np.ndarray, shift: np.ndarray, factor: float = 1.0):
+    """All positions of a task turned, shifted and scaled."""
+
+    def place(V: np.ndarray) -> np.ndarray:
+        return factor * (V @ R.T) + shift
+
+    mesh = Mesh(place(task.mesh.V), task.mesh.F)
+    if isinstance(task, TransferTask):
+        return TransferTask("moved", mesh, Mesh(place(task.rest.V), task.rest.F), place(task.posed))
+    own = task.handles
+    handles = Handles(own.index, place(own.target), dynamic=own.dynamic, group=own.group)
+    return DeformationTask("moved", mesh, handles)
+
+
+def arrays(task) -> list[np.ndarray]:
+    if isinstance(task, TransferTask):
+        return [task.mesh.V, task.rest.V, task.posed]
+    return [task.mesh.V, task.mesh.F, task.handles.index, task.handles.target, task.handles.dynamic]
+
+
+def close(method) -> float:
+    """How near to the exact result, over the diagonal."""
+    if method.transfers:
+        return 1e-12
+    return LEARNED.get(method.name, CLOSE_LIBIGL if method.name in ("arap", "elastic") else CLOSE)
+
+
+def test_result_has_a_finite_position_for_every_vertex(method):
+    result = method.result
+    assert result.vertices.shape == method.task.mesh.V.shape
+    assert result.vertices.dtype == np.float64
+    assert np.isfinite(result.vertices).all()
+    assert result.iterations >= 0
+    assert result.converged in (True, False, None)
+    assert all(seconds >= 0 for seconds in result.seconds.values())
+
+
+def test_a_seed_gives_the_same_bits_again_and_the_input_is_untouched(method):
+    before = [array.copy() for array in arrays(method.task)]
+    np.testing.assert_array_equal(method.call(method.task, seed=3).vertices, method.result.vertices)
+    for array, copy in zip(arrays(method.task), before, strict=True):
+        np.testing.assert_array_equal(array, copy)
+
+
+def test_targets_at_rest_give_the_rest_shape_and_rigid_poses_move_the_edited_one(method):
+    task, mesh = method.task, method.task.mesh
+    cases = [(np.eye(3), np.zeros(3))]
+    if method.transfers:
+        cases.append((Rotation.from_rotvec([0.3, -0.5, 2.0]).as_matrix(), np.array([1.0, -2, 3])))
+    for R, shift in cases:
+        if method.transfers:
+            at_rest = TransferTask("rigid", mesh, task.rest, task.rest.V @ R.T + shift)
+        else:
+            at_rest = DeformationTask(
+                "at rest", mesh, Handles(task.handles.index, mesh.V[task.handles.index])
+            )
+        gap = np.abs(method.call(at_rest, seed=3).vertices - (mesh.V @ R.T + shift)).max()
+        assert gap <= close(method) * mesh.diagonal
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_moving_everything_together_moves_the_result(method, turn):
+    R, shift = TURNS[turn], np.array([0.75, -1.25, 0.5])
+    result = method.call(moved(method.task, R, shift), seed=3).vertices
+    gap = np.abs(result - (method.result.vertices @ R.T + shift)) / method.task.mesh.diagonal
+    if method.transfers:
+        assert np.median(gap) <= (0.1 * TRANSFER if turn != "no turn" else close(method))
+        assert gap.max() <= TRANSFER
+    elif turn == "any turn":
+        assert gap.max() <= AXIS_DEPENDENT.get(method.name, close(method))
+    else:
+        assert gap.max() <= close(method)
+
+
+def test_scaling_everything_together_scales_the_result(method):
+    scaled = moved(method.task, np.eye(3), np.zeros(3), 64.0)
+    gap = np.abs(method.call(scaled, seed=3).vertices - 64 * method.result.vertices).max()
+    assert gap <= close(method) * scaled.mesh.diagonal
