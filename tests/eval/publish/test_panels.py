@@ -93,7 +93,7 @@ def test_every_shape_has_its_panel():
     task = bumpy_task(level=1)
     rows = rows_of(task, {"larger": 1.5 * task.mesh.V, "same": task.mesh.V}, **CAMERA)
     rows += rows_of(task, {"same": task.mesh.V}, **CAMERA)
-    figure = draw(rows, title="t", top=100.0, label="error", pixels=60)
+    figure = draw(rows, title="t", top=100.0, label="error", pixels=120)
     titles = [axes.get_title() for axes in figure.axes[:6]]
     assert titles == ["rest", "larger\nmean 50", "same\nmean 0", "rest", "same\nmean 0", ""]
     pictures = [axes.images[0].get_array() if axes.images else None for axes in figure.axes[:6]]
