@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from inspect import getdoc
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -26,11 +27,12 @@ class CommandParser(argparse.ArgumentParser):
 
 
 def add_command(
-    commands: Any, name: str, run: Callable[[argparse.Namespace], None], summary: str, description: str
+    commands: Any, name: str, run: Callable[[argparse.Namespace], None], summary: str
 ) -> argparse.ArgumentParser:
-    """Add a sub-command that calls `run`; the lines of its description stay as they are."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = commands.add_parser(name, help=summary, description=description, formatter_class=raw)
+    """Add a sub-command that calls `run`, whose docstring is its help, line by line as it stands."""
+    parser = commands.add_parser(
+        name, help=summary, description=getdoc(run), formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.set_defaults(run=run)
     return parser
 

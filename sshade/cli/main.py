@@ -31,45 +31,6 @@ if TYPE_CHECKING:
 #: Proxy vertices by default; the paper's number.
 VERTICES = 6000
 
-DEFORM = """\
-Deform a mesh so that its handles reach their targets.
-
-HANDLES is a .json file of this project or a .yaml file of Implicit-ARAP. In JSON:
-
-  {"handles": [
-    {"landmark": "foot", "kind": "static",  "vertices": [12, 13, 14]},
-    {"landmark": "hand", "kind": "dynamic", "source": [[x, y, z], ...],
-                                            "target": [[x, y, z], ...]}]}
-
-Handles are vertex ids, or positions on the mesh (snapped to the nearest vertices).
-The output has the vertices and faces of the input, in the same order. Components are deformed
-each on its own, with its own handles. Where the mesh is not manifold it is cut, and joined again.
-
-example:
-  sshade deform body.ply pose.json -o posed.ply
-"""
-
-REMESH = """\
-Write a proxy of a mesh to edit by hand or in any other program, and the map that
-carries the edit back:
-
-  sshade remesh body.ply -o proxy.ply --map map.npz
-  ... move vertices of proxy.ply, keeping their order ...
-  sshade carry body.ply map.npz edited.ply -o posed.ply
-"""
-
-
-TRANSFER = """\
-Carry a pose that is known vertex by vertex through the proxies' samples:
-
-  sshade reconstruct rest.ply posed.ply -o rebuilt.ply
-      rebuilds posed.ply from its samples, to see what the proxy loses
-  sshade transfer-pose rest.ply posed.ply edited.ply -o edited_posed.ply
-      puts an edited copy of rest.ply into the pose of posed.ply
-
-All files have the same number of vertices, in the same order.
-"""
-
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
@@ -88,7 +49,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     formats = ", ".join(SUFFIXES)
 
-    deform = add_command(commands, "deform", _deform, "move handles, and the mesh with them", DEFORM)
+    deform = add_command(commands, "deform", _deform, "move handles, and the mesh with them")
     _add_files(deform, output="OUT", mesh=f"rest shape ({formats})", handles="handle file (.json, .yaml)")
     deform.add_argument(
         "--method",
@@ -106,26 +67,22 @@ def _parser() -> argparse.ArgumentParser:
         help="where the solver begins: the best rigid motion of the rest shape, or the rest shape, as the "
         "paper, which is slower and may end in a fold where the handles turn far (default: rigid)",
     )
-    for flag, text in (
-        ("--raw", "take targets as they are, not moved by the snap"),
-        (
-            "--repair",
-            "deform a copy with coincident vertices welded and unused ones dropped; "
-            "the output still has the input's vertices",
-        ),
-        (
-            "--carry-unconstrained",
-            "move components without handles rigidly with the nearest one, as eyes with a head",
-        ),
-    ):
+    flags = {
+        "--raw": "take targets as they are, not moved by the snap",
+        "--repair": "deform a copy with coincident vertices welded and unused ones dropped; the output still "
+        "has the input's vertices",
+        "--carry-unconstrained": "move components without handles rigidly with the nearest one, as eyes with "
+        "a head",
+    }
+    for flag, text in flags.items():
         deform.add_argument(flag, action="store_true", help=text)
 
-    remesh = add_command(commands, "remesh", _remesh, "write a proxy and its map", REMESH)
+    remesh = add_command(commands, "remesh", _remesh, "write a proxy and its map")
     _add_files(remesh, output="N", mesh=f"mesh to sample ({formats})")
     remesh.add_argument("--map", type=Path, required=True, metavar="MAP", help=".npz map to write")
     _add_vertices(remesh)
 
-    carry = add_command(commands, "carry", _carry, "carry an edited proxy back to the mesh", REMESH)
+    carry = add_command(commands, "carry", _carry, "carry an edited proxy back to the mesh")
     _add_files(
         carry,
         output="OUT",
@@ -136,13 +93,9 @@ def _parser() -> argparse.ArgumentParser:
     _add_frames(carry)
 
     rest, posed = f"rest shape ({formats})", "the same vertices in a pose"
-    rebuild = add_command(
-        commands, "reconstruct", _transfer, "rebuild a known pose from its samples", TRANSFER
-    )
+    rebuild = add_command(commands, "reconstruct", _transfer, "rebuild a known pose from its samples")
     _add_files(rebuild, output="OUT", mesh=rest, posed=posed)
-    pose = add_command(
-        commands, "transfer-pose", _transfer, "put an edited shape into a known pose", TRANSFER
-    )
+    pose = add_command(commands, "transfer-pose", _transfer, "put an edited shape into a known pose")
     _add_files(pose, output="OUT", mesh=rest, posed=posed, edited="the rest shape with vertices moved")
     pose.add_argument(
         "--residual",
@@ -195,6 +148,22 @@ def _proxy_vertices(asked: int | None, n: int, handles: int = 0) -> int:
 
 
 def _deform(arguments: argparse.Namespace) -> None:
+    """Deform a mesh so that its handles reach their targets.
+
+    HANDLES is a .json file of this project or a .yaml file of Implicit-ARAP. In JSON:
+
+      {"handles": [
+        {"landmark": "foot", "kind": "static",  "vertices": [12, 13, 14]},
+        {"landmark": "hand", "kind": "dynamic", "source": [[x, y, z], ...],
+                                                "target": [[x, y, z], ...]}]}
+
+    Handles are vertex ids, or positions on the mesh (snapped to the nearest vertices).
+    The output has the vertices and faces of the input, in the same order. Components are deformed
+    each on its own, with its own handles. Where the mesh is not manifold it is cut, and joined again.
+
+    example:
+      sshade deform body.ply pose.json -o posed.ply
+    """
     from sshade.io.handles import read_handles
     from sshade.pipeline.components import deform_components
 
@@ -274,6 +243,13 @@ def _method(arguments: argparse.Namespace) -> Callable[..., DeformationResult]:
 
 
 def _remesh(arguments: argparse.Namespace) -> None:
+    """Write a proxy of a mesh to edit by hand or in any other program, and the map that
+    carries the edit back:
+
+      sshade remesh body.ply -o proxy.ply --map map.npz
+      ... move vertices of proxy.ply, keeping their order ...
+      sshade carry body.ply map.npz edited.ply -o posed.ply
+    """
     from sshade.carry.binding_file import save_binding
     from sshade.pipeline.proxies import bind
 
@@ -289,6 +265,12 @@ def _remesh(arguments: argparse.Namespace) -> None:
 
 
 def _carry(arguments: argparse.Namespace) -> None:
+    """Carry an edited proxy of `sshade remesh` back to the mesh:
+
+    sshade remesh body.ply -o proxy.ply --map map.npz
+    ... move vertices of proxy.ply, keeping their order ...
+    sshade carry body.ply map.npz edited.ply -o posed.ply
+    """
     from sshade.carry.binding_file import load_binding
 
     check_output(arguments.output)
@@ -305,6 +287,15 @@ def _carry(arguments: argparse.Namespace) -> None:
 
 
 def _transfer(arguments: argparse.Namespace) -> None:
+    """Carry a pose that is known vertex by vertex through the proxies' samples:
+
+      sshade reconstruct rest.ply posed.ply -o rebuilt.ply
+          rebuilds posed.ply from its samples, to see what the proxy loses
+      sshade transfer-pose rest.ply posed.ply edited.ply -o edited_posed.ply
+          puts an edited copy of rest.ply into the pose of posed.ply
+
+    All files have the same number of vertices, in the same order.
+    """
     from sshade.pipeline.transfer import transfer_pose
 
     check_output(arguments.output)

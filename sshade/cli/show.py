@@ -28,17 +28,6 @@ from sshade.io.meshes import SUFFIXES, read_arrays, read_mesh
 from sshade.mesh.mesh import Mesh
 from sshade.task import Handles
 
-SHOW = """\
-Show a mesh; with HANDLES, where they are (blue: static, yellow: dynamic) and, paler, where the
-dynamic ones are to go; with --deformed, that shape beside it, coloured by how much the edges
-at a vertex changed their length. With -o into a picture, else into a window.
-
-example:
-  sshade show body.ply pose.json --deformed posed.ply -o posed.png
-
-Needs pyvista: pip install sshade[figures].
-"""
-
 #: Formats of pictures, by suffix.
 PICTURES = (".png", ".jpg", ".jpeg")
 
@@ -48,7 +37,7 @@ PANEL = 900
 
 def add_show(commands: argparse._SubParsersAction) -> None:
     """Add the subcommand."""
-    show = add_command(commands, "show", _show, "look at a mesh, its handles and a result", SHOW)
+    show = add_command(commands, "show", _show, "look at a mesh, its handles and a result")
     show.add_argument("mesh", type=Path, metavar="MESH", help=f"rest shape ({', '.join(SUFFIXES)})")
     show.add_argument("handles", type=Path, nargs="?", metavar="HANDLES", help="handle file (.json, .yaml)")
     show.add_argument("--deformed", type=Path, metavar="OUT", help="the same vertices, deformed")
@@ -66,6 +55,15 @@ def add_show(commands: argparse._SubParsersAction) -> None:
 
 
 def _show(arguments: argparse.Namespace) -> None:
+    """Show a mesh; with HANDLES, where they are (blue: static, yellow: dynamic) and, paler, where the
+    dynamic ones are to go; with --deformed, that shape beside it, coloured by how much the edges
+    at a vertex changed their length. With -o into a picture, else into a window.
+
+    example:
+      sshade show body.ply pose.json --deformed posed.ply -o posed.png
+
+    Needs pyvista: pip install sshade[figures].
+    """
     require_extra()
     path = arguments.output
     if path is None and not has_display():

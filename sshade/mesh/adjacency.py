@@ -143,60 +143,52 @@ def vertex_graph(mesh: Mesh) -> VertexGraph:
 
 
 @njit(cache=True, nogil=True)
+def _starts(ids, n):
+    """(n + 1,) int64 where the entries of each of n ids begin once they are sorted."""
+    start = np.zeros(n + 1, dtype=np.int64)
+    for i in ids:
+        start[i + 1] += 1
+    for i in range(n):
+        start[i + 1] += start[i]
+    return start
+
+
+@njit(cache=True, nogil=True)
 def _sides_by_edge(F, n):
     """Sort by the larger end, then, keeping that order among equals, by the smaller one."""
     m = F.shape[0]
-    by_high, by_low = np.zeros(n + 1, dtype=np.int32), np.zeros(n + 1, dtype=np.int32)
+    low, high = np.empty(3 * m, dtype=np.int32), np.empty(3 * m, dtype=np.int32)
     for f in range(m):
         for c in range(3):
             i, j = F[f, c], F[f, (c + 1) % 3]
-            by_high[max(i, j) + 1] += 1
-            by_low[min(i, j) + 1] += 1
-    for i in range(n):
-        by_high[i + 1] += by_high[i]
-        by_low[i + 1] += by_low[i]
-    # The entries of i begin where the counts of the smaller ids end, and move that place along:
-    # afterwards it is where those of i end.
-    low, partly_sorted = np.empty(3 * m, dtype=np.int32), np.empty(3 * m, dtype=np.int32)
-    for f in range(m):
-        for c in range(3):
-            i, j = F[f, c], F[f, (c + 1) % 3]
-            p = by_high[max(i, j)]
-            by_high[max(i, j)] += 1
-            low[p], partly_sorted[p] = min(i, j), 3 * f + c
-    high, side = np.empty(3 * m, dtype=np.int32), np.empty(3 * m, dtype=np.int32)
-    p = 0
-    for j in range(n):
-        while p < by_high[j]:
-            q = by_low[low[p]]
-            by_low[low[p]] += 1
-            high[q], side[q] = j, partly_sorted[p]
-            p += 1
+            low[3 * f + c], high[3 * f + c] = min(i, j), max(i, j)
+    # A start is moved along with what is filled in: in the end it is where the entries end.
+    by_high, by_low = _starts(high, n), _starts(low, n)
+    partly_sorted = np.empty(3 * m, dtype=np.int32)
+    for s in range(3 * m):
+        partly_sorted[by_high[high[s]]] = s
+        by_high[high[s]] += 1
+    side = np.empty(3 * m, dtype=np.int32)
+    for s in partly_sorted:
+        side[by_low[low[s]]] = s
+        by_low[low[s]] += 1
     ends, start = np.empty((3 * m, 2), dtype=np.int32), np.empty(3 * m + 1, dtype=np.int32)
-    edges = p = 0
-    for i in range(n):
-        begin = p
-        while p < by_low[i]:
-            if p == begin or high[p] != high[p - 1]:
-                ends[edges, 0], ends[edges, 1], start[edges] = i, high[p], p
-                edges += 1
-            p += 1
-    start[edges] = p
+    edges = 0
+    for p in range(3 * m):
+        i, j = low[side[p]], high[side[p]]
+        if p == 0 or i != ends[edges - 1, 0] or j != ends[edges - 1, 1]:
+            ends[edges, 0], ends[edges, 1], start[edges] = i, j, p
+            edges += 1
+    start[edges] = 3 * m
     return ends[:edges].copy(), start[: edges + 1].copy(), side
 
 
 @njit(cache=True, nogil=True)
 def _faces_around_vertices(F, n):
-    start = np.zeros(n + 1, dtype=np.int64)
-    for corner in F.flat:
-        start[corner + 1] += 1
-    for i in range(n):
-        start[i + 1] += start[i]
-    fill = start[:-1].copy()
-    face = np.empty(F.size, dtype=np.int64)
+    start = _starts(F.ravel(), n)
+    fill, face = start[:-1].copy(), np.empty(F.size, dtype=np.int64)
     for f in range(F.shape[0]):
-        for c in range(3):
-            i = F[f, c]
+        for i in F[f]:
             face[fill[i]] = f
             fill[i] += 1
     return start, face
@@ -222,14 +214,8 @@ def _vertex_graph(V, F):
     in one of them only, and there is one such at most in each.
     """
     n, m = V.shape[0], F.shape[0]
-    start = np.zeros(n + 1, dtype=np.int32)
-    for f in range(m):
-        for c in range(3):
-            start[F[f, c] + 1] += 1
-    for i in range(n):
-        start[i + 1] += start[i]
-    fill = start[:-1].copy()
-    following = np.empty(3 * m, dtype=np.int32)
+    start = _starts(F.ravel(), n)
+    fill, following = start[:-1].copy(), np.empty(3 * m, dtype=np.int32)
     for f in range(m):
         for c in range(3):
             i = F[f, c]

@@ -155,19 +155,9 @@ def count_unions(F: np.ndarray, fronts: Fronts) -> Unions:
     triples = three[first]
     triple_c = np.zeros(len(triples), dtype=np.int64)
     triple_c[triple] = c[at_face.reshape(3, -1)].sum(axis=0)
-    return Unions(
-        chi=chi,
-        pair_chi=chi[pairs].sum(axis=1) - c,
-        triple_chi=chi[triples].sum(axis=1) - triple_c + np.bincount(triple, minlength=len(triples)),
-        trace=trace,
-        arcs=arcs,
-        pairs=pairs,
-        triples=triples,
-        edges=edges,
-        edge_pair=at_edge,
-        faces=faces,
-        face_triple=triple,
-    )
+    pair_chi = chi[pairs].sum(axis=1) - c
+    triple_chi = chi[triples].sum(axis=1) - triple_c + np.bincount(triple, minlength=len(triples))
+    return Unions(chi, pair_chi, triple_chi, trace, arcs, pairs, triples, edges, at_edge, faces, triple)
 
 
 def group_rows(rows: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
