@@ -71,45 +71,25 @@ def affine_maps(rest: np.ndarray, deformed: np.ndarray, *, F: np.ndarray) -> tup
     known : (l,) bool
         False for triangles without area in N or N'.
     """
-    return _maps(rest, deformed, F, ZERO_AREA)
-
-
-@njit(cache=True, nogil=True)
-def _edges_and_normal(V, a, b, c, E, zero_area):
-    """Write e1, e2 and n to the rows of E; return the doubled area, 0 where there is no normal."""
-    longest = 0.0
-    for r in range(3):
-        E[0, r], E[1, r] = V[b, r] - V[a, r], V[c, r] - V[a, r]
-    for r in range(3):
-        p, q = (r + 1) % 3, (r + 2) % 3
-        E[2, r] = E[0, p] * E[1, q] - E[0, q] * E[1, p]
-        longest += E[0, r] ** 2 + E[1, r] ** 2
-    doubled = np.sqrt(E[2, 0] ** 2 + E[2, 1] ** 2 + E[2, 2] ** 2)
-    if doubled <= zero_area * longest:
-        return 0.0
-    for r in range(3):
-        E[2, r] /= doubled
-    return doubled
-
-
-@njit(cache=True, nogil=True)
-def _maps(rest, deformed, F, zero_area):
-    A, known = np.zeros((len(F), 3, 3)), np.ones(len(F), dtype=np.bool_)
-    E, D = np.empty((3, 3)), np.empty((3, 3))
-    for t in range(len(F)):
-        a, b, c = F[t, 0], F[t, 1], F[t, 2]
-        area = _edges_and_normal(rest, a, b, c, E, zero_area)
-        if area == 0.0 or _edges_and_normal(deformed, a, b, c, D, zero_area) == 0.0:
-            known[t] = False
-            continue
-        for s in range(3):
-            p, q = (s + 1) % 3, (s + 2) % 3
-            # Rows of the inverse of [e1 e2 n]: e2 x n and n x e1 over the area, and n.
-            first = (E[1, p] * E[2, q] - E[1, q] * E[2, p]) / area
-            second = (E[2, p] * E[0, q] - E[2, q] * E[0, p]) / area
-            for r in range(3):
-                A[t, r, s] = D[0, r] * first + D[1, r] * second + D[2, r] * E[2, s]
+    e1, e2, n, doubled = _edges_and_normals(rest, F)
+    d1, d2, m, deformed_doubled = _edges_and_normals(deformed, F)
+    known = (doubled > 0) & (deformed_doubled > 0)
+    doubled = np.where(known, doubled, 1.0)
+    # Rows of the inverse of [e1 e2 n]: e2 x n and n x e1 over the doubled area, and n.
+    rows = (np.cross(e2, n) / doubled[:, None], np.cross(n, e1) / doubled[:, None], n)
+    A = sum(d[:, :, None] * row[:, None] for d, row in zip((d1, d2, m), rows, strict=True))
+    A[~known] = 0.0
     return A, known
+
+
+def _edges_and_normals(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, ...]:
+    """(l, 3) e1, e2 and n of triangles, and (l,) doubled areas; n and that are 0 where there is no normal."""
+    a, b, c = (V[F[:, corner]] for corner in range(3))
+    e1, e2 = b - a, c - a
+    n = np.cross(e1, e2)
+    doubled = np.linalg.norm(n, axis=1)
+    doubled[doubled <= ZERO_AREA * ((e1**2).sum(axis=1) + (e2**2).sum(axis=1))] = 0.0
+    return e1, e2, np.divide(n, doubled[:, None], out=np.zeros_like(n), where=doubled[:, None] > 0), doubled
 
 
 @njit(cache=True, nogil=True)

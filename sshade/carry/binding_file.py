@@ -99,23 +99,17 @@ def _digest(F: np.ndarray) -> str:
 def _require_fit(remeshed: Remesh, on_proxy: Projection, values: np.ndarray | None, n: int) -> None:
     """Raise ValueError unless the arrays of a map fit together: kernels would read out of bounds."""
     k, faces = len(remeshed.samples), len(remeshed.faces)
-    ids: list[tuple[np.ndarray, tuple[int, ...], int]] = [
+    ids = (
         (remeshed.samples, (k,), n),
         (remeshed.faces, (faces, 3), k),
         (remeshed.region, (n,), k),
         (on_proxy.face, (n,), faces),
-    ]
-    reals: list[tuple[np.ndarray, tuple[int, ...]]] = [
-        (remeshed.distance, (n,)),
-        (on_proxy.distance, (n,)),
-        (on_proxy.barycentric, (n, 3)),
-    ]
-    if values is not None:
-        reals.append((values, (faces, 3)))
-    sound = all(
-        a.shape == shape and a.dtype.kind == "i" and a.min() >= 0 and a.max() < end for a, shape, end in ids
     )
-    if not sound or not all(
-        a.shape == shape and a.dtype == np.float64 and np.isfinite(a).all() for a, shape in reals
-    ):
+    reals = [(remeshed.distance, (n,)), (on_proxy.distance, (n,)), (on_proxy.barycentric, (n, 3))]
+    reals += [] if values is None else [(values, (faces, 3))]
+    fit = [
+        a.shape == shape and a.dtype.kind == "i" and a.min() >= 0 and a.max() < end for a, shape, end in ids
+    ]
+    fit += [a.shape == s and a.dtype == np.float64 and np.isfinite(a).all() for a, s in reals]
+    if not all(fit):
         raise ValueError("its arrays do not fit together")

@@ -41,6 +41,7 @@ A. Vlachos, J. Peters, C. Boyd, J. L. Mitchell, "Curved PN triangles", 2001
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numba import njit
@@ -70,20 +71,17 @@ class BlendedFrames:
     ----------
     proxy : Mesh
         N at rest.
-    maps : VertexMaps
-        Of N at rest.
     stretch : bool
         Frames turn and stretch as the edges around their vertex do; otherwise they only turn.
     """
 
     proxy: Mesh
-    maps: VertexMaps
-    stretch: bool
+    stretch: bool = False
 
-    @classmethod
-    def at_rest(cls, proxy: Mesh, *, stretch: bool = False) -> BlendedFrames:
-        """Frames of a rest proxy."""
-        return cls(proxy, VertexMaps.at_rest(proxy), stretch)
+    @cached_property
+    def maps(self) -> VertexMaps:
+        """Of N at rest; not needed where rotations are given."""
+        return VertexMaps.at_rest(self.proxy)
 
     @property
     def name(self) -> str:

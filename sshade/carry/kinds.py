@@ -47,8 +47,8 @@ def frame_maker(
     makers: dict[str, FrameMaker] = {
         "triangle": triangle_frames(frame_function),
         "affine": lambda proxy, _: AffineFrames(proxy),
-        "blended": lambda proxy, _: BlendedFrames.at_rest(proxy),
-        "blended_affine": lambda proxy, _: BlendedFrames.at_rest(proxy, stretch=True),
+        "blended": lambda proxy, _: BlendedFrames(proxy),
+        "blended_affine": lambda proxy, _: BlendedFrames(proxy, stretch=True),
     }
     if frames not in makers:
         raise InputError(f"unknown frames {frames!r}; use one of {', '.join(makers)}")

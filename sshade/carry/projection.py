@@ -64,22 +64,51 @@ def project_to_fans(V: np.ndarray, proxy: Mesh, remeshed: Remesh) -> Projection:
 
 
 @njit(cache=True, nogil=True)
-def _closest_in_triangle(px, py, pz, V, a, b, c):
-    """Barycentric coordinates of the point of triangle (a, b, c) nearest to p, and the squared distance.
+def _project(V, region, start, fan, NV, NF, tie):
+    n = V.shape[0]
+    face = np.empty(n, dtype=np.int64)
+    barycentric = np.empty((n, 3), dtype=np.float64)
+    distance = np.empty(n, dtype=np.float64)
+    for i in range(n):
+        x, s = _row(V, i), region[i]
+        best, best_v, best_w, best_face = np.inf, 0.0, 0.0, np.int64(-1)
+        for p in range(start[s], start[s + 1]):
+            t = fan[p]
+            a, b, c = _row(NV, NF[t, 0]), _row(NV, NF[t, 1]), _row(NV, NF[t, 2])
+            v, w, d = _closest_in_triangle(x, a, b, c)
+            margin = 2.0 * np.sqrt(min(best, d)) * tie + tie * tie
+            if d < best - margin:
+                nearer = True
+            elif d > best + margin:
+                nearer = False
+            else:
+                u = best_face
+                of_best = _row(NV, NF[u, 0]), _row(NV, NF[u, 1]), _row(NV, NF[u, 2])
+                nearer = _to_barycentre(x, a, b, c) < _to_barycentre(x, *of_best)
+            if nearer:
+                best, best_v, best_w, best_face = d, v, w, t
+        face[i] = best_face
+        barycentric[i, 0], barycentric[i, 1], barycentric[i, 2] = 1.0 - best_v - best_w, best_v, best_w
+        distance[i] = np.sqrt(best)
+    return face, barycentric, distance
+
+
+@njit(cache=True, nogil=True)
+def _closest_in_triangle(x, a, b, c):
+    """Weights v, w of b and c in the point of triangle (a, b, c) nearest to x, and the squared distance.
 
     C. Ericson, "Real-time collision detection", 2004, section 5.1.5.
     """
-    abx, aby, abz = V[b, 0] - V[a, 0], V[b, 1] - V[a, 1], V[b, 2] - V[a, 2]
-    acx, acy, acz = V[c, 0] - V[a, 0], V[c, 1] - V[a, 1], V[c, 2] - V[a, 2]
-    apx, apy, apz = px - V[a, 0], py - V[a, 1], pz - V[a, 2]
-    bpx, bpy, bpz = px - V[b, 0], py - V[b, 1], pz - V[b, 2]
-    cpx, cpy, cpz = px - V[c, 0], py - V[c, 1], pz - V[c, 2]
-    d1 = abx * apx + aby * apy + abz * apz
-    d2 = acx * apx + acy * apy + acz * apz
-    d3 = abx * bpx + aby * bpy + abz * bpz
-    d4 = acx * bpx + acy * bpy + acz * bpz
-    d5 = abx * cpx + aby * cpy + abz * cpz
-    d6 = acx * cpx + acy * cpy + acz * cpz
+    ab, ac, ax = _minus(b, a), _minus(c, a), _minus(x, a)
+    bx, cx = _minus(x, b), _minus(x, c)
+    d1, d2, d3, d4, d5, d6 = (
+        _dot(ab, ax),
+        _dot(ac, ax),
+        _dot(ab, bx),
+        _dot(ac, bx),
+        _dot(ab, cx),
+        _dot(ac, cx),
+    )
     va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
     if d1 <= 0.0 and d2 <= 0.0:
         v, w = 0.0, 0.0
@@ -96,18 +125,29 @@ def _closest_in_triangle(px, py, pz, V, a, b, c):
         v = 1.0 - w
     else:
         # Ericson divides by va + vb + vc, which loses all digits on slivers; the normal loses half.
-        nx, ny, nz = aby * acz - abz * acy, abz * acx - abx * acz, abx * acy - aby * acx
-        squared = nx * nx + ny * ny + nz * nz
-        v = nx * (apy * acz - apz * acy) + ny * (apz * acx - apx * acz) + nz * (apx * acy - apy * acx)
-        w = nx * (aby * apz - abz * apy) + ny * (abz * apx - abx * apz) + nz * (abx * apy - aby * apx)
+        normal = _cross(ab, ac)
+        squared = _dot(normal, normal)
+        v, w = _dot(normal, _cross(ax, ac)), _dot(normal, _cross(ab, ax))
         if v >= 0.0 and w >= 0.0 and v + w <= squared and squared > 0.0:
             v, w = v / squared, w / squared
-        else:  # what looks like the inside of a triangle without area
-            v, w = _closest_on_edges(d1, d2, d3, d4, d5, d6, apx, apy, apz, abx, aby, abz, acx, acy, acz)
-    dx = apx - v * abx - w * acx
-    dy = apy - v * aby - w * acy
-    dz = apz - v * abz - w * acz
-    return v, w, dx * dx + dy * dy + dz * dz
+        else:  # what looks like the inside of a triangle without area: the nearest point of its edges
+            on_ab, on_ac = _share(d1, d1 - d3), _share(d2, d2 - d6)
+            on_bc = _share(d4 - d3, (d4 - d3) + (d5 - d6))
+            least = np.inf
+            for on_v, on_w in ((on_ab, 0.0), (0.0, on_ac), (1.0 - on_bc, on_bc)):
+                distance = _squared_gap(ax, ab, ac, on_v, on_w)
+                if distance < least:
+                    least, v, w = distance, on_v, on_w
+    return v, w, _squared_gap(ax, ab, ac, v, w)
+
+
+@njit(cache=True, nogil=True)
+def _squared_gap(ax, ab, ac, v, w):
+    """|ax - v ab - w ac|^2."""
+    dx = ax[0] - v * ab[0] - w * ac[0]
+    dy = ax[1] - v * ab[1] - w * ac[1]
+    dz = ax[2] - v * ab[2] - w * ac[2]
+    return dx * dx + dy * dy + dz * dz
 
 
 @njit(cache=True, nogil=True)
@@ -116,55 +156,28 @@ def _share(part, whole):
 
 
 @njit(cache=True, nogil=True)
-def _closest_on_edges(d1, d2, d3, d4, d5, d6, apx, apy, apz, abx, aby, abz, acx, acy, acz):
-    """Barycentric coordinates of the nearest point of the three edges, of any length."""
-    on_ab, on_ac = _share(d1, d1 - d3), _share(d2, d2 - d6)
-    on_bc = _share(d4 - d3, (d4 - d3) + (d5 - d6))
-    best, best_v, best_w = np.inf, 0.0, 0.0
-    for v, w in ((on_ab, 0.0), (0.0, on_ac), (1.0 - on_bc, on_bc)):
-        dx = apx - v * abx - w * acx
-        dy = apy - v * aby - w * acy
-        dz = apz - v * abz - w * acz
-        squared = dx * dx + dy * dy + dz * dz
-        if squared < best:
-            best, best_v, best_w = squared, v, w
-    return best_v, best_w
+def _to_barycentre(x, a, b, c):
+    """Squared distance."""
+    middle = (a[0] + b[0] + c[0]) / 3.0, (a[1] + b[1] + c[1]) / 3.0, (a[2] + b[2] + c[2]) / 3.0
+    gap = _minus(middle, x)
+    return _dot(gap, gap)
 
 
 @njit(cache=True, nogil=True)
-def _squared_to_barycentre(px, py, pz, V, a, b, c):
-    dx = (V[a, 0] + V[b, 0] + V[c, 0]) / 3.0 - px
-    dy = (V[a, 1] + V[b, 1] + V[c, 1]) / 3.0 - py
-    dz = (V[a, 2] + V[b, 2] + V[c, 2]) / 3.0 - pz
-    return dx * dx + dy * dy + dz * dz
+def _row(A, i):
+    return A[i, 0], A[i, 1], A[i, 2]
 
 
 @njit(cache=True, nogil=True)
-def _project(V, region, start, fan, NV, NF, tie):
-    n = V.shape[0]
-    face = np.empty(n, dtype=np.int64)
-    barycentric = np.empty((n, 3), dtype=np.float64)
-    distance = np.empty(n, dtype=np.float64)
-    for i in range(n):
-        px, py, pz = V[i, 0], V[i, 1], V[i, 2]
-        s = region[i]
-        best, best_v, best_w, best_face = np.inf, 0.0, 0.0, np.int64(-1)
-        for p in range(start[s], start[s + 1]):
-            t = fan[p]
-            a, b, c = NF[t, 0], NF[t, 1], NF[t, 2]
-            v, w, d = _closest_in_triangle(px, py, pz, NV, a, b, c)
-            margin = 2.0 * np.sqrt(min(best, d)) * tie + tie * tie
-            if d < best - margin:
-                nearer = True
-            elif d > best + margin:
-                nearer = False
-            else:
-                nearer = _squared_to_barycentre(px, py, pz, NV, a, b, c) < _squared_to_barycentre(
-                    px, py, pz, NV, NF[best_face, 0], NF[best_face, 1], NF[best_face, 2]
-                )
-            if nearer:
-                best, best_v, best_w, best_face = d, v, w, t
-        face[i] = best_face
-        barycentric[i, 0], barycentric[i, 1], barycentric[i, 2] = 1.0 - best_v - best_w, best_v, best_w
-        distance[i] = np.sqrt(best)
-    return face, barycentric, distance
+def _minus(a, b):
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@njit(cache=True, nogil=True)
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(cache=True, nogil=True)
+def _cross(a, b):
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]

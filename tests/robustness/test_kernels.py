@@ -80,7 +80,8 @@ def _on_needles() -> np.ndarray:
     for _ in range(200):
         begin, way = rng.normal(size=(2, 3))
         V = begin + np.array([0.0, rng.uniform(0.1, 1), rng.uniform(0.1, 2)])[:, None] * way
-        found.append(_closest_in_triangle(*(begin + 0.5 * way + 1e-16 * rng.normal(size=3)), V, 0, 1, 2))
+        x = begin + 0.5 * way + 1e-16 * rng.normal(size=3)
+        found.append(_closest_in_triangle(tuple(x), *map(tuple, V)))
     return np.array(found)
 
 

@@ -86,7 +86,7 @@ def test_decoding_follows_the_definition():
     V = np.einsum("nc,ncx->nx", on.barycentric, proxy.V[proxy.F[on.face]]) + 0.1 * rng.normal(size=(60, 3))
     NV = bent(proxy.V, 0.5) @ rotation(3).T
     R, unit = turns(proxy.n, most=0.9), np.broadcast_to(np.eye(3), (proxy.n, 3, 3))
-    frames = BlendedFrames.at_rest(proxy)
+    frames = BlendedFrames(proxy)
     moved, missing = frames.decode(frames.encode(V, on), NV, on=on, rotations=R)
     assert missing == 0
     expected = one_by_one(proxy, V, on=on, NV=NV, R=R, S=unit)
@@ -96,7 +96,7 @@ def test_decoding_follows_the_definition():
     moved, _ = frames.decode(frames.encode(V, on), NV, on=on)
     expected = one_by_one(proxy, V, on=on, NV=NV, R=fitted, S=unit)
     np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-12)
-    stretching = BlendedFrames.at_rest(proxy, stretch=True)
+    stretching = BlendedFrames(proxy, stretch=True)
     moved, _ = stretching.decode(stretching.encode(V, on), NV, on=on, rotations=R)
     expected = one_by_one(proxy, V, on=on, NV=NV, R=fitted, S=fitted.transpose(0, 2, 1) @ A)
     np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-12)
@@ -121,7 +121,7 @@ def test_a_bent_sheet_becomes_an_arc(turn):
     on = nearest_on(points, coarse)
     R = Rotation.from_rotvec(np.outer(coarse.V[:, 0] * turn, [0, 1, 0])).as_matrix()
     lift = coarse.V * [1, 1, 0]
-    for frames in (BlendedFrames.at_rest(coarse), BlendedFrames.at_rest(coarse, stretch=True)):
+    for frames in (BlendedFrames(coarse), BlendedFrames(coarse, stretch=True)):
         inside = (np.abs(points[:, 0] - 3) < 2) & (np.abs(points[:, 1] - 2) < 1)  # whole 1-rings
         moved, _ = frames.decode(frames.encode(points, on), rolled(lift), on=on, rotations=R)
         off = np.linalg.norm(moved - rolled(points), axis=1)[inside] * turn
@@ -147,7 +147,7 @@ def test_the_two_sides_of_an_edge_agree(kind, most):
         barycentric[np.arange(len(i)), corner[i]] = share
         barycentric[np.arange(len(i)), (corner[i] + 1) % 3] = 1 - share
         sides.append(Projection(face[i], barycentric, np.zeros(len(i))))
-    frames = BlendedFrames.at_rest(proxy, stretch=kind == "blended_affine")
+    frames = BlendedFrames(proxy, stretch=kind == "blended_affine")
     NV, R = bent(proxy.V, 0.5) + 0.05 * rng.normal(size=proxy.V.shape), turns(proxy.n, most=most)
     offsets = 0.1 * rng.normal(size=(len(w) // 2, 3))
     one, two = (frames.decode(offsets, NV, on=side, rotations=R)[0] for side in sides)
@@ -158,7 +158,7 @@ def test_any_rotations_leave_the_proxys_edges_whole_and_every_point_finite():
     """Also where a triangle's corners are turned by more than half a turn about it."""
     proxy = bumpy(2)
     R = turns(proxy.n, most=np.pi, seed=7)
-    frames = BlendedFrames.at_rest(proxy)
+    frames = BlendedFrames(proxy)
     on = points_on(proxy, 2000)
     offsets = np.random.default_rng(3).normal(size=(2000, 3))
     moved, _ = frames.decode(offsets, proxy.V, on=on, rotations=R)
@@ -175,7 +175,7 @@ def test_opposite_quaternions_of_nearly_equal_rotations_do_not_cancel():
     half = 2 * np.round((half + np.eye(3)) / 2, 12) - np.eye(3)
     R = np.concatenate([np.eye(3)[None], half])
     on = Projection(np.zeros(1, dtype=np.int64), np.array([[0.0, 0.5, 0.5]]), np.zeros(1))
-    frames = BlendedFrames.at_rest(triangle)
+    frames = BlendedFrames(triangle)
     offset = np.array([[0.3, -0.4, 0.5]])
     moved, _ = frames.decode(offset, triangle.V, on=on, rotations=R)
     expected = [0.5, 0.5, 0] + half.mean(axis=0) @ offset[0]
@@ -193,7 +193,7 @@ def test_a_tube_twisted_over_one_edge_keeps_its_cross_section(degrees, plain, bl
     R = np.where(upper[:, None, None], turn, np.eye(3))
     NV = np.einsum("kxy,ky->kx", R, coarse.V)
     on = nearest_on(fine.V, coarse)
-    frames = BlendedFrames.at_rest(coarse)
+    frames = BlendedFrames(coarse)
     moved, _ = frames.decode(frames.encode(fine.V, on), NV, on=on, rotations=R)
     corners = coarse.F[on.face]
     each = NV[corners] + np.einsum("ncxy,ncy->ncx", R[corners], fine.V[:, None] - coarse.V[corners])
