@@ -33,12 +33,6 @@ def test_an_undeformed_and_a_rigidly_moved_proxy_carry_the_mesh_exactly(name, ki
             assert np.abs(V - (mesh.V @ R.T + t)).max() <= ROUNDING * mesh.diagonal
 
 
-@pytest.mark.parametrize("function", ["best", "x"])
-def test_the_frame_function_has_no_influence_on_an_undeformed_proxy(function):
-    binding = bind(BUMPY, BUMPY.n // 6, frame_function=function)
-    assert np.abs(binding.carry(binding.proxy.V)[0] - BUMPY.V).max() <= ROUNDING * BUMPY.diagonal
-
-
 def test_samples_follow_their_proxy_vertices_where_the_proxy_turns_little():
     """A frame is no interpolation: vertices leave N' by what its triangles stretch, and no more."""
     binding = bind(BUMPY, BUMPY.n // 3)

@@ -102,13 +102,6 @@ def test_decoding_follows_the_definition():
     np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-12)
 
 
-def test_nearest_rotations_are_the_orthogonal_factors():
-    A = np.random.default_rng(5).normal(size=(200, 3, 3))
-    U, _, Vt = np.linalg.svd(A)
-    U[:, :, 2] *= np.linalg.det(U @ Vt)[:, None]
-    np.testing.assert_allclose(nearest_rotations(A), U @ Vt, rtol=0, atol=1e-9)
-
-
 @pytest.mark.parametrize("turn", [0.2, 0.1])
 def test_a_bent_sheet_becomes_an_arc(turn):
     """Flat triangles are off by turn^2 / 8 of the radius, the plain blend of motions by as much outwards."""
@@ -154,20 +147,6 @@ def test_the_two_sides_of_an_edge_agree(kind, most):
     np.testing.assert_allclose(one, two, rtol=0, atol=1e-13)
 
 
-def test_any_rotations_leave_the_proxys_edges_whole_and_every_point_finite():
-    """Also where a triangle's corners are turned by more than half a turn about it."""
-    proxy = bumpy(2)
-    R = turns(proxy.n, most=np.pi, seed=7)
-    frames = BlendedFrames(proxy)
-    on = points_on(proxy, 2000)
-    offsets = np.random.default_rng(3).normal(size=(2000, 3))
-    moved, _ = frames.decode(offsets, proxy.V, on=on, rotations=R)
-    plain, _ = frames.decode(0 * offsets, proxy.V, on=on, rotations=R)
-    np.testing.assert_allclose(
-        np.linalg.norm(moved - plain, axis=1), np.linalg.norm(offsets, axis=1), rtol=1e-12
-    )
-
-
 def test_opposite_quaternions_of_nearly_equal_rotations_do_not_cancel():
     """Of half turns about nearly the same axis, each as far from the third corner's rotation."""
     triangle = Mesh([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
@@ -207,15 +186,6 @@ def test_a_tube_twisted_over_one_edge_keeps_its_cross_section(degrees, plain, bl
 
     assert smallest_section(naive) < plain
     assert smallest_section(moved) > blended
-
-
-@pytest.mark.parametrize("kind", ["affine", "blended_affine"])
-def test_affine_maps_of_a_plane_are_exact(kind):
-    sheet = strip(30, 12)
-    B = rotation(4) @ np.array([[1.4, 0.5, 0], [-0.3, 0.6, 0], [0, 0, 1]])
-    binding = bind(sheet, 40, frames=kind)
-    V, _ = binding.carry(binding.proxy.V @ B.T + 1)
-    assert np.abs(V - (sheet.V @ B.T + 1)).max() < ROUNDING * sheet.diagonal
 
 
 def test_the_affine_map_of_a_triangle_is_linear_interpolation_in_it_and_a_length_across():

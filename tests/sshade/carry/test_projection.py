@@ -126,11 +126,3 @@ def test_equally_near_triangles_are_told_apart_without_their_numbers(bound):
     again = project_to_fans(mesh.V, Mesh(proxy.V, rolled), result)
     assert np.array_equal(order[again.face], projection.face)
     assert np.allclose(again.distance, projection.distance, rtol=0, atol=1e-14 * mesh.diagonal)
-
-
-def test_scaling_by_a_power_of_two_changes_no_bit(bound):
-    mesh, result, proxy, projection = bound
-    scaled = project_to_fans(mesh.V * 2.0**20, Mesh(proxy.V * 2.0**20, proxy.F), result)
-    assert np.array_equal(scaled.face, projection.face)
-    assert np.array_equal(scaled.barycentric, projection.barycentric)
-    assert np.array_equal(scaled.distance, projection.distance * 2.0**20)

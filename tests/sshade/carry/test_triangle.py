@@ -3,8 +3,6 @@ from __future__ import annotations
 import igl
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from sshade import InputError, Mesh
 from sshade.carry.projection import Projection
@@ -107,24 +105,6 @@ def test_given_values_are_scaled_by_range_over_diagonal_before_the_threshold(sca
 def test_unusable_functions_are_refused(function, words):
     with pytest.raises(InputError, match=words):
         frame_values(BODY, function)
-
-
-@given(seed=st.integers(0, 10_000), function=st.sampled_from(["extent", "best", "x"]))
-def test_decoding_what_was_encoded_gives_the_points_back(seed, function):
-    rng = np.random.default_rng(seed)
-    frames = TriangleFrames.at_rest(BODY, function)
-    points, face = rng.normal(size=(50, 3)), rng.integers(0, BODY.m, 50)
-    back, degenerate = frames.decode(frames.encode(points, at(face)), BODY.V, on=at(face))
-    assert degenerate == 0
-    assert np.allclose(back, points, rtol=0, atol=1e-14 * BODY.diagonal)
-
-
-def test_a_rigid_motion_of_the_proxy_moves_points_with_it():
-    turn, shift = rotation(1), np.array([3.0, -2, 1])
-    frames = TriangleFrames.at_rest(BODY)
-    points, face = np.random.default_rng(1).normal(size=(80, 3)), np.arange(80)
-    moved, _ = frames.decode(frames.encode(points, at(face)), BODY.V @ turn.T + shift, on=at(face))
-    assert np.allclose(moved, points @ turn.T + shift, rtol=0, atol=1e-13 * BODY.diagonal)
 
 
 def test_a_stretch_along_g_scales_no_tangential_coordinate():

@@ -33,12 +33,6 @@ def test_the_first_call_equals_deform(mesh, held, samplings):
     assert bound.iterations == once.iterations
 
 
-def test_threads_change_nothing(mesh, held):
-    targets = lifted(mesh, held, 0.5)
-    one, two = (Deformer(mesh, held, vertices=150, samplings=2, workers=w)(targets) for w in (1, 2))
-    np.testing.assert_array_equal(one.vertices, two.vertices)
-
-
 def test_a_drag_takes_fewer_iterations_and_ends_where_a_cold_solve_does(mesh, held):
     drag = Deformer(mesh, held, vertices=150)
     drag(lifted(mesh, held, 0.3))

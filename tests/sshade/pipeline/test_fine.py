@@ -31,14 +31,6 @@ def test_fast_keeps_volume_area_and_handles_nearly(task):
     assert result.extra["proxy_volume_error"] < 1e-6 and result.extra["proxy_area_error"] < 1e-6
 
 
-def test_the_energies_of_two_starts_can_be_told_apart(task):
-    """Of several proxies the mean."""
-    one, two = (sshade_fast(task, vertices=600, samplings=k, tolerance=1e-7).extra for k in (1, 2))
-    other = sshade_fast(task, vertices=600, start="rest", tolerance=1e-7).extra
-    assert other["proxy_energy"] == pytest.approx(one["proxy_energy"], rel=1e-4)
-    assert 0 < abs(two["proxy_energy"] / one["proxy_energy"] - 1) < 0.1
-
-
 def test_fine_keeps_them_exactly(task):
     result = sshade_fine(task, vertices=600, area=np.inf)
     after = Mesh(result.vertices, task.mesh.F)
@@ -60,21 +52,9 @@ def test_fine_ends_in_the_minimum_at_full_resolution(task, volume):
     assert np.abs(fine.vertices - plain.vertices).max() < 1e-3 * task.mesh.diagonal
 
 
-def test_more_iterations_give_a_lower_energy(task):
-    energies = [
-        sshade_fine(task, vertices=600, tolerance=0, polish_iterations=k).extra["energy"] for k in (0, 5, 20)
-    ]
-    assert energies[0] > energies[1] > energies[2]
-
-
 def test_no_seconds_no_iterations(task):
     result = sshade_fine(task, vertices=600, polish_seconds=0.0)
     assert result.iterations == 0 and not result.converged
-
-
-def test_workers_have_no_influence(task):
-    one, two = (sshade_fine(task, vertices=600, workers=w).vertices for w in (1, 2))
-    np.testing.assert_array_equal(one, two)
 
 
 def test_a_tube_has_no_volume_to_hold(caplog):
