@@ -26,7 +26,7 @@ class Command(NamedTuple):
 
 COMMANDS = {
     "run": Command("eval.configure.app", "run methods on tasks, once or as a sweep (-m); a Hydra program"),
-    "status": Command("eval.run.progress", "how far the sweeps are"),
+    "status": Command("eval.run.status", "how far the sweeps are"),
     "collect": Command("eval.rows.collect", "gather the rows of finished runs into one CSV an experiment"),
     "tables": Command("eval.publish.tables", "tables from rows: CSV, Markdown and LaTeX"),
     "charts": Command("eval.publish.charts", "distributions, time against size, convergence"),

@@ -10,6 +10,7 @@ commands that read rows the environment variable ``EVAL_ALLOW_TARGETS``.
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,10 +20,12 @@ from sshade.errors import InputError
 
 #: Beginnings of names, separated by commas. Processes of a launcher inherit it.
 VARIABLE = "EVAL_ALLOW_TARGETS"
-#: The same on the command line of ``sshade-eval run``; a YAML file that sets it is refused.
+#: The same on the command line of ``sshade-eval run``; in a YAML file it has no meaning.
 OVERRIDE = "run.allow_targets"
 
 _SEARCH_PATH = "hydra.searchpath"
+#: Settings of Hydra that name code: folders of configurations, variables such as PYTHONPATH, shell commands.
+_RESERVED = ("searchpath", "env_set", "setup")
 
 
 def require_allowed(config: Any, *, where: str) -> None:
@@ -37,10 +40,13 @@ def require_allowed(config: Any, *, where: str) -> None:
     Raises
     ------
     InputError
-        On a name that no file of ``conf`` has nor the user allowed.
+        On a name that neither a file of ``conf`` nor the user names.
     """
-    for name in _names(config):
-        if not is_allowed(name):
+    beginnings = tuple(text for text in os.environ.get(VARIABLE, "").split(",") if text)
+    for key, name in _items(config):
+        if key not in CALLED or isinstance(name, Mapping):
+            continue
+        if not isinstance(name, str) or not (name in named_functions() or name.startswith(beginnings)):
             top = str(name).split(".")[0]
             raise InputError(
                 f"{where} names the function {name}, which no file of conf names; if you trust it, give "
@@ -48,54 +54,31 @@ def require_allowed(config: Any, *, where: str) -> None:
             )
 
 
-def is_allowed(name: Any) -> bool:
-    """Whether a function of that dotted name may be called."""
-    beginnings = [text for text in os.environ.get(VARIABLE, "").split(",") if text]
-    return isinstance(name, str) and (
-        name in named_functions() or any(name == text or name.startswith(text) for text in beginnings)
-    )
-
-
-def allow_from(arguments: Sequence[str]) -> None:
+def allow_from(overrides: Sequence[str]) -> None:
     """Take ``run.allow_targets`` over from a command line, for this process and those that it starts."""
-    for argument in arguments:
-        name, _, value = argument.lstrip("+").partition("=")
-        if name == OVERRIDE:
-            texts = [text.strip(" '\"") for text in value.strip(" []").split(",")]
-            os.environ[VARIABLE] = ",".join([os.environ.get(VARIABLE, ""), *texts]).strip(",")
-
-
-def require_from_command_line(texts: Any) -> None:
-    """Raise InputError where a composed configuration allows what the command line did not."""
-    given = os.environ.get(VARIABLE, "").split(",")
-    wrong = [text for text in texts if text not in given] if isinstance(texts, list) else [texts]
-    if texts is not None and wrong:
-        raise InputError(f"{OVERRIDE} is for the command line alone, not for a YAML file ({wrong[0]})")
+    texts = [text for override in overrides for text in _list(override, OVERRIDE)]
+    os.environ[VARIABLE] = ",".join([os.environ.get(VARIABLE, ""), *texts]).strip(",")
 
 
 def check_folders(folders: Iterable[str | None], *, overrides: Sequence[str] = ()) -> None:
     """Check the YAML files of folders that a command line adds to the configuration.
 
-    Hydra itself calls what they name as launcher, sweeper or callback.
+    Hydra itself calls what they name as launcher, sweeper, callback or handler of a log.
 
     Parameters
     ----------
     folders : iterable of str or None
-        Of ``--config-dir`` and ``--config-path``.
+        Of ``--config-dir``.
     overrides : sequence of str
         Where ``hydra.searchpath`` names more.
 
     Raises
     ------
     InputError
-        On a name that is not allowed, a file that is no YAML, or one that adds folders itself.
+        On a name that is not allowed, a file that is no YAML, or a setting of Hydra that names code.
     """
-    found = [folder for folder in folders if folder]
-    for override in overrides:
-        name, _, value = override.lstrip("+").partition("=")
-        if name == _SEARCH_PATH:
-            found += [text.strip(" '\"") for text in value.strip(" []").split(",")]
-    for folder in found:
+    more = [folder for override in overrides for folder in _list(override, _SEARCH_PATH)]
+    for folder in filter(None, [*folders, *more]):
         for path in sorted(Path(folder.removeprefix("file://")).rglob("*.yaml")):
             _check_file(path)
 
@@ -104,33 +87,33 @@ def _check_file(path: Path) -> None:
     import yaml
 
     try:
-        documents = list(yaml.safe_load_all(path.read_text(encoding="utf-8")))
+        text = path.read_text(encoding="utf-8")
+        documents = list(yaml.safe_load_all(text))
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"{path}: not readable as YAML ({' '.join(str(error).split())[:200]})") from error
-    if "searchpath" in _keys(documents):
-        raise InputError(
-            f"{path}: it adds a search path; give {_SEARCH_PATH}=[DIR] on the command line instead"
-        )
+    # Packages, in the header or with an @ in a list of defaults, are a part of the key.
+    words = re.findall(r"# *@package +(\S+)", text) + [
+        str(word) for pair in _items(documents) for word in pair
+    ]
+    for name in _RESERVED:
+        if any(name in re.split(r"[.@/:]", word) for word in words):
+            raise InputError(f"{path}: it sets hydra's {name}, which is for the command line alone")
     require_allowed(documents, where=str(path))
 
 
-def _keys(config: Any) -> Iterator[Any]:
+def _items(config: Any) -> Iterator[tuple[Any, Any]]:
+    """Every key with its value, and None with every element of a list, at any depth."""
     if isinstance(config, Mapping):
         for key, value in config.items():
-            yield key
-            yield from _keys(value)
+            yield key, value
+            yield from _items(value)
     elif isinstance(config, (list, tuple)):
         for value in config:
-            yield from _keys(value)
+            yield None, value
+            yield from _items(value)
 
 
-def _names(config: Any) -> Iterator[Any]:
-    if isinstance(config, Mapping):
-        for key, value in config.items():
-            if key in CALLED and not isinstance(value, Mapping):
-                yield value
-            else:
-                yield from _names(value)
-    elif isinstance(config, (list, tuple)):
-        for value in config:
-            yield from _names(value)
+def _list(override: str, name: str) -> list[str]:
+    """The elements of the override ``name=[a, b]``; none of other overrides."""
+    key, _, value = override.lstrip("+").partition("=")
+    return [text.strip(" '\"") for text in value.strip(" []'\"").split(",")] if key == name else []

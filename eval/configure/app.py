@@ -13,7 +13,6 @@ import sys
 from contextlib import nullcontext
 from functools import lru_cache
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import hydra
@@ -25,17 +24,16 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from eval.configure import sweep as cli_sweep
-from eval.configure.allowed import allow_from, check_folders, require_allowed, require_from_command_line
+from eval.configure.allowed import OVERRIDE, allow_from, check_folders, require_allowed
 from eval.configure.sweep import SweepRefused, check_root
-from eval.configure.targets import instantiate
+from eval.configure.targets import check_parameters, instantiate
 from eval.metrics import METRICS
 from eval.rows.bands import out_of_band
+from eval.run.record import SweepRecord, status_text
 from eval.run.run import Outcome, run
-from eval.run.sweep import SweepRecord, told_status
 from sshade.cli.configuration import CONFIGURATION, PACKAGES, one_sentence, unreadable_override
 from sshade.cli.console import progress_bar
 from sshade.errors import InputError
-from sshade.io.files import reason
 from sshade.task import DeformationTask, Progress, silent
 from sshade.threads import available_cpus
 
@@ -60,7 +58,13 @@ _errors: list[Exception] | None = None
 
 
 def main() -> int:
-    """Entry point; see the module."""
+    """Run what ``sys.argv`` says; return the exit code.
+
+    Raises
+    ------
+    InputError
+        On a mistake in the configuration.
+    """
     global _errors
     _errors, cli_sweep.monitor = [], None
     # Hydra would print a traceback and exit with 1 on its own: let errors come through instead.
@@ -70,23 +74,21 @@ def main() -> int:
         os.environ["PYTHONSAFEPATH"] = "1"
     interrupted = False
     try:
-        _check_trust(sys.argv[1:])
+        sys.argv[1:] = _checked(sys.argv[1:])
         _app()
     except SweepRefused as refused:
-        _errors.extend(refused.args)
-    except (RunFailed, InputError) as error:
-        _errors.append(error)
+        raise refused.args[0] from refused
     except (HydraException, OmegaConfBaseException) as error:
-        _errors.append(InputError(_one_line(error)))
-    except OSError as error:  # of Hydra, which makes folders
-        _errors.append(InputError(f"{error.filename or 'the system'}: {reason(error)}"))
+        raise InputError(_one_line(error)) from error
+    except RunFailed as error:
+        _errors.append(error)
     except KeyboardInterrupt:
         interrupted = True
     except Exception as error:
         if cli_sweep.monitor is not None and type(error).__module__.split(".")[0] in LAUNCHERS:
-            _errors.append(WorkerLost(cli_sweep.told_lost(error)))
+            _errors.append(WorkerLost(type(error).__name__))
         elif isinstance(error, ValueError) and _raised_in(error).split(".")[0] in ("hydra", *LAUNCHERS):
-            _errors.append(InputError(_one_line(error)))  # such as flags that do not go together
+            raise InputError(_one_line(error)) from error  # such as flags that do not go together
         else:
             raise
     finally:
@@ -98,28 +100,44 @@ def _exit(errors: list[Exception], summary: str, *, interrupted: bool) -> int:
     """Say how the command ended, and give its exit code."""
     mistakes = [error for error in errors if isinstance(error, InputError)]
     if mistakes and not interrupted:
-        print(f"error: {mistakes[0]}", file=sys.stderr)  # noqa: T201
-        return 2
+        raise mistakes[0]
     if summary:
         print(summary)  # noqa: T201
+    queue = "; the jobs in the queue go on: sshade-eval status follows them, scancel ends them"
+    rest = queue if cli_sweep.in_queue() else "; the same command goes on from there" if summary else ""
     if interrupted:
-        print(f"interrupted{cli_sweep.told_interrupted()}", file=sys.stderr)  # noqa: T201
+        print(f"interrupted{rest}", file=sys.stderr)  # noqa: T201
         return 130
     for error in errors:
-        # What became of a sweep's runs has been told, line by line.
-        if not summary or isinstance(error, WorkerLost):
+        if isinstance(error, WorkerLost):
+            print(f"failed: a worker was lost ({error}){rest}", file=sys.stderr)  # noqa: T201
+        elif not summary:  # what became of a sweep's runs has been told, line by line
             print(f"failed: {error}", file=sys.stderr)  # noqa: T201
     return 1 if errors else 0
 
 
-def _check_trust(arguments: list[str]) -> None:
-    """Raise InputError where a folder of configurations names functions that nobody allowed."""
+def _checked(arguments: list[str]) -> list[str]:
+    """What of a command line Hydra is to read.
+
+    Raises
+    ------
+    InputError
+        On a flag that replaces the configuration, or a folder of configurations that names functions which
+        nobody allowed.
+    """
     known, _ = get_args_parser().parse_known_args(arguments)
+    for flag in ("config_path", "experimental_rerun"):
+        if getattr(known, flag) is not None:
+            name = f"--{flag.replace('_', '-')}"
+            raise InputError(f"{name} is not for this program; --config-dir adds configurations of your own")
     allow_from(known.overrides)
-    folders = [known.config_dir, known.config_path]
-    if known.config_path is not None:  # Hydra takes it from the folder of this file
-        folders.append(str(Path(__file__).parent / known.config_path))
-    check_folders(folders, overrides=known.overrides)
+    check_folders([known.config_dir], overrides=known.overrides)
+    keys = {text: text.lstrip("+~").partition("=")[0] for text in known.overrides}
+    cli_sweep.method_settings[:] = [
+        text for text in known.overrides if known.multirun and keys[text].startswith("method.")
+    ]
+    taken = {*cli_sweep.method_settings, *(text for text in known.overrides if keys[text] == OVERRIDE)}
+    return [text for text in arguments if text not in taken]
 
 
 @hydra.main(version_base="1.3", config_path=str(CONFIGURATION), config_name="config")
@@ -159,7 +177,6 @@ def _job_of_sweep(config: DictConfig) -> None:
     if _errors is None:
         os.chdir(settings.runtime.cwd)  # a worker may start elsewhere; relative paths mean those of the sweep
     record = SweepRecord(config.run.sweep.record)
-    begin = perf_counter()
     ended: dict[str, Any] = {"row_folder": None}
     try:
         with monitor.run_progress() if monitor is not None else nullcontext(silent) as progress:
@@ -170,7 +187,7 @@ def _job_of_sweep(config: DictConfig) -> None:
         raise
     finally:
         if "problems" in ended:
-            record.add(settings.job.num, seconds=perf_counter() - begin, **ended)
+            record.add(settings.job.num, **ended)
         if monitor is not None:
             monitor.update()
     if problems:
@@ -184,7 +201,6 @@ def _outcome(config: DictConfig, progress: Progress) -> tuple[Outcome, list[str]
         raise InputError(f"{', '.join(sorted(missing))} is not set; give it as {min(missing)}=...")
     plain = OmegaConf.to_container(config, resolve=True)
     _check(plain)
-    require_from_command_line(plain["run"]["allow_targets"])
     for part in ("method", "dataset"):
         require_allowed(plain[part], where=f"the configuration of the {part}")
     progress("reading", 0, 1)
@@ -212,17 +228,16 @@ def _outcome(config: DictConfig, progress: Progress) -> tuple[Outcome, list[str]
 
 def _check(config: dict[str, Any]) -> None:
     """Raise InputError on values of our own settings that no run could use."""
-    seed, settings = config["seed"], config["run"]
-    if type(seed) is not int or seed < 0:
-        raise InputError(f"seed={seed!r} is no seed; it takes a whole number from 0")
-    for name in ("force", "fresh"):
-        if not isinstance(settings[name], bool):
-            raise InputError(f"run.{name}={settings[name]!r} does not fit; it takes true or false")
-    limit, jobs = settings["time_limit"], settings["jobs"]
-    if limit is not None and (type(limit) not in (int, float) or limit <= 0):
-        raise InputError(f"run.time_limit={limit!r} does not fit; it takes seconds, or null for none")
-    if jobs is not None and (type(jobs) is not int or jobs < 1):
-        raise InputError(f"run.jobs={jobs!r} does not fit; it takes a whole number from 1, or null")
+    settings = {name: config["run"][name] for name in ("force", "fresh", "time_limit")}
+    settings |= {
+        "seed": config["seed"],
+        "jobs": 1 if config["run"]["jobs"] is None else config["run"]["jobs"],
+    }
+    check_parameters(run, settings, target="run")
+    for name, value in settings.items():
+        least = {"seed": 0, "jobs": 1, "time_limit": 1e-3}.get(name)
+        if least is not None and value is not None and value < least:
+            raise InputError(f"{name}={value} does not fit; it takes at least {least:g}")
 
 
 @lru_cache(maxsize=1)
@@ -253,7 +268,7 @@ def _jobs(launcher: DictConfig, runs: int) -> int:
 def _report(outcome: Outcome) -> str:
     """A single run in a few lines."""
     row = outcome.row
-    lines = [f"{row['method.name']} on {row['task.name']}: {told_status(row, kept=outcome.reused)}"]
+    lines = [f"{row['method.name']} on {row['task.name']}: {status_text(row, kept=outcome.reused)}"]
     for name, metric in METRICS.items():
         if f"metric.{name}" in row:
             value = row[f"metric.{name}"]

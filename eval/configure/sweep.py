@@ -16,7 +16,7 @@ from omegaconf import DictConfig, open_dict, read_write
 from eval.configure.allowed import require_allowed
 from eval.configure.targets import locate
 from eval.run.monitor import Monitor
-from eval.run.sweep import Plan, SweepRecord, forget, told_summary
+from eval.run.record import Plan, SweepRecord, summary
 from sshade.errors import InputError
 from sshade.io.files import reason
 
@@ -31,6 +31,10 @@ QUEUES = ("slurm", "submitit_slurm")
 #: The sweep that this process began; None in a launcher's worker.
 monitor: Monitor | None = None
 
+#: Settings ``method.*`` of a sweep's command line. Hydra would hold them against the method that the sweep
+#: starts from; given to the runs alone, they are held against the method that each run names.
+method_settings: list[str] = []
+
 
 class SweepRefused(BaseException):
     """A sweep that cannot begin; no Exception, because Hydra turns what a callback raises into warnings."""
@@ -42,6 +46,7 @@ class SweepStart(Callback):
     def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
         """Write out `all`, list the runs as the basic sweeper does, and tell each run of the record."""
         global monitor
+        _add_overrides(config, *method_settings)
         try:
             _write_out_cases(config)
             launcher = config.hydra.runtime.choices["hydra/launcher"]
@@ -52,11 +57,14 @@ class SweepStart(Callback):
         except OSError as error:  # of the record's folder
             raise SweepRefused(InputError(f"{error.filename}: {reason(error)}")) from error
         folder = str(record.folder).replace("\\", "\\\\").replace("'", "\\'")
-        told = f"run.sweep={{record:'{folder}',runs:{len(plan.runs)}}}"
-        with read_write(config), open_dict(config):
-            config.hydra.overrides.task = [*config.hydra.overrides.task, told]
+        _add_overrides(config, f"run.sweep={{record:'{folder}',runs:{len(plan.runs)}}}")
         monitor = Monitor(record, watch=launcher != "basic")
-        monitor.start()
+
+
+def _add_overrides(config: DictConfig, *overrides: str) -> None:
+    """Give every run of the sweep further settings."""
+    with read_write(config), open_dict(config):
+        config.hydra.overrides.task = [*config.hydra.overrides.task, *overrides]
 
 
 def _runs(swept: Mapping[str, list[str]]) -> list[dict[str, str]]:
@@ -119,27 +127,15 @@ def close_sweep() -> str:
     monitor.close()
     plan, ended = monitor.plan, monitor.record.ended()
     if len(ended) == len(plan.runs):
-        forget(monitor.record)
+        monitor.record.complete()
     elif plan.launcher not in QUEUES:  # runs in a queue outlive this process
         monitor.record.remove()
-    return told_summary(plan, ended)
+    return summary(plan, ended)
 
 
-def told_lost(error: Exception) -> str:
-    """What to do where a launcher gave up, in a sentence."""
-    others = ""
-    if monitor.plan.launcher in QUEUES:
-        others = "the other jobs go on (sshade-eval status follows them); after them "
-    return f"a worker was lost ({type(error).__name__}); {others}the same command runs what is missing"
-
-
-def told_interrupted() -> str:
-    """What to know after Ctrl-C, as the rest of a sentence."""
-    if monitor is None:
-        return ""
-    if monitor.plan.launcher in QUEUES:
-        return "; the jobs in the queue go on: scancel ends them, sshade-eval status follows them"
-    return "; the same command goes on from there"
+def in_queue() -> bool:
+    """Whether the sweep under way has jobs in a queue, which go on when this process ends."""
+    return monitor is not None and monitor.plan.launcher in QUEUES
 
 
 def check_root(dataset: Mapping[str, Any]) -> None:

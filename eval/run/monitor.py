@@ -5,20 +5,22 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from datetime import UTC, datetime
 from threading import Event, Lock, Thread
 from typing import Any
 
-from eval.run.sweep import SweepRecord, told_counts, told_run
+from eval.run.record import SweepRecord, counts, run_line
 from sshade.cli.console import stage_bars, stage_progress
 from sshade.task import Progress, silent
 
 #: Seconds between two looks at the record, for runs of other processes.
 PERIOD = 1.0
 
+#: Seconds that the bar's estimate of the time left looks back on: all of a sweep.
+_WEEK = 7 * 24 * 3600.0
+
 
 class Monitor:
-    """Follows the record of a sweep.
+    """Follows the record of a sweep, from the start on.
 
     Parameters
     ----------
@@ -34,15 +36,12 @@ class Monitor:
         self._told = 0
         self._lock = Lock()
         self._over = Event()
-        self._watcher = Thread(target=self._watch, daemon=True) if watch else None
         self._bars: Any = None
-
-    def start(self) -> None:
-        """Begin to draw and to watch."""
         if sys.stderr.isatty():
-            self._bars = stage_bars()
+            self._bars = stage_bars(remaining="sweep", speed_estimate_period=_WEEK)
             self._bars.start()
             self._sweep = self._bars.add_task("sweep", total=len(self.plan.runs), note="")
+        self._watcher = Thread(target=self._watch, daemon=True) if watch else None
         if self._watcher is not None:
             self._watcher.start()
 
@@ -50,16 +49,17 @@ class Monitor:
         """Tell of the runs that ended since the last call."""
         with self._lock:
             ended = self.record.ended()
-            now = datetime.now(UTC)
             for i in range(self._told, len(ended)):
-                text = told_run(ended[i])
+                text = run_line(ended[i])
                 if self._bars is None:  # which say the same
-                    text += f" [{told_counts(self.plan, ended[: i + 1], now=now)}]"
+                    text += f" [{counts(self.plan, ended[: i + 1])}]"
                 print(text, flush=True)  # noqa: T201
             self._told = len(ended)
             if self._bars is not None and ended:
-                counts = told_counts(self.plan, ended, now=now)
-                self._bars.update(self._sweep, completed=len(ended), note=counts.partition(", ")[2])
+                kept = sum(run.kept for run in ended)  # these take no time, and would mislead the estimate
+                total, done = len(self.plan.runs) - kept, len(ended) - kept
+                note = counts(self.plan, ended).partition(", ")[2]
+                self._bars.update(self._sweep, total=total, completed=done, note=note)
 
     @contextmanager
     def run_progress(self) -> Iterator[Progress]:

@@ -2,43 +2,32 @@
 
 from __future__ import annotations
 
-import ast
 import hashlib
 import importlib.metadata
 import importlib.util
 import json
 import os
 import platform
+import re
 import subprocess
-import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
+from sshade.cli.configuration import PACKAGES
 from sshade.pipeline.transfer import TransferTask
 from sshade.task import DeformationTask
 from sshade.threads import available_cpus
 
-#: Ours: hashed as sources wherever they are installed.
-PROJECT = ("sshade", "baselines", "defaust", "eval")
-
-
-class Dependencies(NamedTuple):
-    """What a function's module imports, directly or not.
-
-    Parameters
-    ----------
-    sources : tuple of str
-        Names of project modules, sorted: ours, and any that belong to no installed distribution.
-    versions : dict
-        Distribution name -> version, "absent" for an optional import that is not installed.
-    """
-
-    sources: tuple[str, ...]
-    versions: dict[str, str]
+#: Folders of the code that can change the numbers of a row.
+CODE = ("sshade", "baselines", "defaust", "eval/configure", "eval/run")
+#: Libraries whose versions are part of every key.
+LIBRARIES = ("numpy", "scipy", "numba", "libigl")
+#: The same, for methods alone whose modules import them.
+OPTIONAL = ("torch",)
 
 
 def digest(*parts: bytes) -> str:
@@ -67,47 +56,49 @@ def task_checksum(task: DeformationTask | TransferTask) -> str:
     return digest(*(np.ascontiguousarray(array).tobytes() for array in arrays))
 
 
+def hash_of(files: Iterable[Path], *, folder: Path) -> str:
+    """Hash of files, and of their places in a folder."""
+    parts = ((path.relative_to(folder).as_posix().encode(), path.read_bytes()) for path in sorted(files))
+    return digest(*(part for pair in parts for part in pair))
+
+
+#: Hashes of the code, and of what measures, as this process loaded them: an edit in a sweep changes neither.
+SOURCES = hash_of((path for name in CODE for path in (PACKAGES / name).rglob("*.py")), folder=PACKAGES)
+METRICS = hash_of((PACKAGES / "eval" / "metrics").rglob("*.py"), folder=PACKAGES)
+
+
 @cache
-def dependencies(*modules: str) -> Dependencies:
-    """Follow the import statements of modules, also those inside functions.
-
-    Parameters
-    ----------
-    modules : str
-        Names, such as "baselines.arap". Nothing is executed beyond what finding
-        a submodule needs: its parent package is imported.
-    """
-    project = {*PROJECT, *(name.split(".")[0] for name in modules)}
-    owners = importlib.metadata.packages_distributions()
-    seen: dict[str, Path] = {}
-    libraries: set[str] = set()
-    waiting = list(modules)
-    while waiting:
-        name = waiting.pop()
-        top = name.split(".")[0]
-        if name in seen or top in sys.stdlib_module_names:
-            continue
-        if top not in project and top in owners:
-            libraries.add(top)
-            continue
-        path = _source(name)
-        if path is None:
-            if top not in project:
-                libraries.add(top)
-            continue
-        seen[name] = path
-        # Not the parent package: its __init__ re-exports, and would tie every method to all of it.
-        waiting.extend(_imports(name, path))
-    versions = {}
-    for library in sorted(libraries):
-        for distribution in owners.get(library, [library]):
-            versions[distribution] = version_of(distribution)
-    return Dependencies(tuple(sorted(seen)), dict(sorted(versions.items())))
+def foreign_sources(top: str) -> str:
+    """Hash of a top-level module or package that is not ours, as it is when it is first asked for."""
+    files = _files(top)
+    return hash_of(files, folder=Path(os.path.commonpath(files)).parent) if files else ""
 
 
-def source_hash(modules: tuple[str, ...]) -> str:
-    """Hash of the text of project modules."""
-    return digest(*(part for name in modules for part in (name.encode(), _source(name).read_bytes())))
+def method_sources(modules: Sequence[str]) -> str:
+    """Hash of the code that a method runs on: all of ours, and the packages of others that it names."""
+    tops = {module.split(".")[0] for module in modules} - {name.split("/")[0] for name in CODE}
+    return digest(SOURCES.encode(), *(foreign_sources(top).encode() for top in sorted(tops)))
+
+
+def library_versions(modules: Sequence[str]) -> dict[str, str]:
+    """Versions of the libraries that a method's numbers depend on, by distribution."""
+    text = "".join(path.read_text() for module in modules for path in _files(module))
+    used = [name for name in OPTIONAL if re.search(rf"^ *(?:import|from) {name}\b", text, re.MULTILINE)]
+    return {name: version_of(name) for name in (*LIBRARIES, *used)}
+
+
+def _files(module: str) -> list[Path]:
+    """The Python file of a module, or those of a package; none where it is not found."""
+    try:
+        spec = importlib.util.find_spec(module)
+    except ImportError:
+        return []
+    if spec is None:
+        return []
+    folders = spec.submodule_search_locations
+    if folders:
+        return [path for folder in folders for path in Path(folder).rglob("*.py")]
+    return [Path(spec.origin)] if spec.origin and spec.origin.endswith(".py") else []
 
 
 def version_of(distribution: str) -> str:
@@ -192,30 +183,3 @@ def _commit() -> tuple[str, bool | None]:
 def _git(folder: Path, *arguments: str) -> str:
     command = ["git", "-C", str(folder), *arguments]
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
-
-
-def _source(module: str) -> Path | None:
-    """File of a Python module; None for a namespace, a compiled or a missing one, or a name in a module."""
-    try:
-        spec = importlib.util.find_spec(module)
-    except ImportError:
-        return None
-    if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
-        return None
-    return Path(spec.origin)
-
-
-def _imports(module: str, path: Path) -> list[str]:
-    """Names that a module's import statements may load; ``from a import b`` may mean the module ``a.b``."""
-    package = module if path.name == "__init__.py" else module.rpartition(".")[0]
-    names = []
-    for node in ast.walk(ast.parse(path.read_bytes())):
-        if isinstance(node, ast.Import):
-            names += [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            base = node.module or ""
-            if node.level:
-                parents = package.split(".")
-                base = ".".join([*parents[: len(parents) - node.level + 1], *([base] if base else [])])
-            names += [base, *(f"{base}.{alias.name}" for alias in node.names)]
-    return names

@@ -13,7 +13,15 @@ from eval.configure.targets import flat, instantiate, require_kind, settings, ta
 from eval.metrics import Task, measure
 from eval.rows.store import SCHEMA, TRANSFER, VALID, Row, read_row, run_folder, write_run
 from eval.run.attempt import attempt, attempt_fresh, is_scalar
-from eval.run.provenance import config_hash, dependencies, digest, environment, source_hash, task_checksum
+from eval.run.provenance import (
+    METRICS,
+    config_hash,
+    digest,
+    environment,
+    library_versions,
+    method_sources,
+    task_checksum,
+)
 from sshade.task import DeformationTask, Progress, silent
 
 
@@ -83,21 +91,23 @@ def run(
         When the configuration names a function or a parameter that does not exist,
         or a method for another kind of task.
     """
+    try:
+        call = instantiate({**method, "_partial_": True})  # a mistake in the configuration ends here
+        require_kind(call, task, target=method["_target_"])
+    except ImportError:
+        can_run = False  # to be skipped, which needs no process of its own
+    else:
+        can_run = True
     row = _identity(task, method, name=name, seed=seed, source=source)
     folder = run_folder(root, row)
     fresh = fresh or time_limit is not None
     existing = None if force else read_row(folder)
     if existing is not None and _settled(existing, fresh=fresh, time_limit=time_limit):
         return Outcome(existing, folder, reused=True)
-    try:
-        call = instantiate({**method, "_partial_": True})  # a mistake in the configuration ends here
-        require_kind(call, task, target=method["_target_"])
-    except ImportError:
-        fresh = False  # to be skipped, which needs no process
     row |= {f"env.{fact}": value for fact, value in environment(jobs=jobs).items()}
     row |= {"date": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ"), "peak_mib": None}
     row["env.time_limit"] = time_limit
-    if fresh:
+    if fresh and can_run:
         done = attempt_fresh(method, task, seed=seed, time_limit=time_limit, progress=progress)
     else:
         done = attempt(method, task, seed=seed, progress=progress)
@@ -134,11 +144,13 @@ def _identity(
     row |= _task_facts(task)
     if source is not None:
         row["task.source"] = json.dumps(source)
-    found = dependencies(*target_modules(method))
-    row["method.sources"] = source_hash(found.sources)
-    row |= {f"env.version.{library}": version for library, version in found.versions.items()}
+    modules = target_modules(method)
+    row["method.sources"] = method_sources(modules)
+    versions = library_versions(modules)
+    row |= {f"env.version.{library}": version for library, version in versions.items()}
+    row["env.version.metrics"] = METRICS  # not in the key: metrics are measured again from stored vertices
     row["key"] = digest(
-        config_hash({"method": plain, "seed": seed, "schema": SCHEMA, "versions": found.versions}).encode(),
+        config_hash({"method": plain, "seed": seed, "schema": SCHEMA, "versions": versions}).encode(),
         row["task.checksum"].encode(),
         row["method.sources"].encode(),
     )

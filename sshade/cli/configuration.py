@@ -18,9 +18,9 @@ _SHIPPED = PACKAGES / "eval" / "conf"
 #: Folder of the YAML files of methods, datasets, experiments and builds.
 CONFIGURATION = _SHIPPED if _SHIPPED.is_dir() else PACKAGES / "conf"
 
-#: Keys whose value is the dotted name of a function to call.
-CALLED = ("_target_", "cases")
-_NAMES = re.compile(rf"^\s*(?:{'|'.join(CALLED)})\s*:\s*[\"']?([\w.]+)", re.MULTILINE)
+#: Keys whose value is the dotted name of a function to call; the last two are those of Python's logging.
+CALLED = ("_target_", "cases", "class", "()")
+_NAMES = re.compile(rf"^\s*(?:{'|'.join(map(re.escape, CALLED))})\s*:\s*[\"']?([\w.]+)", re.MULTILINE)
 
 
 @cache

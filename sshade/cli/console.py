@@ -52,22 +52,44 @@ def progress_bar() -> Iterator[Progress]:
         yield stage_progress(bars)
 
 
-def stage_bars() -> Bars:
-    """Bars for standard error, of rich's kind, to be used in a ``with`` block; they vanish at its end."""
+def stage_bars(*, remaining: str = "", **options: Any) -> Bars:
+    """Bars for standard error, of rich's kind, to be used in a ``with`` block; they vanish at its end.
+
+    Parameters
+    ----------
+    remaining : str
+        The stage whose bar shows an estimate of the time left. Most have none: an
+        iteration may converge at any time.
+    **options
+        Of ``rich.progress.Progress``.
+    """
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Task,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
     from rich.progress import Progress as Bars
+    from rich.text import Text
+
+    class Remaining(TimeRemainingColumn):
+        def render(self, task: Task) -> Text:
+            return Text("left ") + super().render(task) if task.description == remaining else Text()
 
     columns = (
         TextColumn("{task.description:<24}"),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
+        Remaining(),
         TextColumn("{task.fields[note]}"),
     )
     # What is printed meanwhile goes above the bars, unless standard output is elsewhere.
     redirect = sys.stdout.isatty()
-    return Bars(*columns, console=Console(stderr=True), redirect_stdout=redirect, transient=True)
+    return Bars(*columns, console=Console(stderr=True), redirect_stdout=redirect, transient=True, **options)
 
 
 def stage_progress(bars: Bars) -> Progress:

@@ -11,9 +11,7 @@ from eval.configure.allowed import (
     VARIABLE,
     allow_from,
     check_folders,
-    is_allowed,
     require_allowed,
-    require_from_command_line,
 )
 from eval.rows.recall import load_task
 from sshade.cli.configuration import CONFIGURATION, named_functions
@@ -26,24 +24,11 @@ def nobody_allowed_anything(monkeypatch):
     monkeypatch.setenv(VARIABLE, "")
 
 
-def test_what_the_conf_package_names_is_allowed():
-    found = set()
-
-    def walk(value):
-        if isinstance(value, dict):
-            found.update(value[key] for key in ("_target_", "cases") if isinstance(value.get(key), str))
-        for part in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
-            walk(part)
-
-    files = list(CONFIGURATION.rglob("*.yaml"))
-    for path in files:
-        walk(yaml.safe_load(path.read_text()))
-    assert len(files) > 30 and found == named_functions() and all(map(is_allowed, found))
-    assert {
-        "sshade.pipeline.deform.deform",
-        "defaust.tasks.load_task",
-        "defaust.tasks.list_tasks",
-    } <= found
+def test_what_the_project_s_conf_names_is_allowed():
+    files = [yaml.safe_load(path.read_text()) for path in CONFIGURATION.rglob("*.yaml")]
+    assert len(files) > 30
+    require_allowed(files, where="conf")
+    assert {"defaust.tasks.load_task", "defaust.tasks.list_tasks"} <= named_functions()
 
 
 @pytest.mark.parametrize(
@@ -59,26 +44,22 @@ def test_what_the_conf_package_names_is_allowed():
         ["a"],
     ],
 )
-def test_anything_else_is_not(name):
-    assert not is_allowed(name)
+@pytest.mark.parametrize("key", ["_target_", "cases", "class", "()"])
+def test_anything_else_is_not(name, key):
     with pytest.raises(InputError, match=r"the file names the function .*run\.allow_targets=\["):
-        require_allowed([{"method": {"coarse": {"_target_": name}}}], where="the file")
+        require_allowed([{"method": {"coarse": {key: name}}}], where="the file")
 
 
 def test_parameters_called_cases_may_be_anything_but_a_name():
     require_allowed({"cases": {"a": [1]}, "list": [{"_target_": "baselines.arap.arap"}]}, where="x")
 
 
-def test_the_command_line_allows_beginnings(monkeypatch):
+def test_the_command_line_allows_beginnings():
     allow_from(["method=x", "run.allow_targets=[mypackage., other.f]"])
-    assert is_allowed("mypackage.a.b") and is_allowed("other.f") and not is_allowed("mypackages.a")
     allow_from(["+run.allow_targets='third.'"])
-    assert is_allowed("third.f") and is_allowed("mypackage.a")
-    require_from_command_line(["mypackage.", "third."])
-    require_from_command_line(None)
-    for texts in (["mypackage.", "os."], "os.", True):
-        with pytest.raises(InputError, match="for the command line alone"):
-            require_from_command_line(texts)
+    require_allowed([{"_target_": name} for name in ("mypackage.a.b", "other.f", "third.f")], where="x")
+    with pytest.raises(InputError, match="mypackages.a"):
+        require_allowed({"_target_": "mypackages.a"}, where="x")
 
 
 def test_folders_are_checked_whole(tmp_path):
@@ -96,9 +77,19 @@ def test_folders_are_checked_whole(tmp_path):
     (folder / "quick.yaml").write_text("_target_: ${oc.env:WHAT}\n")
     with pytest.raises(InputError, match="names the function"):
         check_folders([str(tmp_path)])
-    (folder / "quick.yaml").write_text("hydra:\n  searchpath: [/elsewhere]\n")
-    with pytest.raises(InputError, match="adds a search path"):
+    (folder / "quick.yaml").write_text("version: 1\nhandlers:\n  run: {class: subprocess.Popen, args: ls}\n")
+    with pytest.raises(InputError, match="names the function subprocess.Popen"):
         check_folders([str(tmp_path)])
+    for text, name in (
+        ("hydra:\n  searchpath: [/elsewhere]\n", "searchpath"),
+        ("# @package hydra.job.env_set\nPYTHONPATH: /elsewhere\n", "env_set"),
+        ("defaults:\n- theirs@hydra.job.env_set: a\n", "env_set"),
+        ("# @package _global_\nhydra: {launcher: {setup: [ls]}}\n", "setup"),
+        ('# @package hydra.launcher\n"se\\x74up": [ls]\n', "setup"),
+    ):
+        (folder / "quick.yaml").write_text(text)
+        with pytest.raises(InputError, match=f"sets hydra's {name}, which is for the command line alone"):
+            check_folders([str(tmp_path)])
     (folder / "quick.yaml").write_text("!!python/object/apply:os.system [touch hacked]\n")
     with pytest.raises(InputError, match="not readable as YAML"):
         check_folders([str(tmp_path)])
@@ -152,12 +143,14 @@ def test_a_folder_of_configurations_calls_nothing_without_leave(theirs):
 
 
 def test_a_file_cannot_give_itself_leave(theirs):
-    (theirs / "configs/experiment/e.yaml").write_text(
-        "# @package _global_\nrun:\n  allow_targets: [theirs.]\n"
-    )
-    for path in (theirs / "configs/method/theirs.yaml", theirs / "configs/dataset/theirs.yaml"):
-        path.unlink()
-    refused("-cd configs experiment=e method=identity dataset=hairpin", "for the command line alone")
+    leave = "# @package _global_\nrun:\n  allow_targets: [theirs.]\n"
+    (theirs / "configs/experiment/e.yaml").write_text(leave)
+    refused("-cd configs experiment=e method=theirs dataset=hairpin", "names the function theirs.")
+
+
+@pytest.mark.parametrize("flag", ["--config-path configs", "--experimental-rerun config.pickle"])
+def test_flags_that_replace_the_configuration_are_refused(theirs, flag):
+    refused(f"{flag} method=identity dataset=hairpin", "is not for this program; --config-dir adds")
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from eval.configure import app as cli
+from eval.rows.collect import collect
 from sshade.errors import InputError
 from sshade.io.handles import write_handles
 from sshade.io.meshes import write_mesh
@@ -63,12 +64,12 @@ def test_a_sweep_goes_on_after_a_failure_and_is_resumed(tmp_path):
     assert first.returncode == 1
     lines = first.stdout.splitlines()
     assert len(lines) == 7
-    assert "this method always fails" in lines[0] and "[1 done, 1 failed, 5 remaining, end " in lines[0]
+    assert "this method always fails" in lines[0] and "[1 done, 1 failed, 5 remaining]" in lines[0]
     assert "sshade[torch]" in lines[2]
     assert "[6 done, 2 failed, 0 remaining]" in lines[5]
     assert lines[6] == "6 runs: 6 new (2 failed, 2 not_converged, 2 skipped), 0 kept"
     assert "Traceback" not in first.stderr
-    assert not list(tmp_path.rglob(".sweeps"))
+    assert not list(tmp_path.rglob("sweep.json"))
     again = run_eval(tmp_path, "-m", *overrides)
     assert again.returncode == 1
     assert again.stdout.splitlines()[6] == "6 runs: 4 new (2 failed, 2 skipped), 2 kept"
@@ -94,6 +95,21 @@ def test_a_sweep_over_all_takes_the_cases_that_the_dataset_has(tmp_path):
         assert run_eval(tmp_path, *common, *other).stdout.splitlines()[-1] == "2 runs: 0 new, 2 kept"
     missing = run_eval(tmp_path, *common, "pose=3")
     assert missing.returncode == 2 and missing.stderr == "error: there is no pose 3\n"
+
+
+def test_settings_of_a_sweep_are_held_against_the_method_of_each_run(tmp_path):
+    """The method that a sweep starts from, sshade, has neither."""
+    sweep = ["-m", "dataset=bumpy", "dataset.level=2", "method.vertices=60", "method.polish_iterations=1,2"]
+    done = run_eval(tmp_path, *sweep, "method=sshade_fine,sshade_fine_free", "method.contact=false")
+    assert done.returncode == 0, done.stderr
+    rows = collect(tmp_path / "out/runs/single")
+    assert sorted((row["method.name"], row["method.polish_iterations"]) for row in rows) == [
+        (name, steps) for name in ("sshade_fine", "sshade_fine_free") for steps in (1, 2)
+    ]
+    assert not any(row["method.contact"] for row in rows)
+    for setting in ("method.contact=false", "method.vertices=wide", "+method.nothing=1"):
+        wrong = run_eval(tmp_path, "-m", "dataset=bumpy", "method=sshade_fine,sshade", setting)
+        assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1), wrong.stderr
 
 
 def test_a_dataset_without_a_list_has_one_case(tmp_path):

@@ -76,7 +76,7 @@ def test_ctrl_c_leaves_complete_rows_and_the_same_command_goes_on(tmp_path, fres
     overrides = ["-m", "dataset=bumpy", "dataset.level=2", "method=stretching,endless", f"run.fresh={fresh}"]
     for new, kept in ((1, 0), (0, 1)):
         with start_eval(tmp_path, *overrides) as process:
-            assert "[1 done, 0 failed, 1 remaining" in process.stdout.readline()
+            assert "[1 done, 0 failed, 1 remaining]" in process.stdout.readline()
             sleep(1.0)  # into the run that does not end
             os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to every process
             out, err = process.communicate(timeout=60)
@@ -85,7 +85,7 @@ def test_ctrl_c_leaves_complete_rows_and_the_same_command_goes_on(tmp_path, fres
         assert (out, err) == (f"2 runs: {counts}, 1 not done\n", f"{INTERRUPTED}\n")
         wait_for(lambda group=process.pid: not alive(group))
         assert len(list(tmp_path.rglob("row.json"))) == 1
-        assert not list(tmp_path.rglob(".sweeps")) and not list(tmp_path.rglob("*.partial*"))
+        assert not list(tmp_path.rglob("sweep.json")) and not list(tmp_path.rglob("*.partial*"))
 
 
 def test_a_killed_program_takes_the_process_of_its_run_along(tmp_path):

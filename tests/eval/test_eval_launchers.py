@@ -88,7 +88,7 @@ def test_another_launcher_gives_the_same_rows(tmp_path, basic, launcher, options
     assert lines[2] == lines_of_basic[2] == "2 runs: 2 new (1 failed, 1 ok), 0 kept"
     assert differences(rows, basic[1]) == []
     assert rows[["env.jobs", "env.concurrent"]].to_numpy().tolist() == [[2, True]] * 2
-    assert not list(tmp_path.rglob(".sweeps"))
+    assert not list(tmp_path.rglob("sweep.json"))
 
 
 def test_a_lost_worker_is_told(tmp_path):
@@ -97,10 +97,10 @@ def test_a_lost_worker_is_told(tmp_path):
     assert done.returncode == 1
     assert done.stdout == "2 runs: 0 new, 0 kept, 2 not done\n"
     assert done.stderr.splitlines()[-1] == (
-        "failed: a worker was lost (TerminatedWorkerError); the same command runs what is missing"
+        "failed: a worker was lost (TerminatedWorkerError); the same command goes on from there"
     )
     assert "Traceback" not in done.stderr
-    assert not list(tmp_path.rglob(".sweeps"))
+    assert not list(tmp_path.rglob("sweep.json"))
 
 
 @pytest.mark.parametrize("extra", ["joblib", "slurm", "ray"])

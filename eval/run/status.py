@@ -8,19 +8,18 @@ killed, and so could not take its record away, is listed until ``--forget``.
 from __future__ import annotations
 
 import argparse
-from datetime import UTC, datetime
 from pathlib import Path
 
 from eval.rows.store import FOLDER_HELP, RUNS
-from eval.run.sweep import SweepRecord, records, told_counts
+from eval.run.record import SweepRecord, counts, records
 from sshade.errors import InputError
 
 
-def report(record: SweepRecord, *, now: datetime) -> str:
+def report(record: SweepRecord) -> str:
     """A sweep in one line."""
     plan, ended = record.plan(), record.ended()
     begin = plan.begin.astimezone()
-    text = f"{record.folder.parents[1].name}: {told_counts(plan, ended, now=now)}"
+    text = f"{record.folder.parents[1].name}: {counts(plan, ended)}"
     text += f" (launcher {plan.launcher}, begun {begin:%Y-%m-%d %H:%M} on {plan.host}"
     if ended:
         text += f", last run ended {ended[-1].end.astimezone():%H:%M:%S}"
@@ -41,7 +40,7 @@ def command(options: argparse.Namespace) -> int:
         raise InputError(f"there is no folder {missing[0]}; `sshade-eval run -m experiment=...` makes it")
     found = [record for folder in folders for record in records(folder)]
     for record in found:
-        print(report(record, now=datetime.now(UTC)))  # noqa: T201
+        print(report(record))  # noqa: T201
         if options.forget:
             record.remove()
     if not found:

@@ -1,0 +1,176 @@
+"""The record of a sweep, in files: any process, on any machine, can tell how far the sweep is.
+
+The record is a folder ``<runs>/<experiment>/.sweeps/<id>`` with ``sweep.json``,
+what there is to do, and one file for each run that ended, by whichever process:
+it names the run's row, which holds the rest. No process writes another's file.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import socket
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from eval.rows.store import Row, read_row
+from sshade.errors import InputError
+from sshade.io.files import replacing
+
+#: Folder of the records of sweeps, in the folder of their experiment.
+RECORDS = ".sweeps"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a sweep is to do.
+
+    Parameters
+    ----------
+    begin : datetime
+    runs : sequence of mappings
+        Of each run, in the sweeper's order, the settings that the sweep gives it.
+    launcher : str
+        For people.
+    host : str
+        Where the sweep was started.
+    """
+
+    begin: datetime
+    runs: Sequence[Mapping[str, str]]
+    launcher: str = "basic"
+    host: str = ""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A run of a sweep that ended.
+
+    Parameters
+    ----------
+    number : int
+        Its place in the sweep, from 0.
+    end : datetime
+    row : mapping or None
+        None where the run ended before it had one.
+    kept : bool
+        The row was there before.
+    problems : sequence of str
+        Why it counts as failed; empty for a good run.
+    """
+
+    number: int
+    end: datetime
+    row: Row | None
+    kept: bool = False
+    problems: Sequence[str] = ()
+
+
+class SweepRecord:
+    """The folder of a sweep.
+
+    Parameters
+    ----------
+    folder : path
+    """
+
+    def __init__(self, folder: str | os.PathLike[str]) -> None:
+        self.folder = Path(folder)
+        self._read: dict[str, Ended] = {}
+
+    @classmethod
+    def create(cls, experiment: Path, plan: Plan) -> SweepRecord:
+        """Begin the record of a sweep in the folder of its experiment."""
+        record = cls(experiment / RECORDS / f"{plan.begin:%Y%m%dT%H%M%S.%f}_{os.getpid()}")
+        record.folder.mkdir(parents=True)
+        content = asdict(plan) | {"begin": plan.begin.isoformat(), "host": plan.host or socket.gethostname()}
+        with replacing(record.folder / "sweep.json") as temporary:
+            temporary.write_text(json.dumps(content))
+        return record
+
+    def plan(self) -> Plan:
+        """Read what there is to do."""
+        content = json.loads((self.folder / "sweep.json").read_text())
+        return Plan(**content | {"begin": datetime.fromisoformat(content["begin"])})
+
+    def add(
+        self, number: int, *, row_folder: Path | None, kept: bool = False, problems: Sequence[str] = ()
+    ) -> None:
+        """Note that a run ended; nothing where the record was removed, the sweep given up."""
+        path = os.path.relpath(row_folder, self.folder) if row_folder else None
+        end = datetime.now(UTC).isoformat()
+        content = {"end": end, "row": path, "kept": kept, "problems": list(problems)}
+        try:
+            with replacing(self.folder / f"{number}.json") as temporary:
+                temporary.write_text(json.dumps(content))
+        except InputError:
+            if self.folder.exists():
+                raise
+
+    def ended(self) -> list[Ended]:
+        """The runs that ended so far; those new since the last call come last, in the order of their ends."""
+        new = [self._ended(path) for path in self.folder.glob("[0-9]*.json") if path.name not in self._read]
+        for run in sorted(new, key=lambda run: (run.end, run.number)):
+            self._read[f"{run.number}.json"] = run
+        return list(self._read.values())
+
+    @staticmethod
+    def _ended(path: Path) -> Ended:
+        content: dict[str, Any] = json.loads(path.read_text())
+        row = read_row(path.parent / content["row"]) if content["row"] else None
+        return Ended(int(path.stem), **content | {"end": datetime.fromisoformat(content["end"]), "row": row})
+
+    def remove(self) -> None:
+        """Delete the record; the rows stay."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def complete(self) -> None:
+        """Delete the record, and older ones of the same runs: what those had left is done."""
+        runs = self.plan().runs
+        for other in records(self.folder.parents[1]):
+            if other.folder.name < self.folder.name and other.plan().runs == runs:
+                other.remove()
+        self.remove()
+
+
+def records(experiment: Path) -> list[SweepRecord]:
+    """The sweeps under way, or left unfinished, in the folder of an experiment; the oldest first."""
+    return [SweepRecord(path.parent) for path in sorted(experiment.glob(f"{RECORDS}/*/sweep.json"))]
+
+
+def counts(plan: Plan, ended: Sequence[Ended]) -> str:
+    """How far a sweep is: "3 done, 1 failed, 5 remaining"."""
+    failed = sum(1 for run in ended if run.problems)
+    return f"{len(ended)} done, {failed} failed, {len(plan.runs) - len(ended)} remaining"
+
+
+def run_line(run: Ended) -> str:
+    """A sweep's run in one line."""
+    row = run.row
+    if row is None:
+        return f"run {run.number}: {'; '.join(run.problems)}"
+    text = f"{row['method.name']} {row['task.name']} seed {row['seed']}: {status_text(row, kept=run.kept)}"
+    # The reason of a failed run stands in its status already.
+    return f"{text} - {'; '.join(run.problems)}" if run.problems and row.get("seconds.total") else text
+
+
+def status_text(row: Mapping[str, Any], *, kept: bool) -> str:
+    """What became of a run: "ok, 1.23 s, 40 iterations"."""
+    if row.get("seconds.total") is None:
+        return f"{row['status']} ({row['reason']})"
+    text = f"{row['status']}, {row['seconds.total']:.2f} s, {row['iterations']:g} iterations"
+    return f"{text}, already there" if kept else text
+
+
+def summary(plan: Plan, ended: Sequence[Ended]) -> str:
+    """A sweep that is over: new rows by status, and those that were there."""
+    new = [run.row["status"] if run.row else "failed" for run in ended if not run.kept]
+    by_status = ", ".join(f"{new.count(status)} {status}" for status in sorted(set(new)))
+    text = f"{len(plan.runs)} runs: {len(new)} new{f' ({by_status})' if by_status else ''}"
+    text += f", {len(ended) - len(new)} kept"
+    missing = len(plan.runs) - len(ended)
+    return f"{text}, {missing} not done" if missing else text
