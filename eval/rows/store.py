@@ -8,6 +8,7 @@ bool or None.
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -39,6 +40,9 @@ VALID = ("ok", "not_converged")
 
 #: ``task.kind`` of rows of pose transfers; those of deformations by handles have none.
 TRANSFER = "transfer"
+
+#: How infinities stand in ``row.json``.
+_INFINITIES = {str(value): value for value in (math.inf, -math.inf)}
 
 #: What every row has.
 IDENTITY = ("task.name", "method.name", "method.hash", "seed", "status", "key", "date", "env.machine")
@@ -109,7 +113,9 @@ def write_run(
 def write_row(folder: str | os.PathLike[str], row: Row) -> None:
     """Write the row of a run folder, or replace it; the rest of the folder stays."""
     with replacing(Path(folder, "row.json")) as temporary:
-        temporary.write_text(json.dumps(ordered(row), indent=1) + "\n")
+        # JSON has no infinity, which a method's parameter may be.
+        plain = {name: str(value) if value in _INFINITIES.values() else value for name, value in row.items()}
+        temporary.write_text(json.dumps(ordered(plain), indent=1, allow_nan=False) + "\n")
 
 
 def read_row(folder: str | os.PathLike[str]) -> Row | None:
@@ -124,7 +130,7 @@ def read_row(folder: str | os.PathLike[str]) -> Row | None:
     problem = row_problem(row)
     if problem:
         raise InputError(f"{path}: not a row ({problem}); remove the folder to run it again")
-    return row
+    return {name: _INFINITIES.get(value, value) for name, value in row.items()}
 
 
 def row_problem(row: Any) -> str:

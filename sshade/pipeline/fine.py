@@ -62,8 +62,9 @@ def sshade_fine(
     Returns
     -------
     DeformationResult
-        `iterations` and `converged` are of the polish. Handles are on their
-        targets, and exact constraints hold to 1e-6. ``seconds``: ``precompute``
+        `iterations` are of the polish. `converged` is true where its residual fell below the
+        tolerance, None where it used up the iterations or seconds that it was given, its usual
+        end. Handles are on their targets, and exact constraints hold to 1e-6. ``seconds``: ``precompute``
         overlaps with ``proxy``, ``wait`` is what it took longer. ``extra`` as of
         :func:`sshade.solver.local_global.local_global`, the proxy's iterations, and the numbers
         of faces that are ``intersecting_or_inverted_polished``, after the polish, and
@@ -111,7 +112,7 @@ def sshade_fine(
     return DeformationResult(
         vertices=solution.positions,
         iterations=solution.iterations,
-        converged=solution.converged,
+        converged=solution.converged or None,
         seconds=seconds,
         extra={**solution.facts(), **facts},
     )

@@ -13,6 +13,7 @@ from omegaconf import OmegaConf
 
 from eval.configure import app as cli
 from eval.rows.collect import collect
+from eval.rows.frame import records
 from sshade.errors import InputError
 from sshade.io.handles import write_handles
 from sshade.io.meshes import write_mesh
@@ -102,7 +103,7 @@ def test_settings_of_a_sweep_are_held_against_the_method_of_each_run(tmp_path):
     sweep = ["-m", "dataset=bumpy", "dataset.level=2", "method.vertices=60", "method.polish_iterations=1,2"]
     done = run_eval(tmp_path, *sweep, "method=sshade_fine,sshade_fine_free", "method.contact=false")
     assert done.returncode == 0, done.stderr
-    rows = collect(tmp_path / "out/runs/single")
+    rows = records(collect(tmp_path / "out/runs/single"))
     assert sorted((row["method.name"], row["method.polish_iterations"]) for row in rows) == [
         (name, steps) for name in ("sshade_fine", "sshade_fine_free") for steps in (1, 2)
     ]

@@ -12,6 +12,7 @@ from zipfile import ZipFile
 import pytest
 
 from eval.rows.collect import collect
+from eval.rows.frame import records
 
 ROOT = Path(__file__).parents[2]
 MODULE = """
@@ -58,7 +59,7 @@ def test_a_folder_with_folders_of_the_same_names(own_folder, options):
     command = Path(sys.executable).with_name("sshade-eval")
     done = run(own_folder, command, "run", *options[:1], *MINE, *options[1:])
     assert done.returncode == 0, done.stderr
-    (row,) = collect(own_folder / "out/runs/single")
+    (row,) = records(collect(own_folder / "out/runs/single"))
     assert (row["method.target"], row["status"]) == ("mymethod.mine", "ok")
     assert (row["peak_mib"] is not None) == ("run.fresh=true" in options)
     assert sorted(path.name for path in own_folder.iterdir() if path.name != "__pycache__") == [
