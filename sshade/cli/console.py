@@ -8,7 +8,6 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from inspect import getdoc
-from time import perf_counter
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from sshade.errors import InputError
@@ -109,29 +108,22 @@ def announced_compilation() -> Iterator[None]:
     """Say so on standard error when kernels are compiled, as at their first use, and how long it took."""
     from numba.core import event
 
-    class Announce(event.Listener):
+    class Announcement(event.TimingListener):
         """Times the outermost of nested compilations, of all threads together."""
 
-        def __init__(self) -> None:
-            self.depth, self.begin, self.seconds = 0, 0.0, 0.0
+        announced = False
 
-        def on_start(self, _: event.Event) -> None:
-            if self.depth == 0:
-                if self.seconds == 0.0:
-                    say("compiling kernels, once for this installation ...")
-                self.begin = perf_counter()
-            self.depth += 1
+        def on_start(self, event: event.Event) -> None:
+            if not self.announced:
+                say("compiling kernels, once for this installation ...")
+            self.announced = True
+            super().on_start(event)
 
-        def on_end(self, _: event.Event) -> None:
-            self.depth -= 1
-            if self.depth == 0:
-                self.seconds += perf_counter() - self.begin
-
-    listener = Announce()
+    listener = Announcement()
     with event.install_listener("numba:compile", listener):
         yield
-    if listener.seconds:
-        say(f"compiled in {listener.seconds:.1f} s; later calls start at once")
+    if listener.done:
+        say(f"compiled in {listener.duration:.1f} s; later calls start at once")
 
 
 def run_command(main: Callable[[], int]) -> int:

@@ -22,8 +22,8 @@ from sshade.cli.console import (
 )
 from sshade.cli.show import add_show
 from sshade.errors import InputError
-from sshade.io.files import replacing
-from sshade.io.meshes import SUFFIXES, check_output, read_arrays, read_mesh, repair, write_mesh
+from sshade.io.files import check_output, replacing
+from sshade.io.meshes import SUFFIXES, read_arrays, read_mesh, repair, write_mesh
 
 if TYPE_CHECKING:
     from sshade.task import DeformationResult
@@ -167,7 +167,7 @@ def _deform(arguments: argparse.Namespace) -> None:
     from sshade.io.handles import read_handles
     from sshade.pipeline.components import deform_components
 
-    check_output(arguments.output)
+    check_output(arguments.output, SUFFIXES)
     method = _method(arguments)
     V, F = read_arrays(arguments.mesh)
     if arguments.repair:
@@ -253,9 +253,8 @@ def _remesh(arguments: argparse.Namespace) -> None:
     from sshade.carry.binding_file import save_binding
     from sshade.pipeline.proxies import bind
 
-    check_output(arguments.output)
-    if arguments.map.suffix != ".npz" or not arguments.map.parent.is_dir():
-        raise InputError(f"{arguments.map}: the map must be an .npz file in a folder that exists")
+    check_output(arguments.output, SUFFIXES)
+    check_output(arguments.map, (".npz",))
     mesh = read_mesh(arguments.mesh)
     binding = bind(mesh, _proxy_vertices(arguments.vertices, mesh.n), seed=arguments.seed)
     with replacing(arguments.map) as temporary:
@@ -273,7 +272,7 @@ def _carry(arguments: argparse.Namespace) -> None:
     """
     from sshade.carry.binding_file import load_binding
 
-    check_output(arguments.output)
+    check_output(arguments.output, SUFFIXES)
     mesh = read_mesh(arguments.mesh)
     binding = load_binding(arguments.map, mesh, frames=arguments.frames)
     edited, _ = read_arrays(arguments.edited)
@@ -298,7 +297,7 @@ def _transfer(arguments: argparse.Namespace) -> None:
     """
     from sshade.pipeline.transfer import transfer_pose
 
-    check_output(arguments.output)
+    check_output(arguments.output, SUFFIXES)
     mesh = read_mesh(arguments.mesh)
     posed, _ = read_arrays(arguments.posed)
     edited = read_arrays(arguments.edited)[0] if "edited" in arguments else mesh.V

@@ -23,7 +23,7 @@ from sshade.figures import (
     new_plotter,
     require_extra,
 )
-from sshade.io.files import replacing
+from sshade.io.files import check_output, replacing
 from sshade.io.meshes import SUFFIXES, read_arrays, read_mesh
 from sshade.mesh.mesh import Mesh
 from sshade.task import Handles
@@ -68,10 +68,8 @@ def _show(arguments: argparse.Namespace) -> None:
     path = arguments.output
     if path is None and not has_display():
         raise InputError("there is no display for a window; name a picture to write, such as -o picture.png")
-    if path is not None and path.suffix.lower() not in PICTURES:
-        raise InputError(f"{path}: unknown picture format {path.suffix!r}; use {', '.join(PICTURES)}")
-    if path is not None and not path.absolute().parent.is_dir():
-        raise InputError(f"{path}: the folder {path.absolute().parent} does not exist")
+    if path is not None:
+        check_output(path, PICTURES)
     mesh = read_mesh(arguments.mesh)
     handles = None
     if arguments.handles is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -79,6 +79,24 @@ def make_folder(path: str | os.PathLike[str]) -> None:
         Path(path).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{path}: the folder cannot be made ({reason(error)})") from error
+
+
+def check_output(path: str | os.PathLike[str], suffixes: Collection[str]) -> None:
+    """Raise InputError if a file of one of these formats could not be written; call it before long work."""
+    path = Path(path)
+    check_suffix(path, suffixes)
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: the folder {path.parent} does not exist")
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; give the name of a file")
+    if not os.access(path.parent, os.W_OK):
+        raise InputError(f"{path}: the folder {path.parent} is not writable")
+
+
+def check_suffix(path: Path, suffixes: Collection[str]) -> None:
+    """Raise InputError unless the name ends with one of the suffixes, in any case."""
+    if path.suffix.lower() not in suffixes:
+        raise InputError(f"{path}: unknown format {path.suffix!r}; use {', '.join(suffixes)}")
 
 
 def reason(error: OSError) -> str:

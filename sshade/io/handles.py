@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.io.files import replacing
+from sshade.io.files import check_suffix, replacing
 from sshade.io.meshes import read_mesh
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
@@ -59,8 +59,7 @@ def read_handles(
         When the file is missing, of another format, inconsistent, or does not fit the mesh.
     """
     path = Path(path)
-    if path.suffix.lower() not in (".json", ".yaml", ".yml"):
-        raise InputError(f"{path}: unknown handle format {path.suffix!r}; use .json or .yaml")
+    check_suffix(path, (".json", ".yaml", ".yml"))
     if not path.is_file():
         raise InputError(f"{path}: no such file")
     try:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.io.files import replacing
+from sshade.io.files import check_output, check_suffix, replacing
 from sshade.io.formats import read_obj, read_off, read_stl
 from sshade.io.ply import read_ply, write_ply
 from sshade.mesh.mesh import Mesh
@@ -43,7 +43,7 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
 def read_arrays(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
     """Vertices and faces of a mesh file as they stand there, without validation."""
     path = Path(path)
-    _check_suffix(path)
+    check_suffix(path, SUFFIXES)
     if not path.is_file():
         raise InputError(f"{path}: no such file")
     if path.stat().st_size == 0:
@@ -75,7 +75,7 @@ def write_mesh(path: str | os.PathLike[str], V: np.ndarray, F: np.ndarray) -> No
         On an unknown suffix, or a folder that does not exist or is not writable.
     """
     path = Path(path)
-    check_output(path)
+    check_output(path, SUFFIXES)
     with replacing(path) as temporary:
         if path.suffix.lower() == ".ply":
             write_ply(temporary, V, F)
@@ -88,18 +88,6 @@ def write_mesh(path: str | os.PathLike[str], V: np.ndarray, F: np.ndarray) -> No
 
 
 _EXPORT = {".obj": {"digits": 17, "include_normals": False}, ".off": {"digits": 17}}
-
-
-def check_output(path: str | os.PathLike[str]) -> None:
-    """Raise InputError if a mesh could not be written to `path`; call it before long work."""
-    path = Path(path)
-    _check_suffix(path)
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: the folder {path.parent} does not exist")
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; give the name of a file")
-    if not os.access(path.parent, os.W_OK):
-        raise InputError(f"{path}: the folder {path.parent} is not writable")
 
 
 def repair(V: np.ndarray, F: np.ndarray) -> tuple[Mesh, np.ndarray]:
@@ -129,8 +117,3 @@ def repair(V: np.ndarray, F: np.ndarray) -> tuple[Mesh, np.ndarray]:
     used[F] = True
     new_id = np.where(used, np.cumsum(used) - 1, -1)
     return Mesh(V[used], new_id[F]), new_id[weld]
-
-
-def _check_suffix(path: Path) -> None:
-    if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{path}: unknown mesh format {path.suffix!r}; use one of {', '.join(SUFFIXES)}")

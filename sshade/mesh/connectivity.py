@@ -49,8 +49,7 @@ def connectivity(F: np.ndarray, n: int) -> Connectivity:
     n : int
         Number of vertices.
     """
-    edges = sides_by_edge(F, n)
-    return Connectivity(*_connectivity(F, n, *edges, edges.twin))
+    return Connectivity(*_connectivity(F.ravel(), n, *sides_by_edge(F, n)))
 
 
 @njit(cache=True, nogil=True)
@@ -69,9 +68,10 @@ def _unite(parent, i, j):
 
 
 @njit(cache=True, nogil=True)
-def _connectivity(F, n, ends, start, side, twin):
-    corner = F.ravel()
+def _connectivity(corner, n, ends, start, side):
+    """As of :class:`Connectivity`, for the (3m,) vertices at the corners of faces."""
     component, loop = np.arange(n).astype(np.int32), np.arange(n).astype(np.int32)
+    fan = np.arange(corner.shape[0]).astype(np.int32)  # sets of the corners at a vertex
     on_boundary = np.zeros(n, dtype=np.bool_)
     boundary_edges, crowded, oriented = 0, np.full(3, -1, dtype=np.int64), True
     for e in range(ends.shape[0]):
@@ -83,11 +83,21 @@ def _connectivity(F, n, ends, start, side, twin):
             _unite(loop, i, j)
         elif faces > max(2, crowded[2]):
             crowded[0], crowded[1], crowded[2] = i, j, faces
-        forward = 0
+        forward, at_i, at_j = 0, -1, -1
         for p in range(start[e], start[e + 1]):
-            forward += corner[side[p]] == i
+            tail = np.int64(side[p])
+            head = tail - 2 if tail % 3 == 2 else tail + 1
+            forward += corner[tail] == i
+            last_i, last_j = at_i, at_j
+            at_i, at_j = (tail, head) if corner[tail] == i else (head, tail)
+            if p > start[e]:
+                _unite(fan, last_i, at_i)
+                _unite(fan, last_j, at_j)
         oriented = oriented and forward < 2 and faces - forward < 2
-    number, components, loops = np.empty(n, dtype=np.int32), 0, 0
+    fans = np.zeros(n, dtype=np.int32)
+    for s in range(corner.shape[0]):
+        fans[corner[s]] += fan[s] == s
+    number, components, loops, split = np.empty(n, dtype=np.int32), 0, 0, -1
     for i in range(n):
         root = _root(component, i)
         if root == i:
@@ -96,36 +106,6 @@ def _connectivity(F, n, ends, start, side, twin):
         else:
             number[i] = number[root]  # a root is the first of its set
         loops += on_boundary[i] and loop[i] == i
-    split = _split_vertex(corner, n, twin)
+        if fans[i] > 1 and split == -1:
+            split = i
     return ends.shape[0], boundary_edges, number, components, loops, crowded, split, oriented
-
-
-@njit(cache=True, nogil=True)
-def _split_vertex(corner, n, twin):
-    """The first vertex around which steps from face to face, over the twins of sides, miss a face; or -1."""
-    faces, first = np.zeros(n, dtype=np.int32), np.empty(n, dtype=np.int32)
-    for s in range(corner.shape[0]):
-        faces[corner[s]] += 1
-        first[corner[s]] = s
-    for i in range(n):
-        reached, closed = 1, False
-        for way in range(2):
-            # Of the two sides at a corner one is its own, the other one that of the corner before.
-            s = first[i] if way == 0 else _side_before(first[i])
-            while twin[s] != -1 and not closed:
-                s = twin[s]
-                if corner[s] == i:
-                    at, s = s, _side_before(s)
-                else:
-                    s = s - 2 if s % 3 == 2 else s + 1
-                    at = s
-                closed = at == first[i]
-                reached += not closed
-        if reached < faces[i]:
-            return i
-    return -1
-
-
-@njit(cache=True, nogil=True)
-def _side_before(side):
-    return side + 2 if side % 3 == 0 else side - 1

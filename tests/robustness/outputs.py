@@ -128,12 +128,12 @@ PATHS = {
     DEFORM.format("no/out.ply"): (nothing, "folder no does not exist"),
     DEFORM.format("d.ply"): (folder("d.ply"), "is a folder"),
     DEFORM.format("pose.json/out.ply"): (nothing, "out.ply", "folder"),
-    DEFORM.format("out.glb"): (nothing, "unknown mesh format '.glb'"),
-    DEFORM.format("out"): (nothing, "unknown mesh format ''"),
+    DEFORM.format("out.glb"): (nothing, "unknown format '.glb'"),
+    DEFORM.format("out"): (nothing, "unknown format ''"),
     DEFORM.format("/proc/out.ply"): (nothing, "/proc/out.ply"),
     DEFORM.format(f"{'x' * 300}.ply"): (nothing, "File name too long"),
-    REMESH.format("no/map.npz"): (nothing, "no/map.npz: the map must be an .npz file"),
-    REMESH.format("m.txt"): (nothing, "m.txt: the map must be"),
+    REMESH.format("no/map.npz"): (nothing, "no/map.npz: the folder no does not exist"),
+    REMESH.format("m.txt"): (nothing, "m.txt: unknown format"),
 }
 
 

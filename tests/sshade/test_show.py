@@ -113,7 +113,7 @@ def test_show_writes_a_picture_with_targets_and_errors(files, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["-o", "shape.pdf"], "unknown picture format '.pdf'"),
+        (["-o", "shape.pdf"], "unknown format '.pdf'"),
         (["-o", "shape.png", "--deformed", "OTHER.ply"], "shape (3, 3), the mesh (642, 3)"),
         (["-o", "shape.png", "--towards", "0", "2", "0"], "looks along the upright direction"),
     ],

@@ -229,7 +229,7 @@ def test_several_components_are_refused_unless_each_has_handles(folder, capsys):
 
 
 @pytest.mark.parametrize(
-    ("output", "words"), [("out.xyz", "unknown mesh format"), ("no/out.ply", "does not exist")]
+    ("output", "words"), [("out.xyz", "unknown format"), ("no/out.ply", "does not exist")]
 )
 def test_an_output_that_cannot_be_written_is_refused_before_any_work(folder, capsys, output, words):
     missing = ["gone.ply", "gone.json"]  # would be the error, were the output not looked at first

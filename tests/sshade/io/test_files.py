@@ -65,10 +65,7 @@ def test_a_place_that_cannot_be_written_is_an_input_error(tmp_path):
     ("error", "text"),
     [
         (OSError(28, "No space left on device", "x"), "No space left on device"),
-        (
-            OSError("12 requested and 0 written"),
-            "12 requested and 0 written; the disk may be full",
-        ),
+        (OSError("12 requested and 0 written"), "12 requested and 0 written; the disk may be full"),
         (OSError(), "OSError; the disk may be full"),
     ],
 )

@@ -253,11 +253,7 @@ def test_static_or_moving_parts_may_be_missing(tmp_path, far_body):
 def test_unusable_experiments_are_refused_with_the_path(tmp_path, far_body, text, words):
     made, _, _ = experiment(tmp_path / "x", far_body, AXES[0])
     made.put("transforms", "short", np.zeros((2, 3)))
-    for name, content in {
-        "ragged": "1 2 3\n4 5\n",
-        "empty": "\n",
-        "nan": "nan 0 0\n",
-    }.items():
+    for name, content in {"ragged": "1 2 3\n4 5\n", "empty": "\n", "nan": "nan 0 0\n"}.items():
         (tmp_path / "x" / "parts" / f"{name}.txt").write_text(content)
     path = made.yaml(text)
     with pytest.raises(InputError, match=words) as caught:
