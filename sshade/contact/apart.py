@@ -1,4 +1,4 @@
-"""Vertices behind other faces are moved out from there, by a field that is smooth along the surface."""
+"""Penetrating vertices, those behind other faces, moved out by a field that is smooth along the surface."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 
-#: Vertices with a gap of less than this many margins are held while the patch settles.
+#: Vertices with a gap of less than this many margins are held while the patch is relaxed.
 HELD = 5.0
 #: Rings of vertices around a contact that move along, and averagings of the field.
 RINGS, AVERAGINGS = 4, 200
-#: Width of the patch that settles, over the size of the contact.
+#: Width of the patch that is relaxed, over the size of the contact.
 WIDTH = 0.5
-#: Squared: a face is across if it was this many times as far at rest. The back of a thin part was not.
+#: Squared: a face lies across from a vertex if it was this many times as far from it at rest, which the
+#: back of a thin part was not.
 ACROSS = 4.0
 
 
@@ -36,7 +37,10 @@ class Surface:
         self.side = -1.0 if mesh.is_closed and mesh.is_oriented and mesh.volume < 0 else 1.0
 
     def near(self, seeds: np.ndarray) -> tuple[np.ndarray, float]:
-        """(n,) bool, vertices near the seeds along edges; how near, the largest region of seeds tells."""
+        """(n,) bool, vertices near the seeds along edges, and the distance that counts as near.
+
+        :data:`WIDTH` diameters of the largest region of seeds, and some rings of vertices.
+        """
         ids = np.flatnonzero(seeds)
         _, region = connected_components(self.lengths[ids][:, ids], directed=False)
         places = [self.mesh.V[ids[region == r]] for r in range(region.max() + 1)]
@@ -75,11 +79,20 @@ class Surface:
 
 
 def move_apart(
-    surface: Surface, P: np.ndarray, met: np.ndarray, mobility: np.ndarray, *, share: float, margin: float
+    surface: Surface,
+    P: np.ndarray,
+    penetrating: np.ndarray,
+    mobility: np.ndarray,
+    *,
+    share: float,
+    margin: float,
 ) -> np.ndarray:
-    """Move vertices that are met (n,) bool, and those near them, in P; return which to hold there."""
-    mesh, still, ids = surface.mesh, surface.still, np.flatnonzero(met)
-    faces = mesh.F[met[mesh.F].any(axis=1)]
+    """Move penetrating vertices (n,) bool, and those near them, in P; return (n,) bool, which to hold there.
+
+    Each goes its mobility share of `share` times its penetration depth.
+    """
+    mesh, still, ids = surface.mesh, surface.still, np.flatnonzero(penetrating)
+    faces = mesh.F[penetrating[mesh.F].any(axis=1)]
     corners = P[faces]
     normals = surface.side * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     at = np.zeros_like(P)
@@ -87,39 +100,44 @@ def move_apart(
         np.add.at(at, faces[:, corner], normals)
     rest = mesh.V[faces]
     margin *= float(np.linalg.norm(rest - np.roll(rest, 1, axis=1), axis=2).mean())
-    way, lack, part, across = _lacks(P, mesh.V, faces, normals, mobility, ids, at[ids], margin)
-    need, pull = np.zeros(mesh.n), np.zeros_like(P)
-    need[ids] = part * np.maximum(lack, 0.0)
-    pull[ids] = need[ids, None] * way
-    for i in np.flatnonzero(still[ids] & (lack > 0)):  # a few handles: what they are behind goes instead
+    direction, depth, mobile_share, across = _penetrations(
+        P, mesh.V, faces, normals, mobility, ids, at[ids], margin
+    )
+    distance, pull = np.zeros(mesh.n), np.zeros_like(P)
+    distance[ids] = mobile_share * np.maximum(depth, 0.0)
+    pull[ids] = distance[ids, None] * direction
+    for i in np.flatnonzero(still[ids] & (depth > 0)):  # handles stay: the face across moves back
         for corner in faces[across[i]]:
-            need[corner] = max(need[corner], lack[i])
-            pull[corner] -= lack[i] * way[i]
-    _move_smoothly(surface, P, met, share * need, pull)
-    held = still | (need > 0)
-    held[ids[lack > (1.0 - HELD) * margin]] = True
+            distance[corner] = max(distance[corner], depth[i])
+            pull[corner] -= depth[i] * direction[i]
+    _move_smoothly(surface, P, penetrating, share * distance, pull)
+    held = still | (distance > 0)
+    held[ids[depth > (1.0 - HELD) * margin]] = True
     return held
 
 
 def _move_smoothly(
-    surface: Surface, P: np.ndarray, met: np.ndarray, need: np.ndarray, pull: np.ndarray
+    surface: Surface, P: np.ndarray, penetrating: np.ndarray, distance: np.ndarray, pull: np.ndarray
 ) -> None:
-    """Move P by a field at least as long as `need` (n,), along averages of the vectors `pull` (n, 3)."""
-    zone = np.flatnonzero(surface.grown(met, RINGS) & ~surface.still)
+    """Move P by a smooth field, at least as long as `distance` (n,), along averages of `pull` (n, 3)."""
+    zone = np.flatnonzero(surface.grown(penetrating, RINGS) & ~surface.still)
     near, degree = surface.ones[zone][:, zone], surface.ones[zone].sum(axis=1)
-    need, pull = need[zone], pull[zone]
-    size, way = need, pull
+    distance, pull = distance[zone], pull[zone]
+    size, direction = distance, pull
     for _ in range(AVERAGINGS):
-        size = np.maximum(need, near @ size / degree)
-        way = pull + near @ way / degree[:, None]
-    length = np.linalg.norm(way, axis=1)
+        size = np.maximum(distance, near @ size / degree)
+        direction = pull + near @ direction / degree[:, None]
+    length = np.linalg.norm(direction, axis=1)
     moving = length > 0
-    P[zone[moving]] += (size[moving] / length[moving])[:, None] * way[moving]
+    P[zone[moving]] += (size[moving] / length[moving])[:, None] * direction[moving]
 
 
 @njit(cache=True, nogil=True)
-def _lacks(P, V, F, normal, mobility, ids, at, margin):
-    """How vertices get out from behind the faces across from them.
+def _penetrations(P, V, F, normal, mobility, ids, at, margin):
+    """How deep vertices penetrate the faces across from them, and which way is out.
+
+    The face across from a vertex is the nearest one of those that face it (the product of the normals is
+    negative) and had more than :data:`ACROSS` times the squared distance at rest.
 
     Parameters
     ----------
@@ -132,22 +150,22 @@ def _lacks(P, V, F, normal, mobility, ids, at, margin):
     ids : (k,) int64
         The vertices, with normals `at` (k, 3).
     margin : float
-        Gap wanted.
+        Gap wanted, in the unit of length.
 
     Returns
     -------
-    way : (k, 3) float64
+    direction : (k, 3) float64
         Unit normal of the nearest face across.
-    lack : (k,) float64
-        What the gap to it lacks; negative where it is wider, minus infinity where no face is across.
-    part : (k,) float64
-        How much of that is for the vertex to go, as both it and the face are mobile; 1 where it
-        cannot move.
+    depth : (k,) float64
+        Penetration depth: the margin less the signed gap to that face's plane through its centre;
+        minus infinity where no face is across.
+    mobile_share : (k,) float64
+        m / (m + m_t), m the mobility of the vertex and m_t the least one of the face's corners; 1 for m = 0.
     across : (k,) int64
         That face, or -1.
     """
-    way, lack, across = np.zeros((len(ids), 3)), np.full(len(ids), -np.inf), np.full(len(ids), -1)
-    part = np.ones(len(ids))
+    direction, depth, across = np.zeros((len(ids), 3)), np.full(len(ids), -np.inf), np.full(len(ids), -1)
+    mobile_share = np.ones(len(ids))
     centre = np.empty((len(F), 3))
     for t in range(len(F)):
         for d in range(3):
@@ -174,11 +192,11 @@ def _lacks(P, V, F, normal, mobility, ids, at, margin):
         size = np.sqrt(normal[nearest, 0] ** 2 + normal[nearest, 1] ** 2 + normal[nearest, 2] ** 2)
         gap = 0.0
         for d in range(3):
-            way[i, d] = normal[nearest, d] / size
-            gap += way[i, d] * (P[v, d] - centre[nearest, d])
+            direction[i, d] = normal[nearest, d] / size
+            gap += direction[i, d] * (P[v, d] - centre[nearest, d])
         own = mobility[v]
         other = min(mobility[F[nearest, 0]], mobility[F[nearest, 1]], mobility[F[nearest, 2]])
-        part[i] = own / (own + other) if own > 0.0 else 1.0
-        lack[i] = margin - gap
+        mobile_share[i] = own / (own + other) if own > 0.0 else 1.0
+        depth[i] = margin - gap
         across[i] = nearest
-    return way, lack, part, across
+    return direction, depth, mobile_share, across

@@ -1,15 +1,14 @@
-"""Parts of a deformed surface that run through each other are led apart.
+"""Self-intersections of a deformed surface resolved.
 
-No energy of the shape alone keeps a chin out of a chest. Where faces cross that
-did not at rest, the vertices behind the other side are moved out by a field that
-is smooth along the surface, half of the way each; handles stay, and the nearer to
-one a side is, the more of the way the other goes. The sides are held there while
-the energy of a patch around them settles. A few rounds of that, and nothing crosses.
+No energy of the shape alone keeps a chin out of a chest. Where faces intersect that did not at
+rest, the penetrating vertices are moved out by a field that is smooth along the surface. Both
+sides move, in proportion to their mobility: the distance along the surface to the nearest handle,
+which stays. They are held there while the energy of a patch around them is minimised for a few
+iterations, and so on for some rounds.
 
-Which vertices those are, the crossing faces tell: they are loops that cut the
-part inside the other side off from the rest of the surface (cf. D. Baraff,
-A. Witkin, M. Kass, "Untangling cloth", ACM TOG 22(3), 2003). What no move
-untangles, a fan folded over itself, is smoothed out.
+Which vertices penetrate, the intersecting faces tell: they form loops that cut the part inside the
+other side off from the rest of the surface (cf. D. Baraff, A. Witkin, M. Kass, "Untangling
+cloth", ACM TOG 22(3), 2003). A fan folded over itself, which no move resolves, is smoothed.
 """
 
 from __future__ import annotations
@@ -31,11 +30,11 @@ from sshade.task import Progress, silent
 MARGIN = 0.25
 #: How much farther than needed vertices move: the one to begin with, others where a round did not help.
 SHARES = 1.3, 1.0
-#: Where no move helps, so many attempts to smooth out: the faces alone, then two more rings each time.
+#: Where no move helps, so many attempts to smooth: the faces alone, then two more rings each time.
 PINCH = 5
 #: So many faces are few, and every one less counts. Of more, no more than this share may be left.
 FEW, WORTH = 100, 0.97
-#: Iterations of the patch that settles.
+#: Iterations of the patch that is relaxed.
 ITERATIONS = 30
 
 
@@ -46,17 +45,17 @@ class Separated(NamedTuple):
     ----------
     positions : (n, 3) float64
     before, after : int
-        Faces that cross others, or oppose their neighbours, and did not at rest.
+        Faces that intersect others, or are inverted (oppose their neighbours), and did not at rest.
     rounds : int
-    met : (n,) bool
-        Vertices that were behind others in some round.
+    penetrating : (n,) bool
+        Vertices that were behind other faces in some round.
     """
 
     positions: np.ndarray
     before: int
     after: int
     rounds: int
-    met: np.ndarray
+    penetrating: np.ndarray
 
 
 def separate(
@@ -64,7 +63,7 @@ def separate(
     positions: np.ndarray,
     index: np.ndarray,
     *,
-    met: np.ndarray | None = None,
+    penetrating: np.ndarray | None = None,
     stiffness: float = 1.0,
     strain: float = 0.02,
     margin: float = MARGIN,
@@ -72,7 +71,7 @@ def separate(
     workers: int = 1,
     progress: Progress = silent,
 ) -> Separated:
-    """Lead apart what crosses in a deformed shape, and unfold what is flipped, unless it was so at rest.
+    """Resolve self-intersections and inverted faces of a deformed shape that were not there at rest.
 
     Parameters
     ----------
@@ -81,8 +80,8 @@ def separate(
     positions : (n, 3) float64
     index : (k,) int
         Vertices that stay, the handles.
-    met : (n,) bool, optional
-        Of an earlier call: they are held apart from the first round on.
+    penetrating : (n,) bool, optional
+        Of an earlier call: they are moved from the first round on.
     stiffness, strain
         How the triangles of the patch soften; see :mod:`sshade.solver.strain_softening`.
     margin : float
@@ -90,7 +89,7 @@ def separate(
     rounds : int
         At most.
     workers : int
-        Threads that look for crossings; no influence on the result.
+        Threads that look for intersections; no influence on the result.
     progress : Progress
 
     Returns
@@ -106,46 +105,48 @@ def separate(
     positions = np.asarray(positions, dtype=np.float64)
     if positions.shape != mesh.V.shape or not np.isfinite(positions).all():
         raise InputError(f"the positions must be finite and of shape ({mesh.n}, 3)")
-    tangled = _tangled(mesh, positions, workers=workers)
-    before = int(tangled.sum())
-    met = np.zeros(mesh.n, dtype=bool) if met is None else met
+    bad = _intersecting_or_inverted(mesh, positions, workers=workers)
+    before = int(bad.sum())
+    penetrating = np.zeros(mesh.n, dtype=bool) if penetrating is None else penetrating
     if before == 0:
-        return Separated(positions.copy(), 0, 0, 0, met)
+        return Separated(positions.copy(), 0, 0, 0, penetrating)
     surface, best, attempts = Surface(mesh, index), positions, len(SHARES) + PINCH
     done, failed, attempt = 0, 0, 0
-    while tangled.any() and done < rounds and failed < attempts:
-        progress("contact", done, rounds, f"{int(tangled.sum())} faces cross or flip")
+    while bad.any() and done < rounds and failed < attempts:
+        progress("contact", done, rounds, f"{int(bad.sum())} faces intersect or are inverted")
         seeds = np.zeros(mesh.n, dtype=bool)
-        seeds[mesh.F[tangled]] = True
+        seeds[mesh.F[bad]] = True
         P = best.copy()
-        patch, far = surface.near(seeds | met)
-        behind = surface.enclosed(seeds, patch) | (met if failed == attempt == 0 else False)
+        patch, far = surface.near(seeds | penetrating)
+        inside = surface.enclosed(seeds, patch) | (penetrating if failed == attempt == 0 else False)
         if attempt < len(SHARES):
             mobility = surface.mobility(far)
-            held = move_apart(surface, P, behind, mobility, share=SHARES[attempt], margin=margin)
-            shapes = [_settled(surface, P, patch, held, stiffness=stiffness, strain=strain), P]
+            held = move_apart(surface, P, inside, mobility, share=SHARES[attempt], margin=margin)
+            shapes = [_relaxed(surface, P, patch, held, stiffness=stiffness, strain=strain), P]
         else:
             _smooth_out(surface, P, surface.grown(seeds, 2 * (attempt - len(SHARES))))
             shapes = [P]
         done += 1
         now = np.ones(mesh.m, dtype=bool)
-        for shape in shapes:  # what settles may cross again: then better not
-            among = tangled | _moved_faces(mesh.F, best, shape)
-            found = _tangled(mesh, shape, among=among, workers=workers)
+        for shape in shapes:  # what is relaxed may intersect again: then rather not
+            among = bad | _moved_faces(mesh.F, best, shape)
+            found = _intersecting_or_inverted(mesh, shape, among=among, workers=workers)
             if found.sum() < now.sum():
                 P, now = shape, found
             if not now.any():
                 break
-        if now.sum() < tangled.sum() * (1.0 if tangled.sum() <= FEW else WORTH):
-            best, met, tangled, failed = P, met | behind, now, 0
-        else:  # what helped last comes first again: a crease takes no moves
+        if now.sum() < bad.sum() * (1.0 if bad.sum() <= FEW else WORTH):
+            best, penetrating, bad, failed = P, penetrating | inside, now, 0
+        else:  # the attempt that helped last comes first again
             failed, attempt = failed + 1, (attempt + 1) % attempts
-    progress("contact", rounds, rounds, f"{int(tangled.sum())} faces cross or flip")
-    return Separated(best.copy(), before, int(tangled.sum()), done, met)
+    progress("contact", rounds, rounds, f"{int(bad.sum())} faces intersect or are inverted")
+    return Separated(best.copy(), before, int(bad.sum()), done, penetrating)
 
 
-def _tangled(mesh: Mesh, P: np.ndarray, *, among: np.ndarray | None = None, workers: int = 1) -> np.ndarray:
-    """(m,) bool: faces that cross others `among` (m,), or are flipped near these, and did not at rest."""
+def _intersecting_or_inverted(
+    mesh: Mesh, P: np.ndarray, *, among: np.ndarray | None = None, workers: int = 1
+) -> np.ndarray:
+    """(m,) bool: faces that intersect others `among` (m,), or are inverted near these, unlike at rest."""
     return new_crossings(mesh, P, among=among, workers=workers) | new_flips(mesh, P, among=among)
 
 
@@ -158,7 +159,7 @@ def _smooth_out(surface: Surface, P: np.ndarray, zone: np.ndarray) -> None:
         P[ids] = mean @ P / degree
 
 
-def _settled(
+def _relaxed(
     surface: Surface,
     P: np.ndarray,
     patch: np.ndarray,

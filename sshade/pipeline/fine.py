@@ -133,19 +133,19 @@ def _resolve_intersections(
     """
     patch = {name: energy[name] for name in ("stiffness", "strain", "workers")}
     constraints = {name: energy[name] for name in ("volume", "area", "workers")}
-    positions, counts, met = solution.positions, [], None
+    positions, counts, penetrating = solution.positions, [], None
     best = positions
     for attempt in range(1, PASSES + 1):
         separated = separate(
             solver.mesh,
             positions,
             solver.index,
-            met=met,
+            penetrating=penetrating,
             margin=attempt * MARGIN,
             progress=progress,
             **patch,
         )
-        met = separated.met
+        penetrating = separated.penetrating
         counts.append(separated.before)
         if separated.before <= min(counts):
             best = positions
