@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sshade import DeformationTask, Handles, Mesh
+from sshade import DeformationTask, Handles, InputError, Mesh
 from sshade.pipeline.fast import STIFFNESS, STRAIN, sshade_fast
 from sshade.pipeline.fine import sshade_fine
 from sshade.solver.local_global import local_global
@@ -80,3 +80,16 @@ def test_the_area_has_a_weight(task):
         assert after.volume == pytest.approx(task.mesh.volume, rel=1e-6)
         gap[area] = abs(after.area / task.mesh.area - 1)
     assert gap[np.inf] < 1e-6 < gap[1.0] < 0.5 * gap[0.0]
+
+
+def test_what_a_proxy_refuses_is_refused_before_the_factorisation(task, monkeypatch):
+    monkeypatch.setattr("sshade.pipeline.fine.LocalGlobal", lambda *_: pytest.fail("it was factorised"))
+    F = task.mesh.F.copy()
+    F[0] = F[0, ::-1]
+    for mesh, options, words in (
+        (Mesh(task.mesh.V, F), {}, "oriented"),
+        (task.mesh, {"workers": 0}, "0 workers"),
+        (task.mesh, {"volume": -1.0}, "the volume weight"),
+    ):
+        with pytest.raises(InputError, match=words):
+            sshade_fine(DeformationTask("bad", mesh, task.handles), **options)

@@ -7,9 +7,9 @@ import pytest
 
 from sshade import DeformationTask, Handles, InputError
 from sshade.pipeline.fast import sshade_fast
-from sshade.pipeline.multilevel import multilevel
+from sshade.pipeline.multilevel import RATIO, ROOM, multilevel
 from sshade.solver.local_global import local_global
-from tests.shapes import bent, bumpy, torus
+from tests.shapes import bent, bumpy
 
 SOLVER = partial(local_global, volume=np.inf, start="rest", max_iterations=5000)
 
@@ -53,18 +53,25 @@ def all_handles(task: DeformationTask) -> DeformationTask:
     return DeformationTask(task.name, task.mesh, Handles(index, bent(task.mesh.V)[index]))
 
 
-def thin(task: DeformationTask) -> DeformationTask:
-    mesh = torus(60, 3, tube=0.05)
-    index = np.flatnonzero(np.abs(mesh.V[:, 0]) > 0.9)
-    return DeformationTask("thin", mesh, Handles(index, bent(mesh.V)[index]))
-
-
-@pytest.mark.parametrize("change", [small, guessed, all_handles, thin])
+@pytest.mark.parametrize("change", [small, guessed, all_handles])
 def test_where_there_is_no_coarser_proxy_it_is_the_solver_alone(task, monkeypatch, change):
     monkeypatch.setattr("sshade.pipeline.multilevel.SMALLEST", 10_000 if change is small else 100)
     task = change(task)
     found, alone = multilevel(task, coarse=SOLVER), SOLVER(task)
     assert np.array_equal(found.vertices, alone.vertices) and found.extra["coarser_iterations"] == 0.0
+
+
+def test_so_too_where_the_coarser_proxy_cannot_be_solved_and_the_log_says_why(task, always, caplog):
+    def solver(given, **options):
+        if given.mesh.n < task.mesh.n:
+            raise InputError("1 triangles of the rest mesh have no area")
+        return SOLVER(given, **options)
+
+    caplog.set_level("INFO")
+    found = multilevel(task, coarse=solver)
+    assert np.array_equal(found.vertices, SOLVER(task).vertices) and found.extra["coarser_iterations"] == 0.0
+    size = max(task.mesh.n // RATIO, ROOM * len(task.handles))
+    assert f"solved without a coarser proxy of {size} vertices: 1 triangles of" in caplog.text
 
 
 def test_errors_of_the_solver_are_told(task, always):
