@@ -115,13 +115,7 @@ class Experiment:
 
     def __init__(self, folder: Path, mesh: Mesh, axes: np.ndarray) -> None:
         self.folder, self.mesh, self.axes = folder, mesh, axes
-        areas = np.linalg.norm(
-            np.cross(
-                mesh.V[mesh.F[:, 1]] - mesh.V[mesh.F[:, 0]], mesh.V[mesh.F[:, 2]] - mesh.V[mesh.F[:, 0]]
-            ),
-            axis=1,
-        )
-        self.centre = np.average(mesh.V[mesh.F].mean(axis=1), axis=0, weights=areas)
+        self.centre = np.average(mesh.V[mesh.F].mean(axis=1), axis=0, weights=mesh.face_areas)
         self.scale = 0.8 / np.abs(mesh.V - self.centre).max()
         self.parts: dict[str, np.ndarray] = {}
         for name in ("parts", "transforms"):

@@ -8,7 +8,7 @@ import pytest
 from sshade import InputError, Mesh
 from sshade.io import meshes as meshio
 from sshade.io.meshes import SUFFIXES, read_arrays, read_mesh, repair, write_mesh
-from tests.shapes import icosphere, strip
+from tests.shapes import icosphere
 
 ORDERED = [suffix for suffix in SUFFIXES if suffix != ".stl"]
 
@@ -142,13 +142,6 @@ def test_repair_drops_unused_vertices_repeated_and_duplicate_faces():
     assert mesh.F.tolist() == [[0, 1, 2], [1, 3, 2]]
     assert vertex.tolist() == [-1, 0, 1, 2, 0, 3]
     assert np.array_equal(mesh.V, V[[1, 2, 3, 5]])
-
-
-def test_repair_leaves_a_sound_mesh_alone():
-    mesh = strip(5, 3)
-    repaired, vertex = repair(mesh.V, mesh.F)
-    assert np.array_equal(repaired.V, mesh.V) and np.array_equal(repaired.F, mesh.F)
-    assert np.array_equal(vertex, np.arange(mesh.n))
 
 
 def test_repair_cannot_mend_faces_out_of_range_nor_nothing():

@@ -49,9 +49,9 @@ def test_facts_equal_those_of_sets_scipy_and_libigl(case):
     facts, edges = connectivity(F, n), sides(F)
     rim = [edge for edge, through in edges.items() if len(through) == 1]
     assert facts.edges == len(edges)
-    number = {edge: row for row, edge in enumerate(sorted(edges))}
-    own = [[number[min(i, j), max(i, j)] for i, j in zip(f, f[1:] + f[:1], strict=True)] for f in F.tolist()]
-    assert sides_by_edge(F, n).edge.tolist() == own
+    table = sides_by_edge(F, n)
+    assert [tuple(ends) for ends in table.ends.tolist()] == sorted(edges)
+    assert table.faces.tolist() == [len(edges[edge]) for edge in sorted(edges)]
     assert facts.boundary_edges == len(rim)
     count, component = labels(n, list(edges))
     assert facts.components == count

@@ -137,29 +137,12 @@ def test_groups_are_those_of_unique(seed, columns):
     assert np.array_equal(found[0], first) and np.array_equal(found[1], group.ravel())
 
 
-@pytest.mark.parametrize("name", ["sphere", "torus", "tube", "strip"])
-def test_every_vertex_a_sample_passes(name):
-    mesh = MESHES[name]
-    vertices, failed = refinements(mesh.F, Fronts(vertex_graph(mesh), np.arange(mesh.n)))
-    assert len(vertices) == 0 and len(failed) == 0
-
-
 def test_one_region_fails_with_its_farthest_vertex():
     mesh = MESHES["sphere"]
     fronts = Fronts(vertex_graph(mesh), np.array([0]))
     vertices, failed = refinements(mesh.F, fronts)
     assert failed.tolist() == [0]
     assert vertices.tolist() == [int(np.argmax(fronts.distance))]
-
-
-def test_an_annulus_of_two_regions_fails_at_the_farthest_end_of_their_crossing_edges():
-    # Rings of a torus: each region is an annulus, and so fails by itself too.
-    mesh = torus(12, 6)
-    region = np.repeat([0, 1, 2], 24)
-    fronts = regions_of(mesh, np.array([0, 24, 48]), region, np.linspace(0, 1, mesh.n))
-    no_disc, no_arc = failing_unions(mesh, region)
-    assert no_disc >= {(0,), (1,), (2,)} and not no_arc
-    assert refinements(mesh.F, fronts)[1].tolist() == [0, 1, 2]
 
 
 def test_a_region_across_a_strip_is_caught_by_its_trace_alone():

@@ -34,18 +34,6 @@ def naive_sampling(graph: VertexGraph, count: int, first: np.ndarray):
 CONNECTED = [name for name in MESHES if name != "two components"]
 
 
-@pytest.mark.parametrize("name", ["closed", "genus one", "two boundary loops"])
-@pytest.mark.parametrize("count", [1, 7, 60])
-def test_distances_and_regions_equal_scipys_multi_source_dijkstra(name, count):
-    graph = vertex_graph(MESHES[name])
-    fronts = farthest_point_sampling(graph, count, first=np.array([3]))
-    distance, _, source = dijkstra(
-        as_matrix(graph), directed=False, indices=fronts.samples, min_only=True, return_predecessors=True
-    )
-    assert np.array_equal(fronts.distance, distance)
-    assert np.array_equal(fronts.samples[fronts.region], source)
-
-
 @pytest.mark.parametrize("name", CONNECTED)
 @pytest.mark.parametrize("first", [[0], [2, 0, 1]])
 def test_sampling_equals_the_naive_algorithm_also_with_exact_ties(name, first):
@@ -82,23 +70,6 @@ def test_sampling_equals_the_naive_algorithm_on_random_lengths(seed, starts, ext
     samples, distance, region = naive_sampling(graph, starts + extra, first)
     assert np.array_equal(fronts.samples, samples)
     assert np.array_equal(fronts.distance, distance) and np.array_equal(fronts.region, region)
-
-
-@pytest.mark.parametrize("name", CONNECTED)
-def test_a_multi_source_start_equals_insertion_one_at_a_time(name):
-    mesh = MESHES[name]
-    graph = vertex_graph(mesh)
-    first = np.random.default_rng(5).permutation(mesh.n)[: min(mesh.n, 12)]
-    at_once = Fronts(graph, first)
-    one_by_one = Fronts(graph, first[:1])
-    for v in first[1:]:
-        one_by_one.insert(np.array([v]))
-    in_two = Fronts(graph, first[:2])
-    in_two.insert(first[2:])
-    for other in (one_by_one, in_two):
-        assert np.array_equal(at_once.samples, other.samples)
-        assert np.array_equal(at_once.distance, other.distance)
-        assert np.array_equal(at_once.region, other.region)
 
 
 def test_another_component_is_farthest_of_all():
