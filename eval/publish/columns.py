@@ -46,6 +46,11 @@ class Column:
     legend: str = ""
     scientific: bool = False
 
+    @property
+    def label(self) -> str:
+        """The heading with its unit."""
+        return f"{self.heading} ({self.unit})" if self.unit else self.heading
+
     def text(self, mean: float) -> str:
         """The number as printed; times keep three digits, from milliseconds to hours."""
         if self.scientific:

@@ -16,14 +16,14 @@ import numpy as np
 
 from eval.metrics import Task
 from eval.publish import panels
-from eval.publish.plotting import FIGURES, save
+from eval.publish.plotting import FIGURES, add_camera, camera, save
 from eval.rows.collect import collect
 from eval.rows.experiment import Experiment
 from eval.rows.frame import numbers, records, valid
 from eval.rows.recall import load_task
 from eval.rows.store import FOLDER_HELP, experiment_folder
 from sshade.errors import InputError
-from sshade.figures import TOWARDS, UP, colour_range, require_extra
+from sshade.figures import colour_range, require_extra
 
 
 @dataclass(frozen=True)
@@ -89,8 +89,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cases", nargs="+", default=[], help="task names (default: three of them)")
     parser.add_argument("--methods", nargs="+", default=[], help="method names (default: all)")
     parser.add_argument("--worst", metavar="METRIC", help="the one case where this metric is largest")
-    parser.add_argument("--towards", nargs=3, type=float, default=TOWARDS, metavar=("X", "Y", "Z"))
-    parser.add_argument("--up", nargs=3, type=float, default=UP, metavar=("X", "Y", "Z"))
+    add_camera(parser)
     parser.add_argument("-o", "--out", type=Path, help="default: out/figures/<experiment>.png")
 
 
@@ -99,8 +98,7 @@ def command(options: argparse.Namespace) -> int:
     require_extra()
     folder = experiment_folder(options.folder)
     cases = read_cases(folder, names=options.cases, methods=options.methods, worst=options.worst)
-    camera = {"towards": np.array(options.towards), "up": np.array(options.up)}
-    rows = [row for case in cases for row in panels.rows_of(case.task, case.results, **camera)]
+    rows = [row for case in cases for row in panels.rows_of(case.task, case.results, **camera(options))]
     top = colour_range(panels.error_of(case.task, V) for case in cases for V in case.results.values())
     label = panels.error_label(cases[0].task)
     figure = panels.draw(rows, title=folder.name, top=top, label=label)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import argparse
 import io
 from collections.abc import Callable, Iterable, Mapping
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec
 
+import numpy as np
+
 from sshade.errors import InputError
+from sshade.figures import TOWARDS, UP
 from sshade.io.files import make_folder, replacing
 
 if TYPE_CHECKING:
@@ -121,3 +125,14 @@ def to_svg(figure: Figure) -> str:
     with style():
         figure.savefig(text, format="svg", metadata=_METADATA[".svg"])
     return text.getvalue()
+
+
+def add_camera(parser: argparse.ArgumentParser) -> None:
+    """Declare --towards and --up, from the scene to the camera and the upright direction."""
+    parser.add_argument("--towards", nargs=3, type=float, default=TOWARDS, metavar=("X", "Y", "Z"))
+    parser.add_argument("--up", nargs=3, type=float, default=UP, metavar=("X", "Y", "Z"))
+
+
+def camera(options: argparse.Namespace) -> dict[str, np.ndarray]:
+    """What was given: ``towards`` and ``up``, (3,) float64."""
+    return {"towards": np.array(options.towards), "up": np.array(options.up)}

@@ -43,13 +43,8 @@ def _six_digits(mean: float) -> str:
 def to_markdown(table: Table) -> str:
     """Best in bold, second best underlined; parts follow the notes."""
     marks = {0: "{}", 1: "**{}**", 2: "<u>{}</u>"}
-    headings = [
-        "method",
-        "runs",
-        *(f"{c.heading} ({c.unit})" if c.unit else c.heading for c in table.columns),
-    ]
-    head = [f"| {' | '.join(headings)} |"]
-    head.append("|" + "|".join([" --- ", *([" ---: "] * (len(headings) - 1))]) + "|")
+    headings = ["method", "runs", *(column.label for column in table.columns)]
+    head = [f"| {' | '.join(headings)} |", f"| --- |{' ---: |' * (len(headings) - 1)}"]
 
     def body(part: Table) -> list[str]:
         return [*head, *(f"| {' | '.join(texts)} |" for texts in cells(part, marks, not_available="n/a"))]
@@ -82,11 +77,7 @@ FORMATS: dict[str, Callable[[Table], str]] = {"csv": to_csv, "md": to_markdown, 
 
 
 def cells(
-    table: Table,
-    marks: dict[int, str],
-    *,
-    not_available: str,
-    escape: Callable[[str], str] = str,
+    table: Table, marks: dict[int, str], *, not_available: str, escape: Callable[[str], str] = str
 ) -> list[list[str]]:
     """The texts of a table, line by line: `marks` holds formats by rank, 0 for none."""
     rank = {column.heading: ranks(table, column) for column in table.columns}

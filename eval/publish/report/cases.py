@@ -33,15 +33,6 @@ class Shape:
     error: np.ndarray | None = None
 
 
-@dataclass(frozen=True)
-class Panel:
-    """A rendering: its title, the line under it, and the image as a data URI."""
-
-    name: str
-    caption: str
-    image: str
-
-
 @dataclass
 class Case:
     """A section of the report.
@@ -52,7 +43,8 @@ class Case:
         One a method.
     missing : list of str
         Why something is not shown, in sentences.
-    panels : list of Panel
+    panels : list of dict
+        Of each rendering the name, the caption under it and the image as a data URI.
     label : str
         What the colours say.
     top : float
@@ -65,7 +57,7 @@ class Case:
 
     rows: list[Row]
     missing: list[str] = field(default_factory=list)
-    panels: list[Panel] = field(default_factory=list)
+    panels: list[dict[str, str]] = field(default_factory=list)
     label: str = ""
     top: float = 1.0
     handles: bool = False
@@ -120,7 +112,7 @@ def show_case(
             top=case.top,
             handles=handles if shape.name == "rest" else None,
         )
-        case.panels.append(Panel(shape.name, shape.caption, image_uri(pixels)))
+        case.panels.append({"name": shape.name, "caption": shape.caption, "image": image_uri(pixels)})
     if turnable:
         try:
             case.view = _packed(case, task, shapes)

@@ -9,12 +9,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-import numpy as np
-
+from eval.publish.plotting import add_camera, camera
 from eval.rows.experiment import read_experiments
 from eval.rows.store import ROWS_HELP
 from sshade.cli.console import progress_bar
-from sshade.figures import TOWARDS, UP, require_extra
+from sshade.figures import require_extra
 from sshade.io.files import make_folder, replacing
 
 
@@ -22,23 +21,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("rows", nargs="*", type=Path, help=f"{ROWS_HELP} (default: every CSV there)")
     parser.add_argument("-o", "--out", type=Path, default=Path("out/report.html"))
-    parser.add_argument(
-        "--runs",
-        nargs="+",
-        type=Path,
-        default=[],
-        metavar="FOLDER",
-        help="where the run folders lie (default: out/runs/<experiment>)",
-    )
-    parser.add_argument(
-        "--cases",
-        nargs="+",
-        default=[],
-        metavar="TASK",
-        help="task names to show in pictures and in 3D (default: all in pictures, three in 3D)",
-    )
-    parser.add_argument("--towards", nargs=3, type=float, default=TOWARDS, metavar=("X", "Y", "Z"))
-    parser.add_argument("--up", nargs=3, type=float, default=UP, metavar=("X", "Y", "Z"))
+    runs = "where the run folders lie (default: out/runs/<experiment>)"
+    parser.add_argument("--runs", nargs="+", type=Path, default=[], metavar="FOLDER", help=runs)
+    cases = "task names to show in pictures and in 3D (default: all in pictures, three in 3D)"
+    parser.add_argument("--cases", nargs="+", default=[], metavar="TASK", help=cases)
+    add_camera(parser)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -48,13 +35,7 @@ def command(options: argparse.Namespace) -> int:
 
     experiments = read_experiments(options.rows, runs=options.runs)
     with progress_bar() as progress:
-        text = write_page(
-            experiments,
-            cases=options.cases,
-            towards=np.array(options.towards),
-            up=np.array(options.up),
-            progress=progress,
-        )
+        text = write_page(experiments, cases=options.cases, **camera(options), progress=progress)
     make_folder(options.out.parent)
     with replacing(options.out) as temporary:
         temporary.write_text(text, encoding="utf-8")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import re
-from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any
 
@@ -18,7 +17,6 @@ from eval.publish.summary import Column, Table, make_table
 from eval.publish.tables import cells
 from eval.rows.experiment import Experiment
 from eval.rows.frame import distinct, method_names, numbers, records, valid
-from eval.rows.store import Row
 from sshade.errors import InputError
 from sshade.figures import COLOURS
 from sshade.task import Progress, silent
@@ -37,35 +35,6 @@ FACTS = {
     "env.jobs": "runs at once",
     "env.load": "load at the start",
 }
-
-
-@dataclass(frozen=True)
-class Chart:
-    """A chart's name and the image as a data URI."""
-
-    name: str
-    image: str
-
-
-@dataclass(frozen=True)
-class Section:
-    """An experiment as the template needs it."""
-
-    name: str
-    slug: str
-    table: Table
-    body: list[list[str]]
-    parts: list[tuple[str, list[list[str]]]]
-    refusal: str
-    charts: list[Chart]
-    curves: list[Chart]
-    convergence: list[list[str]]
-    cases: list[Case]
-    numbers: list[list[list[str]]]
-    columns: tuple[Column, ...]
-    failures: list[Row]
-    configurations: list[tuple[str, str]]
-    facts: list[tuple[str, str]]
 
 
 def write_page(
@@ -103,16 +72,16 @@ def write_page(
         for experiment in experiments
     ]
     views = [
-        case.view | {"experiment": section.name, "id": f"{section.slug}-case-{i}"}
+        case.view | {"experiment": section["name"], "id": f"{section['slug']}-case-{i}"}
         for section in sections
-        for i, case in enumerate(section.cases)
+        for i, case in enumerate(section["cases"])
         if case.view is not None
     ]
     return _template().render(
         sections=sections,
         views=[{name: value for name, value in view.items() if name != "data"} for view in views],
         data=[view["data"] for view in views],
-        overview=_charts(times(every)) if len(experiments) > 1 else [],
+        overview=_charts(times(every)) if len(experiments) > 1 else {},
         camera={"towards": list(towards), "up": list(up)},
         ramp=_ramp(),
         style=_text("style.css"),
@@ -125,7 +94,8 @@ def write_page(
 
 def _section(
     experiment: Experiment, *, cases: list[str], towards: np.ndarray, up: np.ndarray, progress: Progress
-) -> Section:
+) -> dict[str, Any]:
+    """An experiment as the template needs it."""
     rows = experiment.rows
     table, refusal = _table(experiment)
     groups = [group for group in experiment.cases() if not cases or group[0]["task.name"] in cases]
@@ -138,23 +108,23 @@ def _section(
         shown.append(show_case(experiment, group, towards=towards, up=up, turnable=i in turnable))
     progress(experiment.name, len(groups), len(groups))
     slug = re.sub(r"[^a-z0-9]+", "-", experiment.name.lower())
-    return Section(
-        name=experiment.name,
-        slug=slug,
-        table=table,
-        body=_body(table),
-        parts=[(part.title, _body(part)) for part in table.parts],
-        refusal=refusal,
-        charts=_charts(distributions(rows) | times(rows)),
-        curves=_charts(convergence(experiment)),
-        convergence=_convergence(experiment),
-        cases=shown,
-        numbers=[_numbers(case, table.columns) for case in shown],
-        columns=table.columns,
-        failures=records(rows.drop(valid(rows).index)),
-        configurations=[(method, _configuration(rows, method)) for method in experiment.methods],
-        facts=_facts(rows),
-    )
+    return {
+        "name": experiment.name,
+        "slug": slug,
+        "table": table,
+        "body": _body(table),
+        "parts": [(part.title, _body(part)) for part in table.parts],
+        "refusal": refusal,
+        "charts": _charts(distributions(rows) | times(rows)),
+        "curves": _charts(convergence(experiment)),
+        "convergence": _convergence(experiment),
+        "cases": shown,
+        "numbers": [_numbers(case, table.columns) for case in shown],
+        "columns": table.columns,
+        "failures": records(rows.drop(valid(rows).index)),
+        "configurations": [(method, _configuration(rows, method)) for method in experiment.methods],
+        "facts": _facts(rows),
+    }
 
 
 def _table(experiment: Experiment) -> tuple[Table, str]:
@@ -172,11 +142,10 @@ def _body(table: Table) -> list[list[str]]:
     return cells(table, marks, not_available="n/a", escape=_escape)
 
 
-def _charts(figures: dict[str, Any]) -> list[Chart]:
-    def uri(figure: Any) -> str:
-        return f"data:image/svg+xml;base64,{base64.b64encode(to_svg(figure).encode()).decode('ascii')}"
-
-    return [Chart(name, uri(figure)) for name, figure in figures.items()]
+def _charts(figures: dict[str, Any]) -> dict[str, str]:
+    """Figures as data URIs, by name."""
+    packed = {name: base64.b64encode(to_svg(figure).encode()) for name, figure in figures.items()}
+    return {name: f"data:image/svg+xml;base64,{data.decode('ascii')}" for name, data in packed.items()}
 
 
 def _numbers(case: Case, columns: tuple[Column, ...]) -> list[list[str]]:
