@@ -15,7 +15,7 @@ from sshade.errors import InputError
 pytest.importorskip("matplotlib")
 
 from eval.publish.charts import charts, convergence, distributions, times
-from eval.publish.plotting import look, new_figure, save
+from eval.publish.plotting import new_figure, save
 
 
 @pytest.fixture
@@ -52,22 +52,6 @@ def test_zeros_among_orders_of_magnitude_stay_visible():
     axes = distributions(frame(*rows))["volume"].axes[0]
     assert axes.get_xscale() == "symlog" and axes.get_xlim()[0] == 0
     assert axes.xaxis.get_transform().linthresh == pytest.approx(0.1)
-
-
-def test_what_rounding_left_counts_as_zero():
-    rows = [row("a", f"t{i}", metric__volume=v) for i, v in enumerate([3e-13, 0.1, 0.2, 50.0])]
-    axes = distributions(frame(*rows))["volume"].axes[0]
-    assert axes.get_xscale() == "symlog" and axes.get_xlim()[0] == 0
-    assert axes.xaxis.get_transform().linthresh == pytest.approx(0.1)
-
-
-def test_ticks_of_a_logarithmic_axis_do_not_crowd():
-    rows = [row("a", f"t{i}", metric__volume=v) for i, v in enumerate([0.15, 0.9, 7.0])]
-    figure = distributions(frame(*rows))["volume"]
-    figure.draw_without_rendering()
-    axes = figure.axes[0]
-    texts = [text.get_text() for text in axes.get_xticklabels(which="both") if text.get_text()]
-    assert axes.get_xscale() == "log" and {"0.3", "1", "3"} <= set(texts) and len(texts) < 9
 
 
 def test_references_are_in_no_chart(rows):
@@ -113,11 +97,6 @@ def test_curves_of_the_runs_that_are_here(rows, tmp_path):
     (line,) = found["energy_curve"].axes[0].lines
     assert line.get_label() == "arap" and found["energy_curve"].axes[0].get_yscale() == "linear"
     assert convergence(Experiment("tiny", frame(*rows), (tmp_path / "elsewhere",))) == {}
-
-
-def test_methods_look_different():
-    looks = look([str(i) for i in range(40)])
-    assert len({tuple(of.values()) for of in looks.values()}) == 40
 
 
 @pytest.mark.parametrize("suffix", ["svg", "pdf"])

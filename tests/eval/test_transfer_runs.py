@@ -1,0 +1,57 @@
+"""Pose transfers as runs: their rows, their checksums, and methods for another kind of task."""
+
+from __future__ import annotations
+
+import pytest
+from eval_cases import ends_task
+
+from eval.metrics import METRICS
+from eval.run.provenance import task_checksum
+from eval.run.run import run
+from sshade.errors import InputError
+from sshade.mesh.mesh import Mesh
+from sshade.pipeline.transfer import TransferTask
+from tests.shapes import bumpy
+
+
+def test_a_pose_transfer_becomes_a_row(tmp_path):
+    rest = bumpy(2)
+    edited = Mesh(rest.V * [1.1, 1, 1], rest.F)
+    posed, truth = rest.V[:, [1, 2, 0]], edited.V[:, [1, 2, 0]]
+    task = TransferTask("t", edited, rest, posed, truth=truth, meta={"edit": "wider"})
+    method = {"_target_": "sshade.pipeline.transfer.transfer", "vertices": 60, "samplings": 2}
+    method["warm_up"] = {"samplings": 1}
+    row = run(task, method, name="sshade", root=tmp_path).row
+    assert row["status"] == "ok" and row["task.meta.edit"] == "wider" and row["env.warmed_up"]
+    assert not any(name.startswith(("task.handles", "task.snap", "metric.handle")) for name in row)
+    # The pose is a turn, which the frames carry exactly.
+    for name, metric in METRICS.items():
+        assert metric.needs != "truth" or row[f"metric.{name}"] == pytest.approx(0, abs=1e-9)
+    assert row["seconds.total"] > 0 and row["iterations"] == 0 and row["converged"] is None
+    assert run(task, method, name="sshade", root=tmp_path).reused
+
+
+def test_a_method_for_another_kind_of_task_is_a_mistake(tmp_path):
+    rest = bumpy(1)
+    pairs = (
+        (TransferTask("a", rest, rest, rest.V), "baselines.arap.arap"),
+        (ends_task(rest, name="a"), "sshade.pipeline.transfer.transfer"),
+    )
+    for task, target in pairs:
+        with pytest.raises(InputError, match=f"takes a .*, but a is a {type(task).__name__}"):
+            run(task, {"_target_": target}, name="m", root=tmp_path)
+    # A method that does not say what it takes is let through.
+    assert run(ends_task(rest), {"_target_": "eval_cases.stretching"}, name="m", root=tmp_path).row["status"]
+
+
+def test_the_checksum_of_a_pose_transfer_covers_all_that_a_method_reads():
+    rest = bumpy(1)
+    task = TransferTask("t", rest, rest, 2 * rest.V)
+    same = TransferTask("other name", rest, rest, 2 * rest.V, truth=rest.V)
+    assert task_checksum(task) == task_checksum(same)
+    others = [
+        TransferTask("t", Mesh(3 * rest.V, rest.F), rest, 2 * rest.V),
+        TransferTask("t", rest, Mesh(3 * rest.V, rest.F), 2 * rest.V),
+        TransferTask("t", rest, rest, 3 * rest.V),
+    ]
+    assert len({task_checksum(other) for other in [task, *others]}) == 4
