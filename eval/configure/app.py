@@ -211,7 +211,7 @@ def _outcome(config: DictConfig, progress: Progress) -> tuple[Outcome, list[str]
     outcome = run(
         task,
         plain["method"],
-        name=plain["label"].rpartition("/")[2],  # of a method in a subgroup, its own name
+        name=str(plain["label"]).rpartition("/")[2],  # of a method in a subgroup, its own name
         root=Path(plain["paths"]["runs"], plain["run"]["folder"]),
         seed=plain["seed"],
         source=_source(plain["dataset"]),

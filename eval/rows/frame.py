@@ -15,20 +15,12 @@ from typing import Any
 
 import pandas as pd
 
-from eval.rows.store import IDENTITY, VALID, Row, in_group, in_order, row_problem
+from eval.rows.store import VALID, Row, in_order, is_text, row_problem
 from sshade.errors import InputError
 from sshade.io.files import make_folder, replacing
 
 #: What tells apart the runs of one method.
 CASE = ["task.name", "seed"]
-
-#: Columns that are text even where it looks like a number: a label 5, a hash 12e456, a version 1.0.
-_TEXT = (
-    *(name for name in IDENTITY if name != "seed"),
-    *("reason", "task.checksum", "task.source", "task.meta.", "method.sources", "method.note"),
-    *("env.commit", "env.python", "env.omp_num_threads", "env.openblas_num_threads", "env.mkl_num_threads"),
-    "env.version.",
-)
 
 
 def to_frame(rows: Iterable[Row]) -> pd.DataFrame:
@@ -148,7 +140,7 @@ def _cell(value: Any) -> Any:
 
 def _reader(column: str) -> Callable[[str], Any]:
     """What makes values of a column's cells."""
-    return _text if any(in_group(column, group) for group in _TEXT) else _value
+    return _text if is_text(column) else _value
 
 
 def _text(cell: str) -> str | None:

@@ -46,6 +46,13 @@ _INFINITIES = {str(value): value for value in (math.inf, -math.inf)}
 
 #: What every row has.
 IDENTITY = ("task.name", "method.name", "method.hash", "seed", "status", "key", "date", "env.machine")
+#: Columns that are text even where it looks like a number: a label 5, a hash 12e456, a version 1.0.
+_TEXT = (
+    *(name for name in IDENTITY if name != "seed"),
+    *("reason", "task.checksum", "task.source", "task.meta.", "method.sources", "method.note"),
+    *("env.commit", "env.python", "env.omp_num_threads", "env.openblas_num_threads", "env.mkl_num_threads"),
+    "env.version.",
+)
 #: Beginnings of columns that hold numbers, or nothing.
 _NUMBERS = ("metric.", "seconds.", "iterations", "task.vertices", "peak_mib")
 
@@ -130,7 +137,7 @@ def read_row(folder: str | os.PathLike[str]) -> Row | None:
     problem = row_problem(row)
     if problem:
         raise InputError(f"{path}: not a row ({problem}); remove the folder to run it again")
-    return {name: _INFINITIES.get(value, value) for name, value in row.items()}
+    return {n: value if is_text(n) else _INFINITIES.get(value, value) for n, value in row.items()}
 
 
 def row_problem(row: Any) -> str:
@@ -208,6 +215,11 @@ def in_order(columns: Iterable[str]) -> list[str]:
         return group, name
 
     return sorted(columns, key=place)
+
+
+def is_text(name: str) -> bool:
+    """Whether a column holds text, also where that looks like a number."""
+    return any(in_group(name, group) for group in _TEXT)
 
 
 def in_group(name: str, group: str) -> bool:

@@ -42,6 +42,13 @@ def test_one_run_from_any_folder_leaves_its_row_and_nothing_else(tmp_path):
     assert all(name.startswith("out/runs/single/identity/bumpy_30/seed_0_") for name in found)
 
 
+def test_a_label_may_be_a_number(tmp_path):
+    done = run_eval(tmp_path, "dataset=bumpy", "dataset.level=2", "method=identity", "label=5")
+    assert done.returncode == 0, done.stderr
+    (folder,) = (tmp_path / "out/runs/single").iterdir()
+    assert folder.name == "5"
+
+
 def test_warnings_of_a_method_reach_the_user_of_a_run_and_of_a_sweep(tmp_path):
     task = eval_cases.bumpy_task()
     write_mesh(tmp_path / "open.ply", task.mesh.V, task.mesh.F[:-1])

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from eval.publish.summary import make_table
 from eval.publish.tables import to_markdown
 from eval.rows.frame import newest, numbers, read_csv, records, split_label, to_frame, write_csv
+from eval.rows.store import read_row, write_row
 from sshade.errors import InputError
 
 COMMITTED = sorted((Path(__file__).parents[3] / "results/rows").glob("*.csv"))
@@ -50,6 +51,8 @@ def test_a_label_that_looks_like_a_number_is_a_name(label, tmp_path):
     write_csv(tmp_path / "r.csv", frame(row(label), row("arap")))
     rows = read_csv(tmp_path / "r.csv")
     assert set(rows["method.name"]) == {label, "arap"}
+    write_row(tmp_path, row(label))
+    assert read_row(tmp_path)["method.name"] == label
     assert f"| {label} | 1 |" in to_markdown(make_table(rows, title="t"))
 
 
