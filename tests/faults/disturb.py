@@ -1,33 +1,109 @@
-"""Killing at random moments, and two of a kind at once."""
+"""Builds and sweeps in processes of their own: killed at random moments, and two at once."""
 
 from __future__ import annotations
 
+import importlib
+import json
+import multiprocessing
 import os
+import shutil
 import signal
+import sys
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache
+from multiprocessing.context import ForkServerContext
 from pathlib import Path
-from time import sleep
+from time import perf_counter, sleep
+from typing import Any
 
 import numpy as np
 
-from tests.faults.scenes import Result, Scene, clear
+from defaust.build.dataset import build
+from defaust.folder.verify import verify
+from eval.rows.store import read_row, run_folders
+from sshade.io.meshes import write_mesh
+from tests.defaust.toy import OPTIONS, Balls
+from tests.shapes import bent, bumpy
 
+ROOT = Path(__file__).parents[2]
+#: Columns that tell of the time and the place of a run, not of its result.
+VARYING = ("seconds.", "date", "env.")
 #: Kills between two reruns to the end.
 IN_A_ROW = 5
 
+Result = dict[str, Any]
 
-def undisturbed(scene: Scene, folder: Path) -> tuple[Result, float]:
-    """The result of a run to the end, and the seconds of its work."""
-    scene.prepare(folder)
-    seconds = scene.run(folder)
-    result = scene.result(folder / scene.out)
-    assert result, f"{scene.name} left nothing"
-    clear(scene, folder)
-    return result, seconds
+
+@dataclass(frozen=True)
+class Scene:
+    """A command that takes a while and makes the folder ``out``.
+
+    Parameters
+    ----------
+    command : sequence of str
+        Of ``defaust`` or ``sshade-eval``.
+    prepare : callable
+        Writes the input into a folder.
+    check : callable
+        AssertionError where something of what lies in ``out`` is half written.
+    result : callable
+        What of ``out`` must be equal to an undisturbed run's.
+    """
+
+    command: Sequence[str]
+    prepare: Callable[[Path], None]
+    check: Callable[[Path], None]
+    result: Callable[[Path], Result]
+
+
+class Run:
+    """A scene's command in a process that leads a group, with its output in a file."""
+
+    def __init__(self, scene: Scene, folder: Path, log: str = "log") -> None:
+        self.out, self.log = folder / "out", folder / log
+        self.process = _context().Process(target=_work, args=(scene.command, folder, self.log))
+        self.process.start()
+
+    def wait_for_work(self) -> None:
+        """Until its folder is there, or it ended."""
+        while not self.out.exists() and self.process.is_alive():
+            sleep(0.001)
+
+    def end(self) -> int | None:
+        """Wait for it; its exit code."""
+        self.process.join(600)
+        assert self.process.exitcode is not None, "it does not end"
+        return self.process.exitcode
+
+    def kill(self, *, workers: bool) -> None:
+        """End it at once, alone or with the processes that it started."""
+        if workers:
+            with suppress(ProcessLookupError):  # so young that it leads no group yet
+                os.killpg(self.process.pid, signal.SIGKILL)
+                return
+        os.kill(self.process.pid, signal.SIGKILL)
+
+
+def run_to_the_end(scene: Scene, folder: Path) -> tuple[Result, float]:
+    """The result of a run, whose files are then removed, and the seconds of its work."""
+    run = Run(scene, folder)
+    run.wait_for_work()
+    begin = perf_counter()
+    assert run.end() == 0, run.log.read_text()
+    return taken(scene, folder), perf_counter() - begin
+
+
+def taken(scene: Scene, folder: Path) -> Result:
+    """The result, whose files are then removed."""
+    result = scene.result(folder / "out")
+    shutil.rmtree(folder / "out")
+    return result
 
 
 def kill_at_random(
-    scene: Scene, folder: Path, *, kills: int, expected: Result, seconds: float, seed: int = 0
+    scene: Scene, folder: Path, *, kills: int, expected: Result, seconds: float, seed: int
 ) -> None:
     """Kill a scene so many times; what it left is whole, and a rerun's result the undisturbed one.
 
@@ -35,40 +111,105 @@ def kill_at_random(
     """
     rng, done, since = np.random.default_rng(seed), 0, 0
     while done < kills:
-        run = scene.start(folder)
-        while not (folder / scene.out).exists() and run.process.is_alive():
-            sleep(0.001)
+        run = Run(scene, folder)
+        run.wait_for_work()
         # Now and then before or just after the beginning, where little is there yet.
         sleep(float(rng.uniform(0, seconds) if rng.integers(4) else rng.uniform(0, 0.05)))
         if run.process.is_alive():
-            _kill(run.process.pid, workers=done % 2 == 0)
+            run.kill(workers=done % 2 == 0)
             done, since = done + 1, since + 1
-        run.end()
-        scene.check(folder / scene.out)
-        if since >= IN_A_ROW or done == kills or run.process.exitcode == 0:
-            scene.run(folder)
-            assert scene.result(folder / scene.out) == expected, f"{scene.name}: another result after kills"
-            clear(scene, folder)
+        code = run.end()
+        scene.check(folder / "out")
+        if since >= IN_A_ROW or done == kills or code == 0:
+            result, _ = run_to_the_end(scene, folder)
+            assert result == expected, "another result after kills"
             since = 0
 
 
-def _kill(pid: int, *, workers: bool) -> None:
-    if workers:
-        with suppress(ProcessLookupError):  # so young that it leads no group yet
-            os.killpg(pid, signal.SIGKILL)
-            return
-    os.kill(pid, signal.SIGKILL)
-
-
-def two_at_once(scene: Scene, folder: Path, *, expected: Result) -> list[int]:
+def two_at_once(scene: Scene, folder: Path, *, expected: Result) -> list[int | None]:
     """Exit codes of two that were started together; their result is that of one."""
-    runs = [scene.start(folder, log) for log in ("one", "two")]
-    codes = []
-    for run in runs:
-        run.end()
-        codes.append(run.process.exitcode)
-        assert codes[-1] == 0 or "builds there; wait until it is done" in run.output, run.output
-    assert 0 in codes, "both were refused"
-    assert scene.result(folder / scene.out) == expected, f"{scene.name}: another result of two at once"
-    clear(scene, folder)
+    runs = [Run(scene, folder, log) for log in ("one", "two")]
+    codes = [run.end() for run in runs]
+    for run, code in zip(runs, codes, strict=True):
+        assert code == 0 or "builds there; wait until it is done" in run.log.read_text(), run.log.read_text()
+    assert taken(scene, folder) == expected, "another result of two at once"
     return codes
+
+
+@cache
+def _context() -> ForkServerContext:
+    """Processes that begin with everything imported, and without threads."""
+    os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([__name__, *MAINS.values(), "eval.run.attempt", "sshade.pipeline.fine"])
+    return context
+
+
+MAINS = {"defaust": "defaust.cli", "sshade-eval": "eval.main"}
+
+
+def _work(command: Sequence[str], folder: Path, log: Path) -> None:
+    """The process: a command line, and its exit code."""
+    os.setsid()
+    os.chdir(folder)
+    output = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    os.dup2(output, 1)
+    os.dup2(output, 2)
+    program, *sys.argv[1:] = command
+    sys.exit(importlib.import_module(MAINS[program]).main())
+
+
+def _files(folder: Path) -> Result:
+    """Every file below a folder."""
+    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def _shapes(folder: Path) -> None:
+    """Four classes of three meshes."""
+    body = bumpy(3)
+    (folder / "meshes").mkdir()
+    for number, name in enumerate(("ant", "bee", "cow", "dog")):
+        for k in range(3):
+            write_mesh(folder / f"meshes/{name}{k}.ply", bent(body.V * (1 + 0.1 * number), 0.1 * k), body.F)
+
+
+def _check_build(out: Path) -> None:
+    """Subjects appear whole, and the record last."""
+    for subject in out.glob("subject_*"):
+        assert len(list(subject.iterdir())) == 6, f"{subject} is not complete"
+    if (out / "dataset.json").is_file():
+        assert verify(out) == []
+
+
+def _balls(folder: Path) -> None:
+    build(Balls(subjects=(0,)), folder / "balls", options=OPTIONS, workers=1)
+
+
+def _check_rows(out: Path) -> None:
+    """A folder with a row has what the row says."""
+    for folder in run_folders(out):
+        row = read_row(folder)
+        assert row["status"] in ("ok", "not_converged") and (folder / "vertices.npy").is_file(), folder
+
+
+def _rows(out: Path) -> Result:
+    """Each run's row without what varies, and its vertices; nothing half written beside them."""
+    found: Result = {}
+    for folder in run_folders(out):
+        row = {name: value for name, value in read_row(folder).items() if not name.startswith(VARYING)}
+        names = sorted(path.name for path in folder.iterdir())
+        found[folder.name] = json.dumps(row, sort_keys=True), (folder / "vertices.npy").read_bytes(), names
+    return found
+
+
+BUILD = ["defaust", "build", "source=tosca", "source.root=meshes", "out=out", "source.landmarks=4"]
+BUILD += ["handles_per_landmark=10", "neighbourhood=20"]
+SWEEP = ["sshade-eval", "run", "-m", "dataset=defaust", "dataset.root=balls", "subject=0", "pose=1,2"]
+SWEEP += ["method=identity,sshade_fast", "proxy.vertices=60", "solver.max_iterations=30"]
+SWEEP += ["run.folder=out", "paths.runs=."]
+
+SCENES = {
+    "build": Scene([*BUILD, "workers=1"], _shapes, _check_build, _files),
+    "build of two": Scene([*BUILD, "workers=2"], _shapes, _check_build, _files),
+    "sweep": Scene(SWEEP, _balls, _check_rows, _rows),
+}

@@ -8,24 +8,16 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-SOURCES = sorted(
-    p for name in ("sshade", "baselines", "defaust", "eval") for p in (ROOT / name).rglob("*.py")
-)
+SOURCES = [
+    p for name in ("sshade", "baselines", "defaust", "eval") for p in sorted((ROOT / name).rglob("*.py"))
+]
 
 #: Modules that turn bytes into objects or text into code.
 MODULES = {"pickle", "cPickle", "dill", "joblib", "marshal", "shelve", "jsonpickle"}
 #: Calls that execute text, or unpickle, whatever their arguments.
-CALLS = {
-    "eval",
-    "exec",
-    "compile",
-    "os.system",
-    "os.popen",
-    "yaml.load",
-    "yaml.unsafe_load",
-    "yaml.full_load",
-}
-CALLS |= {"torch.load", "pandas.read_pickle", "pd.read_pickle", "np.loads", "runpy.run_path"}
+CALLS = {"eval", "exec", "compile", "os.system", "os.popen", "runpy.run_path"}
+CALLS |= {"yaml.load", "yaml.unsafe_load", "yaml.full_load"}
+CALLS |= {"torch.load", "pandas.read_pickle", "pd.read_pickle", "np.loads"}
 
 
 def dangers(source: str) -> list[str]:
@@ -51,9 +43,10 @@ def dangers(source: str) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_a_module_executes_nothing_that_it_reads(path):
-    assert dangers(path.read_text(encoding="utf-8")) == []
+def test_no_module_executes_what_it_reads():
+    assert len(SOURCES) > 60
+    found = {str(path): dangers(path.read_text(encoding="utf-8")) for path in SOURCES}
+    assert {path: what for path, what in found.items() if what} == {}
 
 
 @pytest.mark.parametrize(
@@ -72,7 +65,3 @@ def test_a_module_executes_nothing_that_it_reads(path):
 )
 def test_the_scan_finds(source):
     assert dangers(source)
-
-
-def test_there_are_sources():
-    assert len(SOURCES) > 60
