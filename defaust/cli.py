@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import logging
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -127,7 +126,3 @@ def _info(args: argparse.Namespace) -> int:
     print(render_card(document))  # noqa: T201
     print(f"Name: {document['name']}. Size: {size / 1e6:.1f} MB. Checksum: {document['checksum']}")  # noqa: T201
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
