@@ -299,13 +299,9 @@ def _checked(mesh: Mesh, index: np.ndarray) -> np.ndarray:
     index = np.array(index, dtype=np.int64)
     if index.ndim != 1 or len(index) == 0:
         raise InputError("at least one vertex needs a prescribed position")
-    if index.min() < 0 or index.max() >= mesh.n:
-        raise InputError(f"a handle id is out of range: the mesh has {mesh.n} vertices")
     if len(np.unique(index)) < len(index):
         raise InputError("a handle vertex is given twice")
-    free = np.setdiff1d(mesh.component, mesh.component[index])
-    if len(free):
-        raise InputError(f"{len(free)} components of the mesh have no handle; every component needs one")
+    mesh.require_handles(index)
     return index
 
 

@@ -57,9 +57,7 @@ def edge_weights(mesh: Mesh, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         ``(cot a + cot b) / 2`` inside, ``cot a / 2`` on the boundary; negative
         where opposite angles add up to more than 180 degrees.
     """
-    i, j = mesh.F.ravel(), mesh.F[:, [1, 2, 0]].ravel()
-    keys, inverse = np.unique(np.minimum(i, j) * mesh.n + np.maximum(i, j), return_inverse=True)
-    return np.stack([keys // mesh.n, keys % mesh.n], axis=1), np.bincount(inverse.ravel(), h.ravel())
+    return mesh.edges, np.bincount(mesh.face_edges.ravel(), h.ravel())
 
 
 def corner_vectors(mesh: Mesh, h: np.ndarray) -> np.ndarray:

@@ -416,7 +416,7 @@ def test_handle_vertices_that_cannot_be(index, message):
 def test_a_component_without_handles():
     one = icosphere(0)
     two = Mesh(np.concatenate([one.V, one.V + 5]), np.concatenate([one.F, one.F + one.n]))
-    with pytest.raises(InputError, match="1 components of the mesh have no handle"):
+    with pytest.raises(InputError, match="1 of the mesh's 2 components have no handle"):
         LocalGlobal(two, np.array([0, 1]))
 
 
