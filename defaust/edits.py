@@ -1,9 +1,10 @@
 """Edits of a rest shape: what pose transfer is tried on.
 
-Each is a smooth displacement of a region; connectivity and numbering stay. A
-place is given by fractions of the mesh's bounding box and means the vertex
-nearest to it; lengths are relative to the box's diagonal. So an edit fits any
-mesh, whatever its unit and its number of vertices.
+Each displaces the vertices of a region smoothly; faces and numbering stay. A
+place is given as fractions of the mesh's bounding box and means the vertex
+nearest to it; lengths are multiples of the box's diagonal. So an edit fits any
+oriented manifold mesh, whatever its unit and its number of vertices. A mesh or a
+place that an edit does not fit is an InputError.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class Edit(Protocol):
 
 @dataclass(frozen=True)
 class Unedited:
-    """The shape itself: a transfer is then the reconstruction of the pose."""
+    """Return the mesh as it is: transferring it reconstructs the pose."""
 
     name: str = ""
 
@@ -53,9 +54,10 @@ class Inflate:
     Parameters
     ----------
     at : (3,) float
-        Middle of the region.
+        Middle of the region, as fractions of the bounding box.
     radius, amount : float
-        Its reach and how far its middle moves.
+        Distance at which the displacement has fallen to zero, and that of the
+        middle, both x diagonal.
     """
 
     at: Sequence[float]
@@ -74,15 +76,17 @@ class Inflate:
 
 @dataclass(frozen=True)
 class Stretch:
-    """Pull a part out along its axis: a limb, a tail, an ear.
+    """Move the tip of a limb, a tail or an ear outwards along its axis.
+
+    The axis runs from the centre of the vertices that move to the tip.
 
     Parameters
     ----------
     at : (3,) float
-        Its tip.
+        The tip, as fractions of the bounding box.
     radius, amount : float
-        How much of it follows, and how far the tip moves. The axis runs from
-        the middle of what follows to the tip.
+        Distance from the tip at which the displacement has fallen to zero, and
+        that of the tip, both x diagonal.
     """
 
     at: Sequence[float]
@@ -102,13 +106,14 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Horns:
-    """Let horns grow, each straight out along the mean normal of its foot.
+    """Add horns, each straight along the mean normal of the region that it stands on.
 
     Parameters
     ----------
     at : (k, 3) float
-        Their places.
+        Their places, as fractions of the bounding box.
     radius, height : float
+        Of each, x diagonal.
     """
 
     at: Sequence[Sequence[float]]
@@ -129,14 +134,15 @@ class Horns:
 
 @dataclass(frozen=True)
 class Fin:
-    """Raise a fin along the shortest way over the surface from one place to another.
+    """Raise a fin along the shortest path of edges from one place to another.
 
     Parameters
     ----------
     start, end : (3,) float
+        As fractions of the bounding box.
     width, height : float
-        Half of its thickness at the foot, and its height in the middle, from
-        which it falls off to both ends.
+        Half of its thickness at the surface, and its height in the middle, from
+        which it falls to zero at both ends; both x diagonal.
     """
 
     start: Sequence[float]
@@ -150,12 +156,12 @@ class Fin:
         import igl
 
         _require_length(self.width, "width")
-        way = _way(mesh, _place(mesh, self.start), _place(mesh, self.end))
+        path = _path(mesh, _place(mesh, self.start), _place(mesh, self.end))
         width = self.width * mesh.diagonal
-        ridge = _smoothed(mesh.V[way], width)
+        ridge = _smoothed(mesh.V[path], width)
         pieces = np.stack([np.arange(len(ridge) - 1), np.arange(1, len(ridge))], axis=1)
         squared, piece, nearest = igl.point_mesh_squared_distance(mesh.V, ridge, pieces)
-        inside = _connected(mesh, squared < width**2, way)
+        inside = _connected(mesh, squared < width**2, path)
         step = np.linalg.norm(np.diff(ridge, axis=0), axis=1)
         before = np.concatenate([[0.0], np.cumsum(step)])
         along = before[piece[inside]] + np.linalg.norm(nearest[inside] - ridge[piece[inside]], axis=1)
@@ -175,7 +181,7 @@ class _Region(NamedTuple):
 
 
 def _around(mesh: Mesh, at: Sequence[float], radius: float) -> _Region:
-    """The part of the mesh within a ball about a place that hangs together with its middle."""
+    """Vertices within a ball about a place that are connected, inside the ball, to the vertex there."""
     _require_length(radius, "radius")
     seed = _place(mesh, at)
     distance = np.linalg.norm(mesh.V - mesh.V[seed], axis=1) / (radius * mesh.diagonal)
@@ -212,17 +218,17 @@ def _connected(mesh: Mesh, inside: np.ndarray, seeds: np.ndarray) -> np.ndarray:
     return vertices[np.isin(label, wanted)]
 
 
-def _way(mesh: Mesh, start: int, end: int) -> np.ndarray:
-    """Vertices of the shortest way along edges."""
+def _path(mesh: Mesh, start: int, end: int) -> np.ndarray:
+    """Vertices of the shortest path along edges."""
     if start == end:
         raise InputError("a fin needs two places that are not at the same vertex")
     _, before = dijkstra(vertex_graph(mesh).matrix, indices=start, return_predecessors=True)
-    way = [end]
-    while way[-1] != start:
-        if before[way[-1]] < 0:
+    path = [end]
+    while path[-1] != start:
+        if before[path[-1]] < 0:
             raise InputError("a fin needs two places on the same component of the mesh")
-        way.append(before[way[-1]])
-    return np.array(way[::-1])
+        path.append(before[path[-1]])
+    return np.array(path[::-1])
 
 
 def _smoothed(points: np.ndarray, length: float) -> np.ndarray:

@@ -29,9 +29,12 @@ class Displacement(NamedTuple):
 
 
 def nearest_vertices(mesh: Mesh, vertex: int, *, count: int) -> np.ndarray:
-    """(count,) vertices nearest along the edges (Dijkstra, Euclidean lengths), `vertex` first.
+    """Find the vertices nearest along the edges (Dijkstra, Euclidean lengths).
 
-    Equal distances are ordered by vertex id.
+    Returns
+    -------
+    (count,) int64
+        In order of their distance, `vertex` first; equal distances by vertex id.
 
     Raises
     ------
@@ -59,7 +62,7 @@ def choose_handles(
     per_landmark: int = PER_LANDMARK,
     neighbourhood: int = NEIGHBOURHOOD,
 ) -> dict[str, np.ndarray]:
-    """Random vertices near each landmark, H_l of the paper; no two landmarks share one.
+    """Draw random vertices near each landmark, H_l of the paper; no two landmarks share one.
 
     Every pose of a subject uses the same ones. They depend on the subject, the
     seed and the order of the landmarks.
@@ -102,7 +105,7 @@ def choose_handles(
 def displacement(
     source: np.ndarray, target: np.ndarray, *, diagonal: float, static_below: float = STATIC_BELOW
 ) -> Displacement:
-    """Delta = sum over the handles of |v - pi(v)|, and whether the landmark is static.
+    """Compute Delta_l = sum over H_l of |v - pi(v)|, its mean, and whether the landmark is static.
 
     Parameters
     ----------
@@ -127,7 +130,7 @@ def handle_records(
     used: Sequence[str],
     static_below: float = STATIC_BELOW,
 ) -> list[dict[str, Any]]:
-    """What a pose file says of each landmark, in the order of `chosen`.
+    """Make the entries of a pose file, one for each landmark in the order of `chosen`.
 
     Parameters
     ----------

@@ -92,7 +92,7 @@ class Shape:
 
 
 def mesh_files(folder: Path, suffixes: Sequence[str] = SUFFIXES) -> dict[str, Path]:
-    """The meshes in a folder, by name without suffix; of several formats the first of `suffixes`."""
+    """Find the meshes in a folder, by name without suffix; of several formats the first of `suffixes`."""
     found: dict[str, Path] = {}
     for suffix in reversed(suffixes):
         for path in folder.iterdir():

@@ -44,7 +44,7 @@ def has_skin(source: Mapping[str, Any]) -> bool:
 
 
 class Skin:
-    """A synthetic body in a pose: what moves points that hang on its rest mesh.
+    """The dual quaternion skinning of a synthetic body into a pose, at the vertices of a mesh of it.
 
     Parameters
     ----------
@@ -53,9 +53,9 @@ class Skin:
     low : Mesh
         The registered rest mesh.
     steps : int
-        Subdivisions between the two. They take the weights along by Loop's rules:
-        interpolated over the registered triangles, weights would bend at their
-        edges, and the posed surface with them.
+        Subdivisions between the two. The weights are subdivided too, by Loop's
+        rules: interpolated linearly over the registered triangles they would have
+        creases along the edges, and so would the posed surface.
     subject : int
     pose : str
         Name of the pose.
@@ -72,8 +72,8 @@ class Skin:
         motions = bodies.motions(subject, rotations=bodies.rotations[subject, k])
         if rest is not low:
             # Blending is linear: subdivided and interpolated motions are those of such weights.
-            fine, carry = _on_subdivided(rest, low, steps=steps)
-            motions = carry @ (loop_matrix(low, fine, steps=steps) @ motions)
+            fine, interpolate = _on_subdivided(rest, low, steps=steps)
+            motions = interpolate @ (loop_matrix(low, fine, steps=steps) @ motions)
         self._motions = motions
         self._shift = bodies.shifts[subject, k]
 
@@ -83,7 +83,7 @@ class Skin:
 
 
 def subdivided_pose(rest: Mesh, low: Mesh, posed: Mesh, *, steps: int) -> np.ndarray:
-    """Where the vertices of a rest mesh go in a registered pose.
+    """Interpolate a registered pose, subdivided, at the vertices of a finer rest mesh.
 
     Parameters
     ----------
@@ -103,23 +103,23 @@ def subdivided_pose(rest: Mesh, low: Mesh, posed: Mesh, *, steps: int) -> np.nda
         When the subdivisions do not correspond, or `rest` does not lie on the
         subdivided rest mesh.
     """
-    fine, carry = _on_subdivided(rest, low, steps=steps)
+    fine, interpolate = _on_subdivided(rest, low, steps=steps)
     fine_posed = subdivide(posed, steps=steps)
     if not np.array_equal(fine.F, fine_posed.F):
         raise InputError("the pose is subdivided into other triangles than the rest mesh")
-    return carry @ fine_posed.V
+    return interpolate @ fine_posed.V
 
 
 def _on_subdivided(rest: Mesh, low: Mesh, *, steps: int) -> tuple[Mesh, csr_array]:
     """The subdivided registered mesh, and the interpolation from it to a mesh that lies on it."""
     fine = subdivide(low, steps=steps)
-    carry, distance = interpolation(rest.V, fine.V, fine.F)
+    interpolate, distance = interpolation(rest.V, fine.V, fine.F)
     if distance.max() > ON_SURFACE * low.diagonal:
         raise InputError(
             f"the rest mesh lies up to {distance.max() / low.diagonal:.1g} x its diagonal off the subdivided "
             "registered mesh that it should have been made from; build the dataset again"
         )
-    return fine, carry
+    return fine, interpolate
 
 
 def interpolation(points: np.ndarray, V: np.ndarray, F: np.ndarray) -> tuple[csr_array, np.ndarray]:

@@ -40,7 +40,7 @@ def list_tasks(
     subjects: Sequence[int] | None = None,
     poses: Sequence[int] | None = None,
 ) -> list[TaskId]:
-    """Tasks of a DeFAUST folder, subject by subject.
+    """List the tasks of a DeFAUST folder, subject by subject.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def load_task(
     source: str | None = None,
     edit: Edit | None = None,
 ) -> DeformationTask | TransferTask:
-    """Rest mesh and handles of one subject and pose; or, with an edit, the pose to transfer.
+    """Load rest mesh and handles of one subject and pose; with an edit, the pose transfer instead.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ from sshade import InputError, Mesh
 
 
 def loop_matrix(coarse: Mesh, fine: Mesh, *, steps: int) -> csr_array:
-    """What takes values from the vertices of a mesh to those of its subdivision.
+    """Matrix of Loop subdivision: from values at a mesh's vertices to values at those of its subdivision.
 
     Parameters
     ----------

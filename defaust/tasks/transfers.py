@@ -29,10 +29,10 @@ class Registered(NamedTuple):
 def transfer_task(
     meshes: Registered, document: Mapping[str, Any], *, name: str, edit: Edit, facts: Mapping[str, Any]
 ) -> TransferTask:
-    """The transfer of an edited rest mesh to a pose.
+    """Make the task of transferring a pose to an edited rest mesh.
 
-    The truth of the unedited mesh is the pose itself. An edited one has a truth
-    where the body can be skinned: the edited vertices move with their bones.
+    The truth of the unedited mesh is the pose itself. An edited mesh has a truth
+    only where the body can be skinned: the skinning of the edited vertices.
 
     Parameters
     ----------
