@@ -1,4 +1,4 @@
-"""What crosses is led apart: by the counts of the crossing test, and nothing else changes."""
+"""Self-intersections are resolved: by the counts of the test for them, and nothing else changes."""
 
 from __future__ import annotations
 
@@ -117,4 +117,4 @@ def test_the_polish_ends_apart_with_handles_and_volume_exact():
     assert np.array_equal(apart.vertices[task.handles.index], task.handles.target)
     assert apart.extra["volume_error"] <= CLOSE
     assert apart.iterations == through.iterations and apart.extra["residual"] == through.extra["residual"]
-    assert through.extra["energy"] < apart.extra["energy"]  # what is led apart is stretched
+    assert through.extra["energy"] < apart.extra["energy"]  # what was separated is stretched
