@@ -237,7 +237,8 @@ def _check(config: dict[str, Any]) -> None:
     for name, value in settings.items():
         least = {"seed": 0, "jobs": 1, "time_limit": 1e-3}.get(name)
         if least is not None and value is not None and value < least:
-            raise InputError(f"{name}={value} does not fit; it takes at least {least:g}")
+            label = name if name == "seed" else f"run.{name}"
+            raise InputError(f"{label}={value} does not fit; it takes at least {least:g}")
 
 
 @lru_cache(maxsize=1)

@@ -6,7 +6,9 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
+import igl
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from eval.metrics import Task
 from sshade.contact.separate import separate
@@ -92,25 +94,11 @@ def icosphere(levels: int) -> Mesh:
     golden = (1 + np.sqrt(5)) / 2
     V = np.array([[0, s, t * golden] for s in (-1, 1) for t in (-1, 1)])
     V = np.concatenate([np.roll(V, shift, axis=1) for shift in range(3)])
-    V /= np.linalg.norm(V[0])
-    close = np.linalg.norm(V[:, None] - V[None], axis=2) < 1.1
-    F = np.array(
-        [
-            (i, j, k)
-            for i in range(12)
-            for j in range(i + 1, 12)
-            for k in range(j + 1, 12)
-            if close[i, j] and close[j, k] and close[k, i]
-        ]
-    )
-    inward = np.einsum("ij,ij->i", V[F[:, 0]], np.cross(V[F[:, 1]], V[F[:, 2]])) < 0
+    F = ConvexHull(V).simplices.astype(np.int64)
+    inward = np.linalg.det(V[F]) < 0
     F[inward] = F[inward][:, ::-1]
-    for _ in range(levels):
-        sides = np.sort(np.stack([F, F[:, [1, 2, 0]]], axis=2), axis=2).reshape(-1, 2)
-        edges, middle = np.unique(sides, axis=0, return_inverse=True)
-        ab, bc, ca = (len(V) + middle.reshape(-1, 3)).T
-        V = np.concatenate([V, V[edges].sum(axis=1)])
+    for level in range(levels + 1):
         V /= np.linalg.norm(V, axis=1, keepdims=True)
-        a, b, c = F.T
-        F = np.stack([a, ab, ca, ab, b, bc, ca, bc, c, ab, bc, ca], axis=1).reshape(-1, 3)
+        if level < levels:
+            V, F = igl.upsample(V, F)
     return Mesh(V, F)

@@ -135,24 +135,14 @@ def test_a_row_out_of_its_band_is_exit_code_1(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "change",
-    [
-        {"seed": -1},
-        {"seed": True},
-        {"force": "yes"},
-        {"fresh": 1},
-        {"time_limit": 0},
-        {"time_limit": "1h"},
-        {"jobs": 0},
-    ],
-    ids=str,
+    "change", [{"seed": True}, {"force": "yes"}, {"fresh": 1}, {"time_limit": "1h"}, {"jobs": 1.5}], ids=str
 )
-def test_settings_that_no_run_could_use_are_input_errors(change):
+def test_settings_of_another_type_are_input_errors(change):
     plain = {"seed": 0, "run": {"force": False, "fresh": False, "time_limit": None, "jobs": None}}
     cli._check(plain)
     name, value = next(iter(change.items()))
     (plain if name == "seed" else plain["run"])[name] = value
-    with pytest.raises(InputError, match=name):
+    with pytest.raises(InputError, match=f"{name}={value!r} does not fit"):
         cli._check(plain)
 
 
@@ -174,14 +164,8 @@ def test_runs_at_once_come_from_the_launcher(launcher, jobs):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["dataset=bumpy", "method=nope"], "there is no method 'nope'; choose one of acc"),
-        (["dataset=bumpy", "method=arap", "method.tolerance=small"], "tolerance='small'"),
-        (["dataset=bumpy", "method=arap", "method.foo=1"], "there is no setting method.foo"),
-        (["dataset=bumpy", "method=arap", "seed=-1"], "seed=-1"),
         (["dataset=bumpy", "method=sshade", "proxy.vertices=9999"], "9999 proxy vertices"),
-        (["dataset.root=nowhere", "method=arap"], "nowhere does not exist; make it with: defaust build"),
         (["dataset=faust", "method=arap"], "make it with: defaust build source=faust"),
-        (["dataset=defaust", "dataset.root=.", "method=arap"], "not a finished DeFAUST folder"),
         (["-m", "dataset=defaust", "dataset.root=.", "subject=all"], "not a finished DeFAUST folder"),
         (["dataset=mesh", "method=arap"], "dataset.handles, dataset.mesh is not set"),
         (["-m", "dataset=bumpy,mesh", "pose=all"], "all subjects or poses need a single dataset"),
