@@ -97,7 +97,7 @@ def test_a_wheel_has_what_the_commands_need_and_nothing_else(tmp_path, own_folde
     assert "ok" in call("sshade-eval", "run", *MINE)
     build = "source=synthetic subjects=[0] target_vertices=null workers=1 out=bodies"
     call("defaust", "build", *build.split())
-    assert call("defaust", "info", "bodies").startswith("defaust-synthetic")
+    assert "defaust-synthetic" in call("defaust", "info", "bodies")
     call(
         "sshade-eval",
         "run",

@@ -96,9 +96,8 @@ def test_a_lost_worker_is_told(tmp_path):
     done = sweep(tmp_path, "method=dying", "seed=0,1", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
     assert done.returncode == 1
     assert done.stdout == "2 runs: 0 new, 0 kept, 2 not done\n"
-    assert done.stderr.splitlines()[-1] == (
-        "failed: a worker was lost (TerminatedWorkerError); the same command goes on from there"
-    )
+    told = "failed: a worker was lost (TerminatedWorkerError); the same command goes on from there"
+    assert told in done.stderr.splitlines()
     assert "Traceback" not in done.stderr
     assert not list(tmp_path.rglob("sweep.json"))
 
