@@ -125,44 +125,44 @@ def table(results: dict[str, tuple[np.ndarray, Jumps]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def close_up(
-    mesh: Mesh,
-    results: dict[str, tuple[np.ndarray, Jumps]],
-    *,
-    centre: int,
-    radius: float,
-    towards: np.ndarray | None = None,
-) -> Figure:
-    """Draw the surroundings of a vertex in each result: shaded above, coloured by the jumps below.
+def close_up(mesh: Mesh, results: dict[str, tuple[np.ndarray, Jumps]]) -> tuple[int, Figure]:
+    """Draw the place with the most large jumps in each result: shaded above, coloured by the jumps below.
 
     Parameters
     ----------
     mesh : Mesh
         M.
     results : mapping
-        From :func:`compare`.
-    centre : int
-        Vertex in the middle of the picture.
-    radius : float
-        In the mesh's unit of length, around the vertex at rest.
-    towards : (3,) float64, optional
-        From the scene to the camera, by default along the normal.
+        From :func:`compare`; the first one chooses the place and the scale of colours.
+
+    Returns
+    -------
+    int, Figure
+        The vertex in the middle, seen along the normal there, and the picture.
+
+    Raises
+    ------
+    InputError
+        When the mesh is so coarse that no triangle lies within :data:`RADIUS` diagonals of the place.
     """
+    V, jumps = next(iter(results.values()))
+    radius = RADIUS * mesh.diagonal
+    centre = busiest(mesh, jumps, radius=radius)
     near = np.linalg.norm(mesh.V - mesh.V[centre], axis=1) < radius
-    shown = np.flatnonzero(near[mesh.F].all(axis=1))
-    if len(shown) == 0:
-        raise InputError(f"no triangle within {radius:.3g} of vertex {centre}; choose a larger --radius")
-    if towards is None:
-        towards = Mesh(next(iter(results.values()))[0], mesh.F).face_normals[shown].sum(axis=0)
+    shown = near[mesh.F].all(axis=1)
+    if not shown.any():
+        raise InputError(
+            f"no triangle within {radius:.3g} of vertex {centre}: the mesh is too coarse to show"
+        )
+    towards = Mesh(V, mesh.F).face_normals[shown].sum(axis=0)
     up = np.array(UP) if abs(towards[1]) < 0.9 * np.linalg.norm(towards) else np.array([0.0, 0.0, 1.0])
-    view = View.of([V[near] for V, _ in results.values()], towards=towards, up=up)
     shapes = {name: V for name, (V, _) in results.items()}
     errors = {name: at_vertices(mesh, jumps) for name, (_, jumps) in results.items()}
-    views = [view] * len(shapes)
-    return draw(
+    views = [View.of([V[near] for V in shapes.values()], towards=towards, up=up)] * len(shapes)
+    return centre, draw(
         [Panels("", mesh, shapes, {}, views), Panels("", mesh, shapes, errors, views)],
         title="",
-        top=float(np.percentile(next(iter(errors.values()))[near], 99)),
+        top=float(np.percentile(at_vertices(mesh, jumps)[near], 99)),
         label="largest angle to a neighbouring triangle's rotation (degrees)",
         pixels=PANEL,
     )
@@ -193,11 +193,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--vertices", type=int, default=6000, metavar="N", help="of the proxy (6000)")
     parser.add_argument("--seed", type=int, default=0, metavar="S")
     parser.add_argument("-o", "--out", type=Path, help="picture of the place with the most large jumps")
-    parser.add_argument("--centre", type=int, metavar="VERTEX", help="another place")
-    parser.add_argument("--towards", nargs=3, type=float, metavar=("X", "Y", "Z"), help="the camera's side")
-    parser.add_argument(
-        "--radius", type=float, metavar="R", help="of the picture (default: a tenth of the diagonal)"
-    )
 
 
 def command(options: argparse.Namespace) -> int:
@@ -209,13 +204,7 @@ def command(options: argparse.Namespace) -> int:
     print(f"{task.name}: angles between neighbouring triangles' rotations, in degrees\n")  # noqa: T201
     print(table(results))  # noqa: T201
     if options.out is not None:
-        radius = RADIUS * task.mesh.diagonal if options.radius is None else options.radius
-        centre = options.centre
-        if centre is None:
-            centre = busiest(task.mesh, next(iter(results.values()))[1], radius=radius)
-        if not 0 <= centre < task.mesh.n:
-            raise InputError(f"the mesh has no vertex {centre}; it has {task.mesh.n}")
-        towards = None if options.towards is None else np.array(options.towards)
+        centre, figure = close_up(task.mesh, results)
         print(f"\naround vertex {centre}:")  # noqa: T201
-        save(close_up(task.mesh, results, centre=centre, radius=radius, towards=towards), options.out)
+        save(figure, options.out)
     return 0

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 from eval_cases import ends_task
 
 from eval.main import call
-from eval.studies.jumps import SETTINGS, Jumps, at_vertices, busiest, compare, measure_jumps, table
+from eval.studies.jumps import SETTINGS, Jumps, at_vertices, busiest, close_up, compare, measure_jumps, table
 from sshade import InputError, bind
 from sshade.io.handles import write_handles
 from sshade.io.meshes import write_mesh
@@ -101,29 +99,14 @@ def test_command(results, tmp_path, capsys, monkeypatch):
     write_mesh(files[0], task.mesh.V, task.mesh.F)
     write_handles(files[1], task.handles)
     picture = tmp_path / "close.png"
-    assert (
-        call("jumps", [*files, "--vertices", "400", "-o", str(picture), "--centre", "7", "--radius", "0.5"])
-        == 0
-    )
+    assert call("jumps", [*files, "--vertices", "400", "-o", str(picture)]) == 0
     printed = capsys.readouterr().out
-    assert table(compared) in printed and f"around vertex 7:\n{picture}" in printed
+    assert table(compared) in printed and str(picture) in printed
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--centre", "42"], "the mesh has no vertex 42; it has 42"),
-        (["--centre", "1", "--radius", "1e-9"], "choose a larger --radius"),
-    ],
-)
-def test_what_cannot_be_drawn_is_refused(tmp_path, options, message):
-    pytest.importorskip("pyvista")
+def test_a_mesh_too_coarse_to_show_is_refused():
     mesh = bumpy(1)
-    write_mesh(tmp_path / "mesh.ply", mesh.V, mesh.F)
-    text = json.dumps({"handles": [{"landmark": "end", "kind": "static", "vertices": [0, 1, 2]}]})
-    (tmp_path / "handles.json").write_text(text)
-    files = [str(tmp_path / name) for name in ("mesh.ply", "handles.json")]
-    with pytest.raises(InputError, match=message):
-        call("jumps", [*files, "--vertices", "12", "-o", str(tmp_path / "close.png"), *options])
-    assert not (tmp_path / "close.png").exists()
+    jumps = Jumps(np.array([[0, 1]]), np.array([30.0]), np.array([True]))
+    with pytest.raises(InputError, match="too coarse to show"):
+        close_up(mesh, {"a x1": (mesh.V, jumps)})
