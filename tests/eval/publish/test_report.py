@@ -11,7 +11,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 import yaml
-from report_runs import METHODS, make_runs, make_transfers
+from report_runs import METHODS, make_transfers
 
 from eval.main import call
 from eval.rows.frame import read_csv, records, write_csv
@@ -65,11 +65,6 @@ class Page(HTMLParser):
         return " ".join(" ".join(self.texts.get(key, [])).split())
 
 
-@pytest.fixture(scope="module")
-def rows_file(tmp_path_factory):
-    return make_runs(tmp_path_factory.mktemp("report"))
-
-
 def report(path, out, *options):
     assert call("report", [str(path), "-o", str(out), *options]) == 0
     return out.read_text(encoding="utf-8")
@@ -79,12 +74,11 @@ LOOK = ["--towards", "1", "0", "0.2", "--up", "0", "0", "1"]
 
 
 @pytest.fixture(scope="module")
-def text(rows_file):
-    runs = rows_file.parent / "runs" / "tiny"
+def text(tiny, tiny_runs):
     with pytest.MonkeyPatch.context() as patch:
         for name in ("stretching", "with_losses", "failing", "missing_extra"):
             patch.setattr(f"eval_cases.{name}", lambda *a, **k: pytest.fail("a report ran a method"))
-        return report(rows_file, rows_file.parent / "report.html", "--runs", str(runs), *LOOK)
+        return report(tiny, tiny.parent / "report.html", "--runs", str(tiny_runs), *LOOK)
 
 
 @pytest.fixture(scope="module")
@@ -92,8 +86,8 @@ def page(text):
     return Page(text)
 
 
-def test_tables_of_the_experiment_and_of_each_case(page, rows_file):
-    rows = read_csv(rows_file)
+def test_tables_of_the_experiment_and_of_each_case(page, tiny):
+    rows = read_csv(tiny)
     numbers = rows.set_index(["method.name", "task.name"])["metric.volume"]
     assert page.tables[0][0][:3] == ["method", "runs", "volume (%)"]
     lines = {line[0]: line[1:] for line in page.tables[0][1:]}
@@ -114,7 +108,7 @@ def test_every_case_has_pictures(page):
     assert "loss curve 1 of each method" in page.images and "volume of each method" in page.images
 
 
-def test_convergence_failures_and_facts(page, rows_file):
+def test_convergence_failures_and_facts(page, tiny):
     assert page.tables[1][0] == ["method", "converged", "iterations", "last residual"]  # no energies
     convergence = {line[0]: line[1:] for line in page.tables[1][1:]}
     assert convergence["arap"][:2] == ["0/2", "5 / 5 / 5"]
@@ -124,7 +118,7 @@ def test_convergence_failures_and_facts(page, rows_file):
         ["failing", "bumpy_40", "0", "failed", "ArithmeticError: this method always fails"],
         ["missing", "bumpy_40", "0", "skipped", torch],
     ]
-    facts, row = page.told("dl"), records(read_csv(rows_file))[0]
+    facts, row = page.told("dl"), records(read_csv(tiny))[0]
     for value in (row["env.machine"], row["env.python"], row["env.version.numpy"], row["date"][:10]):
         assert str(value) in facts
 
@@ -163,9 +157,8 @@ def test_the_view_holds_every_shape(text):
     assert len(re.findall(r'id="turn-data-\d+"', text)) == 2
 
 
-def test_the_same_rows_and_runs_give_the_same_page(rows_file, text, tmp_path):
-    runs = rows_file.parent / "runs" / "tiny"
-    assert report(rows_file, tmp_path / "again.html", "--runs", str(runs), *LOOK) == text
+def test_the_same_rows_and_runs_give_the_same_page(tiny, text, tmp_path, tiny_runs):
+    assert report(tiny, tmp_path / "again.html", "--runs", str(tiny_runs), *LOOK) == text
 
 
 @pytest.fixture
@@ -175,18 +168,17 @@ def without_charts(monkeypatch):
 
 
 @pytest.mark.usefixtures("without_charts")
-def test_one_case_of_two(rows_file, tmp_path):
-    runs = rows_file.parent / "runs" / "tiny"
-    only = Page(report(rows_file, tmp_path / "r.html", "--runs", str(runs), "--cases", "bumpy_40", *LOOK))
+def test_one_case_of_two(tiny, tmp_path, tiny_runs):
+    only = Page(report(tiny, tmp_path / "r.html", "--runs", str(tiny_runs), "--cases", "bumpy_40", *LOOK))
     assert len(only.images["arap"]) == 1 and "tiny-case-1" not in only.ids
     with pytest.raises(InputError, match="no case 'bumpy_9'; there are bumpy_10, bumpy_40"):
-        call("report", [str(rows_file), "-o", str(tmp_path / "none.html"), "--cases", "bumpy_9"])
+        call("report", [str(tiny), "-o", str(tmp_path / "none.html"), "--cases", "bumpy_9"])
     assert not (tmp_path / "none.html").exists()
 
 
 @pytest.mark.usefixtures("without_charts")
-def test_without_runs_the_tables_stand_and_the_gap_is_told(rows_file, text, tmp_path):
-    page = Page(report(rows_file, tmp_path / "r.html", "--runs", str(tmp_path / "none")))
+def test_without_runs_the_tables_stand_and_the_gap_is_told(tiny, text, tmp_path):
+    page = Page(report(tiny, tmp_path / "r.html", "--runs", str(tmp_path / "none")))
     with_runs = Page(text)
     assert page.tables[0] == with_runs.tables[0] and page.tables[2] == with_runs.tables[2]
     assert "rest" not in page.images and "turn" not in page.ids
@@ -194,17 +186,16 @@ def test_without_runs_the_tables_stand_and_the_gap_is_told(rows_file, text, tmp_
 
 
 @pytest.mark.usefixtures("without_charts")
-def test_a_changed_dataset_is_told(rows_file, tmp_path, monkeypatch):
-    runs = rows_file.parent / "runs" / "tiny"
+def test_a_changed_dataset_is_told(tiny, tmp_path, monkeypatch, tiny_runs):
     monkeypatch.setattr("eval.rows.recall.task_checksum", lambda task: "other")
-    page = Page(report(rows_file, tmp_path / "r.html", "--runs", str(runs)))
+    page = Page(report(tiny, tmp_path / "r.html", "--runs", str(tiny_runs)))
     assert "No pictures: the dataset of bumpy_10 has changed since the run" in page.told("warning")
 
 
-def test_times_that_do_not_compare_are_left_out_with_the_reason(rows_file, tmp_path):
-    rows = read_csv(rows_file)
+def test_times_that_do_not_compare_are_left_out_with_the_reason(tiny, tmp_path):
+    rows = read_csv(tiny)
     rows.loc[0, "env.machine"] = "laptop"
-    for name, changed in (("one", rows), ("two", read_csv(rows_file))):
+    for name, changed in (("one", rows), ("two", read_csv(tiny))):
         write_csv(tmp_path / f"{name}.csv", changed)
     paths = [str(tmp_path / f"{name}.csv") for name in ("one", "two")]
     assert call("report", [*paths, "-o", str(tmp_path / "r.html"), "--runs", str(tmp_path)]) == 0

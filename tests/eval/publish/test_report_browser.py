@@ -8,7 +8,6 @@ import shutil
 
 import numpy as np
 import pytest
-from report_runs import make_runs
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("pyvista")
@@ -38,17 +37,10 @@ def browser():
 
 
 @pytest.fixture(scope="module")
-def report(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("browser")
-    rows, out = make_runs(folder), folder / "report.html"
-    runs = str(folder / "runs" / "tiny")
-    assert (
-        call(
-            "report",
-            [str(rows), "-o", str(out), "--runs", runs, "--towards", "1", "0", "0", "--up", "0", "0", "1"],
-        )
-        == 0
-    )
+def report(tiny, tiny_runs, tmp_path_factory):
+    out = tmp_path_factory.mktemp("browser") / "report.html"
+    camera = ["--towards", "1", "0", "0", "--up", "0", "0", "1"]
+    assert call("report", [str(tiny), "-o", str(out), "--runs", str(tiny_runs), *camera]) == 0
     return out
 
 

@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
+import shutil
+
 import pytest
-from eval_cases import bumpy_task
 
 from eval.main import call
 from eval.metrics import METRICS, Metric
 from eval.rows import remeasure as module
 from eval.rows.remeasure import remeasure
 from eval.rows.store import read_row, run_folders, write_row
-from eval.run.run import run
 from sshade.errors import InputError
-
-SOURCE = {"_target_": "eval_cases.bumpy_task", "level": 2}
 
 
 @pytest.fixture
-def runs(tmp_path):
-    root = tmp_path / "tiny"
-    for angle in (10.0, 40.0):
-        task, source = bumpy_task(level=2, angle=angle), {**SOURCE, "angle": angle}
-        for name in ("stretching", "failing"):
-            run(task, {"_target_": f"eval_cases.{name}"}, name=name, root=root, source=source)
-    return root
+def runs(tiny_runs, tmp_path):
+    """Two methods on two tasks, one of which fails."""
+    for method in ("stretching", "failing"):
+        shutil.copytree(tiny_runs / method, tmp_path / "tiny" / method)
+    return tmp_path / "tiny"
 
 
 def rows_of(root):
@@ -62,18 +58,12 @@ def test_a_metric_that_the_task_has_nothing_for_changes_no_row(runs):
     assert remeasure(runs, metrics=["hausdorff"]) == 0
 
 
-def test_a_task_is_loaded_once_for_all_its_methods(runs, monkeypatch):
-    run(
-        bumpy_task(level=2, angle=10.0),
-        {"_target_": "eval_cases.stretching", "factor": 3.0},
-        name="more",
-        root=runs,
-        source={**SOURCE, "angle": 10.0},
-    )
+def test_a_task_is_loaded_once_for_all_its_methods(runs, tiny_runs, monkeypatch):
+    shutil.copytree(tiny_runs / "learned", runs / "learned")
     loads = []
     load = module.load_task
     monkeypatch.setattr(module, "load_task", lambda row: loads.append(row["task.name"]) or load(row))
-    assert remeasure(runs, metrics=["area"]) == 3
+    assert remeasure(runs, metrics=["area"]) == 4
     assert sorted(loads) == ["bumpy_10", "bumpy_40"]
 
 
