@@ -17,6 +17,8 @@ import logging
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
+from sshade.carry.blended import nearest_rotations
+from sshade.carry.neighbours import fill_from_neighbours
 from sshade.carry.triangle import FLAT
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
@@ -83,7 +85,7 @@ def transfer_pose(
     missing |= missing_posed
     if missing.any():
         log.warning("%d vertices have no frame and turn as their neighbours do", int(missing.sum()))
-        R[missing] = _spread(mesh, R, missing)
+        R = fill_from_neighbours(R, ~missing, pairs=mesh.edges, onto=nearest_rotations)
     return posed + np.einsum("nab,nb->na", R, edited - mesh.V)
 
 
@@ -187,24 +189,3 @@ def _incidence(mesh: Mesh) -> csr_array:
     """(n, m) ones where a face is at a vertex."""
     rows, columns = mesh.F.ravel(), np.repeat(np.arange(mesh.m), 3)
     return coo_array((np.ones(len(rows)), (rows, columns)), shape=(mesh.n, mesh.m)).tocsr()
-
-
-def _spread(mesh: Mesh, R: np.ndarray, missing: np.ndarray) -> np.ndarray:
-    """Rotations of missing vertices: the mean of their neighbours', spreading inwards; identity if none."""
-    i, j = np.concatenate([mesh.edges, mesh.edges[:, ::-1]]).T
-    beside = coo_array((np.ones(len(i)), (i, j)), shape=(mesh.n, mesh.n)).tocsr()
-    R, known = R.copy(), ~missing
-    while not known.all():
-        rows = np.flatnonzero(~known)
-        near = beside[rows]
-        ready = near @ known.astype(float) > 0
-        if not ready.any():
-            R[rows] = np.eye(3)
-            break
-        rows = rows[ready]
-        mean = near[ready] @ np.where(known[:, None], R.reshape(-1, 9), 0.0)
-        U, _, Vt = np.linalg.svd(mean.reshape(-1, 3, 3))
-        U[:, :, 2] *= np.linalg.det(U @ Vt)[:, None]
-        R[rows] = U @ Vt
-        known[rows] = True
-    return R[missing]

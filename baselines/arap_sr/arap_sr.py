@@ -20,7 +20,6 @@ animation", IEEE TVCG 21(2), 2015.
 from __future__ import annotations
 
 from time import perf_counter
-from typing import Literal
 
 import numpy as np
 
@@ -50,7 +49,6 @@ def arap_sr(
     tolerance: float = 1e-5,
     max_iterations: int = 1000,
     start: Start = "rest",
-    first_step: Literal["local", "global"] = "local",
     seed: int = 0,
     progress: Progress = silent,
 ) -> DeformationResult:
@@ -63,7 +61,7 @@ def arap_sr(
     much the same, one by colours fits the rotations of a colour in one call.
 
     Differences from CGAL's SRE_ARAP: the local step comes first, as everywhere in
-    this project (see `first_step`); a boundary edge has one weight, where
+    this project; a boundary edge has one weight, where
     CGAL's counts from one of its ends only; a residual of positions stops it,
     not the energy without its rotation term, nor after 5 iterations. From
     Open3D's "Smoothed": Gauss-Seidel for Jacobi, half its weight on boundary
@@ -90,10 +88,6 @@ def arap_sr(
         Cutoff; the paper's is 1000.
     start : {"rest", "rigid"}
         See :func:`sshade.solver.start.initial_guess`.
-    first_step : {"local", "global"}
-        ``global`` begins with the start's rotations and forgets its positions, as CGAL does;
-        where the energy has several minima this may lead to another one. The rotations are
-        those that fit the task's guess, or else one for all.
     seed : int
         Unused: the method is deterministic.
     progress : Progress
@@ -107,13 +101,11 @@ def arap_sr(
     Raises
     ------
     InputError
-        On an unknown start or first step, an alpha that is negative or infinite, or
+        On an unknown start, an alpha that is negative or infinite, or
         triangles without area.
     """
     if not 0 <= alpha < np.inf:
         raise InputError(f"alpha={alpha!r} is no weight; it takes a number from 0")
-    if first_step not in ("local", "global"):
-        raise InputError(f"unknown first step {first_step!r}; use 'local' or 'global'")
     begin = perf_counter()
     mesh, handles = task.mesh, task.handles
     U = initial_guess(task, start)
@@ -129,7 +121,6 @@ def arap_sr(
     precomputed = perf_counter()
 
     step = _Iteration(cells, global_step, R0, accelerate=accelerate, scale=mesh.diagonal)
-    step.to_fit = first_step == "local"
     u = U[order]
     if task.guess is not None:
         cells.fit(u, step.Q, step.R, smooth=False)
@@ -166,8 +157,6 @@ class _Iteration:
     Q : (n, 4) float64
     R : (n, 9) float64
         The rotations as unit quaternions and as matrices.
-    to_fit : bool
-        False leaves the next local step out.
     restarts : int
     """
 
@@ -175,7 +164,6 @@ class _Iteration:
         self, cells: Cells, global_step: GlobalStep, R0: np.ndarray, *, accelerate: bool, scale: float
     ) -> None:
         self.Q, self.R = cells.rotations(R0)
-        self.to_fit = True
         n = len(self.Q)
         self._cells, self._global = cells, global_step
         self._before, self._B = self.Q.copy(), np.empty((n, 3))
@@ -188,9 +176,7 @@ class _Iteration:
     def advance(self, u: np.ndarray, out: np.ndarray) -> None:
         """The plain iterate, written to the free rows of `out`."""
         self._before[:] = self.Q
-        if self.to_fit:
-            self._cells.fit(u, self.Q, self.R)
-        self.to_fit = True
+        self._cells.fit(u, self.Q, self.R)
         right_hand_side(self._cells.terms, self.R, self._B, 0, len(self._B))
         self._global.solve(self._B, out)
 

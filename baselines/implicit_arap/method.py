@@ -16,9 +16,6 @@ if TYPE_CHECKING:
 #: Largest absolute coordinate of a normalised mesh.
 HALF_EXTENT = 0.8
 
-#: Width and hidden layers of the published networks.
-PUBLISHED_SIZE = {"mlp": (256, 8), "invertible": (128, 4)}
-
 
 def implicit_arap(
     task: DeformationTask,
@@ -31,9 +28,8 @@ def implicit_arap(
     sdf_width: int = 256,
     sdf_layers: int = 8,
     grid_size: int = 128,
-    field: Literal["mlp", "invertible"] = "mlp",
-    width: int | None = None,
-    layers: int | None = None,
+    width: int = 256,
+    layers: int = 8,
     frequencies: int = 6,
     steps: int = 1000,
     surface_patches: int = 1000,
@@ -41,7 +37,6 @@ def implicit_arap(
     patch_points: int = 30,
     patch_radius: float = 0.03,
     projections: int = 5,
-    cotangents: Literal["correct", "published"] = "correct",
     moving_weight: float = 1000.0,
     static_weight: float = 1000.0,
     arap_weight: float = 10.0,
@@ -71,10 +66,8 @@ def implicit_arap(
         Fit of the network; points on the surface, and as many in the cube, per step.
     grid_size : int
         Nodes of the grid along an axis.
-    field : "mlp" or "invertible"
-        The field of the paper's mesh pipeline, or the one with an inverse of its SDF pipeline.
-    width, layers : int, optional
-        Of the field's networks; by default the published 256 and 8, or 128 and 4 if invertible.
+    width, layers : int
+        Of the field's network.
     frequencies : int
         Octaves of the Fourier features of all networks.
     steps : int
@@ -86,9 +79,6 @@ def implicit_arap(
         Points of a patch with its centre, and its radius.
     projections : int
         Steps towards a level set.
-    cotangents : "correct" or "published"
-        The weights of ARAP, or those that the authors' code computes; see
-        :func:`baselines.implicit_arap.patches.pattern_of`.
     moving_weight, static_weight, arap_weight : float
         Of the three losses. The ARAP loss is a mean over patches of a sum over edges.
     learning_rate, milestones, decay
@@ -118,9 +108,9 @@ def implicit_arap(
     Deformation of High-Resolution Meshes and Neural Fields via Local Patch Meshing", 2024.
     """
     torch = _torch()
-    from baselines.implicit_arap.training import Constraints, Plan, displacements, make_field, train
+    from baselines.implicit_arap.networks import MotionField
+    from baselines.implicit_arap.training import Constraints, Plan, displacements, train
 
-    width, layers = width or PUBLISHED_SIZE[field][0], layers or PUBLISHED_SIZE[field][1]
     if min(layers, sdf_layers) < 2 or patch_points < 3:
         raise ValueError(
             f"networks need two layers and patches three points, "
@@ -133,7 +123,6 @@ def implicit_arap(
         patch_points=patch_points,
         patch_radius=patch_radius,
         projections=projections,
-        cotangents=cotangents,
         moving_weight=moving_weight,
         static_weight=static_weight,
         arap_weight=arap_weight,
@@ -158,15 +147,15 @@ def implicit_arap(
 
     rest, target = tensor(V[handles.index]), tensor((handles.target - centre) * scale)
     constraints = Constraints.of(distance, rest, target, handles.dynamic, repeats=projections)
-    network = make_field(field, width=width, layers=layers, frequencies=frequencies, generator=draws.weights)
-    network = network.to(place)
+    sizes = {"width": width, "layers": layers, "frequencies": frequencies}
+    network = MotionField(**sizes, generator=draws.weights).to(place)
     rng = np.random.default_rng(seed)
     losses = train(network, distance, constraints, plan, rng=rng, generator=draws.points, progress=progress)
     trained = perf_counter()
 
     vertices = mesh.V + displacements(network, tensor(V), chunk=chunk) / scale
     seconds = {"sdf": fitted - begin, "field": trained - fitted, "apply": perf_counter() - trained}
-    facts |= {"variant": variant, "sdf": sdf, "field": field, "cotangents": cotangents, "steps": steps}
+    facts |= {"variant": variant, "sdf": sdf, "steps": steps}
     facts |= {"points": plan.points(len(handles)), **_device_facts(place), **_loss_facts(losses)}
     facts |= {"handle_error": _handle_error(task, vertices), "loss_curve": losses}
     return DeformationResult(

@@ -1,7 +1,7 @@
-"""The networks of Implicit-ARAP: an MLP on Fourier features, and two fields of rigid motions.
+"""The networks of Implicit-ARAP: an MLP on Fourier features, and a field of rigid motions.
 
 A field is a module that maps points x to a rotation R(x) and a translation t(x); it moves x to
-``R(x) x + t(x)``. Both fields start as the identity. Random weights come from a generator that the
+``R(x) x + t(x)``. It starts as the identity. Random weights come from a generator that the
 caller seeds; torch's global one is left alone.
 """
 
@@ -176,8 +176,8 @@ def moved(x: Tensor, R: Tensor, t: Tensor) -> Tensor:
     return (R @ x[..., None])[..., 0] + t
 
 
-class MlpField(nn.Module):
-    """The field of the mesh pipeline: one MLP puts out three Euler angles and a translation."""
+class MotionField(nn.Module):
+    """The field of the paper's mesh pipeline: one MLP puts out three Euler angles and a translation."""
 
     def __init__(self, *, width: int, layers: int, frequencies: int, generator: torch.Generator) -> None:
         super().__init__()
@@ -196,75 +196,3 @@ class MlpField(nn.Module):
         """R (..., 3, 3) and t (..., 3) at points x (..., 3)."""
         out = self.mlp(x)
         return euler_rotation(out[..., :3]), out[..., 3:]
-
-
-class InvertibleField(nn.Module):
-    """The field of the SDF pipeline: couplings of the coordinates, with an exact inverse.
-
-    A block has a coordinate c in focus and two others o. It shifts ``x_c`` by ``-f(x_o)``, then
-    moves ``x_o`` by a plane rigid motion that depends on the new ``x_c``: ``g(x_c)`` gives an angle
-    and a shift. As motions of space both are ``x <- Q (x - s)``, Q a rotation about axis c, and
-    their products give R and t. The paper has two rounds, over c = 2, 1, 0 and c = 0, 1, 2.
-
-    Parameters
-    ----------
-    width, layers : int
-        Of f and g, besides their last layer; 128 and 4 in the paper.
-    frequencies : int
-    generator : torch.Generator
-    """
-
-    ORDER = (2, 1, 0, 0, 1, 2)
-
-    def __init__(self, *, width: int, layers: int, frequencies: int, generator: torch.Generator) -> None:
-        super().__init__()
-
-        def mlp(inputs: int, outputs: int) -> Mlp:
-            return Mlp(
-                inputs,
-                outputs,
-                width=width,
-                layers=layers + 1,
-                skip=None,
-                frequencies=frequencies,
-                last="zero",
-                generator=generator,
-            )
-
-        self.f = nn.ModuleList(mlp(2, 1) for _ in self.ORDER)
-        self.g = nn.ModuleList(mlp(1, 3) for _ in self.ORDER)
-
-    def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """R (..., 3, 3) and t (..., 3) at points x (..., 3)."""
-        R = torch.eye(3, dtype=x.dtype, device=x.device).expand(*x.shape, 3)
-        t = torch.zeros_like(x)
-        for number, c in enumerate(self.ORDER):
-            o = _others(c)
-            shift = self.f[number](x[..., o])[..., 0]
-            Q, s = self._motion(number, x[..., c] - shift, shift)
-            x = (Q @ (x - s)[..., None])[..., 0]
-            R, t = Q @ R, (Q @ (t - s)[..., None])[..., 0]
-        return R, t
-
-    def inverse(self, y: Tensor) -> Tensor:
-        """The points x (..., 3) that the field moves to y."""
-        for number, c in reversed(list(enumerate(self.ORDER))):
-            o = _others(c)
-            Q, s = self._motion(number, y[..., c], torch.zeros_like(y[..., c]))
-            y = (Q.mT @ y[..., None])[..., 0] + s
-            shift = self.f[number](y[..., o])[..., 0]
-            y = torch.stack([y[..., k] + shift if k == c else y[..., k] for k in range(3)], dim=-1)
-        return y
-
-    def _motion(self, number: int, focus: Tensor, shift: Tensor) -> tuple[Tensor, Tensor]:
-        """Q and s of a block: `focus` is the coordinate in focus after its own `shift`."""
-        c = self.ORDER[number]
-        angle, s1, s2 = self.g[number](focus[..., None]).unbind(-1)
-        zero = torch.zeros_like(angle)
-        Q = euler_rotation(torch.stack([-angle if k == c else zero for k in range(3)], dim=-1))
-        parts = {c: shift, **dict(zip(_others(c), (s1, s2), strict=True))}
-        return Q, torch.stack([parts[k] for k in range(3)], dim=-1)
-
-
-def _others(c: int) -> list[int]:
-    return [k for k in range(3) if k != c]

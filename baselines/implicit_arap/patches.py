@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from baselines.implicit_arap.sdf import Sdf
-
-Cotangents = Literal["correct", "published"]
 
 #: Points drawn at once in search of the zero set, how near to it counts, and how often to try.
 DRAW, NEAR, DRAWS = 10_000, 0.01, 2000
@@ -74,7 +71,6 @@ def random_pattern(
     radius: float,
     rng: np.random.Generator,
     *,
-    cotangents: Cotangents = "correct",
     device: torch.device | str = "cpu",
 ) -> Pattern:
     """The origin and points uniform in a disc, with their Delaunay triangulation.
@@ -86,8 +82,6 @@ def random_pattern(
     radius : float
         0.03 in the paper, in normalised units.
     rng : numpy.random.Generator
-    cotangents : "correct" or "published"
-        See :func:`pattern_of`.
     device : torch.device or str
     """
     from scipy.spatial import Delaunay
@@ -95,32 +89,28 @@ def random_pattern(
     r, angle = radius * np.sqrt(rng.random(points - 1)), 2 * np.pi * rng.random(points - 1)
     around = np.stack([r * np.cos(angle), r * np.sin(angle)], axis=1)
     plane = np.concatenate([np.zeros((1, 2)), around])
-    return pattern_of(plane, Delaunay(plane).simplices, cotangents=cotangents, device=device)
+    return pattern_of(plane, Delaunay(plane).simplices, device=device)
 
 
 def pattern_of(
     plane: np.ndarray,
     triangles: np.ndarray,
     *,
-    cotangents: Cotangents = "correct",
     device: torch.device | str = "cpu",
 ) -> Pattern:
-    """A pattern with its directed edges.
+    """A pattern with its edges in both directions, weighed by the sum of the cotangents opposite them.
 
-    ``correct``: every edge in both directions, weighed by the sum of the cotangents opposite it.
-    ``published``, as the authors' code has it: edges (0, 1), (1, 2), (0, 2) of each triangle get the
-    cotangents at 0, 1, 2, although 2, 0, 1 lie opposite; where two triangles list an edge in the
-    same direction the later cotangent replaces the earlier; the two directions' values are added.
+    The authors' code gives edges (0, 1), (1, 2), (0, 2) of a triangle the cotangents at 0, 1, 2,
+    although 2, 0, 1 lie opposite.
 
     Parameters
     ----------
     plane : (p, 2) float64
     triangles : (m, 3) int
-    cotangents : "correct" or "published"
     device : torch.device or str
     """
     triangles = np.asarray(triangles, dtype=np.int64)
-    edges, corners = (_published_edges if cotangents == "published" else _correct_edges)(triangles)
+    edges, corners = _edges(triangles)
     row = np.arange(len(edges))
     source = np.zeros((len(edges), len(plane)))
     source[row, edges[:, 0]] = 1
@@ -139,7 +129,7 @@ def pattern_of(
     )
 
 
-def _correct_edges(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _edges(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Directed edges (e, 2), and for each which corners' cotangents it sums, (3 m, e)."""
     # Opposite corner 0 lies edge (1, 2), and so on round.
     opposite = np.concatenate([np.roll(triangles, -k, axis=1)[:, 1:] for k in range(3)])
@@ -147,17 +137,6 @@ def _correct_edges(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     once = np.zeros((len(opposite), len(edges)))
     once[np.arange(len(opposite)), number.ravel()] = 1
     return np.concatenate([edges, edges[:, ::-1]]), np.concatenate([once, once], axis=1)
-
-
-def _published_edges(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    listed = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [0, 2]]])
-    last = {(a, b): corner for corner, (a, b) in enumerate(listed.tolist())}
-    corners = np.zeros((len(listed), len(listed)))
-    for edge, (a, b) in enumerate(listed.tolist()):
-        for direction in ((a, b), (b, a)):
-            if direction in last:
-                corners[last[direction], edge] += 1
-    return listed, corners
 
 
 def _cotangent(triangle: Tensor) -> Tensor:

@@ -9,8 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from baselines.implicit_arap.networks import InvertibleField, MlpField, moved
-from baselines.implicit_arap.patches import Cotangents, patches_at, project, random_pattern, zero_set
+from baselines.implicit_arap.networks import moved
+from baselines.implicit_arap.patches import patches_at, project, random_pattern, zero_set
 from baselines.implicit_arap.sdf import Sdf
 from sshade.task import Progress
 
@@ -28,7 +28,6 @@ class Plan:
     patch_points: int
     patch_radius: float
     projections: int
-    cotangents: Cotangents
     moving_weight: float
     static_weight: float
     arap_weight: float
@@ -59,14 +58,6 @@ class Constraints(NamedTuple):
         at = project(sdf, rest[order], repeats=repeats)
         moving = int(dynamic.sum())
         return cls(at, torch.cat([target[order][:moving], at[moving:]]), moving)
-
-
-def make_field(
-    kind: str, *, width: int, layers: int, frequencies: int, generator: torch.Generator
-) -> MlpField | InvertibleField:
-    """The field of a kind, ``mlp`` or ``invertible``, with weights drawn on the CPU."""
-    make = InvertibleField if kind == "invertible" else MlpField
-    return make(width=width, layers=layers, frequencies=frequencies, generator=generator)
 
 
 def train(
@@ -127,9 +118,7 @@ def _losses(
     device = constraints.at.device
     h, moving = len(constraints.at), constraints.moving
     with torch.no_grad():
-        pattern = random_pattern(
-            plan.patch_points, plan.patch_radius, rng, cotangents=plan.cotangents, device=device
-        )
+        pattern = random_pattern(plan.patch_points, plan.patch_radius, rng, device=device)
         surface = zero_set(sdf, plan.free_patches(h), repeats=plan.projections, generator=generator)
         space = 2 * torch.rand(plan.space_patches, 3, generator=generator, device=device) - 1
         centres = torch.cat([constraints.at, surface, space])

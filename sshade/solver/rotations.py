@@ -23,9 +23,7 @@ SMALLEST_DETERMINANT = 1e-10
 #: Eigenvalues this close (relative) to the largest count as equal to it.
 SAME_EIGENVALUE = 1e-13
 JACOBI_SWEEPS = 30
-#: Rows of the work array: C, quaternions, squared steps, matrices, traces.
-_C, _Q, _STEP, _R, _TRACE, _ROWS = 0, 9, 13, 14, 23, 24
-#: Of a lane.
+#: State of a lane.
 _PENDING, _FITTED, _UNCERTAIN = 0, 1, 2
 
 
@@ -62,31 +60,28 @@ def fit_rotations(S, Q):
     quaternions", 1987. T. Kugelstadt, D. Koschier, J. Bender, "Fast corotated
     FEM using operator splitting", 2018 (the warm-started Newton iteration).
     """
-    W, size, state = np.empty(_ROWS * LANES), np.empty(LANES), np.empty(LANES, dtype=np.int64)
-    C, A, E = np.empty(9), np.empty((4, 4)), np.empty((4, 4))
+    C, q, R = np.empty((9, LANES)), np.empty((4, LANES)), np.empty((9, LANES))
+    step, trace, size, state = np.empty(LANES), np.empty(LANES), np.empty(LANES), np.empty(LANES, np.int64)
+    A, E = np.empty((4, 4)), np.empty((4, 4))
     total = 0.0
     for first in range(0, len(S), LANES):
-        lanes = min(LANES, len(S) - first)
-        own = Q[first : first + lanes]
-        pending = _load(S[first : first + lanes], own, W, size, state)
+        own, near = S[first : first + LANES], Q[first : first + LANES]
+        pending = _load(own, near, C, q, size, state)
         for _ in range(MOST_STEPS):
             if pending == 0:
                 break
-            _newton_steps(W, lanes)
-            pending = _decide(W, own, state)
-        for i in range(lanes):
+            _newton_steps(C, q, step, len(own))
+            pending = _decide(q, step, near, state)
+        for i in range(len(own)):
             if state[i] != _FITTED:
-                for c in range(9):
-                    C[c] = W[(_C + c) * LANES + i]
-                _largest_eigenvector(C, own[i], A, E)
-        for i in range(lanes):
+                _largest_eigenvector(C[:, i], near[i], A, E)
             for c in range(4):
-                W[(_Q + c) * LANES + i] = own[i, c]
-        _matrices(W, lanes)
-        for i in range(lanes):
+                q[c, i] = near[i, c]
+        _matrices(C, q, R, trace, len(own))
+        for i in range(len(own)):
             for c in range(9):
-                S[first + i, c] = W[(_R + c) * LANES + i]
-            total += size[i] * W[_TRACE * LANES + i]
+                own[i, c] = R[c, i]
+            total += size[i] * trace[i]
     return total
 
 
@@ -124,11 +119,9 @@ def quaternions(R):
         scale = 1.0 / np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
         w, x, y, z = scale * q[0], scale * q[1], scale * q[2], scale * q[3]
         Q[i, 0], Q[i, 1], Q[i, 2], Q[i, 3] = w, x, y, z
-        off = abs(a - 1.0 + 2.0 * (y * y + z * z)) + abs(b - 1.0 + 2.0 * (x * x + z * z))
-        off += abs(c - 1.0 + 2.0 * (x * x + y * y))
-        off += abs(R[i, 1, 0] - 2.0 * (x * y + w * z)) + abs(R[i, 0, 1] - 2.0 * (x * y - w * z))
-        off += abs(R[i, 0, 2] - 2.0 * (x * z + w * y)) + abs(R[i, 2, 0] - 2.0 * (x * z - w * y))
-        off += abs(R[i, 2, 1] - 2.0 * (y * z + w * x)) + abs(R[i, 1, 2] - 2.0 * (y * z - w * x))
+        off, matrix = 0.0, _matrix(w, x, y, z)
+        for k in range(9):
+            off += abs(R[i, k // 3, k % 3] - matrix[k])
         if off > error or off != off:  # NaN stays
             error = off
     return Q, error
@@ -136,36 +129,35 @@ def quaternions(R):
 
 # Where a division by zero is an error, a loop has a branch.
 @njit(cache=True, nogil=True, error_model="numpy")
-def _load(S, Q, W, size, state):
-    """Write Q, and S scaled to a largest entry of 1, to W; return how many lanes are not zero."""
+def _load(S, Q, C, q, size, state):
+    """Write S, scaled to a largest entry of 1, to C and Q to q; return how many lanes are not zero."""
     pending, lanes = 0, len(S)
     for i in range(lanes):
         largest = 0.0
         for c in range(9):
             largest = max(largest, abs(S[i, c]))
-            W[(_C + c) * LANES + i] = S[i, c]
+            C[c, i] = S[i, c]
         size[i], state[i] = largest, _PENDING if largest > 0.0 else _FITTED
         pending += largest > 0.0
         for c in range(4):
-            W[(_Q + c) * LANES + i] = Q[i, c]
+            q[c, i] = Q[i, c]
     for c in range(9):
         for i in range(lanes):
-            W[(_C + c) * LANES + i] /= size[i] if size[i] > 0.0 else 1.0
+            C[c, i] /= size[i] if size[i] > 0.0 else 1.0
     return pending
 
 
 @njit(cache=True, nogil=True)
-def _decide(W, Q, state):
+def _decide(q, step, Q, state):
     """Take quaternions whose last step was short; return how many lanes are pending still."""
     pending = 0
     for i in range(len(Q)):
         if state[i] == _PENDING:
-            step = W[_STEP * LANES + i]
-            if step < LAST_STEP * LAST_STEP:
+            if step[i] < LAST_STEP * LAST_STEP:
                 state[i] = _FITTED
                 for c in range(4):
-                    Q[i, c] = W[(_Q + c) * LANES + i]
-            elif step == np.inf:
+                    Q[i, c] = q[c, i]
+            elif step[i] == np.inf:
                 state[i] = _UNCERTAIN
             else:
                 pending += 1
@@ -173,19 +165,14 @@ def _decide(W, Q, state):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _newton_steps(W, lanes):
-    """Improve the quaternions in W, and write the squared steps: infinity where nothing is certain."""
+def _newton_steps(C, q, squared_step, lanes):
+    """Improve the quaternions q, and write the squared steps: infinity where nothing is certain."""
     for i in range(lanes):
-        w, x, y, z = (
-            W[_Q * LANES + i],
-            W[(_Q + 1) * LANES + i],
-            W[(_Q + 2) * LANES + i],
-            W[(_Q + 3) * LANES + i],
-        )
+        w, x, y, z = q[0, i], q[1, i], q[2, i], q[3, i]
         r00, r01, r02, r10, r11, r12, r20, r21, r22 = _matrix(w, x, y, z)
-        c00, c01, c02 = W[i], W[LANES + i], W[2 * LANES + i]
-        c10, c11, c12 = W[3 * LANES + i], W[4 * LANES + i], W[5 * LANES + i]
-        c20, c21, c22 = W[6 * LANES + i], W[7 * LANES + i], W[8 * LANES + i]
+        c00, c01, c02 = C[0, i], C[1, i], C[2, i]
+        c10, c11, c12 = C[3, i], C[4, i], C[5, i]
+        c20, c21, c22 = C[6, i], C[7, i], C[8, i]
         t00 = r00 * c00 + r01 * c10 + r02 * c20
         t01 = r00 * c01 + r01 * c11 + r02 * c21
         t02 = r00 * c02 + r01 * c12 + r02 * c22
@@ -221,33 +208,22 @@ def _newton_steps(W, lanes):
             z + az * w + ax * y - ay * x,
         )
         norm = np.sqrt(w * w + x * x + y * y + z * z)
-        W[_Q * LANES + i] = w / norm
-        W[(_Q + 1) * LANES + i] = x / norm
-        W[(_Q + 2) * LANES + i] = y / norm
-        W[(_Q + 3) * LANES + i] = z / norm
-        W[_STEP * LANES + i] = step if certain else np.inf
+        q[0, i], q[1, i], q[2, i], q[3, i] = w / norm, x / norm, y / norm, z / norm
+        squared_step[i] = step if certain else np.inf
 
 
 @njit(cache=True, nogil=True)
-def _matrices(W, lanes):
-    """Write the matrices R of the quaternions in W, and tr(R C)."""
+def _matrices(C, q, R, trace, lanes):
+    """Write the matrices R of the quaternions q, and tr(R C)."""
     for i in range(lanes):
-        r00, r01, r02, r10, r11, r12, r20, r21, r22 = _matrix(
-            W[_Q * LANES + i], W[(_Q + 1) * LANES + i], W[(_Q + 2) * LANES + i], W[(_Q + 3) * LANES + i]
-        )
-        W[_R * LANES + i] = r00
-        W[(_R + 1) * LANES + i] = r01
-        W[(_R + 2) * LANES + i] = r02
-        W[(_R + 3) * LANES + i] = r10
-        W[(_R + 4) * LANES + i] = r11
-        W[(_R + 5) * LANES + i] = r12
-        W[(_R + 6) * LANES + i] = r20
-        W[(_R + 7) * LANES + i] = r21
-        W[(_R + 8) * LANES + i] = r22
-        trace = r00 * W[i] + r01 * W[3 * LANES + i] + r02 * W[6 * LANES + i]
-        trace += r10 * W[LANES + i] + r11 * W[4 * LANES + i] + r12 * W[7 * LANES + i]
-        trace += r20 * W[2 * LANES + i] + r21 * W[5 * LANES + i] + r22 * W[8 * LANES + i]
-        W[_TRACE * LANES + i] = trace
+        r00, r01, r02, r10, r11, r12, r20, r21, r22 = _matrix(q[0, i], q[1, i], q[2, i], q[3, i])
+        R[0, i], R[1, i], R[2, i] = r00, r01, r02
+        R[3, i], R[4, i], R[5, i] = r10, r11, r12
+        R[6, i], R[7, i], R[8, i] = r20, r21, r22
+        total = r00 * C[0, i] + r01 * C[3, i] + r02 * C[6, i]
+        total += r10 * C[1, i] + r11 * C[4, i] + r12 * C[7, i]
+        total += r20 * C[2, i] + r21 * C[5, i] + r22 * C[8, i]
+        trace[i] = total
 
 
 @njit(cache=True, nogil=True)

@@ -18,7 +18,7 @@ from tests.baselines.tasks import bent_bar, errors
 from tests.shapes import bumpy, double_torus, family, held_ends, jittered, strip, tube
 
 #: Area, volume and edge error in percent after so many iterations of the bar with raw cotangents and
-#: alpha = 0.02, from an implementation in numpy that follows CGAL's order: global step first.
+#: alpha = 0.02, from an implementation in numpy that follows CGAL's order: its global step comes first.
 BAR = {
     (3, 20): (21.2, 25.9, 8.7),
     (3, 120): (18.5, 23.7, 7.4),
@@ -29,7 +29,6 @@ BAR = {
     (5, 20): (31.0, 42.1, 11.7),
     (5, 120): (24.7, 29.4, 9.9),
 }
-BAR_ARAP = {3: (4.5, 26.8, 3.2), 4: (1.4, 34.7, 2.3), 5: (0.7, 40.8, 2.2)}
 
 
 def dense_weights(mesh: Mesh, *, clamp: bool) -> np.ndarray:
@@ -46,7 +45,7 @@ def dense_weights(mesh: Mesh, *, clamp: bool) -> np.ndarray:
     return w
 
 
-def reference(task, *, alpha, clamp, iterations, start="rest", global_first=False) -> np.ndarray:
+def reference(task, *, alpha, clamp, iterations, start="rest") -> np.ndarray:
     """The same iteration with dense matrices, loops and LAPACK's singular value decomposition."""
     mesh, held = task.mesh, task.handles.index
     w = dense_weights(mesh, clamp=clamp)
@@ -57,8 +56,8 @@ def reference(task, *, alpha, clamp, iterations, start="rest", global_first=Fals
     q = initial_guess(task, start)
     R0 = rigid_motion(mesh.V[held], task.handles.target)[0] if start == "rigid" else np.eye(3)
     R = np.tile(R0, (mesh.n, 1, 1))
-    for step in range(iterations):
-        for i in np.argsort(vertex_colours(mesh), kind="stable") if step or not global_first else []:
+    for _ in range(iterations):
+        for i in np.argsort(vertex_colours(mesh), kind="stable"):
             S = alpha * mesh.area / len(stars[i]) * R[stars[i]].sum(axis=0).T
             for j in stars[i]:
                 S += w[i, j] * np.outer(mesh.V[i] - mesh.V[j], q[i] - q[j])
@@ -80,40 +79,22 @@ def test_equals_a_dense_implementation_to_rounding(mesh, clamp, alpha):
     task = held_ends(mesh, axis=int(np.argmax(np.ptp(mesh.V, axis=0))))
     result = arap_sr(task, alpha=alpha, clamp=clamp, tolerance=0, max_iterations=6)
     expected = reference(task, alpha=alpha, clamp=clamp, iterations=6)
+    assert (dense_weights(mesh, clamp=False) < -1e-3).any()  # else clamping would change nothing
     assert np.abs(result.vertices - expected).max() < 1e-9 * mesh.diagonal
 
 
-@pytest.mark.parametrize("start", ["rest", "rigid"])
-def test_global_step_first_equals_a_dense_implementation(small_body, start):
+def test_a_rigid_start_equals_a_dense_implementation(small_body):
     task = held_ends(small_body)
-    result = arap_sr(task, start=start, first_step="global", tolerance=0, max_iterations=4)
-    expected = reference(task, alpha=0.02, clamp=True, iterations=4, start=start, global_first=True)
+    result = arap_sr(task, start="rigid", tolerance=0, max_iterations=4)
+    expected = reference(task, alpha=0.02, clamp=True, iterations=4, start="rigid")
     assert np.abs(result.vertices - expected).max() < 1e-9 * small_body.diagonal
-
-
-def test_both_meshes_of_the_comparison_have_obtuse_angles():
-    """Else clamping would change nothing there."""
-    for mesh in (bumpy(2), jittered(strip(12, 3), 0.2)):
-        gap = dense_weights(mesh, clamp=True) - dense_weights(mesh, clamp=False)
-        assert (gap > 1e-3).any()
 
 
 @pytest.mark.parametrize(("subdivisions", "iterations"), BAR)
 def test_measured_figures_of_the_bar(subdivisions, iterations):
     task = bent_bar(subdivisions)
-    result = arap_sr(task, clamp=False, first_step="global", tolerance=0, max_iterations=iterations)
-    np.testing.assert_allclose(
-        errors(task, result.vertices), BAR[subdivisions, iterations], atol=0.06, rtol=5e-3
-    )
-    usual = arap_sr(task, clamp=False, tolerance=0, max_iterations=iterations)
-    np.testing.assert_allclose(errors(task, usual.vertices), BAR[subdivisions, iterations], rtol=0.1)
-
-
-@pytest.mark.parametrize("subdivisions", BAR_ARAP)
-def test_measured_figures_of_the_bar_without_smoothness(subdivisions):
-    task = bent_bar(subdivisions)
-    result = arap_sr(task, alpha=0, clamp=False, first_step="global", tolerance=0, max_iterations=120)
-    np.testing.assert_allclose(errors(task, result.vertices), BAR_ARAP[subdivisions], atol=0.06, rtol=5e-3)
+    result = arap_sr(task, clamp=False, tolerance=0, max_iterations=iterations)
+    np.testing.assert_allclose(errors(task, result.vertices), BAR[subdivisions, iterations], rtol=0.1)
 
 
 def test_without_smoothness_and_clamping_it_is_arap(body):
@@ -130,12 +111,6 @@ def test_a_large_alpha_leaves_one_rotation(body):
     assert np.abs(loose - loose[0]).max() > 0.5
 
 
-def test_rotations_are_rotations(body):
-    R = arap_sr(held_ends(body), max_iterations=20).extra["rotations"]
-    assert np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max() < 1e-12
-    assert np.abs(np.linalg.det(R) - 1).max() < 1e-12
-
-
 def test_converges_and_holds_the_handles(body):
     task = held_ends(body)
     result = arap_sr(task, tolerance=1e-6, max_iterations=3000)
@@ -143,12 +118,11 @@ def test_converges_and_holds_the_handles(body):
     np.testing.assert_array_equal(result.vertices[task.handles.index], task.handles.target)
 
 
-@pytest.mark.parametrize("first_step", ["local", "global"])
-def test_a_rigid_start_ends_at_once_where_the_motion_is_rigid(body, first_step):
+def test_a_rigid_start_ends_at_once_where_the_motion_is_rigid(body):
     R, t = Rotation.from_rotvec([1.0, -2.0, 0.5]).as_matrix(), np.array([3.0, 0, -1])
     index = np.arange(0, body.n, 40)
     task = DeformationTask("rigid", body, Handles(index, body.V[index] @ R.T + t))
-    result = arap_sr(task, start="rigid", first_step=first_step)
+    result = arap_sr(task, start="rigid")
     assert result.iterations == 1 and result.converged
     assert np.abs(result.vertices - (body.V @ R.T + t)).max() < 1e-9 * body.diagonal
 
@@ -210,7 +184,6 @@ def test_several_components(small_body):
         ({"alpha": np.inf}, "alpha=inf"),
         ({"alpha": np.nan}, "alpha=nan"),
         ({"start": "nowhere"}, "unknown start 'nowhere'"),
-        ({"first_step": "both"}, "unknown first step 'both'"),
     ],
 )
 def test_bad_parameters_are_refused(small_body, change, message):
@@ -263,10 +236,3 @@ def test_an_acceleration_that_always_begins_anew_is_the_plain_iteration(body, mo
     assert restarted.extra["restarts"] == 38  # not after the first step, and no mixing after the last
     assert plain.extra["restarts"] == 0
     assert np.abs(restarted.vertices - plain.vertices).max() < 1e-12 * body.diagonal
-
-
-def test_acceleration_ends_with_a_plain_iterate(small_body):
-    """One iteration is then the same with and without."""
-    task = held_ends(small_body)
-    one, other = (arap_sr(task, max_iterations=1, accelerate=a).vertices for a in (True, False))
-    np.testing.assert_array_equal(one, other)

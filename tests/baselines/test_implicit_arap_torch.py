@@ -11,11 +11,9 @@ import igl  # noqa: E402
 
 from baselines.implicit_arap import implicit_arap  # noqa: E402
 from baselines.implicit_arap.networks import (  # noqa: E402
-    InvertibleField,
-    MlpField,
+    MotionField,
     euler_rotation,
     fourier_features,
-    moved,
     sdf_network,
 )
 from baselines.implicit_arap.patches import (  # noqa: E402
@@ -27,7 +25,7 @@ from baselines.implicit_arap.patches import (  # noqa: E402
     zero_set,
 )
 from baselines.implicit_arap.sdf import GridSdf, Surface, fit_network_sdf, grid_sdf  # noqa: E402
-from baselines.implicit_arap.training import Constraints, Plan, displacements, make_field  # noqa: E402
+from baselines.implicit_arap.training import Constraints, Plan, displacements  # noqa: E402
 from sshade.mesh.mesh import Mesh  # noqa: E402
 from sshade.task import DeformationTask, Handles, silent  # noqa: E402
 from tests.shapes import (  # noqa: E402
@@ -38,7 +36,6 @@ from tests.shapes import (  # noqa: E402
 )
 
 CPU = torch.device("cpu")
-FIELDS = ("mlp", "invertible")
 SMALL = {
     "sdf": "grid",
     "grid_size": 32,
@@ -74,13 +71,13 @@ def points(count=200, seed=1):
     return 2 * torch.rand(count, 3, generator=generator(seed)) - 1
 
 
-def small_field(kind, seed=0):
-    return make_field(kind, width=32, layers=3, frequencies=4, generator=generator(seed))
+def small_field(seed=0):
+    return MotionField(width=32, layers=3, frequencies=4, generator=generator(seed))
 
 
-def shaken(kind):
+def shaken():
     """A field away from its start."""
-    field = small_field(kind)
+    field = small_field()
     with torch.no_grad():
         for number, parameter in enumerate(field.parameters()):
             parameter += 0.05 * torch.randn(parameter.shape, generator=generator(number))
@@ -102,18 +99,16 @@ def twisted():
 # Networks
 
 
-@pytest.mark.parametrize("kind", FIELDS)
-def test_a_new_field_moves_nothing(kind):
+def test_a_new_field_moves_nothing():
     x = points()
-    R, t = small_field(kind)(x)
+    R, t = small_field()(x)
     assert torch.equal(R, torch.eye(3).expand(len(x), 3, 3))
     assert torch.equal(t, torch.zeros_like(x))
-    assert (displacements(small_field(kind), x, chunk=64) == 0).all()
+    assert (displacements(small_field(), x, chunk=64) == 0).all()
 
 
-@pytest.mark.parametrize("kind", FIELDS)
-def test_a_field_has_rotations(kind):
-    R, _ = shaken(kind)(points())
+def test_a_field_has_rotations():
+    R, _ = shaken()(points())
     assert (R - torch.eye(3)).abs().max() > 0.05
     torch.testing.assert_close(R @ R.mT, torch.eye(3).expand_as(R), atol=1e-5, rtol=0)
     torch.testing.assert_close(torch.linalg.det(R), torch.ones(len(R)), atol=1e-5, rtol=0)
@@ -141,11 +136,8 @@ def test_published_networks_have_the_published_sizes():
     sizes = {"width": 256, "layers": 8, "frequencies": 6, "generator": generator()}
     # Seven hidden layers of 256 with weight norm; layer 4 gets the 39 features again.
     hidden = 256 * (39 + 6 * 256 + 39 + 7 + 7)
-    assert count(MlpField(**sizes)) == hidden + 6 * 257
+    assert count(MotionField(**sizes)) == hidden + 6 * 257
     assert count(sdf_network(**sizes)) == hidden + 256 + 2
-    couplings = InvertibleField(width=128, layers=4, frequencies=6, generator=generator())
-    f, g = (128 * (inputs + 3 * 128 + 4 + 4) for inputs in (26, 13))
-    assert count(couplings) == 6 * (f + 129 + g + 3 * 129)
 
 
 def test_sdf_network_starts_near_a_sphere():
@@ -157,17 +149,9 @@ def test_sdf_network_starts_near_a_sphere():
     assert (outer - inner).mean() == pytest.approx(0.8, rel=0.2)  # of slope about 1 along each ray
 
 
-def test_invertible_field_has_an_exact_inverse():
-    field, x = shaken("invertible").double(), points().double()
-    with torch.no_grad():
-        y = moved(x, *field(x))
-        assert (y - x).abs().max() > 0.1
-        torch.testing.assert_close(field.inverse(y), x, atol=1e-12, rtol=0)
-
-
 def test_weights_come_from_the_generator_alone():
     before = torch.get_rng_state()
-    one, two, other = (small_field("mlp", seed) for seed in (0, 0, 1))
+    one, two, other = (small_field(seed) for seed in (0, 0, 1))
     assert torch.equal(torch.get_rng_state(), before)
     for a, b in zip(one.parameters(), two.parameters(), strict=True):
         assert torch.equal(a, b)
@@ -257,10 +241,6 @@ def test_weights_of_a_square_by_hand():
     sides = [(0, 1), (1, 2), (2, 3), (0, 3)]
     both = [(a, b, 1.0) for a, b in sides] + [(b, a, 1.0) for a, b in sides]
     assert weights(pattern_of(plane, triangles)) == sorted([*both, (0, 2, 0.0), (2, 0, 0.0)])
-    # Triangle 0 lists (0, 1), (1, 2), (0, 2) with the cotangents at 0, 1, 2: 1, 0, 1. Triangle 1 lists
-    # (0, 2), (2, 3), (0, 3) with 1, 1, 0; its (0, 2) replaces the first one's (0, 2) on both listings.
-    published = [(0, 1, 1.0), (1, 2, 0.0), (0, 2, 1.0), (0, 2, 1.0), (2, 3, 1.0), (0, 3, 0.0)]
-    assert weights(pattern_of(plane, triangles, cotangents="published")) == sorted(published)
 
 
 def test_tangents_make_right_handed_frames_everywhere():
@@ -304,9 +284,8 @@ def test_projection_reaches_a_level():
     torch.testing.assert_close(x.norm(dim=-1), torch.full((50,), 0.85), atol=1e-5, rtol=0)
 
 
-@pytest.mark.parametrize("cotangents", ["correct", "published"])
-def test_energy_is_zero_for_a_rigid_motion_alone(cotangents):
-    pattern = random_pattern(16, 0.03, np.random.default_rng(2), cotangents=cotangents)
+def test_energy_is_zero_for_a_rigid_motion_alone():
+    pattern = random_pattern(16, 0.03, np.random.default_rng(2))
     patches = patches_at(Ball(), points(20), pattern, repeats=2)
     R = torch.tensor(rotation(3), dtype=torch.float32)
     everywhere = R.expand(*patches.shape, 3)
@@ -339,7 +318,7 @@ def plan(**changes):
         "patch_radius": 0.03,
     }
     weights = {"moving_weight": 1.0, "static_weight": 1.0, "arap_weight": 1.0}
-    rest = {"projections": 1, "cotangents": "correct", "learning_rate": 1e-3, "milestones": (), "decay": 0.5}
+    rest = {"projections": 1, "learning_rate": 1e-3, "milestones": (), "decay": 0.5}
     return Plan(**sizes | weights | rest | changes)
 
 
@@ -396,14 +375,6 @@ def test_mesh_and_targets_together_may_move_and_grow(twisted, factor, shift):
     result = implicit_arap(DeformationTask("moved", mesh, moved_handles), seed=4, **SMALL)
     gap = np.abs(result.vertices - (factor * twisted.vertices + shift)).max()
     assert gap <= 0.02 * mesh.diagonal
-
-
-@pytest.mark.parametrize("changes", [{"field": "invertible"}, {"cotangents": "published"}], ids=str)
-def test_options_lower_the_loss_too(changes):
-    extra = implicit_arap(twist(), seed=0, **SMALL | {"width": 24, "steps": 30} | changes).extra
-    assert extra["loss_last"] < extra["loss_first"] / 5
-    for name, value in changes.items():
-        assert extra[name] == value
 
 
 def test_network_sdf_from_end_to_end():

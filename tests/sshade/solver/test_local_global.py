@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from baselines.accelerated import accelerated_arap, accelerated_elastic
 from baselines.arap import libigl_arap
 from sshade import DeformationTask, Handles, InputError, Mesh
 from sshade.solver.cotangents import corner_vectors, edge_weights, half_cotangents, laplacian_matrix
@@ -198,14 +197,6 @@ def test_one_solver_serves_many_targets_and_threads(task):
         assert np.array_equal(a.positions, b.positions) and np.array_equal(a.rotations, b.rotations)
 
 
-def test_a_warm_start_ends_where_a_long_run_does(task):
-    solver, targets = solver_of(task), task.handles.target
-    half = solver.solve(targets, max_iterations=7, tolerance=0, accelerate=False)
-    rest = solver.solve(targets, start=half.positions, max_iterations=5, tolerance=0, accelerate=False)
-    whole = solver.solve(targets, max_iterations=12, tolerance=0, accelerate=False)
-    assert np.abs(rest.positions - whole.positions).max() < EXACT * task.mesh.diagonal
-
-
 @pytest.mark.parametrize("energy", ENERGIES)
 def test_rotations_to_begin_with_change_the_work_and_not_the_result(task, energy):
     solver, targets = solver_of(task, energy), task.handles.target
@@ -269,12 +260,6 @@ def test_result_and_progress_of_the_method(task):
     curve = result.extra["residual_curve"]
     assert len(curve) == 25 and curve[-1] == result.extra["residual"] and (curve > 0).all()
     assert result.iterations == 25 and result.converged is False
-
-
-def test_full_resolution_baselines_are_the_two_energies(task):
-    for method, energy in ((accelerated_arap, "spokes"), (accelerated_elastic, "spokes_and_rims")):
-        ours = local_global(task, energy=energy, max_iterations=15)
-        assert np.array_equal(method(task, max_iterations=15, seed=4).vertices, ours.vertices)
 
 
 # --- rotations
@@ -428,6 +413,7 @@ def test_a_component_without_handles():
         ({"start": np.zeros((4, 3))}, r"start must have shape \(12, 3\)"),
         ({"start": np.full((12, 3), np.inf)}, "NaN or infinite"),
         ({"window": 0}, "window must be at least 1"),
+        ({"workers": 0}, "0 workers were asked for"),
     ],
 )
 def test_arguments_that_cannot_be(changes, message):
@@ -452,11 +438,14 @@ def test_unknown_names(task):
         local_global(task, start="zero")
 
 
-@pytest.mark.parametrize("weights", [(0.0, 0.0), (np.inf, 0.0), (np.inf, np.inf)])
+@pytest.mark.parametrize(
+    "options", [{}, {"volume": np.inf}, {"volume": np.inf, "area": np.inf, "stiffness": 0.2}]
+)
 @pytest.mark.parametrize("energy", ENERGIES)
-def test_ranges_and_workers_change_no_bit(monkeypatch, energy, weights):
-    task = TASKS["bar"]
-    options = {"max_iterations": 12, "tolerance": 0, "volume": weights[0], "area": weights[1]}
+def test_ranges_and_workers_change_no_bit(monkeypatch, energy, options):
+    if energy == "spokes":  # only triangles soften
+        options = {name: value for name, value in options.items() if name != "stiffness"}
+    task, options = TASKS["bar"], {"max_iterations": 12, "tolerance": 0, **options}
     monkeypatch.setattr("sshade.solver.factorisation.SHARED", 0)
     whole = solver_of(task, energy).solve(task.handles.target, **options)
     monkeypatch.setattr("sshade.solver.arap.CHUNK", 30)
@@ -466,8 +455,3 @@ def test_ranges_and_workers_change_no_bit(monkeypatch, energy, weights):
         assert np.array_equal(part.positions, whole.positions)
         assert np.array_equal(part.rotations, whole.rotations)
         assert part.energy == parts[0].energy == pytest.approx(whole.energy, rel=1e-13)
-
-
-def test_workers_are_checked(task):
-    with pytest.raises(InputError, match="0 workers were asked for"):
-        solver_of(task).solve(task.handles.target, workers=0)
