@@ -8,10 +8,11 @@ elastic deformations", 2010 (spokes and rims: the paper's "Elastic").
 from __future__ import annotations
 
 from time import perf_counter
-from typing import Unpack
+from typing import Unpack, get_args
 
 import numpy as np
 
+from baselines.global_step import iterate, last
 from sshade.errors import InputError
 from sshade.solver.cotangents import half_cotangents
 from sshade.solver.options import Energy, IterationOptions, Start
@@ -78,39 +79,35 @@ def libigl_arap(
     """
     import igl
 
-    energies = {
-        "spokes": igl.ARAPEnergyType.ARAP_ENERGY_TYPE_SPOKES,
-        "spokes_and_rims": igl.ARAPEnergyType.ARAP_ENERGY_TYPE_SPOKES_AND_RIMS,
-    }
-    if energy not in energies:
+    if energy not in get_args(Energy):
         raise InputError(f"unknown energy {energy!r}; use 'spokes' or 'spokes_and_rims'")
     mesh, handles = task.mesh, task.handles
     half_cotangents(mesh)  # refuses triangles without area
     begin = perf_counter()
     data = igl.ARAPData()
-    data.energy = energies[energy]
+    data.energy = getattr(igl.ARAPEnergyType, f"ARAP_ENERGY_TYPE_{energy.upper()}")
     data.max_iter = 1
     igl.arap_precomputation(np.array(mesh.V), np.array(mesh.F), 3, np.array(handles.index), data)
     precomputed = perf_counter()
 
-    targets = np.array(handles.target)
-    U = initial_guess(task, start)
-    scale = mesh.diagonal
-    residual = np.inf
-    residuals: list[float] = []
-    while len(residuals) < max_iterations and residual >= tolerance:
-        moved = igl.arap_solve(targets, data, U)
-        residual = float(np.sqrt(((moved - U) ** 2).sum(axis=1).max())) / scale
-        U = moved
-        residuals.append(residual)
-        if not np.isfinite(residual):
-            break
-        progress("iterations", len(residuals), max_iterations, f"residual {residual:.1e}")
-    solved = perf_counter()
+    targets, U = np.array(handles.target), initial_guess(task, start)
+
+    def advance(u: np.ndarray, out: np.ndarray) -> None:
+        out[:] = igl.arap_solve(targets, data, u)
+
+    residuals = iterate(
+        advance,
+        U,
+        scale=mesh.diagonal,
+        tolerance=tolerance,
+        max_iterations=max_iterations,
+        progress=progress,
+        report_every=1,
+    )
     return DeformationResult(
         vertices=U,
         iterations=len(residuals),
-        converged=residual < tolerance,
-        seconds={"precompute": precomputed - begin, "solve": solved - precomputed},
-        extra={"residual": residual, "residual_curve": np.array(residuals)},
+        converged=last(residuals) < tolerance,
+        seconds={"precompute": precomputed - begin, "solve": perf_counter() - precomputed},
+        extra={"residual": last(residuals), "residual_curve": residuals},
     )

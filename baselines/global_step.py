@@ -11,7 +11,7 @@ from sshade.solver.factorisation import Factorisation
 from sshade.solver.quasi_newton import largest_move
 from sshade.task import Progress
 
-#: Iterations between two calls of the progress callback.
+#: Iterations between two calls of the progress callback, by default.
 REPORT_EVERY = 10
 
 
@@ -57,6 +57,7 @@ def iterate(
     progress: Progress,
     mix: Callable[[np.ndarray, np.ndarray], None] = np.copyto,
     other_move: Callable[[], float] = float,
+    report_every: int = REPORT_EVERY,
 ) -> np.ndarray:
     """Repeat ``u <- g(u)`` until no vertex moves by more than a tolerance.
 
@@ -78,6 +79,8 @@ def iterate(
     other_move : callable
         How far unknowns besides the positions moved in the last `advance`, without a unit;
         the residual is the larger of both.
+    report_every : int
+        Iterations between two calls of `progress`.
 
     Returns
     -------
@@ -102,7 +105,7 @@ def iterate(
             u[:] = g
         else:
             mix(u, g)
-        if iterations % REPORT_EVERY == 0:
+        if iterations % report_every == 0:
             progress("iterations", iterations, max_iterations, f"residual {residual:.1e}")
     progress("iterations", len(residuals), max_iterations, f"residual {residual:.1e}")
     return np.array(residuals)

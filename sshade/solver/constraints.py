@@ -6,9 +6,9 @@ volume and the area of a component over their rest values, it becomes ``L u = b
 method on their changes then moves along directions ``z_q = L^-1 grad C_q`` to
 where ``C_q - goal_q + s_q lambda_q = 0``. An exact constraint has s = 0; a
 weighted one is the penalty ``weight / 2 x rest energy x (C_q - goal_q)^2``, for
-which ``s = 1 / (weight x rest area)``. In the end the multipliers change no more:
-directions need not be those of the present shape, and new ones, a right-hand
-side for each constraint, are found every few steps only.
+which ``s = 1 / (weight x rest area)``. At convergence the multipliers do not change:
+the directions need not be those of the present shape, and are renewed, a right-hand
+side for each constraint, every few steps only.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ from sshade.solver.volume_area import (
 )
 
 log = logging.getLogger(__name__)
-#: Steps that share the directions, and how many where both constraints are exact: one may then not make
-#: up for what the other lacks.
+#: Steps that share the directions; fewer where both constraints are exact, as an error of one direction
+#: can then not be balanced along the other.
 EVERY, EVERY_OF_BOTH = 8, 4
 
 #: Relative error up to which an exact constraint counts as reached.

@@ -1,10 +1,10 @@
 """Quasi-Newton steps between those of a local/global iteration: L-BFGS in the metric of its Laplacian.
 
 A plain iteration from u ends in ``g = u - L^-1 G`` with the energy's gradient G at u,
-up to a factor: a descent step whose metric L is that of the rest shape. What L does
-not know of the energy, the last steps tell. Under exact constraints u and g are both
-on the constraint surface, and G is the gradient of the Lagrangian, as far as steps
-along the surface can tell.
+up to a factor: a descent step in the metric L of the rest shape. L-BFGS corrects L^-1
+by the pairs (s, y) of the last steps and the gradient's changes along them. Under exact
+constraints u and g are both on the constraint surface, and the component of G tangential
+to it is that of the Lagrangian's gradient.
 
 T. Liu, S. Bouaziz, L. Kavan, "Quasi-Newton methods for real-time simulation of
 hyperelastic materials", ACM TOG 36(3), 2017; J. Nocedal, "Updating quasi-Newton
@@ -27,14 +27,14 @@ from sshade.task import Progress
 ENERGY_ROUNDING = 1e-14
 #: Iterations between two calls of the progress callback.
 REPORT_EVERY = 10
-#: Cosine between a step and the change of the gradient along it, below which it tells nothing.
+#: Cosine between a step and the change of the gradient along it, up to which the pair is not stored.
 CURVED = 1e-10
 #: Numbers that are worked on at a time.
 BLOCK = 1024
 
 
 class QuasiNewton:
-    """Proposes iterates from the plain ones before.
+    """Computes the next iterate from a plain one and the last steps.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class QuasiNewton:
         Returns
         -------
         bool
-            False where that is g: nothing is remembered, or what is leads uphill.
+            False where that is g: no pair is stored, or the step does not descend.
         """
         self.plain[:] = g
         F, G = self._spare
@@ -193,7 +193,7 @@ def largest_move(A, B):
 
 @njit(cache=True, nogil=True)
 def _curvature(u, last_u, G, last_G):
-    """``s . y`` of the step s and the gradient's change y = last_G - G along it; 0 where it tells nothing.
+    """``s . y`` of the step s and the gradient's change y = last_G - G along it; 0 up to :data:`CURVED`.
 
     G is ``L (g - u)``: the gradient, but for its sign.
     """

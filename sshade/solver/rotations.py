@@ -29,7 +29,7 @@ _PENDING, _FITTED, _UNCERTAIN = 0, 1, 2
 
 @njit(cache=True, nogil=True)
 def fit_rotations(S, Q):
-    """Rotate each cell as well as possible: R_i maximises tr(R S_i) over the rotations.
+    """Compute for each matrix S_i the rotation R_i that maximises tr(R_i S_i).
 
     Equals ``V diag(1, 1, det(V U^T)) U^T`` of the singular value decomposition
     ``S = U diag(s) V^T``. Newton's method on the rotation group, started from
@@ -87,7 +87,7 @@ def fit_rotations(S, Q):
 
 @njit(cache=True, nogil=True)
 def quaternions(R):
-    """Turn rotation matrices into unit quaternions.
+    """Compute the unit quaternions of rotation matrices.
 
     Parameters
     ----------

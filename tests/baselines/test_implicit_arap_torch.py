@@ -149,15 +149,6 @@ def test_sdf_network_starts_near_a_sphere():
     assert (outer - inner).mean() == pytest.approx(0.8, rel=0.2)  # of slope about 1 along each ray
 
 
-def test_weights_come_from_the_generator_alone():
-    before = torch.get_rng_state()
-    one, two, other = (small_field(seed) for seed in (0, 0, 1))
-    assert torch.equal(torch.get_rng_state(), before)
-    for a, b in zip(one.parameters(), two.parameters(), strict=True):
-        assert torch.equal(a, b)
-    assert not torch.equal(next(one.parameters()), next(other.parameters()))
-
-
 # Distances
 
 
