@@ -15,6 +15,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from sshade.errors import InputError
 from sshade.mesh.cutting import Cut, cut_to_manifold
@@ -153,26 +154,17 @@ class _Components:
 
     def order(self) -> list[int]:
         """Components with handles, then those with copies of vertices of earlier ones; the larger first."""
-        beside = self._beside()
-        with_handles = np.unique(self._component[self._number[self._cut.origin] >= 0])
+        origin, shape = self._cut.origin, (len(self._number), len(self.area))
+        copies = csr_array((np.ones(len(origin)), (origin, self._component)), shape=shape)
+        beside, waiting = copies.T @ copies, copies.T @ (self._number >= 0) > 0
         found: list[int] = []
-        waiting, seen = sorted(with_handles, key=lambda c: -self.area[c]), set(with_handles)
-        while waiting:
-            found += waiting
-            reached = set().union(*(beside.get(component, ()) for component in waiting))
-            waiting = sorted(reached - seen, key=lambda c: (-self.area[c], c))
-            seen |= reached
-        return [int(component) for component in found]
-
-    def _beside(self) -> dict[int, set[int]]:
-        """For each component those that have copies of its vertices."""
-        copies = np.flatnonzero(np.bincount(self._cut.origin)[self._cut.origin] > 1)
-        pairs = np.unique(np.stack([self._cut.origin[copies], self._component[copies]], axis=1), axis=0)
-        beside: dict[int, set[int]] = {}
-        for sharing in np.split(pairs[:, 1], np.flatnonzero(np.diff(pairs[:, 0])) + 1):
-            for component in sharing.tolist():
-                beside.setdefault(component, set()).update(sharing.tolist())
-        return beside
+        seen = waiting
+        while waiting.any():
+            ids = np.flatnonzero(waiting)
+            found += ids[np.argsort(-self.area[ids], kind="stable")].tolist()
+            waiting = (beside @ waiting > 0) & ~seen
+            seen = seen | waiting
+        return found
 
     def deform(
         self,

@@ -66,9 +66,16 @@ def test_two_spheres_are_each_as_alone():
     """Shares go by area; the small one comes first in the file, and keeps its place."""
     small, large = Mesh(0.5 * BODY.V + [4, 0, 0], BODY.F), Mesh(BODY.V, BODY.F[:, [1, 2, 0]])
     own_small, own_large = ends(small), ends(large, lift=(0, 0.4, 0))
+    stages = set()
     result = deform_components(
-        beside(small, large), of_all((own_small, 0), (own_large, BODY.n)), METHOD, vertices=150, seed=1
+        beside(small, large),
+        of_all((own_small, 0), (own_large, BODY.n)),
+        METHOD,
+        vertices=150,
+        seed=1,
+        progress=lambda stage, *_: stages.add(stage),
     )
+    assert stages == {"component 1 of 2", "component 2 of 2"}
     for mesh, own, share, part in (
         (small, own_small, 30, result.vertices[: BODY.n]),
         (large, own_large, 120, result.vertices[BODY.n :]),
@@ -207,11 +214,3 @@ def test_a_component_that_fails_is_named():
         match="the component of 162 vertices around vertex 162 cannot be deformed: .* no area",
     ):
         deform_components(mesh, own, METHOD, vertices=100)
-
-
-def test_progress_names_the_component():
-    stages = set()
-    mesh = beside(BODY, Mesh(BODY.V + 9, BODY.F))
-    own = of_all((ends(BODY), 0), (ends(Mesh(BODY.V + 9, BODY.F)), BODY.n))
-    deform_components(mesh, own, METHOD, vertices=80, progress=lambda stage, *_: stages.add(stage))
-    assert stages == {"component 1 of 2", "component 2 of 2"}
