@@ -67,7 +67,7 @@ def metric(
 def measure(
     task: Task, vertices: np.ndarray, *, only: Collection[str] = METRICS.keys()
 ) -> dict[str, float | None]:
-    """Every metric of the registry that the task has what it takes for, None where it is not available.
+    """Every metric whose needs the task meets, None where its value is not available.
 
     Parameters
     ----------

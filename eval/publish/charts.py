@@ -234,7 +234,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def command(options: argparse.Namespace) -> int:
-    """Do it; return the exit code."""
+    """Run the sub-command; return its exit code."""
     require_extra("matplotlib")
     for experiment in read_experiments(options.rows):
         for name, figure in charts(experiment).items():

@@ -110,5 +110,5 @@ def are_transfers(rows: pd.DataFrame) -> bool:
 
 
 def reference_rows(rows: pd.DataFrame) -> pd.Series:
-    """Of each row, whether it stands beside the methods without being one."""
+    """Whether each row is one of a reference, such as doing nothing, which no table ranks."""
     return rows.reindex(columns=["method.target"])["method.target"].isin(REFERENCES)

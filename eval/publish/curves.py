@@ -101,7 +101,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def command(options: argparse.Namespace) -> int:
-    """Do it; return the exit code."""
+    """Run the sub-command; return its exit code."""
     require_extra("matplotlib")
     rows = read_csv(options.rows)
     panels = {metric: curves(rows, metric, over=options.over) for metric in options.metric}

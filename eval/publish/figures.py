@@ -94,7 +94,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def command(options: argparse.Namespace) -> int:
-    """Do it; return the exit code."""
+    """Run the sub-command; return its exit code."""
     require_extra()
     folder = experiment_folder(options.folder)
     cases = read_cases(folder, names=options.cases, methods=options.methods, worst=options.worst)

@@ -103,7 +103,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def command(options: argparse.Namespace) -> int:
-    """Do it; return the exit code."""
+    """Run the sub-command; return its exit code."""
     require_extra("matplotlib")
     rows = pd.concat([read_csv(path) for path in options.rows], ignore_index=True)
     points = front(rows, leave_out=tuple(options.leave_out))

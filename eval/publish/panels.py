@@ -48,7 +48,7 @@ class Panels(NamedTuple):
 
 
 def error_of(task: Task, V: np.ndarray) -> np.ndarray:
-    """(n,) of a pose transfer with a known truth the distance to it, else the change of edge lengths.
+    """Error at each vertex, (n,): the distance to the truth of a pose transfer, else the change of edges.
 
     In percent: of the diagonal, or of the length of the edges at a vertex.
     """
@@ -58,7 +58,7 @@ def error_of(task: Task, V: np.ndarray) -> np.ndarray:
 
 
 def error_label(task: Task) -> str:
-    """What :func:`error_of` is."""
+    """What the numbers of :func:`error_of` are, with their unit."""
     if _held_to_truth(task):
         return "distance to the true place (% of the diagonal)"
     return "change of edge length at a vertex (%)"
@@ -122,7 +122,7 @@ def _outwards(patch: Mesh, V: np.ndarray) -> np.ndarray:
 
 
 def _alike(views: list[View]) -> list[View]:
-    """The same views with the extents of the largest, so that a length has one size in all."""
+    """The views with the extents of the largest, so that a unit of length has one size in all."""
     width, height, depth = (max(getattr(v, name) for v in views) for name in ("width", "height", "depth"))
     return [replace(view, width=width, height=height, depth=depth) for view in views]
 

@@ -134,5 +134,5 @@ def add_camera(parser: argparse.ArgumentParser) -> None:
 
 
 def camera(options: argparse.Namespace) -> dict[str, np.ndarray]:
-    """What was given: ``towards`` and ``up``, (3,) float64."""
+    """The camera of parsed arguments: ``towards`` and ``up``, (3,) float64."""
     return {"towards": np.array(options.towards), "up": np.array(options.up)}

@@ -18,7 +18,7 @@ LEAST_CASES = 4
 
 @dataclass(frozen=True)
 class Table:
-    """Lines, the columns they share, the sentences that belong under them, and tables of parts of it.
+    """The numbers of a table by method, the notes under it, and tables of parts of the rows.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def ranks(table: Table, column: Column) -> dict[str, int]:
 
 
 def _check_one_experiment(rows: pd.DataFrame) -> None:
-    """Raise InputError where a table would hide what the rows mix."""
+    """Raise InputError where rows mix datasets, a method's configurations, or repeat a case."""
     datasets = distinct(rows, "task.meta.dataset")
     if len(datasets) > 1:
         raise InputError(
@@ -236,7 +236,7 @@ def _load(rows: pd.DataFrame) -> list[str]:
 
 
 def _method_notes(rows: pd.DataFrame) -> list[str]:
-    """What methods say of themselves, and what references are."""
+    """The notes of methods' configurations, and those on references."""
     facts = rows.reindex(columns=["method.name", "method.note", "method.target"])
     own = facts[["method.name", "method.note"]].replace("", None)
     reference = facts.assign(**{"method.note": facts["method.target"].map(REFERENCES)})

@@ -135,7 +135,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def command(options: argparse.Namespace) -> int:
-    """Do it; return the exit code."""
+    """Run the sub-command; return its exit code."""
     experiments = read_experiments(options.rows)
     if any(path.parent.resolve() == options.out.resolve() for path in map(rows_file, options.rows)):
         raise InputError(f"{options.out} holds the rows, which the tables would replace; name another -o")

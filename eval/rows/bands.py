@@ -83,7 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def command(options: argparse.Namespace) -> int:
-    """Do it; return the exit code."""
+    """Run the sub-command; return its exit code."""
     from eval.rows.experiment import rows_file  # not above: a run holds its row against bands without pandas
     from eval.rows.frame import read_csv, records
 

@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def command(options: argparse.Namespace) -> int:
-    """Do it; return the exit code."""
+    """Run the sub-command; return its exit code."""
     folders = [experiment_folder(folder) for folder in options.folders]
     # A refused run leaves an empty folder behind.
     folders = folders or sorted(path for path in RUNS.glob("*") if run_folders(path))

@@ -50,7 +50,7 @@ def differences(first: pd.DataFrame, second: pd.DataFrame) -> list[str]:
 
 
 def _by_run(rows: pd.DataFrame) -> dict[str, Row]:
-    """The rows by what tells runs apart."""
+    """The rows by method, task and seed."""
     by_run = {f"{row['method.name']} {row['task.name']} seed {row['seed']}": row for row in records(rows)}
     if len(by_run) < len(rows):
         raise InputError("several rows of one method, task and seed; compare sets that hold one row a run")
@@ -64,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def command(options: argparse.Namespace) -> int:
-    """Do it; exit code 1 if the rows differ."""
+    """Run the sub-command; exit code 1 if the rows differ."""
     first, second = load_rows(options.first), load_rows(options.second)
     found = differences(first, second)
     for text in found:

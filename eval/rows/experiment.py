@@ -50,7 +50,7 @@ class Experiment:
     def cases(self) -> Iterator[list[Row]]:
         """Valid rows by case, each in the order of methods; of several seeds the first one.
 
-        A case is told by its name and its checksum: one name can stand for several resolutions.
+        The name and the checksum identify a case: one name can stand for several resolutions.
         """
         rows = valid(self.rows).assign(place=lambda rows: rows["method.name"].map(self.methods.index))
         case = ["task.name", "task.vertices", "task.checksum"]

@@ -32,7 +32,7 @@ def to_frame(rows: Iterable[Row]) -> pd.DataFrame:
 
 
 def records(rows: pd.DataFrame) -> list[Row]:
-    """The rows one by one."""
+    """The rows as a list of mappings, as :func:`to_frame` takes them."""
     return rows.to_dict("records")
 
 
@@ -134,12 +134,12 @@ def read_csv(path: str | os.PathLike[str]) -> pd.DataFrame:
 
 
 def _cell(value: Any) -> Any:
-    """A value as it is written, where that is not for pandas to say."""
+    """A value as it stands in a CSV: bools in lower case, the rest as pandas writes it."""
     return str(value).lower() if isinstance(value, bool) else value
 
 
 def _reader(column: str) -> Callable[[str], Any]:
-    """What makes values of a column's cells."""
+    """The function that parses a column's cells."""
     return _text if is_text(column) else _value
 
 

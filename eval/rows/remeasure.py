@@ -69,7 +69,7 @@ def remeasure(folder: Path, *, metrics: Sequence[str] = (), progress: Progress =
 
 
 def _measure_again(row: Row, run: Path, task: Task, wanted: Sequence[str]) -> bool:
-    """Write what is new into the row of a run; whether there was anything."""
+    """Write metrics measured again into the row of a run; False where the task has none of those wanted."""
     values = measure(task, read_vertices(run, n=row["task.vertices"]), only=wanted)
     new = {f"metric.{name}": value for name, value in values.items()}
     if not new:  # nothing that this kind of task has
@@ -86,7 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def command(options: argparse.Namespace) -> int:
-    """Do it; return the exit code."""
+    """Run the sub-command; return its exit code."""
     for folder in [experiment_folder(name) for name in options.folders]:
         with progress_bar() as progress:
             changed = remeasure(folder, metrics=options.metrics, progress=progress)

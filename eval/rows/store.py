@@ -141,7 +141,7 @@ def read_row(folder: str | os.PathLike[str]) -> Row | None:
 
 
 def row_problem(row: Any) -> str:
-    """What keeps a row from being used, or nothing."""
+    """Why a value is no row, in a few words; empty if it is one."""
     if not isinstance(row, dict):
         return "no object"
     missing = [name for name in IDENTITY if row.get(name) is None]
@@ -218,7 +218,7 @@ def in_order(columns: Iterable[str]) -> list[str]:
 
 
 def is_text(name: str) -> bool:
-    """Whether a column holds text, also where that looks like a number."""
+    """Whether a column is text even where a value looks like a number."""
     return any(in_group(name, group) for group in _TEXT)
 
 

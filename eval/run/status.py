@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def command(options: argparse.Namespace) -> int:
-    """Do it; return the exit code."""
+    """Run the sub-command; return its exit code."""
     folders = [name if name.is_dir() else RUNS / name for name in options.folders] or sorted(RUNS.glob("*"))
     missing = [folder for folder in folders if not folder.is_dir()]
     if missing:

@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def command(options: argparse.Namespace) -> int:
-    """Do it; exit code 1 if a check failed."""
+    """Run the sub-command; exit code 1 if a check failed."""
     meshes = list(_meshes(options.paths))
     results = []
     print("  ".join(f"{name:>10}" for name in COLUMNS))  # noqa: T201

@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def command(options: argparse.Namespace) -> int:
-    """Do it; return the exit code."""
+    """Run the sub-command; return its exit code."""
     mesh = read_mesh(options.mesh)
     task = DeformationTask(options.mesh.stem, mesh, read_handles(options.handles, mesh))
     say(f"{options.mesh}: {mesh.n} vertices, {len(task.handles)} handles")

@@ -130,7 +130,7 @@ def _say_warm_start(task: DeformationTask, timings: dict[str, Timing]) -> None:
 
 
 def _full(task: DeformationTask, ours: dict[str, Timing]) -> None:
-    """Elastic to its end, once; ratios and quality."""
+    """Run Elastic to its end, once; print ratios of time and the quality of all results."""
     results = {name: timing.result for name, timing in ours.items()}
     for name, tolerance in (("stopping rule", 1e-5), (f"{ITERATIONS} iterations", 0.0)):
         timing = Timing()

@@ -65,7 +65,7 @@ class Case:
 
     @property
     def name(self) -> str:
-        """Of the task."""
+        """The name of the task."""
         return self.rows[0]["task.name"]
 
 
@@ -134,7 +134,7 @@ def _shapes(task: Task, found: list[tuple[Row, np.ndarray]]) -> list[Shape]:
 
 
 def _packed(case: Case, task: Task, shapes: list[Shape]) -> dict[str, Any]:
-    """The case as the 3D view reads it."""
+    """The shapes, handles and scale of a case, packed for the 3D view."""
     handles = getattr(task, "handles", None)
     index = np.zeros(0, dtype=np.int64) if handles is None else handles.index
     shown = surface(task.mesh, keep=index)

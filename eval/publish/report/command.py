@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def command(options: argparse.Namespace) -> int:
-    """Do it; return the exit code."""
+    """Run the sub-command; return its exit code."""
     require_extra("matplotlib", "pyvista", "jinja2")
     from eval.publish.report.page import write_page
 

@@ -159,7 +159,10 @@ def _numbers(case: Case, columns: tuple[Column, ...]) -> list[list[str]]:
 
 
 def _convergence(experiment: Experiment) -> list[list[str]]:
-    """Headings, then what iterating methods tell of their iterations; without columns that say nothing."""
+    """Headings, then a line an iterating method: runs converged, iterations, residuals, energies.
+
+    Columns without a number are left out.
+    """
     lines = [["method", "converged", "iterations", "last residual", "energy"]]
     rows = valid(experiment.rows)
     rows = rows[numbers(rows, "iterations") > 0]

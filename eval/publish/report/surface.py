@@ -17,7 +17,7 @@ LIMIT, SAMPLES = 28_000, 20_000
 
 @dataclass(frozen=True)
 class Surface:
-    """What is shown of a mesh.
+    """The part of a mesh that the 3D view shows.
 
     Parameters
     ----------

@@ -48,13 +48,11 @@ def test_what_cannot_be_drawn_is_refused(rows):
         curves(rows[-2:])
 
 
-@pytest.mark.parametrize("suffix", ["png", "pdf", "svg"])
-@pytest.mark.parametrize("more", [[], ["--metric", "volume", "time", "--over", "method.samplings"]])
-def test_command_writes_the_same_bytes_again(rows, tmp_path, capsys, suffix, more):
+def test_command_draws_a_panel_a_metric(rows, tmp_path):
     pytest.importorskip("matplotlib")
     write_csv(tmp_path / "r.csv", rows)
-    for name in ("one", "two"):
-        assert call("curves", [str(tmp_path / "r.csv"), "-o", str(tmp_path / f"{name}.{suffix}"), *more]) == 0
-    one, two = ((tmp_path / f"{name}.{suffix}").read_bytes() for name in ("one", "two"))
-    assert one == two and len(one) > 1000
-    assert "one" in capsys.readouterr().out
+    options = ["--metric", "volume", "time", "--over", "method.samplings", "-o", str(tmp_path / "c.svg")]
+    assert call("curves", [str(tmp_path / "r.csv"), *options]) == 0
+    text = (tmp_path / "c.svg").read_text()
+    for words in ("volume (%)", "time (s)", "samplings", "arap"):
+        assert f"<!-- {words} -->" in text

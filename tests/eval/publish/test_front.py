@@ -51,12 +51,10 @@ def test_command_draws_rows_of_several_files(tmp_path, capsys):
     )
     write_csv(tmp_path / "others.csv", frame(weighted("arap", volume=2.0)))
     paths = [str(tmp_path / f"{name}.csv") for name in ("front", "others")]
-    pictures = [tmp_path / f"{i}.svg" for i in (1, 2)]
-    for picture in pictures:
-        assert call("front", [*paths, "-o", str(picture)]) == 0
-    assert pictures[0].read_bytes() == pictures[1].read_bytes()
-    text = pictures[0].read_text()
+    picture = tmp_path / "f.svg"
+    assert call("front", [*paths, "-o", str(picture)]) == 0
+    text = picture.read_text()
     assert text.count("<!-- fine -->") == text.count("<!-- arap -->") == 1
-    assert str(pictures[1]) in capsys.readouterr().out
-    assert call("front", [*paths, "-o", str(pictures[0]), "--leave-out", "arap"]) == 0
-    assert "<!-- arap -->" not in pictures[0].read_text()
+    assert str(picture) in capsys.readouterr().out
+    assert call("front", [*paths, "-o", str(picture), "--leave-out", "arap"]) == 0
+    assert "<!-- arap -->" not in picture.read_text()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from pathlib import Path
 
@@ -58,6 +59,14 @@ def test_all_is_checked_before_anything_changes(project):
     with pytest.raises(InputError, match="out/rows/nothing.csv: no such file"):
         call("publish", ["tiny", "nothing"])
     assert contents() == before
+
+
+def test_a_figure_may_stand_alone_but_not_be_older_than_its_rows(project):
+    Path("out/figures/scaling.svg").write_text("<svg/>")
+    assert call("publish", ["scaling"]) == 0 and contents()["results/figures/scaling.svg"] == b"<svg/>"
+    os.utime("out/figures/tiny.png", (0, 0))
+    with pytest.raises(InputError, match="tiny.png is older than out/rows/tiny.csv"):
+        call("publish", ["tiny"])
 
 
 def test_elsewhere_nothing_is_published(tmp_path, monkeypatch):
