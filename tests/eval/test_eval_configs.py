@@ -95,13 +95,13 @@ def test_experiment_composes_with_every_value_that_it_sweeps(name):
     assert config.hydra.mode.name == "MULTIRUN"
     assert config.run.experiment == name
     assert config.hydra.sweep.dir.endswith(f"out/runs/{name}")
+    swept = {}
     for key, values in config.hydra.sweeper.params.items():
-        if "glob(" in str(values):
-            continue
-        override = OverridesParser.create().parse_override(f"{key}={values}")
-        swept = override.sweep_string_iterator() if override.is_sweep_override() else [values]
-        for value in swept:
-            composed(f"experiment={name}", f"{key}={value}")
+        if "glob(" not in str(values):
+            override = OverridesParser.create().parse_override(f"{key}={values}")
+            swept[key] = [*override.sweep_string_iterator()] if override.is_sweep_override() else [values]
+    for k in range(max(map(len, swept.values()))):
+        composed(f"experiment={name}", *(f"{key}={values[k % len(values)]}" for key, values in swept.items()))
 
 
 @pytest.mark.parametrize(
