@@ -45,15 +45,15 @@ class Binding:
     seconds: Mapping[str, float]
 
     def carry(self, NV: np.ndarray, *, rotations: np.ndarray | None = None) -> tuple[np.ndarray, int]:
-        """M' for the vertices of N', and the number of frames that N and N' leave open.
+        """M' for the vertices of N', and the number of frames that N or N' leaves undefined.
 
         Parameters
         ----------
         NV : (k, 3) float64
             Vertices of N', in the proxy's numbering.
         rotations : (k, 3, 3) float64, optional
-            How each of them is turned, for ``blended`` frames; fitted to the
-            edges around it where not given.
+            Of N's vertices to those of N', for ``blended`` frames; by default fitted to the
+            edges around each.
 
         Returns
         -------
@@ -64,7 +64,7 @@ class Binding:
         ------
         InputError
             When `NV` or `rotations` do not fit the proxy's vertices, a position is not
-            finite, or a rotation is none.
+            finite, or a matrix is no rotation.
         """
         NV = np.ascontiguousarray(NV, dtype=np.float64)
         if NV.shape != self.proxy.V.shape:

@@ -145,7 +145,7 @@ def deform(
             },
         )
 
-    def shared_if_first(number: int) -> DeformationResult:
+    def first_shared(number: int) -> DeformationResult:
         try:
             result = one_sampling(number)
         except BaseException as error:
@@ -157,4 +157,4 @@ def deform(
         return result
 
     # 5. Average the M' of k samplings.
-    return proxies.average(shared_if_first)
+    return proxies.average(first_shared if warm_start else one_sampling)
