@@ -95,7 +95,7 @@ $(READY): pyproject.toml constraints.txt
 	  || { echo "pictures need the system library libEGL.so.1 (Debian, Ubuntu: apt install libegl1 libgl1-mesa-dri)"; exit 2; }
 	@begin=$$(date +%s); \
 	  $(PYTHON) -m venv $(VENV) \
-	  && $(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[fast,figures,test]' \
+	  && $(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[figures,test]' \
 	  && touch $@ && echo "installed into $(VENV) in $$(( $$(date +%s) - begin )) s"
 
 clean:
