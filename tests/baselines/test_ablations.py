@@ -21,8 +21,7 @@ from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.rigid import rigid_motion
 from sshade.sampling.remesh import Remesh, proxy_mesh, remesh
 from sshade.solver.local_global import local_global
-from tests.baselines.tasks import held_ends
-from tests.shapes import bumpy, folded, rotation
+from tests.shapes import bumpy, folded, held_ends, rotation
 
 ROUNDING = 1e-12
 
