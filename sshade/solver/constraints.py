@@ -29,9 +29,11 @@ from sshade.solver.volume_area import (
     Equations,
     add_gradients,
     along,
+    gather,
     gradients,
     measure,
     newton,
+    scatter,
 )
 
 log = logging.getLogger(__name__)
@@ -204,12 +206,10 @@ class HeldConstraints:
     def write_gradients(self, P: np.ndarray, rows: np.ndarray, X: np.ndarray) -> None:
         F, start, _, kinds, scale, *_ = self._equations
         gradients(F, start, kinds, scale, P, self._G)
-        for q in range(self.count):
-            X[q] = self._G[rows, q]
+        gather(self._G, rows, X)
 
     def take_directions(self, X: np.ndarray, rows: np.ndarray) -> None:
-        for q in range(self.count):
-            self._Z[rows, q] = X[q]
+        scatter(X, rows, self._Z)
         along(self._G, self._equations.component, self._Z, self._slope)
 
     def project(self, P: np.ndarray) -> None:
