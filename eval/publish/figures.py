@@ -101,6 +101,7 @@ def command(options: argparse.Namespace) -> int:
     rows = [row for case in cases for row in panels.rows_of(case.task, case.results, **camera(options))]
     top = colour_range(panels.error_of(case.task, V) for case in cases for V in case.results.values())
     label = panels.error_label(cases[0].task)
-    figure = panels.draw(rows, title=folder.name, top=top, label=label)
+    legend = "  (handles: blue static, yellow dynamic)" if any(row.handles for row in rows) else ""
+    figure = panels.draw(rows, title=folder.name + legend, top=top, label=label)
     save(figure, options.out or FIGURES / f"{folder.name}.png")
     return 0

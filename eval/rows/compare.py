@@ -51,7 +51,10 @@ def differences(first: pd.DataFrame, second: pd.DataFrame) -> list[str]:
 
 def _by_run(rows: pd.DataFrame) -> dict[str, Row]:
     """The rows by method, task and seed."""
-    by_run = {f"{row['method.name']} {row['task.name']} seed {row['seed']}": row for row in records(rows)}
+    by_run = {
+        f"{row['method.name']} {row['task.name']} seed {row['seed']}": row
+        for row in records(rows.replace("", None))
+    }
     if len(by_run) < len(rows):
         raise InputError("several rows of one method, task and seed; compare sets that hold one row a run")
     return by_run

@@ -49,9 +49,10 @@ IDENTITY = ("task.name", "method.name", "method.hash", "seed", "status", "key", 
 #: Columns that are text even where it looks like a number: a label 5, a hash 12e456, a version 1.0.
 _TEXT = (
     *(name for name in IDENTITY if name != "seed"),
-    *("reason", "task.checksum", "task.source", "task.meta.", "method.sources", "method.note"),
+    *("reason", "task.checksum", "task.source", "method.sources", "method.note"),
     *("env.commit", "env.python", "env.omp_num_threads", "env.openblas_num_threads", "env.mkl_num_threads"),
-    "env.version.",
+    *(f"task.meta.{fact}" for fact in ("checksum", "class", "dataset", "edit", "note", "posed_by")),
+    *("task.meta.source_pose", "env.version."),
 )
 #: Beginnings of columns that hold numbers, or nothing.
 _NUMBERS = ("metric.", "seconds.", "iterations", "task.vertices", "peak_mib")

@@ -34,7 +34,7 @@ def test_the_same_sweep_twice_is_equal_up_to_what_the_command_names(folders, tmp
     assert out.startswith("2 and 2 rows, ") and "0 differences" in out
     assert "left out: date, env.*, peak_mib, seconds.*, task.source (but not env.version.*)" in out
     write_csv(tmp_path / "a.csv", first)
-    assert call("compare", [str(tmp_path / "a.csv"), str(tmp_path / "a.csv")]) == 0
+    assert call("compare", [str(tmp_path / "a.csv"), str(folders[0])]) == 0
 
 
 @pytest.mark.parametrize(
