@@ -1,17 +1,20 @@
-"""MATLAB's files of surfaces, read in a process of their own: SciPy's reader can end it on a damaged file."""
+"""MATLAB's files of surfaces, read in a process of their own.
+
+SciPy's compiled reader can end its process on a damaged file; so it ends one
+that was begun for that file. ``python -m defaust.sources.matlab FILE`` writes the arrays to
+standard output; nothing but NumPy and SciPy is imported, to begin soon.
+"""
 
 from __future__ import annotations
 
+import io
+import signal
+import subprocess
+import sys
 from collections.abc import Mapping
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from functools import cache
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
-
-from sshade.processes import end_with_parent
 
 
 def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -27,21 +30,17 @@ def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray]:
     Raises
     ------
     ValueError
-        When the file has none, or its reader came to its end on it.
-    Exception
-        Whatever else SciPy raises on a file that it cannot read.
+        When the file has none, or cannot be read, whatever that does to the reader.
     """
-    try:
-        return _reader().submit(_surface, str(path)).result()
-    except BrokenProcessPool as error:
-        _reader.cache_clear()
-        raise ValueError("the process that read it came to an end") from error
-
-
-@cache
-def _reader() -> ProcessPoolExecutor:
-    """One process, begun with the first file, for all."""
-    return ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=end_with_parent)
+    command = [sys.executable, "-m", "defaust.sources.matlab", str(path)]
+    done = subprocess.run(command, capture_output=True)
+    if done.returncode < 0:
+        raise ValueError(f"its reader was ended by {signal.Signals(-done.returncode).name}")
+    if done.returncode:
+        lines = done.stderr.decode(errors="replace").split("\n")
+        raise ValueError(" ".join(line for line in lines[-2:] if line) or "its reader failed")
+    with np.load(io.BytesIO(done.stdout), allow_pickle=False) as arrays:
+        return arrays["V"], arrays["F"]
 
 
 def _surface(path: str) -> tuple[np.ndarray, np.ndarray]:
@@ -52,3 +51,17 @@ def _surface(path: str) -> tuple[np.ndarray, np.ndarray]:
             V = np.stack([np.ravel(value[axis]).astype(np.float64) for axis in "XYZ"], axis=1)
             return V, np.atleast_2d(value["TRIV"]).astype(np.int64)
     raise ValueError("it holds no struct with X, Y, Z and TRIV")
+
+
+def _main(path: str) -> int:
+    try:
+        V, F = _surface(path)
+    except Exception as error:  # a reader fails in many ways, all of them the file's fault
+        sys.stderr.write(f"{' '.join(str(error).split()) or type(error).__name__}\n")
+        return 1
+    np.savez(sys.stdout.buffer, V=V, F=F)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(_main(sys.argv[1]))

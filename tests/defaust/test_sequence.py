@@ -145,9 +145,10 @@ def test_sampled_landmarks_lie_apart_at_the_ends(tmp_path):
 
 def test_meshes_with_holes_are_kept(tmp_path):
     ball, out = icosphere(3), tmp_path / "out"
-    write_class(tmp_path / "data", "cup", Mesh(ball.V, ball.F[1:]))
-    source = sequence(write_class(tmp_path / "data", "ball", ball), "source.landmarks=4")
-    build(source, out, options=KEPT, workers=1)
+    # Of the format that is read in a process of its own, here by workers.
+    write_class(tmp_path / "data", "cup", Mesh(ball.V, ball.F[1:]), kind=".mat")
+    source = sequence(write_class(tmp_path / "data", "ball", ball, kind=".mat"), "source.landmarks=4")
+    build(source, out, options=KEPT, workers=2)
     assert verify(out) == []
     document = read_dataset(out)
     closed, holed = document["subjects"]
