@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
+from pathlib import Path
 from time import sleep
 
 import numpy as np
@@ -12,6 +15,17 @@ from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.task import DeformationResult, DeformationTask, silent
 from tests.shapes import bumpy, end_handles
+
+_HERE = Path(__file__).parent
+#: ``sshade-eval run`` as a program, with the methods and datasets of these tests.
+RUN = [sys.executable, "-m", "eval", "run", "--config-dir", str(_HERE / "extra_conf")]
+ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join([str(_HERE), str(_HERE.parents[1])])}
+
+
+def run_eval(folder: Path, *arguments: str) -> subprocess.CompletedProcess:
+    """Run the program in a folder, to its end."""
+    command = [*RUN, *arguments]
+    return subprocess.run(command, cwd=folder, env=ENVIRONMENT, capture_output=True, text=True, timeout=300)
 
 
 def ends_task(mesh: Mesh, *, angle: float = 30.0, lift: float = 0.1, name: str = "ends") -> DeformationTask:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
-import eval_cases
 import pytest
+from eval_cases import bumpy_task, run_eval
 from omegaconf import OmegaConf
 
 from eval.configure import app as cli
@@ -18,14 +15,6 @@ from sshade.errors import InputError
 from sshade.io.handles import write_handles
 from sshade.io.meshes import write_mesh
 from sshade.threads import available_cpus
-
-HERE = Path(__file__).parent
-
-
-def run_eval(folder, *arguments):
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE), str(HERE.parents[1])])}
-    command = [sys.executable, "-m", "eval", "run", "--config-dir", str(HERE / "extra_conf"), *arguments]
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=120)
 
 
 def files(folder):
@@ -50,7 +39,7 @@ def test_a_label_may_be_a_number(tmp_path):
 
 
 def test_warnings_of_a_method_reach_the_user_of_a_run_and_of_a_sweep(tmp_path):
-    task = eval_cases.bumpy_task()
+    task = bumpy_task()
     write_mesh(tmp_path / "open.ply", task.mesh.V, task.mesh.F[:-1])
     write_handles(tmp_path / "pose.json", task.handles)
     overrides = ["dataset=mesh", "dataset.mesh=open.ply", "dataset.handles=pose.json", "method=sshade_fast"]

@@ -6,14 +6,13 @@ import os
 import pty
 import signal
 import subprocess
-import sys
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from time import monotonic, sleep
 
 import pytest
+from eval_cases import ENVIRONMENT, RUN
 
-HERE = Path(__file__).parent
 INTERRUPTED = "interrupted; the same command goes on from there"
 
 
@@ -23,16 +22,10 @@ def start_eval(folder, *arguments, **streams):
 
     It hears Ctrl-C even where the tests do not, as in the background of a shell.
     """
-    environment = {
-        **os.environ,
-        "PYTHONPATH": os.pathsep.join([str(HERE), str(HERE.parents[1])]),
-        "TERM": "xterm",
-        "COLUMNS": "120",
-    }
-    command = [sys.executable, "-m", "eval", "run", "--config-dir", str(HERE / "extra_conf"), *arguments]
+    environment = {**ENVIRONMENT, "TERM": "xterm", "COLUMNS": "120"}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **streams}
     process = subprocess.Popen(
-        command,
+        [*RUN, *arguments],
         cwd=folder,
         env=environment,
         text=True,

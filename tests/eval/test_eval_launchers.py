@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
+from eval_cases import run_eval
 from hydra import compose, initialize_config_dir
 from hydra.errors import HydraException
 
@@ -16,7 +12,6 @@ from eval.rows.collect import collect
 from eval.rows.compare import differences
 from sshade.cli.configuration import CONFIGURATION
 
-HERE = Path(__file__).parent
 NEEDS = {
     "joblib": "hydra_plugins.hydra_joblib_launcher",
     "slurm": "hydra_plugins.hydra_submitit_launcher",
@@ -24,29 +19,7 @@ NEEDS = {
     "ray": "hydra_plugins.hydra_ray_launcher",
     "ray_cluster": "hydra_plugins.hydra_ray_launcher",
 }
-RUNS = ["method=failing,sshade", "proxy.vertices=100"]
-
-
-def sweep(folder, *overrides):
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE), str(HERE.parents[1])])}
-    command = [
-        sys.executable,
-        "-m",
-        "eval",
-        "run",
-        "--config-dir",
-        str(HERE / "extra_conf"),
-        "-m",
-        "dataset=bumpy",
-    ]
-    return subprocess.run(
-        [*command, *overrides],
-        cwd=folder,
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
+RUNS = ["-m", "dataset=bumpy", "method=failing,sshade", "proxy.vertices=100"]
 
 
 @pytest.mark.parametrize("launcher", NEEDS)
@@ -66,7 +39,7 @@ def test_the_launcher_composes(launcher):
 def basic(tmp_path_factory):
     """A sweep of one failing and one good run, one after the other."""
     folder = tmp_path_factory.mktemp("basic")
-    done = sweep(folder, *RUNS)
+    done = run_eval(folder, *RUNS)
     return done, collect(folder / "out/runs/single")
 
 
@@ -80,7 +53,7 @@ def basic(tmp_path_factory):
 )
 def test_another_launcher_gives_the_same_rows(tmp_path, basic, launcher, options):
     pytest.importorskip(NEEDS[launcher], reason=f"the extra of hydra/launcher={launcher} is not installed")
-    done, rows = sweep(tmp_path, *RUNS, f"hydra/launcher={launcher}", *options), collect(tmp_path)
+    done, rows = run_eval(tmp_path, *RUNS, f"hydra/launcher={launcher}", *options), collect(tmp_path)
     assert done.returncode == basic[0].returncode == 1, done.stderr
     lines, lines_of_basic = (text.splitlines() for text in (done.stdout, basic[0].stdout))
     assert {line.split(":")[0] for line in lines} == {line.split(":")[0] for line in lines_of_basic}
@@ -93,7 +66,15 @@ def test_another_launcher_gives_the_same_rows(tmp_path, basic, launcher, options
 
 def test_a_lost_worker_is_told(tmp_path):
     pytest.importorskip(NEEDS["joblib"], reason="the extra joblib is not installed")
-    done = sweep(tmp_path, "method=dying", "seed=0,1", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
+    done = run_eval(
+        tmp_path,
+        "-m",
+        "dataset=bumpy",
+        "method=dying",
+        "seed=0,1",
+        "hydra/launcher=joblib",
+        "hydra.launcher.n_jobs=2",
+    )
     assert done.returncode == 1
     assert done.stdout == "2 runs: 0 new, 0 kept, 2 not done\n"
     told = "failed: a worker was lost (TerminatedWorkerError); the same command goes on from there"
