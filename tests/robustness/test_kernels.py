@@ -95,7 +95,7 @@ def _crossing() -> np.ndarray:
     return np.array(found)
 
 
-def _separated() -> np.ndarray:
+def _resolved() -> np.ndarray:
     """A sphere whose front is pushed out through its back."""
     ball = icosphere(2)
     around = ball.V[:, 1] ** 2 + ball.V[:, 2] ** 2
@@ -146,7 +146,7 @@ WORK: dict[str, Callable[[], np.ndarray]] = {
     "remeshing with few samples": _remeshed_with_few,
     "intersections": _crossing,
     "points near needles": _on_needles,
-    "leading apart": _separated,
+    "resolving intersections": _resolved,
     "substitution": _substituted,
 }
 
@@ -166,9 +166,8 @@ def kernels() -> dict[CPUDispatcher, list[tuple[Any, str]]]:
     return found
 
 
-@pytest.mark.filterwarnings(
-    "ignore::RuntimeWarning"
-)  # of divisions by zero, which machine code does not tell
+# Machine code divides by zero without a warning.
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_every_kernel_gives_uncompiled_what_it_gives_compiled(monkeypatch):
     expected = {name: work() for name, work in WORK.items()}
     called = set()
