@@ -127,7 +127,13 @@ class ArapSystem:
             banded.sort_indices()
             self._laplacian = banded.indptr, banded.indices, banded.data
             self._list_terms(h, edges, weights, energy=energy)
-            self.factorisation = factorised.result()
+            try:
+                self.factorisation = factorised.result()
+            except FloatingPointError as error:  # every component has a handle: it is the mesh
+                raise InputError(
+                    "the Laplacian of the rest mesh is not positive definite to rounding, as triangles of "
+                    "nearly no area make it; remesh or remove them"
+                ) from error
         free = free[self.factorisation.order]
         self.to_handles = laplacian[free][:, self.index]
         self.free, self.held = self.place[free], self.place[self.index]

@@ -96,7 +96,7 @@ class LocalGlobal:
     ------
     InputError
         On an unknown energy, vertices as above that are out of range, repeated, or
-        leave a component free, or triangles without area: their cotangents are infinite.
+        leave a component free, or triangles of nearly no area: their cotangents are infinite.
     """
 
     def __init__(self, mesh: Mesh, index: np.ndarray, *, energy: Energy = "spokes_and_rims") -> None:

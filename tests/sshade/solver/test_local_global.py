@@ -379,6 +379,14 @@ def test_zero_area_triangles_are_counted():
         LocalGlobal(Mesh(V, F), np.array([0, 1]))
 
 
+def test_vertices_nearer_than_rounding_are_a_mistake_in_the_mesh():
+    V, F = np.array(strip(4, 3).V), strip(4, 3).F
+    V[6] = V[5] + [3e-17, 7e-17, 1e-17]
+    V[11] = V[10] + [-3e-17, 2e-17, 5e-17]
+    with pytest.raises(InputError, match="not positive definite to rounding"):
+        LocalGlobal(Mesh(V, F), np.array([0, 1]))
+
+
 @pytest.mark.parametrize(
     ("index", "message"),
     [
