@@ -47,11 +47,6 @@ def test_iterations_one_a_call_equal_one_libigl_call_bit_for_bit(task, energy, i
     assert result.iterations == iterations and result.converged is False
 
 
-def test_the_energies_differ(task):
-    a, b = (libigl_arap(task, energy=energy, max_iterations=20).vertices for energy in ENERGIES)
-    assert np.abs(a - b).max() > 1e-3
-
-
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-3, 1e-4])
 def test_iteration_stops_at_the_first_residual_below_the_tolerance(task, tolerance):
     result = libigl_arap(task, tolerance=tolerance)
@@ -96,11 +91,6 @@ def test_the_cutoff_zero_returns_the_start(task):
     result = libigl_arap(task, max_iterations=0)
     assert np.array_equal(result.vertices, initial_guess(task, "rest"))
     assert result.iterations == 0 and result.converged is False
-
-
-def test_handles_are_exactly_on_their_targets(task):
-    result = libigl_arap(task, max_iterations=5)
-    assert np.allclose(result.vertices[task.handles.index], task.handles.target, rtol=0, atol=1e-12)
 
 
 def test_the_rest_start_is_the_rest_shape_with_handles_on_their_targets(task):

@@ -158,14 +158,6 @@ def test_a_pose_without_any_frame_keeps_displacements():
     np.testing.assert_allclose(moved, edit(mesh) - mesh.V, atol=1e-15)
 
 
-def test_input_is_untouched(body):
-    edited, posed = edit(body), bent(body.V)
-    copies = edited.copy(), posed.copy()
-    transfer_pose(body, edited, posed=posed)
-    np.testing.assert_array_equal(edited, copies[0])
-    np.testing.assert_array_equal(posed, copies[1])
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
