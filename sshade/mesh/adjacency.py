@@ -164,23 +164,30 @@ def _sides_by_edge(F, n):
             low[3 * f + c], high[3 * f + c] = min(i, j), max(i, j)
     # A start is moved along with what is filled in: in the end it is where the entries end.
     by_high, by_low = _starts(high, n), _starts(low, n)
-    partly_sorted = np.empty(3 * m, dtype=np.int32)
+    partly, its_low = np.empty(3 * m, dtype=np.int32), np.empty(3 * m, dtype=np.int32)
     for s in range(3 * m):
-        partly_sorted[by_high[high[s]]] = s
+        p = by_high[high[s]]
+        partly[p], its_low[p] = s, low[s]
         by_high[high[s]] += 1
-    side = np.empty(3 * m, dtype=np.int32)
-    for s in partly_sorted:
-        side[by_low[low[s]]] = s
-        by_low[low[s]] += 1
+    side, its_high = low, high  # not needed any more
+    p = 0
+    for j in range(n):
+        while p < by_high[j]:
+            q = by_low[its_low[p]]
+            side[q], its_high[q] = partly[p], j
+            by_low[its_low[p]] += 1
+            p += 1
     ends, start = np.empty((3 * m, 2), dtype=np.int32), np.empty(3 * m + 1, dtype=np.int32)
-    edges = 0
-    for p in range(3 * m):
-        i, j = low[side[p]], high[side[p]]
-        if p == 0 or i != ends[edges - 1, 0] or j != ends[edges - 1, 1]:
-            ends[edges, 0], ends[edges, 1], start[edges] = i, j, p
-            edges += 1
+    edges = p = 0
+    for i in range(n):
+        begin = p
+        while p < by_low[i]:
+            if p == begin or its_high[p] != its_high[p - 1]:
+                ends[edges, 0], ends[edges, 1], start[edges] = i, its_high[p], p
+                edges += 1
+            p += 1
     start[edges] = 3 * m
-    return ends[:edges].copy(), start[: edges + 1].copy(), side
+    return ends[:edges], start[: edges + 1], side
 
 
 @njit(cache=True, nogil=True)

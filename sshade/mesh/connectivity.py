@@ -23,10 +23,10 @@ class Connectivity(NamedTuple):
         A loop is a connected set of boundary edges.
     crowded_edge : (3,) int64
         Ends of the first edge with the most faces, and their number, if that is above two; else -1.
-    split_vertex : int
-        The first vertex whose faces form more than one fan; -1 if none.
     oriented : bool
         No two faces run through an edge in the same direction.
+    split_vertex : int
+        The first vertex whose faces form more than one fan; -1 if none.
     """
 
     edges: int
@@ -35,8 +35,8 @@ class Connectivity(NamedTuple):
     components: int
     boundary_loops: int
     crowded_edge: np.ndarray
-    split_vertex: int
     oriented: bool
+    split_vertex: int
 
 
 def connectivity(F: np.ndarray, n: int) -> Connectivity:
@@ -49,7 +49,8 @@ def connectivity(F: np.ndarray, n: int) -> Connectivity:
     n : int
         Number of vertices.
     """
-    return Connectivity(*_connectivity(F.ravel(), n, *sides_by_edge(F, n)))
+    facts = (*_connectivity(F, n, *sides_by_edge(F, n)), _split_vertex(F, n))
+    return Connectivity(*facts)
 
 
 @njit(cache=True, nogil=True)
@@ -68,10 +69,10 @@ def _unite(parent, i, j):
 
 
 @njit(cache=True, nogil=True)
-def _connectivity(corner, n, ends, start, side):
-    """As of :class:`Connectivity`, for the (3m,) vertices at the corners of faces."""
+def _connectivity(F, n, ends, start, side):
+    """As of :class:`Connectivity`, but for the fans."""
+    corner = F.ravel()
     component, loop = np.arange(n).astype(np.int32), np.arange(n).astype(np.int32)
-    fan = np.arange(corner.shape[0]).astype(np.int32)  # sets of the corners at a vertex
     on_boundary = np.zeros(n, dtype=np.bool_)
     boundary_edges, crowded, oriented = 0, np.full(3, -1, dtype=np.int64), True
     for e in range(ends.shape[0]):
@@ -83,21 +84,11 @@ def _connectivity(corner, n, ends, start, side):
             _unite(loop, i, j)
         elif faces > max(2, crowded[2]):
             crowded[0], crowded[1], crowded[2] = i, j, faces
-        forward, at_i, at_j = 0, -1, -1
+        forward = 0
         for p in range(start[e], start[e + 1]):
-            tail = np.int64(side[p])
-            head = tail - 2 if tail % 3 == 2 else tail + 1
-            forward += corner[tail] == i
-            last_i, last_j = at_i, at_j
-            at_i, at_j = (tail, head) if corner[tail] == i else (head, tail)
-            if p > start[e]:
-                _unite(fan, last_i, at_i)
-                _unite(fan, last_j, at_j)
+            forward += corner[side[p]] == i
         oriented = oriented and forward < 2 and faces - forward < 2
-    fans = np.zeros(n, dtype=np.int32)
-    for s in range(corner.shape[0]):
-        fans[corner[s]] += fan[s] == s
-    number, components, loops, split = np.empty(n, dtype=np.int32), 0, 0, -1
+    number, components, loops = np.empty(n, dtype=np.int32), 0, 0
     for i in range(n):
         root = _root(component, i)
         if root == i:
@@ -106,6 +97,42 @@ def _connectivity(corner, n, ends, start, side):
         else:
             number[i] = number[root]  # a root is the first of its set
         loops += on_boundary[i] and loop[i] == i
-        if fans[i] > 1 and split == -1:
-            split = i
-    return ends.shape[0], boundary_edges, number, components, loops, crowded, split, oriented
+    return ends.shape[0], boundary_edges, number, components, loops, crowded, oriented
+
+
+@njit(cache=True, nogil=True)
+def _split_vertex(F, n):
+    """The first vertex whose neighbours are not all linked to each other by its faces; or -1."""
+    m = F.shape[0]
+    start = np.zeros(n + 1, dtype=np.int64)
+    for f in range(m):
+        for c in range(3):
+            start[F[f, c] + 1] += 2
+    widest = start.max()
+    for i in range(n):
+        start[i + 1] += start[i]
+    fill, around = start[:-1].copy(), np.empty(6 * m, dtype=np.int32)  # two neighbours from each face
+    for f in range(m):
+        for c in range(3):
+            p = fill[F[f, c]]
+            around[p], around[p + 1] = F[f, (c + 1) % 3], F[f, (c + 2) % 3]
+            fill[F[f, c]] += 2
+    place, link = np.full(n, -1, dtype=np.int32), np.empty(widest, dtype=np.int32)
+    for i in range(n):
+        begin, count, fans = start[i], start[i + 1] - start[i], 0
+        for p in range(count):
+            j = around[begin + p]
+            if place[j] == -1:
+                place[j] = p
+                fans += 1
+            link[p] = place[j]
+        for p in range(0, count, 2):
+            a, b = _root(link, p), _root(link, p + 1)
+            if a != b:
+                link[max(a, b)] = min(a, b)
+                fans -= 1
+        for p in range(count):
+            place[around[begin + p]] = -1
+        if fans > 1:
+            return i
+    return -1

@@ -143,9 +143,8 @@ def _random_other_vertex(n: int, taken: np.ndarray, seed: int | Sequence[int]) -
 
 def _dual_faces(F: np.ndarray, region: np.ndarray) -> np.ndarray:
     """(l, 3) triples of regions that meet in a triangle, oriented as it, smallest first, each once."""
-    corners = region[F]
-    differ = (corners != np.roll(corners, -1, axis=1)).all(axis=1)
-    corners = corners[differ].astype(np.int64)
+    a, b, c = (region[F[:, i]] for i in range(3))
+    corners = region[F[(a != b) & (b != c) & (c != a)]].astype(np.int64)
     turn = corners.argmin(axis=1)[:, None] + np.arange(3)
     faces = np.take_along_axis(corners, turn % 3, axis=1)
     first, _ = group_rows(faces, int(region.max()) + 1)
