@@ -23,7 +23,7 @@ STATIC, DYNAMIC, BODY, PATH = "#2166ac", "#f2c200", "#d9d5cf", "#8c8c8c"
 #: Colours of errors, light to dark.
 COLOURS = "magma_r"
 
-#: From the scene to the camera, and upright, unless told.
+#: From the scene to the camera, and upright: the defaults.
 TOWARDS, UP = (0.5, 0.25, 1.0), (0.0, 1.0, 0.0)
 
 #: Radius of a handle's sphere over the bounding-box diagonal.

@@ -226,7 +226,7 @@ def _notes(facts: Mapping[str, Any]) -> list[str]:
 
 
 def _method(arguments: argparse.Namespace) -> Callable[..., DeformationResult]:
-    """The function of --method, with what the arguments say of it."""
+    """The function that --method names, with the options of the command that it takes."""
     from sshade.pipeline.deform import deform
     from sshade.pipeline.fast import sshade_fast
     from sshade.pipeline.fine import sshade_fine

@@ -92,7 +92,7 @@ def _show(arguments: argparse.Namespace) -> None:
 
 
 def has_display() -> bool:
-    """Whether a window can be opened; only X11 and Wayland are told by the environment."""
+    """Whether a window can be opened: of X11 and Wayland the environment says so, elsewhere it is assumed."""
     if not sys.platform.startswith("linux"):
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

@@ -100,7 +100,7 @@ def check_suffix(path: Path, suffixes: Collection[str]) -> None:
 
 
 def reason(error: OSError) -> str:
-    """What the system says, such as "No space left on device", without the number and the path."""
+    """The text of an error of the system, such as "No space left on device", without number and path."""
     if error.strerror:
         return error.strerror
     # numpy's own: "12 requested and 0 written"

@@ -8,7 +8,7 @@ from numba import njit
 from sshade.threads import ThreadTeam
 
 #: Leaves whose boxes a thread fits at a time.
-PIECE = 8192
+CHUNK = 8192
 
 
 def bounds(V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -61,11 +61,11 @@ def box_tree(
     leaves = 1 << (filled - 1).bit_length()
     face_boxes, boxes = np.empty((len(F), 6)), np.empty((2 * leaves, 6))
 
-    def piece(number: int) -> None:
-        leaf_range = number * PIECE, min(leaves, (number + 1) * PIECE)
+    def chunk(number: int) -> None:
+        leaf_range = number * CHUNK, min(leaves, (number + 1) * CHUNK)
         _fit_leaves(V, F, leaf_size, *leaf_range, face_boxes, boxes)
 
-    team(piece, -(-leaves // PIECE))
+    team(chunk, -(-leaves // CHUNK))
     _fit_inner_nodes(boxes)
     return face_boxes, boxes
 

@@ -200,7 +200,7 @@ def test_only_pairs_with_one_of_the_faces_asked_for_and_any_number_of_threads(mo
             pair[:] = False
             pair[face] = True
             assert (intersecting_faces(V, F, among=pair) & among).any()
-    for owner, name, value in ((module, "PIECE", 5), (boxes, "PIECE", 5), (module, "PARTS", 8)):
+    for owner, name, value in ((module, "PIECE", 5), (boxes, "CHUNK", 5), (module, "PARTS", 8)):
         monkeypatch.setattr(owner, name, value)
         assert np.array_equal(intersecting_faces(V, F, workers=3), every)
 
