@@ -78,7 +78,7 @@ REFUSED = {
     "far beyond the digits": (mesh(V + 1e13, F), "digits"),
     "slivers of 1e-9 all along": (
         posed((SLIVERS.V[:, [0, 2, 1]] * [1e-9, 1, 1], SLIVERS.F)),
-        "nearly zero-area triangle",
+        "triangles of nearly no area",
     ),
 }
 REFUSED_BY_REMESH = {
