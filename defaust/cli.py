@@ -106,7 +106,7 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, int | 
 
 
 def _verify(args: argparse.Namespace) -> int:
-    from defaust.folder.verify import verify
+    from defaust.build.verify import verify
 
     with progress_bar() as progress:
         faults = verify(args.folder, progress=progress)

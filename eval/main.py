@@ -35,7 +35,7 @@ COMMANDS = {
     "front": Command("eval.publish.front", "volume against stretch"),
     "report": Command("eval.publish.report.command", "one HTML page with all of it and a 3D view"),
     "publish": Command("eval.publish.publish", "an experiment's rows, tables and figures into results/"),
-    "remeasure": Command("eval.rows.remeasure", "metrics of finished runs, from their stored vertices"),
+    "remeasure": Command("eval.run.remeasure", "metrics of finished runs, from their stored vertices"),
     "compare": Command("eval.rows.compare", "whether two sets of rows say the same"),
     "check": Command("eval.rows.bands", "hold rows against committed bands of quality"),
     "bench": Command("eval.timing.bench", "speed beside libigl's ARAP and a factorisation"),

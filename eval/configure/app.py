@@ -24,13 +24,13 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from eval.configure import sweep as cli_sweep
-from eval.configure.allowed import OVERRIDE, allow_from, check_folders, require_allowed
 from eval.configure.sweep import SweepRefused, check_root
-from eval.configure.targets import check_parameters, instantiate
 from eval.metrics import METRICS
 from eval.rows.bands import out_of_band
+from eval.run.allowed import OVERRIDE, allow_from, check_folders, require_allowed
 from eval.run.record import SweepRecord, status_text
 from eval.run.run import Outcome, run
+from eval.run.targets import check_parameters, instantiate
 from sshade.cli.configuration import CONFIGURATION, PACKAGES, one_sentence, unreadable_override
 from sshade.cli.console import progress_bar
 from sshade.errors import InputError

@@ -13,10 +13,10 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, open_dict, read_write
 
-from eval.configure.allowed import require_allowed
-from eval.configure.targets import locate
+from eval.run.allowed import require_allowed
 from eval.run.monitor import Monitor
 from eval.run.record import Plan, SweepRecord, summary
+from eval.run.targets import locate
 from sshade.errors import InputError
 from sshade.io.files import reason
 

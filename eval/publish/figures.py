@@ -20,8 +20,8 @@ from eval.publish.plotting import FIGURES, add_camera, camera, save
 from eval.rows.collect import collect
 from eval.rows.experiment import Experiment
 from eval.rows.frame import numbers, records, valid
-from eval.rows.recall import load_task
 from eval.rows.store import FOLDER_HELP, experiment_folder
+from eval.run.recall import load_task
 from sshade.errors import InputError
 from sshade.figures import colour_range, require_extra
 

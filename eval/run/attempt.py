@@ -23,10 +23,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eval.configure.targets import instantiate, settings
 from eval.metrics import Task
 from eval.rows.store import Row
 from eval.run.provenance import process_memory
+from eval.run.targets import instantiate, settings
 from eval.run.warmup import warm_up
 from sshade.processes import end_with_parent
 from sshade.task import DeformationResult, Progress, silent

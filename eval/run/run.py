@@ -9,7 +9,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from eval.configure.targets import flat, instantiate, require_kind, settings, target_modules
 from eval.metrics import Task, measure
 from eval.rows.store import SCHEMA, TRANSFER, VALID, Row, read_row, run_folder, write_run
 from eval.run.attempt import attempt, attempt_fresh, is_scalar
@@ -22,6 +21,7 @@ from eval.run.provenance import (
     method_sources,
     task_checksum,
 )
+from eval.run.targets import flat, instantiate, require_kind, settings, target_modules
 from sshade.task import DeformationTask, Progress, silent
 
 

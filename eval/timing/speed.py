@@ -7,8 +7,8 @@ from functools import partial
 
 import numpy as np
 
-from eval.configure.targets import locate
 from eval.metrics import measure
+from eval.run.targets import locate
 from eval.timing.timing import Timing, say, take_turns
 from sshade.pipeline.deform import deform
 from sshade.pipeline.fast import sshade_fast

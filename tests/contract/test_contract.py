@@ -10,7 +10,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 from scipy.spatial.transform import Rotation
 
-from eval.configure.targets import instantiate
+from eval.run.targets import instantiate
 from sshade.cli.configuration import CONFIGURATION
 from sshade.mesh.mesh import Mesh
 from sshade.pipeline.transfer import TransferTask

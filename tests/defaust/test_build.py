@@ -9,9 +9,9 @@ import pytest
 from defaust.build import workers as module
 from defaust.build.dataset import build
 from defaust.build.options import BuildOptions
+from defaust.build.verify import verify
 from defaust.folder.layout import checksum
 from defaust.folder.record import read_dataset
-from defaust.folder.verify import verify
 from sshade import InputError
 from sshade.io.meshes import read_mesh
 from tests.defaust.registrations import contents

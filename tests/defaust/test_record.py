@@ -5,9 +5,9 @@ import json
 import pytest
 
 from defaust.build.dataset import build
+from defaust.build.verify import verify
 from defaust.folder.layout import checksum, dump
 from defaust.folder.record import FILES, read_dataset, read_record
-from defaust.folder.verify import verify
 from defaust.schema import mismatch
 from defaust.tasks import load_task
 from sshade import InputError

@@ -9,9 +9,9 @@ from scipy.io import savemat
 
 from defaust.build.dataset import build
 from defaust.build.options import BuildOptions
+from defaust.build.verify import verify
 from defaust.cli import configure, main
 from defaust.folder.record import read_dataset
-from defaust.folder.verify import verify
 from defaust.sources.winding import same_triangles, wound_outward
 from defaust.tasks import list_tasks, load_task
 from sshade import InputError, Mesh

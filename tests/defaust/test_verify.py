@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from defaust.build.verify import verify
 from defaust.folder.layout import checksum, dump, sha256
-from defaust.folder.verify import verify
 from sshade import InputError
 from sshade.io.meshes import read_mesh, write_mesh
 

@@ -7,13 +7,13 @@ import sys
 import pytest
 import yaml
 
-from eval.configure.allowed import (
+from eval.run.allowed import (
     VARIABLE,
     allow_from,
     check_folders,
     require_allowed,
 )
-from eval.rows.recall import load_task
+from eval.run.recall import load_task
 from sshade.cli.configuration import CONFIGURATION, named_functions
 from sshade.errors import InputError
 from tests.robustness.case import contents, run

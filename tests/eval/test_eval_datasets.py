@@ -12,7 +12,7 @@ from omegaconf import OmegaConf
 
 from defaust.cli import main as defaust
 from eval.configure.app import _load_task
-from eval.configure.targets import locate
+from eval.run.targets import locate
 from sshade.cli.configuration import CONFIGURATION
 from sshade.errors import InputError
 from sshade.io.meshes import write_mesh

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from defaust.build.dataset import build
-from defaust.folder.verify import verify
+from defaust.build.verify import verify
 from eval.rows.store import read_row, run_folders
 from sshade.io.meshes import write_mesh
 from tests.defaust.toy import OPTIONS, Balls

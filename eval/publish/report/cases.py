@@ -13,8 +13,8 @@ from eval.metrics import Task
 from eval.publish.panels import error_label, error_of
 from eval.publish.report.surface import pack, surface
 from eval.rows.experiment import Experiment
-from eval.rows.recall import load_task
 from eval.rows.store import Row
+from eval.run.recall import load_task
 from sshade.errors import InputError
 from sshade.figures import View, colour_range, picture
 from sshade.pipeline.transfer import TransferTask

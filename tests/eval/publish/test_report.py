@@ -187,7 +187,7 @@ def test_without_runs_the_tables_stand_and_the_gap_is_told(tiny, text, tmp_path)
 
 @pytest.mark.usefixtures("without_charts")
 def test_a_changed_dataset_is_told(tiny, tmp_path, monkeypatch, tiny_runs):
-    monkeypatch.setattr("eval.rows.recall.task_checksum", lambda task: "other")
+    monkeypatch.setattr("eval.run.recall.task_checksum", lambda task: "other")
     page = Page(report(tiny, tmp_path / "r.html", "--runs", str(tiny_runs)))
     assert "No pictures: the dataset of bumpy_10 has changed since the run" in page.told("warning")
 

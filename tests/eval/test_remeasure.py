@@ -8,9 +8,9 @@ import pytest
 
 from eval.main import call
 from eval.metrics import METRICS, Metric
-from eval.rows import remeasure as module
-from eval.rows.remeasure import remeasure
 from eval.rows.store import read_row, run_folders, write_row
+from eval.run import remeasure as module
+from eval.run.remeasure import remeasure
 from sshade.errors import InputError
 
 

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from eval.metrics import METRICS, Task, measure
-from eval.rows.recall import load_task
 from eval.rows.store import (
     FOLDER_HELP,
     VALID,
@@ -24,6 +23,7 @@ from eval.rows.store import (
     run_folders,
     write_row,
 )
+from eval.run.recall import load_task
 from sshade.cli.console import progress_bar
 from sshade.errors import InputError
 from sshade.task import Progress, silent

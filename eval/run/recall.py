@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 
-from eval.configure.allowed import require_allowed
-from eval.configure.targets import instantiate
 from eval.metrics import Task
 from eval.rows.store import Row
+from eval.run.allowed import require_allowed
 from eval.run.provenance import task_checksum
+from eval.run.targets import instantiate
 from sshade.errors import InputError
 
 
