@@ -9,7 +9,6 @@ from sshade import InputError, Mesh, bind, load_binding, save_binding
 from sshade.carry.frames import Frames
 from sshade.carry.kinds import FrameKind
 from sshade.carry.triangle import TriangleFrames
-from sshade.sampling.remesh import remesh
 from tests.shapes import bent, family, rotation
 
 #: Positions agree to rounding: this times the bounding-box diagonal.
@@ -53,23 +52,6 @@ def test_scaling_by_a_power_of_two_changes_no_bit(kind, exponent):
     assert np.array_equal(a.carry(NV)[0] * scale, b.carry(NV * scale)[0])
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_renumbering_the_mesh_renumbers_the_result(kind):
-    rng = np.random.default_rng(4)
-    # All samples are given, for the random one is drawn by number.
-    first = remesh(BUMPY, 60, seed=1).samples[:60]
-    new_id = rng.permutation(BUMPY.n)
-    V = np.empty_like(BUMPY.V)
-    V[new_id] = BUMPY.V
-    F = np.array([np.roll(f, r) for f, r in zip(new_id[BUMPY.F], rng.integers(0, 3, BUMPY.m), strict=True)])
-    a = bind(BUMPY, 60, first=first, frames=kind)
-    b = bind(Mesh(V, rng.permutation(F)), 60, first=new_id[first], frames=kind)
-    assert np.array_equal(new_id[a.remesh.samples], b.remesh.samples)
-    assert np.array_equal(a.remesh.region, b.remesh.region[new_id])
-    A, B = a.carry(bent(a.proxy.V))[0], b.carry(bent(b.proxy.V))[0]
-    assert np.abs(A - B[new_id]).max() <= 1e-9 * BUMPY.diagonal
-
-
 def test_a_frame_function_is_given_at_the_vertices_of_the_mesh():
     a, b = bind(BUMPY, 80, frame_function=7 * BUMPY.V[:, 2] + 1), bind(BUMPY, 80, frame_function="z")
     steep = np.abs(a.frames.L - b.frames.L).max(axis=(1, 2)) < 1e-9
@@ -106,65 +88,3 @@ def test_a_binding_read_back_has_its_frames_or_those_that_are_asked_for(tmp_path
         direct = bind(BUMPY, 80, frames=other, frame_function=function)
         assert asked.frames.name == other
         assert np.array_equal(asked.carry(NV)[0], direct.carry(NV)[0])
-
-
-def damaged(path, **changes) -> None:
-    with np.load(path) as data:
-        arrays = {name: data[name] for name in data.files}
-    for name, change in changes.items():
-        if change is None:
-            del arrays[name]
-        else:
-            arrays[name] = change(arrays[name])
-    with open(path, "wb") as file:
-        np.savez(file, **arrays)
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"region": None},
-        {"frames": None},
-        {"frames": lambda a: np.array("rigid")},
-        {"values": lambda a: a[:-1]},
-        {"face": lambda a: a[:-1]},
-        {"face": lambda a: a + 10**6},
-        {"region": lambda a: a - 1},
-        {"samples": lambda a: -a},
-        {"samples": lambda a: a.astype(float)},
-        {"faces": lambda a: a + 10**6},
-        {"faces": lambda a: np.full(a.shape, "x")},
-    ],
-)
-def test_a_map_whose_arrays_do_not_fit_together_is_refused(tmp_path, body, changes):
-    path = tmp_path / "map.npz"
-    save_binding(path, bind(body, 50))
-    damaged(path, **changes)
-    with pytest.raises(InputError, match="map.npz"):
-        load_binding(path, body)
-
-
-def test_what_is_no_map_is_refused(tmp_path, body):
-    (tmp_path / "empty.npz").write_bytes(b"")
-    (tmp_path / "text.npz").write_text("no map")
-    save_binding(tmp_path / "cut.npz", bind(body, 50))
-    whole = (tmp_path / "cut.npz").read_bytes()
-    (tmp_path / "cut.npz").write_bytes(whole[: len(whole) // 2])
-    with open(tmp_path / "array.npz", "wb") as file:
-        np.save(file, np.eye(3))
-    for name in ("empty", "text", "cut", "array", "missing"):
-        with pytest.raises(InputError, match=rf"{name}.npz: not a map written by `sshade remesh`"):
-            load_binding(tmp_path / f"{name}.npz", body)
-
-
-def test_a_map_of_another_mesh_is_refused(tmp_path, body, small_body):
-    save_binding(tmp_path / "map.npz", bind(body, 50))
-    with pytest.raises(InputError, match="the map is of a mesh with 642 vertices, this one has 162"):
-        load_binding(tmp_path / "map.npz", small_body)
-    with pytest.raises(InputError, match="a mesh with other faces"):
-        load_binding(tmp_path / "map.npz", Mesh(body.V, body.F[:, [1, 2, 0]]))
-
-
-def test_a_proxy_of_another_size_is_refused(body):
-    with pytest.raises(InputError, match=r"the proxy has vertices of shape \(\d+, 3\), not \(4, 3\)"):
-        bind(body, 50).carry(np.zeros((4, 3)))

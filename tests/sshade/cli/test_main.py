@@ -6,11 +6,12 @@ import subprocess
 import sys
 from functools import partial
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
-from sshade import DeformationTask, Handles, InputError, Mesh, deform
+from sshade import DeformationTask, Handles, InputError, deform
 from sshade.cli.console import progress_bar, run_command
 from sshade.cli.main import main
 from sshade.contact.flips import new_flips
@@ -20,19 +21,12 @@ from sshade.io.meshes import read_arrays, read_mesh, write_mesh
 from sshade.pipeline.fast import sshade_fast
 from sshade.pipeline.fine import sshade_fine
 from sshade.solver.local_global import local_global
-from tests.shapes import bumpy, rotation
+from tests.shapes import bumpy, end_handles, rotation
 
 BODY = bumpy(2)
+#: The lower end held, the upper end lifted.
+POSE = end_handles(BODY.V, shift=(0.3, 0, 0.2))
 TURN, SHIFT = rotation(2), np.array([0.5, 0.2, 0.1])
-
-
-def pose(mesh: Mesh) -> Handles:
-    """The lower end held, the upper end lifted."""
-    z = mesh.V[:, 2]
-    low, high = np.flatnonzero(z < z.min() + 0.4), np.flatnonzero(z > z.max() - 0.4)
-    target = np.concatenate([mesh.V[low], mesh.V[high] + [0.3, 0, 0.2]])
-    dynamic = np.repeat([False, True], [len(low), len(high)])
-    return Handles(np.concatenate([low, high]), target, dynamic=dynamic, group=dynamic.astype(int))
 
 
 @pytest.fixture
@@ -40,12 +34,8 @@ def folder(tmp_path, monkeypatch) -> Path:
     """A folder with a sound mesh and pose, and the place of an output that does not exist yet."""
     monkeypatch.chdir(tmp_path)
     write_mesh("body.ply", BODY.V, BODY.F)
-    write_handles("pose.json", pose(BODY))
+    write_handles("pose.json", POSE)
     return tmp_path
-
-
-def put(path: str, V, F) -> None:
-    write_mesh(path, np.asarray(V, dtype=float), np.asarray(F))
 
 
 def put_handles(*entries: dict) -> None:
@@ -67,13 +57,12 @@ def test_deform_writes_the_inputs_vertices_moved_in_their_order(folder, capsys):
     assert main(["deform", "body.ply", "pose.json", "-o", "out.ply", "--vertices", "60"]) == 0
     V, F = read_arrays("out.ply")
     assert np.array_equal(F, BODY.F) and V.shape == BODY.V.shape
-    handles = pose(BODY)
-    gap = np.linalg.norm(V[handles.index] - handles.target, axis=1)
+    gap = np.linalg.norm(V[POSE.index] - POSE.target, axis=1)
     assert gap.max() < 0.02 * BODY.diagonal
     assert np.abs(V - BODY.V).max() > 0.1
     out, err = capsys.readouterr()
     assert out == ""
-    assert f"out.ply: {BODY.n} vertices, {len(handles)} handles" in err and "a proxy of" in err
+    assert f"out.ply: {BODY.n} vertices, {len(POSE)} handles" in err and "a proxy of" in err
     assert sorted(p.name for p in folder.iterdir()) == ["body.ply", "out.ply", "pose.json"]
 
 
@@ -128,10 +117,7 @@ def test_method_and_start_reach_the_solver(folder, method, start):
 
 
 def test_what_handles_force_through_the_body_is_said(folder, capsys):
-    z = BODY.V[:, 2]
-    low, high = np.flatnonzero(z < z.min() + 0.4), np.flatnonzero(z > z.max() - 0.4)
-    through = BODY.V[high] - [0, 0, 1.2 * np.ptp(z)]
-    write_handles("pose.json", Handles(np.r_[low, high], np.concatenate([BODY.V[low], through])))
+    write_handles("pose.json", end_handles(BODY.V, shift=[0, 0, -1.2 * np.ptp(BODY.V[:, 2])]))
     command = ["deform", "body.ply", "pose.json", "-o", "out.ply", "--method", "sshade_fine"]
     assert main([*command, "--vertices", "80"]) == 0
     said = capsys.readouterr().err
@@ -146,10 +132,9 @@ def test_fine_has_one_proxy(folder, capsys):
 
 
 def test_repair_deforms_a_soup_and_keeps_its_vertices(folder, capsys):
-    put("soup.stl", BODY.V, BODY.F)
+    write_mesh("soup.stl", BODY.V, BODY.F)
     soup, F = read_arrays("soup.stl")
-    handles = pose(BODY)
-    put_handles({"source": BODY.V[handles.index].tolist(), "target": handles.target.tolist()})
+    put_handles({"source": BODY.V[POSE.index].tolist(), "target": POSE.target.tolist()})
     assert_refused(capsys, ["deform", "soup.stl", "pose.json", "-o", "out.ply"], "components")
     assert main(["deform", "soup.stl", "pose.json", "-o", "out.ply", "--repair", "--vertices", "60"]) == 0
     V, G = read_arrays("out.ply")
@@ -162,13 +147,12 @@ def test_repair_deforms_a_soup_and_keeps_its_vertices(folder, capsys):
 def test_under_repair_vertex_ids_are_those_of_the_input(folder):
     """Unused vertices at the front shift every id of the repaired copy."""
     V = np.concatenate([np.full((3, 3), 9.0), BODY.V])
-    put("unused.ply", V, BODY.F + 3)
-    handles = pose(BODY)
-    write_handles("pose.json", Handles(handles.index + 3, handles.target))
+    write_mesh("unused.ply", V, BODY.F + 3)
+    write_handles("pose.json", Handles(POSE.index + 3, POSE.target))
     assert main(["deform", "unused.ply", "pose.json", "-o", "out.ply", "--repair", "--vertices", "60"]) == 0
     moved, F = read_arrays("out.ply")
     assert np.array_equal(F, BODY.F + 3) and np.array_equal(moved[:3], V[:3])
-    gap = np.linalg.norm(moved[handles.index + 3] - handles.target, axis=1)
+    gap = np.linalg.norm(moved[POSE.index + 3] - POSE.target, axis=1)
     assert gap.max() < 0.02 * BODY.diagonal
 
 
@@ -178,7 +162,7 @@ def test_remesh_and_carry_bring_an_edit_back(folder, capsys):
     assert proxy.topology == BODY.topology
     assert {tuple(v) for v in proxy.V.tolist()} <= {tuple(v) for v in BODY.V.tolist()}
     assert f"proxy.ply: {proxy.n} vertices, {proxy.m} faces; map in map.npz" in capsys.readouterr().err
-    put("edited.ply", proxy.V @ TURN.T + SHIFT, proxy.F)
+    write_mesh("edited.ply", proxy.V @ TURN.T + SHIFT, proxy.F)
     assert main(["carry", "body.ply", "map.npz", "edited.ply", "-o", "out.ply"]) == 0
     V, F = read_arrays("out.ply")
     assert np.array_equal(F, BODY.F)
@@ -191,7 +175,7 @@ def test_carry_counts_collapsed_triangles(folder, capsys):
     proxy = read_mesh("proxy.ply")
     V = proxy.V.copy()
     V[proxy.F[0, 1]] = V[proxy.F[0, 0]]
-    put("edited.ply", V, proxy.F)
+    write_mesh("edited.ply", V, proxy.F)
     assert main(["carry", "body.ply", "map.npz", "edited.ply", "-o", "out.ply"]) == 0
     assert "note: 2 frames of the proxy stand on no area" in capsys.readouterr().err
     assert np.isfinite(read_arrays("out.ply")[0]).all()
@@ -204,18 +188,17 @@ def fin(V, F):
 
 def test_a_mesh_that_is_no_manifold_is_deformed_and_not_remeshed(folder, capsys):
     V, F = fin(BODY.V, BODY.F)
-    put("body.ply", V, F)
+    write_mesh("body.ply", V, F)
     assert_refused(capsys, ["remesh", "body.ply", "-o", "out.ply", "--map", "map.npz"], "not manifold: edge")
     assert main(["deform", "body.ply", "pose.json", "-o", "out.ply", "--vertices", "60"]) == 0
     moved, G = read_arrays("out.ply")
     assert np.array_equal(G, F) and moved.shape == V.shape and np.isfinite(moved).all()
     assert "note: no oriented manifold" in capsys.readouterr().err
-    handles = pose(BODY)
-    assert np.linalg.norm(moved[handles.index] - handles.target, axis=1).max() < 0.02 * BODY.diagonal
+    assert np.linalg.norm(moved[POSE.index] - POSE.target, axis=1).max() < 0.02 * BODY.diagonal
 
 
 def test_several_components_are_refused_unless_each_has_handles(folder, capsys):
-    put("body.ply", np.concatenate([BODY.V, BODY.V + 9]), np.concatenate([BODY.F, BODY.F + BODY.n]))
+    write_mesh("body.ply", np.concatenate([BODY.V, BODY.V + 9]), np.concatenate([BODY.F, BODY.F + BODY.n]))
     assert_refused(
         capsys, ["deform", "body.ply", "pose.json", "-o", "out.ply"], "1 of the mesh's 2 components"
     )
@@ -259,21 +242,11 @@ def test_help_says_what_each_command_does(capsys, command):
 
 
 def test_an_interrupt_ends_with_130_and_an_error_of_the_program_is_not_hidden(capsys):
-    def interrupted():
-        raise KeyboardInterrupt
-
-    def broken():
-        raise ValueError("a bug")
-
-    def refused():
-        raise InputError("too small")
-
-    assert run_command(interrupted) == 130
-    assert run_command(refused) == 2
-    assert run_command(lambda: 0) == 0
+    command = Mock(side_effect=[KeyboardInterrupt, InputError("too small"), 0, ValueError("a bug")])
+    assert [run_command(command) for _ in range(3)] == [130, 2, 0]
     assert capsys.readouterr().err == "interrupted\nerror: too small\n"
     with pytest.raises(ValueError, match="a bug"):
-        run_command(broken)
+        run_command(command)
 
 
 def test_progress_draws_nothing_where_there_is_no_terminal(capsys):

@@ -7,7 +7,6 @@ from time import process_time
 import numpy as np
 import pytest
 
-from sshade.errors import InputError
 from sshade.mesh.adjacency import faces_around_vertices, sides_by_edge, vertex_graph
 from sshade.mesh.connectivity import connectivity
 from sshade.mesh.mesh import Mesh
@@ -76,13 +75,6 @@ def test_the_graph_of_a_mesh_inside_out_is_the_same():
     flipped = Mesh(mesh.V, mesh.F[:, ::-1])
     for a, b in zip(vars(vertex_graph(mesh)).values(), vars(vertex_graph(flipped)).values(), strict=True):
         assert np.array_equal(a, b)
-
-
-def test_the_graph_refuses_faces_that_disagree():
-    mesh = MESHES["two boundary loops"]
-    flip = np.arange(mesh.m) % 2 == 0
-    with pytest.raises(InputError, match="oriented"):
-        vertex_graph(Mesh(mesh.V, np.where(flip[:, None], mesh.F[:, ::-1], mesh.F)))
 
 
 def seconds(make, mesh: Mesh) -> float:

@@ -10,32 +10,18 @@ from sshade.mesh.mesh import Topology
 from tests.shapes import block, double_torus, icosphere, jittered, rotation, strip, tetrahedron, torus, tube
 
 TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
-
-
 FAR = np.array([[5.0, 5, 5], [6, 6, 6]])
 
 
 @pytest.mark.parametrize(
     ("V", "F", "words"),
     [
-        (np.zeros((3, 2)), [[0, 1, 2]], ["(n, 3)", "(3, 2)"]),
-        (np.zeros(9), [[0, 1, 2]], ["(n, 3)"]),
-        (TRIANGLE, [[0, 1, 2, 0]], ["(m, 3)", "(1, 4)"]),
-        (TRIANGLE, [0, 1, 2], ["(m, 3)"]),
-        (TRIANGLE, [[0.0, 1.0, 2.0]], ["integers", "float64"]),
-        (np.zeros((0, 3)), np.zeros((0, 3), dtype=int), ["0 vertices", "0 faces", "at least one triangle"]),
-        (TRIANGLE, np.zeros((0, 3), dtype=int), ["3 vertices", "0 faces"]),
-        (TRIANGLE * [1, np.nan, 1], [[0, 1, 2]], ["vertex 0", "NaN or infinite"]),
-        (TRIANGLE + [[0, 0, 0], [0, 0, 0], [0, -np.inf, 0]], [[0, 1, 2]], ["vertex 2", "NaN or infinite"]),
-        (TRIANGLE, [[0, 1, 2], [0, 1, 3]], ["face 1", "3", "0 to 2"]),
-        (TRIANGLE, [[0, 1, 2], [0, 1, -1]], ["face 1", "-1", "0 to 2"]),
-        (TRIANGLE, [[0, 1, 2], [0, 0, 1]], ["1 faces repeat a vertex", "face 1", "--repair"]),
-        (TRIANGLE, [[0, 1, 2], [1, 0, 1]], ["1 faces repeat a vertex", "face 1", "--repair"]),
+        (np.zeros(9), [[0, 1, 2]], ["(n, 3)", "(9,)"]),
+        (TRIANGLE, [0, 1, 2], ["(m, 3)", "(3,)"]),
         (np.concatenate([FAR, TRIANGLE]), [[2, 3, 4]], ["2 vertices belong to no face", "is 0", "--repair"]),
         (1e61 * TRIANGLE, [[0, 1, 2]], ["scale it to between 1e-60 and 1e+60"]),
         (1e-61 * TRIANGLE, [[0, 1, 2]], ["scale it"]),
-        (TRIANGLE + 1e13, [[0, 1, 2]], ["fewer than four digits", "move it towards the origin"]),
-        (1e-3 * TRIANGLE - 1e10, [[0, 1, 2]], ["fewer than four digits"]),
+        (1e-3 * TRIANGLE - 1e10, [[0, 1, 2]], ["fewer than four digits", "move it towards the origin"]),
     ],
 )
 def test_what_is_no_mesh_is_refused_with_its_number_and_a_remedy(V, F, words):
@@ -107,40 +93,6 @@ def test_topology_of_known_surfaces(mesh, expected):
     assert mesh.is_manifold and mesh.is_oriented
     mesh.require_manifold()
     mesh.require_one_component()
-
-
-def test_two_components_are_counted_labelled_and_refused():
-    a, b = icosphere(1), tetrahedron()
-    mesh = Mesh(np.concatenate([a.V, b.V + 5]), np.concatenate([a.F, b.F + a.n]))
-    assert mesh.topology == Topology(4, 2, 0)
-    assert len(set(mesh.component[: a.n])) == 1 and len(set(mesh.component[a.n :])) == 1
-    assert mesh.component[0] != mesh.component[-1]
-    with pytest.raises(InputError, match=r"2 components .*\[42, 4\] vertices.*--repair"):
-        mesh.require_one_component()
-
-
-@pytest.mark.parametrize(
-    ("V", "F", "words"),
-    [
-        ([[0, 0, 1], [0, -1, 0]], [[0, 1, 2], [1, 0, 4], [0, 1, 3]], r"edge \(0, 1\) has 3 faces"),
-        (-TRIANGLE[1:], [[1, 2, 0], [3, 4, 0]], "the faces at vertex 0 form more than one fan"),
-    ],
-)
-def test_what_is_no_manifold_is_refused_by_name(V, F, words):
-    mesh = Mesh(np.concatenate([TRIANGLE, V]), F)
-    assert not mesh.is_manifold
-    with pytest.raises(InputError, match=f"not manifold: {words}"):
-        mesh.require_manifold()
-
-
-def test_a_flipped_face_is_manifold_but_refused_for_its_orientation():
-    mesh = icosphere(1)
-    F = mesh.F.copy()
-    F[7] = F[7, ::-1]
-    flipped = Mesh(mesh.V, F)
-    assert flipped.is_manifold and not flipped.is_oriented
-    with pytest.raises(InputError, match="not consistently oriented"):
-        flipped.require_manifold()
 
 
 @pytest.mark.parametrize(

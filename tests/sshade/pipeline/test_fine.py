@@ -7,7 +7,7 @@ from sshade import DeformationTask, Handles, InputError, Mesh
 from sshade.pipeline.fast import STIFFNESS, STRAIN, sshade_fast
 from sshade.pipeline.fine import sshade_fine
 from sshade.solver.local_global import local_global
-from tests.shapes import bumpy, tube
+from tests.shapes import bumpy, end_handles, tube
 
 
 @pytest.fixture(scope="module")
@@ -59,14 +59,8 @@ def test_no_seconds_no_iterations(task):
 
 def test_a_tube_has_no_volume_to_hold(caplog):
     mesh = tube(16, 60)
-    ends = [
-        np.flatnonzero(mesh.V[:, 2] == mesh.V[:, 2].min()),
-        np.flatnonzero(mesh.V[:, 2] == mesh.V[:, 2].max()),
-    ]
-    if not all(map(len, ends)):
-        pytest.fail("the tube's axis is not z")
-    target = np.concatenate([mesh.V[ends[0]], mesh.V[ends[1]] + [1.0, 0, -0.5]])
-    result = sshade_fine(DeformationTask("tube", mesh, Handles(np.concatenate(ends), target)), vertices=300)
+    handles = end_handles(mesh.V, share=0.0, shift=[1.0, 0, -0.5])
+    result = sshade_fine(DeformationTask("tube", mesh, handles), vertices=300)
     assert result.extra["volume_constraint"].startswith("off")
     assert "volume constraint is off" in caplog.text
     assert Mesh(result.vertices, mesh.F).area == pytest.approx(mesh.area, rel=0.03)

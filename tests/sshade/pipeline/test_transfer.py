@@ -61,17 +61,6 @@ def test_more_samples_and_samplings_come_nearer(mesh):
     assert error(vertices=100, samplings=8) < coarse
 
 
-def test_bad_input_is_refused(mesh):
-    with pytest.raises(InputError, match="must correspond"):
-        transfer_pose(mesh, mesh.V[1:])
-    with pytest.raises(InputError, match="NaN or infinite coordinate in the edited shape"):
-        transfer_pose(mesh, mesh.V, np.full_like(mesh.V, np.nan))
-    with pytest.raises(InputError, match="at least one is needed"):
-        transfer_pose(mesh, mesh.V, samplings=0)
-    with pytest.raises(InputError, match="at least one is needed"):
-        transfer_pose(mesh, mesh.V, workers=0)
-
-
 @pytest.fixture(scope="module")
 def task():
     rest = bumpy(3)
@@ -100,8 +89,6 @@ def test_every_option_counts_and_a_task_gives_what_its_shapes_give(task):
 
 def test_shapes_that_do_not_correspond_are_refused(task):
     rest, posed = task.rest, task.posed
-    with pytest.raises(InputError, match="other faces than the rest shape"):
-        TransferTask("t", Mesh(rest.V, rest.F[:, [1, 2, 0]]), rest, posed)
     for name in ("posed", "truth"):
         with pytest.raises(InputError, match=f"the {name} shape has shape .*must correspond"):
             TransferTask("t", rest, rest, **{"posed": posed, name: posed[1:]})

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from sshade import InputError, Mesh
@@ -14,13 +14,9 @@ from tests.shapes import strip
 from tests.sshade.mesh.test_adjacency import MESHES
 
 
-def as_matrix(graph: VertexGraph) -> csr_array:
-    return csr_array((graph.lengths, graph.indices, graph.indptr), shape=(graph.n, graph.n))
-
-
 def naive_sampling(graph: VertexGraph, count: int, first: np.ndarray):
     """Farthest point sampling by the definition: a whole Dijkstra for each sample, ties to the older one."""
-    matrix, samples = as_matrix(graph), []
+    matrix, samples = graph.matrix, []
     distance, region = np.full(graph.n, np.inf), np.full(graph.n, -1)
     for i in range(count):
         v = int(first[i]) if i < len(first) else int(np.argmax(distance))
@@ -105,16 +101,3 @@ def test_coincident_vertices_cannot_both_be_sampled():
     graph = vertex_graph(Mesh(V, strip(2, 1).F))
     with pytest.raises(InputError, match="only 5 vertices lie at different places.*--repair"):
         farthest_point_sampling(graph, 6, first=np.array([0]))
-
-
-def test_renumbering_renumbers_the_samples_where_no_distances_are_equal():
-    mesh, rng = MESHES["closed"], np.random.default_rng(6)
-    new_id = rng.permutation(mesh.n)
-    V = np.empty_like(mesh.V)
-    V[new_id] = mesh.V
-    renumbered = Mesh(V, rng.permutation(new_id[mesh.F]))
-    a = farthest_point_sampling(vertex_graph(mesh), 50, first=np.array([7, 3]))
-    b = farthest_point_sampling(vertex_graph(renumbered), 50, first=new_id[[7, 3]])
-    assert np.array_equal(new_id[a.samples], b.samples)
-    assert np.array_equal(a.region, b.region[new_id])
-    assert np.array_equal(a.distance, b.distance[new_id])
