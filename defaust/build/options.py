@@ -46,13 +46,11 @@ class BuildOptions:
     static_below: float = STATIC_BELOW
 
     def __post_init__(self) -> None:
-        for name in ("target_vertices", "remesh_iterations", "handles_per_landmark", "neighbourhood"):
-            if getattr(self, name) is not None and getattr(self, name) < 1:
-                raise InputError(f"{name} is {getattr(self, name)}; it must be at least 1")
-        if self.seed < 0:
-            raise InputError(f"seed is {self.seed}; it must be 0 or more")
-        if self.ls3_steps is not None and self.ls3_steps < 0:
-            raise InputError(f"ls3_steps is {self.ls3_steps}; it must be 0 or more")
+        counts = ("target_vertices", "remesh_iterations", "handles_per_landmark", "neighbourhood")
+        for name, least in (*((count, 1) for count in counts), ("seed", 0), ("ls3_steps", 0)):
+            value = getattr(self, name)
+            if value is not None and value < least:
+                raise InputError(f"{name} is {value}; it must be at least {least}")
         if not self.static_below > 0:
             raise InputError(f"static_below is {self.static_below}; it must be more than 0")
         if self.handles_per_landmark > self.neighbourhood:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import coo_array, csr_array, eye_array
 
+from defaust.sources.winding import same_triangles
 from sshade import InputError, Mesh
 
 
@@ -48,9 +49,7 @@ def loop_matrix(coarse: Mesh, fine: Mesh, *, steps: int) -> csr_array:
     for count in counts[-2::-1]:
         step, F = _one_step(F, count)
         product = product @ step
-    if not np.array_equal(
-        np.unique(np.sort(F, axis=1), axis=0), np.unique(np.sort(coarse.F, axis=1), axis=0)
-    ):
+    if not same_triangles(F, coarse.F):
         raise InputError("the fine mesh subdivides other faces than those of the coarse one")
     return product
 

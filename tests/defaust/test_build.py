@@ -127,24 +127,6 @@ def test_errors_of_a_subject_name_it(tmp_path):
         build(Balls(broken="faces"), tmp_path / "b", options=OPTIONS, workers=2)
 
 
-def test_wrong_places_and_numbers(tmp_path):
-    (tmp_path / "file").write_text("x")
-    (tmp_path / "full").mkdir()
-    (tmp_path / "full/thesis.tex").write_text("x")
-    for out, message in (
-        (tmp_path / "file", "is a file; give a folder"),
-        (tmp_path / "full", "is not empty and holds no DeFAUST build"),
-        (tmp_path / "file/below", "cannot be made"),
-    ):
-        with pytest.raises(InputError, match=message):
-            build(Balls(), out, options=OPTIONS, workers=1)
-    assert (tmp_path / "full/thesis.tex").read_text() == "x"
-    with pytest.raises(InputError, match="0 workers were asked for"):
-        build(Balls(), tmp_path / "x", options=OPTIONS, workers=0)
-    with pytest.raises(InputError, match=r"no subject 7; it has \[0, 1, 2\]"):
-        build(Balls(), tmp_path / "x", options=replace(OPTIONS, subjects=(7,)), workers=1)
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -154,8 +136,6 @@ def test_wrong_places_and_numbers(tmp_path):
         ({"subjects": ()}, "subjects is empty"),
         ({"ls3_steps": -1}, "ls3_steps is -1"),
         ({"static_below": 0.0}, "static_below is 0.0"),
-        ({"window": (0.9,)}, "two numbers around 1"),
-        ({"handles_per_landmark": 70}, "70 handles cannot be drawn from a neighbourhood of 60"),
     ],
 )
 def test_wrong_options(options, message):

@@ -3,7 +3,6 @@
 import pytest
 
 from defaust.sources.choices import require_choice, require_landmarks, shortened
-from defaust.sources.synthetic import SyntheticBodies
 from sshade import InputError
 
 
@@ -45,17 +44,3 @@ def test_wrong_choices(value, message):
 def test_wrong_landmarks(value, message):
     with pytest.raises(InputError, match=message):
         require_landmarks(value, option="x")
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"base_landmarks": ("nose", "tail")}, "source.base_landmarks: there is no 'tail'"),
-        ({"base_landmarks": ()}, "source.base_landmarks is empty"),
-        ({"more_landmarks": ("nose",)}, "source.base_landmarks and .*: 'nose' is listed twice"),
-        ({"poses_used": ("jump",)}, "source.poses_used: there is no 'jump'; choose from arms_up, leg_lift"),
-    ],
-)
-def test_wrong_choices_of_a_source(options, message):
-    with pytest.raises(InputError, match=message):
-        SyntheticBodies(**options)

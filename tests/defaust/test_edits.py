@@ -5,7 +5,7 @@ import pytest
 import yaml
 
 from defaust import edits
-from defaust.edits import Fin, Horns, Inflate, Stretch, Unedited
+from defaust.edits import Fin, Horns, Inflate, Stretch
 from defaust.sources.synthetic import SyntheticBodies
 from sshade import InputError, Mesh
 from sshade.cli.configuration import CONFIGURATION
@@ -57,10 +57,6 @@ def test_finer_meshes_get_the_same_edit(edit):
     assert gap.mean() < 0.01 * length * coarse.diagonal
 
 
-def test_the_shape_itself(mesh):
-    assert Unedited()(mesh) is mesh.V and Unedited().name == ""
-
-
 def test_inflating_a_sphere_goes_along_the_radius():
     ball = icosphere(4)
     V = Inflate(at=(0.5, 0.5, 1.0), radius=0.2, amount=0.05)(ball)
@@ -90,18 +86,14 @@ def test_only_what_hangs_together_with_the_place_moves():
         (Horns(at=((0.5, 0.5, 1.0),), radius=0, height=0.1), "radius of an edit is 0; it must be more"),
         (Fin(start=(0, 0, 0), end=(1, 1, 1), width=-1, height=0.1), "width of an edit is -1; it must be"),
         (Fin(start=(1, 1, 1), end=(1, 1, 1), width=0.1, height=0.1), "not at the same vertex"),
+        (Fin(start=(0, 0.5, 0.5), end=(1, 0.5, 0.5), width=0.1, height=0.1), "same component"),
     ],
 )
-def test_edits_that_do_not_fit(mesh, edit, message):
-    with pytest.raises(InputError, match=message):
-        edit(mesh)
-
-
-def test_a_fin_from_one_component_to_another():
+def test_edits_that_do_not_fit(edit, message):
     ball = icosphere(1)
     two = Mesh(np.concatenate([ball.V, ball.V + [5.0, 0, 0]]), np.concatenate([ball.F, ball.F + ball.n]))
-    with pytest.raises(InputError, match="same component"):
-        Fin(start=(0, 0.5, 0.5), end=(1, 0.5, 0.5), width=0.1, height=0.1)(two)
+    with pytest.raises(InputError, match=message):
+        edit(two)
 
 
 def test_the_configured_edits_suit_the_bodies():

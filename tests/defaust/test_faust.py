@@ -137,6 +137,7 @@ def test_a_surface_that_is_none_is_named(tmp_path):
         ("source.target_poses=[1,10]", "source.target_poses: there is no 10; choose from 0, 1, 2"),
         ("source.target_poses=[0,1]", "source.target_poses holds 0, which is the rest pose"),
         ("source.rest_pose=11", "source.rest_pose: there is no 11; choose from 0"),
+        ("source.base_landmarks=[]", "source.base_landmarks is empty"),
         ("source.base_landmarks=[tail]", "source.base_landmarks: there is no 'tail'"),
         ("source.more_landmarks=[nose]", "'nose' is listed twice"),
         (

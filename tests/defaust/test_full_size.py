@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from defaust.build.upsample import subdivide, upsample
-from defaust.sources.synthetic import SHA256, SyntheticBodies, load_bodies
-from defaust.tasks.full_size import Skin, has_skin, interpolation, subdivided_pose
+from defaust.sources.synthetic import SyntheticBodies, load_bodies
+from defaust.tasks.full_size import Skin, interpolation, subdivided_pose
 from sshade import InputError, Mesh
 from tests.shapes import bumpy, icosphere, rotation
 
@@ -89,9 +89,3 @@ def test_interpolation():
     B, distance = interpolation(3 * mesh.V, mesh.V, mesh.F)
     np.testing.assert_allclose(B.toarray(), np.eye(mesh.n), atol=1e-12)
     np.testing.assert_allclose(distance, 2)
-
-
-def test_bodies_of_another_version_are_refused():
-    assert has_skin({"asset_sha256": SHA256}) and not has_skin({"title": "FAUST"})
-    with pytest.raises(InputError, match="made from other bodies .*build it again"):
-        has_skin({"asset_sha256": "0" * 64})

@@ -59,19 +59,14 @@ def test_unfit_surfaces_are_refused(ball):
             upsample(mesh, target_vertices=500)
 
 
-def test_missed_window(ball):
+def test_bad_remeshings_are_refused(ball, monkeypatch):
     with pytest.raises(InputError, match="never 1 to 1 times that"):
         upsample(ball, target_vertices=503, window=(1.0, 1.0))
-
-
-def test_hole_is_refused(ball, monkeypatch):
-    monkeypatch.setattr(module, "remesh", lambda mesh, **options: (mesh.V, mesh.F[1:]))
-    with pytest.raises(InputError, match="broke the surface: the mesh has 3 boundary edges"):
-        upsample(ball, target_vertices=ball.n)
-
-
-def test_changed_genus_is_refused(ball, monkeypatch):
     ring = torus()
-    monkeypatch.setattr(module, "remesh", lambda mesh, **options: (ring.V, ring.F))
-    with pytest.raises(InputError, match="Euler characteristic from 2 to 0"):
-        upsample(ball, target_vertices=ring.n)
+    for V, F, message in (
+        (ball.V, ball.F[1:], "broke the surface: the mesh has 3 boundary edges"),
+        (ring.V, ring.F, "Euler characteristic from 2 to 0"),
+    ):
+        monkeypatch.setattr(module, "remesh", lambda mesh, found=(V, F), **options: found)
+        with pytest.raises(InputError, match=message):
+            upsample(ball, target_vertices=len(V))

@@ -1,11 +1,15 @@
-"""A small source: balls that bend, so that whole builds take a second."""
+"""A small source: balls that bend, so that whole builds take a second; and damage to what is built."""
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from defaust.build.options import BuildOptions
+from defaust.folder.layout import checksum, dump, sha256
 from defaust.sources.source import SourcePose
 from sshade import InputError, Mesh
 from tests.shapes import icosphere
@@ -62,3 +66,27 @@ class Balls:
         if pose.name == "lean":
             return Mesh(rest.V + [1.0, 0, 0] * np.maximum(0.0, rest.V[:, 1:2]), rest.F)
         return Mesh(rest.V[:, [2, 1, 0]] * [1, 1, -1] + [3.0, 0.0, 0.0], rest.F)
+
+
+def change(root: Path, edit: Callable[[dict[str, Any]], Any], *, sign: bool = True) -> None:
+    """Edit dataset.json; with its own checksum made again unless not to be signed."""
+    path = root / "dataset.json"
+    document = json.loads(path.read_text())
+    edit(document)
+    if sign:
+        document["checksum"] = checksum(document)
+    path.write_text(dump(document))
+
+
+def relist(root: Path, name: str) -> None:
+    """Enter a changed file into dataset.json, so that only its content can give it away."""
+    entry = {"sha256": sha256(root / name), "bytes": (root / name).stat().st_size}
+    change(root, lambda document: document["files"][name].update(entry))
+
+
+def change_handles(root: Path, name: str, edit: Callable[[dict[str, Any]], Any]) -> None:
+    """Edit a pose file, and list it as it then is."""
+    content = json.loads((root / name).read_text())
+    edit(content)
+    (root / name).write_text(dump(content))
+    relist(root, name)

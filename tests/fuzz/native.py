@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import io
 import multiprocessing
-from multiprocessing.connection import Connection
+import signal
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +21,7 @@ from tests.shapes import icosphere
 SECONDS = 20
 
 
+@cache
 def _seeds() -> dict[str, list[bytes]]:
     """Sound files by suffix: MATLAB's, numpy's archives, tables of numbers."""
     from scipy.io import savemat
@@ -50,50 +54,35 @@ def _read(folder: Path, suffix: str) -> None:
         Shape("a", folder / f"a{'.vert' if suffix == '.tri' else suffix}").mesh()
 
 
-def _work(connection: Connection, folder: Path) -> None:
-    """Read mutated files as they are asked for, and say how each ended."""
-    sound = _seeds()
-    for suffix, content in sound.items():
-        (folder / f"a{suffix}").write_bytes(content[0])
-    while True:
-        suffix, number = connection.recv()
-        (folder / f"a{suffix}").write_bytes(mutated(sound[suffix], (), number=number))
-        problem = ""
-        try:
-            _read(folder, suffix)
-        except InputError:
-            pass
-        except BaseException as error:
-            problem = f"{type(error).__name__}: {error}"
-        connection.send(problem)
-        (folder / f"a{suffix}").write_bytes(sound[suffix][0])
+def _problem(suffix: str, number: int, folder: Path) -> str:
+    """How reading a mutated file ends, where it is neither read nor refused."""
+    for other, content in _seeds().items():
+        data = mutated(content, (), number=number) if other == suffix else content[0]
+        (folder / f"a{other}").write_bytes(data)
+    signal.alarm(SECONDS)  # ends the process, compiled code or not
+    try:
+        _read(folder, suffix)
+    except InputError:
+        pass
+    except BaseException as error:
+        return f"{type(error).__name__}: {error}"
+    finally:
+        signal.alarm(0)
+    return ""
 
 
 def problems_of(files: int, folder: Path) -> list[str]:
     """Which of so many mutated files crash, hang, or raise something else than InputError."""
     context = multiprocessing.get_context("spawn")
     suffixes = list(_seeds())
-    problems, process = [], None
-    try:
-        for number in range(files):
-            if process is None:
-                connection, theirs = context.Pipe()
-                # No daemon: it has a child of its own for some formats.
-                process = context.Process(target=_work, args=(theirs, folder))
-                process.start()
-                theirs.close()
-            suffix = suffixes[number % len(suffixes)]
-            try:
-                connection.send((suffix, number))
-                answered = connection.poll(SECONDS)
-                problem = connection.recv() if answered else f"no answer within {SECONDS} s"
-            except (EOFError, BrokenPipeError, ConnectionResetError):
-                problem = "the process ended"
-            if problem:
-                problems.append(f"mutation {number} of {suffix}: {problem}")
-                process.kill()
-                process = None
-    finally:
-        if process is not None:
-            process.kill()
+    problems, pool = [], ProcessPoolExecutor(1, context)
+    for number in range(files):
+        suffix = suffixes[number % len(suffixes)]
+        try:
+            problem = pool.submit(_problem, suffix, number, folder).result()
+        except BrokenProcessPool:
+            problem, pool = "the process ended or hung", ProcessPoolExecutor(1, context)
+        if problem:
+            problems.append(f"mutation {number} of {suffix}: {problem}")
+    pool.shutdown()
     return problems

@@ -11,10 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from sshade import InputError
 from tests.fuzz.mutate import mutated
 from tests.fuzz.native import problems_of
-from tests.fuzz.targets import TARGETS, Target, refused_or_read
+from tests.fuzz.targets import TARGETS, refused_or_read
 
 #: Slower ones get fewer.
 COUNTS = {"map": 60, "yaml": 150}
@@ -56,16 +55,3 @@ def test_inputs_guided_by_coverage_are_read_or_refused(name, tmp_path):
 @pytest.mark.parametrize("files", [24, pytest.param(5000, marks=pytest.mark.full)])
 def test_files_for_compiled_readers_are_read_or_refused(files, tmp_path):
     assert problems_of(files, tmp_path) == []
-
-
-def test_what_is_no_input_error_comes_through(tmp_path):
-    def fail(data, folder):
-        raise KeyError("x")
-
-    def explain(data, folder):
-        raise InputError("two\nlines")
-
-    with pytest.raises(KeyError):
-        refused_or_read(Target(fail, list, ()), b"", tmp_path)
-    with pytest.raises(AssertionError, match="more than a line"):
-        refused_or_read(Target(explain, list, ()), b"", tmp_path)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import atexit
-import json
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -14,9 +13,8 @@ from typing import Any
 import numpy as np
 
 from defaust.build.dataset import build
-from defaust.folder.layout import checksum, dump, sha256
 from sshade.io.meshes import write_mesh
-from tests.defaust.toy import OPTIONS, Balls
+from tests.defaust.toy import OPTIONS, Balls, change, relist
 from tests.robustness.case import Case, check_refusal, limited, nothing, refused, run
 from tests.robustness.inputs import BODY, Given, both, cut, data, folder, garbage, mesh, patched, text
 from tests.shapes import bent
@@ -39,28 +37,15 @@ def dataset() -> None:
     shutil.copytree(_finished(), "balls")
 
 
-def _sign(edit: Callable[[dict[str, Any]], Any]) -> None:
-    """Edit the record and put in its new checksum."""
-    document = json.loads(Path(RECORD).read_text())
-    edit(document)
-    document["checksum"] = checksum(document)
-    Path(RECORD).write_text(dump(document))
-
-
 def _record(edit: Callable[[dict[str, Any]], Any]) -> Given:
     """A finished dataset with its record edited and signed again."""
-    return both(dataset, lambda: _sign(edit))
+    return both(dataset, lambda: change(Path("balls"), edit))
 
 
 def _damaged(name: str, damage: Callable[[str], Given], *, listed: bool = False) -> Given:
     """A finished dataset with a file damaged; `listed`: as it then is."""
-    path = Path("balls", name)
-
-    def signed() -> None:
-        entry = {"sha256": sha256(path), "bytes": path.stat().st_size}
-        _sign(lambda record: record["files"][name].update(entry))
-
-    return both(dataset, damage(str(path)), signed if listed else nothing)
+    entered = (lambda: relist(Path("balls"), name)) if listed else nothing
+    return both(dataset, damage(f"balls/{name}"), entered)
 
 
 def _removed(path: str) -> Given:
