@@ -11,6 +11,7 @@ import numpy as np
 
 from eval.metrics.geometry import corner_angles, edge_lengths
 from eval.metrics.registry import Task, metric
+from sshade.mesh.mesh import Mesh
 
 
 @metric("-", "largest distance of a vertex to the other surface, the truth in the unit sphere", needs="truth")
@@ -35,6 +36,25 @@ def chamfer(task: Task, vertices: np.ndarray) -> float:
 def truth_distance(task: Task, vertices: np.ndarray) -> float:
     """Mean distance of a vertex to its true place over M's diagonal, in percent."""
     return 100 * float(np.linalg.norm(vertices - task.truth, axis=1).mean()) / task.mesh.diagonal
+
+
+@metric("%", "95th percentile of the distance of vertices to their true places / diagonal", needs="truth")
+def truth_distance_95(task: Task, vertices: np.ndarray) -> float:
+    """95th percentile of the distance of a vertex to its true place over M's diagonal, in percent."""
+    return 100 * float(np.percentile(np.linalg.norm(vertices - task.truth, axis=1), 95)) / task.mesh.diagonal
+
+
+@metric("deg", "mean over true area of the angle between a face's normal and its true one", needs="truth")
+def truth_normal(task: Task, vertices: np.ndarray) -> float:
+    """Mean angle between a face's normal and its true one, weighted by its true area, in degrees.
+
+    Faces without a normal in either shape are left out.
+    """
+    found, true = Mesh(vertices, task.mesh.F), Mesh(task.truth, task.mesh.F)
+    a, b = found.face_normals, true.face_normals
+    angle = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ij,ij->i", a, b))
+    weight = np.where(found.face_areas > 0, true.face_areas, 0.0)
+    return float(np.degrees((weight * angle).sum() / weight.sum())) if weight.any() else np.nan
 
 
 @metric("%", "mean over edges of |length - true length| / longest true edge", needs="truth")
