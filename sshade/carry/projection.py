@@ -101,14 +101,8 @@ def _closest_in_triangle(x, a, b, c):
     """
     ab, ac, ax = _minus(b, a), _minus(c, a), _minus(x, a)
     bx, cx = _minus(x, b), _minus(x, c)
-    d1, d2, d3, d4, d5, d6 = (
-        _dot(ab, ax),
-        _dot(ac, ax),
-        _dot(ab, bx),
-        _dot(ac, bx),
-        _dot(ab, cx),
-        _dot(ac, cx),
-    )
+    d1, d3, d5 = _dot(ab, ax), _dot(ab, bx), _dot(ab, cx)
+    d2, d4, d6 = _dot(ac, ax), _dot(ac, bx), _dot(ac, cx)
     va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
     if d1 <= 0.0 and d2 <= 0.0:
         v, w = 0.0, 0.0

@@ -54,7 +54,9 @@ def frame_values(proxy: Mesh, function: str | np.ndarray = "extent") -> np.ndarr
     InputError
         On an unknown name, values of another length, or constant values.
     """
-    best = _best_coordinate(proxy)
+    # Along axis c the tangential gradient has length sqrt(1 - n_c^2).
+    steepest = np.argmin(np.abs(proxy.face_normals), axis=1)
+    best = np.take_along_axis(proxy.V[proxy.F], steepest[:, None, None], axis=2)[:, :, 0]
     order = np.argsort(-np.ptp(proxy.V, axis=0), kind="stable")
     if isinstance(function, str):
         if function == "best":
@@ -87,13 +89,6 @@ def _gradient_length(mesh: Mesh, values: np.ndarray) -> np.ndarray:
     squared = (normal**2).sum(axis=1)
     length = np.linalg.norm(gradient, axis=1)
     return np.divide(length, squared, out=np.zeros(len(squared)), where=squared > 0)
-
-
-def _best_coordinate(mesh: Mesh) -> np.ndarray:
-    """(l, 3) corner values of the coordinate of largest tangential gradient."""
-    # Along axis c the tangential gradient has length sqrt(1 - n_c^2).
-    axis = np.argmin(np.abs(mesh.face_normals), axis=1)
-    return np.take_along_axis(mesh.V[mesh.F], axis[:, None, None], axis=2)[:, :, 0]
 
 
 def triangle_frames(function: str | np.ndarray = "extent") -> FrameMaker:

@@ -71,7 +71,12 @@ class VertexMaps:
             False where the rest or the deformed edges lie on a line or in a point; in place of such
             a map stands the mean of the neighbours' (:func:`sshade.carry.neighbours.fill_from_neighbours`).
         """
-        A = _maps(V, _normals(V, self.F), self.edges, self.c, self.d)
+        e = V[self.edges[:, 1]] - V[self.edges[:, 0]]
+        of_edges = np.stack([e, -e], axis=1)[:, :, :, None] * self.c[:, :, None, :]
+        of_normals = _normals(V, self.F)[:, :, None] * self.d[:, None, :]
+        index = np.concatenate([np.arange(len(V)), self.edges.ravel()])
+        terms = np.concatenate([of_normals.reshape(-1, 9), of_edges.reshape(-1, 9)])
+        A = _sums(index, terms, len(V)).reshape(-1, 3, 3)
         # The cofactors are the areas that a map makes: of one dimension, nothing but rounding.
         cofactors = np.cross(A[:, [1, 2, 0]], A[:, [2, 0, 1]])
         known = np.sqrt((cofactors**2).sum(axis=(1, 2))) > RANK_ONE * (A**2).sum(axis=(1, 2))
@@ -110,16 +115,6 @@ def _dual(
     ends = weight[:, None, None] * np.stack([e, -e], axis=1)
     c = (inverse[edges] * ends[:, :, None, :]).sum(axis=3)
     return c, (inverse * pull[:, None, :]).sum(axis=2)
-
-
-def _maps(V: np.ndarray, normals: np.ndarray, edges: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """(k, 3, 3) matrices n_i d_i^T + sum_j e_ij c_ij^T."""
-    e = V[edges[:, 1]] - V[edges[:, 0]]
-    of_edges = np.stack([e, -e], axis=1)[:, :, :, None] * c[:, :, None, :]
-    of_normals = normals[:, :, None] * d[:, None, :]
-    index = np.concatenate([np.arange(len(V)), edges.ravel()])
-    terms = np.concatenate([of_normals.reshape(-1, 9), of_edges.reshape(-1, 9)])
-    return _sums(index, terms, len(V)).reshape(-1, 3, 3)
 
 
 def _sums(index: np.ndarray, rows: np.ndarray, count: int) -> np.ndarray:

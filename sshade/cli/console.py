@@ -62,33 +62,22 @@ def stage_bars(*, remaining: str = "", **options: Any) -> Bars:
     **options
         Of ``rich.progress.Progress``.
     """
+    from rich import progress as rich
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Task,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-    from rich.progress import Progress as Bars
     from rich.text import Text
 
-    class Remaining(TimeRemainingColumn):
-        def render(self, task: Task) -> Text:
+    class Remaining(rich.TimeRemainingColumn):
+        def render(self, task: rich.Task) -> Text:
             return Text("left ") + super().render(task) if task.description == remaining else Text()
 
     columns = (
-        TextColumn("{task.description:<24}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        Remaining(),
-        TextColumn("{task.fields[note]}"),
+        *(rich.TextColumn("{task.description:<24}"), rich.BarColumn(), rich.MofNCompleteColumn()),
+        *(rich.TimeElapsedColumn(), Remaining(), rich.TextColumn("{task.fields[note]}")),
     )
     # What is printed meanwhile goes above the bars, unless standard output is elsewhere.
     redirect = sys.stdout.isatty()
-    return Bars(*columns, console=Console(stderr=True), redirect_stdout=redirect, transient=True, **options)
+    console = Console(stderr=True)
+    return rich.Progress(*columns, console=console, redirect_stdout=redirect, transient=True, **options)
 
 
 def stage_progress(bars: Bars) -> Progress:

@@ -170,11 +170,7 @@ def _deform(arguments: argparse.Namespace) -> None:
     check_output(arguments.output, SUFFIXES)
     method = _method(arguments)
     V, F = read_arrays(arguments.mesh)
-    if arguments.repair:
-        mesh, vertex = repair(V, F)
-    else:
-        mesh = read_mesh(arguments.mesh)
-        vertex = np.arange(mesh.n)
+    mesh, vertex = repair(V, F) if arguments.repair else (read_mesh(arguments.mesh), np.arange(len(V)))
     handles = read_handles(arguments.handles, mesh, raw=arguments.raw, vertex=vertex)
     begin = perf_counter()
     with progress_bar() as progress:

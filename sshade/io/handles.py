@@ -66,7 +66,11 @@ def read_handles(
         if path.suffix.lower() == ".json":
             vertex = np.arange(mesh.n) if vertex is None else vertex
             return _from_json(json.loads(path.read_text(encoding="utf-8")), mesh, raw=raw, vertex=vertex)
-        return _from_implicit_arap(path, mesh, raw=raw)
+        source, target, dynamic, group = _read_implicit_arap(path)
+        place = _implicit_arap_frame(source, mesh)
+        return Handles.from_positions(
+            mesh, place(source), place(target), dynamic=dynamic, group=group, raw=raw
+        )
     except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
         why = "nested too deeply" if isinstance(error, RecursionError) else error
         raise InputError(f"{path}: not readable as {path.suffix[1:].upper()} ({why})") from error
@@ -96,18 +100,11 @@ def read_task(mesh: str, *, handles: str, raw: bool = False) -> DeformationTask:
 def write_handles(path: str | os.PathLike[str], handles: Handles) -> None:
     """Write handles by vertex id as this project's JSON."""
     groups = []
-    for group in np.unique(handles.group):
-        for kind, of_kind in (("static", ~handles.dynamic), ("dynamic", handles.dynamic)):
-            own = of_kind & (handles.group == group)
-            if own.any():
-                groups.append(
-                    {
-                        "landmark": int(group),
-                        "kind": kind,
-                        "vertices": handles.index[own].tolist(),
-                        "target": handles.target[own].tolist(),
-                    }
-                )
+    for group, dynamic in np.unique(np.stack([handles.group, handles.dynamic], axis=1), axis=0).tolist():
+        own = (handles.group == group) & (handles.dynamic == dynamic)
+        vertices, target = handles.index[own].tolist(), handles.target[own].tolist()
+        kind = "dynamic" if dynamic else "static"
+        groups.append({"landmark": group, "kind": kind, "vertices": vertices, "target": target})
     with replacing(path) as temporary:
         temporary.write_text(json.dumps({"handles": groups}, indent=1) + "\n", encoding="utf-8")
 
@@ -194,17 +191,11 @@ def _points(values: Any, what: str) -> np.ndarray:
     return points
 
 
-def _from_implicit_arap(path: Path, mesh: Mesh, *, raw: bool) -> Handles:
-    """D. Baieri, F. Maggioli, Z. Laehner, S. Melzi, E. Rodola, "Implicit-ARAP", 2024."""
-    source, target, dynamic, group = _read_implicit_arap(path)
-    to_mesh = _implicit_arap_frame(source, mesh)
-    return Handles.from_positions(
-        mesh, to_mesh(source), to_mesh(target), dynamic=dynamic, group=group, raw=raw
-    )
-
-
 def _read_implicit_arap(path: Path) -> list[np.ndarray]:
-    """Points, targets, dynamic flags and part numbers, in the file's own coordinates."""
+    """Points, targets, dynamic flags and part numbers, in the file's own coordinates.
+
+    D. Baieri, F. Maggioli, Z. Laehner, S. Melzi, E. Rodola, "Implicit-ARAP", 2024.
+    """
     import yaml
 
     try:

@@ -30,10 +30,6 @@ class Property(NamedTuple):
     kind: np.dtype
     length: np.dtype | None = None
 
-    def as_double(self) -> Property:
-        """The same where every number of the file is a float64."""
-        return Property(self.name, _TYPES["double"], self.length and _TYPES["double"])
-
 
 _NO_FACES = np.zeros((0, 3), dtype=np.int64)
 
@@ -69,8 +65,10 @@ def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
     order, elements, at = _read_header(data)
     if order == "":
         # As numbers of one type, text is read the way binary is.
-        data, at, order = _numbers(data[at:]), 0, "<"
-        elements = [Element(e.name, e.rows, [p.as_double() for p in e.properties]) for e in elements]
+        words, double = data[at:].split(), _TYPES["double"]
+        data, at, order = np.fromiter(map(float, words), dtype="<f8", count=len(words)).tobytes(), 0, "<"
+        for e in elements:
+            e.properties = [p._replace(kind=double, length=p.length and double) for p in e.properties]
     found = {}
     for element in elements:
         groups, at = _take(data, at, element, order)
@@ -155,12 +153,6 @@ def _property(words: list[str]) -> Property | None:
         count = _TYPES[words[1]]
         return Property(words[3], _TYPES[words[2]], count) if count.kind != "f" else None
     return None
-
-
-def _numbers(text: bytes) -> bytes:
-    """The numbers of a text as float64."""
-    words = text.split()
-    return np.fromiter(map(float, words), dtype="<f8", count=len(words)).tobytes()
 
 
 def _take(data: bytes, at: int, element: Element, order: str) -> tuple[Groups, int]:

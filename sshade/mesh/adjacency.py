@@ -74,23 +74,6 @@ def sides_by_edge(F: np.ndarray, n: int) -> EdgeSides:
     return EdgeSides(*_sides_by_edge(F, n))
 
 
-def faces_around_vertices(F: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """List the faces at each of n vertices.
-
-    Parameters
-    ----------
-    F : (m, 3) int
-    n : int
-
-    Returns
-    -------
-    start : (n + 1,) int64
-    face : (3m,) int64
-        In ascending order for each vertex.
-    """
-    return _faces_around_vertices(F, n)
-
-
 @dataclass(frozen=True, eq=False)
 class VertexGraph:
     """The edges of a mesh as a graph with lengths, in compressed sparse rows.
@@ -191,7 +174,20 @@ def _sides_by_edge(F, n):
 
 
 @njit(cache=True, nogil=True)
-def _faces_around_vertices(F, n):
+def faces_around_vertices(F, n):
+    """List the faces at each of n vertices.
+
+    Parameters
+    ----------
+    F : (m, 3) int
+    n : int
+
+    Returns
+    -------
+    start : (n + 1,) int64
+    face : (3m,) int64
+        In ascending order for each vertex.
+    """
     start = _starts(F.ravel(), n)
     fill, face = start[:-1].copy(), np.empty(F.size, dtype=np.int64)
     for f in range(F.shape[0]):

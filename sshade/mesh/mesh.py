@@ -56,7 +56,14 @@ class Mesh:
     F: np.ndarray
 
     def __post_init__(self) -> None:
-        V, F = _as_vertices(self.V), _as_faces(self.F)
+        V, F = np.ascontiguousarray(self.V, dtype=np.float64), np.asarray(self.F)
+        if V.ndim != 2 or V.shape[1] != 3:
+            raise InputError(f"vertices must be an (n, 3) array, not one of shape {V.shape}")
+        if F.ndim != 2 or F.shape[1] != 3:
+            raise InputError(f"faces must be an (m, 3) array of triangles, not one of shape {F.shape}")
+        if not np.issubdtype(F.dtype, np.integer):
+            raise InputError(f"faces must be integers, not {F.dtype}")
+        F = np.ascontiguousarray(F, dtype=np.int64)
         if len(V) == 0 or len(F) == 0:
             raise InputError(
                 f"the mesh has {len(V)} vertices and {len(F)} faces; it needs at least one triangle"
@@ -275,22 +282,6 @@ def _check_numbers(V: np.ndarray, name: str = "mesh") -> None:
             f"the {name} is {2 * extent:.1e} wide and {farthest:.1e} from the origin, which leaves its "
             "coordinates fewer than four digits; move it towards the origin before they are rounded"
         )
-
-
-def _as_vertices(V: np.ndarray) -> np.ndarray:
-    V = np.ascontiguousarray(V, dtype=np.float64)
-    if V.ndim != 2 or V.shape[1] != 3:
-        raise InputError(f"vertices must be an (n, 3) array, not one of shape {V.shape}")
-    return V
-
-
-def _as_faces(F: np.ndarray) -> np.ndarray:
-    F = np.asarray(F)
-    if F.ndim != 2 or F.shape[1] != 3:
-        raise InputError(f"faces must be an (m, 3) array of triangles, not one of shape {F.shape}")
-    if not np.issubdtype(F.dtype, np.integer):
-        raise InputError(f"faces must be integers, not {F.dtype}")
-    return np.ascontiguousarray(F, dtype=np.int64)
 
 
 def _read_only(array: np.ndarray, original: object) -> np.ndarray:

@@ -88,7 +88,12 @@ def deform_components(
         raise InputError(f"handle id {handles.index.max()} is out of range: the mesh has {mesh.n} vertices")
     unconstrained = np.setdiff1d(mesh.component, mesh.component[handles.index])
     if len(unconstrained) and not carry_unconstrained:
-        raise InputError(_complaint(mesh, unconstrained))
+        sizes, first = np.bincount(mesh.component), np.argmax(mesh.component == unconstrained[0])
+        raise InputError(
+            f"{len(unconstrained)} of the mesh's {len(sizes)} components have no handle (the first has "
+            f"{sizes[unconstrained[0]]} vertices, one of them {first}); give each one, weld coincident "
+            "vertices with --repair, or move them with the nearest component with --carry-unconstrained"
+        )
     cut = cut_to_manifold(mesh)
     facts: dict[str, Any] = {
         "components": 1,
@@ -236,13 +241,3 @@ def _carry_rigidly(mesh: Mesh, positions: np.ndarray, unconstrained: np.ndarray)
         near = members[leader][np.unique(near)]
         R, t = rigid_motion(mesh.V[near], positions[near])
         positions[own] = mesh.V[own] @ R.T + t
-
-
-def _complaint(mesh: Mesh, unconstrained: np.ndarray) -> str:
-    sizes = np.bincount(mesh.component)
-    first = int(np.argmax(mesh.component == unconstrained[0]))
-    return (
-        f"{len(unconstrained)} of the mesh's {len(sizes)} components have no handle (the first has "
-        f"{sizes[unconstrained[0]]} vertices, one of them {first}); give each one, weld coincident vertices "
-        "with --repair, or move them with the nearest component with --carry-unconstrained"
-    )

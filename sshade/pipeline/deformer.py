@@ -12,7 +12,6 @@ from sshade.carry.binding import Binding
 from sshade.mesh.mesh import Mesh
 from sshade.pipeline.proxies import Proxies, ProxyOptions
 from sshade.solver.local_global import LocalGlobal, Solution
-from sshade.solver.options import Energy
 from sshade.task import DeformationResult, Progress, silent
 from sshade.threads import in_threads
 
@@ -32,7 +31,6 @@ class Deformer:
         M: manifold, oriented, one component.
     index : (h,) int
         Handle vertices, each once; their targets come with each call, in this order.
-    energy : {"spokes", "spokes_and_rims"}
     progress : Progress
     **options
         See :class:`sshade.pipeline.proxies.ProxyOptions`. By default one sampling, the choice for
@@ -59,7 +57,6 @@ class Deformer:
         mesh: Mesh,
         index: np.ndarray,
         *,
-        energy: Energy = "spokes_and_rims",
         progress: Progress = silent,
         **options: Unpack[ProxyOptions],
     ) -> None:
@@ -68,7 +65,7 @@ class Deformer:
 
         def make(number: int) -> tuple[Binding, LocalGlobal]:
             binding = proxies.bind(number, first=self.index)
-            solver = LocalGlobal(binding.proxy, np.arange(len(self.index)), energy=energy)
+            solver = LocalGlobal(binding.proxy, np.arange(len(self.index)))
             progress("binding", number + 1, proxies.samplings)
             return binding, solver
 
@@ -88,7 +85,6 @@ class Deformer:
         *,
         tolerance: float = 1e-5,
         max_iterations: int = 1000,
-        progress: Progress = silent,
     ) -> DeformationResult:
         """Deform for new targets of the same handles, from where the last call ended.
 
@@ -100,7 +96,6 @@ class Deformer:
             Residual, relative to the proxy's diagonal, under which iteration stops.
         max_iterations : int
             Cutoff; a handful keeps a drag fluid, and the next call goes on.
-        progress : Progress
 
         Returns
         -------
@@ -119,7 +114,6 @@ class Deformer:
                 rotations=None if last is None else last.rotations,
                 tolerance=tolerance,
                 max_iterations=max_iterations,
-                progress=progress,
             )
             V, degenerate = self.bindings[number].carry(solution.positions, rotations=solution.rotations)
             facts = {

@@ -160,7 +160,20 @@ def count_unions(F: np.ndarray, fronts: Fronts) -> Unions:
     return Unions(chi, pair_chi, triple_chi, trace, arcs, pairs, triples, edges, at_edge, faces, triple)
 
 
-def group_rows(rows: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
+def _either(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    return np.where(first >= 0, first, second)
+
+
+def _farthest(vertices: np.ndarray, owner: np.ndarray, distance: np.ndarray, count: int) -> np.ndarray:
+    """(count,) of each owner's vertices the farthest from its sample, the smallest id of several; or -1."""
+    nearest_first = np.lexsort((-vertices, distance[vertices]))
+    found = np.full(count, -1, dtype=np.int64)
+    found[owner[nearest_first]] = vertices[nearest_first]  # the last one that is written stays
+    return found
+
+
+@njit(cache=True, nogil=True)
+def group_rows(rows, n):
     """Group equal rows of ids in linear time; no key is made of a row, which could overflow.
 
     Parameters
@@ -176,24 +189,7 @@ def group_rows(rows: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
     group : (r,) int64
         Group of each row.
     """
-    return _group_rows(rows, n)
-
-
-def _either(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    return np.where(first >= 0, first, second)
-
-
-def _farthest(vertices: np.ndarray, owner: np.ndarray, distance: np.ndarray, count: int) -> np.ndarray:
-    """(count,) of each owner's vertices the farthest from its sample, the smallest id of several; or -1."""
-    nearest_first = np.lexsort((-vertices, distance[vertices]))
-    found = np.full(count, -1, dtype=np.int64)
-    found[owner[nearest_first]] = vertices[nearest_first]  # the last one that is written stays
-    return found
-
-
-@njit(cache=True, nogil=True)
-def _group_rows(rows, n):
-    """Counting sort by the last column first; each keeps the order of rows that are equal in it."""
+    # Counting sort by the last column first; each keeps the order of rows that are equal in it.
     order = np.arange(rows.shape[0])
     for c in range(rows.shape[1] - 1, -1, -1):
         place = np.zeros(n + 1, dtype=np.int64)
