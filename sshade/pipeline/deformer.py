@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from time import perf_counter
-from typing import Unpack
+from typing import Any, Unpack
 
 import numpy as np
 
 from sshade.carry.binding import Binding
 from sshade.mesh.mesh import Mesh
 from sshade.pipeline.proxies import Proxies, ProxyOptions
-from sshade.solver.local_global import LocalGlobal, Solution
+from sshade.solver.local_global import LocalGlobal
 from sshade.task import DeformationResult, Progress, silent
 from sshade.threads import in_threads
 
@@ -53,12 +53,7 @@ class Deformer:
     """
 
     def __init__(
-        self,
-        mesh: Mesh,
-        index: np.ndarray,
-        *,
-        progress: Progress = silent,
-        **options: Unpack[ProxyOptions],
+        self, mesh: Mesh, index: np.ndarray, *, progress: Progress = silent, **options: Unpack[ProxyOptions]
     ) -> None:
         self.mesh, self.index = mesh, np.array(index, dtype=np.int64)
         self._proxies = proxies = Proxies(mesh, **options)
@@ -72,19 +67,14 @@ class Deformer:
         made = in_threads(make, proxies.samplings, workers=proxies.workers)
         self.bindings = [binding for binding, _ in made]
         self.solvers = [solver for _, solver in made]
-        self._last: list[Solution | None]
         self.reset()
 
     def reset(self) -> None:
         """Forget the last shape: the next call starts from the rest shape."""
-        self._last = [None] * len(self.solvers)
+        self._start: list[dict[str, Any]] = [{} for _ in self.solvers]
 
     def __call__(
-        self,
-        targets: np.ndarray,
-        *,
-        tolerance: float = 1e-5,
-        max_iterations: int = 1000,
+        self, targets: np.ndarray, *, tolerance: float = 1e-5, max_iterations: int = 1000
     ) -> DeformationResult:
         """Deform for new targets of the same handles, from where the last call ended.
 
@@ -104,17 +94,13 @@ class Deformer:
             ``residual`` and the proxies' ``energy``.
         """
         begin = perf_counter()
-        ends: list[Solution | None] = [None] * len(self.solvers)
+        ends: list[dict[str, Any]] = [{} for _ in self.solvers]
 
         def one_sampling(number: int) -> DeformationResult:
-            last = self._last[number]
-            ends[number] = solution = self.solvers[number].solve(
-                targets,
-                start=None if last is None else last.positions,
-                rotations=None if last is None else last.rotations,
-                tolerance=tolerance,
-                max_iterations=max_iterations,
+            solution = self.solvers[number].solve(
+                targets, tolerance=tolerance, max_iterations=max_iterations, **self._start[number]
             )
+            ends[number] = {"start": solution.positions, "rotations": solution.rotations}
             V, degenerate = self.bindings[number].carry(solution.positions, rotations=solution.rotations)
             facts = {
                 "residual": solution.residual,
@@ -124,5 +110,5 @@ class Deformer:
             return DeformationResult(V, solution.iterations, solution.converged, extra=facts)
 
         result = self._proxies.average(one_sampling)
-        self._last = ends
+        self._start = ends
         return replace(result, seconds={"total": perf_counter() - begin})

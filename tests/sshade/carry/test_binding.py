@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sshade import InputError, Mesh, bind, load_binding, save_binding
+from sshade import Mesh, bind, load_binding, save_binding
 from sshade.carry.frames import Frames
 from sshade.carry.kinds import FrameKind
 from sshade.carry.triangle import TriangleFrames
@@ -56,8 +56,6 @@ def test_a_frame_function_is_given_at_the_vertices_of_the_mesh():
     a, b = bind(BUMPY, 80, frame_function=7 * BUMPY.V[:, 2] + 1), bind(BUMPY, 80, frame_function="z")
     steep = np.abs(a.frames.L - b.frames.L).max(axis=(1, 2)) < 1e-9
     assert steep.mean() > 0.8
-    with pytest.raises(InputError, match=r"needs 642 values, one a vertex, not \(3,\)"):
-        bind(BUMPY, 80, frame_function=np.ones(3))
 
 
 def test_frames_of_ones_own_take_the_place_of_the_named_ones():

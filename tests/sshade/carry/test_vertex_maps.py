@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from sshade import Mesh
 from sshade.carry.vertex_maps import VertexMaps
@@ -54,29 +55,17 @@ def test_on_a_plane_every_affine_map_is_exact_and_the_normal_goes_to_the_normal(
     np.testing.assert_allclose(A, np.broadcast_to(R @ B, A.shape), rtol=0, atol=1e-13)
 
 
-def test_a_ring_that_falls_onto_a_line_has_the_mean_map_of_its_neighbours():
-    maps, V = VertexMaps.at_rest(BODY), bent(BODY.V)
-    i = 30
-    ring = ring_of(BODY, i)
-    flat = V.copy()
-    flat[ring] = V[i] + np.linspace(-1, 1, len(ring))[:, None] * [0.1, 0.2, 0.1]
-    A, known = maps(flat)
+@pytest.mark.parametrize("at_rest", [False, True])
+@pytest.mark.parametrize(("mesh", "i"), [(BODY, 30), (strip(8, 5), 0)], ids=["inside", "a corner"])
+def test_a_ring_on_a_line_has_the_mean_map_of_its_neighbours(mesh, i, at_rest):
+    """Whether it falls onto the line, or lies there at rest, whatever it becomes."""
+    ring, rest, V = ring_of(mesh, i), mesh.V.copy(), bent(mesh.V)
+    flat = rest if at_rest else V
+    flat[ring] = flat[i] + np.linspace(0.1, 1, len(ring))[:, None] * [0.1, 0.2, 0.1]
+    A, known = VertexMaps.at_rest(Mesh(rest, mesh.F))(V)
     assert not known[i]
     usable = ring[known[ring]]
     assert len(usable)
-    np.testing.assert_allclose(A[i], A[usable].mean(axis=0), rtol=0, atol=1e-12)
-
-
-def test_a_ring_on_a_line_at_rest_has_the_mean_map_of_its_neighbours_whatever_it_becomes():
-    sheet = strip(8, 5)
-    i = 0  # a corner
-    ring = ring_of(sheet, i)
-    V = sheet.V.copy()
-    V[ring] = V[i] + np.arange(1, len(ring) + 1)[:, None] * np.array([0.3, 0.3, 0])
-    rest = Mesh(V, sheet.F)
-    A, known = VertexMaps.at_rest(rest)(bent(sheet.V))
-    assert not known[i]
-    usable = ring[known[ring]]
     np.testing.assert_allclose(A[i], A[usable].mean(axis=0), rtol=0, atol=1e-12)
 
 

@@ -210,7 +210,6 @@ def test_a_component_that_fails_is_named():
     flat = Mesh(BODY.V * [0, 0, 1] + [5, 0, 0], BODY.F)
     mesh, own = beside(BODY, flat), of_all((ends(BODY), 0), (ends(flat), BODY.n))
     with pytest.raises(
-        InputError,
-        match="the component of 162 vertices around vertex 162 cannot be deformed: .* no area",
+        InputError, match="the component of 162 vertices around vertex 162 cannot be deformed: .* no area"
     ):
         deform_components(mesh, own, METHOD, vertices=100)

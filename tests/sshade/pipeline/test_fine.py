@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sshade import DeformationTask, Handles, InputError, Mesh
+from sshade import DeformationTask, InputError, Mesh
 from sshade.pipeline.fast import STIFFNESS, STRAIN, sshade_fast
 from sshade.pipeline.fine import sshade_fine
 from sshade.solver.local_global import local_global
@@ -14,10 +14,7 @@ from tests.shapes import bumpy, end_handles, tube
 def task() -> DeformationTask:
     """A bumpy ball with its cap pushed aside."""
     mesh = bumpy(4)
-    top, bottom = (np.flatnonzero(s * mesh.V[:, 2] > 0.85 * (s * mesh.V[:, 2]).max()) for s in (1, -1))
-    index = np.concatenate([top, bottom])
-    target = mesh.V[index] + np.repeat([[0.5, 0.1, 0.2], [0, 0, 0]], [len(top), len(bottom)], axis=0)
-    return DeformationTask("cap", mesh, Handles(index, target))
+    return DeformationTask("cap", mesh, end_handles(mesh.V, share=0.075, shift=(0.5, 0.1, 0.2)))
 
 
 def test_fast_keeps_volume_area_and_handles_nearly(task):

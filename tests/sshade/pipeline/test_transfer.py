@@ -87,12 +87,6 @@ def test_every_option_counts_and_a_task_gives_what_its_shapes_give(task):
     assert calls
 
 
-def test_shapes_that_do_not_correspond_are_refused(task):
-    rest, posed = task.rest, task.posed
-    for name in ("posed", "truth"):
-        with pytest.raises(InputError, match=f"the {name} shape has shape .*must correspond"):
-            TransferTask("t", rest, rest, **{"posed": posed, name: posed[1:]})
-        broken = posed.copy()
-        broken[3, 1] = np.nan
-        with pytest.raises(InputError, match=f"NaN or infinite coordinate in the {name} shape"):
-            TransferTask("t", rest, rest, **{"posed": posed, name: broken})
+def test_a_truth_that_does_not_correspond_is_refused(task):
+    with pytest.raises(InputError, match=r"the truth shape has shape .*must correspond"):
+        TransferTask("t", task.rest, task.rest, task.posed, truth=task.posed[1:])
