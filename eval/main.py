@@ -12,35 +12,28 @@ import argparse
 import sys
 from collections.abc import Sequence
 from importlib import import_module
-from typing import NamedTuple
 
 PROGRAM = "sshade-eval"
 
 
-class Command(NamedTuple):
-    """A sub-command: the module that does it, and what it does in one line."""
-
-    module: str
-    summary: str
-
-
+#: Sub-command -> the module that does it, and what it does in one line.
 COMMANDS = {
-    "run": Command("eval.configure.app", "run methods on tasks, once or as a sweep (-m); a Hydra program"),
-    "status": Command("eval.run.status", "how far the sweeps are"),
-    "collect": Command("eval.rows.collect", "gather the rows of finished runs into one CSV an experiment"),
-    "tables": Command("eval.publish.tables", "tables from rows: CSV, Markdown and LaTeX"),
-    "charts": Command("eval.publish.charts", "distributions, time against size, convergence"),
-    "figures": Command("eval.publish.figures", "the comparison picture: rest shapes and results"),
-    "curves": Command("eval.publish.curves", "metrics against a size or a parameter"),
-    "front": Command("eval.publish.front", "volume against stretch"),
-    "report": Command("eval.publish.report.command", "one HTML page with all of it and a 3D view"),
-    "publish": Command("eval.publish.publish", "an experiment's rows, tables and figures into results/"),
-    "remeasure": Command("eval.run.remeasure", "metrics of finished runs, from their stored vertices"),
-    "compare": Command("eval.rows.compare", "whether two sets of rows say the same"),
-    "check": Command("eval.rows.bands", "hold rows against committed bands of quality"),
-    "bench": Command("eval.timing.bench", "speed beside libigl's ARAP and a factorisation"),
-    "jumps": Command("eval.studies.jumps", "jumps of the deformation across the proxy's edges"),
-    "topology": Command("eval.studies.topology", "what remeshing keeps of a mesh's topology"),
+    "run": ("eval.configure.app", "run methods on tasks, once or as a sweep (-m); a Hydra program"),
+    "status": ("eval.run.status", "how far the sweeps are"),
+    "collect": ("eval.rows.collect", "gather the rows of finished runs into one CSV an experiment"),
+    "tables": ("eval.publish.tables", "tables from rows: CSV, Markdown and LaTeX"),
+    "charts": ("eval.publish.charts", "distributions, time against size, convergence"),
+    "figures": ("eval.publish.figures", "the comparison picture: rest shapes and results"),
+    "curves": ("eval.publish.curves", "metrics against a size or a parameter"),
+    "front": ("eval.publish.front", "volume against stretch"),
+    "report": ("eval.publish.report.command", "one HTML page with all of it and a 3D view"),
+    "publish": ("eval.publish.publish", "an experiment's rows, tables and figures into results/"),
+    "remeasure": ("eval.run.remeasure", "metrics of finished runs, from their stored vertices"),
+    "compare": ("eval.rows.compare", "whether two sets of rows say the same"),
+    "check": ("eval.rows.bands", "hold rows against committed bands of quality"),
+    "bench": ("eval.timing.bench", "speed beside libigl's ARAP and a factorisation"),
+    "jumps": ("eval.studies.jumps", "jumps of the deformation across the proxy's edges"),
+    "topology": ("eval.studies.topology", "what remeshing keeps of a mesh's topology"),
 }
 
 HELP = f"""\
@@ -61,7 +54,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     if arguments and arguments[0] in ("-h", "--help"):
-        lines = (f"  {name:<10} {command.summary}" for name, command in COMMANDS.items())
+        lines = (f"  {name:<10} {summary}" for name, (_, summary) in COMMANDS.items())
         print(HELP.format(commands="\n".join(lines)), end="")  # noqa: T201
         return 0
     try:
@@ -97,7 +90,7 @@ def call(name: str, arguments: Sequence[str]) -> int:
 
         found = f"{name!r} is no command" if name else "a command is missing"
         raise InputError(f"{found}; {PROGRAM} takes one of {', '.join(COMMANDS)}")
-    module = import_module(COMMANDS[name].module)
+    module = import_module(COMMANDS[name][0])
     if name == "run":
         sys.argv[:] = [f"{PROGRAM} run", *arguments]  # where Hydra reads them
         return module.main()

@@ -13,6 +13,7 @@ import sys
 from contextlib import nullcontext
 from functools import lru_cache
 from pathlib import Path
+from traceback import walk_tb
 from typing import Any
 
 import hydra
@@ -228,11 +229,8 @@ def _outcome(config: DictConfig, progress: Progress) -> tuple[Outcome, list[str]
 
 def _check(config: dict[str, Any]) -> None:
     """Raise InputError on values of our own settings that no run could use."""
-    settings = {name: config["run"][name] for name in ("force", "fresh", "time_limit")}
-    settings |= {
-        "seed": config["seed"],
-        "jobs": 1 if config["run"]["jobs"] is None else config["run"]["jobs"],
-    }
+    settings = {name: config["run"][name] for name in ("force", "fresh", "time_limit", "jobs")}
+    settings |= {"seed": config["seed"], "jobs": 1 if settings["jobs"] is None else settings["jobs"]}
     check_parameters(run, settings, target="run")
     for name, value in settings.items():
         least = {"seed": 0, "jobs": 1, "time_limit": 1e-3}.get(name)
@@ -279,10 +277,8 @@ def _report(outcome: Outcome) -> str:
 
 def _raised_in(error: Exception) -> str:
     """Name of the module that raised an error."""
-    trace = error.__traceback__
-    while trace.tb_next is not None:
-        trace = trace.tb_next
-    return trace.tb_frame.f_globals["__name__"]
+    *_, (frame, _) = walk_tb(error.__traceback__)
+    return frame.f_globals["__name__"]
 
 
 def _one_line(error: Exception) -> str:

@@ -17,7 +17,7 @@ import pandas as pd
 
 from eval.metrics import METRICS
 from eval.publish.columns import reference_rows
-from eval.publish.plotting import FIGURES, SUFFIXES, axis_label, look, new_figure, plot_points, save, styled
+from eval.publish.plotting import FIGURES, SUFFIXES, axis_label, look, new_figure, plot_points, save, style
 from eval.publish.summary import check_times
 from eval.rows.experiment import Experiment, read_experiments
 from eval.rows.frame import method_names, numbers, records, split_label, valid
@@ -70,7 +70,7 @@ def distributions(rows: pd.DataFrame) -> dict[str, Figure]:
     return found
 
 
-@styled
+@style()
 def _distribution(values: dict[str, np.ndarray], *, label: str, looks: dict) -> Figure:
     figure = new_figure(WIDTH, 0.75 + 0.23 * len(values))
     axes = figure.subplots()
@@ -147,7 +147,7 @@ def times(rows: pd.DataFrame) -> dict[str, Figure]:
     return {"time_vertices": _times(points, looks=look(dict.fromkeys(families.values())))}
 
 
-@styled
+@style()
 def _times(points: dict[str, list[tuple[float, float]]], *, looks: dict) -> Figure:
     figure, axes = _with_legend_below(len(points))
     plot_points(axes, points, looks)
@@ -201,7 +201,7 @@ def convergence(experiment: Experiment) -> dict[str, Figure]:
     return {name: _curves(axis_label(name, ""), lines[name], looks=looks) for name in sorted(lines)}
 
 
-@styled
+@style()
 def _curves(title: str, lines: list[tuple[str, np.ndarray]], *, looks: dict) -> Figure:
     figure, axes = _with_legend_below(len({method for method, _ in lines}))
     seen: set[str] = set()

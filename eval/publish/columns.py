@@ -12,7 +12,7 @@ from eval.rows.store import TRANSFER
 #: Functions that are no methods, whatever their label, and what tables say of them.
 REFERENCES = {
     "baselines.identity.identity": "no method but what doing nothing costs: the rest shape with its handles "
-    "on their targets. It takes part in no ranking.",
+    "on their targets. It takes part in no ranking."
 }
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from eval.metrics import METRICS
-from eval.publish.plotting import FIGURES, axis_label, look, new_figure, plot_points, save, styled
+from eval.publish.plotting import FIGURES, axis_label, look, new_figure, plot_points, save, style
 from eval.rows.experiment import rows_file
 from eval.rows.frame import read_csv, split_label, valid
 from eval.rows.store import ROWS_HELP
@@ -65,7 +65,7 @@ def curves(rows: pd.DataFrame, metric: str = "volume", *, over: str = "task.vert
     return {method: list(own.itertuples(index=False, name=None)) for method, own in means.groupby("method")}
 
 
-@styled
+@style()
 def draw(panels: dict[str, Curves], *, over: str = "task.vertices") -> Figure:
     """Draw curves.
 

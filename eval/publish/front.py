@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from eval.metrics import METRICS
-from eval.publish.plotting import FIGURES, axis_label, look, new_figure, plot_points, save, styled
+from eval.publish.plotting import FIGURES, axis_label, look, new_figure, plot_points, save, style
 from eval.rows.experiment import rows_file
 from eval.rows.frame import read_csv, split_label, valid
 from eval.rows.store import ROWS_HELP
@@ -77,7 +77,7 @@ def _family(name: str, weight: Any) -> str:
         return name
 
 
-@styled
+@style()
 def draw(points: dict[str, list[Point]]) -> Figure:
     """A panel for each metric in :data:`AGAINST`."""
     figure = new_figure(7.0, 3.4)

@@ -17,7 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from eval.metrics import Task
-from eval.publish.plotting import new_figure, styled
+from eval.publish.plotting import new_figure, style
 from sshade.figures import COLOURS, View, edge_error, picture
 from sshade.mesh.mesh import Mesh
 from sshade.pipeline.transfer import TransferTask
@@ -127,7 +127,7 @@ def _alike(views: list[View]) -> list[View]:
     return [replace(view, width=width, height=height, depth=depth) for view in views]
 
 
-@styled
+@style()
 def draw(rows: Sequence[Panels], *, title: str, top: float, label: str, pixels: int = PIXELS) -> Figure:
     """Draw rows of panels with one bar of colours, labelled `label`, from 0 to `top`."""
     from matplotlib.cm import ScalarMappable

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 import io
-from collections.abc import Callable, Iterable, Mapping
-from functools import wraps
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ParamSpec
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,8 +18,6 @@ from sshade.io.files import make_folder, replacing
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-P = ParamSpec("P")
 
 #: Colours of methods in the order of the table; told apart by people who do not see all of them.
 PALETTE = (
@@ -54,22 +52,13 @@ _METADATA = {
 FIGURES = Path("out/figures")
 
 
-def style() -> Any:
-    """A context in which figures are made and saved."""
+@contextmanager
+def style() -> Iterator[None]:
+    """A context in which figures are made and saved, or as a decorator a function that makes one."""
     import matplotlib
 
-    return matplotlib.rc_context(_STYLE)
-
-
-def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Make a function draw in our :func:`style`."""
-
-    @wraps(draw)
-    def in_style(*args: P.args, **kwargs: P.kwargs) -> Figure:
-        with style():
-            return draw(*args, **kwargs)
-
-    return in_style
+    with matplotlib.rc_context(_STYLE):
+        yield
 
 
 def new_figure(width: float, height: float) -> Figure:

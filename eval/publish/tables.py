@@ -24,9 +24,10 @@ from sshade.io.files import make_folder, replacing
 def to_csv(table: Table) -> str:
     """Numbers to six digits, without marks; where there are parts, a first column names them."""
     tables = {"all": table} | {part.title: part for part in table.parts}
+    digits = "{:.6g}".format
     lines = pd.concat(
         {
-            name: part.lines[["runs", "valid", "converged"]].join(part.means.map(_six_digits))
+            name: part.lines[["runs", "valid", "converged"]].join(part.means.map(digits, na_action="ignore"))
             for name, part in tables.items()
         },
         names=["part", "method"],
@@ -34,10 +35,6 @@ def to_csv(table: Table) -> str:
     headings = {c.heading: f"{c.heading} [{c.unit}]" if c.unit else c.heading for c in table.columns}
     lines = lines if table.parts else lines.droplevel("part")
     return lines.rename(columns=headings).to_csv(lineterminator="\n")
-
-
-def _six_digits(mean: float) -> str:
-    return "" if np.isnan(mean) else f"{mean:.6g}"
 
 
 def to_markdown(table: Table) -> str:

@@ -9,7 +9,8 @@ from __future__ import annotations
 import csv
 import os
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -126,7 +127,9 @@ def read_csv(path: str | os.PathLike[str]) -> pd.DataFrame:
                 f"{path}: line {number} has another number of cells than the first; collect again"
             )
     columns = dict(zip(header, zip(*lines, strict=True), strict=True))
-    frame = pd.DataFrame({n: map(_reader(n), cells) for n, cells in columns.items()}, dtype=object)
+    frame = pd.DataFrame(
+        {n: map(partial(_value, text=is_text(n)), cells) for n, cells in columns.items()}, dtype=object
+    )
     for number, row in enumerate(records(frame), start=2):
         if problem := row_problem(row):
             raise InputError(f"{path}: line {number} is not a row ({problem}); collect again")
@@ -138,20 +141,11 @@ def _cell(value: Any) -> Any:
     return str(value).lower() if isinstance(value, bool) else value
 
 
-def _reader(column: str) -> Callable[[str], Any]:
-    """The function that parses a column's cells."""
-    return _text if is_text(column) else _value
-
-
-def _text(cell: str) -> str | None:
-    return cell or None
-
-
-def _value(cell: str) -> Any:
-    """The number or bool that a cell tells, else its text; None where it is empty."""
-    if cell in ("true", "false"):
+def _value(cell: str, *, text: bool) -> Any:
+    """The number or bool that a cell tells unless it is `text`, else what it says; None where it is empty."""
+    if cell in ("true", "false") and not text:
         return cell == "true"
-    for kind in (int, float):
+    for kind in () if text else (int, float):
         try:
             return kind(cell)
         except ValueError:

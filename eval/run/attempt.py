@@ -36,6 +36,9 @@ log = logging.getLogger(__name__)
 #: Arrays of a result's `extra` whose name ends so hold a line a step, and are kept with the run.
 CURVE = "_curve"
 
+#: The facts of a method that gave no result.
+NOTHING: Row = {"status": "failed", "reason": "", "iterations": None, "converged": None}
+
 #: What a fresh process sends when its clock starts.
 CLOCK = "clock"
 
@@ -84,7 +87,7 @@ def attempt(
     before_clock : callable
         Called after the warm-up.
     """
-    row = _nothing() | {"env.warmed_up": method.get("warm_up", {}) is not None}
+    row = NOTHING | {"env.warmed_up": method.get("warm_up", {}) is not None}
     try:
         call = instantiate({**method, "_partial_": True})
         if row["env.warmed_up"]:
@@ -105,18 +108,8 @@ def attempt(
     return Attempt(row | _facts(result, seconds), result.vertices, _curves(result))
 
 
-def _nothing() -> Row:
-    """The facts of a method that gave no result."""
-    return {"status": "failed", "reason": "", "iterations": None, "converged": None}
-
-
 def attempt_fresh(
-    method: Mapping[str, Any],
-    task: Task,
-    *,
-    seed: int,
-    time_limit: float | None,
-    progress: Progress = silent,
+    method: Mapping[str, Any], task: Task, *, seed: int, time_limit: float | None, progress: Progress = silent
 ) -> Attempt:
     """:func:`attempt` in a process of its own, with ``peak_mib`` and at most `time_limit` seconds of clock.
 
@@ -144,7 +137,7 @@ def attempt_fresh(
         return _answer(ours, time_limit, progress)
     except (EOFError, ConnectionError):
         process.join()
-        return Attempt(_nothing() | {"reason": _end(process.exitcode)})
+        return Attempt(NOTHING | {"reason": _end(process.exitcode)})
     finally:
         if process.pid is not None:
             process.kill()
@@ -186,7 +179,7 @@ def _answer(connection: Connection, time_limit: float | None, progress: Progress
             stage, limit, begin = "no result", time_limit, perf_counter()
         else:
             progress(*message)
-    return Attempt(_nothing() | {"status": "timeout", "reason": f"{stage} within {limit:g} s"})
+    return Attempt(NOTHING | {"status": "timeout", "reason": f"{stage} within {limit:g} s"})
 
 
 def _end(code: int) -> str:

@@ -111,12 +111,16 @@ def version_of(distribution: str) -> str:
 
 def process_memory(key: str) -> int | None:
     """A figure of this process's memory in bytes, such as ``VmRSS`` or ``VmHWM``; None where not Linux."""
-    status = Path("/proc/self/status")
-    if status.is_file():
-        for line in status.read_text().splitlines():
-            if line.startswith(f"{key}:"):
-                return 1024 * int(line.split()[1])
-    return None
+    entry = _entry("self/status", key)
+    return 1024 * int(entry.split()[0]) if entry else None
+
+
+def _entry(name: str, key: str) -> str:
+    """What the first line ``key: ...`` of a file in Linux's /proc says; empty where there is none."""
+    path = Path("/proc", name)
+    text = path.read_text(errors="replace") if path.is_file() else ""
+    found = re.search(rf"^{key}\s*:(.*)", text, re.MULTILINE)
+    return found[1].strip() if found else ""
 
 
 def environment(*, jobs: int) -> dict[str, Any]:
@@ -138,33 +142,21 @@ def environment(*, jobs: int) -> dict[str, Any]:
         facts[variable.lower()] = os.environ.get(variable, "")
     facts["jobs"] = jobs
     facts["concurrent"] = jobs > 1
-    facts["load"] = round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None
+    facts["load"] = round(os.getloadavg()[0], 2)
     return facts
 
 
 @cache
 def _machine() -> dict[str, Any]:
-    ram = None
-    if "SC_PHYS_PAGES" in getattr(os, "sysconf_names", {}):
-        ram = round(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**30)
     facts = {
-        "cpu": _cpu_model(),
+        "cpu": _entry("cpuinfo", "model name") or platform.processor() or "unknown CPU",
         "cores": available_cpus(),
-        "ram_gib": ram,
+        "ram_gib": round(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**30),
         "os": platform.system(),
         "arch": platform.machine(),
     }
     facts["machine"] = "{cpu}, {cores} cores, {ram_gib} GiB, {os} {arch}".format(**facts)
     return facts
-
-
-def _cpu_model() -> str:
-    cpuinfo = Path("/proc/cpuinfo")
-    if cpuinfo.is_file():
-        for line in cpuinfo.read_text(errors="replace").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor() or "unknown CPU"
 
 
 @cache

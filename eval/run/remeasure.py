@@ -12,11 +12,10 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from eval.metrics import METRICS, Task, measure
+from eval.metrics import METRICS, measure
 from eval.rows.store import (
     FOLDER_HELP,
     VALID,
-    Row,
     experiment_folder,
     read_row,
     read_vertices,
@@ -64,19 +63,13 @@ def remeasure(folder: Path, *, metrics: Sequence[str] = (), progress: Progress =
             continue
         if loaded is None or loaded[0] != row["task.checksum"]:
             loaded = row["task.checksum"], load_task(row)
-        changed += _measure_again(row, run, loaded[1], wanted)
+        values = measure(loaded[1], read_vertices(run, n=row["task.vertices"]), only=wanted)
+        if values:  # else nothing that this kind of task has
+            names = {*(row.get("remeasured") or "").split(), *values}
+            new = {f"metric.{name}": value for name, value in values.items()}
+            write_row(run, row | new | {"remeasured": " ".join(sorted(names))})
+            changed += 1
     return changed
-
-
-def _measure_again(row: Row, run: Path, task: Task, wanted: Sequence[str]) -> bool:
-    """Write metrics measured again into the row of a run; False where the task has none of those wanted."""
-    values = measure(task, read_vertices(run, n=row["task.vertices"]), only=wanted)
-    new = {f"metric.{name}": value for name, value in values.items()}
-    if not new:  # nothing that this kind of task has
-        return False
-    names = {*(row.get("remeasured") or "").split(), *values}
-    write_row(run, row | new | {"remeasured": " ".join(sorted(names))})
-    return True
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -128,12 +128,7 @@ def _settled(row: Row, *, fresh: bool, time_limit: float | None) -> bool:
 
 
 def _identity(
-    task: Task,
-    method: Mapping[str, Any],
-    *,
-    name: str,
-    seed: int,
-    source: Mapping[str, Any] | None,
+    task: Task, method: Mapping[str, Any], *, name: str, seed: int, source: Mapping[str, Any] | None
 ) -> Row:
     """What is known before the run, with the key that an equal run would have."""
     plain = settings(method)

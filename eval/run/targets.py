@@ -74,12 +74,8 @@ def locate(target: str) -> Callable[..., Any]:
 
 def require_kind(method: Callable[..., Any], task: Any, *, target: str) -> None:
     """Raise InputError where a method says by its hint of `task` that it takes tasks of another kind."""
-    function = method.func if isinstance(method, partial) else method
-    try:
-        wanted = typing.get_type_hints(function).get("task")
-    except NameError:  # as in check_parameters
-        return
-    if isinstance(wanted, type) and not isinstance(task, wanted):
+    wanted = parameter_hints(method.func if isinstance(method, partial) else method).get("task", Any)
+    if wanted is not Any and isinstance(wanted, type) and not isinstance(task, wanted):
         raise InputError(
             f"{target} takes a {wanted.__name__}, but {task.name} is a {type(task).__name__}; methods for "
             "pose transfers are method=transfer/..., for tasks that a dataset with an edit gives"

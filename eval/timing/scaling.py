@@ -8,9 +8,10 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
+import igl
 import numpy as np
 
-from eval.publish.plotting import PALETTE, new_figure, save, styled
+from eval.publish.plotting import PALETTE, new_figure, save, style
 from eval.run.provenance import process_memory
 from eval.timing.timing import say
 from sshade.io.handles import read_handles
@@ -87,9 +88,10 @@ def _measure(base: Path, handles: Path, level: int, vertices: int, repeats: int)
     count = min(vertices, mesh.n // 2)
     deform(small, vertices=count, samplings=1)  # compiles
     for _ in range(level):
-        mesh = Mesh(*_subdivided(mesh))
+        mesh = Mesh(*igl.upsample(np.array(mesh.V), np.array(mesh.F)))
     task = DeformationTask("subdivided", mesh, held)
-    before = _reset_peak()
+    Path("/proc/self/clear_refs").write_text("5")  # sets the high-water mark to the memory in use now (Linux)
+    before = process_memory("VmRSS")
     seconds = []
     for _ in range(repeats):
         begin = perf_counter()
@@ -98,19 +100,7 @@ def _measure(base: Path, handles: Path, level: int, vertices: int, repeats: int)
     return mesh.n, float(np.median(seconds)), process_memory("VmHWM") - before
 
 
-def _subdivided(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
-    import igl
-
-    return igl.upsample(np.array(mesh.V), np.array(mesh.F))
-
-
-def _reset_peak() -> int:
-    """Set the high-water mark to the memory in use now, and return that (Linux)."""
-    Path("/proc/self/clear_refs").write_text("5")
-    return process_memory("VmRSS")
-
-
-@styled
+@style()
 def _figure(rows: list[tuple[int, float, int]], slope: float) -> Figure:
     n, seconds, peak = (np.array(column, dtype=float) for column in zip(*rows, strict=True))
     figure = new_figure(9, 3.6)

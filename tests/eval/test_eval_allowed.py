@@ -7,13 +7,7 @@ import sys
 import pytest
 import yaml
 
-from eval.run.allowed import (
-    VARIABLE,
-    allow_from,
-    check_folders,
-    require_allowed,
-)
-from eval.run.recall import load_task
+from eval.run.allowed import VARIABLE, allow_from, check_folders, require_allowed
 from sshade.cli.configuration import CONFIGURATION, named_functions
 from sshade.errors import InputError
 from tests.robustness.case import contents, run
@@ -33,16 +27,7 @@ def test_what_the_project_s_conf_names_is_allowed():
 
 @pytest.mark.parametrize(
     "name",
-    [
-        "os.system",
-        "defaust.folder.layout.write_text",
-        "sshade.io.meshes.write_mesh",
-        "sshade.pipeline.deform.deform.x",
-        "",
-        None,
-        3,
-        ["a"],
-    ],
+    ["os.system", "sshade.io.meshes.write_mesh", "sshade.pipeline.deform.deform.x", "", None, 3, ["a"]],
 )
 @pytest.mark.parametrize("key", ["_target_", "cases", "class", "()"])
 def test_anything_else_is_not(name, key):
@@ -62,46 +47,40 @@ def test_the_command_line_allows_beginnings():
         require_allowed({"_target_": "mypackages.a"}, where="x")
 
 
-def test_folders_are_checked_whole(tmp_path):
-    folder = tmp_path / "hydra" / "launcher"
-    folder.mkdir(parents=True)
-    (folder / "quick.yaml").write_text("_target_: subprocess.Popen\nargs: [true]\n")
-    with pytest.raises(InputError, match="quick.yaml names the function subprocess.Popen"):
+@pytest.fixture
+def quick(tmp_path):
+    """A file in a folder of configurations."""
+    path = tmp_path / "hydra" / "launcher" / "quick.yaml"
+    path.parent.mkdir(parents=True)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("_target_: subprocess.Popen\nargs: [true]\n", "quick.yaml names the function subprocess.Popen"),
+        ("_target_: ${oc.env:WHAT}\n", "names the function"),
+        ("handlers:\n  run: {class: subprocess.Popen, args: ls}\n", "names the function subprocess.Popen"),
+        ("hydra:\n  searchpath: [/elsewhere]\n", "sets hydra's searchpath, which is for the command line"),
+        ("# @package hydra.job.env_set\nPYTHONPATH: /elsewhere\n", "sets hydra's env_set"),
+        ("defaults:\n- theirs@hydra.job.env_set: a\n", "sets hydra's env_set"),
+        ("# @package _global_\nhydra: {launcher: {setup: [ls]}}\n", "sets hydra's setup"),
+        ('# @package hydra.launcher\n"se\\x74up": [ls]\n', "sets hydra's setup"),
+        ("!!python/object/apply:os.system [touch hacked]\n", "not readable as YAML"),
+    ],
+)
+def test_folders_are_checked_whole(quick, tmp_path, text, words):
+    quick.write_text(text)
+    with pytest.raises(InputError, match=words):
         check_folders([str(tmp_path)])
-    for overrides in (
-        [f"hydra.searchpath=[file://{tmp_path}]"],
-        [f"+hydra.searchpath=['{tmp_path}', pkg://x]"],
-    ):
-        with pytest.raises(InputError, match="subprocess.Popen"):
-            check_folders([None], overrides=overrides)
-    (folder / "quick.yaml").write_text("_target_: ${oc.env:WHAT}\n")
-    with pytest.raises(InputError, match="names the function"):
-        check_folders([str(tmp_path)])
-    (folder / "quick.yaml").write_text("version: 1\nhandlers:\n  run: {class: subprocess.Popen, args: ls}\n")
-    with pytest.raises(InputError, match="names the function subprocess.Popen"):
-        check_folders([str(tmp_path)])
-    for text, name in (
-        ("hydra:\n  searchpath: [/elsewhere]\n", "searchpath"),
-        ("# @package hydra.job.env_set\nPYTHONPATH: /elsewhere\n", "env_set"),
-        ("defaults:\n- theirs@hydra.job.env_set: a\n", "env_set"),
-        ("# @package _global_\nhydra: {launcher: {setup: [ls]}}\n", "setup"),
-        ('# @package hydra.launcher\n"se\\x74up": [ls]\n', "setup"),
-    ):
-        (folder / "quick.yaml").write_text(text)
-        with pytest.raises(InputError, match=f"sets hydra's {name}, which is for the command line alone"):
-            check_folders([str(tmp_path)])
-    (folder / "quick.yaml").write_text("!!python/object/apply:os.system [touch hacked]\n")
-    with pytest.raises(InputError, match="not readable as YAML"):
-        check_folders([str(tmp_path)])
-    (folder / "quick.yaml").write_text("_target_: baselines.arap.arap\n---\nmore: 1\n")
+    for override in (f"hydra.searchpath=[file://{tmp_path}]", f"+hydra.searchpath=['{tmp_path}', pkg://x]"):
+        with pytest.raises(InputError, match=words):
+            check_folders([None], overrides=[override])
+
+
+def test_a_folder_of_known_names_passes_and_one_that_is_not_there(quick, tmp_path):
+    quick.write_text("_target_: baselines.arap.arap\n---\nmore: 1\n")
     check_folders([str(tmp_path), None, str(tmp_path / "missing")])
-
-
-def test_a_row_that_names_another_function_does_not_call_it(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    row = {"task.name": "t", "task.source": '{"_target_": "pathlib.Path", "cases": 1}', "task.checksum": "x"}
-    with pytest.raises(InputError, match="the row of t names the function pathlib.Path"):
-        load_task(row)
 
 
 @pytest.fixture

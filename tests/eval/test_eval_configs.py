@@ -8,9 +8,8 @@ from typing import get_origin
 
 import numpy as np
 import pytest
+from compositions import composed
 from eval_cases import bumpy_task
-from hydra import compose, initialize_config_dir
-from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.utils import instantiate as hydra_instantiate
 from omegaconf import OmegaConf
@@ -31,19 +30,15 @@ def names(group):
 METHODS = names("method") + [f"transfer/{name}" for name in names("method/transfer")]
 
 
-def composed(*overrides):
-    with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
-        config = compose("config", overrides=list(overrides), return_hydra_config=True)
-        HydraConfig.instance().set_config(config)
-        OmegaConf.resolve(config.method)
-        return config
+def method_of(config):
+    return OmegaConf.to_container(config.method, resolve=True)
 
 
 @pytest.mark.parametrize("name", METHODS)
 def test_method_composes_and_is_a_method(name):
     config = composed(f"method={name}")
     assert config.label == name
-    plain = OmegaConf.to_container(config.method)
+    plain = method_of(config)
     call = instantiate(plain)
     assert set(inspect.signature(Method.__call__).parameters) - {"self"} <= set(parameter_hints(call.func))
     check_parameters(call.func, plain.get("warm_up") or {}, target=name)
@@ -56,7 +51,7 @@ def test_method_composes_and_is_a_method(name):
 @pytest.mark.parametrize("name", METHODS)
 def test_yaml_names_every_parameter_of_its_method(name):
     """A row then tells all that the method was given."""
-    plain = OmegaConf.to_container(composed(f"method={name}").method)
+    plain = method_of(composed(f"method={name}"))
     hints = parameter_hints(locate(plain["_target_"]))
     taken = {key for key, hint in hints.items() if get_origin(hint) is not Callable}
     assert set(plain) - set(OWN_KEYS) == taken - {"task", "seed", "progress"}
@@ -64,8 +59,7 @@ def test_yaml_names_every_parameter_of_its_method(name):
 
 def test_the_coarse_solver_of_the_yaml_is_the_default_one():
     """Named in the YAML so that the shared stopping rule reaches it and the row tells its parameters."""
-    config = OmegaConf.to_container(composed("method=sshade").method)
-    named = instantiate(config).keywords["coarse"]
+    named = instantiate(method_of(composed("method=sshade"))).keywords["coarse"]
     assert named.keywords == {**DEFAULTS, "accelerate": True}
     task = bumpy_task()
     np.testing.assert_array_equal(named(task, seed=0).vertices, local_global(task).vertices)
@@ -73,7 +67,7 @@ def test_the_coarse_solver_of_the_yaml_is_the_default_one():
 
 def test_another_method_fits_into_the_coarse_slot():
     config = composed("method=sshade", "method@method.coarse=arap", "solver.max_iterations=7")
-    call = instantiate(OmegaConf.to_container(config.method))
+    call = instantiate(method_of(config))
     assert call.keywords["coarse"].func is locate("baselines.arap.arap")
     assert call.keywords["coarse"].keywords["max_iterations"] == 7
     assert config.label == "sshade"

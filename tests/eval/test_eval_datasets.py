@@ -6,8 +6,7 @@ import json
 import shlex
 
 import pytest
-from hydra import compose, initialize_config_dir
-from hydra.core.hydra_config import HydraConfig
+from compositions import composed
 from omegaconf import OmegaConf
 
 from defaust.cli import main as defaust
@@ -31,10 +30,7 @@ BUILT = {
 
 def dataset(name, *overrides):
     """The plain settings of an entry."""
-    with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
-        config = compose("config", overrides=[f"dataset={name}", *overrides], return_hydra_config=True)
-        HydraConfig.instance().set_config(config)
-        return OmegaConf.to_container(config.dataset, resolve=True)
+    return OmegaConf.to_container(composed(f"dataset={name}", *overrides).dataset, resolve=True)
 
 
 def write_originals(folder, name):
@@ -70,20 +66,12 @@ def test_the_build_command_of_an_entry_makes_what_it_loads(name, tmp_path, monke
 
 
 def test_entries_of_one_source_differ_in_size_and_folder_only():
-    names = {f.name.removesuffix(".yaml") for f in CONFIGURATION.joinpath("dataset").iterdir()} - {
-        "mesh",
-        "faust",
-        "tosca",
-        "sequence",
-        "defaust",
-    }
     common = dataset("defaust")
-    for name in sorted(name for name in names if name.startswith("defaust_")):
+    for name in (path.stem for path in CONFIGURATION.glob("dataset/defaust_*.yaml")):
         config = dataset(name)
-        assert config.pop("root") == f"./data/{name}" and config.pop("build").startswith(
-            f"defaust build source=synthetic out=./data/{name}"
-        )
-        assert config == {key: value for key, value in common.items() if key not in ("root", "build")}
+        assert config["root"] == f"./data/{name}"
+        assert config["build"].startswith(f"defaust build source=synthetic out={config['root']}")
+        assert config == common | {key: config[key] for key in ("root", "build")}
 
 
 def test_a_mesh_and_its_handles(tmp_path):

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import pytest
+from compositions import composed
 from eval_cases import run_eval
-from hydra import compose, initialize_config_dir
 from hydra.errors import HydraException
 
 from eval.configure import app as cli
 from eval.rows.collect import collect
 from eval.rows.compare import differences
-from sshade.cli.configuration import CONFIGURATION
 
 NEEDS = {
     "joblib": "hydra_plugins.hydra_joblib_launcher",
@@ -25,9 +24,7 @@ RUNS = ["-m", "dataset=bumpy", "method=failing,sshade", "proxy.vertices=100"]
 @pytest.mark.parametrize("launcher", NEEDS)
 def test_the_launcher_composes(launcher):
     pytest.importorskip(NEEDS[launcher], reason=f"the extra of hydra/launcher={launcher} is not installed")
-    with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
-        config = compose("config", overrides=[f"hydra/launcher={launcher}"], return_hydra_config=True)
-    settings = config.hydra.launcher
+    settings = composed(f"hydra/launcher={launcher}").hydra.launcher
     assert settings._target_.startswith(NEEDS[launcher])
     if launcher == "slurm":
         assert cli._jobs(settings, 10_000) == settings.array_parallelism > 1
@@ -66,15 +63,8 @@ def test_another_launcher_gives_the_same_rows(tmp_path, basic, launcher, options
 
 def test_a_lost_worker_is_told(tmp_path):
     pytest.importorskip(NEEDS["joblib"], reason="the extra joblib is not installed")
-    done = run_eval(
-        tmp_path,
-        "-m",
-        "dataset=bumpy",
-        "method=dying",
-        "seed=0,1",
-        "hydra/launcher=joblib",
-        "hydra.launcher.n_jobs=2",
-    )
+    joblib = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
+    done = run_eval(tmp_path, "-m", "dataset=bumpy", "method=dying", "seed=0,1", *joblib)
     assert done.returncode == 1
     assert done.stdout == "2 runs: 0 new, 0 kept, 2 not done\n"
     told = "failed: a worker was lost (TerminatedWorkerError); the same command goes on from there"
@@ -86,11 +76,8 @@ def test_a_lost_worker_is_told(tmp_path):
 @pytest.mark.parametrize("extra", ["joblib", "slurm", "ray"])
 def test_a_launcher_that_is_not_there_names_its_extra(extra):
     """From Hydra's words about a launcher that nobody has: those of ours may be installed here."""
-    with (
-        initialize_config_dir(str(CONFIGURATION), version_base="1.3"),
-        pytest.raises(HydraException) as caught,
-    ):
-        compose("config", overrides=["hydra/launcher=nothing"], return_hydra_config=True)
+    with pytest.raises(HydraException) as caught:
+        composed("hydra/launcher=nothing")
     assert "sshade[" not in cli._one_line(caught.value)
     absent = HydraException(str(caught.value).replace("launcher/nothing", f"launcher/{extra}"))
     assert cli._one_line(absent).endswith(f"It needs: pip install 'sshade[{extra}]'.")

@@ -12,14 +12,8 @@ from eval_cases import bumpy_task
 
 import eval.run.attempt as attempt_module
 import eval.run.run as run_module
-from eval.metrics import METRICS, measure
-from eval.rows.store import (
-    read_curves,
-    read_row,
-    read_vertices,
-    run_folders,
-    write_run,
-)
+from eval.metrics import METRICS
+from eval.rows.store import read_curves, read_row, run_folders, write_run
 from eval.run import provenance
 from eval.run.run import run
 from sshade.errors import InputError
@@ -61,13 +55,6 @@ def test_a_note_reaches_the_row_and_not_its_key(task, tmp_path):
     assert noted.row["method.note"] == "after the paper" and "method.note" not in plain.row
     assert noted.row["key"] == plain.row["key"] and noted.row["method.hash"] == plain.row["method.hash"]
     assert run(task, {**STRETCHING, "note": "another"}, name="s", root=tmp_path / "noted").reused
-
-
-def test_stored_vertices_give_the_metrics_again(task, tmp_path):
-    outcome = run(task, ARAP, name="arap", root=tmp_path)
-    again = measure(task, read_vertices(outcome.folder, n=task.mesh.n))
-    for name in ("volume", "area", "edge", "angle"):
-        assert again[name] == pytest.approx(outcome.row[f"metric.{name}"], rel=1e-4)
 
 
 def test_scalars_of_a_method_reach_the_row_and_infinities_do_not(task, tmp_path):
@@ -123,7 +110,6 @@ def test_vertices_of_another_shape_are_a_failure(task, tmp_path, monkeypatch):
     ("method", "message"),
     [
         (STRETCHING | {"_target_": "method"}, "package.module.function"),
-        (STRETCHING | {"factr": 1}, "no parameter 'factr'"),
         (ARAP | {"max_iterations": True}, "max_iterations"),
         ({"factor": 2.0}, "configuration with factor names no _target_"),
     ],
@@ -178,8 +164,12 @@ def test_the_key_follows_the_sources_of_a_method_of_others_as_they_were_loaded(t
     (package / "README.md").write_text("changed")
     (package / "helper.py").write_text("FACTOR = 2.0  # changed\n")
     assert key() == first  # of what this process loaded
-    provenance.foreign_sources.cache_clear()
-    assert key() != first
+    keys = [first]
+    for change in (lambda: None, lambda: (package / "__init__.py").rename(package / "other.py")):
+        change()
+        provenance.foreign_sources.cache_clear()
+        keys.append(key())
+    assert len(set(keys)) == 3  # the text of a file, and its place
 
 
 def test_the_key_follows_our_own_packages_and_not_the_measures(task, tmp_path, monkeypatch):
@@ -189,18 +179,6 @@ def test_the_key_follows_our_own_packages_and_not_the_measures(task, tmp_path, m
     assert run(task, STRETCHING, name="s", root=tmp_path).row["key"] == first["key"]
     monkeypatch.setattr(provenance, "SOURCES", "another")
     assert run(task, STRETCHING, name="s", root=tmp_path).row["key"] != first["key"]
-
-
-def test_a_hash_of_files_follows_their_text_and_their_places(tmp_path):
-    files = [tmp_path / name for name in ("a.py", "b.py")]
-    for path in files:
-        path.write_text("x = 1")
-    hashes = [provenance.hash_of(files, folder=tmp_path), provenance.hash_of(files[:1], folder=tmp_path)]
-    files[1].write_text("x = 2")
-    hashes.append(provenance.hash_of(files, folder=tmp_path))
-    files[1].rename(tmp_path / "c.py")
-    hashes.append(provenance.hash_of([files[0], tmp_path / "c.py"], folder=tmp_path))
-    assert len(set(hashes)) == 4
 
 
 def test_versions_of_the_libraries_are_in_the_key(task, tmp_path, monkeypatch):

@@ -8,28 +8,19 @@ from time import monotonic, sleep
 
 import pytest
 from eval_cases import bumpy_task
+from eval_rows import row
 
 from eval.main import call
 from eval.run.monitor import Monitor
-from eval.run.record import Ended, Plan, SweepRecord, counts, records, run_line, summary
+from eval.run.record import Ended, Plan, SweepRecord, records, run_line
 from eval.run.run import run
 from sshade.errors import InputError
 
 BEGIN = datetime(2026, 5, 1, 12, tzinfo=UTC)
-ROW = {
-    "method.name": "arap",
-    "task.name": "bumpy",
-    "seed": 3,
-    "status": "ok",
-    "iterations": 40.0,
-    "seconds.total": 2.0,
-}
 
 
-def plan(*methods, poses=1, begin=BEGIN):
-    """Cases outside, methods inside, as the experiments sweep."""
-    runs = [{"pose": str(pose), "method": method} for pose in range(poses) for method in methods]
-    return Plan(begin, runs)
+def plan(*methods, begin=BEGIN):
+    return Plan(begin, [{"pose": "0", "method": method} for method in methods])
 
 
 def test_the_record_gives_back_what_was_put_in(tmp_path):
@@ -73,24 +64,9 @@ def test_a_complete_sweep_takes_unfinished_records_of_the_same_runs_along(tmp_pa
     assert [r.folder.name for r in records(tmp_path)] == [other.folder.name, later.folder.name]
 
 
-def test_counts_and_lines():
-    sweep = plan("a", poses=3)
-    failed = {**ROW, "status": "failed", "reason": "ValueError: no", "seconds.total": None}
-    runs = [
-        Ended(0, BEGIN, ROW),
-        Ended(1, BEGIN, failed, problems=["ValueError: no"]),
-        Ended(2, BEGIN, ROW, kept=True, problems=["metric.volume is 9, not in [0, 5]"]),
-    ]
-    assert counts(sweep, []) == "0 done, 0 failed, 3 remaining"
-    assert counts(sweep, runs[:2]) == "2 done, 1 failed, 1 remaining"
-    assert [run_line(run) for run in runs] == [
-        "arap bumpy seed 3: ok, 2.00 s, 40 iterations",
-        "arap bumpy seed 3: failed (ValueError: no)",
-        "arap bumpy seed 3: ok, 2.00 s, 40 iterations, already there - metric.volume is 9, not in [0, 5]",
-    ]
-    assert run_line(Ended(5, BEGIN, None, problems=["no"])) == "run 5: no"
-    assert summary(sweep, runs) == "3 runs: 2 new (1 failed, 1 ok), 1 kept"
-    assert summary(sweep, runs[:1]) == "3 runs: 1 new (1 ok), 0 kept, 2 not done"
+def test_the_line_of_a_run_tells_its_status_and_what_left_its_band():
+    told = run_line(Ended(2, BEGIN, row(), kept=True, problems=["metric.volume is 9, not in [0, 5]"]))
+    assert told == "a t1 seed 0: ok, 5.00 s, 10 iterations, already there - metric.volume is 9, not in [0, 5]"
 
 
 def test_the_monitor_tells_of_runs_of_other_processes(tmp_path, capsys):

@@ -19,15 +19,12 @@ from sshade.task import DeformationResult, DeformationTask
 
 @pytest.mark.parametrize("level", [0, 1, 3])
 def test_icosphere(level):
+    edge = 4 / np.sqrt(10 + 2 * np.sqrt(5))
+    assert level or icosphere(level).volume == pytest.approx(5 / 12 * (3 + 5**0.5) * edge**3)
     mesh = icosphere(level)
     assert mesh.m == 20 * 4**level and mesh.topology == (2, 1, 0)
     assert mesh.is_closed and mesh.is_manifold and mesh.is_oriented and mesh.volume > 0
     np.testing.assert_allclose(np.linalg.norm(mesh.V, axis=1), 1, rtol=1e-15)
-
-
-def test_icosahedron_has_the_closed_form_volume():
-    edge = 4 / np.sqrt(10 + 2 * np.sqrt(5))
-    assert icosphere(0).volume == pytest.approx(5 / 12 * (3 + 5**0.5) * edge**3)
 
 
 def test_a_method_is_warmed_up_once_for_each_key_with_its_overrides():

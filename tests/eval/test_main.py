@@ -8,7 +8,6 @@ import sys
 import pytest
 
 from eval.main import COMMANDS, call, main
-from sshade.errors import InputError
 
 
 def test_help_names_every_command_and_imports_none():
@@ -37,8 +36,3 @@ def test_no_such_command(arguments, words, capsys):
     assert main(arguments) == 2
     told = capsys.readouterr().err
     assert words in told and "tables" in told and told.count("\n") == 1
-
-
-def test_a_mistake_comes_through_where_it_is_called_from_python():
-    with pytest.raises(InputError, match="no runs in nothing"):
-        call("collect", ["nothing"])

@@ -138,8 +138,10 @@ def _table(experiment: Experiment) -> tuple[Table, str]:
 
 def _body(table: Table) -> list[list[str]]:
     """The cells of a table as HTML."""
+    from markupsafe import escape
+
     marks = {0: "{}", 1: '<b title="best">{}</b>', 2: '<u title="second best">{}</u>'}
-    return cells(table, marks, not_available="n/a", escape=_escape)
+    return cells(table, marks, not_available="n/a", escape=lambda text: str(escape(text)))
 
 
 def _charts(figures: dict[str, Any]) -> dict[str, str]:
@@ -240,12 +242,6 @@ def _ramp() -> str:
 
     colours = matplotlib.colormaps[COLOURS](np.arange(256), bytes=True)[:, :3]
     return base64.b64encode(colours.tobytes()).decode("ascii")
-
-
-def _escape(text: str) -> str:
-    from markupsafe import escape
-
-    return str(escape(text))
 
 
 def _text(name: str) -> str:

@@ -41,13 +41,6 @@ def test_another_column_can_be_the_size(rows):
         curves(rows, over="task.name")
 
 
-def test_what_cannot_be_drawn_is_refused(rows):
-    with pytest.raises(InputError, match="no metric 'beauty'; there are volume"):
-        curves(rows, "beauty")
-    with pytest.raises(InputError, match="labelled like arap-7000"):
-        curves(rows[-2:])
-
-
 def test_command_draws_a_panel_a_metric(rows, tmp_path):
     pytest.importorskip("matplotlib")
     write_csv(tmp_path / "r.csv", rows)

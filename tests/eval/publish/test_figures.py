@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from eval_cases import bumpy_task
 
 from eval.main import call
 from eval.publish.figures import read_cases
-from eval.run.run import run
 from sshade.errors import InputError
 
 
@@ -41,13 +39,6 @@ def test_the_case_where_a_metric_is_largest(tiny_runs):
 def test_what_was_not_run_is_a_clear_error(tiny_runs, options, message):
     with pytest.raises(InputError, match=message):
         read_cases(tiny_runs, **{"names": [], "methods": [], **options})
-
-
-def test_a_changed_dataset_is_a_clear_error(tmp_path):
-    source = {"_target_": "eval_cases.bumpy_task", "level": 3}
-    run(bumpy_task(level=2), {"_target_": "eval_cases.stretching"}, name="s", root=tmp_path, source=source)
-    with pytest.raises(InputError, match="has changed since the run"):
-        read_cases(tmp_path, names=[], methods=[])
 
 
 def test_command_runs_no_method(tiny_runs, tmp_path, monkeypatch):

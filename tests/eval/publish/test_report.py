@@ -16,8 +16,7 @@ from report_runs import METHODS, make_transfers
 from eval.main import call
 from eval.rows.frame import read_csv, records, write_csv
 from sshade.errors import InputError
-from sshade.mesh.mesh import Mesh
-from tests.shapes import bumpy, torus
+from tests.shapes import bumpy
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("pyvista")
@@ -235,13 +234,6 @@ def test_a_small_mesh_is_shown_whole_and_a_large_one_by_samples():
     for k in (0, 2, 100):
         assert some.mean(values)[k] == pytest.approx(values[some.region == k].mean())
     assert some.mean(np.full(mesh.n, 2.5)) == pytest.approx(2.5)
-
-
-def test_a_large_mesh_of_two_pieces_is_refused():
-    one = torus()
-    two = Mesh(np.concatenate([one.V, one.V + 5]), np.concatenate([one.F, one.F + one.n]))
-    with pytest.raises(InputError, match="2 components"):
-        surface(two, keep=np.array([0]), limit=100, samples=50)
 
 
 def test_packed_shapes_come_back_to_their_precision():

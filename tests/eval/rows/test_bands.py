@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import pytest
 from eval_rows import frame, lost, row
 
 from eval.main import call
 from eval.rows.bands import out_of_band, read_bands, suggest
 from eval.rows.frame import write_csv
-from sshade.errors import InputError
 
 
 def test_bands():
@@ -41,5 +39,3 @@ def test_command(tmp_path, capsys):
     assert "metric.volume is 1000000000.0" in capsys.readouterr().out
     assert call("check", [path, "--suggest"]) == 0
     assert "metric.volume: [800000000.0, 1250000000.0]" in capsys.readouterr().out
-    with pytest.raises(InputError, match="no bands 'nope'"):
-        call("check", [path, "--bands", "nope"])

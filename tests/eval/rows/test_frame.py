@@ -13,7 +13,6 @@ from eval.publish.summary import make_table
 from eval.publish.tables import to_markdown
 from eval.rows.frame import newest, numbers, read_csv, records, split_label, to_frame, write_csv
 from eval.rows.store import read_row, write_row
-from sshade.errors import InputError
 
 COMMITTED = sorted((Path(__file__).parents[3] / "results/rows").glob("*.csv"))
 
@@ -60,26 +59,6 @@ def test_a_column_of_numbers():
     rows = frame(row(metric__volume=None), row(metric__volume=2))
     assert numbers(rows, "metric.volume").isna().tolist() == [True, False]
     assert numbers(rows, "metric.volume").sum() == 2.0 and numbers(rows, "no.such").isna().all()
-
-
-@pytest.mark.parametrize(
-    ("damage", "message"),
-    [
-        (lambda text: "", "holds no rows of runs"),
-        (lambda text: text.splitlines()[0], "holds no rows of runs"),
-        (lambda text: "a,b\n1,2\n", "holds no rows of runs"),
-        (lambda text: text[:-9], "line 3 has another number of cells"),
-        (lambda text: text.replace(",ok,", ",fine,"), "line 2 is not a row .its status is 'fine'"),
-        (lambda text: text.replace("2026-01-01", ""), "line 2 is not a row .it has no date"),
-        (lambda text: text.replace(",1.0,", ",small,"), "metric.volume is 'small', no number"),
-        (lambda text: text.encode("utf-16").decode("latin1"), "r.csv"),
-    ],
-)
-def test_what_is_no_csv_of_rows_is_refused(damage, message, tmp_path):
-    write_csv(tmp_path / "r.csv", frame(row(), row("b")))
-    (tmp_path / "r.csv").write_text(damage((tmp_path / "r.csv").read_text()))
-    with pytest.raises(InputError, match=message):
-        read_csv(tmp_path / "r.csv")
 
 
 def test_the_newest_of_equal_runs_is_kept():

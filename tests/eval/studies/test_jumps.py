@@ -65,16 +65,7 @@ def test_rigid_frames_jump_at_the_proxys_edges_alone_and_blended_ones_hardly_mor
 def test_summary_and_table():
     pairs = np.array([[0, 1], [1, 2], [2, 3], [3, 4]])
     jumps = Jumps(pairs, np.array([1.0, 2, 3, 10]), np.array([True, True, True, False]))
-    summary = jumps.summary()
-    assert summary == {
-        "across median": 2,
-        "across p99": pytest.approx(2.98),
-        "inside median": 10,
-        "inside p99": 10,
-    }
-    lines = table({"a x1": (None, jumps)}).splitlines()
-    assert lines[0] == "| frames | across median | across p99 | inside median | inside p99 |"
-    assert lines[2] == "| a x1 | 2.00 | 2.98 | 10.00 | 10.00 |"
+    assert table({"a x1": (None, jumps)}).splitlines()[2] == "| a x1 | 2.00 | 2.98 | 10.00 | 10.00 |"
     nowhere = Jumps(pairs, jumps.angle, np.ones(4, dtype=bool)).summary()
     assert np.isnan(nowhere["inside median"])
 

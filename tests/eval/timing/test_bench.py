@@ -2,7 +2,6 @@
 
 import re
 
-import numpy as np
 import pytest
 
 from eval.main import call
@@ -30,7 +29,7 @@ def test_every_section_prints_its_figures(files, capsys):
         r"sshade, 2 samplings: .* faster than 1000 iterations",
         r"sshade, 1 sampling: .* faster than 1000 iterations",
         r"remesh \(one thread\): .* iterations of elastic",
-        r"Cholesky factorisation: superlu .* of the fastest",
+        r"Cholesky factorisation: superlu .* of that",
         r"warm start moves the result by",
         r"elastic, (stopping rule|1000 iterations): .* residual",
         r"warm cache: \d",
@@ -55,4 +54,3 @@ def test_runs_take_turns():
     timings = take_turns({"a": lambda: order.append("a"), "b": lambda: order.append("b")}, 3)
     assert order == ["a", "b"] * 3
     assert [len(timing.seconds) for timing in timings.values()] == [3, 3]
-    assert timings["a"].median == np.median(timings["a"].seconds)

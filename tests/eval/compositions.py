@@ -1,0 +1,17 @@
+"""The project's configuration as Hydra composes it, for the tests of what stands in it."""
+
+from __future__ import annotations
+
+from hydra import compose, initialize_config_dir
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig
+
+from sshade.cli.configuration import CONFIGURATION
+
+
+def composed(*overrides: str) -> DictConfig:
+    """What a command line gives, Hydra's own settings too."""
+    with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
+        config = compose("config", overrides=list(overrides), return_hydra_config=True)
+        HydraConfig.instance().set_config(config)
+        return config
