@@ -10,7 +10,7 @@ import yaml
 from eval.run.allowed import VARIABLE, allow_from, check_folders, require_allowed
 from sshade.cli.configuration import CONFIGURATION, named_functions
 from sshade.errors import InputError
-from tests.robustness.case import contents, run
+from tests.robustness.case import Case, attempt, run
 
 
 @pytest.fixture(autouse=True)
@@ -104,19 +104,13 @@ def theirs(tmp_path, monkeypatch):
 
 
 def refused(command, *words):
-    """The one line on standard error of a command that left no file."""
-    before = contents()
-    code, out, err = run(f"sshade-eval run {command}")
-    assert (code, out) == (2, "") and err.startswith("error: ") and err.count("\n") == 1, err
-    assert all(word in err for word in words), err
-    assert contents() == before
+    attempt(Case(command, f"sshade-eval run {command}", says=words))
 
 
 def test_a_folder_of_configurations_calls_nothing_without_leave(theirs):
     command = "-cd configs method=theirs dataset=theirs"
-    refused(
-        command, "configs/dataset/theirs.yaml names the function theirs.task", "run.allow_targets=[theirs.]"
-    )
+    words = "configs/dataset/theirs.yaml names the function theirs.task", "run.allow_targets=[theirs.]"
+    refused(command, *words)
     code, _, err = run(f"sshade-eval run {command} run.allow_targets=[theirs.]")
     assert code == 0 and (theirs / "called").exists(), err
 

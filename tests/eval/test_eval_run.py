@@ -74,19 +74,22 @@ def test_the_clock_runs_around_the_method_only(task, tmp_path, monkeypatch):
     assert run(task, STRETCHING, name="s", root=tmp_path).row["seconds.total"] < 0.1
 
 
-def test_a_method_that_raises_leaves_a_row_without_vertices_and_is_run_again(task, tmp_path):
-    method = {"_target_": "eval_cases.failing"}
-    first = run(task, method, name="f", root=tmp_path)
-    assert first.failed and first.row["status"] == "failed"
-    assert first.row["reason"] == "ArithmeticError: this method always fails"
-    assert not (first.folder / "vertices.npy").exists()
-    assert not run(task, method, name="f", root=tmp_path).reused
-
-
-def test_a_missing_extra_is_skipped_with_its_name(task, tmp_path):
-    outcome = run(task, {"_target_": "eval_cases.missing_extra"}, name="m", root=tmp_path)
-    assert outcome.row["status"] == "skipped" and "sshade[torch]" in outcome.row["reason"]
-    assert not outcome.failed
+@pytest.mark.parametrize(
+    ("method", "fresh", "reason"),
+    [
+        ("failing", False, "ArithmeticError: this method always fails"),
+        ("missing_extra", False, "ImportError: torch is not installed; pip install sshade[torch]"),
+        ("dying", True, "the process ended with exit code 3"),
+    ],
+)
+def test_a_method_without_a_result_leaves_a_row_without_vertices_and_is_run_again(
+    task, tmp_path, method, fresh, reason
+):
+    for _ in range(2):
+        done = run(task, {"_target_": f"eval_cases.{method}"}, name="m", root=tmp_path, fresh=fresh)
+        status = "skipped" if method == "missing_extra" else "failed"
+        assert (done.row["status"], done.row["reason"]) == (status, reason) and not done.reused
+        assert done.failed == (status == "failed") and not (done.folder / "vertices.npy").exists()
 
 
 def test_a_missing_library_at_import_is_skipped_too(task, tmp_path, monkeypatch):
@@ -219,11 +222,6 @@ def test_a_warm_up_that_does_not_end_is_given_up(task, tmp_path, monkeypatch):
     monkeypatch.setattr(attempt_module, "WARM_UP_LIMIT", 5.0)
     row = run(task, {"_target_": "eval_cases.endless_warm_up"}, name="e", root=tmp_path, time_limit=0.2).row
     assert (row["status"], row["reason"]) == ("timeout", "the warm-up did not end within 5 s")
-
-
-def test_a_process_that_dies_leaves_a_row(task, tmp_path):
-    row = run(task, {"_target_": "eval_cases.dying"}, name="d", root=tmp_path, fresh=True).row
-    assert row["status"] == "failed" and row["reason"] == "the process ended with exit code 3"
 
 
 @pytest.mark.parametrize("fresh", [False, True])

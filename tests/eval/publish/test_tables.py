@@ -132,14 +132,10 @@ def test_pose_transfers_have_columns_of_their_own_and_parts():
     run, sit = text.split("#### pose: run\n")[1].split("#### pose: sit\n")
     assert "| x | 1 | <u>3.00e-02</u> |" in run and "| y | 1 | **1.00e-02** | **2.50e-08** |" in sit
     lines = to_csv(table_of(*rows)).splitlines()
-    assert lines[0].startswith("part,method,runs,valid,converged,d_H,d_C,distance [%]")
-    assert [line.split(",")[:3] for line in lines[1:]] == [
-        [part, method, "2" if part == "all" else "1"]
-        for part in ("all", "pose: run", "pose: sit")
-        for method in ("x", "y")
+    assert [line.split(",")[0] for line in lines[1:]] == [
+        p for p in ("all", "pose: run", "pose: sit") for _ in "xy"
     ]
     latex = to_latex(table_of(*rows))
-    assert r"d\_H & d\_C & distance (\%)" in latex
     assert latex.count(r"\midrule") == 3 and r"\multicolumn{8}{l}{pose: sit} \\" in latex
 
 

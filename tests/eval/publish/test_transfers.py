@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-
 import pytest
+from eval_cases import run_eval
 
 from defaust.cli import main as defaust
 from eval.publish.summary import make_table
@@ -30,16 +28,15 @@ def sequence(tmp_path_factory):
     return folder
 
 
-def run_eval(folder, *arguments):
-    command = [sys.executable, "-m", "eval", "run", "-m", *arguments, "dataset=sequence", "dataset.root=data"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
+def sweep(folder, *arguments):
+    done = run_eval(folder, "-m", *arguments, "dataset=sequence", "dataset.root=data")
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
 
 def test_isometric(sequence):
     overrides = ["proxy.vertices=150", "method.frames=triangle,blended_affine", "method.samplings=1"]
-    out = run_eval(sequence, "experiment=isometric", *overrides)
+    out = sweep(sequence, "experiment=isometric", *overrides)
     assert "4 runs: 4 new (4 ok)" in out
     rows = collect(sequence / "out/runs/isometric_sequence")
     assert set(rows["method.name"]) == {"triangle-1", "blended_affine-1"}
@@ -54,7 +51,7 @@ def test_isometric(sequence):
 def test_pose_transfer_without_a_truth(sequence):
     overrides = ["proxy.vertices=150", "edit@dataset.edit=inflate,stretch", "pose=1"]
     overrides.append("method=transfer/vertex_frames,transfer/sshade_residual")
-    out = run_eval(sequence, "experiment=pose_transfer", *overrides)
+    out = sweep(sequence, "experiment=pose_transfer", *overrides)
     # The last part of a method's name is its label.
     assert "vertex_frames defaust-sequence/subject_00/pose_1/inflate seed 0: ok" in out
     rows = collect(sequence / "out/runs/pose_transfer_sequence")
