@@ -145,21 +145,12 @@ def handle_records(
     """
     records: list[dict[str, Any]] = []
     for name, index in chosen.items():
-        kind, delta, delta_mean = UNUSED, None, None
-        source, target = rest.V[index], posed[index]
+        record = {"landmark": name, "kind": UNUSED, "delta": None, "delta_mean": None}
+        record |= {"source": [], "target": []}
         if name in used:
+            source, target = rest.V[index], posed[index]
             d = displacement(source, target, diagonal=rest.diagonal, static_below=static_below)
-            kind, delta, delta_mean = d.kind, d.delta, d.delta_mean
-        else:
-            source, target = source[:0], target[:0]
-        records.append(
-            {
-                "landmark": name,
-                "kind": kind,
-                "delta": delta,
-                "delta_mean": delta_mean,
-                "source": source.tolist(),
-                "target": target.tolist(),
-            }
-        )
+            record |= {"kind": d.kind, "delta": d.delta, "delta_mean": d.delta_mean}
+            record |= {"source": source.tolist(), "target": target.tolist()}
+        records.append(record)
     return records

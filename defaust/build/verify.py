@@ -86,11 +86,14 @@ def _check_subject(root: Path, document: dict[str, Any], *, subject: dict[str, A
     meshes: dict[str, Mesh] = {}
     loops = subject["low"].get("boundary_loops", 0)
     for name in (REST, REST_LOW, *map(pose_mesh, poses)):
-        found = _check_mesh(root, document, name=f"{folder}/{name}", loops=loops)
-        if isinstance(found, Fault):
-            faults.append(found)
-        elif found is not None:
-            meshes[name] = found
+        file = f"{folder}/{name}"
+        if file not in document["files"]:
+            faults.append(Fault(DATASET, f"lists no {file}"))
+        elif (root / file).is_file():  # a missing one was reported before
+            try:
+                meshes[name] = _read_listed(root / file, document["files"][file], loops=loops)
+            except InputError as error:
+                faults.append(Fault(file, str(error)))
     rest = meshes.get(REST_LOW)
     if rest is None:
         return faults  # nothing to compare the poses with
@@ -107,26 +110,18 @@ def _check_subject(root: Path, document: dict[str, Any], *, subject: dict[str, A
     return faults
 
 
-def _check_mesh(root: Path, document: dict[str, Any], *, name: str, loops: int) -> Mesh | Fault | None:
-    """The mesh of a file, what is wrong with it, or None where it is missing (reported before)."""
-    entry = document["files"].get(name)
-    if entry is None:
-        return Fault(DATASET, f"lists no {name}")
-    if not (root / name).is_file():
-        return None
-    try:
-        mesh = read_mesh(root / name)
-        mesh.require_manifold()
-        mesh.require_one_component()
-    except InputError as error:
-        return Fault(name, str(error))
+def _read_listed(path: Path, entry: dict[str, Any], *, loops: int) -> Mesh:
+    """The mesh of a file; InputError where it is not the one listed."""
+    mesh = read_mesh(path)
+    mesh.require_manifold()
+    mesh.require_one_component()
     if not loops and not mesh.is_closed:
-        return Fault(name, f"not closed: {len(mesh.boundary_edges)} boundary edges")
+        raise InputError(f"not closed: {len(mesh.boundary_edges)} boundary edges")
     listed = entry.get("vertices"), entry.get("faces")
     if (mesh.n, mesh.m) != listed:
-        return Fault(name, f"has {mesh.n} vertices and {mesh.m} faces, not {listed[0]} and {listed[1]}")
+        raise InputError(f"has {mesh.n} vertices and {mesh.m} faces, not {listed[0]} and {listed[1]}")
     if mesh.topology.boundary_loops != loops:
-        return Fault(name, f"has {mesh.topology.boundary_loops} boundary loops, not {loops}")
+        raise InputError(f"has {mesh.topology.boundary_loops} boundary loops, not {loops}")
     return mesh
 
 

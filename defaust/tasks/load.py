@@ -114,8 +114,8 @@ def load_task(
     folder = subject_folder(subject)
     name = f"{document['name']}/{folder}/pose_{pose}"
     mesh_name = f"{folder}/{REST if resolution == 'high' else REST_LOW}"
-    pose_name, posed_name = f"{folder}/{pose_file(pose)}", f"{folder}/{pose_mesh(pose)}"
-    mesh = read_mesh(_checked(root, mesh_name, document=document))
+    pose_name = f"{folder}/{pose_file(pose)}"
+    mesh = _mesh(root, mesh_name, document=document)
     content = read_record(_checked(root, pose_name, document=document), POSE)
     sums = [document["files"][file]["sha256"][:16] for file in (mesh_name, pose_name)]
     note = document["source"].get("note")
@@ -131,20 +131,17 @@ def load_task(
         "checksum": "+".join(sums),
     }
     registered = resolution == "low" or document["build"]["target_vertices"] is None
-    posed = None
     if registered or edit is not None:
-        posed = read_mesh(_checked(root, posed_name, document=document))
+        posed = _mesh(root, f"{folder}/{pose_mesh(pose)}", document=document)
     if edit is not None:
-        low = mesh
-        if not registered:
-            low = read_mesh(_checked(root, f"{folder}/{REST_LOW}", document=document))
+        low = mesh if registered else _mesh(root, f"{folder}/{REST_LOW}", document=document)
         return transfer_task(Registered(mesh, low, posed), document, name=name, edit=edit, facts=facts)
     handles = _handles(mesh, content["handles"], landmarks=document["landmarks"], raw=raw)
     return DeformationTask(
         name=name,
         mesh=mesh,
         handles=handles,
-        truth=None if posed is None else posed.V,
+        truth=posed.V if registered else None,
         meta=facts
         | {
             "n_static": int((~handles.dynamic).sum()),
@@ -191,6 +188,10 @@ def _handles(mesh: Mesh, records: list[dict[str, Any]], *, landmarks: list[str],
         group=np.repeat([landmarks.index(h["landmark"]) for h in used], count),
         raw=raw,
     )
+
+
+def _mesh(root: Path, name: str, *, document: dict[str, Any]) -> Mesh:
+    return read_mesh(_checked(root, name, document=document))
 
 
 def _checked(root: Path, name: str, *, document: dict[str, Any]) -> Path:

@@ -15,7 +15,7 @@ from defaust.folder.record import read_dataset
 from sshade import InputError
 from sshade.io.meshes import read_mesh
 from tests.defaust.registrations import contents
-from tests.defaust.toy import OPTIONS, Balls
+from tests.defaust.toy import OPTIONS, Balls, flip_a_byte
 
 
 def test_folder(finished):
@@ -72,19 +72,18 @@ def test_resume_after_a_kill(finished, tmp_path, monkeypatch):
     assert contents(out) == contents(finished)
 
 
-@pytest.mark.parametrize("damage", ["delete a subject", "delete a file", "flip a byte", "delete the card"])
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda out: shutil.rmtree(out / "subject_01"),
+        lambda out: (out / "subject_02/pose_2.json").unlink(),
+        lambda out: flip_a_byte(out / "subject_00/rest.ply"),
+        lambda out: (out / "README.md").unlink(),
+    ],
+    ids=["a subject", "a file", "a byte", "the card"],
+)
 def test_rerun_restores_what_is_missing(finished, dataset, damage):
-    if damage == "delete a subject":
-        shutil.rmtree(dataset / "subject_01")
-    elif damage == "delete a file":
-        (dataset / "subject_02/pose_2.json").unlink()
-    elif damage == "flip a byte":
-        path = dataset / "subject_00/rest.ply"
-        data = bytearray(path.read_bytes())
-        data[-5] ^= 1
-        path.write_bytes(data)
-    else:
-        (dataset / "README.md").unlink()
+    damage(dataset)
     assert verify(dataset)
     build(Balls(), dataset, options=OPTIONS, workers=1)
     assert contents(dataset) == contents(finished)

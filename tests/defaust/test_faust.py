@@ -170,10 +170,3 @@ def test_a_build_lists_its_files_and_holds_no_path(copy, tmp_path):
     (copy / "tr_reg_001.ply").write_bytes((copy / "tr_reg_003.ply").read_bytes())
     with pytest.raises(InputError, match="source.files.tr_reg_001.ply was '.*' and is now '"):
         build(faust(copy), out, options=options, workers=1)
-
-
-def test_missing_files_are_named_before_anything_is_built(copy, tmp_path, capsys):
-    out = tmp_path / "out"
-    assert main(["build", "source=faust", f"source.root='{copy}'", f"out={out}"]) == 2
-    assert "those of subjects=[0] are there" in capsys.readouterr().err
-    assert not out.exists()

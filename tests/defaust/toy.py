@@ -90,3 +90,10 @@ def change_handles(root: Path, name: str, edit: Callable[[dict[str, Any]], Any])
     edit(content)
     (root / name).write_text(dump(content))
     relist(root, name)
+
+
+def flip_a_byte(path: Path, at: int = -5) -> None:
+    """Change one bit of a file."""
+    data = bytearray(path.read_bytes())
+    data[at] ^= 1
+    path.write_bytes(data)

@@ -248,22 +248,18 @@ def _map_seeds() -> list[bytes]:
 
 
 NUMBERS = b"nan inf 1e999 -1 0 99999999999999999999 1e-320 0x10 true null".split()
-_MESH = [
-    *b"v vt f solid endsolid facet vertex endloop OFF COFF".split(),
-    *b"ply;format ascii 1.0;format binary_little_endian 1.0;end_header;element vertex ;element face ".split(
-        b";"
-    ),
-    b"property list uchar int vertex_indices",
-    b"property list int int vertex_index",
-    b"\n",
-]
+_MESH = (
+    b"v;vt;f;solid;endsolid;facet;vertex;endloop;OFF;COFF;ply;format ascii 1.0;end_header;element vertex ;\n"
+)
+_MESH += b";format binary_little_endian 1.0;element face ;property list uchar int vertex_indices"
+_MESH += b";property list int int vertex_index"
 _JSON = [*b'"handles" "vertices" "source" "target" "kind" "static" [] {} [['.split(), b"[" * 99]
 _YAML = b"handles: static: moving: positions: transform: &a *a !!python/object: ../ <<: {a: [".split()
 _MANIFEST = [*b'"files" "format" status ../ "subjects" "poses"'.split(), *_JSON]
 _MAP = [b"PK\x03\x04", b"\x93NUMPY", b"'descr'", b"'|O'"]
 
 TARGETS = {
-    "mesh": Target(_read_mesh, _mesh_seeds, (*_MESH, *NUMBERS)),
+    "mesh": Target(_read_mesh, _mesh_seeds, (*_MESH.split(b";"), *NUMBERS)),
     "handles": Target(_read_json_handles, _json_seeds, (*_JSON, *NUMBERS)),
     "yaml": Target(_read_yaml_handles, _yaml_seeds, (*_YAML, *NUMBERS)),
     "manifest": Target(_read_manifest, _manifest_seeds, (*_MANIFEST, *NUMBERS)),

@@ -20,7 +20,7 @@ from baselines.accelerated import accelerated_arap
 from baselines.arap import arap
 from baselines.arap_sr.arap_sr import arap_sr
 from baselines.deformation_graph.deformation_graph import deformation_graph
-from sshade import DeformationTask, Deformer, bind, deform, sshade_fast, sshade_fine, transfer_pose
+from sshade import DeformationTask, Deformer, Mesh, bind, deform, sshade_fast, sshade_fine, transfer_pose
 from sshade.carry.projection import _closest_in_triangle
 from sshade.contact.intersections import intersecting_faces, new_crossings
 from sshade.contact.separate import separate
@@ -58,19 +58,14 @@ def _dragged() -> np.ndarray:
     return Deformer(BODY, handles.index, vertices=50)(handles.target, max_iterations=4).vertices
 
 
-def _remeshed() -> np.ndarray:
-    found = remesh(jittered(torus(12, 6), 0.05), 20, seed=1)
+def _remeshed(mesh: Mesh, vertices: int) -> np.ndarray:
+    """With few, closed balls are mended where regions touch in too little."""
+    found = remesh(mesh, vertices, seed=1)
     return np.concatenate([found.samples, found.faces.ravel(), found.region])
 
 
 def _cut() -> np.ndarray:
     return np.concatenate([cut_to_manifold(mesh).mesh.F.ravel() for mesh in (t_fin(), moebius())])
-
-
-def _remeshed_with_few() -> np.ndarray:
-    """Closed balls are mended where regions touch in too little."""
-    found = remesh(double_torus(cells=2), 4, seed=1)
-    return np.concatenate([found.samples, found.faces.ravel(), found.region])
 
 
 def _on_needles() -> np.ndarray:
@@ -141,9 +136,9 @@ WORK: dict[str, Callable[[], np.ndarray]] = {
     "blended affine frames": partial(_bound, "blended_affine"),
     "reconstruction": lambda: transfer_pose(BODY, bent(BODY.V), vertices=50, samplings=1).vertices,
     "dragging": _dragged,
-    "remeshing a torus": _remeshed,
+    "remeshing a torus": partial(_remeshed, jittered(torus(12, 6), 0.05), 20),
     "cutting": _cut,
-    "remeshing with few samples": _remeshed_with_few,
+    "remeshing with few samples": partial(_remeshed, double_torus(cells=2), 4),
     "intersections": _crossing,
     "points near needles": _on_needles,
     "resolving intersections": _resolved,
