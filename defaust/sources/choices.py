@@ -38,6 +38,13 @@ def require_choice(
     return tuple(items)
 
 
+def check_choice(source: Any, attribute: str, *, known: Collection[Any], empty: bool = False) -> None:
+    """Check a parameter of a source by :func:`require_choice`, and keep it as a tuple."""
+    value = getattr(source, attribute)
+    chosen = require_choice(value, known=known, option=f"source.{attribute}", empty=empty)
+    object.__setattr__(source, attribute, chosen)
+
+
 def require_landmarks(value: Any, *, option: str) -> dict[str, int]:
     """A mapping of names to vertex ids, of which no two are the same; InputError on anything else."""
     problem = mismatch(dict(value) if isinstance(value, Mapping) else value, {str: int}, option)
@@ -89,11 +96,7 @@ class OneTemplate:
     def _check_landmarks(self) -> None:
         """Raise InputError unless the landmarks are known ones, each listed once."""
         for attribute, empty in (("base_landmarks", False), ("more_landmarks", True)):
-            option = f"source.{attribute}"
-            chosen = require_choice(
-                getattr(self, attribute), known=self.landmarks, option=option, empty=empty
-            )
-            object.__setattr__(self, attribute, chosen)
+            check_choice(self, attribute, known=self.landmarks, empty=empty)
         both = "source.base_landmarks and source.more_landmarks"
         require_choice(self.landmark_names, known=self.landmarks, option=both)
 

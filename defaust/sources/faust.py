@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from defaust.folder.layout import sha256
-from defaust.sources.choices import OneTemplate, require_choice, require_landmarks, shortened
+from defaust.sources.choices import OneTemplate, check_choice, require_choice, require_landmarks, shortened
 from defaust.sources.files import MESH_SUFFIXES, Shape, existing, mesh_files
 from defaust.sources.source import SourcePose
 from sshade import InputError, Mesh
@@ -89,10 +89,8 @@ class Faust(OneTemplate):
         object.__setattr__(self, "landmarks", landmarks)
         self._check_landmarks()
         known = range(len(POSES))
-        for attribute, empty in (("target_poses", False), ("unaligned", True)):
-            option = f"source.{attribute}"
-            chosen = require_choice(getattr(self, attribute), known=known, option=option, empty=empty)
-            object.__setattr__(self, attribute, chosen)
+        check_choice(self, "target_poses", known=known)
+        check_choice(self, "unaligned", known=known, empty=True)
         require_choice([self.rest_pose], known=known, option="source.rest_pose")
         if self.rest_pose in self.target_poses:
             raise InputError(f"source.target_poses holds {self.rest_pose}, which is the rest pose")

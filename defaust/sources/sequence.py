@@ -12,7 +12,7 @@ import numpy as np
 
 from defaust.folder.layout import sha256
 from defaust.schema import mismatch
-from defaust.sources.choices import require_choice, require_landmarks
+from defaust.sources.choices import check_choice, require_choice, require_landmarks
 from defaust.sources.files import LAYOUTS, Shape, existing, find_shapes
 from defaust.sources.source import SourcePose
 from defaust.sources.winding import same_triangles, wound_outward
@@ -78,14 +78,12 @@ class RegisteredSequence:
         if wrong:
             raise InputError(f"source.facts needs {', '.join(FACTS)}; look at {sorted(wrong)[0]!r}")
         if self.classes is not None:
-            classes = require_choice(self.classes, known=self._found, option="source.classes")
-            object.__setattr__(self, "classes", classes)
+            check_choice(self, "classes", known=self._found)
         names = [shape.name for of_class in self._shapes.values() for shape in of_class]
         if self.rest_pose is not None:
             require_choice([self.rest_pose], known=names, option="source.rest_pose")
         if self.poses_used is not None:
-            used = require_choice(self.poses_used, known=names, option="source.poses_used")
-            object.__setattr__(self, "poses_used", used)
+            check_choice(self, "poses_used", known=names)
         if not mismatch(self.landmarks, int):
             if self.landmarks < 1:
                 raise InputError(f"source.landmarks is {self.landmarks}; it must be at least 1")
