@@ -117,18 +117,13 @@ def draw(
     scale = min(1.0, PANEL / height)
     size = (round(len(shapes) * scale * width), round(scale * height))
     plotter = new_plotter(off_screen=not window, shape=(1, len(shapes)), window_size=size)
-    add_shape(plotter, mesh, mesh.V)
-    if handles is not None:
-        add_handles(plotter, mesh.V, handles, size=mesh.diagonal, targets=True)
-    aim(plotter, view)
-    if deformed is not None:
-        plotter.subplot(0, 1)
-        error = edge_error(mesh, deformed)
-        add_shape(
-            plotter, mesh, deformed, error=error, top=colour_range([error]), bar="edge length change (%)"
-        )
+    for column, V in enumerate(shapes):
+        plotter.subplot(0, column)
+        error = edge_error(mesh, V) if column else None
+        top = 1.0 if error is None else colour_range([error])
+        add_shape(plotter, mesh, V, error=error, top=top, bar="edge length change (%)")
         if handles is not None:
-            add_handles(plotter, deformed, handles, size=mesh.diagonal)
+            add_handles(plotter, V, handles, size=mesh.diagonal, targets=column == 0)
         aim(plotter, view)
-        plotter.link_views()
+    plotter.link_views()
     return plotter
