@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array
 
 from sshade.mesh.adjacency import VertexGraph
 from sshade.mesh.mesh import Mesh
@@ -78,8 +78,7 @@ def _missing_edges(P: np.ndarray, edges: np.ndarray, length: np.ndarray) -> list
 
     k = len(P)
     adjacency = coo_array((length, tuple(edges.T)), shape=(k, k)).tocsr()
-    i, j = np.concatenate([edges, edges[:, ::-1]]).T
-    star = coo_array((np.ones(len(i)), (i, j)), shape=(k, k)).tocsr()
+    star = _star(edges, k)
     neighbours = np.split(star.indices, star.indptr[1:-1])
     poor = [node for node in range(k) if not _holds(P, node, neighbours[node])]
     if not poor:
@@ -95,6 +94,12 @@ def _missing_edges(P: np.ndarray, edges: np.ndarray, length: np.ndarray) -> list
                 known.append(int(other))
                 added.append((node, int(other)))
     return added
+
+
+def _star(edges: np.ndarray, k: int) -> csr_array:
+    """(k, k) ones where two nodes are connected."""
+    i, j = np.concatenate([edges, edges[:, ::-1]]).T
+    return coo_array((np.ones(len(i)), (i, j)), shape=(k, k)).tocsr()
 
 
 def _holds(P: np.ndarray, node: int, neighbours: np.ndarray | list[int]) -> bool:
@@ -122,9 +127,7 @@ def bind_to_nodes(graph: VertexGraph, fronts: Fronts, *, edges: np.ndarray, blen
     blended : int
         K.
     """
-    k = len(fronts)
-    i, j = np.concatenate([edges, edges[:, ::-1]]).T
-    star = coo_array((np.ones(len(i)), (i, j)), shape=(k, k)).tocsr()
+    star = _star(edges, len(fronts))
     node, distance = _nearest_nodes(
         graph.indptr,
         graph.indices,

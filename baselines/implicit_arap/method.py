@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -107,8 +108,13 @@ def implicit_arap(
     D. Baieri, F. Maggioli, Z. Laehner, S. Melzi, E. Rodola, "Implicit-ARAP: Efficient Handle-Guided
     Deformation of High-Resolution Meshes and Neural Fields via Local Patch Meshing", 2024.
     """
-    torch = _torch()
+    given = dict(locals())
+    try:
+        import torch
+    except ModuleNotFoundError as error:
+        raise ImportError("implicit_arap needs PyTorch; pip install 'sshade[torch]'") from error
     from baselines.implicit_arap.networks import MotionField
+    from baselines.implicit_arap.sdf import Sdf, Surface, fit_network_sdf, grid_sdf
     from baselines.implicit_arap.training import Constraints, Plan, displacements, train
 
     if min(layers, sdf_layers) < 2 or patch_points < 3:
@@ -116,30 +122,28 @@ def implicit_arap(
             f"networks need two layers and patches three points, "
             f"not {min(layers, sdf_layers)} and {patch_points}"
         )
-    plan = Plan(
-        steps=steps,
-        surface_patches=surface_patches,
-        space_patches=space_patches,
-        patch_points=patch_points,
-        patch_radius=patch_radius,
-        projections=projections,
-        moving_weight=moving_weight,
-        static_weight=static_weight,
-        arap_weight=arap_weight,
-        learning_rate=learning_rate,
-        milestones=tuple(milestones),
-        decay=decay,
-    )
-    fit = {"width": sdf_width, "layers": sdf_layers, "steps": sdf_steps, "points": sdf_points}
-    fit |= {"learning_rate": sdf_learning_rate, "frequencies": frequencies}
+    plan = Plan(**{field.name: given[field.name] for field in fields(Plan)})
     place = torch.device(("cuda" if torch.cuda.is_available() else "cpu") if device == "auto" else device)
-    draws = _Draws(torch.Generator(place).manual_seed(seed), torch.Generator().manual_seed(seed))
+    draws, weights = torch.Generator(place).manual_seed(seed), torch.Generator().manual_seed(seed)
     mesh, handles = task.mesh, task.handles
 
     begin = perf_counter()
     V, centre, scale = normalised(mesh)
-    fit = {"size": grid_size} if sdf == "grid" else fit
-    distance, facts = _distance(sdf, V, mesh.F, fit, draws=draws, progress=progress)
+    distance: Sdf
+    facts: dict[str, Any] = {"sdf_size": grid_size}
+    if sdf == "grid":
+        progress("sdf", 0, 1, f"{grid_size}^3 distances")
+        distance = grid_sdf(V, mesh.F, size=grid_size, device=place)
+        progress("sdf", 1, 1, f"{grid_size}^3 distances")
+    else:
+        surface = Surface.of(V, mesh.F, device=place)
+        fit = {"width": sdf_width, "layers": sdf_layers, "steps": sdf_steps, "points": sdf_points}
+        fit |= {"frequencies": frequencies}
+        random = {"generator": draws, "weights": weights}
+        distance, loss = fit_network_sdf(
+            surface, **fit, **random, learning_rate=sdf_learning_rate, progress=progress
+        )
+        facts |= {"sdf_size": sdf_width, "sdf_steps": sdf_steps, "sdf_loss_last": loss}
     fitted = perf_counter()
 
     def tensor(points: np.ndarray) -> torch.Tensor:
@@ -148,26 +152,21 @@ def implicit_arap(
     rest, target = tensor(V[handles.index]), tensor((handles.target - centre) * scale)
     constraints = Constraints.of(distance, rest, target, handles.dynamic, repeats=projections)
     sizes = {"width": width, "layers": layers, "frequencies": frequencies}
-    network = MotionField(**sizes, generator=draws.weights).to(place)
+    network = MotionField(**sizes, generator=weights).to(place)
     rng = np.random.default_rng(seed)
-    losses = train(network, distance, constraints, plan, rng=rng, generator=draws.points, progress=progress)
+    losses = train(network, distance, constraints, plan, rng=rng, generator=draws, progress=progress)
     trained = perf_counter()
 
     vertices = mesh.V + displacements(network, tensor(V), chunk=chunk) / scale
     seconds = {"sdf": fitted - begin, "field": trained - fitted, "apply": perf_counter() - trained}
     facts |= {"variant": variant, "sdf": sdf, "steps": steps}
-    facts |= {"points": plan.points(len(handles)), **_device_facts(place), **_loss_facts(losses)}
-    facts |= {"handle_error": _handle_error(task, vertices), "loss_curve": losses}
+    facts |= {"device": torch.cuda.get_device_name(place) if place.type == "cuda" else place.type}
+    facts |= {"points": plan.points(len(handles)), "threads": torch.get_num_threads(), **_loss_facts(losses)}
+    missed = np.linalg.norm(vertices[handles.index] - handles.target, axis=1)
+    facts |= {"handle_error": float(missed.mean()) / mesh.diagonal, "loss_curve": losses}
     return DeformationResult(
         vertices=vertices, iterations=steps, converged=None, seconds=seconds, extra=facts
     )
-
-
-class _Draws(NamedTuple):
-    """Generators for points, on the device, and for initial weights, on the CPU."""
-
-    points: torch.Generator
-    weights: torch.Generator
 
 
 def normalised(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, float]:
@@ -188,46 +187,6 @@ def normalised(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, float]:
     return (mesh.V - centre) * scale, centre, float(scale)
 
 
-def _torch() -> Any:
-    try:
-        import torch
-    except ModuleNotFoundError as error:
-        raise ImportError("implicit_arap needs PyTorch; pip install 'sshade[torch]'") from error
-    return torch
-
-
-def _distance(
-    kind: str,
-    V: np.ndarray,
-    F: np.ndarray,
-    settings: dict[str, Any],
-    *,
-    draws: _Draws,
-    progress: Progress,
-) -> tuple[Any, dict[str, Any]]:
-    """The SDF of a kind, and facts about it for the row."""
-    from baselines.implicit_arap.sdf import Surface, fit_network_sdf, grid_sdf
-
-    device = draws.points.device
-    if kind == "grid":
-        progress("sdf", 0, 1, f"{settings['size']}^3 distances")
-        distance = grid_sdf(V, F, device=device, **settings)
-        progress("sdf", 1, 1, f"{settings['size']}^3 distances")
-        return distance, {"sdf_size": settings["size"]}
-    surface = Surface.of(V, F, device=device)
-    distance, loss = fit_network_sdf(
-        surface, generator=draws.points, weights=draws.weights, progress=progress, **settings
-    )
-    return distance, {"sdf_size": settings["width"], "sdf_steps": settings["steps"], "sdf_loss_last": loss}
-
-
-def _device_facts(device: torch.device) -> dict[str, Any]:
-    import torch
-
-    name = torch.cuda.get_device_name(device) if device.type == "cuda" else device.type
-    return {"device": name, "threads": torch.get_num_threads()}
-
-
 def _loss_facts(losses: np.ndarray) -> dict[str, float]:
     """Of the total and of each part; the last ones as a mean of ten steps, each with its own patches."""
     if not len(losses):
@@ -240,8 +199,3 @@ def _loss_facts(losses: np.ndarray) -> dict[str, float]:
         "loss_moving": float(last[1]),
         "loss_static": float(last[2]),
     }
-
-
-def _handle_error(task: DeformationTask, vertices: np.ndarray) -> float:
-    gaps = np.linalg.norm(vertices[task.handles.index] - task.handles.target, axis=1)
-    return float(gaps.mean()) / task.mesh.diagonal

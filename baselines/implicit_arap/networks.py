@@ -57,20 +57,11 @@ class WeightNormLinear(nn.Module):
         return functional.linear(x, weight, self.bias)
 
 
-class ZeroLinear(nn.Module):
-    """A plain linear layer that starts at zero, so that what it drives starts as the identity."""
-
-    def __init__(self, inputs: int, outputs: int) -> None:
-        super().__init__()
-        self.weight = nn.Parameter(torch.zeros(outputs, inputs))
-        self.bias = nn.Parameter(torch.zeros(outputs))
-
-    def forward(self, x: Tensor) -> Tensor:
-        return functional.linear(x, self.weight, self.bias)
-
-
 class Mlp(nn.Module):
-    """Fourier features, then linear layers with Softplus between them, and a skip from the input.
+    """Fourier features, then linear layers with Softplus between them.
+
+    The layer in the middle gets the input features again, in front of the hidden vector: of 8 layers
+    the one of number 4, in the paper.
 
     The geometric initialisation (Atzmon and Lipman, 2020) lets only the raw coordinates in: with
     ``last="sphere"`` the network starts near the signed distance to a sphere of radius 0.5, with
@@ -81,8 +72,6 @@ class Mlp(nn.Module):
     inputs, outputs : int
     width, layers : int
         Of `layers` linear layers, all but the last have `width` outputs.
-    skip : int or None
-        The layer that gets the input features again, in front of the hidden vector.
     frequencies : int
     last : "sphere" or "zero"
     generator : torch.Generator
@@ -96,26 +85,27 @@ class Mlp(nn.Module):
         *,
         width: int,
         layers: int,
-        skip: int | None,
         frequencies: int,
         last: Literal["sphere", "zero"],
         generator: torch.Generator,
     ) -> None:
         super().__init__()
-        self.frequencies, self.skip = frequencies, skip
+        self.frequencies, self.skip = frequencies, layers // 2
         features = inputs * (1 + 2 * frequencies)
         sizes = [features, *[width] * (layers - 1)]
         hidden = []
         for number, (before, after) in enumerate(pairwise(sizes)):
-            extra = features if number == skip else 0
+            extra = features if number == self.skip else 0
             weight = torch.randn(after, extra + before, generator=generator) * sqrt(2 / after)
-            if number in (0, skip):
+            if number in (0, self.skip):
                 weight[:, inputs:features] = 0
             hidden.append(WeightNormLinear(weight, torch.zeros(after)))
         self.hidden = nn.ModuleList(hidden)
-        end = width + (features if skip == layers - 1 else 0)
-        if last == "zero":
-            self.last: nn.Module = ZeroLinear(end, outputs)
+        end = width + (features if self.skip == layers - 1 else 0)
+        if last == "zero":  # what it drives starts as the identity; no draws of torch's own
+            self.last: nn.Module = nn.utils.skip_init(nn.Linear, end, outputs)
+            for parameter in self.last.parameters():
+                nn.init.zeros_(parameter)
         else:
             noise = 1e-4 * torch.randn(outputs, end, generator=generator)
             self.last = WeightNormLinear(sqrt(pi / end) + noise, torch.full((outputs,), -0.5))
@@ -133,17 +123,9 @@ class Mlp(nn.Module):
 
 
 def sdf_network(*, width: int, layers: int, frequencies: int, generator: torch.Generator) -> Mlp:
-    """The MLP whose value is the signed distance; 8 layers of 256 with the skip at 4 in the paper."""
-    return Mlp(
-        3,
-        1,
-        width=width,
-        layers=layers,
-        skip=layers // 2,
-        frequencies=frequencies,
-        last="sphere",
-        generator=generator,
-    )
+    """The MLP whose value is the signed distance; 8 layers of 256 in the paper."""
+    sizes = {"width": width, "layers": layers, "frequencies": frequencies}
+    return Mlp(3, 1, last="sphere", generator=generator, **sizes)
 
 
 def euler_rotation(angles: Tensor) -> Tensor:
@@ -181,16 +163,8 @@ class MotionField(nn.Module):
 
     def __init__(self, *, width: int, layers: int, frequencies: int, generator: torch.Generator) -> None:
         super().__init__()
-        self.mlp = Mlp(
-            3,
-            6,
-            width=width,
-            layers=layers,
-            skip=layers // 2,
-            frequencies=frequencies,
-            last="zero",
-            generator=generator,
-        )
+        sizes = {"width": width, "layers": layers, "frequencies": frequencies}
+        self.mlp = Mlp(3, 6, last="zero", generator=generator, **sizes)
 
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """R (..., 3, 3) and t (..., 3) at points x (..., 3)."""

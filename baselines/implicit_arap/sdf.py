@@ -6,7 +6,6 @@ are the normalised ones, inside the cube [-1, 1]^3; inside the surface the dista
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -186,7 +185,7 @@ def fit_network_sdf(
         adam.zero_grad()
         loss.backward()
         adam.step()
-        _report(progress, "sdf", step, steps, lambda loss=loss: f"loss {loss.item():.3g}")
+        report(progress, "sdf", step, steps, loss)
     return NetworkSdf(network), loss.item()
 
 
@@ -204,7 +203,7 @@ def _fit_loss(network: Mlp, on: Tensor, normals: Tensor, off: Tensor) -> Tensor:
     )
 
 
-def _report(progress: Progress, stage: str, step: int, steps: int, note: Callable[[], str]) -> None:
-    """Every tenth step: the note reads a number back, for which a GPU would have to stop."""
+def report(progress: Progress, stage: str, step: int, steps: int, loss: Tensor) -> None:
+    """Every tenth step: to read the loss back stops a GPU."""
     if step % 10 == 9 or step == steps - 1:
-        progress(stage, step + 1, steps, note())
+        progress(stage, step + 1, steps, f"loss {loss.item():.3g}")

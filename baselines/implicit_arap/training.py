@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from baselines.implicit_arap.networks import moved
 from baselines.implicit_arap.patches import patches_at, project, random_pattern, zero_set
-from baselines.implicit_arap.sdf import Sdf
+from baselines.implicit_arap.sdf import Sdf, report
 from sshade.task import Progress
 
 #: Of the surface patches, the part that lies anywhere on the surface even if handles would fill all.
@@ -100,8 +100,7 @@ def train(
         adam.step()
         schedule.step()
         losses[step] = parts.detach()
-        if step % 10 == 9 or step == plan.steps - 1:  # reading a number back would stop a GPU at every step
-            progress("field", step + 1, plan.steps, f"loss {losses[step].sum().item():.3g}")
+        report(progress, "field", step, plan.steps, losses[step].sum())
     return losses.cpu().numpy()
 
 

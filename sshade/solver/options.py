@@ -94,9 +94,4 @@ def complete(given: Mapping[str, Any], **defaults: Unpack[SolverOptions]) -> Sol
 
 def energy_options(options: SolverOptions) -> EnergyOptions:
     """Those of :func:`complete` options that belong to the energy."""
-    return {
-        "volume": options["volume"],
-        "area": options["area"],
-        "stiffness": options["stiffness"],
-        "strain": options["strain"],
-    }
+    return {name: options[name] for name in EnergyOptions.__annotations__}  # type: ignore[return-value, literal-required]

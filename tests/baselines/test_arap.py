@@ -3,12 +3,13 @@ from __future__ import annotations
 import igl
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from baselines.arap import libigl_arap
 from sshade import DeformationTask, Handles, InputError, Mesh
 from sshade.mesh.rigid import rigid_motion
 from sshade.solver.start import initial_guess
-from tests.shapes import bumpy, icosphere, rotation, strip
+from tests.shapes import bumpy, held_ends, icosphere, rotation
 
 ENERGIES = {
     "spokes": igl.ARAPEnergyType.ARAP_ENERGY_TYPE_SPOKES,
@@ -19,14 +20,7 @@ ENERGIES = {
 @pytest.fixture(scope="module")
 def task() -> DeformationTask:
     """The lower end of a body held, the upper end turned and lifted."""
-    mesh = bumpy(2)
-    z = mesh.V[:, 2]
-    low, high = np.flatnonzero(z < z.min() + 0.4), np.flatnonzero(z > z.max() - 0.4)
-    angle = np.radians(50)
-    turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
-    index = np.concatenate([low, high])
-    target = np.concatenate([mesh.V[low], mesh.V[high] @ turn.T + [0.2, 0, 0.3]])
-    return DeformationTask("bend", mesh, Handles(index, target, dynamic=np.isin(index, high)))
+    return held_ends(bumpy(2), turn=Rotation.from_euler("y", 50, degrees=True).as_matrix())
 
 
 def igl_positions(task: DeformationTask, energy: str, iterations: int, start: np.ndarray) -> np.ndarray:
@@ -51,9 +45,8 @@ def test_iterations_one_a_call_equal_one_libigl_call_bit_for_bit(task, energy, i
 def test_iteration_stops_at_the_first_residual_below_the_tolerance(task, tolerance):
     result = libigl_arap(task, tolerance=tolerance)
     assert result.converged is True and result.extra["residual"] < tolerance
-    before, last = (
-        libigl_arap(task, tolerance=0, max_iterations=result.iterations - less).vertices for less in (1, 0)
-    )
+    counts = (result.iterations - 1, result.iterations)
+    before, last = (libigl_arap(task, tolerance=0, max_iterations=count).vertices for count in counts)
     residual = np.linalg.norm(last - before, axis=1).max() / task.mesh.diagonal
     assert np.array_equal(last, result.vertices)
     assert result.extra["residual"] == pytest.approx(residual, rel=1e-12)
@@ -63,11 +56,8 @@ def test_iteration_stops_at_the_first_residual_below_the_tolerance(task, toleran
 
 def test_the_residual_is_relative_to_the_diagonal(task):
     """libigl scales out the unit of length, so that another unit takes as many iterations."""
-    scaled = DeformationTask(
-        "scaled",
-        Mesh(task.mesh.V * 1024, task.mesh.F),
-        Handles(task.handles.index, task.handles.target * 1024),
-    )
+    handles = Handles(task.handles.index, task.handles.target * 1024)
+    scaled = DeformationTask("scaled", Mesh(task.mesh.V * 1024, task.mesh.F), handles)
     a, b = libigl_arap(task, tolerance=1e-3), libigl_arap(scaled, tolerance=1e-3)
     assert a.iterations == b.iterations
     assert b.extra["residual"] == pytest.approx(a.extra["residual"], rel=1e-3)
@@ -75,29 +65,17 @@ def test_the_residual_is_relative_to_the_diagonal(task):
 
 def test_progress_counts_the_iterations(task):
     seen = []
-    result = libigl_arap(
-        task,
-        tolerance=1e-3,
-        max_iterations=500,
-        progress=lambda stage, done, total, note="": seen.append((stage, done, total, note)),
-    )
+    options = {"tolerance": 1e-3, "max_iterations": 500}
+    result = libigl_arap(task, progress=lambda *report: seen.append(report), **options)
     assert [done for _, done, _, _ in seen][:-1] == list(range(1, result.iterations + 1))
     assert {(stage, total) for stage, _, total, _ in seen} == {("iterations", 500)}
     assert f"{result.extra['residual']:.1e}" in seen[-1][3]
-    assert set(result.seconds) == {"precompute", "solve"} and min(result.seconds.values()) >= 0
 
 
 def test_the_cutoff_zero_returns_the_start(task):
     result = libigl_arap(task, max_iterations=0)
     assert np.array_equal(result.vertices, initial_guess(task, "rest"))
     assert result.iterations == 0 and result.converged is False
-
-
-def test_the_rest_start_is_the_rest_shape_with_handles_on_their_targets(task):
-    U = initial_guess(task, "rest")
-    free = np.setdiff1d(np.arange(task.mesh.n), task.handles.index)
-    assert np.array_equal(U[free], task.mesh.V[free])
-    assert np.array_equal(U[task.handles.index], task.handles.target)
 
 
 def test_the_rigid_start_is_the_best_rigid_motion_of_the_handles(task):
@@ -120,20 +98,9 @@ def test_a_rigid_start_of_rigidly_moved_handles_is_already_the_answer():
     assert result.converged and result.iterations == 1
 
 
-@pytest.mark.parametrize("energy", ENERGIES)
-def test_identity_targets_return_the_mesh(energy):
-    mesh = strip(8, 4)
-    index = np.array([0, 5, 17, 40])
-    result = libigl_arap(DeformationTask("same", mesh, Handles(index, mesh.V[index])), energy=energy)
-    assert np.allclose(result.vertices, mesh.V, rtol=0, atol=1e-6 * mesh.diagonal)
-    assert result.converged and result.iterations == 1
-
-
-def test_unknown_energies_and_starts_are_refused(task):
+def test_unknown_energies_are_refused(task):
     with pytest.raises(InputError, match="unknown energy 'elements'; use 'spokes' or 'spokes_and_rims'"):
         libigl_arap(task, energy="elements")
-    with pytest.raises(InputError, match="unknown start 'zero'; use 'rest' or 'rigid'"):
-        libigl_arap(task, start="zero")
 
 
 def test_triangles_without_area_are_refused_before_the_first_iteration():

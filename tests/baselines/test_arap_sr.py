@@ -45,7 +45,7 @@ def dense_weights(mesh: Mesh, *, clamp: bool) -> np.ndarray:
     return w
 
 
-def reference(task, *, alpha, clamp, iterations, start="rest") -> np.ndarray:
+def reference(task, *, alpha, clamp, iterations, start) -> np.ndarray:
     """The same iteration with dense matrices, loops and LAPACK's singular value decomposition."""
     mesh, held = task.mesh, task.handles.index
     w = dense_weights(mesh, clamp=clamp)
@@ -74,20 +74,13 @@ def reference(task, *, alpha, clamp, iterations, start="rest") -> np.ndarray:
 
 @pytest.mark.parametrize("mesh", [bumpy(2), jittered(strip(12, 3), 0.2)], ids=["closed", "boundary"])
 @pytest.mark.parametrize("clamp", [True, False], ids=["clamped", "raw"])
-@pytest.mark.parametrize("alpha", [0.02, 0.5, 0.0])
-def test_equals_a_dense_implementation_to_rounding(mesh, clamp, alpha):
+@pytest.mark.parametrize(("alpha", "start"), [(0.02, "rest"), (0.02, "rigid"), (0.5, "rest"), (0.0, "rest")])
+def test_equals_a_dense_implementation_to_rounding(mesh, clamp, alpha, start):
     task = held_ends(mesh, axis=int(np.argmax(np.ptp(mesh.V, axis=0))))
-    result = arap_sr(task, alpha=alpha, clamp=clamp, tolerance=0, max_iterations=6)
-    expected = reference(task, alpha=alpha, clamp=clamp, iterations=6)
+    result = arap_sr(task, alpha=alpha, clamp=clamp, start=start, tolerance=0, max_iterations=6)
+    expected = reference(task, alpha=alpha, clamp=clamp, iterations=6, start=start)
     assert (dense_weights(mesh, clamp=False) < -1e-3).any()  # else clamping would change nothing
     assert np.abs(result.vertices - expected).max() < 1e-9 * mesh.diagonal
-
-
-def test_a_rigid_start_equals_a_dense_implementation(small_body):
-    task = held_ends(small_body)
-    result = arap_sr(task, start="rigid", tolerance=0, max_iterations=4)
-    expected = reference(task, alpha=0.02, clamp=True, iterations=4, start="rigid")
-    assert np.abs(result.vertices - expected).max() < 1e-9 * small_body.diagonal
 
 
 @pytest.mark.parametrize(("subdivisions", "iterations"), BAR)
@@ -125,17 +118,6 @@ def test_a_rigid_start_ends_at_once_where_the_motion_is_rigid(body):
     result = arap_sr(task, start="rigid")
     assert result.iterations == 1 and result.converged
     assert np.abs(result.vertices - (body.V @ R.T + t)).max() < 1e-9 * body.diagonal
-
-
-def test_scale_does_not_matter(small_body):
-    task = held_ends(small_body)
-    large = DeformationTask(
-        "large",
-        Mesh(1000 * small_body.V, small_body.F),
-        Handles(task.handles.index, 1000 * task.handles.target),
-    )
-    one, other = (arap_sr(t, tolerance=0, max_iterations=20).vertices for t in (task, large))
-    assert np.abs(other / 1000 - one).max() < 1e-9 * small_body.diagonal
 
 
 def test_permuted_vertices_change_little(body):
@@ -183,7 +165,6 @@ def test_several_components(small_body):
         ({"alpha": -0.1}, "alpha=-0.1 is no weight"),
         ({"alpha": np.inf}, "alpha=inf"),
         ({"alpha": np.nan}, "alpha=nan"),
-        ({"start": "nowhere"}, "unknown start 'nowhere'"),
     ],
 )
 def test_bad_parameters_are_refused(small_body, change, message):

@@ -200,7 +200,6 @@ def test_stops_by_the_residual_of_the_nodes(body):
     [
         ({"blended": 0}, "0 blended nodes"),
         ({"nodes": 3}, "3 samples cannot hold the"),
-        ({"start": "nowhere"}, "unknown start"),
     ],
 )
 def test_bad_parameters_are_refused(small_body, change, message):

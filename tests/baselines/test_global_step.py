@@ -42,15 +42,8 @@ def test_the_loop_stops_at_the_first_move_under_the_tolerance():
 
 
 def test_the_loop_stops_at_the_cutoff_and_reports():
-    seen = []
-    u = np.ones((1, 3))
-    residuals = run(
-        halve,
-        u,
-        tolerance=0,
-        max_iterations=2 * REPORT_EVERY + 1,
-        progress=lambda stage, done, total, note="": seen.append((stage, done, total)),
-    )
+    seen, options = [], {"tolerance": 0, "max_iterations": 2 * REPORT_EVERY + 1}
+    residuals = run(halve, np.ones((1, 3)), progress=lambda *report: seen.append(report[:3]), **options)
     iterations = len(residuals)
     assert iterations == 2 * REPORT_EVERY + 1 and residuals.all()
     assert seen == [("iterations", done, iterations) for done in (REPORT_EVERY, 2 * REPORT_EVERY, iterations)]

@@ -31,12 +31,9 @@ def no_torch(monkeypatch):
     monkeypatch.setattr(sys, "meta_path", [Absent, *sys.meta_path])
 
 
-def test_without_torch_the_error_names_the_extra(no_torch):
+def test_without_torch_the_error_names_the_extra_and_the_row_is_skipped(no_torch):
     with pytest.raises(ImportError, match=r"pip install 'sshade\[torch\]'"):
         implicit_arap(held_ends(bumpy(2)))
-
-
-def test_without_torch_the_row_is_skipped(no_torch):
     method = {"_target_": "baselines.implicit_arap.implicit_arap", "_partial_": True}
     done = attempt(method, held_ends(bumpy(2)), seed=0)
     assert done.facts["status"] == "skipped"

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch", reason="the extra torch is not installed")
 
 import igl  # noqa: E402
+from scipy.spatial.transform import Rotation  # noqa: E402
 
 from baselines.implicit_arap import implicit_arap  # noqa: E402
 from baselines.implicit_arap.networks import (  # noqa: E402
@@ -26,28 +29,12 @@ from baselines.implicit_arap.patches import (  # noqa: E402
 )
 from baselines.implicit_arap.sdf import GridSdf, Surface, fit_network_sdf, grid_sdf  # noqa: E402
 from baselines.implicit_arap.training import Constraints, Plan, displacements  # noqa: E402
-from sshade.mesh.mesh import Mesh  # noqa: E402
 from sshade.task import DeformationTask, Handles, silent  # noqa: E402
-from tests.shapes import (  # noqa: E402
-    bumpy,
-    held_ends,
-    icosphere,
-    rotation,
-)
+from tests.shapes import bumpy, held_ends, icosphere, rotation  # noqa: E402
 
 CPU = torch.device("cpu")
-SMALL = {
-    "sdf": "grid",
-    "grid_size": 32,
-    "width": 48,
-    "layers": 3,
-    "steps": 60,
-    "surface_patches": 80,
-    "space_patches": 40,
-    "patch_points": 12,
-    "projections": 2,
-    "device": "cpu",
-}
+SMALL = {"sdf": "grid", "grid_size": 32, "width": 48, "layers": 3, "steps": 60, "device": "cpu"}
+SMALL |= {"surface_patches": 80, "space_patches": 40, "patch_points": 12, "projections": 2}
 
 
 class Ball:
@@ -84,11 +71,9 @@ def shaken():
     return field
 
 
-def twist(angle=40.0):
-    """An icosphere with one cap held and the other turned about z."""
-    a = np.radians(angle)
-    turn = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
-    return held_ends(icosphere(3), share=0.1, turn=turn)
+def twist():
+    """An icosphere with one cap held and the other turned by 40 degrees about z."""
+    return held_ends(icosphere(3), share=0.1, turn=Rotation.from_euler("z", 40, degrees=True).as_matrix())
 
 
 @pytest.fixture(scope="module")
@@ -116,8 +101,6 @@ def test_a_field_has_rotations():
 
 def test_euler_angles_compose_x_then_y_then_z():
     angles = 6 * torch.rand(50, 3, generator=generator(), dtype=torch.float64) - 3
-    from scipy.spatial.transform import Rotation
-
     expected = Rotation.from_euler("XYZ", angles.numpy()).as_matrix()
     np.testing.assert_allclose(euler_rotation(angles).numpy(), expected, atol=1e-12)
 
@@ -219,21 +202,6 @@ def test_correct_weights_are_those_of_libigl():
     np.testing.assert_allclose(weights, expected, rtol=1e-3, atol=1e-3)
 
 
-def test_weights_of_a_square_by_hand():
-    plane = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
-    triangles = np.array([[0, 1, 2], [0, 2, 3]])
-    flat = torch.tensor(np.pad(plane, [(0, 0), (0, 1)]), dtype=torch.float32)[None]
-
-    def weights(pattern):
-        source, target = (part.argmax(dim=1).tolist() for part in (pattern.source, -pattern.difference))
-        values = pattern.weights(flat)[0].tolist()
-        return sorted((a, b, round(w, 5)) for a, b, w in zip(source, target, values, strict=True))
-
-    sides = [(0, 1), (1, 2), (2, 3), (0, 3)]
-    both = [(a, b, 1.0) for a, b in sides] + [(b, a, 1.0) for a, b in sides]
-    assert weights(pattern_of(plane, triangles)) == sorted([*both, (0, 2, 0.0), (2, 0, 0.0)])
-
-
 def test_tangents_make_right_handed_frames_everywhere():
     normal = torch.cat([points(500), torch.eye(3), -torch.eye(3), torch.tensor([[1e-9, 0, -1.0]])])
     normal = torch.nn.functional.normalize(normal, dim=-1)
@@ -300,23 +268,12 @@ def test_energy_of_a_stretch_by_hand():
 # Training
 
 
-def plan(**changes):
-    sizes = {
-        "steps": 1,
-        "surface_patches": 100,
-        "space_patches": 50,
-        "patch_points": 10,
-        "patch_radius": 0.03,
-    }
-    weights = {"moving_weight": 1.0, "static_weight": 1.0, "arap_weight": 1.0}
-    rest = {"projections": 1, "learning_rate": 1e-3, "milestones": (), "decay": 0.5}
-    return Plan(**sizes | weights | rest | changes)
-
-
 def test_handles_take_their_patches_from_the_surface_but_not_all():
-    assert plan().free_patches(30) == 70
-    assert plan().free_patches(300) == 25
-    assert plan().points(30) == 1500
+    sizes = {"surface_patches": 100, "space_patches": 50, "patch_points": 10}
+    plan = Plan(**dict.fromkeys((field.name for field in fields(Plan)), 0) | sizes)
+    assert plan.free_patches(30) == 70
+    assert plan.free_patches(300) == 25
+    assert plan.points(30) == 1500
 
 
 def test_static_handles_stay_at_their_projections_and_moving_ones_come_first():
@@ -339,33 +296,14 @@ def test_a_small_run_lowers_the_loss_and_meets_the_handles(twisted):
     assert twisted.iterations == 60 and twisted.converged is None
     assert extra["loss_curve"].shape == (60, 3)
     assert extra["loss_first"] == pytest.approx(extra["loss_curve"][0].sum())
-    assert set(twisted.seconds) == {"sdf", "field", "apply"}
 
 
-def test_a_seed_gives_the_same_bits_and_another_gives_others(twisted):
-    again = implicit_arap(twist(), seed=4, **SMALL)
-    np.testing.assert_array_equal(again.vertices, twisted.vertices)
-    np.testing.assert_array_equal(again.extra["loss_curve"], twisted.extra["loss_curve"])
+def test_another_seed_gives_another_result_and_global_generators_are_left_alone(twisted):
+    before, numpys = torch.get_rng_state(), np.random.get_state()[1].copy()  # noqa: NPY002
     other = implicit_arap(twist(), seed=5, **SMALL | {"steps": 2})
     assert (other.extra["loss_curve"][1] != twisted.extra["loss_curve"][1]).any()
-
-
-def test_global_generators_are_left_alone():
-    before, numpys = torch.get_rng_state(), np.random.get_state()[1].copy()  # noqa: NPY002
-    implicit_arap(twist(), seed=0, **SMALL | {"steps": 2})
     assert torch.equal(torch.get_rng_state(), before)
     np.testing.assert_array_equal(np.random.get_state()[1], numpys)  # noqa: NPY002
-
-
-@pytest.mark.parametrize(("factor", "shift"), [(1.0, (30.0, -20.0, 5.0)), (250.0, (0.0, 0.0, 0.0))])
-def test_mesh_and_targets_together_may_move_and_grow(twisted, factor, shift):
-    task = twist()
-    mesh, handles = Mesh(factor * task.mesh.V + shift, task.mesh.F), task.handles
-    target = factor * handles.target + shift
-    moved_handles = Handles(handles.index, target, dynamic=handles.dynamic, group=handles.group)
-    result = implicit_arap(DeformationTask("moved", mesh, moved_handles), seed=4, **SMALL)
-    gap = np.abs(result.vertices - (factor * twisted.vertices + shift)).max()
-    assert gap <= 0.02 * mesh.diagonal
 
 
 def test_network_sdf_from_end_to_end():

@@ -57,13 +57,9 @@ def test_one_factorisation_serves_many_threads(Q):
         [[1.0, 2.0, 0], [2.0, 1.0, 0], [0, 0, 1.0]],  # indefinite
         [[1.0, 0, 0], [0, -2.0, 0], [0, 0, 1.0]],  # a negative pivot
         [[1.0, -1.0, 0], [-1.0, 1.0, 0], [0, 0, 1.0]],  # singular
+        [[np.nan, 0], [0, 1.0]],
     ],
 )
 def test_not_positive_definite(matrix):
-    with pytest.raises(FloatingPointError, match="not positive definite"):
+    with pytest.raises(FloatingPointError, match="not finite" if np.isnan(matrix).any() else "not positive"):
         Factorisation(sp.csr_array(np.array(matrix)))
-
-
-def test_not_finite():
-    with pytest.raises(FloatingPointError, match="not finite"):
-        Factorisation(sp.csr_array(np.array([[np.nan, 0], [0, 1.0]])))
