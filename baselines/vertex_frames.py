@@ -15,7 +15,7 @@ from __future__ import annotations
 import logging
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import coo_array
 
 from sshade.carry.blended import nearest_rotations
 from sshade.carry.neighbours import fill_from_neighbours
@@ -162,7 +162,8 @@ class _Pose:
         # Twice the area times the gradient: sum over corners of f times n x (the opposite edge).
         across = np.stack([np.cross(unit, edge) for edge in (c - b, a - c, b - a)], axis=1)
         weighted = np.einsum("mkf,mkx->mfx", values[mesh.F], across)
-        star = _incidence(mesh)
+        faces = np.repeat(np.arange(mesh.m), 3)
+        star = coo_array((np.ones(3 * mesh.m), (mesh.F.ravel(), faces)), shape=(mesh.n, mesh.m)).tocsr()
         total = star @ np.column_stack([doubled, length, weighted.reshape(mesh.m, -1)])
         size = np.linalg.norm(total[:, :3], axis=1, keepdims=True)
         # Faces that cancel leave rounding, which is no normal.
@@ -183,9 +184,3 @@ class _Pose:
         F = np.stack([x, np.cross(self.normal, x), self.normal], axis=2)
         F[missing] = np.eye(3)
         return F, missing
-
-
-def _incidence(mesh: Mesh) -> csr_array:
-    """(n, m) ones where a face is at a vertex."""
-    rows, columns = mesh.F.ravel(), np.repeat(np.arange(mesh.m), 3)
-    return coo_array((np.ones(len(rows)), (rows, columns)), shape=(mesh.n, mesh.m)).tocsr()

@@ -34,8 +34,8 @@ class Anderson:
         self._dF, self._dG = np.zeros((window, size)), np.zeros((window, size))
         self._gram = np.zeros((window, window))
 
-    def advance(self, u: np.ndarray, g: np.ndarray) -> bool:
-        """Replace u by the accelerated iterate; g itself stays in :attr:`plain`.
+    def advance(self, u: np.ndarray, g: np.ndarray) -> None:
+        """Replace u by the accelerated iterate, the first time by g; g itself stays in :attr:`plain`.
 
         Parameters
         ----------
@@ -43,15 +43,9 @@ class Anderson:
             Overwritten.
         g : (size,) float64
             One plain iteration from u.
-
-        Returns
-        -------
-        bool
-            False the first time: with nothing to extrapolate from, u becomes g.
         """
         _advance(u, g, self._count, self._last_F, self.plain, self._dF, self._dG, self._gram)
         self._count += 1
-        return self._count > 1
 
 
 @njit(cache=True, nogil=True)

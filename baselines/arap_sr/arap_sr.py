@@ -22,6 +22,7 @@ from __future__ import annotations
 from time import perf_counter
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from baselines.arap_sr.anderson import Anderson
 from baselines.arap_sr.smooth_rotations import Cells, band_position, largest_turn, matrices, vertex_colours
@@ -163,8 +164,9 @@ class _Iteration:
     def __init__(
         self, cells: Cells, global_step: GlobalStep, R0: np.ndarray, *, accelerate: bool, scale: float
     ) -> None:
-        self.Q, self.R = cells.rotations(R0)
-        n = len(self.Q)
+        n = cells.laplacian.shape[0]
+        x, y, z, w = Rotation.from_matrix(R0).as_quat()
+        self.Q, self.R = np.tile([w, x, y, z], (n, 1)), np.tile(R0.ravel(), (n, 1))
         self._cells, self._global = cells, global_step
         self._before, self._B = self.Q.copy(), np.empty((n, 3))
         self._acceleration = _Acceleration(n, scale=scale) if accelerate else None

@@ -79,14 +79,6 @@ class Cells:
         self._smooth = alpha * mesh.area / degree
         self._first = np.searchsorted(colour, np.arange(colour[-1] + 2))
 
-    def rotations(self, R0: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Quaternions (n, 4) and matrices (n, 9), all of the rotation R0."""
-        from scipy.spatial.transform import Rotation
-
-        n = len(self._smooth)
-        x, y, z, w = Rotation.from_matrix(R0).as_quat()
-        return np.tile([w, x, y, z], (n, 1)), np.tile(R0.ravel(), (n, 1))
-
     def fit(self, P: np.ndarray, Q: np.ndarray, R: np.ndarray, *, smooth: bool = True) -> None:
         """One Gauss-Seidel sweep over the colours: fit Q and R to positions P (n, 3)."""
         weight = self._smooth if smooth else np.zeros_like(self._smooth)

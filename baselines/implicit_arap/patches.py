@@ -67,11 +67,7 @@ class Pattern:
 
 
 def random_pattern(
-    points: int,
-    radius: float,
-    rng: np.random.Generator,
-    *,
-    device: torch.device | str = "cpu",
+    points: int, radius: float, rng: np.random.Generator, *, device: torch.device | str = "cpu"
 ) -> Pattern:
     """The origin and points uniform in a disc, with their Delaunay triangulation.
 
@@ -92,12 +88,7 @@ def random_pattern(
     return pattern_of(plane, Delaunay(plane).simplices, device=device)
 
 
-def pattern_of(
-    plane: np.ndarray,
-    triangles: np.ndarray,
-    *,
-    device: torch.device | str = "cpu",
-) -> Pattern:
+def pattern_of(plane: np.ndarray, triangles: np.ndarray, *, device: torch.device | str = "cpu") -> Pattern:
     """A pattern with its edges in both directions, weighed by the sum of the cotangents opposite them.
 
     The authors' code gives edges (0, 1), (1, 2), (0, 2) of a triangle the cotangents at 0, 1, 2,

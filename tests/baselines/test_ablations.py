@@ -8,13 +8,7 @@ import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from baselines.ablations import (
-    FAR,
-    cross_part,
-    project_to_surface,
-    sample_nearest_to_handles,
-    sshade_ablated,
-)
+from baselines.ablations import FAR, cross_part, project_to_surface, sample_nearest_to_handles, sshade_ablated
 from sshade import DeformationTask, Handles, InputError, Mesh, deform
 from sshade.carry.projection import project_to_fans
 from sshade.mesh.adjacency import vertex_graph

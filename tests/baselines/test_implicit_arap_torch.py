@@ -22,7 +22,6 @@ from baselines.implicit_arap.networks import (  # noqa: E402
 from baselines.implicit_arap.patches import (  # noqa: E402
     patches_at,
     pattern_of,
-    project,
     random_pattern,
     tangents,
     zero_set,
@@ -236,11 +235,6 @@ def test_a_field_without_surface_is_an_error(monkeypatch):
     monkeypatch.setattr("baselines.implicit_arap.patches.DRAWS", 2)
     with pytest.raises(RuntimeError, match="sdf=grid"):
         zero_set(Ball(9.0), 5, repeats=1, generator=generator())
-
-
-def test_projection_reaches_a_level():
-    x = project(Ball(), points(50), level=0.25, repeats=1)
-    torch.testing.assert_close(x.norm(dim=-1), torch.full((50,), 0.85), atol=1e-5, rtol=0)
 
 
 def test_energy_is_zero_for_a_rigid_motion_alone():
