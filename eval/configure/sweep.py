@@ -50,7 +50,9 @@ class SweepStart(Callback):
         try:
             _write_out_cases(config)
             launcher = config.hydra.runtime.choices["hydra/launcher"]
-            plan = Plan(datetime.now(UTC), _runs(_swept(config)), launcher)
+            swept = _swept(config)
+            runs = [dict(zip(swept, values, strict=True)) for values in itertools.product(*swept.values())]
+            plan = Plan(datetime.now(UTC), runs, launcher)
             record = SweepRecord.create(Path(config.hydra.sweep.dir), plan)
         except InputError as error:
             raise SweepRefused(error) from error
@@ -65,11 +67,6 @@ def _add_overrides(config: DictConfig, *overrides: str) -> None:
     """Give every run of the sweep further settings."""
     with read_write(config), open_dict(config):
         config.hydra.overrides.task = [*config.hydra.overrides.task, *overrides]
-
-
-def _runs(swept: Mapping[str, list[str]]) -> list[dict[str, str]]:
-    """The settings of each run of a sweep, in the sweeper's order."""
-    return [dict(zip(swept, values, strict=True)) for values in itertools.product(*swept.values())]
 
 
 def _swept(config: DictConfig) -> dict[str, list[str]]:

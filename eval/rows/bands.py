@@ -94,10 +94,8 @@ def command(options: argparse.Namespace) -> int:
         print(yaml.safe_dump(suggest(rows), default_flow_style=None, width=200), end="")  # noqa: T201
         return 0
     bands = read_bands(options.bands)
-    bad = 0
-    for row in rows:
-        for problem in out_of_band(row, bands):
-            bad += 1
-            print(f"{row['method.name']} {row['task.name']}: {problem}")  # noqa: T201
-    print(f"{len(rows)} rows, {bad} values out of band")  # noqa: T201
+    bad = [(row, problem) for row in rows for problem in out_of_band(row, bands)]
+    for row, problem in bad:
+        print(f"{row['method.name']} {row['task.name']}: {problem}")  # noqa: T201
+    print(f"{len(rows)} rows, {len(bad)} values out of band")  # noqa: T201
     return 1 if bad else 0

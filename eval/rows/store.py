@@ -121,9 +121,10 @@ def write_run(
 def write_row(folder: str | os.PathLike[str], row: Row) -> None:
     """Write the row of a run folder, or replace it; the rest of the folder stays."""
     with replacing(Path(folder, "row.json")) as temporary:
+        plain = {name: row[name] for name in in_order(row)}
         # JSON has no infinity, which a method's parameter may be.
-        plain = {name: str(value) if value in _INFINITIES.values() else value for name, value in row.items()}
-        temporary.write_text(json.dumps(ordered(plain), indent=1, allow_nan=False) + "\n")
+        plain |= {name: str(value) for name, value in row.items() if value in _INFINITIES.values()}
+        temporary.write_text(json.dumps(plain, indent=1, allow_nan=False) + "\n")
 
 
 def read_row(folder: str | os.PathLike[str]) -> Row | None:
@@ -201,11 +202,6 @@ def _loading(path: Path, read: Callable[[], Any]) -> Any:
 def run_folders(root: str | os.PathLike[str]) -> list[Path]:
     """Folders under `root` that hold a row, sorted."""
     return sorted(path.parent for path in Path(root).rglob("row.json"))
-
-
-def ordered(row: Mapping[str, Any]) -> Row:
-    """The same row with its columns in the fixed order."""
-    return {name: row[name] for name in in_order(row)}
 
 
 def in_order(columns: Iterable[str]) -> list[str]:

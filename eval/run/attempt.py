@@ -105,7 +105,8 @@ def attempt(
     except Exception as error:  # whatever a method raises belongs into its row; the sweep goes on
         log.debug("%s on %s", method["_target_"], task.name, exc_info=True)
         return Attempt(row | {"reason": _sentence(error)})
-    return Attempt(row | _facts(result, seconds), result.vertices, _curves(result))
+    curves = {name: np.asarray(value) for name, value in result.extra.items() if name.endswith(CURVE)}
+    return Attempt(row | _facts(result, seconds), result.vertices, curves)
 
 
 def attempt_fresh(
@@ -243,10 +244,6 @@ def _facts(result: DeformationResult, seconds: float) -> Row:
     row |= {f"seconds.{stage}": float(value) for stage, value in result.seconds.items() if stage != "total"}
     row |= {f"extra.{name}": _plain(value) for name, value in result.extra.items() if is_scalar(value)}
     return row
-
-
-def _curves(result: DeformationResult) -> dict[str, np.ndarray]:
-    return {name: np.asarray(value) for name, value in result.extra.items() if name.endswith(CURVE)}
 
 
 def is_scalar(value: Any) -> bool:

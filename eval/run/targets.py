@@ -130,8 +130,9 @@ def check_parameters(function: Callable[..., Any], parameters: Mapping[str, Any]
         )
     for name, value in parameters.items():
         if name in hints and not _fits(value, hints[name]):
-            choices = _choices(hints[name])
-            wanted = f"one of {', '.join(choices)}" if choices else inspect.formatannotation(hints[name])
+            wanted = inspect.formatannotation(hints[name])
+            if typing.get_origin(hints[name]) is typing.Literal:
+                wanted = f"one of {', '.join(map(repr, typing.get_args(hints[name])))}"
             raise InputError(f"{target}: {name}={value!r} does not fit; it takes {wanted}")
 
 
@@ -172,7 +173,3 @@ def _fits(value: Any, hint: Any) -> bool:
     if hint in (int, float):
         return isinstance(value, (int, hint)) and not isinstance(value, bool)
     return True
-
-
-def _choices(hint: Any) -> list[str]:
-    return [repr(choice) for choice in typing.get_args(hint) if typing.get_origin(hint) is typing.Literal]

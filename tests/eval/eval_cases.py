@@ -75,16 +75,9 @@ def stretching(task, *, factor: float = 2.0, seed: int, progress=silent) -> Defo
     )
 
 
-def endless(task, *, seed: int, progress=silent) -> DeformationResult:
-    """A method that does not return, except on the mesh of the warm-up."""
-    while task.mesh.n != 642:
-        sleep(0.01)
-    return DeformationResult(vertices=task.mesh.V, iterations=0, converged=None)
-
-
-def endless_warm_up(task, *, seed: int, progress=silent) -> DeformationResult:
-    """A method that does not return on the mesh of the warm-up."""
-    while task.mesh.n == 642:
+def endless(task, *, seed: int, warming: bool = False, progress=silent) -> DeformationResult:
+    """A method that does not return, except on the mesh of the warm-up; or on that one alone."""
+    while (task.mesh.n == 642) == warming:
         sleep(0.01)
     return DeformationResult(vertices=task.mesh.V, iterations=0, converged=None)
 

@@ -220,7 +220,8 @@ def test_a_time_limit_ends_a_run_and_is_not_tried_again(task, tmp_path):
 
 def test_a_warm_up_that_does_not_end_is_given_up(task, tmp_path, monkeypatch):
     monkeypatch.setattr(attempt_module, "WARM_UP_LIMIT", 5.0)
-    row = run(task, {"_target_": "eval_cases.endless_warm_up"}, name="e", root=tmp_path, time_limit=0.2).row
+    method = {"_target_": "eval_cases.endless", "warming": True}
+    row = run(task, method, name="e", root=tmp_path, time_limit=0.2).row
     assert (row["status"], row["reason"]) == ("timeout", "the warm-up did not end within 5 s")
 
 

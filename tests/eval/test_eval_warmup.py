@@ -40,14 +40,12 @@ def test_a_method_is_warmed_up_once_for_each_key_with_its_overrides():
     assert calls == [(DeformationTask, 3), (TransferTask, 3)]
 
 
-def test_the_tiny_task_moves_some_handles_and_holds_others():
+def test_the_tiny_task_has_handles_of_both_kinds_and_the_tiny_transfer_is_edited_and_bent():
     handles, mesh = tiny_task().handles, tiny_task().mesh
     moves = np.linalg.norm(handles.target - mesh.V[handles.index], axis=1) > 0
     np.testing.assert_array_equal(moves, handles.dynamic)
     assert 0 < handles.dynamic.sum() < len(handles)
 
-
-def test_the_tiny_transfer_edits_the_shape_and_bends_it():
     task = tiny_transfer()
     for other in (task.mesh.V, task.posed):
         assert 0.05 < np.linalg.norm(other - task.rest.V, axis=1).max() < 1
