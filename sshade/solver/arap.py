@@ -4,7 +4,7 @@ The local step fits a rotation R_i to the covariance ``S_i = sum w_ij e_ij e'_ij
 each vertex; the global step solves ``L q = b(R)`` with the Laplacian of the rest shape,
 factorised once, and the handle vertices eliminated. Both energies are sums of terms:
 see :mod:`sshade.solver.terms`. Constraints and softening are given to an iteration as
-objects, which the system knows nothing of.
+objects, see :class:`Constraints` and :class:`Softening`; the system knows of neither.
 
 O. Sorkine, M. Alexa, "As-rigid-as-possible surface modeling", 2007 (spokes);
 I. Chao, U. Pinkall, P. Sanan, P. Schroeder, "A simple geometric model for
@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 from numba import njit
@@ -22,17 +23,62 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.solver.constraints import HeldConstraints
 from sshade.solver.cotangents import corner_vectors, edge_weights, half_cotangents, laplacian_matrix
 from sshade.solver.factorisation import Factorisation
 from sshade.solver.options import Energy
 from sshade.solver.rotations import fit_rotations, quaternions
-from sshade.solver.strain_softening import SoftenedTriangles
 from sshade.solver.terms import Terms, covariances, right_hand_side
 from sshade.threads import ThreadTeam
 
 #: Vertices that a thread works on at a time, and half the terms.
 CHUNK = 32_768
+
+
+class Constraints(Protocol):
+    """Quantities of the shape that an iteration holds, such as volumes.
+
+    P and B are (n, 3) float64, in the system's order of vertices.
+    """
+
+    #: Number of directions.
+    count: int
+
+    @property
+    def renews_directions(self) -> bool:
+        """Whether the next global step is to renew the directions."""
+
+    def penalty(self, P: np.ndarray) -> float:
+        """Energy of what is held with a finite weight."""
+
+    def forces(self, P: np.ndarray, B: np.ndarray) -> None:
+        """Write to B ``sum_q lambda_q grad C_q(P)``, which the right-hand side gets."""
+
+    def write_gradients(self, P: np.ndarray, rows: np.ndarray, X: np.ndarray) -> None:
+        """Write ``grad C_q(P)`` of the vertices `rows` (f,) to X (count, f, 3)."""
+
+    def take_directions(self, X: np.ndarray, rows: np.ndarray) -> None:
+        """Take X (count, f, 3), ``L^-1 grad C_q``, for the directions of `project`."""
+
+    def project(self, P: np.ndarray) -> None:
+        """Move P along the directions to where the constraints hold; the multipliers follow."""
+
+    def restore(self, P: np.ndarray) -> bool:
+        """Move P to where the exact constraints hold; False where they are missed by more than then."""
+
+
+class Softening(Protocol):
+    """An energy of each triangle in place of the quadratic one, majorised by weighted quadratics."""
+
+    def covariances(self, own: slice, P: np.ndarray, S: np.ndarray, first: int, end: int) -> float:
+        """As :func:`covariances` of the triangles `own`, each with its weight; returns 0."""
+
+    def energy(self, own: slice, P: np.ndarray, R: np.ndarray) -> float:
+        """Energy of the triangles `own`, whose weights are renewed."""
+
+    def right_hand_side(
+        self, own: slice, P: np.ndarray, R: np.ndarray, B: np.ndarray, first: int, end: int
+    ) -> None:
+        """As :func:`right_hand_side` of the triangles `own`, each with its weight."""
 
 
 class ArapSystem:
@@ -128,8 +174,8 @@ class ArapIteration:
     targets : (k, 3) float64
         Positions of the handle vertices.
     team : ThreadTeam
-    constraints : HeldConstraints, optional
-    softening : SoftenedTriangles, optional
+    constraints : Constraints, optional
+    softening : Softening, optional
 
     Attributes
     ----------
@@ -145,8 +191,8 @@ class ArapIteration:
         targets: np.ndarray,
         *,
         team: ThreadTeam,
-        constraints: HeldConstraints | None = None,
-        softening: SoftenedTriangles | None = None,
+        constraints: Constraints | None = None,
+        softening: Softening | None = None,
     ) -> None:
         n, free = system.mesh.n, len(system.free)
         self.system, self._team = system, team
@@ -230,7 +276,7 @@ class ArapIteration:
         else:
             self._softening.right_hand_side(own, u, self.R, self._B, first, end)
 
-    def _renew_directions(self, constraints: HeldConstraints, u: np.ndarray) -> None:
+    def _renew_directions(self, constraints: Constraints, u: np.ndarray) -> None:
         free, X = self.system.free, self._directions
         constraints.write_gradients(u, free, X)
         for right in X:

@@ -29,9 +29,11 @@ from sshade.solver.volume_area import (
     Equations,
     add_gradients,
     along,
+    gather,
     gradients,
     measure,
     newton,
+    scatter,
 )
 
 log = logging.getLogger(__name__)
@@ -155,16 +157,10 @@ class Components:
 
 
 class HeldConstraints:
-    """Multipliers and directions of one solve, for :class:`sshade.solver.arap.ArapIteration`.
+    """Multipliers and directions of one solve; a :class:`sshade.solver.arap.Constraints`.
 
     The multiplier of a constraint grows by each move along its direction. With
     which weights the constraints are held at a step, :class:`InfeasibleAreas` decides.
-    P and B are (n, 3) float64, in the system's order of vertices.
-
-    Attributes
-    ----------
-    count : int
-        Number of directions.
     """
 
     def __init__(self, components: Components, asked: VolumeArea, kinds: np.ndarray, *, corners: int) -> None:
@@ -191,11 +187,9 @@ class HeldConstraints:
 
     @property
     def renews_directions(self) -> bool:
-        """Whether the next global step is to renew the directions."""
         return self._steps % self._every == 0
 
     def penalty(self, P: np.ndarray) -> float:
-        """Energy of what is held with a finite weight."""
         weight = np.where(np.isinf(self._weight), 0.0, self._weight)
         if not weight.any():
             return 0.0
@@ -205,24 +199,20 @@ class HeldConstraints:
         return float((weight * self._corners * self._area * error**2).sum())
 
     def forces(self, P: np.ndarray, B: np.ndarray) -> None:
-        """Write to B ``sum_q lambda_q grad C_q(P)``, which the right-hand side gets."""
         F, start, _, kinds, scale, *_ = self._equations
         B[:] = 0.0
         add_gradients(F, start, kinds, scale * self._multiplier.T, P, B)
 
     def write_gradients(self, P: np.ndarray, rows: np.ndarray, X: np.ndarray) -> None:
-        """Write ``grad C_q(P)`` of the vertices `rows` (f,) to X (count, f, 3)."""
         F, start, _, kinds, scale, *_ = self._equations
         gradients(F, start, kinds, scale, P, self._G)
-        X[:] = self._G[rows].transpose(1, 0, 2)
+        gather(self._G, rows, X)
 
     def take_directions(self, X: np.ndarray, rows: np.ndarray) -> None:
-        """Take X (count, f, 3), ``L^-1 grad C_q``, for the directions of `project`."""
-        self._Z[rows] = X.transpose(1, 0, 2)
+        scatter(X, rows, self._Z)
         along(self._G, self._equations.component, self._Z, self._slope)
 
     def project(self, P: np.ndarray) -> None:
-        """Move P along the directions to where the constraints hold; the multipliers follow."""
         self._steps += 1
         policy, multiplier = self._policy, self._multiplier
         self._weight = policy.weight
@@ -240,7 +230,6 @@ class HeldConstraints:
         policy.record(failed)
 
     def restore(self, P: np.ndarray) -> bool:
-        """Move P to where the exact constraints hold; False where they are missed by more than then."""
         exact = np.isinf(self._weight)
         if not exact.any():
             return True

@@ -26,7 +26,7 @@ import numpy as np
 from numba import njit
 
 from sshade.errors import InputError
-from sshade.solver.terms import Terms, covariances
+from sshade.solver.terms import Terms
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class StrainSoftening:
 
 
 class SoftenedTriangles:
-    """The triangles of one solve, with energies in place of the quadratic ones, majorised by weighted ones.
+    """The triangles of one solve; a :class:`sshade.solver.arap.Softening`.
 
     Attributes
     ----------
@@ -91,21 +91,34 @@ class SoftenedTriangles:
         self.weight = np.ones(len(rest))
 
     def covariances(self, own: slice, P: np.ndarray, S: np.ndarray, first: int, end: int) -> float:
-        """As :func:`sshade.solver.terms.covariances` of the triangles `own`, each with its weight; 0."""
-        corners, Y, H = self._terms.part(own)
-        covariances(Terms(corners, self.weight[own, None, None] * Y, H), P, S, first, end)
+        corners, Y, _ = self._terms.part(own)
+        _weighted_covariances(corners, Y, self.weight[own], P, S, first, end)
         return 0.0
 
     def energy(self, own: slice, P: np.ndarray, R: np.ndarray) -> float:
-        """Energy of the triangles `own`, whose weights are renewed."""
         c, e = self._softening.stiffness, self._softening.strain
         return _weigh(*self._terms.part(own), self._rest[own], P, R, c, e, self.weight[own])
 
     def right_hand_side(
         self, own: slice, P: np.ndarray, R: np.ndarray, B: np.ndarray, first: int, end: int
     ) -> None:
-        """As :func:`sshade.solver.terms.right_hand_side` of the triangles `own`, each with its weight."""
         _weighted_right_hand_side(*self._terms.part(own), self.weight[own], P, R, B, first, end)
+
+
+@njit(cache=True, nogil=True)
+def _weighted_covariances(corners, Y, weight, P, S, first, end):
+    S[first:end] = 0.0
+    for t in range(len(corners)):
+        i, j, k = corners[t, 0], corners[t, 1], corners[t, 2]
+        ax, ay, az = P[i, 0] - P[k, 0], P[i, 1] - P[k, 1], P[i, 2] - P[k, 2]
+        bx, by, bz = P[j, 0] - P[k, 0], P[j, 1] - P[k, 1], P[j, 2] - P[k, 2]
+        for c in (i, j, k):
+            if first <= c < end:
+                for r in range(3):
+                    y, z = weight[t] * Y[t, 0, r], weight[t] * Y[t, 1, r]
+                    S[c, 3 * r] += y * ax + z * bx
+                    S[c, 3 * r + 1] += y * ay + z * by
+                    S[c, 3 * r + 2] += y * az + z * bz
 
 
 @njit(cache=True, nogil=True)
