@@ -1,0 +1,35 @@
+"""The halves of the benchmark."""
+
+from __future__ import annotations
+
+import pytest
+
+from eval.rows.splits import HELD_OUT, TUNING, split_of
+from sshade.errors import InputError
+
+OLD, NEW = range(1, 5), range(5, 11)
+
+
+def test_old_poses_and_the_first_five_bodies_are_for_tuning():
+    body = "defaust-synthetic/subject_{:02d}/pose_{}".format
+    assert {split_of(body(s, p)) for s in range(10) for p in OLD} == {TUNING}
+    assert {split_of(body(s, p)) for s in range(5) for p in NEW} == {TUNING}
+
+
+def test_new_poses_of_the_last_five_bodies_are_held_out():
+    cases = [f"defaust-synthetic/subject_{s:02d}/pose_{p}" for s in range(5, 10) for p in NEW]
+    assert {split_of(case) for case in cases} == {HELD_OUT}
+
+
+def test_of_the_shapes_plane_and_cylinder_are_for_tuning_bar_and_cactus_held_out():
+    halves = [split_of(f"defaust-shapes/subject_0{k}/pose_1") for k in range(4)]
+    assert halves == [TUNING, TUNING, HELD_OUT, HELD_OUT]
+
+
+def test_a_case_of_a_readers_own_belongs_to_neither():
+    assert split_of("mine/pose") is None
+
+
+def test_a_case_in_both_halves_is_refused():
+    with pytest.raises(InputError, match="both halves"):
+        split_of("a/b", {TUNING: ["a/*"], HELD_OUT: ["*/b"]})
