@@ -19,7 +19,7 @@ BASES  := $(SIZES:%=data/bench/%)
 
 # Experiments conf/experiment/ablation_*; those over a number are drawn too.
 ABLATIONS := $(addprefix ablation_,samplings vertices projection touching handles function frames coarse)
-CURVES    := --metric volume area edge angle time
+CURVES    := --metric volume area edge angle
 TRANSFERS := isometric_quick pose_transfer_quick isometric pose_transfer
 
 .PHONY: tables test ci-benchmark bench robustness ablations transfers clean

@@ -1,9 +1,8 @@
 """Charts of an experiment: ``sshade-eval charts [ROWS ...]``, needs the extra ``figures``.
 
-For each metric how it is distributed over the runs of each method, the time
-against the number of vertices, and the curves that iterative methods left. Made
-from rows and run folders; no method is run. One file a chart, for a paper:
-out/figures/<experiment>/<chart>.svg.
+For each metric how it is distributed over the runs of each method, and the
+curves that iterative methods left. Made from rows and run folders; no method is
+run. One file a chart, for a paper: out/figures/<experiment>/<chart>.svg.
 """
 
 from __future__ import annotations
@@ -17,12 +16,10 @@ import pandas as pd
 
 from eval.metrics import METRICS
 from eval.publish.columns import reference_rows
-from eval.publish.plotting import FIGURES, SUFFIXES, axis_label, look, new_figure, plot_points, save, style
-from eval.publish.summary import check_times
+from eval.publish.plotting import FIGURES, SUFFIXES, axis_label, look, new_figure, save, style
 from eval.rows.experiment import Experiment, read_experiments
 from eval.rows.frame import method_names, numbers, records, split_label, valid
 from eval.rows.store import ROWS_HELP
-from sshade.errors import InputError
 from sshade.figures import require_extra
 
 if TYPE_CHECKING:
@@ -44,20 +41,18 @@ BOX = {"color": "#999999", "linewidth": 0.8}
 
 def charts(experiment: Experiment) -> dict[str, Figure]:
     """Every chart that the rows and runs have something for, by name."""
-    return {**distributions(experiment.rows), **times(experiment.rows), **convergence(experiment)}
+    return {**distributions(experiment.rows), **convergence(experiment)}
 
 
 def distributions(rows: pd.DataFrame) -> dict[str, Figure]:
-    """A chart for each metric, and for time and memory, that is not the same in every run.
+    """A chart for each metric, and for memory, that is not the same in every run.
 
     Every run is a dot; the box spans the quartiles, its line is the median and
     its whiskers reach the last runs within 1.5 boxes. References are left out.
     """
     rows = rows[~reference_rows(rows)]
     measures = {f"metric.{name}": (name, metric.unit) for name, metric in METRICS.items()}
-    measures |= {"seconds.total": ("time", "s"), "peak_mib": ("memory", "MiB")}
-    if not _comparable(rows):
-        del measures["seconds.total"]
+    measures["peak_mib"] = ("memory", "MiB")
     results = valid(rows)
     found = {}
     for column, (name, unit) in measures.items():
@@ -120,48 +115,6 @@ def _scale(axes: Axes, numbers: np.ndarray) -> None:
     axes.grid(axis="x", alpha=0.3)
 
 
-def times(rows: pd.DataFrame) -> dict[str, Figure]:
-    """Time against vertices; none where times do not compare.
-
-    A point is the mean over the runs of a method at a size, to two digits of it.
-    References are left out.
-    """
-    rows = rows[~reference_rows(rows)]
-    families = _families(rows)
-    runs = pd.DataFrame(
-        {
-            "family": rows["method.name"].map(families),
-            "vertices": numbers(rows, "task.vertices"),
-            "seconds": numbers(valid(rows), "seconds.total"),  # NaN where there is no result
-        }
-    )
-    runs = runs[runs["seconds"] > 0]
-    if runs.empty or not _comparable(rows):
-        return {}
-    means = runs.groupby(["family", runs["vertices"].map("{:.1e}".format)])[["vertices", "seconds"]].mean()
-    points = {
-        family: sorted(means.loc[family].itertuples(index=False, name=None))
-        for family in dict.fromkeys(families.values())
-        if family in means.index
-    }
-    return {"time_vertices": _times(points, looks=look(dict.fromkeys(families.values())))}
-
-
-@style()
-def _times(points: dict[str, list[tuple[float, float]]], *, looks: dict) -> Figure:
-    figure, axes = _with_legend_below(len(points))
-    plot_points(axes, points, looks)
-    axes.set(xscale="log", yscale="log", xlabel="vertices", title="time (s) against vertices")
-    low, high = axes.dataLim.intervalx
-    if high < 3 * low:  # no power of ten would be seen
-        axes.set_xlim(low / 2, high * 2)
-        axes.set_xticks([low] if high < 1.1 * low else [low, high])
-        axes.minorticks_off()
-        axes.xaxis.set_major_formatter("{x:,.0f}")
-    figure.legend(loc="outside lower center", ncols=3)
-    return figure
-
-
 def _with_legend_below(methods: int) -> tuple[Figure, Axes]:
     """A figure with one panel, and room for a legend in three columns below it."""
     figure = new_figure(WIDTH, 2.6 + 0.16 * ((methods + 2) // 3))
@@ -215,15 +168,6 @@ def _curves(title: str, lines: list[tuple[str, np.ndarray]], *, looks: dict) -> 
     axes.set(xlabel="step", title=title)
     figure.legend(loc="outside lower center", ncols=3)
     return figure
-
-
-def _comparable(rows: pd.DataFrame) -> bool:
-    """Whether the rows' times may stand in one chart."""
-    try:
-        check_times(rows)
-    except InputError:
-        return False
-    return True
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

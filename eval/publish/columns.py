@@ -7,13 +7,20 @@ from dataclasses import dataclass, replace
 import pandas as pd
 
 from eval.rows.frame import distinct, numbers
-from eval.rows.store import TRANSFER
+from eval.rows.store import TRANSFER, VALID
 
 #: Functions that are no methods, whatever their label, and what tables say of them.
 REFERENCES = {
     "baselines.identity.identity": "no method but what doing nothing costs: the rest shape with its handles "
     "on their targets. It takes part in no ranking."
 }
+
+
+#: Mean distance of handles to their targets, in percent of the diagonal, up to which a result reaches them.
+REACHED = 0.1
+
+#: The column of :func:`with_success`, which no run has.
+SUCCESS = "success"
 
 
 @dataclass(frozen=True)
@@ -35,6 +42,8 @@ class Column:
         What it says, where it is no metric.
     scientific : bool
         Printed with a power of ten.
+    hidden : bool
+        Stands in the second table, of what means hide; left out where no row has a value.
     """
 
     heading: str
@@ -45,20 +54,16 @@ class Column:
     optional: bool = False
     legend: str = ""
     scientific: bool = False
+    hidden: bool = False
 
     @property
     def label(self) -> str:
         """The heading with its unit."""
         return f"{self.heading} ({self.unit})" if self.unit else self.heading
 
-    def text(self, mean: float) -> str:
-        """The number as printed; times keep three digits, from milliseconds to hours."""
-        if self.scientific:
-            return f"{mean:.{self.decimals}e}"
-        decimals = self.decimals
-        if self.unit == "s":
-            decimals = next((d for bound, d in ((100, 0), (10, 1), (1, 2)) if mean >= bound), 3)
-        return f"{mean:.{decimals}f}"
+    def text(self, value: float) -> str:
+        """The number as printed."""
+        return f"{value:.{self.decimals}{'e' if self.scientific else 'f'}}"
 
 
 COLUMNS = (
@@ -78,7 +83,28 @@ COLUMNS = (
         legend="vertices carried by a proxy triangle more than 2 covering radii away along the proxy",
     ),
     Column("iterations", "", "iterations", 0, ranked=False),
-    Column("time", "s", "seconds.total", 2),
+    Column("truth", "%", "metric.truth_distance", 2, hidden=True),
+    Column("truth 95", "%", "metric.truth_distance_95", 2, hidden=True),
+    Column("normal", "deg", "metric.truth_normal", 2, hidden=True),
+    Column("D", "", "metric.distortion", 4, hidden=True),
+    Column("D 95", "", "metric.distortion_95", 3, hidden=True),
+    Column("D 99", "", "metric.distortion_99", 3, hidden=True),
+    Column("D max", "", "metric.distortion_max", 1, hidden=True),
+    Column("collapsed", "", "metric.collapsed", 1, hidden=True),
+    Column("bend", "deg", "metric.bend", 2, hidden=True),
+    Column("bend 99.9", "deg", "metric.bend_tail", 1, hidden=True),
+    Column("detail", "deg", "metric.detail", 2, hidden=True),
+    Column("spike", "deg", "metric.spike", 1, hidden=True),
+    Column(
+        "success",
+        "%",
+        SUCCESS,
+        1,
+        ranked=False,
+        hidden=True,
+        legend=f"planned runs with a result whose handles are on average within {REACHED:g} % of the "
+        "diagonal of their targets",
+    ),
 )
 
 #: Of pose transfers with a known truth.
@@ -88,20 +114,36 @@ TRANSFER_COLUMNS = (
     Column("distance", "%", "metric.truth_distance", 4),
     Column("EL to truth", "%", "metric.truth_edge", 3),
     Column("FA to truth", "deg", "metric.truth_angle", 3),
-    Column("time", "s", "seconds.total", 2),
+    Column("distance 95", "%", "metric.truth_distance_95", 4, hidden=True),
+    Column("normal", "deg", "metric.truth_normal", 3, hidden=True),
 )
 
 
 def columns_of(rows: pd.DataFrame) -> tuple[Column, ...]:
-    """The columns of deformations by handles, or of pose transfers."""
-    if not are_transfers(rows):
-        return COLUMNS
-    if numbers(rows, "metric.hausdorff").notna().any():
-        return TRANSFER_COLUMNS
-    # Without a truth there is what changed against the rest shape, some of which is the pose's own doing.
-    return tuple(
-        replace(c, ranked=c.unit == "s") for c in COLUMNS if c.source not in ("metric.handle", "iterations")
-    )
+    """The columns of deformations by handles, or of pose transfers, that the rows have numbers for."""
+    columns = COLUMNS
+    if are_transfers(rows):
+        columns = TRANSFER_COLUMNS
+        if numbers(rows, "metric.hausdorff").isna().all():
+            # Without a truth there is what changed against the rest shape, some of it the pose's own doing.
+            columns = tuple(
+                replace(column, ranked=False)
+                for column in COLUMNS
+                if not column.hidden and column.source not in ("metric.handle", "iterations")
+            )
+    return tuple(column for column in columns if _is_shown(column, numbers(rows, column.source)))
+
+
+def _is_shown(column: Column, values: pd.Series) -> bool:
+    if column.hidden:
+        return values.notna().any()
+    return not column.optional or values.fillna(0).any()
+
+
+def with_success(rows: pd.DataFrame) -> pd.DataFrame:
+    """Rows with a column :data:`SUCCESS`: 100 where the run has a result that reaches its handles, else 0."""
+    reached = rows["status"].isin(VALID) & (numbers(rows, "metric.handle") <= REACHED)
+    return rows.assign(**{SUCCESS: 100.0 * reached})
 
 
 def are_transfers(rows: pd.DataFrame) -> bool:

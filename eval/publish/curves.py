@@ -30,7 +30,6 @@ Curves = dict[str, list[tuple[float, float]]]
 
 #: What can be drawn -> the row's column and its unit.
 DRAWN = {name: (f"metric.{name}", metric.unit) for name, metric in METRICS.items()}
-DRAWN["time"] = ("seconds.total", "s")
 
 
 def curves(rows: pd.DataFrame, metric: str = "volume", *, over: str = "task.vertices") -> Curves:

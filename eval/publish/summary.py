@@ -1,4 +1,4 @@
-"""From rows to the numbers of a table: one line a method, means over its valid runs."""
+"""From rows to the numbers of a table: one line a method, means over the cases that all methods have."""
 
 from __future__ import annotations
 
@@ -7,13 +7,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from eval.metrics import METRICS
-from eval.publish.columns import REFERENCES, Column, are_transfers, columns_of, reference_rows
-from eval.rows.frame import CASE, distinct, method_names, method_order, newest, numbers, valid
+from eval.publish.columns import SUCCESS, Column, are_transfers, columns_of, with_success
+from eval.publish.comparison import Comparison, compare, means
+from eval.publish.notes import case_notes, common_notes, version_notes
+from eval.rows.frame import CASE, distinct, method_names, newest
+from eval.rows.splits import HELD_OUT, TUNING, split_of
+from eval.rows.store import VALID
 from sshade.errors import InputError
 
-#: Fewer cases than this have no table of the worst and the best of them.
+#: Fewer common cases than this have no table of the worst and the best of them.
 LEAST_CASES = 4
+
+MIXED_HELP = "accept rows of several versions of the code, with a warning"
+
+#: The second table of a title.
+HIDDEN = "what means hide"
+
+#: The halves of the benchmark as titles say them, the first that there is for the headline; None for others.
+HALVES = {HELD_OUT: "held-out cases", TUNING: "tuning cases", None: "cases of neither half"}
 
 
 @dataclass(frozen=True)
@@ -24,85 +35,117 @@ class Table:
     ----------
     title : str
     columns : tuple of Column
+        Of the paper's table and of the second one.
     lines : DataFrame
-        By method: ``runs`` and, with a result, ``valid``; ``converged``, "5/8" met the stopping
-        rule, "-" for methods without one; ``outcome``, ok or why there is no result;
-        ``competes``, whether it has a result for every case and is no reference.
+        By method: ``runs`` that were planned and, with a result, ``valid``; ``cases``, how many the
+        means are over; ``converged``, "5/8" of those runs met the stopping rule, "-" for methods
+        without one; ``outcome``, why there are no means, or nothing; ``competes``, whether it has
+        means and is no reference.
     means : DataFrame
-        By method and heading, over the valid runs; NaN where one of them lacks the number.
+        By method and heading, over the common cases; NaN where one of them lacks the number.
+    spread : DataFrame
+        By method and heading: standard deviation of the mean over seeds, NaN without a second seed.
     notes : list of str
     parts : tuple of Table
+    label : str
+        Which half of the benchmark the cases are of; empty where they are of neither.
     """
 
     title: str
     columns: tuple[Column, ...]
     lines: pd.DataFrame
     means: pd.DataFrame
+    spread: pd.DataFrame
     notes: list[str]
     parts: tuple[Table, ...] = ()
+    label: str = ""
+
+    @property
+    def views(self) -> list[tuple[str, tuple[Column, ...]]]:
+        """The tables to print, by heading: the paper's columns, and those of what means hide."""
+        sides = {
+            f"{self.title}: {self.label}" if self.label else self.title: False,
+            f"{self.title}: {HIDDEN}": True,
+        }
+        views = [
+            (name, tuple(c for c in self.columns if c.hidden == hidden)) for name, hidden in sides.items()
+        ]
+        return [(heading, columns) for heading, columns in views if columns]
 
 
-def make_table(rows: pd.DataFrame, *, title: str, with_time: bool = True) -> Table:
-    """Gather rows into a table.
+def make_table(rows: pd.DataFrame, *, title: str, mixed: bool = False) -> Table:
+    """Gather rows into a table; of equal runs on several machines the latest one counts.
 
     Parameters
     ----------
     rows : DataFrame
         Of one experiment; a method's rows must come from one configuration.
     title : str
-    with_time : bool
-        False leaves the times out, which is the way to join rows of several machines:
-        of equal runs on several machines the latest one counts.
+    mixed : bool
+        Accept rows of several versions of the code, with a warning among the notes.
 
     Raises
     ------
     InputError
-        When rows are of several datasets, a method's rows have different
-        configurations, or times come from different machines or from runs that
-        shared a machine.
+        When no run has begun, when rows are of several datasets or versions, or a
+        method's rows have different configurations or repeat a run.
     """
-    if with_time:
-        check_times(rows)
-    else:
-        rows = newest(rows, across_machines=True)
+    if rows["status"].eq("missing").all():
+        raise InputError(
+            f"none of the {len(rows)} runs that were planned has begun, so there is no table of them"
+        )
+    rows = newest(rows, across_machines=True)
     _check_one_experiment(rows)
-    columns = tuple(
-        column
-        for column in columns_of(rows)
-        if (with_time or column.unit != "s")
-        and (not column.optional or numbers(rows, column.source).fillna(0).any())
-    )
-    parts = tuple(Table(name, columns, *_lines(part, columns), []) for name, part in _parts(rows).items())
-    lines, means = _lines(rows, columns)
-    parts += contest(rows, lines, columns)
-    return Table(title, columns, lines, means, _notes(rows, columns=columns), parts)
+    versions = version_notes(rows, mixed=mixed)
+    if not are_transfers(rows):
+        rows = with_success(rows)
+    columns = columns_of(rows)
+    splits = rows["task.name"].map(split_of)
+    of_half = {half: rows[splits.isna() if half is None else splits == half] for half in HALVES}
+    (half, first), *others = [(half, own) for half, own in of_half.items() if len(own)]
+    comparison = compare(first, columns)
+    parts = [
+        _table(name, columns, part, compare(part, columns))
+        for name, part in _parts(first[first["task.name"].isin(comparison.common)]).items()
+    ]
+    parts += [] if are_transfers(rows) else contest(comparison, first, columns)
+    for other, own in others:
+        of_other = compare(own, columns)
+        notes = case_notes(own, of_other, half=other)
+        parts.append(_table(HALVES[other], columns, own, of_other, notes=notes))
+    notes = [*case_notes(first, comparison, half=half), *versions, *common_notes(rows, columns=columns)]
+    label = HALVES[half] if half or others else ""
+    return _table(title, columns, first, comparison, notes=notes, parts=tuple(parts), label=label)
 
 
-def contest(rows: pd.DataFrame, lines: pd.DataFrame, columns: tuple[Column, ...]) -> tuple[Table, ...]:
+def contest(comparison: Comparison, rows: pd.DataFrame, columns: tuple[Column, ...]) -> list[Table]:
     """Of deformations of several cases: each method's worst case, and in how many it is the best.
 
     The best of a case are those that none prints a lower number than. Only
-    methods with a result for every case compete; references do not.
+    methods with means compete; references do not.
     """
-    competing = lines[lines["competes"]]
-    cases = len(rows[CASE].drop_duplicates())
-    if are_transfers(rows) or cases < LEAST_CASES or len(competing) < 2:
-        return ()
-    results = valid(rows).set_index([*CASE, "method.name"])
+    methods, cases = comparison.ranked, len(comparison.common)
+    if cases < LEAST_CASES or len(methods) < 2:
+        return []
+    columns = tuple(column for column in columns if column.source != SUCCESS)
     worst, won = {}, {}
     for column in columns:
-        value = numbers(results, column.source).unstack("method.name")[competing.index]
+        value = comparison.values[column.heading].unstack("method.name")[methods]
         usable = not value.isna().any(axis=None)
         worst[column.heading] = value.max() if usable else np.nan
-        won[column.heading] = np.nan
-        if usable and column.ranked:
+        if column.ranked:
             printed = value.map(column.text).astype(float)
-            won[column.heading] = printed.eq(printed.min(axis=1), axis=0).sum()
-    counts = tuple(replace(column, unit="", decimals=0, ranked=False, scientific=False) for column in columns)
-    return (
-        Table("worst case", columns, competing, pd.DataFrame(worst, competing.index), []),
-        Table(f"cases won, of {cases}", counts, competing, pd.DataFrame(won, competing.index), []),
-    )
+            best = printed.eq(printed.min(axis=1), axis=0).sum()
+            won[column.heading] = best if usable else np.nan
+    counts = [replace(c, unit="", decimals=0, ranked=False, scientific=False) for c in columns if c.ranked]
+    lines = _lines(rows, comparison).loc[methods]
+    return [
+        Table(title, tuple(own), lines, numbers_of, numbers_of * np.nan, [])
+        for title, own, numbers_of in (
+            ("worst case", columns, pd.DataFrame(worst, methods)),
+            (f"cases won, of {cases}", counts, pd.DataFrame(won, methods)),
+        )
+    ]
 
 
 def _parts(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
@@ -124,21 +167,37 @@ def _parts(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     return parts
 
 
-def _lines(rows: pd.DataFrame, columns: tuple[Column, ...]) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """The lines and the means of a :class:`Table`."""
+def _table(
+    title: str,
+    columns: tuple[Column, ...],
+    rows: pd.DataFrame,
+    comparison: Comparison,
+    *,
+    notes: list[str] | None = None,
+    parts: tuple[Table, ...] = (),
+    label: str = "",
+) -> Table:
+    """A table of rows and of what they are compared by."""
+    lines = _lines(rows, comparison)
+    values = means(comparison.values, "method.name").reindex(lines.index)
+    if SUCCESS in rows:  # a share of what was planned, whatever is common
+        values[SUCCESS] = rows.groupby("method.name")[SUCCESS].mean()
+    spread = comparison.spread.drop(columns=SUCCESS, errors="ignore").reindex(index=lines.index)
+    return Table(title, columns, lines, values, spread, notes or [], parts, label)
+
+
+def _lines(rows: pd.DataFrame, comparison: Comparison) -> pd.DataFrame:
+    """The lines of a :class:`Table`."""
     methods = method_names(rows)
-    results = valid(rows)
-    means = pd.DataFrame({column.heading: numbers(results, column.source) for column in columns})
-    means = means.groupby(results["method.name"]).agg(lambda values: values.mean(skipna=False))
-    own = rows.groupby("method.name")
-    lines = pd.DataFrame({"runs": own.size(), "outcome": own["status"].first()}).loc[methods]
-    of_results = results.groupby("method.name")
-    lines["valid"] = of_results.size().reindex(methods, fill_value=0)
-    lines["converged"] = of_results["converged"].agg(_share).reindex(methods, fill_value="-")
-    every = len(rows[CASE].drop_duplicates())
-    references = rows["method.name"][reference_rows(rows)]
-    lines["competes"] = (lines["valid"] == every) & ~lines.index.isin(references)
-    return lines, means.reindex(methods)
+    own = rows.groupby("method.name")["status"]
+    lines = pd.DataFrame({"runs": own.size(), "valid": own.agg(lambda status: status.isin(VALID).sum())})
+    lines["cases"] = [len(comparison.common) * (name in comparison.compared) for name in lines.index]
+    lines["converged"] = comparison.runs.groupby("method.name")["converged"].agg(_share)
+    lost = rows[~rows["status"].isin(VALID)].groupby("method.name")["status"]
+    lines["outcome"] = lost.agg(lambda status: status.mode()[0])
+    lines = lines.fillna({"converged": "-", "outcome": "too few"})
+    lines["competes"] = lines.index.isin(comparison.ranked)
+    return lines.loc[methods]
 
 
 def _share(converged: pd.Series) -> str:
@@ -150,7 +209,7 @@ def _share(converged: pd.Series) -> str:
 def ranks(table: Table, column: Column) -> dict[str, int]:
     """Method -> 1 (best) or 2 (second best), by the printed numbers, so that equal ones share a rank.
 
-    Only methods with a result for every case compete; references do not.
+    Only methods with means compete; references do not.
     """
     if not column.ranked:
         return {}
@@ -180,66 +239,3 @@ def _check_one_experiment(rows: pd.DataFrame) -> None:
             f"method {name!r} has several rows for {task}, seed {seed} (two resolutions, or two copies of "
             "the dataset?): collect them as experiments of their own, or remove the old runs"
         )
-
-
-def check_times(rows: pd.DataFrame) -> None:
-    """Raise InputError unless the times of the rows compare: one machine, one run at a time."""
-    timed = valid(rows)
-    machines = distinct(timed, "env.machine")
-    if len(machines) > 1:
-        raise InputError(
-            f"the rows come from {len(machines)} machines ({'; '.join(machines)}), whose times do not "
-            "compare: make one table for each with --machine, or leave the times out with --no-time"
-        )
-    shared = timed["env.concurrent"].eq(True).sum()
-    if shared:
-        raise InputError(
-            f"{shared} of {len(timed)} rows come from runs that shared the machine with others, "
-            "so their times do not compare: run them one at a time, or leave the times out with --no-time"
-        )
-
-
-def _notes(rows: pd.DataFrame, *, columns: tuple[Column, ...]) -> list[str]:
-    """Cases, the dataset's note, machine, failures, the methods' own notes and legend."""
-    cases, sizes = rows["task.name"].nunique(), rows["task.vertices"]
-    size = " to ".join(f"{n:,}" for n in sorted({sizes.min(), sizes.max()}))
-    notes = [f"{cases} case{'s' * (cases > 1)} of {size} vertices; means over the runs with a result."]
-    notes += [f"{note}." for note in distinct(rows, "task.meta.note")]
-    notes += [f"Machine: {'; '.join(distinct(rows, 'env.machine'))}.", *_load(rows)]
-    for status in ("failed", "timeout", "skipped"):
-        for name, own in rows[rows["status"] == status].groupby("method.name"):
-            notes.append(f"{name}: {len(own)} {status} ({own['reason'].fillna('').min()})")
-    notes += _method_notes(rows)
-    posed_by = distinct(rows, "task.meta.posed_by")
-    notes += [f"The poses come from {', '.join(posed_by)}."] if posed_by else []
-    marks = "Best in bold, second best underlined, among methods with a result for every case."
-    if any(column.source == "iterations" for column in columns):
-        marks += " In brackets after the iterations: runs that converged; the others stopped at the cutoff."
-    metrics = {f"metric.{name}": metric.equation for name, metric in METRICS.items()}
-    said = {column.heading: column.legend or metrics.get(column.source) for column in columns}
-    legend = "; ".join(f"{heading}: {text}" for heading, text in said.items() if text)
-    ranked = any(column.ranked and column.unit != "s" for column in columns)
-    end = "Lower is better" if ranked else "The pose changes these by itself, and no truth says by how much"
-    return [*notes, marks, f"{legend}. {end}."]
-
-
-def _load(rows: pd.DataFrame) -> list[str]:
-    """A warning where other work was on the machine: the load average at a run's start exceeds its cores."""
-    load, cores = numbers(rows, "env.load"), numbers(rows, "env.cores")
-    crowded = load > cores
-    if not crowded.any():
-        return []
-    return [
-        f"Times are loose: {crowded.sum()} of {len(rows)} runs began under a load of more than one process "
-        f"a core, up to {load[crowded].max():g} on {cores[crowded].iloc[0]:g} cores."
-    ]
-
-
-def _method_notes(rows: pd.DataFrame) -> list[str]:
-    """The notes of methods' configurations, and those on references."""
-    facts = rows.reindex(columns=["method.name", "method.note", "method.target"])
-    own = facts[["method.name", "method.note"]].replace("", None)
-    reference = facts.assign(**{"method.note": facts["method.target"].map(REFERENCES)})
-    notes = pd.concat([own, reference[own.columns]]).dropna().drop_duplicates()
-    pairs = sorted(notes.to_numpy().tolist(), key=lambda pair: (method_order(pair[0]), pair[1]))
-    return [f"{name}: {note}" for name, note in pairs]

@@ -37,7 +37,10 @@ def row(method: str = "a", task: str = "t1", **changes: Any) -> Row:
         "metric.handle": 0.0,
         "seconds.total": 5.0,
         "env.machine": "box",
-        "env.concurrent": False,
+        "env.commit": "abcdef0123456789",
+        "env.modified": False,
+        "env.version.code": "c0dec0dec0dec0de",
+        "env.version.metrics": "3e753e753e753e75",
     }
     return {**values, **{name.replace("__", "."): value for name, value in changes.items()}}
 
@@ -45,6 +48,17 @@ def row(method: str = "a", task: str = "t1", **changes: Any) -> Row:
 def lost(method: str, task: str = "t1", *, status: str = "failed", reason: str = "ValueError: no") -> Row:
     """A row of a run without a result."""
     return row(method, task, status=status, reason=reason) | NOTHING
+
+
+def planned(method: str, task: str = "t1", *, seed: int = 0) -> Row:
+    """A row of a run that was planned and never begun: it has nothing else."""
+    return {
+        "method.name": method,
+        "task.name": task,
+        "seed": seed,
+        "status": "missing",
+        "reason": "planned, never run",
+    }
 
 
 def frame(*rows: Row) -> pd.DataFrame:

@@ -88,7 +88,6 @@ TABLE = {
     "no dates": (_cells("date", ""), "it has no date"),
 }
 OPTIONS = {
-    "tables tiny --machine abacus": ("'abacus'",),
     "tables tiny -o body.ply": ("body.ply: the folder cannot be made",),
     "tables tiny nosuch -o t": ("nosuch.csv: no such file",),
     "curves tiny --metric beauty": ("no metric 'beauty'",),

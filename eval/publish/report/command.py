@@ -10,6 +10,7 @@ import argparse
 from pathlib import Path
 
 from eval.publish.plotting import add_camera, camera
+from eval.publish.summary import MIXED_HELP
 from eval.rows.experiment import read_experiments
 from eval.rows.store import ROWS_HELP
 from sshade.cli.console import progress_bar
@@ -25,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--runs", nargs="+", type=Path, default=[], metavar="FOLDER", help=runs)
     cases = "task names to show in pictures and in 3D (default: all in pictures, three in 3D)"
     parser.add_argument("--cases", nargs="+", default=[], metavar="TASK", help=cases)
+    parser.add_argument("--mixed", action="store_true", help=MIXED_HELP)
     add_camera(parser)
 
 
@@ -35,7 +37,9 @@ def command(options: argparse.Namespace) -> int:
 
     experiments = read_experiments(options.rows, runs=options.runs)
     with progress_bar() as progress:
-        text = write_page(experiments, cases=options.cases, **camera(options), progress=progress)
+        text = write_page(
+            experiments, cases=options.cases, mixed=options.mixed, **camera(options), progress=progress
+        )
     make_folder(options.out.parent)
     with replacing(options.out) as temporary:
         temporary.write_text(text, encoding="utf-8")

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from eval.publish.charts import convergence, distributions, times
+from eval.publish.charts import convergence, distributions
+from eval.publish.columns import SUCCESS, Column
 from eval.publish.plotting import to_svg
 from eval.publish.report.cases import Case, show_case
-from eval.publish.summary import Column, Table, make_table
+from eval.publish.summary import Table, make_table
 from eval.publish.tables import cells
 from eval.rows.experiment import Experiment
 from eval.rows.frame import distinct, method_names, numbers, records, valid
@@ -33,7 +34,6 @@ FACTS = {
     "env.numba_threads": "threads of numba",
     "env.omp_num_threads": "threads of OpenMP",
     "env.jobs": "runs at once",
-    "env.load": "load at the start",
 }
 
 
@@ -41,6 +41,7 @@ def write_page(
     experiments: list[Experiment],
     *,
     cases: list[str],
+    mixed: bool = False,
     towards: np.ndarray,
     up: np.ndarray,
     progress: Progress = silent,
@@ -53,6 +54,8 @@ def write_page(
     cases : list of str
         Names of tasks to show; empty: every case in pictures, and of each
         experiment three in the 3D view.
+    mixed : bool
+        Accept rows of several versions of the code, with a warning.
     towards, up : (3,) float64
         From the scene to the camera, and the upright direction.
     progress : Progress
@@ -68,7 +71,7 @@ def write_page(
     if unknown:
         raise InputError(f"there is no case {unknown[0]!r}; there are {', '.join(sorted(known))}")
     sections = [
-        _section(experiment, cases=cases, towards=towards, up=up, progress=progress)
+        _section(experiment, cases=cases, mixed=mixed, towards=towards, up=up, progress=progress)
         for experiment in experiments
     ]
     views = [
@@ -81,7 +84,6 @@ def write_page(
         sections=sections,
         views=[{name: value for name, value in view.items() if name != "data"} for view in views],
         data=[view["data"] for view in views],
-        overview=_charts(times(every)) if len(experiments) > 1 else {},
         camera={"towards": list(towards), "up": list(up)},
         ramp=_ramp(),
         style=_text("style.css"),
@@ -93,11 +95,18 @@ def write_page(
 
 
 def _section(
-    experiment: Experiment, *, cases: list[str], towards: np.ndarray, up: np.ndarray, progress: Progress
+    experiment: Experiment,
+    *,
+    cases: list[str],
+    mixed: bool,
+    towards: np.ndarray,
+    up: np.ndarray,
+    progress: Progress,
 ) -> dict[str, Any]:
     """An experiment as the template needs it."""
     rows = experiment.rows
-    table, refusal = _table(experiment)
+    begun = rows[rows["method.hash"].notna()]  # what was only planned has neither settings nor versions
+    table = make_table(rows, title=experiment.name, mixed=mixed)
     groups = [group for group in experiment.cases() if not cases or group[0]["task.name"] in cases]
     turnable = set(range(len(groups)))
     if not cases:
@@ -107,41 +116,40 @@ def _section(
         progress(experiment.name, i, len(groups), group[0]["task.name"])
         shown.append(show_case(experiment, group, towards=towards, up=up, turnable=i in turnable))
     progress(experiment.name, len(groups), len(groups))
+    measured = [column for column in table.columns if column.source != SUCCESS]
     slug = re.sub(r"[^a-z0-9]+", "-", experiment.name.lower())
     return {
         "name": experiment.name,
         "slug": slug,
-        "table": table,
-        "body": _body(table),
-        "parts": [(part.title, _body(part)) for part in table.parts],
-        "refusal": refusal,
-        "charts": _charts(distributions(rows) | times(rows)),
+        "views": _views(table),
+        "notes": table.notes,
+        "parts": [{"title": part.title, "views": _views(part), "notes": part.notes} for part in table.parts],
+        "charts": _charts(distributions(rows)),
         "curves": _charts(convergence(experiment)),
         "convergence": _convergence(experiment),
         "cases": shown,
-        "numbers": [_numbers(case, table.columns) for case in shown],
-        "columns": table.columns,
+        "numbers": [_numbers(case, measured) for case in shown],
+        "measures": [column.label for column in measured],
         "failures": records(rows.drop(valid(rows).index)),
-        "configurations": [(method, _configuration(rows, method)) for method in experiment.methods],
-        "facts": _facts(rows),
+        "configurations": [(method, _configuration(rows, method)) for method in method_names(begun)],
+        "facts": _facts(begun),
     }
 
 
-def _table(experiment: Experiment) -> tuple[Table, str]:
-    """The experiment's table; where times do not compare, one without them and the reason."""
-    try:
-        return make_table(experiment.rows, title=experiment.name), ""
-    except InputError as error:
-        # Rows that make no table at all are refused here again.
-        return make_table(experiment.rows, title=experiment.name, with_time=False), str(error)
-
-
-def _body(table: Table) -> list[list[str]]:
-    """The cells of a table as HTML."""
+def _views(table: Table) -> list[dict[str, Any]]:
+    """The tables of a :class:`Table` as headings and cells of HTML."""
     from markupsafe import escape
 
     marks = {0: "{}", 1: '<b title="best">{}</b>', 2: '<u title="second best">{}</u>'}
-    return cells(table, marks, not_available="n/a", escape=lambda text: str(escape(text)))
+    form = {"not_available": "n/a", "escape": lambda text: str(escape(text))}
+    return [
+        {
+            "title": title,
+            "labels": ["method", "runs", *(column.label for column in columns)],
+            "body": cells(table, columns, marks, **form),
+        }
+        for title, columns in table.views
+    ]
 
 
 def _charts(figures: dict[str, Any]) -> dict[str, str]:
@@ -150,7 +158,7 @@ def _charts(figures: dict[str, Any]) -> dict[str, str]:
     return {name: f"data:image/svg+xml;base64,{data.decode('ascii')}" for name, data in packed.items()}
 
 
-def _numbers(case: Case, columns: tuple[Column, ...]) -> list[list[str]]:
+def _numbers(case: Case, columns: list[Column]) -> list[list[str]]:
     """A case's numbers, method by method."""
     body = []
     for row in case.rows:
@@ -224,8 +232,8 @@ def _facts(rows: pd.DataFrame) -> list[tuple[str, str]]:
             facts.append((heading, ", ".join(map(_word, values))))
     for column in sorted(name for name in rows if name.startswith("env.version.")):
         facts.append((column.removeprefix("env.version."), ", ".join(distinct(rows, column))))
-    days = sorted({rows["date"].min()[:10], rows["date"].max()[:10]})
-    return [("dates", " to ".join(days)), *facts]
+    days = sorted({date[:10] for date in distinct(rows, "date")})
+    return [("dates", " to ".join(dict.fromkeys(days[:1] + days[-1:]))), *facts]
 
 
 def _word(value: Any) -> str:

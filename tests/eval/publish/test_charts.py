@@ -14,7 +14,7 @@ from sshade.errors import InputError
 
 pytest.importorskip("matplotlib")
 
-from eval.publish.charts import charts, convergence, distributions, times
+from eval.publish.charts import charts, convergence, distributions
 from eval.publish.plotting import new_figure, save
 
 
@@ -22,8 +22,8 @@ from eval.publish.plotting import new_figure, save
 def rows():
     return [
         row("arap", metric__volume=4.0),
-        row("arap", "t2", metric__volume=8.0, seconds__total=50.0),
-        row("sshade", metric__volume=2.0, seconds__total=0.5),
+        row("arap", "t2", metric__volume=8.0, peak_mib=50.0),
+        row("sshade", metric__volume=2.0, peak_mib=0.5),
         lost("sshade", "t2"),
     ]
 
@@ -36,7 +36,7 @@ def dots(axes):
 def test_a_distribution_shows_every_run_of_every_method(rows):
     found = distributions(frame(*rows))
     # The area is the same everywhere, and the edges were not measured.
-    assert set(found) == {"volume", "time"}
+    assert set(found) == {"volume", "memory"}
     axes = found["volume"].axes[0]
     assert dots(axes) == [[4.0, 8.0], [2.0]]
     assert [label.get_text() for label in axes.get_yticklabels()] == ["arap", "sshade"]
@@ -44,7 +44,7 @@ def test_a_distribution_shows_every_run_of_every_method(rows):
     assert axes.get_title() == "volume (%)" and axes.get_xscale() == "linear" and axes.get_xlim()[0] == 0
     medians = sorted({line.get_xdata()[0] for line in axes.lines if len(set(line.get_xdata())) == 1})
     assert 6.0 in medians and 2.0 in medians
-    assert found["time"].axes[0].get_xscale() == "log"
+    assert found["memory"].axes[0].get_xscale() == "log"
 
 
 def test_zeros_among_orders_of_magnitude_stay_visible():
@@ -58,27 +58,18 @@ def test_references_are_in_no_chart(rows):
     reference = row("nothing", method__target="baselines.identity.identity", metric__volume=1e6)
     axes = distributions(frame(*rows, reference))["volume"].axes[0]
     assert dots(axes) == [[4.0, 8.0], [2.0]]
-    (axes,) = times(frame(*rows, reference))["time_vertices"].axes
-    assert [line.get_label() for line in axes.lines] == ["arap", "sshade"]
 
 
-@pytest.mark.parametrize("change", [{"env__machine": "laptop"}, {"env__concurrent": True}])
-def test_times_that_do_not_compare_are_not_drawn(rows, change):
-    rows[0] |= {name.replace("__", "."): value for name, value in change.items()}
-    assert set(distributions(frame(*rows))) == {"volume"} and times(frame(*rows)) == {}
-
-
-def test_time_against_vertices_joins_the_sizes_of_a_method():
+def test_the_sizes_of_a_method_share_its_colour():
     rows = [
-        row("arap-2000", task__vertices=2010, seconds__total=1.0),
-        row("arap-2000", "t2", task__vertices=2030, seconds__total=3.0),
-        row("arap-9000", task__vertices=9020, seconds__total=10.0),
-        row("sshade-6000", task__vertices=2010, seconds__total=0.1),  # 6000 is no number of its vertices
+        row("arap-2000", task__vertices=2010, metric__volume=2.0),
+        row("arap-9000", task__vertices=9020),
+        row("sshade-6000", task__vertices=2010),  # 6000 is no number of its vertices
+        row("sshade-600", task__vertices=2010),
     ]
-    axes = times(frame(*rows))["time_vertices"].axes[0]
-    lines = {line.get_label(): (list(line.get_xdata()), list(line.get_ydata())) for line in axes.lines}
-    assert lines == {"arap": ([2020, 9020], [2.0, 10.0]), "sshade-6000": ([2010], [0.1])}
-    assert axes.get_xscale() == axes.get_yscale() == "log"
+    axes = distributions(frame(*rows))["volume"].axes[0]
+    colours = [tuple(part.get_facecolor()[0]) for part in axes.collections]
+    assert colours[0] == colours[1] and len(set(colours)) == 3
 
 
 def test_curves_of_the_runs_that_are_here(rows, tmp_path):

@@ -12,7 +12,7 @@ from sshade.errors import InputError
 
 
 def sized(name, vertices, volume, task="t1", status="ok"):
-    facts = {"method__samplings": vertices // 1000, "metric__area": 1.0, "seconds__total": 0.25}
+    facts = {"method__samplings": vertices // 1000, "metric__area": 1.0}
     return row(name, task, task__vertices=vertices, metric__volume=volume, status=status, **facts)
 
 
@@ -36,7 +36,6 @@ def test_means_by_method_and_size(rows):
 
 def test_another_column_can_be_the_size(rows):
     assert curves(rows, over="method.samplings") == {"arap": [(2, 1.5), (9, 7.0)], "b": [(10, 5.0)]}
-    assert curves(rows, "time", over="method.samplings")["b"] == [(10, 0.25)]
     with pytest.raises(InputError, match="has the metric volume and a number in task.name"):
         curves(rows, over="task.name")
 
@@ -44,8 +43,8 @@ def test_another_column_can_be_the_size(rows):
 def test_command_draws_a_panel_a_metric(rows, tmp_path):
     pytest.importorskip("matplotlib")
     write_csv(tmp_path / "r.csv", rows)
-    options = ["--metric", "volume", "time", "--over", "method.samplings", "-o", str(tmp_path / "c.svg")]
+    options = ["--metric", "volume", "area", "--over", "method.samplings", "-o", str(tmp_path / "c.svg")]
     assert call("curves", [str(tmp_path / "r.csv"), *options]) == 0
     text = (tmp_path / "c.svg").read_text()
-    for words in ("volume (%)", "time (s)", "samplings", "arap"):
+    for words in ("volume (%)", "area (%)", "samplings", "arap"):
         assert f"<!-- {words} -->" in text

@@ -85,7 +85,7 @@ def test_no_other_command_writes_there(project, capsys):
 
 @pytest.mark.parametrize("path", ROWS, ids=lambda path: path.stem)
 def test_committed_tables_follow_from_committed_rows(path):
-    table = make_table(read_csv(path), title=path.stem)
+    table = make_table(read_csv(path), title=path.stem, mixed=True)
     for suffix, text_of in FORMATS.items():
         assert (RESULTS / "tables" / f"{path.stem}.{suffix}").read_text() == text_of(table)
 

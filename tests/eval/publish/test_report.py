@@ -94,7 +94,10 @@ def test_tables_of_the_experiment_and_of_each_case(page, tiny):
     assert lines["arap"][:2] == ["2", f"{numbers['arap'].astype(float).mean():.2f}"]
     assert page.told("b").split() and page.told("u").split()  # the best and the second best
     assert "Machine: " in page.told("notes")
-    of_case = page.tables[2]
+    assert page.tables[1][0][:3] == ["method", "runs", "D"] and page.tables[1][0][-1] == "success (%)"
+    assert {line[0]: line[-1] for line in page.tables[1][1:]}["failing"] == "0.0"
+    assert "tiny: what means hide" in page.told("experiment")
+    of_case = page.tables[3]
     assert [line[0] for line in of_case[1:]] == ["arap", "learned", "stretching"]
     assert of_case[1][1] == f"{numbers['arap', 'bumpy_10']:.2f}"
 
@@ -108,8 +111,8 @@ def test_every_case_has_pictures(page):
 
 
 def test_convergence_failures_and_facts(page, tiny):
-    assert page.tables[1][0] == ["method", "converged", "iterations", "last residual"]  # no energies
-    convergence = {line[0]: line[1:] for line in page.tables[1][1:]}
+    assert page.tables[2][0] == ["method", "converged", "iterations", "last residual"]  # no energies
+    convergence = {line[0]: line[1:] for line in page.tables[2][1:]}
     assert convergence["arap"][:2] == ["0/2", "5 / 5 / 5"]
     failures = [line for table in page.tables for line in table if line[1:2] == ["bumpy_40"]]
     torch = "ImportError: torch is not installed; pip install sshade[torch]"
@@ -179,7 +182,7 @@ def test_one_case_of_two(tiny, tmp_path, tiny_runs):
 def test_without_runs_the_tables_stand_and_the_gap_is_told(tiny, text, tmp_path):
     page = Page(report(tiny, tmp_path / "r.html", "--runs", str(tmp_path / "none")))
     with_runs = Page(text)
-    assert page.tables[0] == with_runs.tables[0] and page.tables[2] == with_runs.tables[2]
+    assert page.tables[:2] == with_runs.tables[:2] and page.tables[3] == with_runs.tables[3]
     assert "rest" not in page.images and "turn" not in page.ids
     assert page.told("warning").count("No stored vertices of arap, learned, stretching in ") == 2
 
@@ -191,18 +194,21 @@ def test_a_changed_dataset_is_told(tiny, tmp_path, monkeypatch, tiny_runs):
     assert "No pictures: the dataset of bumpy_10 has changed since the run" in page.told("warning")
 
 
-def test_times_that_do_not_compare_are_left_out_with_the_reason(tiny, tmp_path):
+@pytest.mark.usefixtures("without_charts")
+def test_versions_stand_together_only_with_a_warning(tiny, tmp_path):
     rows = read_csv(tiny)
-    rows.loc[0, "env.machine"] = "laptop"
+    rows.loc[0, "env.version.metrics"] = "0ther"
     for name, changed in (("one", rows), ("two", read_csv(tiny))):
         write_csv(tmp_path / f"{name}.csv", changed)
-    paths = [str(tmp_path / f"{name}.csv") for name in ("one", "two")]
-    assert call("report", [*paths, "-o", str(tmp_path / "r.html"), "--runs", str(tmp_path)]) == 0
+    arguments = [*(str(tmp_path / f"{name}.csv") for name in ("one", "two")), "-o", str(tmp_path / "r.html")]
+    arguments += ["--runs", str(tmp_path)]
+    with pytest.raises(InputError, match="rows of 2 versions of the code.*--mixed"):
+        call("report", arguments)
+    assert not (tmp_path / "r.html").exists()
+    assert call("report", [*arguments, "--mixed"]) == 0
     page = Page((tmp_path / "r.html").read_text())
-    assert "Without times: the rows come from 2 machines" in page.told("warning")
-    headings = [table[0] for table in page.tables if table[0][:2] == ["method", "runs"]]
-    assert ["time (s)" in heading for heading in headings] == [False, True]
-    assert {"one", "two"} <= set(page.ids) and len(page.images["time of each method"]) == 1
+    assert "Warning: rows of 2 versions of the code" in page.told("warning")
+    assert {"one", "two"} <= set(page.ids)
 
 
 @pytest.mark.usefixtures("without_charts")

@@ -58,6 +58,6 @@ def test_pose_transfer_without_a_truth(sequence):
     assert set(rows["method.name"]) == {"vertex_frames", "sshade_residual"} and len(rows) == 4
     assert not any(name.startswith("metric.truth") for name in rows)
     text = to_markdown(make_table(rows, title="pose_transfer"))
-    assert "| volume (%) | area (%) | EL (%) | FA (deg) | time (s) |" in text
+    assert "| volume (%) | area (%) | EL (%) | FA (deg) |" in text
     assert "#### edit: inflate" in text and "reads the pose at every vertex" in text
     assert rows["metric.volume"].notna().all()

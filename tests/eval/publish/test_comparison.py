@@ -1,0 +1,201 @@
+"""What a table compares: common cases, what is missing, halves, seeds, and one version of the code."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from eval_rows import frame, lost, planned, row
+
+from eval.main import call
+from eval.publish.summary import make_table
+from eval.publish.tables import to_csv, to_latex, to_markdown
+from eval.rows.frame import write_csv
+from sshade.errors import InputError
+
+BODIES = "defaust-synthetic/subject_0"
+
+
+def table_of(*rows, **options):
+    return make_table(frame(*rows), title="t", **options)
+
+
+def on(method, volumes, **changes):
+    """A row a case of a method, t0 and so on; one without a volume was lost."""
+    return [
+        lost(method, f"t{i}") if volume is None else row(method, f"t{i}", metric__volume=volume, **changes)
+        for i, volume in enumerate(volumes)
+    ]
+
+
+def test_means_ranks_and_the_contest_are_over_the_cases_that_all_have():
+    """Without its worst case b would look better than a, which finished it."""
+    rows = [*on("a", [2.0, 2.0, 2.0, 2.0, 50.0]), *on("b", [3.0, 3.0, 3.0, 1.0, None])]
+    table = table_of(*rows)
+    assert table.means["volume"].tolist() == [2.0, 2.5]
+    assert table.lines["cases"].tolist() == [4, 4] and table.lines["competes"].all()
+    text = to_markdown(table)
+    assert "| a | 5 | **2.00** |" in text and "| b | 4/5 | <u>2.50</u> |" in text
+    assert "means over 4 of 5, those that every method compared has a result for." in table.notes[0]
+    assert "b: 1 failed (ValueError: no): t4." in table.notes
+    worst, won = table.parts
+    assert worst.means["volume"].tolist() == [2.0, 3.0] and won.title == "cases won, of 4"
+    assert won.means["volume"].tolist() == [3, 1]
+
+
+def test_planned_cases_without_a_run_count():
+    rows = [*on("a", [1.0, 2.0, 6.0]), *on("b", [1.0, 3.0]), planned("b", "t2")]
+    rows += [planned("c", f"t{i}") for i in range(3)]
+    table = table_of(*rows)
+    assert table.lines["runs"].tolist() == [3, 3, 3] and table.lines["valid"].tolist() == [3, 2, 0]
+    assert table.means["volume"].fillna(-1).tolist() == [1.5, 2.0, -1]
+    assert "b: 1 missing (planned, never run): t2." in table.notes
+    assert "c: 3 missing (planned, never run): every case." in table.notes
+    assert "| c | 0/3 | missing |" in to_markdown(table) and "| b | 2/3 | <u>2.00</u> |" in to_markdown(table)
+
+
+def test_a_method_that_lost_most_of_its_cases_has_no_means_and_takes_none_from_the_others():
+    rows = [*on("a", [2.0] * 5), *on("b", [4.0] * 5), *on("poor", [0.0, 0.0, None, None, None])]
+    table = table_of(*rows, *on("few", [0.0]))
+    assert table.means["volume"].fillna(-1).to_dict() == {"a": 2.0, "b": 4.0, "few": -1, "poor": -1}
+    assert table.notes[0].endswith("means over all of them.")
+    assert any(note.endswith("common to all: few (1 of 5), poor (2 of 5).") for note in table.notes)
+    assert "few: planned on 1 of 5 cases." in table.notes
+    text = to_markdown(table)
+    assert "| poor | 2/5 | failed |" in text and "| few | 1 | too few |" in text
+    assert "| poor | 2/5 | 40.0 |" in text  # the success is a share of what was planned
+
+
+def test_methods_that_lost_as_many_cases_as_each_other_are_kept():
+    """A sweep that has come to its second case: nothing else is left to compare."""
+    rows = [r for name, v in (("a", 1.0), ("b", 2.0)) for r in on(name, [v, v, None, None, None])]
+    table = table_of(*rows)
+    assert table.means["volume"].tolist() == [1.0, 2.0] and "means over 2 of 5" in table.notes[0]
+
+
+def test_methods_without_a_common_case_have_no_means():
+    table = table_of(*on("a", [1.0, None]), *on("b", [None, 2.0]))
+    assert table.means["volume"].isna().all() and not table.lines["competes"].any()
+    assert "means over 0 of 2" in table.notes[0] and "**" not in to_markdown(table).split("- ")[0]
+
+
+def test_a_reference_neither_widens_nor_narrows_what_is_common():
+    def nothing(cases):
+        return on("nothing", cases, method__target="baselines.identity.identity")
+
+    compared = [*on("a", [1.0, 3.0, None]), *on("b", [2.0, 2.0, 9.0])]
+    for cases, mean in (([5.0, 7.0, 9.0], 6.0), ([5.0, None, 9.0], -1)):
+        table = table_of(*compared, *nothing(cases))
+        assert table.means["volume"].fillna(-1).tolist() == [2.0, 2.0, mean]
+    assert table_of(*nothing([5.0, 7.0])).means.at["nothing", "volume"] == 6.0
+
+
+def test_rows_without_any_result_make_a_table_of_what_became_of_them():
+    text = to_markdown(table_of(lost("a"), lost("b", status="timeout", reason="after 5 s")))
+    assert "| a | 0/1 | failed |" in text and "| b | 0/1 | timeout |" in text
+    assert "- b: 1 timeout (after 5 s): every case." in text and "means over 0 of 1" in text
+    with pytest.raises(InputError, match="none of the 2 runs that were planned has begun"):
+        table_of(planned("a"), planned("b"))
+
+
+def test_what_is_missing_is_shortened():
+    rows = [row("a", f"t{i}") for i in range(9)] + [row("b", "t8")]
+    rows += [lost("b", f"t{i}", reason="x" * 500 if i else "once") for i in range(8)]
+    (note,) = (note for note in table_of(*rows).notes if note.startswith("b: 8"))
+    assert note == f"b: 8 failed ({'x' * 160}... and other reasons): t0, t1, t2, t3 and 4 more."
+
+
+def test_the_headline_is_over_held_out_cases_and_tuning_cases_follow():
+    held_out = [row(m, f"{BODIES}5/pose_7", metric__volume=v) for m, v in (("a", 1.0), ("b", 2.0))]
+    bodies = [f"{BODIES}{i}/pose_1" for i in range(2)]
+    tuning = [row(m, body, metric__volume=v) for m, v in (("a", 4.0), ("b", 3.0)) for body in bodies]
+    own = [row(m, "my/case", metric__volume=9.0) for m in "ab"]
+    table = table_of(*held_out, *tuning, lost("c", bodies[0]))
+    assert table.means["volume"].tolist() == [1.0, 2.0] and table.label == "held-out cases"
+    (part,) = table.parts
+    assert part.title == "tuning cases" and part.means["volume"].fillna(-1).tolist() == [4.0, 3.0, -1]
+    text = to_markdown(table)
+    headline, rest = text.split("#### tuning cases\n")
+    assert headline.startswith("### t: held-out cases\n") and "#### tuning cases: what means hide" in rest
+    assert "Held-out cases: no constant of a method was chosen on them." in headline
+    assert "2 cases of" in rest and "constants of methods were chosen on them" in rest
+    assert "c: 1 failed" in rest and "c: 1 failed" not in headline
+    assert to_csv(table).splitlines()[3].startswith("tuning cases,a,2,2,2,")
+    assert "% tuning cases: 2 cases" in to_latex(table)
+    alone = table_of(*tuning)
+    assert alone.label == "tuning cases" and alone.notes[1].startswith("Tuning cases: ") and not alone.parts
+    mine = table_of(*own)
+    assert to_markdown(mine).startswith("### t\n") and not any("onstants" in note for note in mine.notes)
+    assert [part.title for part in table_of(*own, *tuning).parts] == ["cases of neither half"]
+
+
+def test_a_case_counts_with_the_mean_over_its_seeds_and_the_spread_is_shown():
+    volumes = {("t0", 0): 1.0, ("t0", 1): 3.0, ("t1", 0): 5.0, ("t1", 1): 9.0}
+    seeded = [row("s", task, seed=seed, metric__volume=v) for (task, seed), v in volumes.items()]
+    plain = on("a", [3.0, 3.0])
+    table = table_of(*seeded, *plain)
+    assert table.means["volume"].to_dict() == {"a": 3.0, "s": 4.5}
+    # Means over cases: 3 with one seed and 6 with the other.
+    assert table.spread.at["s", "volume"] == pytest.approx(np.std([3.0, 6.0], ddof=1))
+    assert np.isnan(table.spread.at["a", "volume"])
+    text = to_markdown(table)
+    assert "| s | 4 | <u>4.50</u> ± 2.12 |" in text and "| a | 2 | **3.00** |" in text
+    assert any(note.startswith("Seeds: 1 of a; 2 of s. ") for note in table.notes)
+    assert "4.50} $\\pm$ 2.12 & " in to_latex(table)
+    header, *lines = (line.split(",") for line in to_csv(table).splitlines())
+    at = header.index("sd of volume [%]")
+    assert [line[at] for line in lines] == ["", "2.12132"]
+    assert "sd of" not in to_csv(table_of(*plain)) and "±" not in to_markdown(table_of(*plain))
+
+
+def test_a_case_of_which_a_seed_was_lost_is_lost():
+    seeded = [row("s", f"t{i}", seed=seed) for i in range(4) for seed in (0, 1)]
+    seeded[-1] |= lost("s", "t3") | {"seed": 1}
+    table = table_of(*seeded, *on("a", [1.0] * 4))
+    assert table.lines["cases"].tolist() == [3, 3] and "| s | 7/8 |" in to_markdown(table)
+    assert table.lines.at["s", "converged"] == "6/6"
+
+
+OTHER = {"env__version__code": "0ldc0de00ldc0de0", "env__commit": "1234567890", "env__modified": True}
+UNKNOWN = {"env__version__code": None, "env__version__metrics": None}
+
+
+@pytest.mark.parametrize(
+    ("change", "old", "cure"),
+    [
+        (OTHER, "version 0ldc0de0, metrics 3e753e75, commit 12345678, modified tree", "run"),
+        (UNKNOWN, "version unknown, commit abcdef01, clean tree", "run"),
+        (
+            {"env__version__metrics": "0ther"},
+            "version c0dec0de, metrics 0ther, commit abcdef01, clean tree",
+            "measure the older ones again with `sshade-eval remeasure`",
+        ),
+    ],
+)
+def test_versions_do_not_mix(tmp_path, capsys, change, old, cure):
+    write_csv(tmp_path / "t.csv", frame(row("a"), row("b"), row("old", **change)))
+    arguments = [str(tmp_path / "t.csv"), "-o", str(tmp_path / "tables")]
+    new = "version c0dec0de, metrics 3e753e75, commit abcdef01, clean tree"
+    said = "rows of 2 versions of the code, whose numbers need not compare"
+    said += f" ({new}: 2 rows of a, b; {old}: 1 row of old)"
+    with pytest.raises(InputError, match=f"^{re.escape(f'{said}: {cure}')}.* with --mixed$"):
+        call("tables", arguments)
+    assert not (tmp_path / "tables").exists()
+    assert call("tables", [*arguments, "--mixed"]) == 0
+    assert f"- Warning: {said}.\n" in capsys.readouterr().out
+
+
+def test_the_version_stands_under_the_table():
+    def note(*rows):
+        return next(note for note in table_of(*rows).notes if "ersion" in note)
+
+    assert note(row("a"), row("b")) == "Version c0dec0de, metrics 3e753e75, commit abcdef01, clean tree."
+    # A commit of texts alone leaves the version as it is.
+    two = note(row("a"), row("b", env__commit="1234567890", env__modified=True))
+    assert two == "Version c0dec0de, metrics 3e753e75, commit 12345678, abcdef01, modified tree."
+    old = note(row("a", **UNKNOWN), row("b", **UNKNOWN))
+    assert old.startswith("Warning: the rows name no version of the code. Version unknown, ")
+    assert note(row("a"), planned("a", "t2")).startswith("Version c0dec0de")  # what was never run has none
+    with pytest.raises(InputError, match="2 versions"):
+        table_of(row("a", **UNKNOWN), row("b", **UNKNOWN | {"env__commit": "1234567890"}))
