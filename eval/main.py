@@ -22,7 +22,7 @@ COMMANDS = {
     "status": ("eval.run.status", "how far the sweeps are"),
     "collect": ("eval.rows.collect", "gather the rows of finished runs into one CSV an experiment"),
     "tables": ("eval.publish.tables", "tables from rows: CSV, Markdown and LaTeX"),
-    "charts": ("eval.publish.charts", "distributions, time against size, convergence"),
+    "charts": ("eval.publish.charts", "distributions, convergence"),
     "figures": ("eval.publish.figures", "the comparison picture: rest shapes and results"),
     "curves": ("eval.publish.curves", "metrics against a size or a parameter"),
     "front": ("eval.publish.front", "volume against stretch"),

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import pandas as pd
 
 from eval.metrics import METRICS
-from eval.publish.columns import REFERENCES, SUCCESS, Column
+from eval.publish.columns import REFERENCES, SUCCESS, Column, reference_rows
 from eval.publish.comparison import Comparison
 from eval.rows.frame import distinct, method_names, method_order, numbers
 from eval.rows.splits import HELD_OUT, TUNING
@@ -51,7 +51,7 @@ def version_notes(rows: pd.DataFrame, *, mixed: bool) -> list[str]:
     versions = [own for _, own in made.groupby(identity, sort=False)]
     if len(versions) < 2:
         unknown = "" if code.all() else "Warning: the rows name no version of the code. "
-        return [f"{unknown}{_version(own).capitalize()}." for own in versions]
+        return [f"{unknown}Code: {_version(own)}." for own in versions]
     named = [
         f"{_version(own)}: {len(own)} row{'s' * (len(own) > 1)} of {shortened(method_names(own))}"
         for own in versions
@@ -60,8 +60,8 @@ def version_notes(rows: pd.DataFrame, *, mixed: bool) -> list[str]:
     said = f"rows of {differing} ({'; '.join(named)})"
     if not mixed:
         again = "measure" if code.nunique() == 1 and code.all() else "run"
-        means = " with `sshade-eval remeasure`" if again == "measure" else ""
-        raise InputError(f"{said}: {again} the older ones again{means}, or print all of them with --mixed")
+        by = " with `sshade-eval remeasure`" if again == "measure" else ""
+        raise InputError(f"{said}: {again} the older ones again{by}, or print all of them with --mixed")
     return [f"Warning: {said}."]
 
 
@@ -85,11 +85,11 @@ def case_notes(rows: pd.DataFrame, comparison: Comparison, *, half: str | None) 
         over = f"{common} of {cases}, those that every method compared has a result for"
     notes = [f"{cases} case{'s' * (cases > 1)} of {size} vertices; means over {over}."]
     notes += [HALF_NOTES[half]] if half else []
-    left_out = comparison.finished.drop(index=comparison.compared)
-    left_out = [f"{name} ({count} of {cases})" for name, count in left_out[left_out > 0].items()]
-    if left_out:
-        reason = "with them under half of the cases would be common to all"
-        notes.append(f"Without means, for {reason}: {', '.join(left_out)}.")
+    few = comparison.finished.drop(index={*comparison.compared, *rows["method.name"][reference_rows(rows)]})
+    few = [f"{name} ({count} of {cases})" for name, count in few[few > 0].items()]
+    if few:
+        reason = "as with them under half of the cases would be common to all"
+        notes.append(f"Without means and ranks, {reason}: {', '.join(few)}.")
     planned = rows.groupby("method.name")["task.name"].nunique()
     notes += [f"{name}: planned on {n} of {cases} cases." for name, n in planned[planned < cases].items()]
     notes += _lost(rows)

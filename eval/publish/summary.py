@@ -10,7 +10,7 @@ import pandas as pd
 from eval.publish.columns import SUCCESS, Column, are_transfers, columns_of, with_success
 from eval.publish.comparison import Comparison, compare, means
 from eval.publish.notes import case_notes, common_notes, version_notes
-from eval.rows.frame import CASE, distinct, method_names, newest
+from eval.rows.frame import CASE, distinct, method_names
 from eval.rows.splits import HELD_OUT, TUNING, split_of
 from eval.rows.store import VALID
 from sshade.errors import InputError
@@ -39,8 +39,8 @@ class Table:
     lines : DataFrame
         By method: ``runs`` that were planned and, with a result, ``valid``; ``cases``, how many the
         means are over; ``converged``, "5/8" of those runs met the stopping rule, "-" for methods
-        without one; ``outcome``, why there are no means, or nothing; ``competes``, whether it has
-        means and is no reference.
+        without one; ``outcome``, why there would be no means; ``competes``, whether it has means and
+        is no reference.
     means : DataFrame
         By method and heading, over the common cases; NaN where one of them lacks the number.
     spread : DataFrame
@@ -74,7 +74,7 @@ class Table:
 
 
 def make_table(rows: pd.DataFrame, *, title: str, mixed: bool = False) -> Table:
-    """Gather rows into a table; of equal runs on several machines the latest one counts.
+    """Gather rows into a table.
 
     Parameters
     ----------
@@ -94,7 +94,6 @@ def make_table(rows: pd.DataFrame, *, title: str, mixed: bool = False) -> Table:
         raise InputError(
             f"none of the {len(rows)} runs that were planned has begun, so there is no table of them"
         )
-    rows = newest(rows, across_machines=True)
     _check_one_experiment(rows)
     versions = version_notes(rows, mixed=mixed)
     if not are_transfers(rows):
@@ -104,17 +103,17 @@ def make_table(rows: pd.DataFrame, *, title: str, mixed: bool = False) -> Table:
     of_half = {half: rows[splits.isna() if half is None else splits == half] for half in HALVES}
     (half, first), *others = [(half, own) for half, own in of_half.items() if len(own)]
     comparison = compare(first, columns)
-    parts = [
-        _table(name, columns, part, compare(part, columns))
-        for name, part in _parts(first[first["task.name"].isin(comparison.common)]).items()
-    ]
-    parts += [] if are_transfers(rows) else contest(comparison, first, columns)
+    if are_transfers(rows):
+        own = first[first["task.name"].isin(comparison.common) & (first["status"] != "missing")]
+        parts = [_table(name, columns, part, compare(part, columns)) for name, part in _parts(own).items()]
+    else:
+        parts = contest(comparison, first, columns)
     for other, own in others:
         of_other = compare(own, columns)
         notes = case_notes(own, of_other, half=other)
         parts.append(_table(HALVES[other], columns, own, of_other, notes=notes))
     notes = [*case_notes(first, comparison, half=half), *versions, *common_notes(rows, columns=columns)]
-    label = HALVES[half] if half or others else ""
+    label = HALVES[half] if half else ""
     return _table(title, columns, first, comparison, notes=notes, parts=tuple(parts), label=label)
 
 
@@ -153,8 +152,6 @@ def _parts(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
 
     By pose only where every class has the same ones: elsewhere a pose is one case.
     """
-    if not are_transfers(rows):
-        return {}
     parts = {}
     facts = rows.reindex(columns=[f"task.meta.{fact}" for fact in ("class", "source_pose", "edit")])
     classes = facts["task.meta.class"]

@@ -210,7 +210,7 @@ def test_rows_of_two_configurations_are_no_one_method():
 
 def test_two_rows_of_one_case_are_refused():
     with pytest.raises(InputError, match="several rows for t1, seed 0"):
-        table_of(row("a"), row("a", "t2"), row("a", task__checksum="other", task__source="another place"))
+        table_of(row("a"), row("a", "t2"), row("a"))
     table_of(row("a"), row("a", seed=1))
 
 
@@ -227,13 +227,6 @@ def test_worst_cases_and_cases_won():
     assert won.title == "cases won, of 4" and won.means["volume"].tolist() == [3, 2]
     assert won.means["area"].tolist() == [4, 4] and "iterations" not in won.means
     assert table_of(*rows[:3], *rows[4:7]).parts == ()
-
-
-def test_of_equal_runs_on_several_machines_the_latest_counts():
-    mine = [row("a", metric__volume=1.0), row("a", "t2", metric__volume=1.0)]
-    theirs = row("a", metric__volume=3.0, env__machine="laptop", date="2026-02-02")
-    table = table_of(*mine, theirs)
-    assert table.means.at["a", "volume"] == 2.0 and table.lines.at["a", "runs"] == 2
 
 
 def test_tables_never_replace_their_rows(rows, tmp_path):
