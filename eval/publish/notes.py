@@ -131,7 +131,7 @@ def common_notes(rows: pd.DataFrame, *, columns: Sequence[Column]) -> list[str]:
     said = {column.heading: column.legend or metrics.get(column.source) for column in columns}
     legend = "; ".join(f"{heading}: {text}" for heading, text in said.items() if text)
     ranked = any(column.ranked for column in columns)
-    better = "Lower is better" + ", of success more" * any(column.source == SUCCESS for column in columns)
+    better = "Lower is better" + ", but for success" * any(column.source == SUCCESS for column in columns)
     end = better if ranked else "The pose changes these by itself, and no truth says by how much"
     return [*notes, marks, f"{legend}. {end}."]
 

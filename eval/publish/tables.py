@@ -105,7 +105,8 @@ def cells(
                 texts.append(not_available if line.cases else line.outcome)
                 continue
             text = marks[rank[heading].get(method, 0)].format(own[heading].text(mean))
-            if not np.isnan(deviation := table.spread.get(heading, {}).get(method, np.nan)):
+            deviation = table.spread.get(heading, {}).get(method, np.nan)
+            if own[heading].ranked and not np.isnan(deviation):
                 text += spread + own[heading].text(deviation)
             if own[heading].source == "iterations" and line.converged != "-":
                 text += f" ({line.converged})"

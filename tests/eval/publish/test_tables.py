@@ -167,7 +167,7 @@ def test_pose_transfers_by_class_and_edit():
         for kind, pose in (("cat", {"task__meta__source_pose": "cat1"}), ("dog", {}))
         for edit in ("fin", "horns")
     ]
-    parts = [part.title for part in table_of(*two).parts]
+    parts = [part.title for part in table_of(*two, planned("z", "cat fin")).parts]
     # Poses that not every class has are cases, not parts.
     assert parts == ["class: cat", "class: dog", "edit: fin", "edit: horns"]
     assert table_of(*two[:1]).parts == ()
