@@ -190,16 +190,13 @@ def test_the_version_stands_under_the_table():
     def note(*rows):
         return next(note for note in table_of(*rows).notes if "ersion" in note)
 
-    assert (
-        note(row("a"), row("b")) == "Code: version c0dec0de, metrics 3e753e75, commit abcdef01, clean tree."
-    )
+    code = "Code: version c0dec0de, metrics 3e753e75"
+    assert note(row("a"), row("b")) == f"{code}, commit abcdef01, clean tree."
     # A commit of texts alone leaves the version as it is.
     two = note(row("a"), row("b", env__commit="1234567890", env__modified=True))
-    assert two == "Code: version c0dec0de, metrics 3e753e75, commit 12345678, abcdef01, modified tree."
+    assert two == f"{code}, commit 12345678, abcdef01, modified tree."
+    assert note(row("a"), planned("a", "t2")).startswith(code)  # what was never run has none
     old = note(row("a", **UNKNOWN), row("b", **UNKNOWN))
     assert old.startswith("Warning: the rows name no version of the code. Code: version unknown, ")
-    assert note(row("a"), planned("a", "t2")).startswith(
-        "Code: version c0dec0de"
-    )  # what was never run has none
     with pytest.raises(InputError, match="2 versions"):
         table_of(row("a", **UNKNOWN), row("b", **UNKNOWN | {"env__commit": "1234567890"}))
