@@ -140,6 +140,11 @@ def _is_shown(column: Column, values: pd.Series) -> bool:
     return not column.optional or values.fillna(0).any()
 
 
+def begun(rows: pd.DataFrame) -> pd.DataFrame:
+    """The rows of runs that took place; the others tell only that one was planned."""
+    return rows[rows["status"] != "missing"]
+
+
 def with_success(rows: pd.DataFrame) -> pd.DataFrame:
     """Rows with a column :data:`SUCCESS`: 100 where the run has a result that reaches its handles, else 0."""
     reached = rows["status"].isin(VALID) & (numbers(rows, "metric.handle") <= REACHED)

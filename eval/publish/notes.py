@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import pandas as pd
 
 from eval.metrics import METRICS
-from eval.publish.columns import REFERENCES, SUCCESS, Column, reference_rows
+from eval.publish.columns import REFERENCES, SUCCESS, Column, begun, reference_rows
 from eval.publish.comparison import Comparison
 from eval.rows.frame import distinct, method_names, method_order, numbers
 from eval.rows.splits import HELD_OUT, TUNING
@@ -44,7 +44,7 @@ def version_notes(rows: pd.DataFrame, *, mixed: bool) -> list[str]:
     InputError
         When there are several and they are not to be `mixed`.
     """
-    made = rows[rows["status"] != "missing"].reindex(columns=["method.name", *VERSION])
+    made = begun(rows).reindex(columns=["method.name", *VERSION])
     made = made.where(made.notna(), "")
     code, metrics, commit, modified = (made[column].astype(str) for column in VERSION)
     identity = code.where(code != "", commit + modified) + " " + metrics

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from eval.publish.columns import SUCCESS, Column, are_transfers, columns_of, with_success
+from eval.publish.columns import SUCCESS, Column, are_transfers, begun, columns_of, with_success
 from eval.publish.comparison import Comparison, compare, means
 from eval.publish.notes import case_notes, common_notes, version_notes
 from eval.rows.frame import CASE, distinct, method_names
@@ -90,7 +90,7 @@ def make_table(rows: pd.DataFrame, *, title: str, mixed: bool = False) -> Table:
         When no run has begun, when rows are of several datasets or versions, or a
         method's rows have different configurations or repeat a run.
     """
-    if rows["status"].eq("missing").all():
+    if begun(rows).empty:
         raise InputError(
             f"none of the {len(rows)} runs that were planned has begun, so there is no table of them"
         )
@@ -104,7 +104,7 @@ def make_table(rows: pd.DataFrame, *, title: str, mixed: bool = False) -> Table:
     (half, first), *others = [(half, own) for half, own in of_half.items() if len(own)]
     comparison = compare(first, columns)
     if are_transfers(rows):
-        own = first[first["task.name"].isin(comparison.common) & (first["status"] != "missing")]
+        own = begun(first[first["task.name"].isin(comparison.common)])
         parts = [_table(name, columns, part, compare(part, columns)) for name, part in _parts(own).items()]
     else:
         parts = contest(comparison, first, columns)
@@ -223,7 +223,7 @@ def _check_one_experiment(rows: pd.DataFrame) -> None:
             f"the rows are of {len(datasets)} datasets ({', '.join(datasets)}), whose means say nothing "
             "together: run each dataset under a name of its own, run.experiment=..."
         )
-    hashes = rows.groupby("method.name")["method.hash"].nunique()
+    hashes = begun(rows).groupby("method.name")["method.hash"].nunique()
     if hashes.max() > 1:
         raise InputError(
             f"method {hashes.idxmax()!r} has rows of different parameters: give each its own label=..., "

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from eval.publish.charts import convergence, distributions
-from eval.publish.columns import SUCCESS, Column
+from eval.publish.columns import SUCCESS, Column, begun
 from eval.publish.plotting import to_svg
 from eval.publish.report.cases import Case, show_case
 from eval.publish.summary import Table, make_table
@@ -104,8 +104,7 @@ def _section(
     progress: Progress,
 ) -> dict[str, Any]:
     """An experiment as the template needs it."""
-    rows = experiment.rows
-    begun = rows[rows["method.hash"].notna()]  # what was only planned has neither settings nor versions
+    rows, made = experiment.rows, begun(experiment.rows)
     table = make_table(rows, title=experiment.name, mixed=mixed)
     groups = [group for group in experiment.cases() if not cases or group[0]["task.name"] in cases]
     turnable = set(range(len(groups)))
@@ -131,8 +130,8 @@ def _section(
         "numbers": [_numbers(case, measured) for case in shown],
         "measures": [column.label for column in measured],
         "failures": records(rows.drop(valid(rows).index)),
-        "configurations": [(method, _configuration(rows, method)) for method in method_names(begun)],
-        "facts": _facts(begun),
+        "configurations": [(method, _configuration(made, method)) for method in method_names(made)],
+        "facts": _facts(made),
     }
 
 

@@ -11,10 +11,12 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 import yaml
+from eval_rows import planned
 from report_runs import METHODS, make_transfers
 
 from eval.main import call
-from eval.rows.frame import read_csv, records, write_csv
+from eval.rows.experiment import Experiment
+from eval.rows.frame import read_csv, records, to_frame, write_csv
 from sshade.errors import InputError
 from tests.shapes import bumpy
 
@@ -22,6 +24,7 @@ pytest.importorskip("matplotlib")
 pytest.importorskip("pyvista")
 pytest.importorskip("jinja2")
 
+from eval.publish.report.page import write_page
 from eval.publish.report.surface import pack, surface
 
 
@@ -192,6 +195,21 @@ def test_a_changed_dataset_is_told(tiny, tmp_path, monkeypatch, tiny_runs):
     monkeypatch.setattr("eval.run.recall.task_checksum", lambda task: "other")
     page = Page(report(tiny, tmp_path / "r.html", "--runs", str(tiny_runs)))
     assert "No pictures: the dataset of bumpy_10 has changed since the run" in page.told("warning")
+
+
+@pytest.mark.usefixtures("without_charts")
+def test_planned_runs_count_and_are_listed(tiny, tmp_path):
+    rows = [*records(read_csv(tiny)), planned("arap", "bumpy_70"), planned("never", "bumpy_70")]
+    experiment = Experiment("tiny", to_frame(rows), (tmp_path,))
+    towards, up = np.array([1.0, 0, 0.2]), np.array([0.0, 0, 1])
+    page = Page(write_page([experiment], cases=[], towards=towards, up=up))
+    lines = {line[0]: line[1:3] for line in page.tables[0][1:]}
+    assert lines["arap"][0] == "2/3" and lines["never"] == ["0/1", "missing"]
+    assert "never: 1 missing (planned, never run): every case." in page.told("notes")
+    failures = [line for table in page.tables for line in table if line[1:2] == ["bumpy_70"]]
+    assert failures == [
+        [name, "bumpy_70", "0", "missing", "planned, never run"] for name in ("arap", "never")
+    ]
 
 
 @pytest.mark.usefixtures("without_charts")
