@@ -31,7 +31,8 @@ COMMANDS = {
     "remeasure": ("eval.run.remeasure", "metrics of finished runs, from their stored vertices"),
     "compare": ("eval.rows.compare", "whether two sets of rows say the same"),
     "check": ("eval.rows.bands", "hold rows against committed bands of quality"),
-    "bench": ("eval.timing.bench", "speed beside libigl's ARAP and a factorisation"),
+    "bench": ("eval.timing.bench", "times of methods in turns, on a machine that is quiet"),
+    "timings": ("eval.timing.table", "tables of the times that bench wrote"),
     "jumps": ("eval.studies.jumps", "jumps of the deformation across the proxy's edges"),
     "topology": ("eval.studies.topology", "what remeshing keeps of a mesh's topology"),
 }

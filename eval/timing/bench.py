@@ -1,79 +1,93 @@
-"""How fast, and compared with what: ``sshade-eval bench MESH HANDLES``.
+"""Measure times: ``sshade-eval bench KIND --methods ... --cases ...`` writes a line a repeat.
 
-Time SShaDe on one mesh with handles: end to end and remeshing against libigl's Elastic,
-against one full-resolution Cholesky factorisation, a drag once bound. Medians over repeats
-that take turns in one process; compilation and input are outside the clock.
+Methods take turns (A B C A B C ...), after a warm-up, on a machine that is quiet: a repeat during
+which other processes used more than 5 % of its cores, or a clock jumped, is thrown away and
+repeated; after five in a row the command ends and writes nothing. Repeats last a second at least,
+in several calls where one is shorter; what takes over a minute is called once.
 
-Elastic is timed over blocks of iterations and extrapolated to 1000; with --full it also runs
-to its end under the tables' stopping rule, and the quality of the results is compared.
+kinds:
+  speed    calls of methods on tasks; those of --extrapolate run --block iterations, from which
+           the time of their cutoff is computed
+  drag     methods that can be bound: bind, first solve, steps of a drag, the way back
+  scaling  midpoint subdivisions of the cases, for each of --sizes the one that comes nearest,
+           each in a process of its own, with its peak of memory
+  startup  `sshade deform --method METHOD` on a tiny mesh: imports for the most part
 
-With --scaling, also one sampling on midpoint subdivisions of other meshes of the same
-subject, up to 5 million vertices, each in a process of its own: for each of --sizes the
-subdivision that comes nearest.
+A method or a case is [LABEL=]NAME [KEY=VALUE ...], a name of conf/method or conf/dataset and its
+settings; with a dot, one of the whole configuration, as for `sshade-eval run`.
 
-`make bench` builds the meshes and runs everything.
-
-example:
-  defaust build source=synthetic out=data/defaust_170k subjects=[0]
-  sshade-eval bench data/defaust_170k/subject_00/rest.ply data/defaust_170k/subject_00/pose_1.json
+examples:
+  sshade-eval bench speed --methods elastic sshade_fast "sshade-1=sshade samplings=1" \\
+    --cases "mesh mesh=body.ply handles=pose.json" --extrapolate elastic
+  sshade-eval bench drag --methods "sshade-1=sshade samplings=1" \\
+    --cases "defaust root=data/defaust_170k subject=0 pose=1,2"
+  sshade-eval timings speed drag
 """
 
 from __future__ import annotations
 
 import argparse
-import os
-from pathlib import Path
+import re
 
-from eval.run.provenance import environment
-from eval.timing.drag import drag
-from eval.timing.scaling import SIZES, scaling
-from eval.timing.speed import speed
-from eval.timing.startup import start_up
-from eval.timing.timing import say
-from sshade.io.handles import read_handles
-from sshade.io.meshes import read_mesh
-from sshade.task import DeformationTask
+from eval.rows.frame import to_frame, write_csv
+from eval.timing import drag, scaling, speed, startup
+from eval.timing.cases import read_cases, read_methods
+from eval.timing.table import TIMING, require_free
+from sshade.errors import InputError
+
+KINDS = (speed.KIND, drag.KIND, scaling.KIND, startup.KIND)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("mesh", type=Path, metavar="MESH")
-    parser.add_argument("handles", type=Path, metavar="HANDLES")
-    parser.add_argument("--vertices", type=int, default=6000, metavar="N", help="proxy vertices")
-    parser.add_argument("--samplings", type=int, nargs="+", default=(5, 1), metavar="K")
-    parser.add_argument("--repeats", type=int, default=7, metavar="R")
-    parser.add_argument("--block", type=int, default=10, metavar="I", help="Elastic iterations a repeat")
-    parser.add_argument("--full", action="store_true", help="also run Elastic to its end (minutes)")
+    parser.add_argument("kind", choices=KINDS, metavar="KIND", help=", ".join(KINDS))
+    parser.add_argument("--methods", nargs="+", required=True, metavar="METHOD")
+    parser.add_argument("--cases", nargs="+", default=(), metavar="CASE")
+    parser.add_argument("--name", help=f"of the CSV in {TIMING} (default: KIND)")
+    parser.add_argument("--rounds", type=int, default=3, metavar="R", help="kept repeats (default: 3)")
+    parser.add_argument("--extrapolate", nargs="+", default=(), metavar="LABEL", help="methods, for speed")
+    parser.add_argument("--block", type=int, default=10, metavar="I", help="iterations (default: 10)")
     parser.add_argument(
-        "--scaling", type=Path, nargs="+", default=(), metavar="BASE", help="meshes to subdivide"
+        "--sizes", type=int, nargs="+", default=scaling.SIZES, metavar="N", help="for scaling"
     )
-    parser.add_argument("--sizes", type=int, nargs="+", default=SIZES, metavar="N", help="sizes of --scaling")
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="picture of the scaling (.png, .svg, .pdf)")
 
 
 def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
-    mesh = read_mesh(options.mesh)
-    task = DeformationTask(options.mesh.stem, mesh, read_handles(options.handles, mesh))
-    say(f"{options.mesh}: {mesh.n} vertices, {len(task.handles)} handles")
-    say(f"{environment(jobs=1)['machine']}; load {os.getloadavg()[0]:.1f} at the start")
-    speed(
-        task,
-        vertices=options.vertices,
-        samplings=options.samplings,
-        repeats=options.repeats,
-        block=options.block,
-        full=options.full,
-    )
-    start_up(repeats=options.repeats)
-    drag(task, vertices=options.vertices)
-    if options.scaling:
-        scaling(
-            options.scaling,
-            options.handles,
-            vertices=options.vertices,
-            repeats=3,
-            sizes=options.sizes,
-            plot=options.plot,
-        )
+    name = options.name or options.kind
+    _check(options, name)
+    if options.kind == startup.KIND:
+        rows = startup.time_start_up(options.methods, rounds=options.rounds)
+    else:
+        methods, sources = read_methods(options.methods), read_cases(options.cases)
+        if options.kind == drag.KIND:
+            rows = drag.time_drags(methods, sources, rounds=options.rounds)
+        elif options.kind == scaling.KIND:
+            rows = scaling.time_scaling(methods, sources, rounds=options.rounds, sizes=options.sizes)
+        else:
+            rows = speed.time_methods(
+                methods,
+                sources,
+                rounds=options.rounds,
+                extrapolated=options.extrapolate,
+                block=options.block,
+            )
+    path = TIMING / f"{name}.csv"
+    write_csv(path, to_frame(rows))
+    lost = sum(not row["kept"] for row in rows)
+    print(f"{path}: {len(rows) - lost} repeats, {lost} thrown away; `sshade-eval timings {name}`")  # noqa: T201
     return 0
+
+
+def _check(options: argparse.Namespace, name: str) -> None:
+    """Raise InputError on arguments that do not go together."""
+    if not re.fullmatch(r"[\w.+=-]+", name):
+        raise InputError(f"--name {name!r} is no name of a file; use letters, digits and _.+=-")
+    if options.rounds < 1 or min(options.sizes) < 1:
+        raise InputError("--rounds and --sizes take numbers from 1")
+    if bool(options.cases) == (options.kind == startup.KIND):
+        none = "takes no --cases" if options.cases else "needs --cases"
+        raise InputError(f"{options.kind} {none}; `sshade-eval bench --help` tells more")
+    if options.extrapolate and options.kind != speed.KIND:
+        raise InputError(f"{options.kind} takes no --extrapolate, which is for {speed.KIND}")
+    require_free(name)

@@ -1,57 +1,102 @@
-"""Deformations a second once a mesh is bound."""
+"""A mesh that is bound once and follows its handles: bind, first solve, steps of a drag, and the way back."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
-from eval.timing.timing import say
+from eval.rows.store import Row
+from eval.run.targets import instantiate
+from eval.timing.cases import TimedMethod, task_facts
+from eval.timing.turns import Job, take_turns
+from sshade.errors import InputError
+from sshade.pipeline.deform import deform
 from sshade.pipeline.deformer import Deformer
+from sshade.pipeline.proxies import ProxyOptions
 from sshade.task import DeformationTask
 
-#: Steps of the drag.
+#: What these rows are of.
+KIND = "drag"
+#: Steps of a drag from rest to the targets.
 STEPS = 60
-#: The dynamic handles go this fraction of their way within the drag; the rest before it.
-LAST_PART = 0.1
-#: Each step stops at this residual or number of iterations; the next one goes on from there.
-FLUID = {"tolerance": 1e-4, "max_iterations": 15}
-#: After release.
-EXACT = {"tolerance": 1e-7, "max_iterations": 5000}
+#: Residual at which each of them stops.
+TOLERANCE = 1e-4
+#: Largest distance, over the diagonal, between what a bound mesh gives and what its method gives.
+SAME = 1e-6
 
 
-def drag(task: DeformationTask, *, vertices: int) -> None:
-    """Drag the handles over the last part of their way and print frames a second, then release.
+def time_drags(
+    methods: Sequence[TimedMethod], sources: Sequence[dict[str, Any]], *, rounds: int
+) -> list[Row]:
+    """Time drags of methods on tasks in turns.
+
+    Raises
+    ------
+    InputError
+        See :func:`eval.timing.turns.take_turns`; and when a method cannot be bound.
+    """
+    tasks = [instantiate(source) for source in sources]
+    return take_turns([_job(method, task) for task in tasks for method in methods], rounds=rounds)
+
+
+def _job(method: TimedMethod, task: DeformationTask) -> Job:
+    call = method.on(task)
+    if not isinstance(task, DeformationTask) or call.func is not deform:
+        raise InputError(f"{method.label} on {task.name} cannot be bound: sshade.Deformer binds deform alone")
+    options = {name: method.config[name] for name in ProxyOptions.__annotations__ if name in method.config}
+    bound = Deformer(task.mesh, task.handles.index, **options)(task.handles.target)
+    apart = np.linalg.norm(bound.vertices - call().vertices, axis=1).max() / task.mesh.diagonal
+    if apart > SAME:
+        raise InputError(
+            f"{method.label} on {task.name} cannot be bound: sshade.Deformer gives another shape, "
+            f"{apart:.2g} of the diagonal apart, as it solves proxies with its own settings"
+        )
+    facts = {"kind": KIND} | method.facts | task_facts(task)
+    return Job(facts, lambda: drag(task, options))
+
+
+def drag(task: DeformationTask, options: dict[str, Any]) -> Row:
+    """Bind, solve, and drag the handles from rest to their targets and back.
 
     Parameters
     ----------
     task : DeformationTask
-    vertices : int
-        Proxy vertices.
+    options : dict
+        Of :class:`sshade.Deformer`.
+
+    Returns
+    -------
+    dict
+        ``seconds.bind``, ``seconds.first`` (from rest to the targets at once, to the default
+        tolerance), ``seconds.step`` and ``seconds.step_95``, the median and the 95th percentile of the
+        steps to the targets; ``drag.return``, the largest distance of a vertex after the way back from
+        where it was before, % of the diagonal.
     """
     rest, target = task.mesh.V[task.handles.index], task.handles.target
     begin = perf_counter()
-    deformer = Deformer(task.mesh, task.handles.index, vertices=vertices)
-    bound = perf_counter() - begin
-    deformer(rest + (1 - LAST_PART) * (target - rest))
-    seconds = []
-    for step in range(1, STEPS + 1):
-        targets = rest + (1 - LAST_PART * (1 - step / STEPS)) * (target - rest)
-        begin = perf_counter()
-        deformer(targets, **FLUID)
-        seconds.append(perf_counter() - begin)
-    median, slow = np.median(seconds), np.percentile(seconds, 95)
-    say(
-        f"bound in {bound:.2f} s; drag of {STEPS} steps, 1 sampling: {1 / median:.0f} deformations a second "
-        f"in the median ({1e3 * median:.1f} ms, 95th percentile {1e3 * slow:.1f} ms), decoding included"
-    )
-    released = deformer(target, **EXACT)
+    deformer = Deformer(task.mesh, task.handles.index, **options)
+    bound = perf_counter()
+    first = deformer(target)
+    solved = perf_counter()
     deformer.reset()
-    cold = deformer(target, **EXACT)
-    energies = released.extra["energy"][0], cold.extra["energy"][0]
-    gap = np.linalg.norm(released.vertices - cold.vertices, axis=1).max() / task.mesh.diagonal
-    say(
-        f"released and solved to a residual of {released.extra['residual']:.1e} (cold: "
-        f"{cold.extra['residual']:.1e}): energies {energies[0]:.6g} and {energies[1]:.6g} (cold), "
-        f"{abs(energies[0] / energies[1] - 1):.1e} apart; positions {gap:.1e} of the diagonal apart at most"
-    )
+    before = deformer(rest, tolerance=TOLERANCE).vertices
+    seconds = []
+    for step in [*range(1, STEPS + 1), *range(STEPS - 1, -1, -1)]:
+        targets = rest + step / STEPS * (target - rest)
+        start = perf_counter()
+        after = deformer(targets, tolerance=TOLERANCE).vertices
+        seconds.append(perf_counter() - start)
+    there = seconds[:STEPS]
+    apart = np.linalg.norm(after - before, axis=1).max() / task.mesh.diagonal
+    return {
+        "seconds.bind": bound - begin,
+        "seconds.first": solved - bound,
+        "seconds.step": float(np.median(there)),
+        "seconds.step_95": float(np.percentile(there, 95)),
+        "seconds.total": perf_counter() - begin,
+        "iterations": float(first.iterations),
+        "drag.return": 100 * float(apart),
+    }

@@ -3,26 +3,32 @@
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import igl
 import numpy as np
+import pandas as pd
 
-from eval.publish.plotting import PALETTE, new_figure, save, style
+from eval.publish.plotting import look, new_figure, style
+from eval.rows.frame import numbers
+from eval.rows.store import Row
 from eval.run.provenance import process_memory
-from eval.timing.timing import say
-from sshade.io.handles import read_handles
-from sshade.io.meshes import read_mesh
+from eval.run.targets import instantiate
+from eval.timing.cases import TimedMethod
+from eval.timing.speed import job_of
+from eval.timing.turns import Job, take_turns
+from sshade.cli.console import say
 from sshade.mesh.mesh import Mesh
-from sshade.pipeline.deform import deform
 from sshade.task import DeformationTask
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+#: What these rows are of.
+KIND = "scaling"
 #: The slope of time against vertices is fitted from this size on.
 FIT_FROM = 100_000
 #: Sizes to measure, each on the subdivision that comes nearest.
@@ -30,89 +36,120 @@ SIZES = (10_000, 30_000, 100_000, 300_000, 450_000, 1_000_000, 3_000_000, 5_000_
 #: Subdivisions of a base at most.
 DEEPEST = 5
 
+#: Writing 5 there sets the high-water mark of memory to what is in use now; Linux alone has it.
+_HIGH_WATER = Path("/proc/self/clear_refs")
 
-def scaling(
-    bases: Sequence[Path],
-    handles: Path,
+
+def time_scaling(
+    methods: Sequence[TimedMethod],
+    sources: Sequence[dict[str, Any]],
     *,
-    vertices: int,
-    repeats: int,
+    rounds: int,
     sizes: Sequence[int] = SIZES,
-    plot: Path | None = None,
-) -> None:
-    """Print time and peak memory of one sampling on midpoint subdivisions of the bases.
+) -> list[Row]:
+    """Time methods on midpoint subdivisions of the bases, and measure their peak memory.
 
-    Every size runs in a process of its own; reading, subdividing, validation
-    and compilation are outside the clock.
+    Each size has a process of its own, in which the methods take turns.
 
     Parameters
     ----------
-    bases : sequence of path
-        Meshes of 10,000 to 30,000 vertices, which the handles fit by position.
-    handles : path
-    vertices : int
-        Proxy vertices.
-    repeats : int
+    methods : sequence of TimedMethod
+    sources : sequence of dict
+        Configurations that load the bases: tasks of 10,000 to 30,000 vertices.
+    rounds : int
     sizes : sequence of int
         Numbers of vertices; for each the subdivision that comes nearest is taken.
-    plot : path, optional
-        Picture to write.
+
+    Returns
+    -------
+    list of dict
+        Rows with ``peak_mib``, the memory that a call took above the task and what stays of earlier
+        calls; None where the system does not tell.
+
+    Raises
+    ------
+    InputError
+        See :func:`eval.timing.turns.take_turns`.
     """
-    counts = [read_mesh(base).n for base in bases]
-    subdivisions = [
-        (4**level * n, base, level)
-        for n, base in zip(counts, bases, strict=True)
-        for level in range(DEEPEST + 1)
-    ]
-    cases = {min(subdivisions, key=lambda case: abs(np.log(case[0] / size))) for size in sizes}
-    say(f"{'vertices':>10}{'seconds':>10}{'us/vertex':>11}{'MiB':>8}{'bytes/vertex':>14}")
-    rows = []
-    context = multiprocessing.get_context("spawn")
-    for _, base, level in sorted(cases):
-        with context.Pool(1) as pool:
-            n, seconds, peak = pool.apply(_measure, (base, handles, level, vertices, repeats))
-        rows.append((n, seconds, peak))
-        say(f"{n:10d}{seconds:10.3f}{1e6 * seconds / n:11.3f}{peak / 2**20:8.0f}{peak / n:14.0f}")
-    fitted = np.log([(n, seconds) for n, seconds, _ in rows if n >= FIT_FROM]).reshape(-1, 2)
-    slope = float(np.polyfit(*fitted.T, 1)[0]) if len(fitted) > 1 else np.nan
-    say(f"log-log slope of time against vertices from {FIT_FROM} on: {slope:.2f}")
-    if plot is not None:
-        save(_figure(rows, slope), plot)
+    bases = [instantiate(source).mesh.n for source in sources]
+    subdivisions = [(4**level * n, i, level) for i, n in enumerate(bases) for level in range(DEEPEST + 1)]
+    wanted = {min(subdivisions, key=lambda case: abs(np.log(case[0] / size))) for size in sizes}
+    rows: list[Row] = []
+    for n, base, level in sorted(wanted):
+        say(f"about {n:,} vertices")
+        rows += _in_own_process(_time_size, methods, sources[base], level, rounds)
+    return rows
 
 
-def _measure(base: Path, handles: Path, level: int, vertices: int, repeats: int) -> tuple[int, float, int]:
-    """Vertices, median seconds, and peak bytes above what the task takes."""
-    mesh = read_mesh(base)
-    held = read_handles(handles, mesh)  # midpoint subdivision keeps the ids of the base
-    small = DeformationTask("base", mesh, held)
-    count = min(vertices, mesh.n // 2)
-    deform(small, vertices=count, samplings=1)  # compiles
+def _in_own_process(function: Callable[..., list[Row]], *arguments: Any) -> list[Row]:
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        return pool.apply(function, arguments)
+
+
+def _time_size(methods: Sequence[TimedMethod], source: dict[str, Any], level: int, rounds: int) -> list[Row]:
+    task = subdivided(instantiate(source), level)
+    jobs = [job_of(method, task) for method in methods]
+    jobs = [replace(job, facts=job.facts | {"kind": KIND}, call=_with_peak(job)) for job in jobs]
+    return take_turns(jobs, rounds=rounds)
+
+
+def subdivided(task: DeformationTask, level: int) -> DeformationTask:
+    """A task on a midpoint subdivision, which keeps the vertices of the base and their handles."""
+    V, F = np.array(task.mesh.V), np.array(task.mesh.F)
     for _ in range(level):
-        mesh = Mesh(*igl.upsample(np.array(mesh.V), np.array(mesh.F)))
-    task = DeformationTask("subdivided", mesh, held)
-    Path("/proc/self/clear_refs").write_text("5")  # sets the high-water mark to the memory in use now (Linux)
-    before = process_memory("VmRSS")
-    seconds = []
-    for _ in range(repeats):
-        begin = perf_counter()
-        deform(task, vertices=count, samplings=1)
-        seconds.append(perf_counter() - begin)
-    return mesh.n, float(np.median(seconds)), process_memory("VmHWM") - before
+        V, F = igl.upsample(V, F)
+    return DeformationTask(f"{task.name}, level {level}", Mesh(V, F), task.handles)
+
+
+def _with_peak(job: Job) -> Callable[[], Row]:
+    """The job's call, which measures the peak of memory above that in use before."""
+
+    def call() -> Row:
+        if not _HIGH_WATER.is_file():
+            return job.call() | {"peak_mib": None}
+        _HIGH_WATER.write_text("5")
+        before = process_memory("VmRSS")
+        row = job.call()
+        return row | {"peak_mib": (process_memory("VmHWM") - before) / 2**20}
+
+    return call
+
+
+def slopes(table: pd.DataFrame) -> dict[str, float]:
+    """The log-log slope of median seconds against vertices from :data:`FIT_FROM` on, by method.
+
+    Methods with fewer than two such sizes have none.
+    """
+    fitted = {}
+    for method, own in table[table["vertices"] >= FIT_FROM].groupby("method", sort=False):
+        if len(own) > 1:
+            x, y = np.log(own["vertices"].astype(float)), np.log(own["seconds.total"].astype(float))
+            fitted[str(method)] = float(np.polyfit(x, y, 1)[0])
+    return fitted
 
 
 @style()
-def _figure(rows: list[tuple[int, float, int]], slope: float) -> Figure:
-    n, seconds, peak = (np.array(column, dtype=float) for column in zip(*rows, strict=True))
+def draw_scaling(table: pd.DataFrame) -> Figure:
+    """Time, and memory where it is known, against vertices."""
     figure = new_figure(9, 3.6)
     left, right = figure.subplots(1, 2)
-    left.loglog(n, seconds, "o-", color=PALETTE[0])
-    anchor = n >= FIT_FROM
-    if anchor.any():
-        left.loglog(n, seconds[anchor][0] * n / n[anchor][0], ":", color="grey", label="linear")
-        left.legend()
-    left.set(xlabel="vertices", ylabel="seconds", title=f"one sampling, slope {slope:.2f}")
-    right.semilogx(n, peak / n, "o-", color=PALETTE[3])
+    slope = slopes(table)
+    looks = look(dict.fromkeys(table["method"]))
+    for method, own in table.groupby("method", sort=False):
+        n, seconds = numbers(own, "vertices"), numbers(own, "seconds.total")
+        label = f"{method}, slope {slope[method]:.2f}" if method in slope else method
+        left.loglog(n, seconds, linewidth=1.2, markersize=4, label=label, **looks[method])
+        right.semilogx(
+            n,
+            numbers(own, "peak_mib") * 2**20 / n,
+            linewidth=1.2,
+            markersize=4,
+            label=method,
+            **looks[method],
+        )
+    left.set(xlabel="vertices", ylabel="seconds", title=f"time; slopes from {FIT_FROM:,} vertices on")
     right.set(xlabel="vertices", ylabel="bytes a vertex", title="peak memory above the input", ylim=(0, None))
     for axes in (left, right):
         axes.grid(alpha=0.3)
+        axes.legend()
     return figure

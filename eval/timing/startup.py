@@ -4,36 +4,61 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from time import perf_counter
 
+from eval.rows.store import Row
+from eval.run.provenance import config_hash, library_versions
 from eval.run.warmup import tiny_task
-from eval.timing.timing import say, take_turns
+from eval.timing.cases import task_facts
+from eval.timing.turns import Job, take_turns
+from sshade.errors import InputError
 from sshade.io.handles import write_handles
 from sshade.io.meshes import write_mesh
 
+#: What these rows are of.
+KIND = "startup"
 
-def start_up(*, repeats: int) -> None:
-    """Print the time of `sshade deform` on a mesh so small that imports and cached kernels are all there is.
+
+def time_start_up(methods: Sequence[str], *, rounds: int) -> list[Row]:
+    """Time `sshade deform` on a mesh so small that imports and cached kernels are all there is.
 
     Parameters
     ----------
-    repeats : int
-        A first call, which may compile, is not counted.
+    methods : sequence of str
+        Values of its option ``--method``.
+    rounds : int
+
+    Raises
+    ------
+    InputError
+        See :func:`eval.timing.turns.take_turns`; and where the command refuses a method.
     """
     task = tiny_task()
     with TemporaryDirectory() as folder:
         mesh, handles, out = (str(Path(folder, name)) for name in ("m.ply", "h.json", "o.ply"))
         write_mesh(mesh, task.mesh.V, task.mesh.F)
         write_handles(handles, task.handles)
-        command = [sys.executable, "-m", "sshade", "deform", mesh, handles, "-o", out, "--samplings", "1"]
+        jobs = []
+        for method in methods:
+            command = ["sshade", "deform", mesh, handles, "-o", out, "--method", method]
+            facts = {
+                "kind": KIND,
+                "method.name": f"sshade deform --method {method}",
+                "method.hash": config_hash({"command": ["deform", "--method", method]}),
+            }
+            facts |= {f"env.version.{name}": version for name, version in library_versions([]).items()}
+            jobs.append(Job(facts | task_facts(task), partial(_call, command)))
+        return take_turns(jobs, rounds=rounds)
 
-        def call() -> None:
-            subprocess.run(command, check=True, capture_output=True)
 
-        call()
-        timing = take_turns({"call": call}, repeats)["call"]
-    say(
-        f"`sshade deform` on {task.mesh.n} vertices, warm cache: {timing.median:.2f} s, "
-        "start-up for the most part"
-    )
+def _call(command: list[str]) -> Row:
+    begin = perf_counter()
+    done = subprocess.run([sys.executable, "-m", *command], capture_output=True, text=True)
+    seconds = perf_counter() - begin
+    if done.returncode:
+        raise InputError(f"{' '.join(command)}: {done.stderr.strip().removeprefix('error: ')}")
+    return {"seconds.total": seconds}

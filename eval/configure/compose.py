@@ -1,0 +1,86 @@
+"""A method or a dataset of ``conf`` by its name and a few settings, outside of a sweep."""
+
+from __future__ import annotations
+
+import shlex
+from itertools import product
+from typing import Any, Literal, NamedTuple
+
+from hydra import compose, initialize_config_dir
+from hydra.errors import HydraException, OverrideParseException
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from eval.configure.sweep import CASE
+from eval.run.allowed import require_allowed
+from sshade.cli.configuration import CONFIGURATION, one_sentence, unreadable_override
+from sshade.errors import InputError
+
+
+class Choice(NamedTuple):
+    """A choice of a group of ``conf``, written as ``[LABEL=]NAME [KEY=VALUE ...]``.
+
+    Attributes
+    ----------
+    label : str
+        The name, unless another was given.
+    name : str
+        Of a YAML file of the group.
+    settings : tuple of str
+        A key without a dot or an @ is one of the choice itself: ``samplings=1``. Others are those of
+        the whole configuration: ``solver.start=rigid``.
+    """
+
+    label: str
+    name: str
+    settings: tuple[str, ...]
+
+
+def read_choice(text: str) -> Choice:
+    """Take a choice apart.
+
+    Raises
+    ------
+    InputError
+        When it names nothing, or what follows the name is no setting.
+    """
+    first, *settings = shlex.split(text) or [""]
+    label, _, name = first.rpartition("=")
+    wrong = next((word for word in settings if "=" not in word), None)
+    if not name or wrong is not None:
+        found = repr(text) if wrong is None else f"{wrong!r} in {text!r}"
+        raise InputError(f"{found} is not understood; write [LABEL=]NAME [KEY=VALUE ...]")
+    return Choice(label or name, name, tuple(settings))
+
+
+def resolved(group: Literal["method", "dataset"], choice: Choice) -> dict[str, Any]:
+    """The plain configuration of a choice.
+
+    Raises
+    ------
+    InputError
+        On a name or a setting that does not exist, or a function that may not be called.
+    """
+    own = [word if {".", "@"} & set(word.split("=")[0]) else f"{group}.{word}" for word in choice.settings]
+    try:
+        with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
+            config = compose("config", overrides=[f"{group}={choice.name}", *own])[group]
+        missing = OmegaConf.missing_keys(config)
+        if missing:
+            raise InputError(f"{choice.name} needs {min(missing).removeprefix(f'{group}.')}=...")
+        plain: dict[str, Any] = OmegaConf.to_container(config, resolve=True)
+    except OverrideParseException as error:
+        raise InputError(unreadable_override(error.override, example=f"{group}.root")) from error
+    except (HydraException, OmegaConfBaseException) as error:
+        raise InputError(one_sentence(str(error))) from error
+    require_allowed(plain, where=f"the configuration of the {group}")
+    return plain
+
+
+def one_each(choice: Choice) -> list[Choice]:
+    """The cases of a dataset where it is given several subjects or poses, ``pose=1,2``."""
+    values = []
+    for word in choice.settings:
+        key, _, value = word.partition("=")
+        values.append([f"{key}={one}" for one in value.split(",")] if key in CASE else [word])
+    return [choice._replace(settings=settings) for settings in product(*values)]
