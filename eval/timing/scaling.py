@@ -36,9 +36,6 @@ SIZES = (10_000, 30_000, 100_000, 300_000, 450_000, 1_000_000, 3_000_000, 5_000_
 #: Subdivisions of a base at most.
 DEEPEST = 5
 
-#: Writing 5 there sets the high-water mark of memory to what is in use now; Linux alone has it.
-_HIGH_WATER = Path("/proc/self/clear_refs")
-
 
 def time_scaling(
     methods: Sequence[TimedMethod],
@@ -63,8 +60,8 @@ def time_scaling(
     Returns
     -------
     list of dict
-        Rows with ``peak_mib``, the memory that a call took above the task and what stays of earlier
-        calls; None where the system does not tell.
+        Rows with ``peak_mib``, the memory in use during a call above that before the first one, what
+        the allocator keeps of earlier calls included; None where the system does not tell.
 
     Raises
     ------
@@ -89,7 +86,8 @@ def _in_own_process(function: Callable[..., list[Row]], *arguments: Any) -> list
 def _time_size(methods: Sequence[TimedMethod], source: dict[str, Any], level: int, rounds: int) -> list[Row]:
     task = subdivided(instantiate(source), level)
     jobs = [job_of(method, task) for method in methods]
-    jobs = [replace(job, facts=job.facts | {"kind": KIND}, call=_with_peak(job)) for job in jobs]
+    before = process_memory("VmRSS")
+    jobs = [replace(job, facts=job.facts | {"kind": KIND}, call=_with_peak(job, before)) for job in jobs]
     return take_turns(jobs, rounds=rounds)
 
 
@@ -101,18 +99,22 @@ def subdivided(task: DeformationTask, level: int) -> DeformationTask:
     return DeformationTask(f"{task.name}, level {level}", Mesh(V, F), task.handles)
 
 
-def _with_peak(job: Job) -> Callable[[], Row]:
-    """The job's call, which measures the peak of memory above that in use before."""
+def _with_peak(job: Job, before: int | None) -> Callable[[], Row]:
+    """The job's call, which measures the peak of memory above the bytes that were in use before."""
 
     def call() -> Row:
-        if not _HIGH_WATER.is_file():
+        if before is None:
             return job.call() | {"peak_mib": None}
-        _HIGH_WATER.write_text("5")
-        before = process_memory("VmRSS")
+        Path("/proc/self/clear_refs").write_text("5")  # sets the high-water mark to what is in use now
         row = job.call()
         return row | {"peak_mib": (process_memory("VmHWM") - before) / 2**20}
 
     return call
+
+
+def is_scaling(table: pd.DataFrame) -> bool:
+    """Whether the lines of a table are of subdivisions."""
+    return bool(table["kind"].eq(KIND).all())
 
 
 def slopes(table: pd.DataFrame) -> dict[str, float]:

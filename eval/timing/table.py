@@ -18,8 +18,9 @@ import pandas as pd
 from eval.publish.plotting import save
 from eval.rows.frame import distinct, numbers, read_csv
 from eval.rows.store import PUBLISHED, ROWS
+from eval.timing.drag import KIND as DRAG
 from eval.timing.drag import STEPS, TOLERANCE
-from eval.timing.scaling import FIT_FROM, draw_scaling, slopes
+from eval.timing.scaling import FIT_FROM, draw_scaling, is_scaling, slopes
 from sshade.errors import InputError
 from sshade.io.files import make_folder, replacing
 
@@ -27,6 +28,8 @@ from sshade.io.files import make_folder, replacing
 TIMING = Path("out/timing")
 #: What others are compared with where it is there.
 REFERENCE = "elastic"
+#: Settings of the number of threads.
+THREADS = ("numba_threads", "omp_num_threads", "openblas_num_threads", "mkl_num_threads")
 
 
 class TimeTable(NamedTuple):
@@ -59,6 +62,7 @@ _COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "case": ("case", str),
     "vertices": ("vertices", _count),
     "seconds.total": ("median (s)", _seconds),
+    "seconds.step": ("median step (s)", _seconds),
     "seconds.min": ("min", _seconds),
     "seconds.max": ("max", _seconds),
     "repeats": ("repeats", _count),
@@ -67,7 +71,6 @@ _COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "seconds.solve": ("solve (s)", _seconds),
     "seconds.bind": ("bind (s)", _seconds),
     "seconds.first": ("first solve (s)", _seconds),
-    "seconds.step": ("step (s)", _seconds),
     "seconds.step_95": ("step, 95th percentile (s)", _seconds),
     "drag.return": ("there and back (%)", "{:.2g}".format),
     "iterations": ("iterations", _count),
@@ -77,9 +80,6 @@ _COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "bytes_per_vertex": ("bytes a vertex", _count),
     "stages": ("other stages (s)", str),
 }
-
-#: Columns that are no stage.
-_WHOLE = ("seconds.total", "seconds.repeat")
 
 
 def make_time_table(rows: pd.DataFrame, *, title: str, reference: str | None = None) -> TimeTable:
@@ -105,15 +105,16 @@ def make_time_table(rows: pd.DataFrame, *, title: str, reference: str | None = N
     kept = rows[rows["kept"].eq(True)]
     case = ["task.name", "task.checksum", "method.name"]
     lines = pd.DataFrame([_line(own) for _, own in kept.groupby(case, sort=False)])
-    base = lines[lines["method"] == (reference or REFERENCE)].set_index("case")["seconds.total"]
-    if len(base):
-        lines["speed_up"] = lines["case"].map(base) / lines["seconds.total"]
+    base = lines[lines["method"] == (reference or REFERENCE)]
+    if len(base) and "seconds.total" in lines:
+        base = base.set_index("checksum")["seconds.total"]
+        lines["speed_up"] = lines["checksum"].map(base) / lines["seconds.total"]
     return TimeTable(title, lines, _notes(rows, lines, reference or REFERENCE))
 
 
 def _check(rows: pd.DataFrame) -> None:
     """Raise InputError unless the times of the rows compare."""
-    if "kept" not in rows or not rows["kept"].eq(True).any():
+    if not {"kept", "kind"} <= set(rows) or not rows["kept"].eq(True).any():
         raise InputError("these are no rows of times; `sshade-eval bench` makes them")
     for fact in ("env.machine", "env.machine_id"):
         if len(found := distinct(rows, fact)) > 1:
@@ -132,19 +133,22 @@ def _check(rows: pd.DataFrame) -> None:
 def _line(own: pd.DataFrame) -> dict[str, Any]:
     """The line of a method and case."""
     first = own.iloc[0]
-    stages = [name for name in own if name.startswith("seconds.") and name not in _WHOLE]
-    medians = {name: numbers(own, name).median() for name in ("seconds.total", *stages)}
-    total, cutoff = numbers(own, "seconds.total"), numbers(own, "extrapolated_to").iloc[0]
+    headline = "seconds.step" if first["kind"] == DRAG else "seconds.total"
+    left_out = {"seconds.repeat", "seconds.total"} - {headline}
+    stages = [name for name in own if name.startswith("seconds.") and name not in left_out]
+    measured, cutoff = numbers(own, headline), numbers(own, "extrapolated_to").iloc[0]
     iterations = numbers(own, "iterations").median()
     peak = numbers(own, "peak_mib").max()
     line = {
+        "kind": first["kind"],
         "method": first["method.name"],
         "case": first["task.name"],
+        "checksum": first["task.checksum"],
         "vertices": first["task.vertices"],
         "repeats": len(own),
-        **medians,
-        "seconds.min": total.min(),
-        "seconds.max": total.max(),
+        **{name: numbers(own, name).median() for name in stages},
+        "seconds.min": measured.min(),
+        "seconds.max": measured.max(),
         "cores_used": numbers(own, "env.cores_used").median(),
         "iterations": iterations,
         "extrapolated": None,
@@ -162,8 +166,10 @@ def _notes(rows: pd.DataFrame, lines: pd.DataFrame, reference: str) -> list[str]
     tree = {True: ", a modified tree", False: ""}.get(rows["env.modified"].iloc[0], "")
     commits = ", ".join(commit[:10] for commit in distinct(rows, "env.commit")) or "unknown"
     days = sorted({date[:10] for date in rows["date"]})
+    given = {name: distinct(rows, f"env.{name}") for name in THREADS}
+    threads = ", ".join(f"{name} {', '.join(map(str, own))}" for name, own in given.items() if own)
     notes = [
-        f"Machine: {distinct(rows, 'env.machine')[0]}{f' ({identity[0]})' if identity else ''}.",
+        f"Machine: {distinct(rows, 'env.machine')[0]}{f' ({identity[0]})' if identity else ''}; {threads}.",
         f"Code {distinct(rows, 'env.version.code')[0]} (commit {commits}{tree}), {' to '.join(days)}.",
     ]
     lost = rows[~rows["kept"].eq(True)]
@@ -180,10 +186,14 @@ def _notes(rows: pd.DataFrame, lines: pd.DataFrame, reference: str) -> list[str]
         notes.append("Extrapolated: time before the iterations, and that of an iteration for each of them.")
     if "seconds.step" in lines:
         notes.append(
-            f"Step: one of a drag of {STEPS} from rest to the targets, each to a residual of {TOLERANCE:g}; first "
-            "solve: from rest to the targets at once. There and back: the largest distance of a vertex after "
-            "the way back from where it was before, of the bounding-box diagonal."
+            f"Step: one of a drag of {STEPS} from rest to the targets, each to a residual of {TOLERANCE:g}; "
+            "first solve: from rest to the targets at once. There and back: the largest distance of a vertex "
+            "after the way back from where it was before, of the bounding-box diagonal."
         )
+    if "seconds.remesh" in lines:
+        notes.append("Stages of samplings that run beside each other are added up.")
+    if not is_scaling(lines):
+        return notes
     return notes + [
         f"{method}: slope {slope:.2f} of log time against log vertices from {FIT_FROM:,} on."
         for method, slope in slopes(lines).items()
@@ -262,7 +272,7 @@ def command(options: argparse.Namespace) -> int:
         for suffix, text_of in ((".csv", to_csv), (".md", to_markdown)):
             with replacing(root / "tables" / f"{table.title}{suffix}") as temporary:
                 temporary.write_text(text_of(table))
-        if slopes(table.lines):
+        if is_scaling(table.lines):
             save(draw_scaling(table.lines), root / "figures" / f"{table.title}.svg")
         if options.publish and path.resolve() != (root / "timing" / path.name).resolve():
             make_folder(root / "timing")

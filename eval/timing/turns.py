@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from math import ceil
+from time import perf_counter
 
 import numpy as np
 
@@ -68,23 +68,22 @@ def take_turns(jobs: Sequence[Job], *, rounds: int) -> list[Row]:
         When :data:`ATTEMPTS` repeats in a row were thrown away.
     """
     rows: list[Row] = []
-    calls: dict[Job, int] = {}
+    short = []
     for job in jobs:
         say(f"warm-up: {job}")
-        first = _repeat(job, number=1, calls=1)
+        first = _repeat(job, number=1, least=0.0)
         if first["seconds.repeat"] > LONG:
             rows += _until_kept(job, [first])
         else:
-            calls[job] = ceil(SHORTEST / max(first["seconds.repeat"], 1e-3))
+            short.append(job)
     for number in range(1, rounds + 1):
-        for job in calls:
-            first = _repeat(job, number=number, calls=calls[job])
-            rows += _until_kept(job, [first])
-    seen = Counter[str]()
+        for job in short:
+            rows += _until_kept(job, [_repeat(job, number=number)])
+    seen = Counter[tuple[str, str]]()
     for row in rows:
-        run = f"{row['method.hash']} {row['task.checksum']}"
-        seen[run] += 1
-        row["repeat"] = seen[run]
+        job_id = row["method.name"], row["task.checksum"]
+        seen[job_id] += 1
+        row["repeat"] = seen[job_id]
     return rows
 
 
@@ -98,7 +97,7 @@ def _until_kept(job: Job, rows: list[Row]) -> list[Row]:
             return rows
         if len(rows) == ATTEMPTS:
             raise _not_quiet(job, rows)
-        rows.append(_repeat(job, number=row["round"], calls=row["calls"]))
+        rows.append(_repeat(job, number=row["round"]))
 
 
 def _not_quiet(job: Job, rows: list[Row]) -> InputError:
@@ -110,11 +109,14 @@ def _not_quiet(job: Job, rows: list[Row]) -> InputError:
     )
 
 
-def _repeat(job: Job, *, number: int, calls: int) -> Row:
+def _repeat(job: Job, *, number: int, least: float = SHORTEST) -> Row:
+    """The row of calls that take at least so many seconds together."""
     before = read_machine()
-    results = [job.call() for _ in range(calls)]
+    results = [job.call()]
+    while perf_counter() - before.seconds < least:
+        results.append(job.call())
     use = between(before, read_machine())
-    row = job.facts | {"round": number, "calls": calls, "seed": 0, "schema": SCHEMA}
+    row = job.facts | {"round": number, "calls": len(results), "seed": 0, "schema": SCHEMA}
     row |= {f"env.{fact}": value for fact, value in environment(jobs=1).items()}
     row |= results[-1]
     row |= {name: float(np.mean([r[name] for r in results])) for name in row if name.startswith("seconds.")}

@@ -143,7 +143,7 @@ STUDIES = (
     ("topology body.ply", "body.ply"),
     ("jumps body.ply pose.json", "body.ply"),
     ("jumps body.ply pose.json", "pose.json"),
-    ("bench body.ply pose.json", "body.ply"),
+    ('bench speed --methods identity --cases "mesh mesh=body.ply handles=pose.json"', "body.ply"),
 )
 
 
