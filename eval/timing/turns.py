@@ -78,7 +78,7 @@ def take_turns(jobs: Sequence[Job], *, rounds: int) -> list[Row]:
             short.append(job)
     for number in range(1, rounds + 1):
         for job in short:
-            rows += _until_kept(job, [_repeat(job, number=number)])
+            rows += _until_kept(job, [_repeat(job, number=number, least=SHORTEST)])
     seen = Counter[tuple[str, str]]()
     for row in rows:
         job_id = row["method.name"], row["task.checksum"]
@@ -97,7 +97,7 @@ def _until_kept(job: Job, rows: list[Row]) -> list[Row]:
             return rows
         if len(rows) == ATTEMPTS:
             raise _not_quiet(job, rows)
-        rows.append(_repeat(job, number=row["round"]))
+        rows.append(_repeat(job, number=row["round"], least=SHORTEST))
 
 
 def _not_quiet(job: Job, rows: list[Row]) -> InputError:
@@ -109,7 +109,7 @@ def _not_quiet(job: Job, rows: list[Row]) -> InputError:
     )
 
 
-def _repeat(job: Job, *, number: int, least: float = SHORTEST) -> Row:
+def _repeat(job: Job, *, number: int, least: float) -> Row:
     """The row of calls that take at least so many seconds together."""
     before = read_machine()
     results = [job.call()]

@@ -1,56 +1,153 @@
-"""The benchmark command on a small mesh: it runs, and says what it promises."""
+"""The benchmark command on a small mesh: every kind leaves its rows, and mistakes are told in a sentence."""
 
-import re
+import os
+from pathlib import Path
 
+import numpy as np
 import pytest
 
-from eval.main import call
+from eval.main import call, main
+from eval.rows.frame import numbers, read_csv
+from eval.run.provenance import SOURCES
 from eval.run.warmup import tiny_task
-from eval.timing.scaling import scaling
-from eval.timing.timing import take_turns
-from sshade.io.handles import write_handles
-from sshade.io.meshes import write_mesh
+from eval.timing.scaling import _in_own_process
+from eval.timing.speed import extrapolate
+from sshade.errors import InputError
+from sshade.io.meshes import read_mesh
+
+ONE = "sshade-1=sshade samplings=1 vertices=150"
 
 
-@pytest.fixture(scope="module")
-def files(tmp_path_factory):
-    folder, task = tmp_path_factory.mktemp("bench"), tiny_task()
-    write_mesh(folder / "rest.ply", task.mesh.V, task.mesh.F)
-    write_handles(folder / "pose.json", task.handles)
-    return folder / "rest.ply", folder / "pose.json"
+def bench(kind, *arguments):
+    assert call("bench", [kind, *arguments]) == 0
+    return read_csv(f"out/timing/{kind}.csv")
 
 
-def test_every_section_prints_its_figures(files, capsys):
-    small = ["--vertices", "150", "--samplings", "2", "1", "--repeats", "1", "--block", "2", "--full"]
-    assert call("bench", [*map(str, files), *small]) == 0
-    printed = capsys.readouterr().out
-    for pattern in (
-        r"elastic \(libigl\): precomputation .* extrapolated from 1 x 2",
-        r"sshade, 2 samplings: .* faster than 1000 iterations",
-        r"sshade, 1 sampling: .* faster than 1000 iterations",
-        r"remesh \(one thread\): .* iterations of elastic",
-        r"Cholesky factorisation: superlu .* of that",
-        r"warm start moves the result by",
-        r"elastic, (stopping rule|1000 iterations): .* residual",
-        r"warm cache: \d",
-        r"deformations a second",
-        r"released and solved to a residual of",
-    ):
-        assert re.search(pattern, printed), pattern
+def test_a_line_a_repeat(machine, case):
+    machine(0.0, 0.0, 0.2, 0.0)
+    rows = bench("speed", "--methods", "elastic max_iterations=20", ONE, "--cases", case, "--rounds", "2")
+    assert rows["method.name"].tolist() == ["elastic", "elastic", "sshade-1", "elastic", "sshade-1"]
+    assert rows["kept"].tolist() == [False, True, True, True, True]
+    assert rows["round"].tolist() == [1, 1, 1, 2, 2]
+    assert rows["repeat"].tolist() == [1, 2, 1, 3, 2]
+    assert (rows["task.vertices"] == 642).all() and (rows["env.version.code"] == SOURCES).all()
+    assert (rows["method.samplings"].dropna() == 1).all() and "extrapolated_to" not in rows
+    stages = numbers(rows, "seconds.precompute") + numbers(rows, "seconds.solve")
+    whole = numbers(rows, "seconds.total")
+    own = rows["method.name"] == "elastic"
+    assert (stages[own] <= whole[own]).all() and (whole <= numbers(rows, "seconds.repeat")).all()
+    assert (numbers(rows, "env.cores_used") > 0).all()
 
 
-def test_scaling_measures_the_nearest_subdivisions(files, tmp_path, capsys):
-    plot = tmp_path / "plots/scaling.svg"
-    scaling([files[0]], files[1], vertices=150, repeats=1, sizes=(600, 2500, 2600), plot=plot)
-    lines = capsys.readouterr().out.splitlines()
-    sizes = [int(line.split()[0]) for line in lines[1:3]]
-    assert sizes == [642, 2562]  # two of the wanted sizes share one
-    assert "log-log slope" in lines[3]
-    assert plot.stat().st_size > 0
+def test_iterations_are_extrapolated(machine, case):
+    rows = bench("speed", "--methods", "arap", "--extrapolate", "arap", "--block", "4", "--cases", case)
+    assert (rows["iterations"] == 4).all() and (rows["extrapolated_to"] == 1000).all()
+    rest = numbers(rows, "seconds.total") - numbers(rows, "seconds.solve")
+    assert (rest >= numbers(rows, "seconds.precompute")).all()
+    assert (
+        numbers(rows, "seconds.solve") > 200 * rest
+    ).all()  # 250 blocks, each longer than the rest of a call
 
 
-def test_runs_take_turns():
-    order = []
-    timings = take_turns({"a": lambda: order.append("a"), "b": lambda: order.append("b")}, 3)
-    assert order == ["a", "b"] * 3
-    assert [len(timing.seconds) for timing in timings.values()] == [3, 3]
+def test_what_an_extrapolation_is():
+    row = {"iterations": 10.0, "seconds.total": 5.0, "seconds.precompute": 2.5, "seconds.solve": 2.0}
+    given = extrapolate(row, to=1000)
+    assert given["seconds.total"] == 203.0 and given["seconds.solve"] == 200.0
+    assert given["seconds.precompute"] == 2.5 and given["extrapolated_to"] == 1000
+    with pytest.raises(InputError, match="does not tell its iterations"):
+        extrapolate({"iterations": 10.0, "seconds.total": 5.0}, to=1000)
+
+
+def test_a_drag(machine, case):
+    rows = bench("drag", "--methods", ONE, "--cases", case, "--rounds", "1")
+    (row,) = rows.to_dict("records")
+    stages = [row[f"seconds.{name}"] for name in ("bind", "first", "step", "step_95")]
+    assert min(stages) > 0 and row["seconds.step"] <= row["seconds.step_95"]
+    assert row["seconds.bind"] + row["seconds.first"] + 60 * row["seconds.step"] < row["seconds.total"]
+    assert 0 <= row["drag.return"] < 1
+
+
+def test_subdivisions_and_their_memory(machine, case):
+    sizes = ["--sizes", "600", "2500", "2600"]
+    rows = bench("scaling", "--methods", ONE, "--cases", case, *sizes, "--rounds", "1")
+    assert rows["task.vertices"].tolist() == [642, 2562]  # two of the wanted sizes share one
+    assert np.isfinite(numbers(rows, "peak_mib")).all() and rows["task.checksum"].nunique() == 2
+    assert call("timings", ["scaling"]) == 0 and Path("out/figures/scaling.svg").stat().st_size > 0
+
+
+def test_a_process_of_its_own_hands_back_results_and_refusals():
+    assert _in_own_process(os.getpid) != os.getpid()
+    with pytest.raises(InputError, match=r"nowhere\.ply"):
+        _in_own_process(read_mesh, "nowhere.ply")
+
+
+def test_the_command_line(machine, case):
+    rows = bench("startup", "--methods", "sshade", "--rounds", "1")
+    assert rows["method.name"].tolist() == ["sshade deform --method sshade"]
+    assert rows["task.vertices"].tolist() == [tiny_task().mesh.n]
+    assert main(["bench", "startup", "--methods", "sshod"]) == 2
+
+
+CASE = "mesh mesh=rest.ply handles=pose.json"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["speed", "--methods", "elastik", "--cases", CASE], "there is no method 'elastik'"),
+        (["speed", "--methods", "elastic tol=1", "--cases", CASE], "there is no setting method.tol"),
+        (["speed", "--methods", "elastic start", "--cases", CASE], "'start' in 'elastic start'"),
+        (["speed", "--methods", "a=", "--cases", CASE], "'a=' is not understood"),
+        (["speed", "--methods", "arap", "arap start=rigid", "--cases", CASE], "two methods are named 'arap'"),
+        (["speed", "--methods", "arap start=here", "--cases", CASE], "start='here'"),
+        (["speed", "--methods", "transfer/sshade", "--cases", CASE], "takes a TransferTask"),
+        (["speed", "--methods", "arap", "--cases", "mash x=1"], "there is no dataset 'mash'"),
+        (["speed", "--methods", "arap", "--cases", "mesh mesh=rest.ply"], "mesh needs handles=..."),
+        (["speed", "--methods", "arap", "--cases", CASE.replace("rest", "gone")], "gone.ply"),
+        (["speed", "--methods", "arap", "--cases", "defaust root=gone subject=0,1"], "gone does not exist"),
+        (["speed", "--methods", "arap"], "speed needs --cases"),
+        (["startup", "--methods", "sshade", "--cases", CASE], "startup takes no --cases"),
+        (["speed", "--methods", "arap", "--cases", CASE, "--extrapolate", "x"], "none of the methods"),
+        (
+            ["drag", "--methods", ONE, "--cases", CASE, "--extrapolate", "sshade-1"],
+            "drag takes no --extrapolate",
+        ),
+        (["speed", "--methods", ONE, "--cases", CASE, "--extrapolate", "sshade-1"], "no max_iterations"),
+        (
+            ["speed", "--methods", "arap", "--cases", CASE, "--extrapolate", "arap", "--block", "1000"],
+            "a block of 1000 iterations does not fit",
+        ),
+        (["drag", "--methods", "arap", "--cases", CASE], "cannot be bound: sshade.Deformer binds deform"),
+        (
+            ["drag", "--methods", f"{ONE} solver.start=rigid method.coarse.volume=1.0", "--cases", CASE],
+            "another shape",
+        ),
+        (["speed", "--methods", "arap", "--cases", CASE, "--rounds", "0"], "take numbers from 1"),
+        (["speed", "--methods", "arap", "--cases", CASE, "--name", "../x"], "no name of a file"),
+        (["walk", "--methods", "arap"], "invalid choice: 'walk'"),
+    ],
+)
+def test_mistakes_are_told_in_a_sentence(machine, case, capsys, arguments, words):
+    assert main(["bench", *arguments]) == 2
+    told = capsys.readouterr().err.splitlines()[-1]
+    assert told.startswith("error: ") and words in told
+    assert not Path("out").exists()
+
+
+def test_a_name_of_an_experiment_is_refused(machine, case, capsys):
+    Path("results/rows").mkdir(parents=True)
+    Path("results/rows/quick.csv").write_text("")
+    arguments = ["speed", "--methods", "identity", "--cases", case, "--name", "quick"]
+    assert main(["bench", *arguments]) == 2
+    assert "quick is the name of an experiment" in capsys.readouterr().err
+
+
+def test_an_extra_that_is_missing(machine, case, capsys, monkeypatch):
+    import eval.timing.cases
+
+    def instantiate(config):
+        raise ImportError("torch is not installed")
+
+    monkeypatch.setattr(eval.timing.cases, "instantiate", instantiate)
+    assert main(["bench", "speed", "--methods", "arap", "--cases", case]) == 2
+    assert "arap cannot be timed: torch is not installed" in capsys.readouterr().err

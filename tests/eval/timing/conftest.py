@@ -1,0 +1,57 @@
+"""What the tests of times share: a machine that does nothing else, and a small case."""
+
+from __future__ import annotations
+
+import os
+from time import perf_counter, time
+
+import pytest
+
+import eval.timing.scaling
+import eval.timing.turns
+from eval.run.warmup import tiny_task
+from eval.timing.quiet import Reading
+from sshade.io.handles import write_handles
+from sshade.io.meshes import write_mesh
+
+
+class Machine:
+    """Stands for the counters: others use the `load` of each span in turn, then the last one for ever."""
+
+    def __init__(self, *load: float, jump: float = 0.0) -> None:
+        self.load, self.jump = list(load), jump
+        self.before: Reading | None = None
+        self.others = 0.0
+
+    def __call__(self) -> Reading:
+        own = sum(os.times()[:4])
+        now = Reading(perf_counter(), time(), own, own)
+        if self.before is not None:
+            share = self.load.pop(0) if len(self.load) > 1 else self.load[0]
+            self.others += share * os.cpu_count() * (now.seconds - self.before.seconds)
+            now = now._replace(clock=now.clock + self.jump)
+        self.before = None if self.before is not None else now
+        return now._replace(busy=own + self.others)
+
+
+@pytest.fixture
+def machine(monkeypatch):
+    """Sets what others use during each repeat; repeats may be short, and all run in this process."""
+
+    def set_load(*load: float, jump: float = 0.0) -> None:
+        monkeypatch.setattr(eval.timing.turns, "read_machine", Machine(*load, jump=jump))
+
+    set_load(0.0)
+    monkeypatch.setattr(eval.timing.turns, "SHORTEST", 1e-3)
+    monkeypatch.setattr(eval.timing.scaling, "_in_own_process", lambda function, *given: function(*given))
+    return set_load
+
+
+@pytest.fixture
+def case(tmp_path, monkeypatch) -> str:
+    """A sphere of 642 vertices in the current folder, as a case of the command."""
+    monkeypatch.chdir(tmp_path)
+    task = tiny_task()
+    write_mesh("rest.ply", task.mesh.V, task.mesh.F)
+    write_handles("pose.json", task.handles)
+    return "mesh mesh=rest.ply handles=pose.json"

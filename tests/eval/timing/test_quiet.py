@@ -1,0 +1,101 @@
+"""The load of others and jumps of the clock are seen, and a busy process beside a benchmark ends it."""
+
+import os
+import subprocess
+import sys
+from math import ceil
+from pathlib import Path
+
+import psutil
+import pytest
+
+from eval.timing import quiet
+from eval.timing.quiet import OTHERS, Reading, between, busiest_other, read_machine
+
+BURN = "import time; end = time.time() + 60\nwhile time.time() < end: pass"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "clock", "busy", "own", "problem"),
+    [
+        (10.0, 10.0, 19.0, 18.1, ""),
+        (10.0, 10.0, 19.0, 17.8, "other processes used 6% of the machine's 2 cores"),
+        (10.0, 10.0, 5.0, 5.1, ""),  # ticks: the system has counted less than the process
+        (10.0, 10.05, 5.0, 5.0, ""),
+        (10.0, 3610.0, 5.0, 5.0, "the clock jumped by +3600.0 s"),
+        (10.0, 5.0, 5.0, 5.0, "the clock jumped by -5.0 s"),
+    ],
+)
+def test_what_makes_a_span_count(seconds, clock, busy, own, problem):
+    use = between(
+        Reading(100.0, 7.0, 50.0, 40.0), Reading(100 + seconds, 7 + clock, 50 + busy, 40 + own), cores=2
+    )
+    assert use.problem == problem
+    assert use.seconds == seconds and use.cores_used == pytest.approx(own / seconds)
+    assert use.others == pytest.approx(max(0, busy - own) / 20)
+
+
+def test_what_counts_as_busy(monkeypatch):
+    """All but idle and waiting for a disk, what a hypervisor took too; guests stand in user already."""
+    from collections import namedtuple
+
+    names = "user nice system idle iowait irq softirq steal guest guest_nice"
+    times = namedtuple("times", names)(1, 2, 4, 1000, 500, 8, 16, 32, 1, 2)
+    monkeypatch.setattr(quiet.psutil, "cpu_times", lambda: times)
+    assert read_machine().busy == 1 + 2 + 4 + 8 + 16 + 32
+
+
+def test_processes_begun_here_are_own_while_they_run_and_after():
+    work = "import time\nwhile time.process_time() < 0.4: pass\nprint(flush=True)\ninput()"
+    begin = read_machine()
+    with subprocess.Popen(
+        [sys.executable, "-c", work], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as child:
+        child.stdout.readline()
+        living = read_machine()
+        child.communicate(b"\n")
+    ended = read_machine()
+    assert living.own - begin.own >= 0.35  # the system rounds to ticks of 10 ms
+    assert ended.own >= living.own - 0.02
+    assert living.busy - begin.busy >= 0.3
+
+
+@pytest.fixture
+def busy():
+    """Pids of processes of others, begun by a shell that is gone: they use a tenth of the cores at least."""
+    count = ceil(2 * OTHERS * os.cpu_count())
+    script = f'for i in $(seq {count}); do "$0" -c "$1" >/dev/null 2>&1 & echo $!; done'
+    shell = ["sh", "-c", script, sys.executable, BURN]
+    pids = [int(pid) for pid in subprocess.run(shell, check=True, capture_output=True).stdout.split()]
+    yield pids
+    for pid in pids:
+        psutil.Process(pid).kill()
+
+
+def test_a_busy_process_beside_ends_the_command_without_rows(busy, case):
+    command = [sys.executable, "-m", "eval", "bench", "speed", "--methods", "identity", "--cases", case]
+    root = Path(__file__).parents[3]
+    done = subprocess.run(
+        command, env={**os.environ, "PYTHONPATH": str(root)}, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 2
+    *lines, last = done.stderr.splitlines()
+    assert sum("thrown away: other processes used" in line for line in lines) == 5
+    assert last.startswith("error: the machine is not quiet: 5 repeats of identity on rest/pose in a row")
+    assert "; the busiest is process " in last and last.endswith("nothing was written")
+    assert not Path("out").exists()
+
+
+def test_the_busiest_process_is_named(busy, monkeypatch):
+    ours = {pid: psutil.Process(pid) for pid in busy}
+    monkeypatch.setattr(quiet.psutil, "process_iter", lambda facts: map(_with_times, ours.values()))
+    words = busiest_other()
+    assert any(words.startswith(f"process {pid} ({sys.executable} -c import time") for pid in ours)
+    assert words.endswith("% of a core")
+    monkeypatch.setattr(quiet.psutil, "process_iter", lambda facts: [_with_times(psutil.Process())])
+    assert busiest_other() == ""  # this process itself is none
+
+
+def _with_times(process: psutil.Process) -> psutil.Process:
+    process.info = {"cpu_times": process.cpu_times()}
+    return process

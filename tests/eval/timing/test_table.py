@@ -1,0 +1,147 @@
+"""Tables of times: medians and ranges, what is refused, and what may be published."""
+
+import re
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from eval.main import call, main
+from eval.rows.frame import read_csv, to_frame, write_csv
+from eval.timing.table import make_time_table
+from sshade.errors import InputError
+
+
+def row(method, seconds, *, repeat=1, kept=True, **facts):
+    return {
+        **{"kind": "speed", "method.name": method, "method.hash": method, "task.name": "body", "seed": 0},
+        **{"task.checksum": "c1", "task.vertices": 170931, "status": "ok", "key": f"{method}{repeat}"},
+        **{"repeat": repeat, "round": repeat, "calls": 1, "kept": kept, "reason": "" if kept else "noise"},
+        **{"seconds.total": seconds, "seconds.repeat": seconds, "seconds.solve": seconds / 2},
+        **{"iterations": 10.0, "env.machine": "M", "env.commit": "abc", "env.modified": False},
+        **{"env.version.code": "v1", "env.cores_used": 1.5, "other_cores": 0.01, "env.numba_threads": 2},
+        "date": "2026-01-02T00:00:00.000000Z",
+        **facts,
+    }
+
+
+def rows(**facts):
+    far = {"extrapolated_to": 1000, "seconds.precompute": 3.0}
+    return to_frame(
+        [
+            *(row("elastic", s, repeat=i, **far, **facts) for i, s in enumerate((200.0, 220.0, 190.0), 1)),
+            row("fast", 99.0, kept=False, **facts),
+            *(row("fast", s, repeat=i, **facts) for i, s in enumerate((0.5, 0.4, 0.41), 2)),
+        ]
+    )
+
+
+def test_median_range_and_ratio_of_the_kept_repeats():
+    table = make_time_table(rows(), title="speed")
+    elastic, fast = table.lines.to_dict("records")
+    assert (elastic["seconds.total"], elastic["seconds.min"], elastic["seconds.max"]) == (200, 190, 220)
+    assert (fast["seconds.total"], fast["seconds.min"], fast["seconds.max"]) == (0.41, 0.4, 0.5)
+    assert fast["repeats"] == 3
+    assert fast["speed_up"] == pytest.approx(200 / 0.41) and elastic["speed_up"] == 1
+    assert elastic["extrapolated"] == "from 3 x 10 iterations" and elastic["iterations"] == 1000
+    assert pd.isna(fast["extrapolated"]) and fast["iterations"] == 10
+    notes = " ".join(table.notes)
+    assert "Code v1 (commit abc), 2026-01-02" in notes and "Machine: M; numba_threads 2" in notes
+    assert "1 repeats were thrown away: noise" in notes
+
+
+def test_cases_are_compared_each_with_its_own_reference():
+    small = rows(**{"task.checksum": "c2", "task.vertices": 5000})
+    small["seconds.total"] = small["seconds.total"].where(small["method.name"] == "fast", 41.0)
+    lines = make_time_table(pd.concat([rows(), small], ignore_index=True), title="speed").lines
+    assert lines["speed_up"].round(3).tolist() == [1, round(200 / 0.41, 3), 1, 100]
+
+
+def test_another_reference():
+    lines = make_time_table(rows(), title="speed", reference="fast").lines
+    assert lines["speed_up"].round(5).tolist() == [round(0.41 / 200, 5), 1]
+    with pytest.raises(InputError, match="speed has no method 'arap'"):
+        make_time_table(rows(), title="speed", reference="arap")
+
+
+@pytest.mark.parametrize(
+    ("facts", "words"),
+    [
+        ({"env.version.code": "v2"}, r"2 versions of code \(v1; v2\)"),
+        ({"env.version.numpy": "2.0"}, None),
+        ({"env.machine": "N"}, r"2 machines \(M; N\)"),
+        ({"method.hash": "other"}, "'elastic' has rows of different parameters"),
+    ],
+)
+def test_mixtures_are_refused(facts, words):
+    joined = pd.concat([rows(), rows(**facts)], ignore_index=True)
+    if words is None:  # a library that only one method uses
+        make_time_table(joined, title="speed")
+    else:
+        with pytest.raises(InputError, match=words):
+            make_time_table(joined, title="speed")
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("results").mkdir()
+    return tmp_path
+
+
+def test_the_files_of_a_table(folder):
+    write_csv("out/timing/speed.csv", rows())
+    assert call("timings", []) == 0
+    text = Path("out/tables/speed.md").read_text()
+    head, _, elastic, fast = [line for line in text.splitlines() if line.startswith("|")]
+    assert head.startswith("| method | case | vertices | median (s) | min | max | repeats | times faster |")
+    assert "| elastic | body | 170,931 | 200 | 190 | 220 | 3 | 1 | 3 | 100 | 1,000 | from 3 x 10" in elastic
+    assert re.search(
+        r"\| fast \| body \| 170,931 \| 0.41 \| 0.4 \| 0.5 \| 3 \| 488 \|  \| 0.205 \| 10 \|", fast
+    )
+    lines = pd.read_csv("out/tables/speed.csv")
+    assert lines["seconds.total"].tolist() == [200, 0.41] and lines["speed_up"].tolist() == [1, 487.805]
+    assert not any(Path("results").iterdir())
+
+
+def test_what_comes_from_a_commit_is_published(folder):
+    write_csv("out/timing/speed.csv", rows())
+    assert call("timings", ["speed", "--publish"]) == 0
+    assert Path("results/timing/speed.csv").read_bytes() == Path("out/timing/speed.csv").read_bytes()
+    assert {path.name for path in Path("results/tables").iterdir()} == {"speed.csv", "speed.md"}
+    Path("out/timing/speed.csv").unlink()
+    assert call("timings", ["speed"]) == 0 and Path("out/tables/speed.md").is_file()
+
+
+@pytest.mark.parametrize("facts", [{"env.modified": True}, {"env.commit": None, "env.modified": None}])
+def test_what_no_commit_holds_is_not_published(folder, capsys, facts):
+    write_csv("out/timing/speed.csv", rows(**facts))
+    assert main(["timings", "speed", "--publish"]) == 2
+    assert "rows of a modified tree are not published" in capsys.readouterr().err
+    assert not any(Path("results").iterdir())
+
+
+def test_mistakes_are_told_in_a_sentence(folder, capsys):
+    assert main(["timings"]) == 2 and "out/timing: no rows of times" in capsys.readouterr().err
+    assert main(["timings", "gone"]) == 2 and "out/timing/gone.csv: no rows" in capsys.readouterr().err
+    write_csv("out/timing/cut.csv", rows())
+    whole = Path("out/timing/cut.csv").read_text()
+    Path("out/timing/cut.csv").write_text(whole[:-40])
+    assert main(["timings", "cut"]) == 2 and "line 8 has another number of cells" in capsys.readouterr().err
+    write_csv("out/timing/other.csv", rows().drop(columns=["kept"]))
+    assert main(["timings", "other"]) == 2 and "no rows of times" in capsys.readouterr().err
+    assert not Path("out/tables").exists()
+
+
+def test_slopes_of_subdivisions(folder):
+    sizes = [(100_000, 1.0), (400_000, 2.0), (1_600_000, 4.0), (10_000, 1.0)]
+    lines = [
+        row("fast", s, kind="scaling", peak_mib=8.0, **{"task.vertices": n, "task.checksum": str(n)})
+        for n, s in sizes
+    ]
+    table = make_time_table(to_frame(lines), title="scaling")
+    assert table.notes[-1] == "fast: slope 0.50 of log time against log vertices from 100,000 on."
+    assert table.lines["bytes_per_vertex"].tolist() == [8 * 2**20 / n for n, _ in sizes]
+    write_csv("out/timing/scaling.csv", to_frame(lines))
+    assert read_csv("out/timing/scaling.csv")["peak_mib"].tolist() == [8.0] * 4
+    assert call("timings", ["scaling"]) == 0 and Path("out/figures/scaling.svg").is_file()

@@ -1,0 +1,91 @@
+"""Runs take turns; repeats that others disturbed are thrown away and repeated, or end it all."""
+
+from time import sleep
+
+import pytest
+
+import eval.timing.turns
+from eval.timing.turns import ATTEMPTS, Job, take_turns
+from sshade.errors import InputError
+
+
+def job(name, order, seconds=(1.0,)):
+    told = iter(seconds * 1000)
+
+    def call():
+        order.append(name)
+        sleep(2e-3)
+        return {"seconds.total": next(told), "seconds.solve": 0.5, "iterations": 7.0}
+
+    facts = {
+        "method.name": name,
+        "method.hash": name,
+        "task.name": "t",
+        "task.checksum": "c",
+        "kind": "speed",
+    }
+    return Job(facts, call)
+
+
+def test_jobs_take_turns_after_a_warm_up(machine):
+    order = []
+    rows = take_turns([job(name, order) for name in "abc"], rounds=3)
+    assert order == list("abc") * 4
+    assert [(row["method.name"], row["round"], row["repeat"]) for row in rows] == [
+        (name, number, number) for number in (1, 2, 3) for name in "abc"
+    ]
+    assert all(row["kept"] and row["reason"] == "" and row["other_cores"] == 0 for row in rows)
+
+
+def test_short_calls_are_repeated_and_averaged(machine, monkeypatch):
+    monkeypatch.setattr(eval.timing.turns, "SHORTEST", 0.05)
+    order = []
+    (row,) = take_turns([job("a", order, seconds=(1.0, 2.0))], rounds=1)
+    assert row["calls"] == len(order) - 1 > 5  # the warm-up is one call
+    assert row["seconds.repeat"] >= 0.05
+    mean = (row["calls"] // 2 * 3 + row["calls"] % 2 * 2) / row["calls"]
+    assert row["seconds.total"] == pytest.approx(mean) and row["seconds.solve"] == 0.5
+
+
+def test_a_disturbed_repeat_is_thrown_away_and_repeated(machine):
+    machine(0.0, 0.0, 0.2, 0.3, 0.0)  # warm-ups of a and b, then a twice in vain
+    order = []
+    rows = take_turns([job(name, order) for name in "ab"], rounds=1)
+    assert order == list("abaaab")
+    assert [(row["method.name"], row["repeat"], row["kept"]) for row in rows] == [
+        ("a", 1, False),
+        ("a", 2, False),
+        ("a", 3, True),
+        ("b", 1, True),
+    ]
+    assert rows[0]["reason"].startswith("other processes used 20% of the machine's")
+    assert rows[0]["other_cores"] == pytest.approx(0.2, abs=0.01)
+
+
+def test_so_many_in_a_row_end_it(machine, monkeypatch):
+    monkeypatch.setattr(eval.timing.turns, "busiest_other", lambda: "process 7 (x) with 90% of a core")
+    machine(0.3)
+    order = []
+    with pytest.raises(InputError, match="not quiet: 5 repeats of a on t in a row .* used 30% .* process 7"):
+        take_turns([job("a", order)], rounds=3)
+    assert order == ["a"] * (1 + ATTEMPTS)
+
+
+def test_a_clock_that_jumps_does_not_count(machine):
+    machine(0.0, jump=3600.0)
+    with pytest.raises(InputError, match=r"the clock jumped by \+3600.0 s"):
+        take_turns([job("a", [])], rounds=1)
+
+
+def test_what_takes_long_runs_once(machine, monkeypatch):
+    monkeypatch.setattr(eval.timing.turns, "LONG", 0.0)
+    order = []
+    rows = take_turns([job(name, order) for name in "ab"], rounds=3)
+    assert order == ["a", "b"] and [row["repeat"] for row in rows] == [1, 1]
+
+
+def test_what_takes_long_is_repeated_where_it_was_disturbed(machine, monkeypatch):
+    monkeypatch.setattr(eval.timing.turns, "LONG", 0.0)
+    machine(0.2, 0.0)
+    rows = take_turns([job("a", [])], rounds=3)
+    assert [row["kept"] for row in rows] == [False, True]
