@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from contextlib import suppress
-from time import perf_counter, sleep, time
+from time import perf_counter, process_time, sleep, time
 from typing import NamedTuple
 
 import psutil
@@ -61,9 +61,10 @@ def read_machine() -> Reading:
     times = psutil.cpu_times()
     # Linux counts guests in user and nice, too.
     idle = sum(getattr(times, name, 0.0) for name in ("idle", "iowait", "guest", "guest_nice"))
-    own = sum(os.times()[:4])
+    ended = os.times()
+    own = process_time() + ended.children_user + ended.children_system
     for child in psutil.Process().children(recursive=True):
-        with suppress(psutil.Error):  # it has ended
+        with suppress(psutil.Error):  # it has just ended
             own += sum(child.cpu_times()[:4])
     return Reading(perf_counter(), time(), sum(times) - idle, own)
 
