@@ -1,1 +1,1 @@
-"""``sshade-eval bench``: speed, measured against peers that run beside it in the same process."""
+"""Times: ``sshade-eval bench`` measures them on a quiet machine, ``sshade-eval timings`` makes their tables."""

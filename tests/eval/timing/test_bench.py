@@ -99,6 +99,7 @@ CASE = "mesh mesh=rest.ply handles=pose.json"
         (["speed", "--methods", "a=", "--cases", CASE], "'a=' is not understood"),
         (["speed", "--methods", "arap", "arap start=rigid", "--cases", CASE], "two methods are named 'arap'"),
         (["speed", "--methods", "arap start=here", "--cases", CASE], "start='here'"),
+        (["speed", "--methods", "arap _target_=os.system", "--cases", CASE], "names the function os.system"),
         (["speed", "--methods", "transfer/sshade", "--cases", CASE], "takes a TransferTask"),
         (["speed", "--methods", "arap", "--cases", "mash x=1"], "there is no dataset 'mash'"),
         (["speed", "--methods", "arap", "--cases", "mesh mesh=rest.ply"], "mesh needs handles=..."),
