@@ -1,1 +1,1 @@
-"""Times: ``sshade-eval bench`` measures them on a quiet machine, ``sshade-eval timings`` makes their tables."""
+"""Times: ``sshade-eval bench`` measures them on a quiet machine, ``sshade-eval timings`` tables them."""
