@@ -75,7 +75,7 @@ def command(options: argparse.Namespace) -> int:
     path = TIMING / f"{name}.csv"
     write_csv(path, to_frame(rows))
     lost = sum(not row["kept"] for row in rows)
-    print(f"{path}: {len(rows) - lost} repeats, {lost} thrown away; `sshade-eval timings {name}`")  # noqa: T201
+    print(f"{path}: repeats kept {len(rows) - lost}, thrown away {lost}; `sshade-eval timings {name}`")  # noqa: T201
     return 0
 
 

@@ -174,11 +174,11 @@ def _notes(rows: pd.DataFrame, lines: pd.DataFrame, reference: str) -> list[str]
     ]
     lost = rows[~rows["kept"].eq(True)]
     most = numbers(rows[rows["kept"].eq(True)], "other_cores").max()
-    told = f": {'; '.join(distinct(lost, 'reason'))}" if len(lost) else ""
+    told = f" ({'; '.join(distinct(lost, 'reason'))})" if len(lost) else ""
     notes.append(
         "Methods took turns, after a warm-up, with reading of files and compilation outside of the clock. "
         f"Other processes used {most:.1%} of the machine's cores at most during a repeat; "
-        f"{len(lost)} repeats were thrown away{told}."
+        f"repeats thrown away: {len(lost)}{told}."
     )
     if "speed_up" in lines:
         notes.append(f"Times faster: the median of {reference} on the same case over that of the method.")

@@ -91,7 +91,8 @@ def _until_kept(job: Job, rows: list[Row]) -> list[Row]:
     """A first repeat, and those that follow until one is kept."""
     while True:
         row = rows[-1]
-        end = "" if row["kept"] else f", thrown away: {row['reason']}"
+        end = " extrapolated" if "extrapolated_to" in row else ""
+        end += "" if row["kept"] else f", thrown away: {row['reason']}"
         say(f"round {row['round']}, {job}: {row['seconds.total']:.3g} s{end}")
         if row["kept"]:
             return rows

@@ -47,7 +47,7 @@ def test_median_range_and_ratio_of_the_kept_repeats():
     assert pd.isna(fast["extrapolated"]) and fast["iterations"] == 10
     notes = " ".join(table.notes)
     assert "Code v1 (commit abc), 2026-01-02" in notes and "Machine: M; numba_threads 2" in notes
-    assert "1 repeats were thrown away: noise" in notes
+    assert "repeats thrown away: 1 (noise)" in notes
 
 
 def test_cases_are_compared_each_with_its_own_reference():
