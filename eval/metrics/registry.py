@@ -1,8 +1,4 @@
-"""The registry of metrics: pure functions of a task and of the deformed vertices.
-
-M is the rest mesh and M' the deformed one, of the same connectivity; where the
-task is a pose transfer, they are S and S'.
-"""
+"""The registry of metrics: pure functions of a task and of the deformed vertices."""
 
 from __future__ import annotations
 
@@ -12,10 +8,10 @@ from typing import Literal
 
 import numpy as np
 
-from sshade.pipeline.transfer import TransferTask
-from sshade.task import DeformationTask
+from eval.metrics.deformed import Deformed, Task
 
-Task = DeformationTask | TransferTask
+Function = Callable[[Deformed], float]
+Needs = Literal["handles", "truth", "posed"]
 
 
 @dataclass(frozen=True)
@@ -31,9 +27,9 @@ class Metric:
     equation : str
         The definition in one line, for the legend of a table.
     function : callable
-        ``(task, vertices (n, 3) float64) -> float``, NaN where not available.
-    needs : {"mesh", "handles", "truth"}
-        What a task must have; the others have no such column.
+        ``Deformed -> float``, NaN where not available.
+    needs : tuple of {"handles", "truth", "posed"}
+        What a task must have besides its mesh; the others have no such column.
     better : {"lower"}
         Which way is better.
     """
@@ -41,20 +37,16 @@ class Metric:
     name: str
     unit: str
     equation: str
-    function: Callable[[Task, np.ndarray], float]
-    needs: Literal["mesh", "handles", "truth"] = "mesh"
+    function: Function
+    needs: tuple[Needs, ...] = ()
     better: Literal["lower"] = "lower"
 
 
 #: Every metric by its name, in the order of rows and legends.
 METRICS: dict[str, Metric] = {}
 
-Function = Callable[[Task, np.ndarray], float]
 
-
-def metric(
-    unit: str, equation: str, *, needs: Literal["mesh", "handles", "truth"] = "mesh"
-) -> Callable[[Function], Function]:
+def metric(unit: str, equation: str, *needs: Needs) -> Callable[[Function], Function]:
     """Put a function into the registry under its own name; the arguments are those of :class:`Metric`."""
 
     def register(function: Function) -> Function:
@@ -77,10 +69,10 @@ def measure(
     only : collection of str
         Names of the metrics; all of them unless told.
     """
-    vertices = np.ascontiguousarray(vertices, dtype=np.float64)
+    deformed = Deformed(task, vertices)
     values = {
-        name: float(metric.function(task, vertices))
+        name: float(metric.function(deformed))
         for name, metric in METRICS.items()
-        if name in only and getattr(task, metric.needs, None) is not None
+        if name in only and all(getattr(task, fact, None) is not None for fact in metric.needs)
     }
     return {name: value if np.isfinite(value) else None for name, value in values.items()}

@@ -33,7 +33,9 @@ def test_a_row_gets_the_metrics_that_it_lacks_and_keeps_the_rest(runs, monkeypat
     row = read_row(folder)
     lacking = {name: value for name, value in row.items() if name != "metric.area"}
     write_row(folder, lacking)
-    monkeypatch.setitem(METRICS, "count", Metric("count", "count", "n", lambda task, V: len(V)))
+    monkeypatch.setitem(
+        METRICS, "count", Metric("count", "count", "n", lambda deformed: len(deformed.shape.V))
+    )
     assert remeasure(runs) == 2
     again = read_row(folder)
     assert again.pop("metric.area") == pytest.approx(row["metric.area"], rel=1e-6)
@@ -47,7 +49,7 @@ def test_a_row_gets_the_metrics_that_it_lacks_and_keeps_the_rest(runs, monkeypat
 
 
 def test_named_metrics_are_computed_in_any_case(runs, monkeypatch, capsys):
-    monkeypatch.setitem(METRICS, "area", Metric("area", "%", "7", lambda task, V: 7.0))
+    monkeypatch.setitem(METRICS, "area", Metric("area", "%", "7", lambda deformed: 7.0))
     assert call("remeasure", [str(runs), "--metrics", "area"]) == 0
     assert f"{runs}: 2 of 4 rows changed" in capsys.readouterr().out
     valid = [row for row in rows_of(runs) if row["status"] != "failed"]

@@ -9,9 +9,9 @@ import trimesh
 from eval_cases import ends_task
 from scipy.spatial.transform import Rotation
 
-from eval.metrics import measure
-from eval.metrics.geometry import corner_angles
-from sshade.contact.flips import opposes_neighbours
+from eval.metrics import Deformed, measure
+from eval.metrics.shape import Shape, Topology
+from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.task import DeformationTask, Handles
 from tests.shapes import block, bumpy
@@ -22,6 +22,10 @@ def held(mesh: Mesh, *, index=(0,), target=None) -> DeformationTask:
     return DeformationTask(
         "t", mesh, Handles(index=index, target=mesh.V[index] if target is None else target)
     )
+
+
+def shape(V: np.ndarray, F: np.ndarray) -> Shape:
+    return Shape(Topology(F, len(V)), V)
 
 
 @pytest.fixture
@@ -67,8 +71,8 @@ def test_zero_area_rest_faces_are_left_out_and_counted():
     mesh = Mesh(V, F)
     found = measure(held(mesh), moved)
     assert found["zero_area_faces"] == 1
-    full = np.abs(corner_angles(moved, F) - corner_angles(V, F))[[0, 2, 3]]
-    assert found["angle_relative"] == pytest.approx(100 * (full / corner_angles(V, F)[[0, 2, 3]]).mean())
+    before, after = (shape(X, F).corner_angles[[0, 2, 3]] for X in (V, moved))
+    assert found["angle_relative"] == pytest.approx(100 * (np.abs(after - before) / before).mean())
 
 
 def test_an_ear_folded_over_is_one_flip():
@@ -80,7 +84,7 @@ def test_an_ear_folded_over_is_one_flip():
     assert measure(held(mesh), folded)["flips"] == 1
     # What was folded at rest does not count.
     assert measure(held(Mesh(folded, F)), folded)["flips"] == 0
-    assert opposes_neighbours(Mesh(folded, F)).tolist() == [False, True, False, False]
+    assert shape(folded, F).opposed.tolist() == [False, True, False, False]
 
 
 def test_rest_shape_has_no_error():
@@ -134,4 +138,18 @@ def test_against_trimesh_and_igl():
 
 def test_angles_keep_their_digits_at_a_needle():
     needle = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1e-9, 0]])
-    assert corner_angles(needle, np.array([[0, 1, 2]]))[0, 0] == pytest.approx(1e-9, rel=1e-6)
+    assert shape(needle, np.array([[0, 1, 2]])).corner_angles[0, 0] == pytest.approx(1e-9, rel=1e-6)
+
+
+def test_what_is_computed_of_the_rest_shape_is_shared_by_all_runs_of_a_task():
+    task = ends_task(bumpy(2))
+    one, two = (Deformed(task, factor * task.mesh.V) for factor in (1.1, 1.2))
+    assert one.rest is two.rest and one.rest.corner_angles is two.rest.corner_angles
+    assert Deformed(ends_task(bumpy(2)), task.mesh.V).rest is not one.rest
+
+
+def test_vertices_that_are_no_shape_are_refused():
+    task = ends_task(bumpy(1))
+    for bad, why in ((np.full_like(task.mesh.V, np.nan), "NaN"), (task.mesh.V[1:], "must correspond")):
+        with pytest.raises(InputError, match=f"deformed shape.*{why}|{why}.*deformed shape"):
+            measure(task, bad)

@@ -1,0 +1,124 @@
+"""What a metric is given: a task, its deformed vertices, and what several metrics ask of both."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from eval.metrics.shape import Shape, Topology
+from sshade.mesh.mesh import Mesh
+from sshade.pipeline.transfer import TransferTask
+from sshade.task import DeformationTask
+
+Task = DeformationTask | TransferTask
+
+#: The rest shape of each mesh that is in use: all runs of a task are measured against the same.
+_RESTS: WeakKeyDictionary[Mesh, Shape] = WeakKeyDictionary()
+
+
+class Deformed:
+    """A task and the positions that a method gave.
+
+    M is the rest mesh and M' the deformed one, of the same connectivity; where the
+    task is a pose transfer, they are S and S'.
+
+    Parameters
+    ----------
+    task : DeformationTask or TransferTask
+    vertices : (n, 3) float
+        M', in the numbering of the task's mesh.
+
+    Attributes
+    ----------
+    task : DeformationTask or TransferTask
+    mesh : Mesh
+        M.
+    rest, shape : Shape
+        The geometry of M and of M'.
+
+    Raises
+    ------
+    InputError
+        On vertices that :meth:`sshade.mesh.mesh.Mesh.checked` refuses.
+    """
+
+    def __init__(self, task: Task, vertices: np.ndarray) -> None:
+        self.task, self.mesh = task, task.mesh
+        if self.mesh not in _RESTS:
+            _RESTS[self.mesh] = Shape(Topology(self.mesh.F, self.mesh.n), self.mesh.V)
+        self.rest = _RESTS[self.mesh]
+        self.shape = Shape(self.rest.topology, self.mesh.checked(vertices, "deformed shape"))
+
+    @cached_property
+    def truth(self) -> Shape:
+        """The geometry of the true result."""
+        return Shape(self.rest.topology, self.task.truth)
+
+    @cached_property
+    def flipped(self) -> np.ndarray:
+        """(m,) bool: faces that oppose their neighbours in M' and not in M."""
+        return _new(self.shape.opposed, self.rest, "opposed")
+
+    @cached_property
+    def intersecting(self) -> np.ndarray:
+        """(m,) bool: faces that intersect others in M' and not in M."""
+        return _new(self.shape.intersecting, self.rest, "intersecting")
+
+    @cached_property
+    def dihedral_changes(self) -> np.ndarray:
+        """(d,) absolute change of the dihedral angle at each dihedral edge, in degrees."""
+        change = self.shape.dihedral_angles - self.rest.dihedral_angles
+        return np.degrees(np.abs((change + np.pi) % (2 * np.pi) - np.pi))
+
+    @cached_property
+    def singular_values(self) -> tuple[np.ndarray, np.ndarray]:
+        """(m,) s1 >= s2 of the map of each face of M; NaN for rest faces without area.
+
+        From the first fundamental form of M' in the basis of M's edges: the trace is
+        ``s1^2 + s2^2``, the determinant ``(s1 s2)^2``, of which the smaller value is
+        taken by division, as a difference would lose its digits.
+        """
+        a, b, c, area = self.rest.first_form
+        A, B, C, deformed_area = self.shape.first_form
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            trace = (c * A - 2 * b * B + a * C) / area**2
+            product = deformed_area / area
+            # (s1 + s2)^2 and (s1 - s2)^2: both sums of squares but for rounding.
+            total = np.sqrt(np.maximum(trace + 2 * product, 0))
+            difference = np.sqrt(np.maximum(trace - 2 * product, 0))
+            s1 = 0.5 * (total + difference)
+            s2 = np.where(s1 > 0, product / s1, 0.0)
+        flat = area == 0
+        s1[flat] = s2[flat] = np.nan
+        return s1, s2
+
+    @cached_property
+    def dirichlet(self) -> np.ndarray:
+        """(m,) D of each face of M; NaN for rest faces without area, infinite for faces that lose it."""
+        s1, s2 = self.singular_values
+        with np.errstate(divide="ignore"):
+            # (s - 1/s)^2 = s^2 + 1/s^2 - 2 cancels nothing near a rigid motion.
+            return 0.5 * ((s1 - 1 / s1) ** 2 + (s2 - 1 / s2) ** 2)
+
+    @cached_property
+    def surface_distances(self) -> tuple[np.ndarray, np.ndarray]:
+        """(n,) squared distances of the vertices of M' to the true surface, and the other way round.
+
+        Both shapes are scaled as :mod:`eval.metrics.truth` says.
+        """
+        import igl
+
+        F = np.array(self.mesh.F)  # writeable, as igl asks
+        centre = self.truth.V.mean(axis=0)
+        true, found = self.truth.V - centre, self.shape.V - centre
+        scale = np.linalg.norm(true, axis=1).max()
+        true, found = true / scale, found / scale
+        there = igl.point_mesh_squared_distance(found, true, F)[0]
+        return there, igl.point_mesh_squared_distance(true, found, F)[0]
+
+
+def _new(now: np.ndarray, rest: Shape, name: str) -> np.ndarray:
+    """What is marked now and was not at rest, which is looked at only where something is."""
+    return now & ~getattr(rest, name) if now.any() else now
