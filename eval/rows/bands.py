@@ -19,8 +19,16 @@ from sshade.errors import InputError
 
 Bands = Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]]
 
-#: Width of a suggested band: a factor, and for values near zero an amount in the metric's unit.
-FACTOR, AMOUNT = 1.25, {"%": 0.05, "deg": 0.05, "count": 20.0, "-": 0.0}
+#: Width of a suggested band: a factor, and for values near zero an amount in the metric's unit. It
+#: is what machines and versions of libraries differ by; a count of zero has none.
+FACTOR, AMOUNT = 1.05, {"%": 0.005, "deg": 0.005, "count": 5.0, "-": 0.001}
+#: Metrics that few faces or edges decide, and counts, differ by more.
+TAILS, TAIL_FACTOR = (
+    {"bend_tail", "spike", "distortion", "distortion_95", "distortion_99", "distortion_max"},
+    1.25,
+)
+#: Handles that are met to this percentage of the diagonal are met exactly, and must be.
+EXACT = 1e-7
 
 
 def out_of_band(row: Row, bands: Bands) -> list[str]:
@@ -56,13 +64,23 @@ def suggest(rows: Iterable[Row]) -> dict[str, dict[str, dict[str, list[float]]]]
         if row["status"] not in VALID:
             continue
         of_task = bands.setdefault(row["method.name"], {}).setdefault(row["task.name"], {})
-        for name, metric in METRICS.items():
+        for name in METRICS:
             value = row.get(f"metric.{name}")
             if value is not None:
-                low = max(0.0, min(value / FACTOR, value - AMOUNT[metric.unit]))
-                high = max(value * FACTOR, value + AMOUNT[metric.unit])
-                of_task[f"metric.{name}"] = [float(f"{low:.3g}"), float(f"{high:.3g}")]
+                of_task[f"metric.{name}"] = [float(f"{bound:.3g}") for bound in _band(name, value)]
     return bands
+
+
+def _band(name: str, value: float) -> tuple[float, float]:
+    """Bounds around a metric's value."""
+    unit = METRICS[name].unit
+    if name == "handle":
+        return 0.0, max(EXACT, TAIL_FACTOR * value)
+    if unit == "count" and value == 0:
+        return 0.0, 0.0
+    factor = TAIL_FACTOR if unit == "count" or name in TAILS else FACTOR
+    amount = AMOUNT[unit]
+    return max(0.0, min(value / factor, value - amount)), max(value * factor, value + amount)
 
 
 def read_bands(name: str) -> Bands:
