@@ -6,14 +6,17 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from baselines.arap import arap
 from eval.metrics import Deformed
 from eval.metrics.intersections import intersecting_faces
 from sshade.contact.flips import new_flips
 from sshade.contact.intersections import intersecting_faces as by_kernel
+from sshade.contact.intersections import new_crossings
 from sshade.mesh.mesh import Mesh
 from sshade.task import DeformationTask, Handles
-from tests.shapes import block, bumpy, folded, torus
+from tests.shapes import block, bumpy, folded, held_ends, torus, tube
 
 TWO = np.array([[0, 1, 2], [3, 4, 5]])
 WALL = [[0, 0, 0], [4, 0, 0], [0, 4, 0]]
@@ -127,3 +130,12 @@ def test_the_contact_stage_finds_the_same_faces_and_flips_in_general_position(me
     assert np.array_equal(deformed.flipped, new_flips(mesh, V))
     if amount == 0.2:
         assert deformed.flipped.any() and deformed.intersecting.any()
+
+
+@pytest.mark.parametrize(("axis", "angle"), [("z", 180), ("x", 150)])
+def test_the_contact_stage_finds_the_same_where_arap_runs_a_shape_through_itself(axis: str, angle: float):
+    task = held_ends(tube(24, 40), turn=Rotation.from_euler(axis, angle, degrees=True).as_matrix())
+    deformed = Deformed(task, arap(task, max_iterations=200).vertices)
+    assert deformed.intersecting.sum() > 80 and deformed.flipped.any()
+    assert np.array_equal(deformed.intersecting, new_crossings(task.mesh, deformed.shape.V))
+    assert np.array_equal(deformed.flipped, new_flips(task.mesh, deformed.shape.V))
