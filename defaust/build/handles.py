@@ -7,7 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from defaust.sources.source import Region
 from sshade import InputError, Mesh
+from sshade.io.regions import rigidly_moved, vertices_in
 from sshade.mesh.adjacency import vertex_graph
 
 #: Handles of one landmark, and the vertices they are drawn from: its graph-nearest ones.
@@ -153,4 +155,32 @@ def handle_records(
             record |= {"kind": d.kind, "delta": d.delta, "delta_mean": d.delta_mean}
             record |= {"source": source.tolist(), "target": target.tolist()}
         records.append(record)
+    return records
+
+
+def region_records(
+    rest: Mesh, regions: Sequence[Region], *, static_below: float = STATIC_BELOW
+) -> list[dict[str, Any]]:
+    """Make the entries of a pose file for landmarks that are regions.
+
+    Parameters
+    ----------
+    rest : Mesh
+        The registered one, on which displacements are measured.
+    regions : sequence of Region
+    static_below : float
+
+    Raises
+    ------
+    InputError
+        When a region has no vertex.
+    """
+    records = []
+    for region in regions:
+        source = rest.V[vertices_in(rest.V, region.boxes)]
+        target = rigidly_moved(source, region.rotation, region.translation)
+        d = displacement(source, target, diagonal=rest.diagonal, static_below=static_below)
+        record = {"landmark": region.landmark, "kind": d.kind, "delta": d.delta, "delta_mean": d.delta_mean}
+        record |= {"boxes": region.boxes, "rotation": region.rotation.tolist()}
+        records.append(record | {"translation": region.translation.tolist()})
     return records

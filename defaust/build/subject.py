@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from defaust.build.handles import DYNAMIC, STATIC, choose_handles, handle_records
+from defaust.build.handles import DYNAMIC, STATIC, choose_handles, handle_records, region_records
 from defaust.build.options import BuildOptions
-from defaust.build.upsample import self_intersecting, upsample
+from defaust.build.upsample import Upsampled, self_intersecting, upsample
 from defaust.folder.layout import (
     REST,
     REST_LOW,
@@ -22,7 +22,7 @@ from defaust.folder.layout import (
     subject_folder,
     write_text,
 )
-from defaust.sources.source import Source
+from defaust.sources.source import Generator, Source
 from sshade import InputError, Mesh
 from sshade.io.files import make_folder
 from sshade.io.meshes import write_mesh
@@ -82,26 +82,19 @@ def _fill(
     for k, pose in enumerate(poses, start=1):
         progress(stage, k, steps, pose.name)
         posed = source.posed(subject, pose)
-        if not np.array_equal(posed.F, rest.F):
-            raise InputError(f"pose {pose.name} has other faces than the rest pose")
-        meshes[pose_mesh(k)] = posed
-        handles = handle_records(
-            rest, posed.V, chosen=chosen, used=pose.landmarks, static_below=options.static_below
-        )
+        handles = region_records(rest, pose.regions, static_below=options.static_below)
+        if posed is not None:
+            if not np.array_equal(posed.F, rest.F):
+                raise InputError(f"pose {pose.name} has other faces than the rest pose")
+            meshes[pose_mesh(k)] = posed
+            handles += handle_records(
+                rest, posed.V, chosen=chosen, used=pose.landmarks, static_below=options.static_below
+            )
         write_text(folder / pose_file(k), dump({"source_pose": pose.name, "handles": handles}, indent=None))
-        kinds = [handle["kind"] for handle in handles]
-        static, dynamic = kinds.count(STATIC), kinds.count(DYNAMIC)
-        volume = posed.volume if posed.is_closed else None
-        facts.append({"pose": k, "name": pose.name, "static": static, "dynamic": dynamic, "volume": volume})
+        facts.append({"pose": k, "name": pose.name} | _pose_facts(handles, posed))
 
     progress(stage, steps - 1, steps, "upsampling")
-    high = upsample(
-        rest,
-        target_vertices=options.target_vertices,
-        window=options.window,
-        ls3_steps=options.ls3_steps,
-        iterations=options.remesh_iterations,
-    )
+    high = _high_resolution(source, rest, subject=subject, options=options)
     meshes[REST] = high.mesh
     for name, mesh in meshes.items():
         write_mesh(folder / name, mesh.V, mesh.F)
@@ -118,6 +111,36 @@ def _fill(
             for path in sorted(folder.iterdir())
         },
     }
+
+
+def _pose_facts(handles: list[dict[str, Any]], posed: Mesh | None) -> dict[str, Any]:
+    kinds = [handle["kind"] for handle in handles]
+    return {
+        "static": kinds.count(STATIC),
+        "dynamic": kinds.count(DYNAMIC),
+        "volume": posed.volume if posed is not None and posed.is_closed else None,
+        **({"registered": False} if posed is None else {}),
+    }
+
+
+def _high_resolution(source: Source, rest: Mesh, *, subject: int, options: BuildOptions) -> Upsampled:
+    """The rest mesh at the wanted resolution: generated, or upsampled from the registered one."""
+    target, (least, most) = options.target_vertices, options.window
+    if target is None or not isinstance(source, Generator):
+        return upsample(
+            rest,
+            target_vertices=target,
+            window=options.window,
+            ls3_steps=options.ls3_steps,
+            iterations=options.remesh_iterations,
+        )
+    mesh = source.generated(subject, vertices=target)
+    if not least * target <= mesh.n <= most * target:
+        raise InputError(
+            f"the mesh generated for {target} vertices has {mesh.n}, not {least:g} to {most:g} times that; "
+            "choose more target_vertices or a wider window"
+        )
+    return Upsampled(mesh, ls3_steps=0, edge_length=None, attempts=0)
 
 
 def _mesh_facts(mesh: Mesh) -> dict[str, Any]:

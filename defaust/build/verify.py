@@ -24,6 +24,7 @@ from defaust.folder.layout import (
 from defaust.folder.record import POSE, read_dataset, read_record
 from sshade import InputError, Mesh
 from sshade.io.meshes import read_mesh
+from sshade.io.regions import rigidly_moved, vertices_in
 from sshade.task import Progress, silent
 
 #: A listed displacement may differ from the recomputed one by this, x the diagonal x the number of handles.
@@ -44,7 +45,8 @@ def verify(root: str | os.PathLike[str], *, progress: Progress = silent) -> list
     counts, manifoldness, closedness, components and Euler characteristic of
     each mesh; and for the handles, that their sources are vertices of the
     registered rest mesh and their targets the same vertices of the pose, that
-    no vertex serves twice, and displacement and kind.
+    no vertex serves twice, and displacement and kind; for regions, that they have vertices
+    on both rest meshes and no two share one.
 
     Returns
     -------
@@ -82,10 +84,11 @@ def verify(root: str | os.PathLike[str], *, progress: Progress = silent) -> list
 def _check_subject(root: Path, document: dict[str, Any], *, subject: dict[str, Any]) -> list[Fault]:
     folder = subject_folder(subject["subject"])
     poses = [pose["pose"] for pose in subject["poses"]]
+    registered = [pose["pose"] for pose in subject["poses"] if pose.get("registered", True)]
     faults: list[Fault] = []
     meshes: dict[str, Mesh] = {}
     loops = subject["low"].get("boundary_loops", 0)
-    for name in (REST, REST_LOW, *map(pose_mesh, poses)):
+    for name in (REST, REST_LOW, *map(pose_mesh, registered)):
         file = f"{folder}/{name}"
         if file not in document["files"]:
             faults.append(Fault(DATASET, f"lists no {file}"))
@@ -101,12 +104,13 @@ def _check_subject(root: Path, document: dict[str, Any], *, subject: dict[str, A
         faults.append(Fault(f"{folder}/{REST}", "its topology is not that of the registered mesh"))
     for k in poses:
         posed = meshes.get(pose_mesh(k))
-        if posed is None:
+        if posed is None and k in registered:
             continue
-        if not np.array_equal(posed.F, rest.F):
+        if posed is not None and not np.array_equal(posed.F, rest.F):
             faults.append(Fault(f"{folder}/{pose_mesh(k)}", f"its faces are not those of {REST_LOW}"))
         elif (root / folder / pose_file(k)).is_file():
-            faults += _check_handles(root, document, name=f"{folder}/{pose_file(k)}", rest=rest, posed=posed)
+            name, high = f"{folder}/{pose_file(k)}", meshes.get(REST, rest)
+            faults += _check_handles(root, document, name=name, rest=rest, posed=posed, high=high)
     return faults
 
 
@@ -126,7 +130,7 @@ def _read_listed(path: Path, entry: dict[str, Any], *, loops: int) -> Mesh:
 
 
 def _check_handles(
-    root: Path, document: dict[str, Any], *, name: str, rest: Mesh, posed: Mesh
+    root: Path, document: dict[str, Any], *, name: str, rest: Mesh, posed: Mesh | None, high: Mesh
 ) -> list[Fault]:
     try:
         handles = read_record(root / name, POSE)["handles"]
@@ -134,50 +138,87 @@ def _check_handles(
         return [Fault(name, str(error))]
     if [h["landmark"] for h in handles] != document["landmarks"]:
         return [Fault(name, "its landmarks are not those of the dataset")]
-    taken: set[int] = set()
     vertex = {tuple(p): i for i, p in enumerate(rest.V.tolist())}
+    taken, taken_high = np.zeros(rest.n, dtype=bool), np.zeros(high.n, dtype=bool)
     for handle in handles:
-        index = [vertex.get(tuple(p), -1) for p in handle["source"]]
-        text = _handle_fault(handle, document["build"], index=index, taken=taken, rest=rest, posed=posed)
-        if text:
-            return [Fault(name, f"landmark {handle['landmark']}: {text}")]
-        taken.update(index)
+        try:
+            if "boxes" in handle:
+                index, target = _region(handle, rest, taken=taken)
+                _region(handle, high, taken=taken_high)
+            else:
+                index, target = _positions(handle, document["build"], vertex=vertex, taken=taken)
+            if len(index):
+                _check_targets(
+                    handle,
+                    rest.V[index],
+                    target,
+                    posed=None if posed is None else posed.V[index],
+                    diagonal=rest.diagonal,
+                    static_below=document["build"]["static_below"],
+                )
+        except InputError as error:
+            return [Fault(name, f"landmark {handle['landmark']}: {error}")]
     return []
 
 
-def _handle_fault(
+def _region(handle: dict[str, Any], mesh: Mesh, *, taken: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices of a region and their targets; marks them as taken."""
+    index = vertices_in(mesh.V, handle["boxes"])
+    _take(index, taken)
+    return index, rigidly_moved(mesh.V[index], handle["rotation"], handle["translation"])
+
+
+def _positions(
     handle: dict[str, Any],
     build: dict[str, Any],
     *,
-    index: list[int],
-    taken: set[int],
-    rest: Mesh,
-    posed: Mesh,
-) -> str:
-    """What is wrong with the handles of one landmark, or nothing.
+    vertex: dict[tuple[float, ...], int],
+    taken: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices at a landmark's positions and their targets, none where it is unused; marks them as taken."""
+    index = np.array([vertex.get(tuple(p), -1) for p in handle["source"]], dtype=np.int64)
+    target = np.array(handle["target"])
+    if handle["kind"] == UNUSED:
+        if len(index) or len(target):
+            raise InputError("unused, but it has handles")
+    elif len(index) != build["handles_per_landmark"]:
+        raise InputError(f"has {len(index)} handles, not {build['handles_per_landmark']}")
+    elif -1 in index:
+        raise InputError(f"handle {index.tolist().index(-1)} is no vertex of {REST_LOW}")
+    else:
+        _take(index, taken)
+    return index, target
+
+
+def _take(index: np.ndarray, taken: np.ndarray) -> None:
+    if taken[index].any() or len(np.unique(index)) < len(index):
+        raise InputError("a vertex serves twice")
+    taken[index] = True
+
+
+def _check_targets(
+    handle: dict[str, Any],
+    source: np.ndarray,
+    target: np.ndarray,
+    *,
+    posed: np.ndarray | None,
+    diagonal: float,
+    static_below: float,
+) -> None:
+    """Raise InputError unless a landmark's targets are those of the pose and its other facts follow from them.
 
     Parameters
     ----------
-    index : list of int
-        Vertices of the rest mesh at their sources; -1 where there is none.
-    taken : set of int
-        Vertices of other landmarks' handles.
+    source, target : (k, 3) float64
+    posed : (k, 3) float64, optional
+        Its vertices in the registered pose, where there is one.
     """
-    if handle["kind"] == UNUSED:
-        return "unused, but it has handles" if handle["source"] or handle["target"] else ""
-    if len(index) != build["handles_per_landmark"]:
-        return f"has {len(index)} handles, not {build['handles_per_landmark']}"
-    if -1 in index:
-        return f"handle {index.index(-1)} is no vertex of {REST_LOW}"
-    if len(set(index) | taken) < len(index) + len(taken):
-        return "a vertex serves twice"
-    if not np.array_equal(posed.V[index], np.array(handle["target"])):
-        return "a target is not its vertex of the registered pose"
-    d = displacement(
-        rest.V[index], posed.V[index], diagonal=rest.diagonal, static_below=build["static_below"]
-    )
+    if posed is not None and not np.array_equal(posed, target):
+        raise InputError("a target is not its vertex of the registered pose")
+    d = displacement(source, target, diagonal=diagonal, static_below=static_below)
     for name, found in (("delta", d.delta), ("delta_mean", d.delta_mean)):
         listed = handle[name]
-        if listed is None or abs(found - listed) > SAME * rest.diagonal * len(index):
-            return f"{name} is {listed}, and {found} when recomputed"
-    return "" if d.kind == handle["kind"] else f"is listed as {handle['kind']}, and {d.kind} when recomputed"
+        if listed is None or abs(found - listed) > SAME * diagonal * len(source):
+            raise InputError(f"{name} is {listed}, and {found} when recomputed")
+    if d.kind != handle["kind"]:
+        raise InputError(f"is listed as {handle['kind']}, and {d.kind} when recomputed")

@@ -20,7 +20,17 @@ FACTS = {
 SUBJECT = {
     "subject": int,
     "landmark_vertices": {str: int},
-    "poses": [{"pose": int, "name": str, "static": int, "dynamic": int, "volume": (float, None)}],
+    # Without `registered: false` there is a mesh of the pose.
+    "poses": [
+        {
+            "pose": int,
+            "name": str,
+            "static": int,
+            "dynamic": int,
+            "volume": (float, None),
+            "registered?": bool,
+        }
+    ],
     "low": FACTS,
     "high": FACTS | {"ls3_steps": int, "edge_length": (float, None), "remeshings": int},
 }
@@ -52,15 +62,21 @@ DOCUMENT = {
     "files": FILES,
     "checksum": str,
 }
-#: The handles of a pose.
+LANDMARK = {
+    **dict.fromkeys(("landmark", "kind"), str),
+    **dict.fromkeys(("delta", "delta_mean"), (float, None)),
+}
+#: The handles of a pose: for each landmark positions, or a region.
 POSE = {
     "source_pose": str,
     "handles": [
-        {
-            **dict.fromkeys(("landmark", "kind"), str),
-            **dict.fromkeys(("delta", "delta_mean"), (float, None)),
-            **dict.fromkeys(("source", "target"), [[float, float, float]]),
-        }
+        (
+            LANDMARK | dict.fromkeys(("source", "target"), [[float, float, float]]),
+            LANDMARK
+            | {"boxes": [[[float, float, float], [float, float, float]]]}
+            | {"rotation": [[float, float, float], [float, float, float], [float, float, float]]}
+            | {"translation": [float, float, float]},
+        )
     ],
 }
 

@@ -3,10 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Protocol
+from dataclasses import dataclass, field
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
 
 from sshade import Mesh
+
+#: Lowest and highest corner.
+Box = tuple[tuple[float, float, float], tuple[float, float, float]]
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """A landmark that is all vertices in some boxes, whatever the resolution, moved rigidly.
+
+    Parameters
+    ----------
+    landmark : str
+    boxes : tuple of boxes
+    rotation : (3, 3) float64, optional
+    translation : (3,) float64, optional
+        v goes to R v + t; by default it stays.
+    """
+
+    landmark: str
+    boxes: tuple[Box, ...]
+    rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
+    translation: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
 
 @dataclass(frozen=True)
@@ -21,11 +45,14 @@ class SourcePose:
         Landmarks that carry handles in this pose.
     aligned : bool, optional
         False where the pose is turned or moved as a whole against the rest pose; None: not known.
+    regions : tuple of Region, optional
+        Landmarks whose handles are a region, not some vertices near one.
     """
 
     name: str
     landmarks: tuple[str, ...]
     aligned: bool | None = True
+    regions: tuple[Region, ...] = ()
 
 
 class Source(Protocol):
@@ -59,7 +86,7 @@ class Source(Protocol):
         data ship with the package. Raises InputError where a file is missing."""
 
     def landmark_vertices(self, subject: int) -> Mapping[str, int]:
-        """Vertex of each landmark on the subject's registered meshes."""
+        """Vertex of each landmark that is no region, on the subject's registered meshes."""
 
     def poses(self, subject: int) -> tuple[SourcePose, ...]:
         """Target poses; pose k of the dataset is the k-th of them, counted from 1."""
@@ -67,5 +94,14 @@ class Source(Protocol):
     def rest(self, subject: int) -> Mesh:
         """Registered rest mesh: manifold, one component."""
 
-    def posed(self, subject: int, pose: SourcePose) -> Mesh:
-        """Registered mesh in a target pose, with the faces of the rest mesh."""
+    def posed(self, subject: int, pose: SourcePose) -> Mesh | None:
+        """Registered mesh in a target pose, with the faces of the rest mesh; None where all that is
+        known of the pose are its regions."""
+
+
+@runtime_checkable
+class Generator(Protocol):
+    """A source that makes its rest meshes at any resolution itself, so that none is upsampled."""
+
+    def generated(self, subject: int, *, vertices: int) -> Mesh:
+        """Rest mesh of about so many vertices, of the same topology as the registered one."""

@@ -20,9 +20,11 @@ from defaust.folder.layout import (
     subject_folder,
 )
 from defaust.folder.record import POSE, read_dataset, read_record
+from defaust.sources.shapes import true_pose
 from defaust.tasks.transfers import Registered, transfer_task
 from sshade import DeformationTask, Handles, InputError, Mesh, TransferTask
 from sshade.io.meshes import read_mesh
+from sshade.io.regions import rigidly_moved, vertices_in
 
 RESOLUTIONS = ("high", "low")
 
@@ -131,8 +133,14 @@ def load_task(
         "checksum": "+".join(sums),
     }
     registered = resolution == "low" or document["build"]["target_vertices"] is None
-    if registered or edit is not None:
+    truth = None
+    if "formulas" in document["source"]:
+        if edit is not None:
+            raise InputError(f"{name} is a generated shape, which has no registered pose to transfer")
+        truth = true_pose(document["source"], subject, mesh)
+    elif registered or edit is not None:
         posed = _mesh(root, f"{folder}/{pose_mesh(pose)}", document=document)
+        truth = posed.V if registered else None
     if edit is not None:
         low = mesh if registered else _mesh(root, f"{folder}/{REST_LOW}", document=document)
         return transfer_task(Registered(mesh, low, posed), document, name=name, edit=edit, facts=facts)
@@ -141,7 +149,7 @@ def load_task(
         name=name,
         mesh=mesh,
         handles=handles,
-        truth=posed.V if registered else None,
+        truth=truth,
         meta=facts
         | {
             "n_static": int((~handles.dynamic).sum()),
@@ -177,8 +185,13 @@ def _handles(mesh: Mesh, records: list[dict[str, Any]], *, landmarks: list[str],
     for handle in used:
         if handle["landmark"] not in landmarks:
             raise InputError(f"the dataset has no landmark {handle['landmark']!r}; build it again")
-        if len(handle["source"]) != len(handle["target"]):
+        if "source" in handle and len(handle["source"]) != len(handle["target"]):
             raise InputError(f"landmark {handle['landmark']} has other numbers of sources and targets")
+    regions = [h for h in used if "boxes" in h]
+    if regions:
+        if len(regions) < len(used):
+            raise InputError("a pose has regions and positions as handles; build the dataset again")
+        return _regions(mesh, regions, landmarks=landmarks)
     count = [len(h["source"]) for h in used]
     return Handles.from_positions(
         mesh,
@@ -187,6 +200,24 @@ def _handles(mesh: Mesh, records: list[dict[str, Any]], *, landmarks: list[str],
         dynamic=np.repeat([h["kind"] == DYNAMIC for h in used], count),
         group=np.repeat([landmarks.index(h["landmark"]) for h in used], count),
         raw=raw,
+    )
+
+
+def _regions(mesh: Mesh, records: list[dict[str, Any]], *, landmarks: list[str]) -> Handles:
+    """All vertices of a mesh in the stored regions; at rest where these are static."""
+    index = [vertices_in(mesh.V, record["boxes"]) for record in records]
+    target = [
+        rigidly_moved(mesh.V[own], record["rotation"], record["translation"])
+        if record["kind"] == DYNAMIC
+        else mesh.V[own]
+        for own, record in zip(index, records, strict=True)
+    ]
+    count = [len(own) for own in index]
+    return Handles(
+        np.concatenate(index),
+        np.concatenate(target),
+        dynamic=np.repeat([record["kind"] == DYNAMIC for record in records], count),
+        group=np.repeat([landmarks.index(record["landmark"]) for record in records], count),
     )
 
 

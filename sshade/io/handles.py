@@ -5,13 +5,16 @@ JSON::
     {"handles": [
         {"landmark": "left foot", "kind": "static", "vertices": [12, 13, 14]},
         {"landmark": "right hand", "kind": "dynamic",
-         "source": [[x, y, z], ...], "target": [[x, y, z], ...]}
+         "source": [[x, y, z], ...], "target": [[x, y, z], ...]},
+        {"landmark": "head", "kind": "dynamic", "boxes": [[[x, y, z], [x, y, z]], ...],
+         "rotation": [[...], [...], [...]], "translation": [x, y, z]}
     ]}
 
 Each entry is a group. Handles are given by position (``source``), snapped to
-the nearest vertices, or by ``vertices`` (ids), taken exactly. ``static``
-handles stay where they are and need no target; ``unused`` groups are skipped.
-Other keys are left alone.
+the nearest vertices; by ``vertices`` (ids), taken exactly; or as a region: all
+vertices in some ``boxes`` along the axes, each by its lowest and its highest
+corner, which go to R v + t. ``static`` handles stay where they are and need no
+target; ``unused`` groups are skipped. Other keys are left alone.
 """
 
 from __future__ import annotations
@@ -27,6 +30,7 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.io.files import check_suffix, replacing
 from sshade.io.meshes import read_mesh
+from sshade.io.regions import rigidly_moved, vertices_in
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 from sshade.task import NO_HANDLES, DeformationTask, Handles
@@ -35,6 +39,12 @@ from sshade.task import NO_HANDLES, DeformationTask, Handles
 HALF_EXTENT = 0.8
 #: Largest mean distance, in those coordinates, between its points and the mesh they belong to.
 ON_SURFACE = 0.01
+#: Ways to give the handles of an entry.
+WAYS = ("vertices", "source", "boxes")
+#: What a region that moves needs.
+MOTION = {"rotation", "translation"}
+#: Largest entry of R R^T - 1 of a rotation R read from a file.
+ROTATION = 1e-6
 
 
 def read_handles(
@@ -119,17 +129,11 @@ def _from_json(data: Any, mesh: Mesh, *, raw: bool, vertex: np.ndarray) -> Handl
             kind = _kind(entry)
             if kind == "unused":
                 continue
-            by_id = "vertices" in entry
-            at = _ids(entry["vertices"], vertex) if by_id else _points(entry["source"], '"source"')
-            target = mesh.V[at] if by_id else at
-            if "target" in entry and (raw or kind == "dynamic" or not by_id):
-                target = _points(entry["target"], '"target"')
-            if len(target) != len(at):
-                raise InputError(f"{len(at)} handles have {len(target)} targets; each needs one")
+            at, target = _group(entry, mesh, moves=raw or kind == "dynamic", vertex=vertex)
         except InputError as error:
             raise InputError(f"entry {number}: {error}") from error
         own = at, target, np.full(len(at), kind == "dynamic"), np.full(len(at), number)
-        (exact if by_id else snapped).append(own)
+        (snapped if "source" in entry else exact).append(own)
     parts = []
     if exact:
         index, target, dynamic, group = _columns(exact)
@@ -145,6 +149,33 @@ def _from_json(data: Any, mesh: Mesh, *, raw: bool, vertex: np.ndarray) -> Handl
     return Handles(**joined, merged=sum(part.merged for part in parts))
 
 
+def _group(
+    entry: dict[str, Any], mesh: Mesh, *, moves: bool, vertex: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices of an entry, or the positions to be snapped, and their targets."""
+    if "boxes" in entry:
+        at = vertices_in(mesh.V, _array(entry["boxes"], '"boxes"', (None, 2, 3), "a list of pairs of points"))
+        moves = moves and set(entry) >= MOTION
+        return at, rigidly_moved(mesh.V[at], *_motion(entry)) if moves else mesh.V[at]
+    by_id = "vertices" in entry
+    at = _ids(entry["vertices"], vertex) if by_id else _points(entry["source"], '"source"')
+    target = mesh.V[at] if by_id else at
+    if "target" in entry and (moves or not by_id):
+        target = _points(entry["target"], '"target"')
+    if len(target) != len(at):
+        raise InputError(f"{len(at)} handles have {len(target)} targets; each needs one")
+    return at, target
+
+
+def _motion(entry: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation and translation of a region."""
+    R = _array(entry["rotation"], '"rotation"', (3, 3), "three rows of three numbers")
+    t = _array(entry["translation"], '"translation"', (3,), "three numbers")
+    if np.abs(R @ R.T - np.eye(3)).max() > ROTATION or np.linalg.det(R) < 0:
+        raise InputError('"rotation" is no rotation: its rows must be orthonormal and right-handed')
+    return R, t
+
+
 def _columns(rows: Sequence[tuple[np.ndarray, ...]]) -> list[np.ndarray]:
     return [np.concatenate(column) for column in zip(*rows, strict=True)]
 
@@ -153,13 +184,15 @@ def _kind(entry: Any) -> str:
     """Static, dynamic or unused, of an entry that has what it needs to be that."""
     if not isinstance(entry, dict):
         raise InputError("it is no object")
-    kind = entry.get("kind", "dynamic" if "target" in entry else "static")
+    moves = "target" in entry or MOTION & set(entry)
+    kind = entry.get("kind", "dynamic" if moves else "static")
     if kind not in ("static", "dynamic", "unused"):
         raise InputError(f"unknown kind {kind!r}; use static, dynamic or unused")
-    if kind != "unused" and ("vertices" in entry) == ("source" in entry):
-        raise InputError('give its handles either as "vertices" or as "source"')
-    if kind == "dynamic" and "target" not in entry:
-        raise InputError('it is dynamic and has no "target"')
+    if kind != "unused" and sum(way in entry for way in WAYS) != 1:
+        raise InputError('give its handles either as "vertices", as "source" or as "boxes"')
+    needed = MOTION if "boxes" in entry else {"target"}
+    if kind == "dynamic" and not needed <= set(entry):
+        raise InputError(f'it is dynamic and has no "{min(needed - set(entry))}"')
     return kind
 
 
@@ -180,15 +213,21 @@ def _ids(values: Any, vertex: np.ndarray) -> np.ndarray:
 
 
 def _points(values: Any, what: str) -> np.ndarray:
+    return _array(values, what, (None, 3), "a list of points [x, y, z]")
+
+
+def _array(values: Any, what: str, shape: tuple[int | None, ...], form: str) -> np.ndarray:
+    """Finite numbers of a shape (None: any length but 0); InputError that tells the form on anything else."""
     try:
-        points = np.asarray(values, dtype=np.float64)
+        array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
-        points = np.zeros(0)
-    if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0:
-        raise InputError(f"{what} must be a list of points [x, y, z]")
-    if not np.isfinite(points).all():
+        array = np.zeros(0)
+    fits = array.ndim == len(shape) and all(a in (None, b) for a, b in zip(shape, array.shape, strict=True))
+    if not fits or array.size == 0:
+        raise InputError(f"{what} must be {form}")
+    if not np.isfinite(array).all():
         raise InputError(f"{what} has a NaN or infinite position")
-    return points
+    return array
 
 
 def _read_implicit_arap(path: Path) -> list[np.ndarray]:

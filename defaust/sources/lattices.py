@@ -1,0 +1,127 @@
+"""Regular triangulations of a square, a closed cylinder and a closed bar, at any resolution."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def square(vertices: int) -> tuple[np.ndarray, np.ndarray]:
+    """Triangulate [-1, 1] x [-1, 1] at z = 0, seen from +z counter-clockwise.
+
+    Parameters
+    ----------
+    vertices : int
+        About how many; the nearest square number.
+
+    Returns
+    -------
+    (n, 3) float64, (m, 3) int64
+    """
+    side = round(vertices**0.5)
+    x, y = np.meshgrid(*2 * [np.linspace(-1.0, 1.0, side)], indexing="ij")
+    V = np.stack([x, y, np.zeros_like(x)], axis=2).reshape(-1, 3)
+    return V, _quads(np.arange(side * side).reshape(side, side))
+
+
+def cylinder(vertices: int, *, radius: float, length: float) -> tuple[np.ndarray, np.ndarray]:
+    """Triangulate a closed cylinder about the z axis from z = 0; its ends are discs of rings.
+
+    Parameters
+    ----------
+    vertices : int
+        About how many; to a part of one ring.
+    radius, length : float
+
+    Returns
+    -------
+    (n, 3) float64, (m, 3) int64
+    """
+    # 6k vertices around and cells as high as they are wide; an end has 1 + 6 + 12 + ... + 6k.
+    k = max(2, round((vertices / (36.0 * length / (2.0 * np.pi * radius) + 6.0)) ** 0.5))
+    of_ring = np.repeat(np.arange(1, k + 1), 6 * np.arange(1, k + 1))
+    start = 3 * of_ring * (of_ring - 1)
+    angle = (np.arange(len(of_ring)) - start) * np.pi / (3.0 * of_ring)
+    disc = (of_ring / k * np.stack([np.cos(angle), np.sin(angle)])).T
+    disc = radius * np.concatenate([np.zeros((1, 2)), disc])
+    return _capped(disc, _disc_faces(k), around=6 * k, length=length, vertices=vertices)
+
+
+def bar(vertices: int, *, length: float) -> tuple[np.ndarray, np.ndarray]:
+    """Triangulate a closed bar about the z axis from z = 0 whose sections are unit squares.
+
+    Every edge of the bar runs along edges of the mesh.
+
+    Parameters
+    ----------
+    vertices : int
+        About how many; to a part of one ring.
+    length : float
+
+    Returns
+    -------
+    (n, 3) float64, (m, 3) int64
+    """
+    k = max(2, round((vertices / (4.0 * length + 2.0)) ** 0.5))
+    go, back = np.arange(k), np.arange(k, 0, -1)
+    low, high = np.zeros(k, dtype=np.int64), np.full(k, k)
+    rim = np.concatenate([go, high, back, low]), np.concatenate([low, go, high, back])
+    inside = np.stack(np.meshgrid(go[1:], go[1:], indexing="ij"), axis=2).reshape(-1, 2)
+    cells = np.concatenate([inside, np.stack(rim, axis=1)])
+    ids = np.empty((k + 1, k + 1), dtype=np.int64)
+    ids[cells[:, 0], cells[:, 1]] = np.arange(len(cells))
+    return _capped(cells / k - 0.5, _quads(ids), around=4 * k, length=length, vertices=vertices)
+
+
+def _capped(
+    end: np.ndarray, faces: np.ndarray, *, around: int, length: float, vertices: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Close a tube with two copies of a flat end, so that the vertices are about as many as asked for.
+
+    Parameters
+    ----------
+    end : (e, 2) float64
+        x and y of the end's vertices; the last `around` are its rim, counter-clockwise.
+    faces : (f, 3) int64
+        Of the end, counter-clockwise.
+    """
+    inside = len(end) - around
+    rings = max(2, round((vertices - 2 * inside) / around))
+    height = np.repeat(np.linspace(0.0, length, rings), around)
+    wall = np.column_stack([np.tile(end[inside:], (rings, 1)), height])
+    lids = [np.column_stack([end[:inside], np.full(inside, z)]) for z in (0.0, length)]
+    n = rings * around
+    ids = np.arange(n).reshape(rings, around)
+    bottom = np.concatenate([n + np.arange(inside), ids[0]])
+    top = np.concatenate([n + inside + np.arange(inside), ids[-1]])
+    sides = _quads(np.column_stack([ids, ids[:, 0]]).T)
+    return np.concatenate([wall, *lids]), np.concatenate([sides, bottom[faces[:, ::-1]], top[faces]])
+
+
+def _quads(ids: np.ndarray) -> np.ndarray:
+    """Faces of a grid of vertices (a, b), cut along diagonals that alternate, so that none is preferred."""
+    a, b, c, d = (corner.ravel() for corner in (ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]))
+    row, column = np.indices((ids.shape[0] - 1, ids.shape[1] - 1))
+    even = ((row + column) % 2 == 0).ravel()[:, None]
+    first = np.where(even, np.stack([a, b, c], axis=1), np.stack([a, b, d], axis=1))
+    second = np.where(even, np.stack([a, c, d], axis=1), np.stack([b, c, d], axis=1))
+    return np.concatenate([first, second])
+
+
+def _disc_faces(k: int) -> np.ndarray:
+    """Faces between rings of 1, 6, 12, ..., 6k vertices, each numbered after the one inside it."""
+    faces = []
+    for ring in range(k):
+        sector = np.repeat(np.arange(6), ring + 1)
+        a = np.tile(np.arange(ring + 1), 6)
+
+        def inner(step: np.ndarray, ring: int = ring) -> np.ndarray:
+            return 1 + 3 * ring * (ring - 1) + step % (6 * ring) if ring else np.zeros_like(step)
+
+        def outer(step: np.ndarray, ring: int = ring) -> np.ndarray:
+            return 1 + 3 * ring * (ring + 1) + step % (6 * ring + 6)
+
+        here, there = sector * ring + a, sector * (ring + 1) + a
+        faces.append(np.stack([inner(here), outer(there), outer(there + 1)], axis=1))
+        between = a < ring
+        faces.append(np.stack([inner(here), outer(there + 1), inner(here + 1)], axis=1)[between])
+    return np.concatenate(faces)
