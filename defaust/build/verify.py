@@ -205,7 +205,7 @@ def _check_targets(
     diagonal: float,
     static_below: float,
 ) -> None:
-    """Raise InputError unless a landmark's targets are those of the pose and its other facts follow from them.
+    """Raise InputError unless a landmark's targets are those of the pose and its facts follow from them.
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ BORDER, MIDDLE = 0.9, 0.3
 #: Radius and length of the cylinder, length of the bar, whose section has the side 1.
 RADIUS, CYLINDER, BAR = 1.0, 12.0, 4.0
 LIFTED, BENT, TWISTED, LEANING = (
-    Lift(0.6),
+    Lift(0.3),
     Bend(1.5, 10.5, 120.0),
     Twist(0.5, 3.5, 135.0),
     Bend(0.5, 5.2, 70.0),
@@ -211,8 +211,8 @@ class Shapes:
         return None if V is None else Mesh(V, rest.F)
 
 
-def true_pose(source: Mapping[str, object], subject: int, rest: Mesh) -> np.ndarray | None:
-    """(n, 3) true pose of a generated rest mesh of any resolution; None where it is not known.
+def ideal_pose(source: Mapping[str, object], subject: int, rest: Mesh) -> np.ndarray | None:
+    """(n, 3) true pose of a generated rest mesh of any resolution; None where none is known.
 
     Parameters
     ----------

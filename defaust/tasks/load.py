@@ -20,7 +20,7 @@ from defaust.folder.layout import (
     subject_folder,
 )
 from defaust.folder.record import POSE, read_dataset, read_record
-from defaust.sources.shapes import true_pose
+from defaust.sources.shapes import ideal_pose
 from defaust.tasks.transfers import Registered, transfer_task
 from sshade import DeformationTask, Handles, InputError, Mesh, TransferTask
 from sshade.io.meshes import read_mesh
@@ -137,7 +137,7 @@ def load_task(
     if "formulas" in document["source"]:
         if edit is not None:
             raise InputError(f"{name} is a generated shape, which has no registered pose to transfer")
-        truth = true_pose(document["source"], subject, mesh)
+        truth = ideal_pose(document["source"], subject, mesh)
     elif registered or edit is not None:
         posed = _mesh(root, f"{folder}/{pose_mesh(pose)}", document=document)
         truth = posed.V if registered else None
@@ -190,7 +190,7 @@ def _handles(mesh: Mesh, records: list[dict[str, Any]], *, landmarks: list[str],
     regions = [h for h in used if "boxes" in h]
     if regions:
         if len(regions) < len(used):
-            raise InputError("a pose has regions and positions as handles; build the dataset again")
+            raise InputError("a pose has both regions and positions as handles; build the dataset again")
         return _regions(mesh, regions, landmarks=landmarks)
     count = [len(h["source"]) for h in used]
     return Handles.from_positions(
