@@ -19,6 +19,7 @@ EPILOG = """examples:
   defaust build source=synthetic out=DIR subjects=[0,1] target_vertices=20000 seed=0
   defaust build source=faust source.root=MPI-FAUST out=DIR         your own copy of FAUST
   defaust build source=tosca source.root=TOSCA_DIR source.classes=[cat,dog] out=DIR
+  defaust build source=shapes out=data/shapes                      plane, cylinder, bar and cactus
   defaust verify DIR
   defaust info DIR"""
 

@@ -71,6 +71,60 @@ def test_the_kind_follows_from_the_target_where_it_is_left_out(write, body):
     assert read_handles(write(entries), body).dynamic.tolist() == [False, True]
 
 
+def test_a_region_is_all_vertices_in_its_boxes_and_moves_rigidly(write, body):
+    V = body.V
+    low, high = V.min(axis=0), V.max(axis=0)
+    bottom = [low.tolist(), [*high[:2], low[2] + 0.5]]
+    side = [[high[0] - 0.2, *low[1:]], high.tolist()]
+    top = [[*low[:2], V[7, 2]], high.tolist()]  # vertex 7 lies in the side of the box
+    R, t = rotation(2), [1.0, 2.0, 3.0]
+    entries = [
+        {"kind": "static", "boxes": [bottom, side], "rotation": R.tolist(), "translation": t},
+        {"boxes": [top], "rotation": R.tolist(), "translation": t},
+    ]
+    in_first = (V[:, 2] <= low[2] + 0.5) | (V[:, 0] >= high[0] - 0.2)
+    for raw in (False, True):
+        alone = read_handles(write(entries[:1]), body, raw=raw)
+        assert np.array_equal(alone.index, np.flatnonzero(in_first)) and not alone.dynamic.any()
+        target = V[in_first] @ R.T + t if raw else V[in_first]
+        assert np.allclose(alone.target, target, rtol=0, atol=1e-14)
+    moved = read_handles(write(entries[1:]), body)
+    assert 7 in moved.index and moved.dynamic.all()
+    assert np.array_equal(moved.index, np.flatnonzero(V[:, 2] >= V[7, 2]))
+    assert np.allclose(moved.target, V[moved.index] @ R.T + t, rtol=0, atol=1e-14)
+    with pytest.raises(InputError, match="has contradictory targets"):  # the side meets the top
+        read_handles(write(entries), body)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"boxes": [[[9, 9, 9], [10, 10, 10]]]}, "entry 0: no vertex lies in its boxes"),
+        ({"boxes": [[[0, 0, 0]]]}, '"boxes" must be a list of pairs of points'),
+        ({"boxes": []}, '"boxes" must be a list of pairs of points'),
+        ({"boxes": [[[0, 0, 0], [1, 1, float("nan")]]]}, '"boxes" has a NaN or infinite position'),
+        ({"rotation": [[1, 0], [0, 1]]}, '"rotation" must be three rows of three numbers'),
+        ({"rotation": [[2, 0, 0], [0, 1, 0], [0, 0, 1]]}, '"rotation" is no rotation'),
+        ({"rotation": [[-1, 0, 0], [0, 1, 0], [0, 0, 1]]}, '"rotation" is no rotation'),
+        ({"translation": [[0, 0, 0]]}, '"translation" must be three numbers'),
+        ({"vertices": [1]}, 'either as "vertices", as "source" or as "boxes"'),
+    ],
+)
+def test_a_wrong_region_is_refused(write, body, change, message):
+    entry = {"boxes": [[[-9, -9, -9], [9, 9, 9]]], "rotation": np.eye(3).tolist(), "translation": [0, 0, 0]}
+    assert len(read_handles(write([entry]), body)) == body.n
+    with pytest.raises(InputError, match=message):
+        read_handles(write([entry | change]), body)
+
+
+@pytest.mark.parametrize("missing", ["rotation", "translation"])
+def test_a_region_that_moves_needs_its_whole_motion(write, body, missing):
+    entry = {"boxes": [[[-9, -9, -9], [9, 9, 9]]], "rotation": np.eye(3).tolist(), "translation": [0, 0, 0]}
+    del entry[missing]
+    with pytest.raises(InputError, match=f'entry 0: it is dynamic and has no "{missing}"'):
+        read_handles(write([entry]), body)
+
+
 def test_unused_groups_are_skipped_and_group_numbers_count_entries(write, body):
     entries = [
         {"kind": "unused", "vertices": [10**9], "source": "nonsense"},
