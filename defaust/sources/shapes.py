@@ -29,8 +29,8 @@ from defaust.sources.source import Box, Region, SourcePose
 from sshade import InputError, Mesh
 from sshade.io.regions import rigidly_moved, vertices_in
 
-#: Vertices of the registered meshes, about: the survey's number for all but the plane.
-LOW = 5000
+#: Vertices of the registered meshes, about: the survey's number for all but the plane; fewest of any mesh.
+LOW, FEWEST = 5000, 1000
 #: Bumps of the plane [-1, 1] x [-1, 1]: height, and waves over a length of 1.
 HEIGHT, WAVES = 0.05, 2.0
 #: Where the plane's border begins and its middle ends.
@@ -201,7 +201,9 @@ class Shapes:
         return self.generated(subject, vertices=LOW)
 
     def generated(self, subject: int, *, vertices: int) -> Mesh:
-        """Mesh of about so many vertices."""
+        """Mesh of about so many vertices; InputError where they are too few for the bumps and arms."""
+        if vertices < FEWEST:
+            raise InputError(f"generated shapes have {FEWEST} vertices or more, not {vertices}")
         return Mesh(*SHAPES[subject].triangulate(vertices))
 
     def posed(self, subject: int, pose: SourcePose) -> Mesh | None:

@@ -80,6 +80,7 @@ def load_task(
         ``high``: the remeshed rest mesh, handles snapped to its vertices.
         ``low``: the registered one, with the registered target pose as truth.
         They are the same, truth included, in a dataset built with target_vertices=null.
+        Of a generated shape the truth is computed for either, where it is known.
     raw : bool
         Keep the stored targets where a handle is snapped to another position.
     source : str, optional
@@ -97,7 +98,8 @@ def load_task(
         dataset's list); `meta` holds ``dataset``, ``subject``, ``pose``,
         ``source_pose``, ``note`` (of the source, for tables), ``resolution``, ``vertices``,
         ``n_static``, ``n_dynamic``, ``snap_max``, ``merged`` and ``checksum``
-        (of the mesh and the pose file).
+        (of the mesh and the pose file), of a generated shape also ``posed_by`` (``formulas``)
+        or, without a truth, ``no_truth``, which says why.
 
     Raises
     ------
@@ -133,11 +135,13 @@ def load_task(
         "checksum": "+".join(sums),
     }
     registered = resolution == "low" or document["build"]["target_vertices"] is None
-    truth = None
+    truth, how = None, {}
     if "formulas" in document["source"]:
         if edit is not None:
             raise InputError(f"{name} is a generated shape, which has no registered pose to transfer")
         truth = ideal_pose(document["source"], subject, mesh)
+        only = "the pose is known in its regions only"
+        how = {"posed_by": "formulas"} if truth is not None else {"no_truth": only}
     elif registered or edit is not None:
         posed = _mesh(root, f"{folder}/{pose_mesh(pose)}", document=document)
         truth = posed.V if registered else None
@@ -151,6 +155,7 @@ def load_task(
         handles=handles,
         truth=truth,
         meta=facts
+        | how
         | {
             "n_static": int((~handles.dynamic).sum()),
             "n_dynamic": int(handles.dynamic.sum()),

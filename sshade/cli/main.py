@@ -155,9 +155,12 @@ def _deform(arguments: argparse.Namespace) -> None:
       {"handles": [
         {"landmark": "foot", "kind": "static",  "vertices": [12, 13, 14]},
         {"landmark": "hand", "kind": "dynamic", "source": [[x, y, z], ...],
-                                                "target": [[x, y, z], ...]}]}
+                                                "target": [[x, y, z], ...]},
+        {"landmark": "head", "kind": "dynamic", "boxes": [[[x, y, z], [x, y, z]], ...],
+                                                "rotation": [[..], [..], [..]], "translation": [x, y, z]}]}
 
-    Handles are vertex ids, or positions on the mesh (snapped to the nearest vertices).
+    Handles are vertex ids, positions on the mesh (snapped to the nearest vertices), or regions: all
+    vertices in some boxes (lowest and highest corner), which go to R v + t.
     The output has the vertices and faces of the input, in the same order. Components are deformed
     each on its own, with its own handles. Where the mesh is not manifold it is cut, and joined again.
 

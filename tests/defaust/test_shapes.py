@@ -203,7 +203,8 @@ def test_tasks(built, resolution):
     for subject, shape in enumerate(SHAPES):
         task = load_task(built, subject=subject, pose=1, resolution=resolution)
         assert task.name == f"defaust-shapes/subject_0{subject}/pose_1"
-        assert (task.truth is not None) == shape.is_known
+        assert (task.truth is not None) == shape.is_known == (task.meta.get("posed_by") == "formulas")
+        assert ("no_truth" in task.meta) != shape.is_known
         V, handles = task.mesh.V, task.handles
         inside = [vertices_in(V, region.boxes) for region in shape.regions]
         assert [np.flatnonzero(handles.group == g).size for g in (0, 1)] == [len(i) for i in inside]
@@ -269,14 +270,26 @@ def test_a_region_without_a_true_pose_is_verified_too(dataset):
     assert fault.file == name and "delta is" in fault.text
 
 
+def test_a_region_that_misses_the_fine_mesh_alone_is_found(dataset):
+    point = read_mesh(dataset / "subject_00/rest_low.ply").V[2000].tolist()
+    assert point not in read_mesh(dataset / "subject_00/rest.ply").V.tolist()
+    name = "subject_00/pose_1.json"
+    change_handles(dataset, name, lambda content: content["handles"][1].update(boxes=[[point, point]]))
+    assert [fault.text for fault in verify(dataset)] == ["landmark moved: no vertex lies in its boxes"]
+
+
 def test_what_is_refused(dataset, tmp_path):
     with pytest.raises(InputError, match="is a generated shape, which has no registered pose to transfer"):
         load_task(dataset, subject=BAR, pose=1, edit=Unedited())
-    options = BuildOptions(target_vertices=30, subjects=(CYLINDER,))
-    with pytest.raises(
-        InputError, match=r"subject 1: the mesh generated for 30 vertices has \d+, not 0.9 to"
+    for options, message in (
+        ({"target_vertices": 999}, "subject 0: generated shapes have 1000 vertices or more, not 999"),
+        (
+            {"target_vertices": 1777, "window": (0.999, 1.001)},
+            "generated for 1777 vertices has 1764, not 0.999 to",
+        ),
     ):
-        build(Shapes(), tmp_path / "small", options=options, workers=1)
+        with pytest.raises(InputError, match=message):
+            build(Shapes(), tmp_path / "x", options=BuildOptions(**options, subjects=(PLANE,)), workers=1)
     change(dataset, lambda d: d["source"]["formulas"].update(bar="another"))
     with pytest.raises(InputError, match="made by other formulas than this version's; build it again"):
         load_task(dataset, subject=CYLINDER, pose=1)
