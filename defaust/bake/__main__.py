@@ -1,4 +1,4 @@
-"""``python -m defaust.bake --mpfb2 DIR --out FILE``: make the asset of the synthetic bodies."""
+"""``python -m defaust.bake [--mpfb2 DIR] --out FILE``: make the asset of the synthetic bodies."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import argparse
 import hashlib
 import logging
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from defaust.bake.morphs import (
     read_parents,
     read_weights,
 )
-from defaust.bake.poses import POSES, make_pose
+from defaust.bake.poses import POSES, REACHES, make_pose
 from defaust.bake.template import (
     fill,
     make_template,
@@ -31,7 +32,7 @@ from defaust.bake.template import (
     smooth_weights,
 )
 from defaust.build.upsample import self_intersecting
-from defaust.sources.synthetic import QUANTUM, Bodies
+from defaust.sources.synthetic import QUANTUM, Bodies, read_asset
 from defaust.tasks.full_size import interpolation
 from sshade import InputError, Mesh
 from sshade.cli.console import run_command
@@ -87,14 +88,46 @@ def bake(root: Path) -> dict[str, np.ndarray]:
         "bones": np.array(BONES),
         "bone": bone,
         "weight": weight,
-        "rotations": np.zeros((len(SUBJECTS), len(POSES), len(BONES), 3), dtype=np.float32),
-        "shifts": np.zeros((len(SUBJECTS), len(POSES), 3), dtype=np.float32),
-        "pose_names": np.array(list(POSES)),
+        "rotations": np.zeros((len(SUBJECTS), 0, len(BONES), 3), dtype=np.float32),
+        "shifts": np.zeros((len(SUBJECTS), 0, 3), dtype=np.float32),
+        "pose_names": np.array([], dtype=str),
         "landmarks": np.array(list(landmarks.values()), dtype=np.uint16),
         "landmark_names": np.array(list(landmarks)),
     }
-    _find_poses(arrays)
-    return arrays
+    return add_poses(arrays)
+
+
+def add_poses(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Arrays of an asset, with the poses of data/bake.yaml that it lacks after those that it holds.
+
+    A pose is shrunk until the skinned body does not intersect itself; those of
+    :data:`REACHES` are meant to touch and are kept as they are.
+
+    Raises
+    ------
+    InputError
+        When a subject intersects itself in a pose at half of its angles.
+    """
+    bodies = Bodies.from_arrays(arrays)
+    added = [name for name in POSES if name not in bodies.pose_names]
+    rotations = np.zeros((len(bodies.rest), len(added), len(BONES), 3), dtype=np.float32)
+    shifts = np.zeros((len(bodies.rest), len(added), 3), dtype=np.float32)
+    for s in range(len(bodies.rest)):
+        for k, name in enumerate(added):
+            rotations[s, k], shifts[s, k] = _find_pose(bodies, subject=s, name=name)
+    return {
+        **arrays,
+        "rotations": np.concatenate([arrays["rotations"], rotations], axis=1),
+        "shifts": np.concatenate([arrays["shifts"], shifts], axis=1),
+        "pose_names": np.array([*bodies.pose_names, *added]),
+    }
+
+
+def without_reaches(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Arrays of an asset, less the poses of :data:`REACHES`."""
+    kept = [k for k, name in enumerate(arrays["pose_names"]) if name not in REACHES]
+    chosen = {name: arrays[name][:, kept] for name in ("rotations", "shifts")}
+    return {**arrays, **chosen, "pose_names": arrays["pose_names"][kept]}
 
 
 def _without_intersections(V: np.ndarray, F: np.ndarray) -> np.ndarray:
@@ -116,48 +149,53 @@ def _without_intersections(V: np.ndarray, F: np.ndarray) -> np.ndarray:
     raise InputError("a shape still intersects itself after 60 smoothing steps; change it")
 
 
-def _find_poses(arrays: dict[str, np.ndarray]) -> None:
-    """Fill in rotations and shifts, shrinking a pose until the skinned body does not intersect itself."""
-    bodies = Bodies.from_arrays(arrays)
-    for s in range(len(SUBJECTS)):
-        rest = Mesh(bodies.rest[s], bodies.faces)
-        for k, name in enumerate(POSES):
-            for factor in np.linspace(1.0, 0.5, 26):
-                rotations, shift = make_pose(
-                    name, joints=bodies.joints[s], parents=bodies.parents, seed=[SEED, s, k], factor=factor
-                )
-                if name == "bend_twist":
-                    shift[1] = -bodies.pose(s, rotations=rotations, shift=shift)[:, 1].min()
-                # What is stored is what is tested.
-                arrays["rotations"][s, k], arrays["shifts"][s, k] = rotations, shift
-                V = bodies.pose(
-                    s,
-                    rotations=arrays["rotations"][s, k].astype(np.float64),
-                    shift=arrays["shifts"][s, k].astype(np.float64),
-                )
-                posed = Mesh(V, bodies.faces)
-                if not self_intersecting(posed).any():
-                    break
-            else:
-                raise InputError(f"subject {s} intersects itself in {name} even at half the angles")
+def _find_pose(bodies: Bodies, *, subject: int, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Rotations (b, 3) and shift (3,) of a pose as they are stored, in float32."""
+    rest = Mesh(bodies.rest[subject], bodies.faces)
+    for factor in np.linspace(1.0, 0.5, 26):
+        rotations, shift = make_pose(
+            name,
+            joints=bodies.joints[subject],
+            parents=bodies.parents,
+            seed=[SEED, subject, list(POSES).index(name)],
+            factor=factor,
+        )
+        if name == "bend_twist" or name in REACHES:  # put on the floor
+            shift[1] = -bodies.pose(subject, rotations=rotations, shift=shift)[:, 1].min()
+        # What is stored is what is tested.
+        stored = rotations.astype(np.float32), shift.astype(np.float32)
+        V = bodies.pose(subject, rotations=stored[0].astype(np.float64), shift=stored[1].astype(np.float64))
+        posed = Mesh(V, bodies.faces)
+        intersecting = self_intersecting(posed).sum()
+        if name in REACHES or not intersecting:
             log.info(
-                "subject %d %-10s factor %.2f volume %+.1f %%",
-                s, name, factor, 100 * (posed.volume / rest.volume - 1),
+                "subject %d %-15s factor %.2f volume %+.1f %%, %d faces intersect",
+                subject, name, factor, 100 * (posed.volume / rest.volume - 1), intersecting,
             )  # fmt: skip
+            return stored
+    raise InputError(f"subject {subject} intersects itself in {name} even at half the angles")
 
 
 def main(argv: list[str] | None = None) -> int:
     """Parse the command line, bake, and write the asset."""
     parser = argparse.ArgumentParser(prog="python -m defaust.bake", description=__doc__)
-    parser.add_argument("--mpfb2", type=Path, required=True, help="folder with 3dobjs, rigs and targets")
+    parser.add_argument(
+        "--mpfb2",
+        type=Path,
+        help="folder with 3dobjs, rigs and targets; without it the package's bodies and the poses that touch "
+        "nothing are kept, and the others are made anew from data/bake.yaml",
+    )
     parser.add_argument("--out", type=Path, required=True, help="the .npz to write")
     args = parser.parse_args(argv)
     logging.basicConfig(level=logging.INFO, format="%(message)s")
 
     def work() -> int:
-        if not (args.mpfb2 / "3dobjs" / "base.obj").is_file():
+        if args.mpfb2 is None:
+            arrays = add_poses(without_reaches(read_asset()))
+        elif not (args.mpfb2 / "3dobjs" / "base.obj").is_file():
             raise InputError(f"{args.mpfb2}: no 3dobjs/base.obj there; give the folder of MPFB2's data")
-        arrays = bake(args.mpfb2)
+        else:
+            arrays = bake(args.mpfb2)
         with replacing(args.out) as temporary:
             np.savez_compressed(temporary, **arrays)
         data = args.out.read_bytes()

@@ -1,6 +1,8 @@
-"""The four target poses, as rotations of the bones about world axes."""
+"""The target poses, as rotations of the bones about world axes."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -11,8 +13,15 @@ from defaust.sources.skinning import apply_motions, bone_motions
 
 #: Rotation vectors in degrees, by pose and bone; data/bake.yaml says how they are meant.
 POSES: dict[str, dict[str, list[float]]] = PARAMETERS["poses"]
+#: Where the wrists and elbows go in the poses that bring parts together; data/bake.yaml says how it is meant.
+REACHES: dict[str, dict[str, Any]] = PARAMETERS["reaches"]
 #: Standard deviation of the angles among subjects, in degrees.
 JITTER = 3.0
+#: Standard deviation of the place of an elbow that reaches, in metres.
+ELBOW_JITTER = 0.01
+#: What a wrist and an elbow off their places by a metre count, and a radian of each bone of the arm.
+WRIST, ELBOW = 30.0, 6.0
+ARM = {"clavicle": 0.35, "upperarm": 0.15, "lowerarm": 0.25}
 #: The whole body's motion in bend_twist: lean (x, z), then turn (y), in degrees; and shift in metres.
 TURN = Rotation.from_euler("YXZ", (125.0, 14.0, 10.0), degrees=True).as_rotvec()
 TURN_SHIFT = np.array([0.55, 0.0, 0.35])
@@ -34,7 +43,7 @@ def make_pose(
     seed : list of int
         Of the jitter that makes subjects differ.
     factor : float
-        Shrinks every angle but the turn of the whole body; 1 is the full pose.
+        Shrinks every angle but the turn of the whole body and the arms that reach; 1 is the full pose.
 
     Returns
     -------
@@ -54,7 +63,52 @@ def make_pose(
     elif name == "bend_twist":
         rotations[0] = TURN
         shift = TURN_SHIFT.copy()
+    elif name in REACHES:
+        posed = _posed_joints(rotations, joints, parents=parents)  # before the arms move
+        for side in "lr":
+            elbow_shift = ELBOW_JITTER * rng.normal(size=3)
+            wrist, elbow = _arm_targets(REACHES[name], posed, side=side)
+            _reach(rotations, joints, parents=parents, wrist=wrist, elbow=elbow + elbow_shift, side=side)
     return rotations, shift
+
+
+def _posed_joints(rotations: np.ndarray, joints: np.ndarray, *, parents: np.ndarray) -> np.ndarray:
+    """(b, 3) places of the joints in a pose: each moves with its parent, the root's stays."""
+    motions = bone_motions(joints, parents, rotations=rotations)
+    return np.concatenate([joints[:1], apply_motions(motions[parents[1:]], joints[1:])])
+
+
+def _arm_targets(reach: dict[str, Any], posed: np.ndarray, *, side: str) -> tuple[np.ndarray, np.ndarray]:
+    """Places of a wrist and an elbow: offsets outward, up and forward of joints, mirrored on the right."""
+    outward = np.array([1.0 if side == "l" else -1.0, 1.0, 1.0])
+    near = reach["near"] if reach["near"] in BONES else f"{reach['near']}_{side}"
+    wrist = posed[BONES.index(near)] + outward * reach["wrist"]
+    if side == "l":
+        wrist += reach.get("left_wrist", np.zeros(3))
+    return wrist, posed[BONES.index(f"upperarm_{side}")] + outward * reach["elbow"]
+
+
+def _reach(
+    rotations: np.ndarray,
+    joints: np.ndarray,
+    *,
+    parents: np.ndarray,
+    wrist: np.ndarray,
+    elbow: np.ndarray,
+    side: str,
+) -> None:
+    """Set the arm's rotations so that its wrist comes to a place, and its elbow near one."""
+    arm = [BONES.index(f"{bone}_{side}") for bone in ARM]
+    effort = np.array(list(ARM.values()))[:, None]
+
+    def residuals(x: np.ndarray) -> np.ndarray:
+        rotations[arm] = x.reshape(-1, 3)
+        posed = _posed_joints(rotations, joints, parents=parents)
+        at_wrist = WRIST * (posed[BONES.index(f"hand_{side}")] - wrist)
+        at_elbow = ELBOW * (posed[BONES.index(f"lowerarm_{side}")] - elbow)
+        return np.concatenate([at_wrist, at_elbow, (effort * rotations[arm]).ravel()])
+
+    residuals(least_squares(residuals, np.zeros(3 * len(arm))).x)
 
 
 def _plant(

@@ -17,7 +17,7 @@ SMALL = BuildOptions(target_vertices=3000, window=(0.7, 1.5), remesh_iterations=
 def write_faust(folder: Path, *, subjects=(0,), poses=POSES, suffix=".ply") -> Path:
     """tr_reg_NNN files of these subjects in `folder`, which is made."""
     folder.mkdir(parents=True, exist_ok=True)
-    source = SyntheticBodies()
+    source = SyntheticBodies(poses_used=("arms_up", "leg_lift", "squat", "bend_twist"))
     for subject in subjects:
         meshes = [source.rest(subject), *(source.posed(subject, pose) for pose in source.poses(subject))]
         for pose, mesh in zip(POSES, meshes, strict=True):

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from defaust.bake.__main__ import main
+from defaust.bake.__main__ import add_poses, main, without_reaches
 from defaust.bake.landmarks import find_landmarks
 from defaust.bake.morphs import AGES, BONES, BaseMesh, Shape, morph, read_base
-from defaust.bake.poses import POSES, make_pose
+from defaust.bake.poses import POSES, REACHES, make_pose
 from defaust.bake.template import fill, neighbour_average, outer_skin, quantise_weights, smooth_weights
 from defaust.sources.skinning import apply_motions, bone_motions
-from defaust.sources.synthetic import load_bodies
+from defaust.sources.synthetic import load_bodies, read_asset
 from tests.shapes import block, icosphere
 
 
@@ -127,7 +127,7 @@ def test_poses_are_seeded_and_shrink(name):
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
     none, _ = make_pose(name, seed=[0, 1], factor=0.0, **options)
-    if name != "squat":  # the planted legs keep what the solver chose
+    if name != "squat" and name not in REACHES:  # planted legs and arms that reach keep what the solver chose
         np.testing.assert_array_equal(none[1:], 0.0)
     assert (np.linalg.norm(shift) > 0) == (name in ("squat", "bend_twist"))
 
@@ -141,6 +141,38 @@ def test_squat_plants_the_ankles():
         foot, ball = BONES.index(f"foot_{side}"), BONES.index(f"ball_{side}")
         moved = apply_motions(motions[[foot, foot]], joints[[foot, ball]]) + shift
         np.testing.assert_allclose(moved, joints[[foot, ball]], atol=1e-3)
+
+
+@pytest.mark.parametrize("name", list(REACHES))
+def test_wrists_and_elbows_come_to_their_places(name):
+    bodies = load_bodies()
+    joints, reach = bodies.joints[6], REACHES[name]
+    rotations, _ = make_pose(name, joints=joints, parents=bodies.parents, seed=[0])
+    motions = bone_motions(joints, bodies.parents, rotations=rotations)
+    at = {"Root": joints[0]}
+    for bone, joint, parent in zip(BONES[1:], joints[1:], bodies.parents[1:], strict=True):
+        at[bone] = apply_motions(motions[[parent]], joint[None])[0]
+    for side, x in (("l", 1.0), ("r", -1.0)):
+        near = at.get(reach["near"], at.get(f"{reach['near']}_{side}"))
+        offset = (at[f"hand_{side}"] - near) * [x, 1, 1]
+        if side == "l":
+            offset -= reach.get("left_wrist", np.zeros(3))
+        # The joint `near` of crossed arms is the shoulder's, which the clavicle moves.
+        assert np.linalg.norm(offset - reach["wrist"]) < (0.08 if name == "arms_crossed" else 0.03)
+        assert (at[f"lowerarm_{side}"] - at[f"upperarm_{side}"])[2] * reach["elbow"][2] > 0
+
+
+def test_the_shipped_poses_can_be_baked_again_from_the_shipped_bodies():
+    arrays = read_asset()
+    first = arrays | {name: arrays[name][:1] for name in ("offset", "joints", "rotations", "shifts")}
+    kept = without_reaches(first)
+    assert kept["rotations"].shape == (1, 4, len(BONES), 3) and kept["shifts"].shape == (1, 4, 3)
+    again = add_poses(kept)
+    assert again.keys() == arrays.keys()
+    np.testing.assert_array_equal(again["pose_names"], arrays["pose_names"])
+    for name in ("rotations", "shifts"):
+        np.testing.assert_array_equal(again[name][:, :4], first[name][:, :4])
+        np.testing.assert_allclose(again[name], first[name], atol=1e-4)
 
 
 def test_wrong_folder(tmp_path, capsys):
