@@ -11,7 +11,7 @@ For other meshes the registered pose is subdivided too, and interpolated.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -24,6 +24,60 @@ from sshade import InputError, Mesh
 
 #: A remeshed surface lies so near to the one that it was made from (x diagonal).
 ON_SURFACE = 1e-6
+
+
+class Registered(NamedTuple):
+    """What a dataset stores of a subject in a pose.
+
+    Attributes
+    ----------
+    rest : Mesh
+        Rest mesh at the resolution of the task; `low` itself at low resolution.
+    low, posed : Mesh
+        Registered rest mesh and target pose.
+    steps : int
+        Subdivisions between `low` and `rest`.
+    """
+
+    rest: Mesh
+    low: Mesh
+    posed: Mesh
+    steps: int
+
+
+def true_pose(meshes: Registered, skin: Skin | None) -> tuple[np.ndarray, str]:
+    """Where the vertices of the rest mesh are in the pose.
+
+    Returns
+    -------
+    (n, 3) float64
+    str
+        ``registration``, ``skinning`` or ``subdivision``: what it was made by.
+
+    Raises
+    ------
+    InputError
+        As :func:`subdivided_pose`.
+    """
+    rest, low, posed, steps = meshes
+    if rest is low:
+        return posed.V, "registration"
+    if skin is not None:
+        return skin(rest.V), "skinning"
+    return subdivided_pose(rest, low, posed, steps=steps), "subdivision"
+
+
+def find_skin(meshes: Registered, source: Mapping[str, Any], *, subject: int, pose: str) -> Skin | None:
+    """The skinning of a subject, where a dataset's record of its source says that there is one.
+
+    Raises
+    ------
+    InputError
+        As :func:`has_skin` and :class:`Skin`.
+    """
+    if not has_skin(source):
+        return None
+    return Skin(meshes.rest, meshes.low, steps=meshes.steps, subject=subject, pose=pose)
 
 
 def has_skin(source: Mapping[str, Any]) -> bool:

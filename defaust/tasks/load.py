@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,7 +21,8 @@ from defaust.folder.layout import (
 )
 from defaust.folder.record import POSE, read_dataset, read_record
 from defaust.sources.shapes import ideal_pose
-from defaust.tasks.transfers import Registered, transfer_task
+from defaust.tasks.full_size import Registered, find_skin, true_pose
+from defaust.tasks.transfers import transfer_task
 from sshade import DeformationTask, Handles, InputError, Mesh, TransferTask
 from sshade.io.meshes import read_mesh
 from sshade.io.regions import rigidly_moved, vertices_in
@@ -77,7 +78,8 @@ def load_task(
     subject, pose : int
         Poses count from 1.
     resolution : str
-        ``high``: the remeshed rest mesh, handles snapped to its vertices.
+        ``high``: the remeshed rest mesh, handles snapped to its vertices; its truth is
+        computed, which takes a second or two for 170,000 vertices.
         ``low``: the registered one, with the registered target pose as truth.
         They are the same, truth included, in a dataset built with target_vertices=null.
         Of a generated shape the truth is computed for either, where it is known.
@@ -97,9 +99,10 @@ def load_task(
         handles' groups are the ids of their landmarks (positions in the
         dataset's list); `meta` holds ``dataset``, ``subject``, ``pose``,
         ``source_pose``, ``note`` (of the source, for tables), ``resolution``, ``vertices``,
-        ``n_static``, ``n_dynamic``, ``snap_max``, ``merged`` and ``checksum``
-        (of the mesh and the pose file), of a generated shape also ``posed_by`` (``formulas``)
-        or, without a truth, ``no_truth``, which says why.
+        ``n_static``, ``n_dynamic``, ``snap_max``, ``merged``, ``checksum``
+        (of the mesh and the pose file), and ``posed_by``, which says what `truth` was made
+        by (``registration``, ``skinning``, ``subdivision`` or ``formulas``); where there is none,
+        ``no_truth`` says why.
 
     Raises
     ------
@@ -135,19 +138,20 @@ def load_task(
         "checksum": "+".join(sums),
     }
     registered = resolution == "low" or document["build"]["target_vertices"] is None
-    truth, how = None, {}
     if "formulas" in document["source"]:
         if edit is not None:
             raise InputError(f"{name} is a generated shape, which has no registered pose to transfer")
         truth = ideal_pose(document["source"], subject, mesh)
         only = "the pose is known in its regions only"
         how = {"posed_by": "formulas"} if truth is not None else {"no_truth": only}
-    elif registered or edit is not None:
-        posed = _mesh(root, f"{folder}/{pose_mesh(pose)}", document=document)
-        truth = posed.V if registered else None
-    if edit is not None:
+    else:
         low = mesh if registered else _mesh(root, f"{folder}/{REST_LOW}", document=document)
-        return transfer_task(Registered(mesh, low, posed), document, name=name, edit=edit, facts=facts)
+        posed = _mesh(root, f"{folder}/{pose_mesh(pose)}", document=document)
+        steps = next(s["high"]["ls3_steps"] for s in document["subjects"] if s["subject"] == subject)
+        meshes = Registered(mesh, low, posed, steps)
+        if edit is not None:
+            return transfer_task(meshes, document, name=name, edit=edit, facts=facts)
+        truth, how = _truth(meshes, document["source"], facts)
     handles = _handles(mesh, content["handles"], landmarks=document["landmarks"], raw=raw)
     return DeformationTask(
         name=name,
@@ -182,6 +186,18 @@ def _tasks(
                     raise InputError(f"{root} has no {what} {number}; it has {sorted(known)}")
             tasks = [task for task in tasks if getattr(task, what) in wanted]
     return tasks
+
+
+def _truth(
+    meshes: Registered, source: Mapping[str, Any], facts: Mapping[str, Any]
+) -> tuple[np.ndarray | None, dict[str, str]]:
+    """The true pose and what made it, or None and why there is none: a task by handles needs no truth."""
+    try:
+        skin = find_skin(meshes, source, subject=facts["subject"], pose=facts["source_pose"])
+        truth, how = true_pose(meshes, skin)
+    except InputError as error:
+        return None, {"no_truth": str(error)}
+    return truth, {"posed_by": how}
 
 
 def _handles(mesh: Mesh, records: list[dict[str, Any]], *, landmarks: list[str], raw: bool) -> Handles:

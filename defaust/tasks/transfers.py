@@ -3,27 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 from defaust.edits import Edit
-from defaust.tasks.full_size import Skin, has_skin, subdivided_pose
+from defaust.tasks.full_size import Registered, find_skin, true_pose
 from sshade import Mesh, TransferTask
-
-
-class Registered(NamedTuple):
-    """What a dataset stores of a subject in a pose.
-
-    Attributes
-    ----------
-    rest : Mesh
-        Rest mesh at the resolution of the task; `low` itself at low resolution.
-    low, posed : Mesh
-        Registered rest mesh and target pose.
-    """
-
-    rest: Mesh
-    low: Mesh
-    posed: Mesh
 
 
 def transfer_task(
@@ -56,20 +40,11 @@ def transfer_task(
     InputError
         When the edit does not fit the mesh, or the pose cannot be computed.
     """
-    rest, low, posed = meshes
-    subject = facts["subject"]
+    rest, subject = meshes.rest, facts["subject"]
     edited = edit(rest)
     shape = rest if edited is rest.V else Mesh(edited, rest.F)
-    steps = next(s["high"]["ls3_steps"] for s in document["subjects"] if s["subject"] == subject)
-    skin = None
-    if has_skin(document["source"]):
-        skin = Skin(rest, low, steps=steps, subject=subject, pose=facts["source_pose"])
-    if rest is low:
-        target, how = posed.V, "registration"
-    elif skin is not None:
-        target, how = skin(rest.V), "skinning"
-    else:
-        target, how = subdivided_pose(rest, low, posed, steps=steps), "subdivision"
+    skin = find_skin(meshes, document["source"], subject=subject, pose=facts["source_pose"])
+    target, how = true_pose(meshes, skin)
     truth = target if shape is rest else None if skin is None else skin(shape.V)
     classes = document["source"].get("classes")
     return TransferTask(
