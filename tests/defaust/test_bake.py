@@ -126,8 +126,8 @@ def test_poses_are_seeded_and_shrink(name):
     other, _ = make_pose(name, seed=[0, 2], **options)
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
-    none, _ = make_pose(name, seed=[0, 1], factor=0.0, **options)
     if name != "squat" and name not in REACHES:  # planted legs and arms that reach keep what the solver chose
+        none, _ = make_pose(name, seed=[0, 1], factor=0.0, **options)
         np.testing.assert_array_equal(none[1:], 0.0)
     assert (np.linalg.norm(shift) > 0) == (name in ("squat", "bend_twist"))
 

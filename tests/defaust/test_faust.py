@@ -12,6 +12,7 @@ from defaust.cli import main
 from defaust.folder.layout import sha256
 from defaust.sources.synthetic import SyntheticBodies
 from defaust.tasks import load_task
+from defaust.tasks.full_size import Skin
 from sshade import InputError
 from sshade.io.meshes import write_mesh
 from tests.defaust.registrations import POSES, SMALL, faust, write_faust
@@ -150,6 +151,19 @@ def test_mistakes_are_one_sentence(folder, override, message, capsys):
     assert main(["build", "out=x", "source=faust", f"source.root='{folder}'", override]) == 2
     error = capsys.readouterr().err
     assert message in error and error.startswith("error: ") and error.count("\n") == 1
+
+
+def test_truth_at_high_resolution(folder, tmp_path):
+    """The registrations are those of a body, so its skinning says where their subdivision should be."""
+    build(faust(folder), tmp_path / "out", options=replace(SMALL, subjects=(0,), ls3_steps=1), workers=1)
+    low = SyntheticBodies().rest(0)
+    for pose, name in ((1, "arms_up"), (4, "bend_twist")):
+        task = load_task(tmp_path / "out", subject=0, pose=pose)
+        assert task.meta["posed_by"] == "subdivision"
+        skinned = Skin(task.mesh, low, steps=1, subject=0, pose=name)(task.mesh.V)
+        gap = np.linalg.norm(task.truth - skinned, axis=1)
+        assert gap.mean() < 5e-4 and gap.max() < 6e-3  # metres; the largest in a crease
+        assert np.linalg.norm(task.truth - task.mesh.V, axis=1).max() > 0.3
 
 
 def test_a_build_lists_its_files_and_holds_no_path(copy, tmp_path):

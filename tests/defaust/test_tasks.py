@@ -1,15 +1,23 @@
 """Tasks as methods see them."""
 
 import json
+import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
+from defaust.build.dataset import build
+from defaust.build.options import BuildOptions
+from defaust.build.upsample import subdivide
 from defaust.folder.layout import sha256
-from defaust.tasks import TaskId, list_tasks, load_task
+from defaust.sources.skinning import apply_motions, blend_motions, bone_motions
+from defaust.sources.synthetic import SyntheticBodies, load_bodies
+from defaust.tasks import TaskId, full_size, list_tasks, load_task
 from sshade import InputError
-from sshade.io.meshes import read_mesh
-from tests.defaust.toy import change
+from sshade.io.meshes import read_mesh, write_mesh
+from tests.defaust.toy import change, relist
 
 
 def test_list(finished):
@@ -31,7 +39,6 @@ def test_low_resolution_is_exact(finished):
 
 def test_static_handles_stay_where_their_vertices_are(finished):
     task = load_task(finished, subject=0, pose=1)
-    assert task.truth is None
     static = task.handles.index[~task.handles.dynamic]
     assert len(static) == task.meta["n_static"] > 0
     np.testing.assert_array_equal(task.handles.target[~task.handles.dynamic], task.mesh.V[static])
@@ -44,6 +51,74 @@ def test_static_handles_stay_where_their_vertices_are(finished):
     assert raw.meta["merged"] + len(raw.handles) == len(single) == 12
     assert any(np.array_equal(raw.handles.target[0], t) for t in single) or raw.meta["merged"] > 0
     assert not np.array_equal(raw.handles.target, task.handles.target)
+
+
+@pytest.fixture(scope="module")
+def body(tmp_path_factory):
+    """A synthetic body sitting, subdivided once and remeshed."""
+    out = tmp_path_factory.mktemp("data") / "body"
+    options = BuildOptions(subjects=(4,), target_vertices=12_000, ls3_steps=1)
+    build(SyntheticBodies(poses_used=("sitting",)), out, options=options, workers=1)
+    return out
+
+
+def test_truth_of_a_body_is_its_skinning(body):
+    """Against skinning the subdivided registered mesh itself, with Loop's weights, and interpolating."""
+    from trimesh.triangles import closest_point, points_to_barycentric
+
+    task = load_task(body, subject=4, pose=1)
+    assert task.meta["posed_by"] == "skinning" and "no_truth" not in task.meta
+    bodies, low = load_bodies(), read_mesh(body / "subject_04/rest_low.ply")
+    k = bodies.pose_names.index("sitting")
+    fine = subdivide(low, steps=1)
+    dense = np.zeros((low.n, len(bodies.parents)))
+    for column in range(bodies.bone.shape[1]):
+        dense[np.arange(low.n), bodies.bone[:, column]] += bodies.weight[:, column]
+    weight = full_size.loop_matrix(low, fine, steps=1) @ dense
+    motions = bone_motions(bodies.joints[4], bodies.parents, rotations=bodies.rotations[4, k])
+    every = np.broadcast_to(np.arange(len(bodies.parents)), weight.shape)
+    skinned = apply_motions(blend_motions(motions, bone=every, weight=weight), fine.V) + bodies.shifts[4, k]
+    near = cKDTree(fine.V[fine.F].mean(axis=1)).query(task.mesh.V, k=12)[1]
+    points = task.mesh.V.repeat(12, axis=0)
+    on = closest_point(fine.V[fine.F[near.ravel()]], points)
+    best = np.linalg.norm(on - points, axis=1).reshape(near.shape).argmin(axis=1)
+    face = fine.F[near[np.arange(len(near)), best]]
+    bary = points_to_barycentric(fine.V[face], on.reshape(-1, 12, 3)[np.arange(len(near)), best])
+    expected = np.einsum("nk,nkc->nc", bary, skinned[face])
+    gap = np.linalg.norm(task.truth - expected, axis=1)
+    # Metres: within a triangle of a crease, skinning is not linear.
+    assert gap.max() < 2e-3 and gap.mean() < 5e-5
+    assert np.linalg.norm(task.truth - task.mesh.V, axis=1).min() > 0.05
+
+
+def test_truth_of_an_unposed_body_is_its_rest_shape(body, monkeypatch):
+    bodies = load_bodies()
+    still = replace(bodies, rotations=np.zeros_like(bodies.rotations), shifts=np.zeros_like(bodies.shifts))
+    monkeypatch.setattr(full_size, "load_bodies", lambda: still)
+    task = load_task(body, subject=4, pose=1)
+    np.testing.assert_allclose(task.truth, task.mesh.V, atol=1e-12)
+
+
+def test_truth_of_other_meshes_is_the_subdivided_registration(finished):
+    task = load_task(finished, subject=1, pose=2)
+    assert task.meta["posed_by"] == "subdivision"
+    # This pose is a rigid motion, under which subdivision moves along.
+    expected = task.mesh.V[:, [2, 1, 0]] * [1, 1, -1] + [3.0, 0.0, 0.0]
+    np.testing.assert_allclose(task.truth, expected, atol=1e-6)
+
+
+def test_a_task_without_truth_says_why(dataset, body, tmp_path):
+    low = read_mesh(dataset / "subject_00/rest_low.ply")
+    write_mesh(dataset / "subject_00/rest_low.ply", 1.02 * low.V, low.F)
+    relist(dataset, "subject_00/rest_low.ply")
+    task = load_task(dataset, subject=0, pose=1)
+    assert task.truth is None and "off the subdivided registered mesh" in task.meta["no_truth"]
+    assert "posed_by" not in task.meta and len(task.handles) > 0
+
+    older = shutil.copytree(body, tmp_path / "older")
+    change(older, lambda document: document["source"].update(asset_sha256="0" * 64))
+    task = load_task(older, subject=4, pose=1)
+    assert task.truth is None and "made from other bodies (asset 000000000000)" in task.meta["no_truth"]
 
 
 def test_meta(finished):
@@ -65,6 +140,8 @@ def test_damaged_files(dataset):
     (dataset / "subject_01/pose_1_low.ply").unlink()
     with pytest.raises(InputError, match="pose_1_low.ply is missing"):
         load_task(dataset, subject=1, pose=1, resolution="low")
+    with pytest.raises(InputError, match="pose_1_low.ply is missing"):
+        load_task(dataset, subject=1, pose=1)
     change(dataset, lambda d: d["files"].pop("subject_02/rest.ply"))
     with pytest.raises(InputError, match="lists no subject_02/rest.ply"):
         load_task(dataset, subject=2, pose=1)

@@ -11,7 +11,8 @@ from defaust.build.options import BuildOptions
 from defaust.edits import Inflate, Unedited
 from defaust.sources.synthetic import SyntheticBodies
 from defaust.tasks import load_task
-from defaust.tasks.transfers import Registered, transfer_task
+from defaust.tasks.full_size import Registered
+from defaust.tasks.transfers import transfer_task
 from sshade import InputError, TransferTask
 from sshade.io.meshes import read_mesh
 from tests.defaust.toy import change
@@ -83,7 +84,7 @@ def test_classes_are_called_by_name(finished):
     document["source"]["classes"] = ["cat", "dog", "horse"]
     low, posed = (read_mesh(finished / "subject_01" / name) for name in ("rest_low.ply", "pose_1_low.ply"))
     facts = {"subject": 1, "source_pose": "lean"}
-    task = transfer_task(Registered(low, low, posed), document, name="t", edit=Unedited(), facts=facts)
+    task = transfer_task(Registered(low, low, posed, 0), document, name="t", edit=Unedited(), facts=facts)
     assert task.meta["class"] == "dog" and task.meta["posed_by"] == "registration"
 
 
