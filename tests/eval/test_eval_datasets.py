@@ -20,8 +20,8 @@ from tests.shapes import bumpy
 
 #: Name of the task, and how many there are. The synthetic ones differ in size only: two serve for all.
 BUILT = {
-    "defaust": ("defaust-synthetic/subject_00/pose_1", 4),
-    "defaust_20k": ("defaust-synthetic/subject_00/pose_1", 4),
+    "defaust": ("defaust-synthetic/subject_00/pose_1", 10),
+    "defaust_20k": ("defaust-synthetic/subject_00/pose_1", 10),
     "faust": ("defaust-faust/subject_00/pose_1", 4),
     "tosca": ("defaust-tosca/subject_00/pose_1", 3),
     "sequence": ("defaust-sequence/subject_00/pose_1", 1),
