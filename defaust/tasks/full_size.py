@@ -117,11 +117,14 @@ class Skin:
     Raises
     ------
     InputError
-        As :func:`subdivided_pose`.
+        When the package has no such body or pose, and as :func:`subdivided_pose`.
     """
 
     def __init__(self, rest: Mesh, low: Mesh, *, steps: int, subject: int, pose: str) -> None:
         bodies = load_bodies()
+        known = 0 <= subject < len(bodies.rest) and pose in bodies.pose_names
+        if not known or not np.array_equal(low.F, bodies.faces):
+            raise InputError(f"the package has no body {subject} with these faces in the pose {pose!r}")
         k = bodies.pose_names.index(pose)
         motions = bodies.motions(subject, rotations=bodies.rotations[subject, k])
         if rest is not low:

@@ -17,7 +17,7 @@ from defaust.sources.synthetic import SyntheticBodies, load_bodies
 from defaust.tasks import TaskId, full_size, list_tasks, load_task
 from sshade import InputError
 from sshade.io.meshes import read_mesh, write_mesh
-from tests.defaust.toy import change, relist
+from tests.defaust.toy import change, change_handles, relist
 
 
 def test_list(finished):
@@ -119,6 +119,11 @@ def test_a_task_without_truth_says_why(dataset, body, tmp_path):
     change(older, lambda document: document["source"].update(asset_sha256="0" * 64))
     task = load_task(older, subject=4, pose=1)
     assert task.truth is None and "made from other bodies (asset 000000000000)" in task.meta["no_truth"]
+
+    other = shutil.copytree(body, tmp_path / "other")
+    change_handles(other, "subject_04/pose_1.json", lambda content: content.update(source_pose="jump"))
+    task = load_task(other, subject=4, pose=1)
+    assert task.meta["no_truth"] == "the package has no body 4 with these faces in the pose 'jump'"
 
 
 def test_meta(finished):
