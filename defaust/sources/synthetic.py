@@ -45,7 +45,8 @@ FACTS = {
     "limits": [
         "The bodies are synthetic: no scan, no hair, neutral faces, closed mouth and eyes.",
         "Skinning stands for soft tissue: shoulders bulge when the arms go up, creases stretch.",
-        "In the first four poses no part touches another; in the others parts touch and cross a little.",
+        "In the first four poses no part touches another; in the others parts touch and cross a little, but "
+        "for the crossed arms of subject 6.",
         "Fingers and toes are thin; remeshed below about 100,000 vertices they are coarse.",
     ],
     "axes": "y up, facing +z, the person's left at +x",
