@@ -28,6 +28,7 @@ from eval.configure import sweep as cli_sweep
 from eval.configure.sweep import SweepRefused, check_root
 from eval.metrics import METRICS
 from eval.rows.bands import out_of_band
+from eval.rows.splits import require_split
 from eval.run.allowed import OVERRIDE, allow_from, check_folders, require_allowed
 from eval.run.record import SweepRecord, status_text
 from eval.run.run import Outcome, run
@@ -207,6 +208,8 @@ def _outcome(config: DictConfig, progress: Progress) -> tuple[Outcome, list[str]
     progress("reading", 0, 1)
     task = _load_task(json.dumps(plain["dataset"]))
     progress("reading", 1, 1)
+    if not plain["dataset"].get("tag"):  # other data than the experiment's own, in a table of its own
+        require_split(task.name, plain["run"]["split"])
     settings = HydraConfig.get()
     at_once = 1 if settings.mode == RunMode.RUN else _jobs(settings.launcher, config.run.sweep.runs)
     outcome = run(
@@ -216,6 +219,7 @@ def _outcome(config: DictConfig, progress: Progress) -> tuple[Outcome, list[str]
         root=Path(plain["paths"]["runs"], plain["run"]["folder"]),
         seed=plain["seed"],
         source=_source(plain["dataset"]),
+        shared=Path(plain["paths"]["runs"], plain["run"]["shared"]) if plain["run"]["shared"] else None,
         force=plain["run"]["force"],
         fresh=plain["run"]["fresh"],
         time_limit=plain["run"]["time_limit"],

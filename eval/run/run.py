@@ -21,6 +21,7 @@ from eval.run.provenance import (
     method_sources,
     task_checksum,
 )
+from eval.run.shared import take_along
 from eval.run.targets import flat, instantiate, require_kind, settings, target_modules
 from sshade.task import DeformationTask, Progress, silent
 
@@ -47,6 +48,7 @@ def run(
     root: Path,
     seed: int = 0,
     source: Mapping[str, Any] | None = None,
+    shared: Path | None = None,
     force: bool = False,
     fresh: bool = False,
     time_limit: float | None = None,
@@ -75,6 +77,8 @@ def run(
     seed : int
     source : mapping, optional
         Configuration that loads the task again, for figures.
+    shared : path, optional
+        Folder of another experiment, whose equal runs are taken along.
     force : bool
         Run even if the row exists.
     fresh : bool
@@ -101,9 +105,13 @@ def run(
     row = _identity(task, method, name=name, seed=seed, source=source)
     folder = run_folder(root, row)
     fresh = fresh or time_limit is not None
-    existing = None if force else read_row(folder)
-    if existing is not None and _settled(existing, fresh=fresh, time_limit=time_limit):
-        return Outcome(existing, folder, reused=True)
+    places = [folder, *([run_folder(shared, row)] if shared else [])]
+    for there in [] if force else places:
+        existing = read_row(there)
+        if existing is not None and _settled(existing, fresh=fresh, time_limit=time_limit):
+            if there != folder:
+                take_along(there, folder)
+            return Outcome(existing, folder, reused=True)
     row |= {f"env.{fact}": value for fact, value in environment(jobs=jobs).items()}
     row |= {"date": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ"), "peak_mib": None}
     row["env.time_limit"] = time_limit

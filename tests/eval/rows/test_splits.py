@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from eval.rows.splits import HELD_OUT, TUNING, split_of
+from eval.rows.splits import BOTH, HELD_OUT, TUNING, require_split, split_of
 from sshade.errors import InputError
 
 OLD, NEW = range(1, 5), range(5, 11)
@@ -33,3 +33,21 @@ def test_a_case_of_a_readers_own_belongs_to_neither():
 def test_a_case_in_both_halves_is_refused():
     with pytest.raises(InputError, match="both halves"):
         split_of("a/b", {TUNING: ["a/*"], HELD_OUT: ["*/b"]})
+
+
+@pytest.mark.parametrize("split", [TUNING, HELD_OUT])
+def test_a_case_of_the_other_half_is_refused(split):
+    cases = {TUNING: "defaust-synthetic/subject_07/pose_4", HELD_OUT: "defaust-synthetic/subject_07/pose_5"}
+    other = cases.pop({TUNING: HELD_OUT, HELD_OUT: TUNING}[split])
+    with pytest.raises(InputError, match=rf"{other} is a .* but the experiment states run.split={split}"):
+        require_split(other, split)
+    for stated in (split, BOTH, None):
+        require_split(cases[split], stated)
+    require_split("mine/pose", split)
+
+
+def test_there_are_no_other_halves():
+    with pytest.raises(
+        InputError, match="run.split=test does not fit; it takes tuning, held_out, both or null"
+    ):
+        require_split("mine/pose", "test")

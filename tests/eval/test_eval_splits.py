@@ -1,0 +1,111 @@
+"""Every experiment states its half of the benchmark, and a run of a case of the other half is refused."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from compositions import composed
+from eval_cases import run_eval
+from hydra.core.override_parser.overrides_parser import OverridesParser
+
+from eval.rows.collect import collect
+from eval.rows.splits import BOTH, HELD_OUT, TUNING, split_of
+from eval.rows.store import read_row, run_folders
+from sshade.cli.configuration import CONFIGURATION
+
+EXPERIMENTS = sorted(path.stem for path in CONFIGURATION.glob("experiment/*.yaml"))
+
+#: Subjects and poses that the default build of a source has.
+SUBJECTS, POSES = {"synthetic": range(10), "shapes": range(4)}, {"synthetic": range(1, 11), "shapes": [1]}
+
+
+def cases(config):
+    """The names of an experiment's cases, as its sweep and its dataset's build command tell them."""
+    if config.dataset._target_.endswith("hairpin_task"):
+        return [f"hairpin/gap_{gap}" for gap in config.hydra.sweeper.params["dataset.gap"].split(",")]
+    source = re.search(r"source=(\w+)", config.dataset.build)[1]
+    built = re.search(r"subjects=\[([\d,]+)\]", config.dataset.build)
+    subjects = map(int, built[1].split(",")) if built else SUBJECTS[source]
+    known = {"subject": list(subjects), "pose": list(POSES[source])}
+    taken = {name: swept(name, config.hydra.sweeper.params[name], numbers) for name, numbers in known.items()}
+    assert all(set(taken[name]) <= set(known[name]) for name in known)
+    return [f"defaust-{source}/subject_{s:02d}/pose_{p}" for s in taken["subject"] for p in taken["pose"]]
+
+
+def swept(name, values, known):
+    if values == "all":
+        return known
+    override = OverridesParser.create().parse_override(f"{name}={values}")
+    return list(map(int, override.sweep_iterator() if override.is_sweep_override() else [override.value()]))
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_an_experiment_states_the_halves_that_its_cases_are_of(name):
+    config = composed(f"experiment={name}")
+    halves = {split_of(case) for case in cases(config)}
+    assert halves == ({TUNING, HELD_OUT} if config.run.split == BOTH else {config.run.split})
+
+
+def test_what_constants_were_chosen_on_is_for_tuning():
+    for name in ("quick", "ci", "table1", "full", "front", *(n for n in EXPERIMENTS if "ablation" in n)):
+        assert composed(f"experiment={name}").run.split == TUNING
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_the_papers_tables_start_at_rest_and_the_others_from_the_best_rigid_motion(name):
+    rest = ("paper", "table1", "table1_lowres", "ci")  # ci: its bands are of that start
+    assert composed(f"experiment={name}").solver.start == ("rest" if name in rest else "rigid")
+
+
+def test_a_case_of_the_other_half_is_not_run(tmp_path):
+    cases = ["dataset=hairpin", "dataset.around=12", "method=identity"]
+    for mode in ([], ["-m"]):
+        done = run_eval(tmp_path, *mode, *cases, "run.split=held_out")
+        assert done.returncode == 2
+        assert done.stderr == (
+            "error: hairpin/gap_0.02 is a tuning case (conf/splits.yaml), but the experiment states "
+            "run.split=held_out: take other cases, or state both and give the rows a name of their own, "
+            "run.experiment=...\n"
+        )
+    assert not run_folders(tmp_path / "out/runs")
+    wrong = run_eval(tmp_path, *cases, "run.split=half")
+    assert wrong.stderr == "error: run.split=half does not fit; it takes tuning, held_out, both or null\n"
+    for split in ("tuning", "both", "null"):
+        assert run_eval(tmp_path, *cases, f"run.split={split}").returncode == 0
+    tagged = run_eval(tmp_path, *cases, "run.split=held_out", "+dataset.tag=_mine")  # in a table of its own
+    assert tagged.returncode == 0 and run_folders(tmp_path / "out/runs/single_mine")
+
+
+def test_runs_of_the_paper_and_of_the_full_table_are_shared_and_their_rows_kept_apart(tmp_path):
+    def sweep(experiment, methods):
+        data = [f"experiment={experiment}", "dataset=hairpin", "dataset.around=12", "proxy.vertices=60"]
+        done = run_eval(
+            tmp_path, "-m", *data, "run.split=both", f"method={methods}", "solver.max_iterations=9"
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout.splitlines()[-1]
+
+    assert sweep("paper", "arap,sshade_paper") == "2 runs: 2 new (2 not_converged), 0 kept"
+    assert sweep("table1", "arap,accelerated_arap,sshade_paper").endswith("2 kept")
+    assert sweep("paper", "arap,accelerated_arap").endswith("0 new, 2 kept")
+    found = {name: collect(tmp_path / "out/runs" / name) for name in ("paper", "table1")}
+    assert found["paper"].equals(found["table1"])
+    runs = tmp_path / "out/runs"
+    for folder in run_folders(runs / "paper"):
+        twin = runs / "table1" / folder.relative_to(runs / "paper")
+        assert read_row(twin) == read_row(folder)
+        assert (twin / "vertices.npy").read_bytes() == (folder / "vertices.npy").read_bytes()
+
+
+def test_the_papers_rows_are_plain_iterations_from_rest_to_its_cutoff_and_five_samplings():
+    config = composed("experiment=paper", "method=sshade_paper")
+    assert config.hydra.sweeper.params.method == "arap,elastic,arap_sr,implicit_arap_cpu,sshade_paper"
+    ours, coarse = config.method, config.method.coarse
+    assert (ours.samplings, ours.frames, ours.vertices) == (5, "triangle", 6000)
+    assert coarse._target_.endswith("accelerated_elastic") and coarse.accelerate is False
+    assert (coarse.max_iterations, coarse.start, coarse.volume, coarse.area) == (1000, "rest", 0.0, 0.0)
+    assert coarse.stiffness == 1.0
+    for name in ("arap", "elastic", "arap_sr"):
+        method = composed("experiment=paper", f"method={name}").method
+        assert (method.max_iterations, method.start) == (1000, "rest")
