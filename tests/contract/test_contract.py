@@ -35,7 +35,12 @@ LEARNED = {"implicit_arap_cpu": 2e-2, "implicit_arap_paper": 2e-2}
 #: SShaDe's frames follow a coordinate of the mesh, so its result depends on how the mesh lies in the axes:
 #: 0.7e-3 to 1.5e-3 over four random turns with this coarse proxy.
 #: A learned method's samples and features lie along the axes too: 3e-2 to 4e-2 after its few steps.
-AXIS_DEPENDENT = {"sshade": 3e-3, "implicit_arap_cpu": 6e-2, "implicit_arap_paper": 6e-2}
+AXIS_DEPENDENT = {
+    "sshade": 3e-3,
+    "sshade_paper": 3e-3,
+    "implicit_arap_cpu": 6e-2,
+    "implicit_arap_paper": 6e-2,
+}
 
 #: A transfer's vertex that is as near to two triangles of the proxy goes with one or the other by rounding.
 TRANSFER = 3e-3

@@ -81,6 +81,7 @@ def test_a_wheel_has_what_the_commands_need_and_nothing_else(tmp_path, own_folde
         names = [name for name in archive.namelist() if ".dist-info/" not in name]
     assert {name.split("/")[0] for name in names} == set(PACKAGES)
     assert {Path(name).suffix for name in names if name.startswith("eval/conf/")} == {".yaml"}
+    assert "eval/conf/splits.yaml" in names
     files = [path for name in PACKAGES for path in (source / name).rglob("*") if path.is_file()]
     data = {str(path.relative_to(source)) for path in files if path.suffix != ".py"}
     assert len(data) > 5 and data <= set(names)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 from pathlib import Path
 
 import pytest
@@ -18,7 +17,6 @@ from sshade.errors import InputError
 
 RESULTS = Path(__file__).parents[3] / "results"
 ROWS = sorted((RESULTS / "rows").glob("*.csv"))
-README = (RESULTS.parent / "README.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture
@@ -99,19 +97,3 @@ def test_every_committed_table_has_its_rows():
 def test_committed_rows_name_files_by_their_place_in_the_project(path):
     sources = map(json.loads, distinct(read_csv(path), "task.source"))
     assert all(source["root"].startswith("./") for source in sources if "root" in source)
-
-
-@pytest.mark.parametrize(("name", "text"), re.findall(r"<!-- (\w+) -->\n((?:\|.*\n)+)", README))
-def test_numbers_of_the_readme_are_those_of_the_tables(name, text):
-    def read(lines):
-        table = [[cell.strip(" *") for cell in line.strip("|").split("|")] for line in lines]
-        return {line[0].split()[0]: dict(zip(table[0], line, strict=True)) for line in table[2:]}
-
-    committed = re.sub("<u>|</u>", "", (RESULTS / "tables" / f"{name}.md").read_text())
-    there = read(committed.split("\n\n")[1].splitlines())
-    for method, numbers in read(text.splitlines()).items():
-        assert {head: there[method][head] for head in list(numbers)[1:]} == dict(list(numbers.items())[1:])
-
-
-def test_the_readme_has_numbers():
-    assert re.findall(r"<!-- (\w+) -->\n\|", README) == ["full", "bodies_25k"]

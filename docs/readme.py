@@ -1,0 +1,87 @@
+"""Put the committed numbers into README.md: ``python docs/readme.py``, after rows or times were published.
+
+README.md holds measured numbers in blocks alone, which this writes and a test compares:
+
+- ``<!-- table NAME: HEADING, ... -->`` to ``<!-- end -->``: these columns of the first table of
+  ``results/tables/NAME.md``, with the notes that say what it is of. Nothing before it is published.
+- ``<!-- rows -->`` to ``<!-- end -->``: a table whose lines begin with the name of an experiment; its last
+  cell tells of ``results/rows/NAME.csv``.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+from eval.rows.frame import numbers, read_csv, valid
+
+ROOT = Path(__file__).parents[1]
+BLOCK = re.compile(
+    r"(<!-- (table (?P<name>\w+): (?P<columns>[^\n]+)|rows) -->\n)(?P<old>.*?)(<!-- end -->)", re.DOTALL
+)
+
+#: Beginnings of the notes of a table that README repeats: what rows it is of.
+NOTES = ("Warning", "Held-out", "Tuning", "Machine", "Code")
+
+#: Lines of tables that are no method.
+REFERENCES = ("identity",)
+
+
+def filled(text: str, results: Path = ROOT / "results") -> str:
+    """The README's text with its blocks as the committed results have them."""
+
+    def new(block: re.Match[str]) -> str:
+        if block["name"]:
+            body = table(results / "tables" / f"{block['name']}.md", block["columns"].split(", "))
+        else:
+            body = "".join(line_of_rows(line, results / "rows") for line in block["old"].splitlines())
+        return f"{block[1]}{body}{block[6]}"
+
+    return BLOCK.sub(new, text)
+
+
+def table(path: Path, headings: list[str]) -> str:
+    """Columns of the first table of a file, its place and notes before it; nothing where there is no file."""
+    if not path.is_file():
+        return ""
+    _, lines, notes, *_ = path.read_text(encoding="utf-8").split("\n\n")
+    head, _, *body = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines.splitlines()]
+    places = [head.index(heading) for heading in ["method", *headings]]
+    cells = [[line[place] for place in places] for line in body if line[0] not in REFERENCES]
+    rule = ["---", *["---:"] * len(headings)]
+    said = [note.removeprefix("- ") for note in notes.splitlines()]
+    said = [note for note in said if note.startswith(NOTES) or re.match(r"\d+ cases? of", note)]
+    caption = f"[{path.stem}](results/tables/{path.name}): {' '.join(said)}\n\n"
+    return caption + "".join(f"| {' | '.join(line)} |\n" for line in [["method", *headings], rule, *cells])
+
+
+def line_of_rows(line: str, folder: Path) -> str:
+    """A line of the table of experiments, its last cell written anew."""
+    *cells, last = [cell.strip() for cell in line.strip("|").split("|")]
+    if name := re.fullmatch(r"`(\w+)`", cells[0]):
+        path = folder / f"{name[1]}.csv"
+        last = rows_text(path) if path.is_file() else ""
+    return f"| {' | '.join([*cells, last])} |\n"
+
+
+def rows_text(path: Path) -> str:
+    """The size of an experiment: runs and cases, vertices, and the time of its methods in all."""
+    rows = read_csv(path)
+    done = valid(rows)
+    sizes = [f"{n / 1000:.0f}k" for n in (done["task.vertices"].min(), done["task.vertices"].max())]
+    hours = numbers(done, "seconds.total").sum() / 3600
+    time = f"{hours:.1f} h" if hours >= 1 else f"{60 * hours:.0f} min" if hours > 1 / 60 else "under 1 min"
+    cases = done["task.name"].nunique()
+    return f"{len(rows)} runs, {cases} cases of {' to '.join(dict.fromkeys(sizes))}: {time}"
+
+
+def main() -> int:
+    """Write README.md anew."""
+    readme = ROOT / "README.md"
+    readme.write_text(filled(readme.read_text(encoding="utf-8")), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
