@@ -22,7 +22,7 @@ BLOCK = re.compile(
 )
 
 #: Beginnings of the notes of a table that README repeats: what rows it is of.
-NOTES = ("Warning", "Held-out", "Tuning", "Machine", "Code")
+NOTES = ("Version", "Warning", "Held-out", "Tuning", "Machine", "Code", "Times faster", "Extrapolated")
 
 #: Lines of tables that are no method.
 REFERENCES = ("identity",)
@@ -45,13 +45,15 @@ def table(path: Path, headings: list[str]) -> str:
     """Columns of the first table of a file, its place and notes before it; nothing where there is no file."""
     if not path.is_file():
         return ""
-    _, lines, notes, *_ = path.read_text(encoding="utf-8").split("\n\n")
+    paragraphs = path.read_text(encoding="utf-8").split("\n\n")
+    lines, notes = (next(text for text in paragraphs if text.startswith(begin)) for begin in ("|", "- "))
     head, _, *body = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines.splitlines()]
     places = [head.index(heading) for heading in ["method", *headings]]
     cells = [[line[place] for place in places] for line in body if line[0] not in REFERENCES]
     rule = ["---", *["---:"] * len(headings)]
     said = [note.removeprefix("- ") for note in notes.splitlines()]
     said = [note for note in said if note.startswith(NOTES) or re.match(r"\d+ cases? of", note)]
+    said = [re.sub(r" \(.*", ".", note) if note.startswith("Warning") else note for note in said]
     caption = f"[{path.stem}](results/tables/{path.name}): {' '.join(said)}\n\n"
     return caption + "".join(f"| {' | '.join(line)} |\n" for line in [["method", *headings], rule, *cells])
 
