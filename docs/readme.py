@@ -75,7 +75,8 @@ def rows_text(path: Path) -> str:
     hours = numbers(done, "seconds.total").sum() / 3600
     time = f"{hours:.1f} h" if hours >= 1 else f"{60 * hours:.0f} min" if hours > 1 / 60 else "under 1 min"
     cases = done["task.name"].nunique()
-    return f"{len(rows)} runs, {cases} cases of {' to '.join(dict.fromkeys(sizes))}: {time}"
+    runs = len(rows) if len(done) == len(rows) else f"{len(done)}/{len(rows)}"
+    return f"{runs} runs, {cases} cases of {' to '.join(dict.fromkeys(sizes))}: {time}"
 
 
 def main() -> int:
