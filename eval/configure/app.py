@@ -219,11 +219,11 @@ def _outcome(config: DictConfig, progress: Progress) -> tuple[Outcome, list[str]
         root=Path(plain["paths"]["runs"], plain["run"]["folder"]),
         seed=plain["seed"],
         source=_source(plain["dataset"]),
-        shared=Path(plain["paths"]["runs"], plain["run"]["shared"]) if plain["run"]["shared"] else None,
         force=plain["run"]["force"],
         fresh=plain["run"]["fresh"],
         time_limit=plain["run"]["time_limit"],
         jobs=plain["run"]["jobs"] or at_once,
+        shared=Path(plain["paths"]["runs"], plain["run"]["shared"]) if plain["run"]["shared"] else None,
         progress=progress,
     )
     if outcome.failed:

@@ -104,14 +104,12 @@ def run(
         can_run = True
     row = _identity(task, method, name=name, seed=seed, source=source)
     folder = run_folder(root, row)
+    if shared is not None and not force:
+        take_along(run_folder(shared, row), folder)
     fresh = fresh or time_limit is not None
-    places = [folder, *([run_folder(shared, row)] if shared else [])]
-    for there in [] if force else places:
-        existing = read_row(there)
-        if existing is not None and _settled(existing, fresh=fresh, time_limit=time_limit):
-            if there != folder:
-                take_along(there, folder)
-            return Outcome(existing, folder, reused=True)
+    existing = None if force else read_row(folder)
+    if existing is not None and _settled(existing, fresh=fresh, time_limit=time_limit):
+        return Outcome(existing, folder, reused=True)
     row |= {f"env.{fact}": value for fact, value in environment(jobs=jobs).items()}
     row |= {"date": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ"), "peak_mib": None}
     row["env.time_limit"] = time_limit

@@ -5,11 +5,15 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+from eval.rows.store import VALID, read_row
 from sshade.io.files import make_folder, replacing
 
 
 def take_along(run: Path, folder: Path) -> None:
-    """Copy a run's folder: the row last, so that a folder with a row is complete."""
+    """Copy a run with a result to where there is none; the row last, so that what has one is complete."""
+    there, here = read_row(run), read_row(folder)
+    if there is None or there["status"] not in VALID or (here is not None and here["status"] in VALID):
+        return
     make_folder(folder)
     for name in ("vertices.npy", "curves.npz", "row.json"):
         if (run / name).is_file():
