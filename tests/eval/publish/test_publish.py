@@ -13,10 +13,13 @@ from eval.main import call
 from eval.publish.summary import make_table
 from eval.publish.tables import FORMATS, to_markdown
 from eval.rows.frame import distinct, read_csv, write_csv
+from eval.timing import table as of_times
 from sshade.errors import InputError
 
 RESULTS = Path(__file__).parents[3] / "results"
 ROWS = sorted((RESULTS / "rows").glob("*.csv"))
+TIMES = sorted((RESULTS / "timing").glob("*.csv"))
+TIME_FORMATS = {"csv": of_times.to_csv, "md": of_times.to_markdown}
 
 
 @pytest.fixture
@@ -90,7 +93,15 @@ def test_committed_tables_follow_from_committed_rows(path):
 
 def test_every_committed_table_has_its_rows():
     tables = {path.name for path in (RESULTS / "tables").glob("*.*")}
-    assert tables == {f"{path.stem}.{suffix}" for path in ROWS for suffix in FORMATS}
+    of_rows = {f"{path.stem}.{suffix}" for path in ROWS for suffix in FORMATS}
+    assert tables == of_rows | {f"{path.stem}.{suffix}" for path in TIMES for suffix in TIME_FORMATS}
+
+
+@pytest.mark.parametrize("path", TIMES, ids=lambda path: path.stem)
+def test_committed_tables_of_times_follow_from_committed_rows(path):
+    times = of_times.make_time_table(read_csv(path), title=path.stem)
+    for suffix, text_of in TIME_FORMATS.items():
+        assert (RESULTS / "tables" / f"{path.stem}.{suffix}").read_text() == text_of(times)
 
 
 @pytest.mark.parametrize("path", ROWS, ids=lambda path: path.stem)
