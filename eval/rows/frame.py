@@ -6,22 +6,25 @@ columns have dtype object; :func:`numbers` gives a column to compute with.
 
 from __future__ import annotations
 
-import csv
 import os
 import re
 from collections.abc import Iterable
-from functools import partial
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from eval.rows.store import VALID, Row, in_order, is_text, row_problem
+from eval.rows.csv_rows import COUNT, read_rows
+from eval.rows.store import VALID, Row, in_order
 from sshade.errors import InputError
 from sshade.io.files import make_folder, replacing
 
 #: What tells apart the runs of one method.
 CASE = ["task.name", "seed"]
+
+#: As far apart as the clocks of machines that share their runs may be.
+CLOCKS_APART = timedelta(minutes=10)
 
 
 def to_frame(rows: Iterable[Row]) -> pd.DataFrame:
@@ -52,24 +55,29 @@ def valid(rows: pd.DataFrame) -> pd.DataFrame:
     return rows[rows["status"].isin(VALID)]
 
 
-def newest(rows: pd.DataFrame, *, across_machines: bool = False) -> pd.DataFrame:
-    """One row for each (method, its parameters, task, seed, machine): the latest one, in a fixed order.
+def newest(rows: pd.DataFrame) -> pd.DataFrame:
+    """One row for each (method, its parameters, task, seed): the latest one, in a fixed order.
 
     Two rows have the same task if it has the same name and either the same
     checksum (so that copies of a dataset in different folders are one), or the
     same source (so that after a rebuild of a dataset the old rows give way).
 
-    Parameters
-    ----------
-    rows : DataFrame
-    across_machines : bool
-        Keep the latest one of all machines, for numbers that do not depend on the machine.
+    Raises
+    ------
+    InputError
+        When a row is dated in the future: it would be the latest for a long time.
     """
+    last = rows.sort_values("date").iloc[-1]
+    if last["date"] > (datetime.now(UTC) + CLOCKS_APART).isoformat():
+        raise InputError(
+            f"the row of {last['method.name']} on {last['task.name']} is of the future, {last['date']}: the "
+            "clock of its machine or of this one is wrong; remove the row, or set this clock"
+        )
     for same_task in ("task.checksum", "task.source"):
-        run = ["method.name", "method.hash", "task.name", same_task, "seed", "env.machine"]
-        run = [name for name in run if name in rows and not (across_machines and name == "env.machine")]
-        latest = rows.sort_values(["date", "key"], kind="stable").drop_duplicates(run, keep="last")
-        rows = latest.sort_values(run, na_position="first")
+        run = ["method.name", "method.hash", "task.name", same_task, "seed"]
+        run = [name for name in run if name in rows]
+        rows = rows.sort_values(["date", "key"], kind="stable").drop_duplicates(run, keep="last")
+        rows = rows.sort_values(run, na_position="first")
     return rows.reset_index(drop=True)
 
 
@@ -98,56 +106,17 @@ def write_csv(path: str | os.PathLike[str], rows: pd.DataFrame) -> None:
     """Write rows as CSV; the same rows give the same bytes."""
     # Not DataFrame.map, which would make floats of ints beside None.
     cells = pd.DataFrame({name: map(_cell, rows[name]) for name in in_order(rows)}, dtype=object)
+    cells[COUNT] = len(rows)
     make_folder(Path(path).parent)
     with replacing(path) as temporary:
         cells.to_csv(temporary, index=False, lineterminator="\n")
 
 
 def read_csv(path: str | os.PathLike[str]) -> pd.DataFrame:
-    """Read rows back; an empty cell is None.
-
-    Raises
-    ------
-    InputError
-        When the file is missing, or a line of it is no row.
-    """
-    path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; `sshade-eval collect` makes it from runs")
-    try:  # not pandas' reader, which fills up a line that was cut
-        with path.open(newline="", encoding="utf-8") as file:
-            header, *lines = list(csv.reader(file)) or [[]]
-    except (csv.Error, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not a readable CSV file ({error})") from error
-    if not lines or "status" not in header:
-        raise InputError(f"{path}: holds no rows of runs")
-    for number, line in enumerate(lines, start=2):
-        if len(line) != len(header):
-            raise InputError(
-                f"{path}: line {number} has another number of cells than the first; collect again"
-            )
-    columns = dict(zip(header, zip(*lines, strict=True), strict=True))
-    frame = pd.DataFrame(
-        {n: map(partial(_value, text=is_text(n)), cells) for n, cells in columns.items()}, dtype=object
-    )
-    for number, row in enumerate(records(frame), start=2):
-        if problem := row_problem(row):
-            raise InputError(f"{path}: line {number} is not a row ({problem}); collect again")
-    return frame
+    """Read rows back, as :func:`eval.rows.csv_rows.read_rows` does; an empty cell is None."""
+    return to_frame(read_rows(path))
 
 
 def _cell(value: Any) -> Any:
     """A value as it stands in a CSV: bools in lower case, the rest as pandas writes it."""
     return str(value).lower() if isinstance(value, bool) else value
-
-
-def _value(cell: str, *, text: bool) -> Any:
-    """The number or bool that a cell tells unless it is `text`, else what it says; None where it is empty."""
-    if cell in ("true", "false") and not text:
-        return cell == "true"
-    for kind in () if text else (int, float):
-        try:
-            return kind(cell)
-        except ValueError:
-            continue
-    return cell or None

@@ -11,7 +11,7 @@ import json
 import math
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,8 @@ SCHEMA = 1
 
 #: Where the runs lie by default: one folder an experiment.
 RUNS = Path("out/runs")
+#: Folder of what an experiment's sweeps are to run, in the folder of its runs.
+PLANS = ".plan"
 #: Where their rows are collected: one CSV an experiment.
 ROWS = Path("out/rows")
 #: What is committed: rows, tables and figures. Only `sshade-eval publish` writes there.
@@ -37,6 +39,8 @@ ROWS_HELP = "CSV of rows, or name of an experiment in out/rows or else results/r
 #: What became of a run. The first two are valid results.
 STATUSES = ("ok", "not_converged", "timeout", "failed", "skipped")
 VALID = ("ok", "not_converged")
+#: In files of rows alone: a run that was planned and that no row is of.
+MISSING = "missing"
 
 #: ``task.kind`` of rows of pose transfers; those of deformations by handles have none.
 TRANSFER = "transfer"
@@ -44,13 +48,20 @@ TRANSFER = "transfer"
 #: How infinities stand in ``row.json``.
 _INFINITIES = {str(value): value for value in (math.inf, -math.inf)}
 
-#: What every row has.
-IDENTITY = ("task.name", "method.name", "method.hash", "seed", "status", "key", "date", "env.machine")
+#: What every row has; one of status ``missing`` has the first four.
+IDENTITY = ("task.name", "method.name", "status", "seed", "method.hash", "key", "date", "env.machine")
 #: Columns that are text even where it looks like a number: a label 5, a hash 12e456, a version 1.0.
 _TEXT = (
     *(name for name in IDENTITY if name != "seed"),
-    *("reason", "task.checksum", "task.source", "method.sources", "method.note"),
-    *("env.commit", "env.python", "env.omp_num_threads", "env.openblas_num_threads", "env.mkl_num_threads"),
+    *("reason", "task.checksum", "task.source", "method.sources", "method.note", "remeasured"),
+    *(
+        "env.machine_id",
+        "env.commit",
+        "env.python",
+        "env.omp_num_threads",
+        "env.openblas_num_threads",
+        "env.mkl_num_threads",
+    ),
     *(f"task.meta.{fact}" for fact in ("checksum", "class", "dataset", "edit", "note", "posed_by")),
     *("task.meta.source_pose", "env.version."),
 )
@@ -79,7 +90,7 @@ def experiment_folder(name: Path) -> Path:
     """
     for folder in (name, RUNS / name):
         # A folder such as "quick" beside the command may be anything; one with runs is meant.
-        if folder.is_dir() and next(folder.rglob("row.json"), None) is not None:
+        if (folder / PLANS).is_dir() or next(folder.rglob("row.json"), None) is not None:
             return folder
     raise InputError(f"no runs in {name} or {RUNS / name}; `sshade-eval run -m experiment=...` makes them")
 
@@ -136,20 +147,37 @@ def read_row(folder: str | os.PathLike[str]) -> Row | None:
         row = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: not a row ({error}); remove the folder to run it again") from error
-    problem = row_problem(row)
-    if problem:
+    if isinstance(row, dict) and (problem := schema_problem(row)):
+        raise InputError(f"{path} {problem}")
+    if problem := row_problem(row, here=STATUSES):
         raise InputError(f"{path}: not a row ({problem}); remove the folder to run it again")
     return {n: value if is_text(n) else _INFINITIES.get(value, value) for n, value in row.items()}
 
 
-def row_problem(row: Any) -> str:
-    """Why a value is no row, in a few words; empty if it is one."""
+def schema_problem(row: Row) -> str:
+    """Why a row cannot be read here although it may be one, in a few words; empty if it can."""
+    schema = row.get("schema", SCHEMA)
+    if schema is None or schema == SCHEMA:
+        return ""
+    return (
+        f"is of schema {schema}, and this program reads schema {SCHEMA}; read it with the one that wrote it"
+    )
+
+
+def version_of(row: Row) -> tuple[str | None, str | None]:
+    """Versions of the code and of the metrics that a row is of; None in rows older than such versions."""
+    return row.get("env.version.code"), row.get("env.version.metrics")
+
+
+def row_problem(row: Any, *, here: Sequence[str] = (*STATUSES, MISSING)) -> str:
+    """Why a value is no row of one of the statuses, in a few words; empty if it is one."""
     if not isinstance(row, dict):
         return "no object"
-    missing = [name for name in IDENTITY if row.get(name) is None]
+    needed = IDENTITY[:4] if row.get("status") == MISSING else IDENTITY
+    missing = [name for name in needed if row.get(name) is None]
     if missing:
         return f"it has no {missing[0]}"
-    if row["status"] not in STATUSES:
+    if row["status"] not in here:
         return f"its status is {row['status']!r}"
     for name, value in row.items():
         if isinstance(value, (list, dict)):

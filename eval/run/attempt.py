@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from threading import Lock, current_thread, main_thread
-from time import perf_counter
+from time import perf_counter, process_time
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -25,8 +25,8 @@ import numpy as np
 
 from eval.metrics import Task
 from eval.rows.store import Row
-from eval.run.provenance import process_memory
-from eval.run.targets import instantiate, settings
+from eval.run.provenance import CodeChanged, loaded_code, process_memory, require_unchanged
+from eval.run.targets import instantiate, settings, target_modules
 from eval.run.warmup import warm_up
 from sshade.processes import end_with_parent
 from sshade.task import DeformationResult, Progress, silent
@@ -55,7 +55,7 @@ class Attempt(NamedTuple):
     Attributes
     ----------
     facts : dict
-        status, reason, iterations, converged, seconds.*, extra.*, env.warmed_up.
+        status, reason, iterations, converged, seconds.*, extra.*, env.warmed_up, env.cores_used.
     vertices : (n, 3) float64 or None
         None where the method failed.
     curves : dict
@@ -95,9 +95,9 @@ def attempt(
             warm_up(call, dict(method.get("warm_up", {})), key=repr(settings(method)), kind=type(task))
             progress("warm-up", 1, 1)
         before_clock()
-        begin = perf_counter()
+        begin, cpu = perf_counter(), process_time()
         result = call(task, seed=seed, progress=progress)
-        seconds = perf_counter() - begin
+        seconds, cpu = perf_counter() - begin, process_time() - cpu
         if np.shape(result.vertices) != task.mesh.V.shape:
             raise ValueError(f"vertices of shape {np.shape(result.vertices)} for {task.mesh.V.shape}")
     except ImportError as error:
@@ -106,7 +106,7 @@ def attempt(
         log.debug("%s on %s", method["_target_"], task.name, exc_info=True)
         return Attempt(row | {"reason": _sentence(error)})
     curves = {name: np.asarray(value) for name, value in result.extra.items() if name.endswith(CURVE)}
-    return Attempt(row | _facts(result, seconds), result.vertices, curves)
+    return Attempt(row | _facts(result, seconds, cpu), result.vertices, curves)
 
 
 def attempt_fresh(
@@ -117,6 +117,11 @@ def attempt_fresh(
     The limit counts from the end of the warm-up, which has a limit of its own,
     :data:`WARM_UP_LIMIT`. The peak is that of the whole process: libraries,
     warm-up and the method.
+
+    Raises
+    ------
+    CodeChanged
+        When the process has loaded other code than this one.
     """
     # A worker of joblib has a start method that a process begun by it would not know.
     if multiprocessing.get_start_method(allow_none=True) not in (
@@ -125,6 +130,7 @@ def attempt_fresh(
     ):
         multiprocessing.set_start_method("spawn", force=True)
     context = multiprocessing.get_context("spawn")
+    begun_with = loaded_code(target_modules(method))
     ours, theirs = context.Pipe()
     process = context.Process(target=_child, args=(theirs, progress is not silent), daemon=False)
     try:
@@ -134,7 +140,7 @@ def attempt_fresh(
             process.start()
         theirs.close()
         # Not as arguments: `start` would wait for ever for a process that dies before it reads them.
-        ours.send((method, task, seed))
+        ours.send((method, task, seed, begun_with))
         return _answer(ours, time_limit, progress)
     except (EOFError, ConnectionError):
         process.join()
@@ -176,6 +182,8 @@ def _answer(connection: Connection, time_limit: float | None, progress: Progress
         message = connection.recv()
         if isinstance(message, Attempt):
             return message
+        if isinstance(message, CodeChanged):
+            raise message
         if message == CLOCK:
             stage, limit, begin = "no result", time_limit, perf_counter()
         else:
@@ -193,8 +201,12 @@ def _end(code: int) -> str:
 
 def _child(connection: Connection, report: bool) -> None:
     end_with_parent()
-    method, task, seed = connection.recv()
+    method, task, seed, begun_with = connection.recv()
     send = _Sender(connection)
+    try:
+        require_unchanged(target_modules(method), begun_with=begun_with)
+    except CodeChanged as changed:
+        return send(changed)
     done = attempt(
         method,
         task,
@@ -234,12 +246,14 @@ def _peak_mib() -> float:
     return peak / (2**20 if sys.platform == "darwin" else 2**10)
 
 
-def _facts(result: DeformationResult, seconds: float) -> Row:
+def _facts(result: DeformationResult, seconds: float, cpu: float) -> Row:
     row: Row = {
         "status": "not_converged" if result.converged is False else "ok",
         "iterations": float(result.iterations),
         "converged": None if result.converged is None else bool(result.converged),
         "seconds.total": seconds,
+        "seconds.cpu": cpu,
+        "env.cores_used": round(cpu / seconds, 3),
     }
     row |= {f"seconds.{stage}": float(value) for stage, value in result.seconds.items() if stage != "total"}
     row |= {f"extra.{name}": _plain(value) for name, value in result.extra.items() if is_scalar(value)}

@@ -32,7 +32,7 @@ class Monitor:
 
     def __init__(self, record: SweepRecord, *, watch: bool) -> None:
         self.record = record
-        self.plan = record.plan()
+        self.sweep = record.sweep()
         self._told = 0
         self._lock = Lock()
         self._over = Event()
@@ -40,7 +40,7 @@ class Monitor:
         if sys.stderr.isatty():
             self._bars = stage_bars(remaining="sweep", speed_estimate_period=_WEEK)
             self._bars.start()
-            self._sweep = self._bars.add_task("sweep", total=len(self.plan.runs), note="")
+            self._bar = self._bars.add_task("sweep", total=len(self.sweep.runs), note="")
         self._watcher = Thread(target=self._watch, daemon=True) if watch else None
         if self._watcher is not None:
             self._watcher.start()
@@ -52,14 +52,16 @@ class Monitor:
             for i in range(self._told, len(ended)):
                 text = run_line(ended[i])
                 if self._bars is None:  # which say the same
-                    text += f" [{counts(self.plan, ended[: i + 1])}]"
+                    text += f" [{counts(self.sweep, ended[: i + 1])}]"
                 print(text, flush=True)  # noqa: T201
             self._told = len(ended)
             if self._bars is not None and ended:
-                kept = sum(run.kept for run in ended)  # these take no time, and would mislead the estimate
-                total, done = len(self.plan.runs) - kept, len(ended) - kept
-                note = counts(self.plan, ended).partition(", ")[2]
-                self._bars.update(self._sweep, total=total, completed=done, note=note)
+                kept = sum(
+                    bool(run.found) for run in ended
+                )  # these take no time, and would mislead the estimate
+                total, done = len(self.sweep.runs) - kept, len(ended) - kept
+                note = counts(self.sweep, ended).partition(", ")[2]
+                self._bars.update(self._bar, total=total, completed=done, note=note)
 
     @contextmanager
     def run_progress(self) -> Iterator[Progress]:

@@ -17,13 +17,17 @@ from typing import Any
 
 import numpy as np
 
+from eval.run.targets import search_here
 from sshade.cli.configuration import PACKAGES
+from sshade.errors import InputError
 from sshade.pipeline.transfer import TransferTask
 from sshade.task import DeformationTask
 from sshade.threads import available_cpus
 
 #: Folders of the code that can change the numbers of a row.
 CODE = ("sshade", "baselines", "defaust", "eval/configure", "eval/run")
+#: What of a checkout can change them; not results or pages of text.
+TREE = ("sshade", "baselines", "defaust", "eval", "conf", "pyproject.toml", "constraints.txt")
 #: Libraries whose versions are part of every key.
 LIBRARIES = ("numpy", "scipy", "numba", "libigl")
 #: The same, for methods alone whose modules import them.
@@ -56,39 +60,122 @@ def task_checksum(task: DeformationTask | TransferTask) -> str:
     return digest(*(np.ascontiguousarray(array).tobytes() for array in arrays))
 
 
-def hash_of(files: Iterable[Path], *, folder: Path) -> str:
-    """Hash of files, and of their places in a folder."""
-    parts = ((path.relative_to(folder).as_posix().encode(), path.read_bytes()) for path in sorted(files))
-    return digest(*(part for pair in parts for part in pair))
+class Code:
+    """Python files as they are when this is made: before this process imports them, or while it does.
+
+    Parameters
+    ----------
+    paths : iterable of path
+        Files, and folders with all that is below them.
+    folder : path
+        Places of files are told from here.
+
+    Attributes
+    ----------
+    hashes : dict
+        16 hex digits by the place of a file.
+    version : str
+        16 hex digits of them all.
+    """
+
+    def __init__(self, paths: Iterable[Path], *, folder: Path) -> None:
+        self._paths, self._folder = tuple(paths), folder
+        self._stamps = self._look()  # before the files are read: an edit in between shows
+        self.hashes = {place: digest((folder / place).read_bytes()) for place in sorted(self._stamps)}
+        self.version = digest(*(text.encode() for pair in self.hashes.items() for text in pair))
+
+    def _look(self) -> dict[str, tuple[int, int]]:
+        """When each file was written, and its size."""
+        stats = {f.relative_to(self._folder).as_posix(): f.stat() for f in _python_files(self._paths)}
+        return {place: (stat.st_mtime_ns, stat.st_size) for place, stat in stats.items()}
+
+    def edited(self) -> str | None:
+        """The place of a file that was written, added or removed since; None where there is none."""
+        now = self._look()
+        return _difference(self._stamps, now) if now != self._stamps else None
 
 
-#: Hashes of the code, and of what measures, as this process loaded them: an edit in a sweep changes neither.
-SOURCES = hash_of((path for name in CODE for path in (PACKAGES / name).rglob("*.py")), folder=PACKAGES)
-METRICS = hash_of((PACKAGES / "eval" / "metrics").rglob("*.py"), folder=PACKAGES)
+def _python_files(paths: Iterable[Path]) -> list[Path]:
+    """The files among paths, and those of Python below the folders among them."""
+    return [file for path in paths for file in ([path] if path.is_file() else path.rglob("*.py"))]
+
+
+def _difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> str | None:
+    """The first place at which two records of files differ."""
+    return min((place for place in {*one, *other} if one.get(place) != other.get(place)), default=None)
+
+
+#: The code, and what measures, as this process loaded it.
+LOADED = Code((PACKAGES / name for name in CODE), folder=PACKAGES)
+MEASURES = Code([PACKAGES / "eval" / "metrics"], folder=PACKAGES)
+#: Their versions: columns ``env.version.code`` and ``env.version.metrics``.
+SOURCES, METRICS = LOADED.version, MEASURES.version
+
+
+class CodeChanged(InputError):
+    """The code is no longer what the command began with: no run can follow, and none under way be kept."""
 
 
 @cache
-def foreign_sources(top: str) -> str:
-    """Hash of a top-level module or package that is not ours, as it is when it is first asked for."""
-    files = _files(top)
-    return hash_of(files, folder=Path(os.path.commonpath(files)).parent) if files else ""
+def foreign_code(top: str) -> Code | None:
+    """A top-level module or package that is not ours, as it is when first asked for; None if not found."""
+    paths = _places(top)
+    return Code(paths, folder=Path(os.path.commonpath(paths)).parent) if paths else None
 
 
-def method_sources(modules: Sequence[str]) -> str:
-    """Hash of the code that a method runs on: all of ours, and the packages of others that it names."""
+def _foreign(modules: Iterable[str]) -> list[Code]:
+    """The packages of others that modules belong to."""
     tops = {module.split(".")[0] for module in modules} - {name.split("/")[0] for name in CODE}
-    return digest(SOURCES.encode(), *(foreign_sources(top).encode() for top in sorted(tops)))
+    return [code for code in map(foreign_code, sorted(tops)) if code is not None]
+
+
+def method_sources(modules: Iterable[str]) -> str:
+    """Hash of the code that a method runs on: all of ours, and the packages of others that it names."""
+    return digest(SOURCES.encode(), *(code.version.encode() for code in _foreign(modules)))
+
+
+def loaded_code(modules: Iterable[str]) -> dict[str, str]:
+    """Hashes of all files, by place, that the rows of methods of these modules depend on, as loaded."""
+    codes = [LOADED, MEASURES, *_foreign(modules)]
+    return {place: text for code in codes for place, text in code.hashes.items()}
+
+
+def require_unchanged(modules: Iterable[str], *, begun_with: Mapping[str, str] | None = None) -> None:
+    """Check that files on the disk, from which a module may be imported yet, are those of the hashes.
+
+    Parameters
+    ----------
+    modules : iterable of str
+        Of the functions of a method.
+    begun_with : mapping, optional
+        :func:`loaded_code` of the process that this one runs for.
+
+    Raises
+    ------
+    CodeChanged
+        When a file was written, added or removed, or this process loaded others than the one it runs for.
+    """
+    place = next(filter(None, (code.edited() for code in (LOADED, MEASURES, *_foreign(modules)))), None)
+    if place is None and begun_with is not None:
+        own = loaded_code(modules)
+        place = next((place for place in own if own[place] != begun_with.get(place)), None)
+    if place is not None:
+        raise CodeChanged(
+            f"{place} has changed since the command began, so that its runs would be of two versions of the "
+            "code; start the command again: the rows that are there stay"
+        )
 
 
 def library_versions(modules: Sequence[str]) -> dict[str, str]:
     """Versions of the libraries that a method's numbers depend on, by distribution."""
-    text = "".join(path.read_text() for module in modules for path in _files(module))
+    text = "".join(path.read_text() for module in modules for path in _python_files(_places(module)))
     used = [name for name in OPTIONAL if re.search(rf"^ *(?:import|from) {name}\b", text, re.MULTILINE)]
     return {name: version_of(name) for name in (*LIBRARIES, *used)}
 
 
-def _files(module: str) -> list[Path]:
-    """The Python file of a module, or those of a package; none where it is not found."""
+def _places(module: str) -> list[Path]:
+    """The Python file of a module, or the folders of a package; none where it is not found."""
+    search_here()
     try:
         spec = importlib.util.find_spec(module)
     except ImportError:
@@ -97,7 +184,7 @@ def _files(module: str) -> list[Path]:
         return []
     folders = spec.submodule_search_locations
     if folders:
-        return [path for folder in folders for path in Path(folder).rglob("*.py")]
+        return [Path(folder) for folder in folders]
     return [Path(spec.origin)] if spec.origin and spec.origin.endswith(".py") else []
 
 
@@ -141,8 +228,6 @@ def environment(*, jobs: int) -> dict[str, Any]:
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         facts[variable.lower()] = os.environ.get(variable, "")
     facts["jobs"] = jobs
-    facts["concurrent"] = jobs > 1
-    facts["load"] = round(os.getloadavg()[0], 2)
     return facts
 
 
@@ -156,18 +241,24 @@ def _machine() -> dict[str, Any]:
         "arch": platform.machine(),
     }
     facts["machine"] = "{cpu}, {cores} cores, {ram_gib} GiB, {os} {arch}".format(**facts)
+    identity = Path("/etc/machine-id")
+    own = identity.read_bytes() if identity.is_file() else b""
+    facts["machine_id"] = digest(facts["machine"].encode(), platform.node().encode(), own)[:8]
     return facts
 
 
 @cache
 def _commit() -> tuple[str, bool | None]:
-    """Commit of the checkout that holds this file, and whether files differ from it; empty outside of one."""
+    """Commit of the checkout that holds this file, and whether what can change numbers differs from it.
+
+    Nothing outside of a checkout. New files that git does not ignore are a difference, too.
+    """
     folder = Path(__file__).parent
     try:
         # Installed into some other project's folder, that project's commit would mean nothing.
         _git(folder, "ls-files", "--error-unmatch", Path(__file__).name)
         commit = _git(folder, "rev-parse", "HEAD")
-        return commit, bool(_git(folder, "status", "--porcelain", "--untracked-files=no"))
+        return commit, bool(_git(PACKAGES, "status", "--porcelain", "--untracked-files=all", "--", *TREE))
     except (OSError, subprocess.CalledProcessError):
         return "", None
 

@@ -1,8 +1,9 @@
 """The record of a sweep, in files: any process, on any machine, can tell how far the sweep is.
 
 The record is a folder ``<runs>/<experiment>/.sweeps/<id>`` with ``sweep.json``,
-what there is to do, and one file for each run that ended, by whichever process:
-it names the run's row, which holds the rest. No process writes another's file.
+what there is to do, and one file for each run that ended, by whichever process.
+No process writes another's file. It goes when the sweep is over; what stays is the
+plan (:mod:`eval.rows.plan`).
 """
 
 from __future__ import annotations
@@ -12,21 +13,24 @@ import os
 import shutil
 import socket
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from eval.rows.store import Row, read_row
+from eval.rows.store import Row
 from sshade.errors import InputError
 from sshade.io.files import replacing
 
 #: Folder of the records of sweeps, in the folder of their experiment.
 RECORDS = ".sweeps"
 
+#: What is told of a row while the sweep lasts.
+TOLD = ("method.name", "task.name", "seed", "status", "reason", "seconds.total", "iterations")
+
 
 @dataclass(frozen=True)
-class Plan:
+class Sweep:
     """What a sweep is to do.
 
     Parameters
@@ -38,12 +42,15 @@ class Plan:
         For people.
     host : str
         Where the sweep was started.
+    code : mapping
+        Hashes of the code's files by place, as the process that began the sweep loaded them.
     """
 
     begin: datetime
     runs: Sequence[Mapping[str, str]]
     launcher: str = "basic"
     host: str = ""
+    code: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -56,9 +63,9 @@ class Ended:
         Its place in the sweep, from 0.
     end : datetime
     row : mapping or None
-        None where the run ended before it had one.
-    kept : bool
-        The row was there before.
+        What is told of its row, :data:`TOLD`; None where the run ended before it had one.
+    found : str
+        Where the row was found, which was there before; "" for a new one.
     problems : sequence of str
         Why it counts as failed; empty for a good run.
     """
@@ -66,7 +73,7 @@ class Ended:
     number: int
     end: datetime
     row: Row | None
-    kept: bool = False
+    found: str = ""
     problems: Sequence[str] = ()
 
 
@@ -83,27 +90,26 @@ class SweepRecord:
         self._read: dict[str, Ended] = {}
 
     @classmethod
-    def create(cls, experiment: Path, plan: Plan) -> SweepRecord:
+    def create(cls, experiment: Path, sweep: Sweep) -> SweepRecord:
         """Begin the record of a sweep in the folder of its experiment."""
-        record = cls(experiment / RECORDS / f"{plan.begin:%Y%m%dT%H%M%S.%f}_{os.getpid()}")
+        record = cls(experiment / RECORDS / f"{sweep.begin:%Y%m%dT%H%M%S.%f}_{os.getpid()}")
         record.folder.mkdir(parents=True)
-        content = asdict(plan) | {"begin": plan.begin.isoformat(), "host": plan.host or socket.gethostname()}
+        content = vars(sweep) | {"begin": sweep.begin.isoformat(), "code": dict(sweep.code)}
+        content["host"] = sweep.host or socket.gethostname()
         with replacing(record.folder / "sweep.json") as temporary:
             temporary.write_text(json.dumps(content))
         return record
 
-    def plan(self) -> Plan:
+    def sweep(self) -> Sweep:
         """Read what there is to do."""
         content = json.loads((self.folder / "sweep.json").read_text())
-        return Plan(**content | {"begin": datetime.fromisoformat(content["begin"])})
+        return Sweep(**content | {"begin": datetime.fromisoformat(content["begin"])})
 
-    def add(
-        self, number: int, *, row_folder: Path | None, kept: bool = False, problems: Sequence[str] = ()
-    ) -> None:
+    def add(self, number: int, *, row: Row | None, found: str = "", problems: Sequence[str] = ()) -> None:
         """Note that a run ended; nothing where the record was removed, the sweep given up."""
-        path = os.path.relpath(row_folder, self.folder) if row_folder else None
+        told = row and {name: row.get(name) for name in TOLD}
         end = datetime.now(UTC).isoformat()
-        content = {"end": end, "row": path, "kept": kept, "problems": list(problems)}
+        content = {"end": end, "row": told, "found": found, "problems": list(problems)}
         try:
             with replacing(self.folder / f"{number}.json") as temporary:
                 temporary.write_text(json.dumps(content))
@@ -121,8 +127,7 @@ class SweepRecord:
     @staticmethod
     def _ended(path: Path) -> Ended:
         content: dict[str, Any] = json.loads(path.read_text())
-        row = read_row(path.parent / content["row"]) if content["row"] else None
-        return Ended(int(path.stem), **content | {"end": datetime.fromisoformat(content["end"]), "row": row})
+        return Ended(int(path.stem), **content | {"end": datetime.fromisoformat(content["end"])})
 
     def remove(self) -> None:
         """Delete the record; the rows stay."""
@@ -130,9 +135,9 @@ class SweepRecord:
 
     def complete(self) -> None:
         """Delete the record, and older ones of the same runs: what those had left is done."""
-        runs = self.plan().runs
+        runs = self.sweep().runs
         for other in records(self.folder.parents[1]):
-            if other.folder.name < self.folder.name and other.plan().runs == runs:
+            if other.folder.name < self.folder.name and other.sweep().runs == runs:
                 other.remove()
         self.remove()
 
@@ -142,10 +147,10 @@ def records(experiment: Path) -> list[SweepRecord]:
     return [SweepRecord(path.parent) for path in sorted(experiment.glob(f"{RECORDS}/*/sweep.json"))]
 
 
-def counts(plan: Plan, ended: Sequence[Ended]) -> str:
+def counts(sweep: Sweep, ended: Sequence[Ended]) -> str:
     """How far a sweep is: "3 done, 1 failed, 5 remaining"."""
     failed = sum(1 for run in ended if run.problems)
-    return f"{len(ended)} done, {failed} failed, {len(plan.runs) - len(ended)} remaining"
+    return f"{len(ended)} done, {failed} failed, {len(sweep.runs) - len(ended)} remaining"
 
 
 def run_line(run: Ended) -> str:
@@ -153,24 +158,24 @@ def run_line(run: Ended) -> str:
     row = run.row
     if row is None:
         return f"run {run.number}: {'; '.join(run.problems)}"
-    text = f"{row['method.name']} {row['task.name']} seed {row['seed']}: {status_text(row, kept=run.kept)}"
+    text = f"{row['method.name']} {row['task.name']} seed {row['seed']}: {status_text(row, found=run.found)}"
     # The reason of a failed run stands in its status already.
     return f"{text} - {'; '.join(run.problems)}" if run.problems and row.get("seconds.total") else text
 
 
-def status_text(row: Mapping[str, Any], *, kept: bool) -> str:
+def status_text(row: Mapping[str, Any], *, found: str) -> str:
     """What became of a run: "ok, 1.23 s, 40 iterations"."""
     if row.get("seconds.total") is None:
         return f"{row['status']} ({row['reason']})"
     text = f"{row['status']}, {row['seconds.total']:.2f} s, {row['iterations']:g} iterations"
-    return f"{text}, already there" if kept else text
+    return f"{text}, {found}" if found else text
 
 
-def summary(plan: Plan, ended: Sequence[Ended]) -> str:
+def summary(sweep: Sweep, ended: Sequence[Ended]) -> str:
     """A sweep that is over: new rows by status, and those that were there."""
-    new = [run.row["status"] if run.row else "failed" for run in ended if not run.kept]
+    new = [run.row["status"] if run.row else "failed" for run in ended if not run.found]
     by_status = ", ".join(f"{new.count(status)} {status}" for status in sorted(set(new)))
-    text = f"{len(plan.runs)} runs: {len(new)} new{f' ({by_status})' if by_status else ''}"
+    text = f"{len(sweep.runs)} runs: {len(new)} new{f' ({by_status})' if by_status else ''}"
     text += f", {len(ended) - len(new)} kept"
-    missing = len(plan.runs) - len(ended)
+    missing = len(sweep.runs) - len(ended)
     return f"{text}, {missing} not done" if missing else text

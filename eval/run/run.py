@@ -7,32 +7,43 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from time import perf_counter, time
 from typing import Any
 
 from eval.metrics import Task, measure
+from eval.rows.csv_rows import published_row
 from eval.rows.store import SCHEMA, TRANSFER, VALID, Row, read_row, run_folder, write_run
 from eval.run.attempt import attempt, attempt_fresh, is_scalar
 from eval.run.provenance import (
     METRICS,
+    SOURCES,
     config_hash,
     digest,
     environment,
     library_versions,
     method_sources,
+    require_unchanged,
     task_checksum,
 )
 from eval.run.shared import take_along
 from eval.run.targets import flat, instantiate, require_kind, settings, target_modules
+from sshade.errors import InputError
 from sshade.task import DeformationTask, Progress, silent
+
+#: Seconds, and share of a run's time, that the system's clock and a steady one may differ by.
+CLOCK_TOLERANCE = 1.0, 1e-3
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """A run and where it lies; `reused` if it was there already."""
+    """A run, its folder, and where its row was found: "already there", "already published", "" for a new one.
+
+    A published row need not have the folder.
+    """
 
     row: Row
     folder: Path
-    reused: bool
+    found: str = ""
 
     @property
     def failed(self) -> bool:
@@ -57,6 +68,8 @@ def run(
 ) -> Outcome:
     """Run a method on a task, measure it and store the row; or find the row of an equal run.
 
+    An equal run has the same key, the version of the code in it. It may lie in
+    `root`, or be published in ``results/rows`` beside the command.
     The clock runs around the method only. A method that raises leaves a row of
     status ``failed``; an extra that is not installed one of status ``skipped``.
     Such rows are run again next time; valid ones are not, nor those that met a
@@ -73,7 +86,7 @@ def run(
     name : str
         The method's name in tables.
     root : path
-        Folder of the experiment.
+        Folder of the experiment, by its name.
     seed : int
     source : mapping, optional
         Configuration that loads the task again, for figures.
@@ -93,8 +106,12 @@ def run(
     ------
     InputError
         When the configuration names a function or a parameter that does not exist,
-        or a method for another kind of task.
+        or a method for another kind of task; when the system's clock jumped during the run.
+    CodeChanged
+        When files of the code are no longer those that this process began with; the run leaves nothing.
     """
+    modules = target_modules(method)
+    require_unchanged(modules)
     try:
         call = instantiate({**method, "_partial_": True})  # a mistake in the configuration ends here
         require_kind(call, task, target=method["_target_"])
@@ -107,12 +124,13 @@ def run(
     if shared is not None and not force:
         take_along(run_folder(shared, row), folder)
     fresh = fresh or time_limit is not None
-    existing = None if force else read_row(folder)
-    if existing is not None and _settled(existing, fresh=fresh, time_limit=time_limit):
-        return Outcome(existing, folder, reused=True)
+    found = None if force else _find(folder, root.name, row, fresh=fresh, time_limit=time_limit)
+    if found is not None:
+        return found
     row |= {f"env.{fact}": value for fact, value in environment(jobs=jobs).items()}
     row |= {"date": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ"), "peak_mib": None}
     row["env.time_limit"] = time_limit
+    clock, steady = time(), perf_counter()
     if fresh and can_run:
         done = attempt_fresh(method, task, seed=seed, time_limit=time_limit, progress=progress)
     else:
@@ -122,8 +140,37 @@ def run(
         progress("metrics", 0, 1)
         row |= {f"metric.{metric}": value for metric, value in measure(task, done.vertices).items()}
         progress("metrics", 1, 1)
+    _check_clock(time() - clock, perf_counter() - steady, row)
+    require_unchanged(modules)  # the methods import as they go
     write_run(folder, row, vertices=done.vertices, curves=done.curves)
-    return Outcome(row, folder, reused=False)
+    return Outcome(row, folder)
+
+
+def _find(
+    folder: Path, experiment: str, row: Row, *, fresh: bool, time_limit: float | None
+) -> Outcome | None:
+    """An equal run that answers what is asked."""
+    stored = read_row(folder)
+    if stored is not None and _settled(stored, fresh=fresh, time_limit=time_limit):
+        return Outcome(stored, folder, found="already there")
+    published = published_row(experiment, row["key"])
+    if (
+        published is not None
+        and published["env.version.metrics"] == row["env.version.metrics"]
+        and _settled(published, fresh=fresh, time_limit=time_limit)
+    ):
+        return Outcome(published, folder, found="already published")
+    return None
+
+
+def _check_clock(by_clock: float, passed: float, row: Row) -> None:
+    """Raise InputError where the system's clock did not run as the seconds passed."""
+    least, share = CLOCK_TOLERANCE
+    if abs(by_clock - passed) > max(least, share * passed):
+        raise InputError(
+            f"the system's clock went {by_clock:.1f} s while {passed:.1f} s passed in the run of "
+            f"{row['method.name']} on {row['task.name']}: it was set, or the machine slept; run it again"
+        )
 
 
 def _settled(row: Row, *, fresh: bool, time_limit: float | None) -> bool:
@@ -146,7 +193,7 @@ def _identity(
     if source is not None:
         row["task.source"] = json.dumps(source)
     modules = target_modules(method)
-    row["method.sources"] = method_sources(modules)
+    row["env.version.code"], row["method.sources"] = SOURCES, method_sources(modules)
     versions = library_versions(modules)
     row |= {f"env.version.{library}": version for library, version in versions.items()}
     row["env.version.metrics"] = METRICS  # not in the key: metrics are measured again from stored vertices

@@ -57,8 +57,7 @@ def instantiate(config: Mapping[str, Any]) -> Any:
 def locate(target: str) -> Callable[..., Any]:
     """The function of a dotted name such as "baselines.arap.arap", of a module in the current folder too."""
     module_name, name = _split(target)
-    # Last of all: a folder `eval` or `tests` beside a module of one's own must not hide ours.
-    sys.path.extend(folder for folder in (str(PACKAGES), os.getcwd()) if folder not in sys.path)
+    search_here()
     try:
         module = importlib.import_module(module_name)
     except ModuleNotFoundError as error:
@@ -70,6 +69,14 @@ def locate(target: str) -> Callable[..., Any]:
     if not callable(function):
         raise InputError(f"_target_ {target!r}: module {module_name!r} has no function {name!r}")
     return function
+
+
+def search_here() -> None:
+    """Let modules of the current folder be found.
+
+    Last of all: a folder `eval` or `tests` beside a module of one's own must not hide ours.
+    """
+    sys.path.extend(folder for folder in (str(PACKAGES), os.getcwd()) if folder not in sys.path)
 
 
 def require_kind(method: Callable[..., Any], task: Any, *, target: str) -> None:

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import os
+import shutil
+import subprocess
+import sys
 from dataclasses import replace
-from time import sleep
+from time import sleep, time
 
 import numpy as np
 import pytest
@@ -13,6 +18,7 @@ from eval_cases import bumpy_task
 import eval.run.attempt as attempt_module
 import eval.run.run as run_module
 from eval.metrics import METRICS
+from eval.rows.frame import to_frame, write_csv
 from eval.rows.store import read_curves, read_row, run_folders, write_run
 from eval.run import provenance
 from eval.run.run import run
@@ -33,7 +39,7 @@ def test_a_row_holds_everything(task, tmp_path):
     outcome = run(task, ARAP, name="arap", root=tmp_path, seed=4, source=source)
     row = read_row(outcome.folder)
     assert row == outcome.row
-    assert not outcome.reused and not outcome.failed
+    assert outcome.found == "" and not outcome.failed
     assert row["status"] == "not_converged" and row["converged"] is False and row["iterations"] == 5
     assert row["method.name"] == "arap" and row["method.max_iterations"] == 5 and row["seed"] == 4
     assert row["method.target"] == "baselines.arap.arap"
@@ -42,9 +48,10 @@ def test_a_row_holds_everything(task, tmp_path):
     assert json.loads(row["task.source"]) == source
     given = {name for name, metric in METRICS.items() if "truth" not in metric.needs}
     assert {name for name in row if name.startswith("metric.")} == {f"metric.{name}" for name in given}
-    assert row["seconds.total"] >= row["seconds.solve"] > 0
+    assert row["seconds.total"] >= row["seconds.solve"] > 0 and row["seconds.cpu"] > 0
+    assert row["env.cores_used"] == pytest.approx(row["seconds.cpu"] / row["seconds.total"], abs=1e-3)
     assert row["env.version.libigl"] == provenance.version_of("libigl")
-    assert row["env.machine"] and row["env.cores"] >= 1 and row["env.concurrent"] is False
+    assert row["env.machine"] and row["env.cores"] >= 1
     assert row["peak_mib"] is None
     json.loads((outcome.folder / "row.json").read_text(), parse_constant=pytest.fail)
 
@@ -54,7 +61,7 @@ def test_a_note_reaches_the_row_and_not_its_key(task, tmp_path):
     noted = run(task, {**STRETCHING, "note": "after the\n  paper"}, name="s", root=tmp_path / "noted")
     assert noted.row["method.note"] == "after the paper" and "method.note" not in plain.row
     assert noted.row["key"] == plain.row["key"] and noted.row["method.hash"] == plain.row["method.hash"]
-    assert run(task, {**STRETCHING, "note": "another"}, name="s", root=tmp_path / "noted").reused
+    assert run(task, {**STRETCHING, "note": "another"}, name="s", root=tmp_path / "noted").found
 
 
 def test_scalars_of_a_method_reach_the_row_and_infinities_do_not(task, tmp_path):
@@ -88,7 +95,7 @@ def test_a_method_without_a_result_leaves_a_row_without_vertices_and_is_run_agai
     for _ in range(2):
         done = run(task, {"_target_": f"eval_cases.{method}"}, name="m", root=tmp_path, fresh=fresh)
         status = "skipped" if method == "missing_extra" else "failed"
-        assert (done.row["status"], done.row["reason"]) == (status, reason) and not done.reused
+        assert (done.row["status"], done.row["reason"]) == (status, reason) and not done.found
         assert done.failed == (status == "failed") and not (done.folder / "vertices.npy").exists()
 
 
@@ -125,9 +132,9 @@ def test_a_wrong_configuration_is_an_input_error(task, tmp_path, method, message
 def test_an_equal_run_is_not_repeated_unless_forced(task, tmp_path):
     first = run(task, STRETCHING, name="s", root=tmp_path)
     again = run(bumpy_task(level=2), dict(STRETCHING), name="s", root=tmp_path)
-    assert again.reused and again.row == first.row
+    assert again.found == "already there" and again.row == first.row
     forced = run(task, STRETCHING, name="s", root=tmp_path, force=True)
-    assert not forced.reused and forced.folder == first.folder and forced.row["date"] > first.row["date"]
+    assert not forced.found and forced.folder == first.folder and forced.row["date"] > first.row["date"]
 
 
 def test_the_key_follows_configuration_task_and_seed(task, tmp_path):
@@ -145,39 +152,125 @@ def test_the_key_follows_configuration_task_and_seed(task, tmp_path):
     assert key(method={**STRETCHING, "warm_up": {"factor": 1.0}, "_partial_": True}) == keys[0]
 
 
-def test_the_key_follows_the_sources_of_a_method_of_others_as_they_were_loaded(task, tmp_path, monkeypatch):
+@pytest.fixture
+def third_party(tmp_path, monkeypatch):
+    """A package of others whose method imports a part of it when called, and then writes `edit` into it."""
     package = tmp_path / "third_party"
     package.mkdir()
     (package / "__init__.py").write_text("")
     (package / "helper.py").write_text("FACTOR = 2.0\n")
     (package / "method.py").write_text(
+        "from pathlib import Path\n"
         "from eval_cases import stretching\n"
-        "def method(task, *, seed, progress=None):\n"
+        "def method(task, *, seed, edit='', progress=None):\n"
         "    from .helper import FACTOR\n"
+        "    with Path(__file__).with_name('helper.py').open('a') as file:\n"
+        "        file.write(edit)\n"
         "    return stretching(task, factor=FACTOR, seed=seed)\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
+    for name in [name for name in sys.modules if name.startswith("third_party")]:
+        del sys.modules[name]
+    provenance.foreign_code.cache_clear()
+    return package
 
-    def key():
-        return run(task, {"_target_": "third_party.method.method"}, name="t", root=tmp_path / "runs").row[
-            "key"
-        ]
 
-    first = key()
-    (package / "README.md").write_text("changed")
-    (package / "helper.py").write_text("FACTOR = 2.0  # changed\n")
-    assert key() == first  # of what this process loaded
-    keys = [first]
-    for change in (lambda: None, lambda: (package / "__init__.py").rename(package / "other.py")):
+THEIRS = {"_target_": "third_party.method.method"}
+
+
+def test_the_key_follows_the_sources_of_a_method_of_others(task, tmp_path, third_party):
+    keys = []
+    for change in (
+        lambda: None,
+        lambda: (third_party / "README.md").write_text("changed"),
+        lambda: (third_party / "helper.py").write_text("FACTOR = 2.0  # changed\n"),
+        lambda: (third_party / "__init__.py").rename(third_party / "other.py"),
+    ):
         change()
-        provenance.foreign_sources.cache_clear()
-        keys.append(key())
-    assert len(set(keys)) == 3  # the text of a file, and its place
+        provenance.foreign_code.cache_clear()  # as a new process would
+        keys.append(run(task, THEIRS, name="t", root=tmp_path / "runs").row["key"])
+    assert keys[0] == keys[1] and len(set(keys)) == 3  # the text of a file, and its place
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda package: (package / "helper.py").write_text("FACTOR = 3.0\n"),
+        lambda package: (package / "new.py").write_text(""),
+        lambda package: (package / "__init__.py").unlink(),
+    ],
+    ids=["written", "added", "removed"],
+)
+def test_an_edit_between_runs_ends_them(task, tmp_path, third_party, change):
+    first = run(task, THEIRS, name="t", root=tmp_path / "runs")
+    change(third_party)
+    for method in (THEIRS, {**THEIRS, "edit": "#"}):  # even where the row is there
+        with pytest.raises(provenance.CodeChanged, match=r"third_party/\w+.py has changed since the command"):
+            run(task, method, name="t", root=tmp_path / "runs")
+    assert run_folders(tmp_path / "runs") == [first.folder]
+
+
+@pytest.mark.parametrize("fresh", [False, True])
+def test_an_edit_in_a_run_leaves_no_row_of_it(task, tmp_path, third_party, fresh):
+    with pytest.raises(provenance.CodeChanged, match="third_party/helper.py has changed"):
+        run(task, {**THEIRS, "edit": "#"}, name="t", root=tmp_path / "runs", fresh=fresh)
+    assert not (tmp_path / "runs").exists()
+
+
+def test_an_edit_of_our_own_code_ends_the_runs(task, tmp_path, monkeypatch):
+    (tmp_path / "ours").mkdir()
+    (tmp_path / "ours/arap.py").write_text("")
+    for name in ("LOADED", "MEASURES"):
+        monkeypatch.setattr(provenance, name, provenance.Code([tmp_path / "ours"], folder=tmp_path))
+        assert not run(task, STRETCHING, name="s", root=tmp_path / name).failed
+        (tmp_path / "ours/arap.py").write_text(name)
+        with pytest.raises(provenance.CodeChanged, match="ours/arap.py has changed"):
+            run(task, STRETCHING, name="s", root=tmp_path / name)
+        monkeypatch.undo()
+
+
+def test_a_fresh_process_of_other_code_gives_no_row(task, tmp_path, monkeypatch):
+    own = provenance.loaded_code([]) | {"sshade/task.py": "another"}
+    monkeypatch.setattr(attempt_module, "loaded_code", lambda modules: own)
+    with pytest.raises(provenance.CodeChanged, match="sshade/task.py has changed"):
+        run(task, ARAP, name="a", root=tmp_path / "runs", fresh=True)
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize("jump", [-3600.0, 1.5])
+def test_a_clock_that_jumps_in_a_run_is_told(task, tmp_path, monkeypatch, jump):
+    jumps = iter([0.0, jump])
+    monkeypatch.setattr(run_module, "time", lambda: time() + next(jumps))
+    told = rf"the system's clock went {jump:.1f}\d* s while 0.\d s passed in the run of s on bumpy_30"
+    with pytest.raises(InputError, match=told.replace(".5", ".[56]")):
+        run(task, STRETCHING, name="s", root=tmp_path / "runs")
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_published_row_of_the_same_version_answers_for_a_run(task, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    root = tmp_path / "out/runs/quick"
+    one = run(task, STRETCHING, name="s", root=root).row
+
+    def again(**changes):
+        shutil.rmtree(root, ignore_errors=True)
+        write_csv("results/rows/quick.csv", to_frame([one | changes]))
+        os.utime("results/rows/quick.csv", ns=(0, next(count)))
+        return run(task, STRETCHING, name="s", root=root)
+
+    count = itertools.count()
+    done = again()
+    assert done.found == "already published" and not done.folder.exists()
+    assert done.row["metric.volume"] == one["metric.volume"]
+    assert not again(key="another").found
+    assert not again(status="failed").found
+    assert not again(**{"env.version.metrics": "older"}).found
 
 
 def test_the_key_follows_our_own_packages_and_not_the_measures(task, tmp_path, monkeypatch):
     first = run(task, STRETCHING, name="s", root=tmp_path).row
-    assert first["env.version.metrics"] == provenance.METRICS
+    versions = {name: first[f"env.version.{name}"] for name in ("code", "metrics")}
+    assert versions == {"code": provenance.SOURCES, "metrics": provenance.METRICS}
     monkeypatch.setattr(run_module, "METRICS", "another")
     assert run(task, STRETCHING, name="s", root=tmp_path).row["key"] == first["key"]
     monkeypatch.setattr(provenance, "SOURCES", "another")
@@ -202,11 +295,11 @@ def test_a_fresh_process_gives_the_same_result_and_a_peak_of_memory(task, tmp_pa
     here = run(task, ARAP, name="a", root=tmp_path)
     ballast = np.ones(40_000_000)  # 305 MiB, which the child must not be charged for
     fresh = run(task, ARAP, name="a", root=tmp_path, fresh=True)
-    assert not fresh.reused
+    assert not fresh.found
     assert 30 < fresh.row["peak_mib"] < ballast.nbytes / 2**20
     assert fresh.row["metric.volume"] == here.row["metric.volume"]
-    assert run(task, ARAP, name="a", root=tmp_path, fresh=True).reused
-    assert run(task, ARAP, name="a", root=tmp_path).reused
+    assert run(task, ARAP, name="a", root=tmp_path, fresh=True).found
+    assert run(task, ARAP, name="a", root=tmp_path).found
 
 
 def test_a_time_limit_ends_a_run_and_is_not_tried_again(task, tmp_path):
@@ -214,8 +307,8 @@ def test_a_time_limit_ends_a_run_and_is_not_tried_again(task, tmp_path):
     first = run(task, method, name="e", root=tmp_path, time_limit=0.2)
     assert first.failed and first.row["status"] == "timeout"
     assert first.row["reason"] == "no result within 0.2 s"
-    assert run(task, method, name="e", root=tmp_path, time_limit=0.1).reused
-    assert not run(task, method, name="e", root=tmp_path, time_limit=0.3).reused
+    assert run(task, method, name="e", root=tmp_path, time_limit=0.1).found
+    assert not run(task, method, name="e", root=tmp_path, time_limit=0.3).found
 
 
 def test_a_warm_up_that_does_not_end_is_given_up(task, tmp_path, monkeypatch):
@@ -248,3 +341,45 @@ def test_a_guess_is_part_of_the_task():
     same, other = replace(task, name="renamed"), replace(task, guess=task.mesh.V)
     assert provenance.task_checksum(same) == provenance.task_checksum(task)
     assert provenance.task_checksum(other) != provenance.task_checksum(task)
+
+
+def test_machines_of_one_kind_are_told_apart(monkeypatch):
+    own = provenance.environment(jobs=1)
+    provenance._machine.cache_clear()
+    assert provenance.environment(jobs=2)["machine_id"] == own["machine_id"]
+    provenance._machine.cache_clear()
+    monkeypatch.setattr(provenance.platform, "node", lambda: "another")
+    other = provenance.environment(jobs=1)
+    provenance._machine.cache_clear()
+    assert other["machine"] == own["machine"] and other["machine_id"] != own["machine_id"]
+
+
+@pytest.mark.parametrize(
+    ("path", "modified"),
+    [
+        ("sshade/new.py", True),
+        ("conf/method/mine.yaml", True),
+        ("eval/run/provenance.py", True),
+        ("constraints.txt", True),
+        ("results/rows/quick.csv", False),
+        ("docs/page.md", False),
+        ("README.md", False),
+    ],
+)
+def test_a_tree_is_modified_by_what_can_change_numbers(tmp_path, monkeypatch, path, modified):
+    here = tmp_path / "eval/run/provenance.py"
+    for file in (here, tmp_path / "constraints.txt", tmp_path / "README.md"):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text("committed")
+    for arguments in (
+        "init -q",
+        "add .",
+        "-c user.name=a -c user.email=a@b commit -qm one",
+    ):
+        subprocess.run(["git", "-C", tmp_path, *arguments.split()], check=True)
+    monkeypatch.setattr(provenance, "__file__", str(here))
+    monkeypatch.setattr(provenance, "PACKAGES", tmp_path)
+    assert provenance._commit.__wrapped__()[1] is False
+    (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / path).write_text("changed")
+    assert provenance._commit.__wrapped__()[1] is modified

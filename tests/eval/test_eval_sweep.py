@@ -11,42 +11,44 @@ from eval_cases import bumpy_task
 from eval_rows import row
 
 from eval.main import call
+from eval.rows.plan import Plan, read_plans, write_plan
 from eval.run.monitor import Monitor
-from eval.run.record import Ended, Plan, SweepRecord, records, run_line
+from eval.run.record import TOLD, Ended, Sweep, SweepRecord, records, run_line
 from eval.run.run import run
 from sshade.errors import InputError
 
 BEGIN = datetime(2026, 5, 1, 12, tzinfo=UTC)
 
 
-def plan(*methods, begin=BEGIN):
-    return Plan(begin, [{"pose": "0", "method": method} for method in methods])
+def sweep(*methods, begin=BEGIN):
+    return Sweep(begin, [{"pose": "0", "method": method} for method in methods])
 
 
 def test_the_record_gives_back_what_was_put_in(tmp_path):
     experiment = tmp_path / "quick"
-    record = SweepRecord.create(experiment, plan("arap", "sshade"))
-    assert record.plan().runs == [{"pose": "0", "method": "arap"}, {"pose": "0", "method": "sshade"}]
-    assert record.plan().begin == BEGIN and record.plan().host
+    record = SweepRecord.create(experiment, sweep("arap", "sshade"))
+    assert record.sweep().runs == [{"pose": "0", "method": "arap"}, {"pose": "0", "method": "sshade"}]
+    assert record.sweep().begin == BEGIN and record.sweep().host
     assert record.ended() == []
     done = run(bumpy_task(level=2), {"_target_": "eval_cases.stretching"}, name="s", root=experiment)
-    record.add(1, row_folder=done.folder, kept=True)
-    record.add(0, row_folder=None, problems=["seed=-1 is no seed"])
+    told = {name: done.row[name] for name in TOLD}
+    record.add(1, row=done.row, found="already there")
+    record.add(0, row=None, problems=["seed=-1 is no seed"])
     for reader in (record, *records(experiment)):
         first, second = reader.ended()
-        assert (first.number, first.row, first.kept) == (1, done.row, True)
+        assert (first.number, first.row, first.found) == (1, told, "already there")
         assert (second.number, second.row, second.problems) == (0, None, ["seed=-1 is no seed"])
     record.remove()
-    record.add(0, row_folder=None)  # a worker that outlives its sweep
+    record.add(0, row=None)  # a worker that outlives its sweep
     assert records(experiment) == []
 
 
 def test_runs_come_in_the_order_of_discovery(tmp_path):
     """A clock of another machine that is behind must not shift what has been told."""
-    record = SweepRecord.create(tmp_path, plan("a", "b", "c"))
-    record.add(2, row_folder=None)
+    record = SweepRecord.create(tmp_path, sweep("a", "b", "c"))
+    record.add(2, row=None)
     assert [run.number for run in record.ended()] == [2]
-    record.add(0, row_folder=None)
+    record.add(0, row=None)
     path = record.folder / "0.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | {"end": BEGIN.isoformat()}))
     assert [run.number for run in record.ended()] == [2, 0]
@@ -55,7 +57,7 @@ def test_runs_come_in_the_order_of_discovery(tmp_path):
 def test_a_complete_sweep_takes_unfinished_records_of_the_same_runs_along(tmp_path):
     begins = [BEGIN + timedelta(seconds=i) for i in range(4)]
     killed, other, record, later = (
-        SweepRecord.create(tmp_path, plan("a", second, begin=begin))
+        SweepRecord.create(tmp_path, sweep("a", second, begin=begin))
         for begin, second in zip(begins, "bcbb", strict=True)
     )
     names = [r.folder.name for r in (killed, other, record, later)]
@@ -65,20 +67,22 @@ def test_a_complete_sweep_takes_unfinished_records_of_the_same_runs_along(tmp_pa
 
 
 def test_the_line_of_a_run_tells_its_status_and_what_left_its_band():
-    told = run_line(Ended(2, BEGIN, row(), kept=True, problems=["metric.volume is 9, not in [0, 5]"]))
+    told = run_line(
+        Ended(2, BEGIN, row(), found="already there", problems=["metric.volume is 9, not in [0, 5]"])
+    )
     assert told == "a t1 seed 0: ok, 5.00 s, 10 iterations, already there - metric.volume is 9, not in [0, 5]"
 
 
 def test_the_monitor_tells_of_runs_of_other_processes(tmp_path, capsys):
-    record = SweepRecord.create(tmp_path, plan("a", "b"))
+    record = SweepRecord.create(tmp_path, sweep("a", "b"))
     monitor = Monitor(SweepRecord(record.folder), watch=True)
-    record.add(1, row_folder=None, problems=["no"])
+    record.add(1, row=None, problems=["no"])
     told, end = "", monotonic() + 20
     while not told and monotonic() < end:
         sleep(0.05)
         told = capsys.readouterr().out
     assert told == "run 1: no [1 done, 1 failed, 1 remaining]\n"
-    record.add(0, row_folder=None, problems=["no"])
+    record.add(0, row=None, problems=["no"])
     monitor.close()  # tells of the last one, and of none twice
     assert capsys.readouterr().out == "run 0: no [2 done, 2 failed, 0 remaining]\n"
 
@@ -88,8 +92,8 @@ def test_the_command_tells_of_sweeps_under_way(tmp_path, capsys, monkeypatch):
     assert call("status", []) == 0
     assert capsys.readouterr().out == "no sweep is under way\n"
     folder = tmp_path / "out/runs/quick"
-    record = SweepRecord.create(folder, plan("a", "b"))
-    record.add(0, row_folder=None, problems=["no"])
+    record = SweepRecord.create(folder, sweep("a", "b"))
+    record.add(0, row=None, problems=["no"])
     for arguments in ([], ["quick"], [str(folder)]):
         assert call("status", arguments) == 0
         out = capsys.readouterr().out
@@ -97,5 +101,6 @@ def test_the_command_tells_of_sweeps_under_way(tmp_path, capsys, monkeypatch):
         assert out.count("\n") == 1
     with pytest.raises(InputError, match="nothing_here"):
         call("status", ["nothing_here"])
+    write_plan(folder, Plan([], ("c", "m")))
     assert call("status", ["--forget"]) == 0
-    assert records(folder) == []
+    assert records(folder) == [] and read_plans(folder) == []

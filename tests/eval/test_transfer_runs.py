@@ -28,7 +28,7 @@ def test_a_pose_transfer_becomes_a_row(tmp_path):
     for name, metric in METRICS.items():
         assert "truth" not in metric.needs or row[f"metric.{name}"] == pytest.approx(0, abs=1e-9)
     assert row["seconds.total"] > 0 and row["iterations"] == 0 and row["converged"] is None
-    assert run(task, method, name="sshade", root=tmp_path).reused
+    assert run(task, method, name="sshade", root=tmp_path).found
 
 
 def test_a_method_for_another_kind_of_task_is_a_mistake(tmp_path):
