@@ -10,9 +10,9 @@ import json
 import os
 import re
 import sys
+from collections.abc import Mapping
 from contextlib import nullcontext
 from functools import lru_cache
-from pathlib import Path
 from traceback import walk_tb
 from typing import Any
 
@@ -21,27 +21,24 @@ from hydra._internal.utils import get_args_parser
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException, OverrideParseException
 from hydra.types import RunMode
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from eval.configure import sweep as cli_sweep
-from eval.configure.sweep import SweepRefused, check_root
+from eval.configure.sweep import SweepRefused, check_root, label_of, plain_config, runs_folder, source_of
 from eval.metrics import METRICS
 from eval.rows.bands import out_of_band
 from eval.rows.splits import require_split
-from eval.run.allowed import OVERRIDE, allow_from, check_folders, require_allowed
+from eval.run.allowed import OVERRIDE, allow_from, check_folders
+from eval.run.provenance import CodeChanged, require_unchanged
 from eval.run.record import SweepRecord, status_text
 from eval.run.run import Outcome, run
-from eval.run.targets import check_parameters, instantiate
+from eval.run.targets import instantiate, target_modules
 from sshade.cli.configuration import CONFIGURATION, PACKAGES, one_sentence, unreadable_override
 from sshade.cli.console import progress_bar
 from sshade.errors import InputError
 from sshade.task import DeformationTask, Progress, silent
 from sshade.threads import available_cpus
-
-#: Settings of a dataset that are not for its loader: how to build it, where rows go, what lists its cases.
-ABOUT_DATASET = ("build", "tag", "cases")
-
 
 #: Launchers' packages, whose errors mean that a worker was lost; what a run raises is of our own kinds.
 LAUNCHERS = ("joblib", "submitit", "ray")
@@ -77,9 +74,10 @@ def main() -> int:
     interrupted = False
     try:
         sys.argv[1:] = _checked(sys.argv[1:])
-        _app()
-    except SweepRefused as refused:
-        raise refused.args[0] from refused
+        try:
+            _app()
+        except SweepRefused as refused:
+            raise refused.args[0] from refused
     except (HydraException, OmegaConfBaseException) as error:
         raise InputError(_one_line(error)) from error
     except RunFailed as error:
@@ -155,6 +153,8 @@ def _job(config: DictConfig) -> None:
             _job_of_sweep(config)
         else:
             _single_job(config)
+    except CodeChanged as error:
+        raise error if _errors is None else SweepRefused(error) from error
     except (RunFailed, InputError) as error:
         # What is raised in this process, Hydra announces with the job's overrides; once is enough.
         if _errors is None:
@@ -179,11 +179,15 @@ def _job_of_sweep(config: DictConfig) -> None:
     if _errors is None:
         os.chdir(settings.runtime.cwd)  # a worker may start elsewhere; relative paths mean those of the sweep
     record = SweepRecord(config.run.sweep.record)
-    ended: dict[str, Any] = {"row_folder": None}
+    # The record is gone where the sweep was given up while this run was in a queue.
+    begun_with = record.sweep().code if _errors is None and record.folder.exists() else None
+    ended: dict[str, Any] = {"row": None}
     try:
         with monitor.run_progress() if monitor is not None else nullcontext(silent) as progress:
-            outcome, problems = _outcome(config, progress)
-        ended = {"row_folder": outcome.folder, "kept": outcome.reused, "problems": problems}
+            outcome, problems = _outcome(config, progress, begun_with=begun_with)
+        ended = {"row": outcome.row, "found": outcome.found, "problems": problems}
+    except CodeChanged:
+        raise  # which ends no run but the sweep
     except InputError as error:
         ended["problems"] = [str(error)]
         raise
@@ -196,15 +200,16 @@ def _job_of_sweep(config: DictConfig) -> None:
         raise RunFailed("; ".join(problems))
 
 
-def _outcome(config: DictConfig, progress: Progress) -> tuple[Outcome, list[str]]:
-    """Run a composed configuration; its outcome, and why it counts as failed if it does."""
-    missing = OmegaConf.missing_keys(config)
-    if missing:
-        raise InputError(f"{', '.join(sorted(missing))} is not set; give it as {min(missing)}=...")
-    plain = OmegaConf.to_container(config, resolve=True)
-    _check(plain)
-    for part in ("method", "dataset"):
-        require_allowed(plain[part], where=f"the configuration of the {part}")
+def _outcome(
+    config: DictConfig, progress: Progress, *, begun_with: Mapping[str, str] | None = None
+) -> tuple[Outcome, list[str]]:
+    """Run a composed configuration; its outcome, and why it counts as failed if it does.
+
+    A worker's code must be what the sweep has `begun_with`.
+    """
+    plain = plain_config(config)
+    if begun_with is not None:
+        require_unchanged(target_modules(plain["method"]), begun_with=begun_with)
     progress("reading", 0, 1)
     task = _load_task(json.dumps(plain["dataset"]))
     progress("reading", 1, 1)
@@ -215,10 +220,10 @@ def _outcome(config: DictConfig, progress: Progress) -> tuple[Outcome, list[str]
     outcome = run(
         task,
         plain["method"],
-        name=str(plain["label"]).rpartition("/")[2],  # of a method in a subgroup, its own name
-        root=Path(plain["paths"]["runs"], plain["run"]["folder"]),
+        name=label_of(plain),
+        root=runs_folder(plain),
         seed=plain["seed"],
-        source=_source(plain["dataset"]),
+        source=source_of(plain["dataset"]),
         force=plain["run"]["force"],
         fresh=plain["run"]["fresh"],
         time_limit=plain["run"]["time_limit"],
@@ -231,29 +236,12 @@ def _outcome(config: DictConfig, progress: Progress) -> tuple[Outcome, list[str]
     return outcome, out_of_band(outcome.row, plain["bands"]) if plain.get("bands") else []
 
 
-def _check(config: dict[str, Any]) -> None:
-    """Raise InputError on values of our own settings that no run could use."""
-    settings = {name: config["run"][name] for name in ("force", "fresh", "time_limit", "jobs")}
-    settings |= {"seed": config["seed"], "jobs": 1 if settings["jobs"] is None else settings["jobs"]}
-    check_parameters(run, settings, target="run")
-    for name, value in settings.items():
-        least = {"seed": 0, "jobs": 1, "time_limit": 1e-3}.get(name)
-        if least is not None and value is not None and value < least:
-            label = name if name == "seed" else f"run.{name}"
-            raise InputError(f"{label}={value} does not fit; it takes at least {least:g}")
-
-
 @lru_cache(maxsize=1)
 def _load_task(dataset: str) -> DeformationTask:
     """The task of a dataset's configuration (as JSON: it is the cache's key)."""
     config = json.loads(dataset)
     check_root(config)
-    return instantiate(_source(config))
-
-
-def _source(dataset: dict[str, Any]) -> dict[str, Any]:
-    """What loads the task: a dataset's configuration without what is about the dataset."""
-    return {name: value for name, value in dataset.items() if name not in ABOUT_DATASET}
+    return instantiate(source_of(config))
 
 
 def _jobs(launcher: DictConfig, runs: int) -> int:
@@ -271,7 +259,7 @@ def _jobs(launcher: DictConfig, runs: int) -> int:
 def _report(outcome: Outcome) -> str:
     """A single run in a few lines."""
     row = outcome.row
-    lines = [f"{row['method.name']} on {row['task.name']}: {status_text(row, kept=outcome.reused)}"]
+    lines = [f"{row['method.name']} on {row['task.name']}: {status_text(row, found=outcome.found)}"]
     for name, metric in METRICS.items():
         if f"metric.{name}" in row:
             value = row[f"metric.{name}"]

@@ -1,28 +1,41 @@
-"""Sweeps of ``sshade-eval run``: which cases, how many runs, and the display while they run."""
+"""Sweeps of ``sshade-eval run``: which cases, which runs, kept as a plan, and the display while they run."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+import json
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from hydra.core.global_hydra import GlobalHydra
+from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.experimental.callback import Callback
-from omegaconf import DictConfig, open_dict, read_write
+from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 
+from eval.rows.plan import Plan, write_plan
+from eval.rows.store import Row
 from eval.run.allowed import require_allowed
 from eval.run.monitor import Monitor
-from eval.run.record import Plan, SweepRecord, summary
-from eval.run.targets import locate
+from eval.run.provenance import METRICS, SOURCES, loaded_code
+from eval.run.record import Sweep, SweepRecord, summary
+from eval.run.run import run
+from eval.run.targets import check_parameters, locate, target_modules
 from sshade.errors import InputError
 from sshade.io.files import reason
 
 #: What tells the cases of a dataset apart; a sweep takes `all` instead of numbers too.
 CASE = ("subject", "pose")
 ALL = "all"
+
+#: Settings that are plain values in every configuration.
+VALUES = ("case", *CASE, "seed")
+
+#: Settings of a dataset that are not for its loader: how to build it, where rows go, what lists its cases.
+ABOUT_DATASET = ("build", "tag", "cases")
 
 #: Launchers whose runs go on when this process ends.
 QUEUES = ("slurm", "submitit_slurm")
@@ -37,7 +50,10 @@ method_settings: list[str] = []
 
 
 class SweepRefused(BaseException):
-    """A sweep that cannot begin; no Exception, because Hydra turns what a callback raises into warnings."""
+    """A sweep that cannot begin, or not go on, and why.
+
+    No Exception: Hydra turns what a callback raises into warnings, and what a run raises into its result.
+    """
 
 
 class SweepStart(Callback):
@@ -46,27 +62,135 @@ class SweepStart(Callback):
     def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
         """Write out `all`, list the runs as the basic sweeper does, and tell each run of the record."""
         global monitor
-        _add_overrides(config, *method_settings)
         try:
+            _add_overrides(config, *method_settings)
             _write_out_cases(config)
             launcher = config.hydra.runtime.choices["hydra/launcher"]
             swept = _swept(config)
             runs = [dict(zip(swept, values, strict=True)) for values in itertools.product(*swept.values())]
-            plan = Plan(datetime.now(UTC), runs, launcher)
-            record = SweepRecord.create(Path(config.hydra.sweep.dir), plan)
-        except InputError as error:
-            raise SweepRefused(error) from error
+            code = _keep_plans(_compose(config, runs))
+            sweep = Sweep(datetime.now(UTC), runs, launcher, code=code)
+            record = SweepRecord.create(Path(config.hydra.sweep.dir), sweep)
         except OSError as error:  # of the record's folder
             raise SweepRefused(InputError(f"{error.filename}: {reason(error)}")) from error
+        except Exception as error:
+            raise SweepRefused(error) from error
         folder = str(record.folder).replace("\\", "\\\\").replace("'", "\\'")
-        _add_overrides(config, f"run.sweep={{record:'{folder}',runs:{len(plan.runs)}}}")
+        _add_overrides(config, f"run.sweep={{record:'{folder}',runs:{len(runs)}}}")
         monitor = Monitor(record, watch=launcher != "basic")
+
+
+def plain_config(config: DictConfig) -> dict[str, Any]:
+    """The composed configuration of a run, without Hydra's part, as plain values.
+
+    Raises
+    ------
+    InputError
+        When a setting is missing, one of ours does not fit, or a function is named that nobody allowed.
+    """
+    missing = OmegaConf.missing_keys(config)
+    if missing:
+        raise InputError(f"{', '.join(sorted(missing))} is not set; give it as {min(missing)}=...")
+    plain = OmegaConf.to_container(config, resolve=True)
+    check_settings(plain)
+    for part in ("method", "dataset"):
+        require_allowed(plain[part], where=f"the configuration of the {part}")
+    return plain
+
+
+def check_settings(config: dict[str, Any]) -> None:
+    """Raise InputError on values of our own settings that no run could use."""
+    settings = {name: config["run"][name] for name in ("force", "fresh", "time_limit", "jobs")}
+    settings |= {"seed": config["seed"], "jobs": 1 if settings["jobs"] is None else settings["jobs"]}
+    check_parameters(run, settings, target="run")
+    for name, value in settings.items():
+        least = {"seed": 0, "jobs": 1, "time_limit": 1e-3}.get(name)
+        if least is not None and value is not None and value < least:
+            label = name if name == "seed" else f"run.{name}"
+            raise InputError(f"{label}={value} does not fit; it takes at least {least:g}")
+
+
+def label_of(plain: dict[str, Any]) -> str:
+    """The method's name in rows; of a method in a subgroup, its own name."""
+    return str(plain["label"]).rpartition("/")[2]
+
+
+def source_of(dataset: dict[str, Any]) -> dict[str, Any]:
+    """What loads the task: a dataset's configuration without what is about the dataset."""
+    return {name: value for name, value in dataset.items() if name not in ABOUT_DATASET}
+
+
+def runs_folder(plain: dict[str, Any]) -> Path:
+    """Folder of the experiment."""
+    return Path(plain["paths"]["runs"], plain["run"]["folder"])
+
+
+def _compose(config: DictConfig, runs: list[dict[str, str]]) -> Iterator[dict[str, Any]]:
+    """The configuration of each run of a sweep.
+
+    Composing one takes a tenth of a second, so that :data:`VALUES`, plain values in every
+    configuration, are put into one that the other settings have made.
+    """
+    loader, hydra = GlobalHydra.instance().config_loader(), HydraConfig.instance()
+    parser, before = OverridesParser.create(), hydra.cfg
+    composed: dict[tuple[str, ...], tuple[DictConfig, DictConfig, dict[str, Any]]] = {}
+    for one in runs:
+        others = tuple(f"{name}={value}" for name, value in one.items() if name not in VALUES)
+        if others not in composed:
+            whole = loader.load_sweep_config(config, [f"{name}={value}" for name, value in one.items()])
+            hydra.set_config(whole)  # the label may name a choice of Hydra
+            own = OmegaConf.masked_copy(whole, [name for name in whole if name != "hydra"])
+            composed[others] = own, hydra.cfg, plain_config(own)
+        own, hydra.cfg, plain = composed[others]
+        for name in VALUES:
+            if name in one:
+                OmegaConf.update(own, name, parser.parse_override(f"{name}={one[name]}").value())
+        parts = {name: OmegaConf.to_container(own[name], resolve=True) for name in ("dataset", "run")}
+        plain = plain | {"label": own.label, "seed": own.seed} | parts
+        hydra.cfg = before
+        check_settings(plain)
+        yield plain
+
+
+def _keep_plans(configs: Iterable[dict[str, Any]]) -> dict[str, str]:
+    """Check that all cases exist, and keep the plan of each experiment; the hashes of the code that runs.
+
+    Raises
+    ------
+    InputError
+        When a dataset is not there, or lacks a case.
+    """
+    plans: dict[Path, list[Row]] = {}
+    modules: set[str] = set()
+    cases_of = cache(lambda function, root: {(subject, pose) for subject, pose in locate(function)(root)})
+    for plain in configs:
+        dataset = plain["dataset"]
+        check_root(dataset)
+        if "cases" in dataset:
+            asked, there = tuple(dataset[name] for name in CASE), cases_of(dataset["cases"], dataset["root"])
+            if asked not in there:
+                raise InputError(
+                    f"the plan names subject {asked[0]}, pose {asked[1]}, which {dataset['root']} does not "
+                    f"have; it has {len(there)} cases, and {ALL} takes them all"
+                )
+        modules.update(target_modules(plain["method"]))
+        planned = {"method.name": label_of(plain), "seed": plain["seed"]}
+        planned["task.source"] = json.dumps(source_of(dataset))
+        plans.setdefault(runs_folder(plain), []).append(planned)
+    for folder, runs in plans.items():
+        write_plan(folder, Plan(runs, (SOURCES, METRICS)))
+    return loaded_code(modules)
+
+
+def _overrides(config: DictConfig) -> list[str]:
+    """The settings of a command line, as they were given: a label may name what only a run knows."""
+    return OmegaConf.to_container(config.hydra.overrides.task, resolve=False)
 
 
 def _add_overrides(config: DictConfig, *overrides: str) -> None:
     """Give every run of the sweep further settings."""
     with read_write(config), open_dict(config):
-        config.hydra.overrides.task = [*config.hydra.overrides.task, *overrides]
+        config.hydra.overrides.task = [*_overrides(config), *overrides]
 
 
 def _swept(config: DictConfig) -> dict[str, list[str]]:
@@ -77,7 +201,7 @@ def _swept(config: DictConfig) -> dict[str, list[str]]:
         override.get_key_element(): list(override.sweep_string_iterator())
         if override.is_sweep_override()
         else [override.get_value_element_as_str()]
-        for override in parser.parse_overrides([*params, *config.hydra.overrides.task])
+        for override in parser.parse_overrides([*params, *_overrides(config)])
     }
 
 
@@ -104,7 +228,7 @@ def _write_out_cases(config: DictConfig) -> None:
             params = {"case": ",".join(f"{{subject:{s},pose:{p}}}" for s, p in cases), **params}
         config.hydra.sweeper.params = params
         config.hydra.overrides.task = [
-            text for text in config.hydra.overrides.task if text.split("=", 1)[0] not in CASE
+            text for text in _overrides(config) if text.split("=", 1)[0] not in CASE
         ]
 
 
@@ -122,17 +246,17 @@ def close_sweep() -> str:
     if monitor is None:
         return ""
     monitor.close()
-    plan, ended = monitor.plan, monitor.record.ended()
-    if len(ended) == len(plan.runs):
+    sweep, ended = monitor.sweep, monitor.record.ended()
+    if len(ended) == len(sweep.runs):
         monitor.record.complete()
-    elif plan.launcher not in QUEUES:  # runs in a queue outlive this process
+    elif sweep.launcher not in QUEUES:  # runs in a queue outlive this process
         monitor.record.remove()
-    return summary(plan, ended)
+    return summary(sweep, ended)
 
 
 def in_queue() -> bool:
     """Whether the sweep under way has jobs in a queue, which go on when this process ends."""
-    return monitor is not None and monitor.plan.launcher in QUEUES
+    return monitor is not None and monitor.sweep.launcher in QUEUES
 
 
 def check_root(dataset: Mapping[str, Any]) -> None:

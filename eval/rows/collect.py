@@ -2,23 +2,39 @@
 
 Folders of the same name, such as ``alice/runs/quick`` and ``bob/runs/quick``,
 are one experiment: their rows go into one CSV. Of equal runs the latest one is
-kept; runs of different machines are kept apart.
+kept. Rows of the same version that are published in ``results/rows`` beside the
+command are taken in, and a planned run that no row is of has one of status
+``missing``.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import pandas as pd
 
-from eval.rows.frame import newest, to_frame, write_csv
-from eval.rows.store import FOLDER_HELP, ROWS, RUNS, experiment_folder, read_row, run_folders
+from eval.rows.csv_rows import read_rows
+from eval.rows.frame import newest, records, to_frame, write_csv
+from eval.rows.plan import missing_rows, read_plans
+from eval.rows.store import (
+    FOLDER_HELP,
+    MISSING,
+    PUBLISHED,
+    ROWS,
+    RUNS,
+    Row,
+    experiment_folder,
+    read_row,
+    run_folders,
+    version_of,
+)
 from sshade.errors import InputError
 
 
 def collect(*folders: Path) -> pd.DataFrame:
-    """The rows under folders of runs: the newest of each method, task, seed and machine, in a fixed order.
+    """The rows under folders of runs: the newest of each method, task and seed, in a fixed order.
 
     Raises
     ------
@@ -33,6 +49,33 @@ def collect(*folders: Path) -> pd.DataFrame:
     return newest(rows)
 
 
+def gather(name: str, folders: Sequence[Path]) -> pd.DataFrame:
+    """The rows of an experiment: those under its folders, published ones of their versions, what is missing.
+
+    Raises
+    ------
+    InputError
+        When there are none.
+    """
+    plans = [plan for folder in folders for plan in read_plans(folder)]
+    own = [read_row(run) for folder in folders for run in run_folders(folder)]
+    versions = {plan.version for plan in plans} | {version_of(row) for row in own if version_of(row)[0]}
+    path = PUBLISHED / "rows" / f"{name}.csv"
+    published = read_rows(path) if path.is_file() else []
+    joined = [row for row in published if version_of(row) in versions]
+    if not own and not joined:
+        raise InputError(f"{folders[0]}: no runs there; `sshade-eval run -m experiment={name}` makes them")
+    planned = [run for plan in plans for run in plan.runs]
+    planned += [row for row in published if joined and row["status"] == MISSING]
+    return with_missing([*own, *joined], planned)
+
+
+def with_missing(rows: Iterable[Row], planned: Iterable[Row]) -> pd.DataFrame:
+    """The newest of rows, and a row of status ``missing`` for each planned run that none of them is of."""
+    rows = records(newest(to_frame(rows)))
+    return to_frame([*rows, *missing_rows(planned, rows)])
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("folders", nargs="*", type=Path, help=f"{FOLDER_HELP} (default: all)")
@@ -43,17 +86,18 @@ def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
     folders = [experiment_folder(folder) for folder in options.folders]
     # A refused run leaves an empty folder behind.
-    folders = folders or sorted(path for path in RUNS.glob("*") if run_folders(path))
+    folders = folders or sorted(path for path in RUNS.glob("*") if run_folders(path) or read_plans(path))
     if not folders:
         raise InputError(f"{RUNS} holds no experiment; name the folders of runs to collect")
     experiments: dict[str, list[Path]] = {}
     for folder in folders:
         experiments.setdefault(folder.resolve().name, []).append(folder)
     for name, parts in experiments.items():
-        rows = collect(*parts)
+        rows = gather(name, parts)
         path = options.out / f"{name}.csv"
         write_csv(path, rows)
-        machines = rows["env.machine"].nunique()
-        counts = f"{len(rows)} row{'s' * (len(rows) > 1)}"
-        print(f"{path}: {counts}" + (f" of {machines} machines" if machines > 1 else ""))  # noqa: T201
+        missing = int(rows["status"].eq(MISSING).sum())
+        done = len(rows) - missing
+        text = f"{path}: {done} row{'s' * (done > 1)}"
+        print(text + (f", {missing} of {len(rows)} planned runs missing" if missing else ""))  # noqa: T201
     return 0

@@ -3,6 +3,8 @@
 Reads what the runs of a sweep leave on disk, by whichever launcher and on
 whichever machine they run. A sweep that ended is listed no more; one that was
 killed, and so could not take its record away, is listed until ``--forget``.
+That also forgets what all sweeps were to run, so that tables count no run as
+missing that was planned until now.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from eval.rows.plan import forget_plans
 from eval.rows.store import FOLDER_HELP, RUNS
 from eval.run.record import SweepRecord, counts, records
 from sshade.errors import InputError
@@ -17,10 +20,10 @@ from sshade.errors import InputError
 
 def report(record: SweepRecord) -> str:
     """A sweep in one line."""
-    plan, ended = record.plan(), record.ended()
-    begin = plan.begin.astimezone()
-    text = f"{record.folder.parents[1].name}: {counts(plan, ended)}"
-    text += f" (launcher {plan.launcher}, begun {begin:%Y-%m-%d %H:%M} on {plan.host}"
+    sweep, ended = record.sweep(), record.ended()
+    begin = sweep.begin.astimezone()
+    text = f"{record.folder.parents[1].name}: {counts(sweep, ended)}"
+    text += f" (launcher {sweep.launcher}, begun {begin:%Y-%m-%d %H:%M} on {sweep.host}"
     if ended:
         text += f", last run ended {ended[-1].end.astimezone():%H:%M:%S}"
     return f"{text})"
@@ -29,7 +32,9 @@ def report(record: SweepRecord) -> str:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("folders", nargs="*", type=Path, help=f"{FOLDER_HELP} (default: all)")
-    parser.add_argument("--forget", action="store_true", help="remove the records; the rows stay")
+    parser.add_argument(
+        "--forget", action="store_true", help="remove these records, and the plans; the rows stay"
+    )
 
 
 def command(options: argparse.Namespace) -> int:
@@ -43,6 +48,8 @@ def command(options: argparse.Namespace) -> int:
         print(report(record))  # noqa: T201
         if options.forget:
             record.remove()
+    for folder in folders if options.forget else ():
+        forget_plans(folder)
     if not found:
         print("no sweep is under way")  # noqa: T201
     return 0

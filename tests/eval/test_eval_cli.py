@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -9,12 +10,27 @@ from eval_cases import bumpy_task, run_eval
 from omegaconf import OmegaConf
 
 from eval.configure import app as cli
-from eval.rows.collect import collect
-from eval.rows.frame import records
+from eval.configure.sweep import check_settings
+from eval.rows.collect import collect, gather
+from eval.rows.frame import records, write_csv
+from eval.rows.store import run_folders
 from sshade.errors import InputError
 from sshade.io.handles import write_handles
 from sshade.io.meshes import write_mesh
 from sshade.threads import available_cpus
+
+EDITING = """
+import shutil
+from pathlib import Path
+from eval_cases import stretching
+
+def method(task, *, factor=1.0, seed, progress=None):
+    if task.name.startswith("bumpy"):
+        helper = Path(__file__).with_name("helper.py")
+        helper.write_text(helper.read_text().replace("2.0", "3.0"))
+    from theirs.helper import FACTOR
+    return stretching(task, factor=FACTOR, seed=seed)
+"""
 
 
 def files(folder):
@@ -62,6 +78,63 @@ def test_a_sweep_goes_on_after_a_failure_and_is_resumed(tmp_path):
     forced = run_eval(tmp_path, "-m", *overrides, "run.force=true")
     assert forced.returncode == 0
     assert forced.stdout.splitlines()[-1].startswith("2 runs: 2 new")
+
+
+def test_the_plan_of_sweeps_outlives_them_and_tells_what_is_missing(tmp_path):
+    """What a sweep never came to is as good as what was removed since."""
+    sweep = ["-m", "dataset=listed", "seed=0,1", "label=${hydra:runtime.choices.method}-${method.factor}"]
+    first = [*sweep, "method=stretching", "case={subject:0,pose:1},{subject:0,pose:2}", "method.factor=2.0"]
+    assert run_eval(tmp_path, *first).returncode == 0
+    other = ["dataset.root=../" + tmp_path.name, "subject=all", "pose=all", "method.factor=3.0,4.0"]
+    assert run_eval(tmp_path, *sweep, *other, "method=stretching").returncode == 0
+    root = tmp_path / "out/runs/single_listed"
+    assert len(run_folders(root)) == 4 + 12 and not list(tmp_path.rglob("sweep.json"))
+    assert gather("none", [root])["status"].eq("not_converged").all()
+    for gone in (root / "stretching-2.0/bumpy_2", root / "stretching-4.0"):
+        shutil.rmtree(gone)
+    (root / "stretching-3.0/bumpy_11").rename(tmp_path / "bumpy_11")  # whose name nobody knows now
+    rows = records(gather("none", [root]))
+    told = [
+        (row["method.name"], row["task.name"]) for row in rows if row["status"] == "missing" and row["seed"]
+    ]
+    unknown = "_target_=eval_cases.listed_task subject=1 pose=1"
+    assert sorted(told) == [
+        ("stretching-2.0", "bumpy_2"),
+        ("stretching-3.0", unknown),
+        ("stretching-4.0", unknown),
+        ("stretching-4.0", "bumpy_1"),
+        ("stretching-4.0", "bumpy_2"),
+    ]
+
+
+def test_a_sweep_counts_published_rows_of_its_version(tmp_path):
+    sweep = ["-m", "dataset=bumpy", "dataset.level=2", "method=stretching", "seed=0,1", "run.experiment=mine"]
+    assert run_eval(tmp_path, *sweep).returncode == 0
+    rows = collect(tmp_path / "out/runs/mine")
+    write_csv(tmp_path / "results/rows/mine.csv", rows[rows["seed"] == 1])
+    shutil.rmtree(tmp_path / "out")
+    again = run_eval(tmp_path, *sweep)
+    assert again.returncode == 0, again.stderr
+    lines = again.stdout.splitlines()
+    assert "seed 1: not_converged" in lines[1] and "already published [2 done" in lines[1]
+    assert lines[2] == "2 runs: 1 new (1 not_converged), 1 kept"
+    assert len(run_folders(tmp_path / "out/runs")) == 1
+
+
+def test_an_edit_ends_a_sweep_and_leaves_no_row(tmp_path):
+    """The method changes a file that it imports as it goes."""
+    (tmp_path / "theirs").mkdir()
+    (tmp_path / "theirs/method.py").write_text(EDITING)
+    (tmp_path / "theirs/helper.py").write_text("FACTOR = 2.0\n")
+    arguments = ["dataset=bumpy", "method=stretching", "method._target_=theirs.method.method"]
+    done = run_eval(tmp_path, "-m", *arguments, "run.allow_targets=[theirs.]", "seed=0,1,2", "label=t")
+    assert (done.returncode, done.stdout) == (2, ""), done.stderr
+    assert done.stderr == (
+        "error: theirs/helper.py has changed since the command began, so that its runs would be of two "
+        "versions of the code; start the command again: the rows that are there stay\n"
+    )
+    assert not list(tmp_path.rglob("row.json")) and not list(tmp_path.rglob("sweep.json"))
+    assert (tmp_path / "theirs/helper.py").read_text() == "FACTOR = 3.0\n"  # once
 
 
 def test_a_sweep_over_all_takes_the_cases_that_the_dataset_has(tmp_path):
@@ -118,11 +191,11 @@ def test_a_row_out_of_its_band_is_exit_code_1(tmp_path):
 )
 def test_settings_of_another_type_are_input_errors(change):
     plain = {"seed": 0, "run": {"force": False, "fresh": False, "time_limit": None, "jobs": None}}
-    cli._check(plain)
+    check_settings(plain)
     name, value = next(iter(change.items()))
     (plain if name == "seed" else plain["run"])[name] = value
     with pytest.raises(InputError, match=f"{name}={value!r} does not fit"):
-        cli._check(plain)
+        check_settings(plain)
 
 
 @pytest.mark.parametrize(
@@ -148,6 +221,10 @@ def test_runs_at_once_come_from_the_launcher(launcher, jobs):
         (["dataset=mesh", "method=arap"], "dataset.handles, dataset.mesh is not set"),
         (["-m", "dataset=bumpy,mesh", "pose=all"], "all subjects or poses need a single dataset"),
         (["-m", "dataset=listed", "subject=x", "pose=all"], "subject=x does not fit"),
+        (
+            ["-m", "dataset=listed", "subject=0,1", "pose=2"],
+            "subject 1, pose 2, which . does not have; it has 3",
+        ),
         (["experiment=quick", "subject=0"], "defaust_20k does not exist; make it with: defaust build"),
     ],
 )

@@ -14,7 +14,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.utils import instantiate as hydra_instantiate
 from omegaconf import OmegaConf
 
-from eval.configure.app import ABOUT_DATASET
+from eval.configure.sweep import ABOUT_DATASET
 from eval.run.targets import OWN_KEYS, check_parameters, instantiate, locate, parameter_hints
 from sshade.cli.configuration import CONFIGURATION
 from sshade.solver.local_global import local_global

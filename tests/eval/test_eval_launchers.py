@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+
 import pytest
 from compositions import composed
-from eval_cases import run_eval
+from eval_cases import ENVIRONMENT, RUN, run_eval
 from hydra.errors import HydraException
 
 from eval.configure import app as cli
@@ -57,8 +60,34 @@ def test_another_launcher_gives_the_same_rows(tmp_path, basic, launcher, options
     assert "[2 done, 1 failed, 0 remaining]" in lines[1]
     assert lines[2] == lines_of_basic[2] == "2 runs: 2 new (1 failed, 1 ok), 0 kept"
     assert differences(rows, basic[1]) == []
-    assert rows[["env.jobs", "env.concurrent"]].to_numpy().tolist() == [[2, True]] * 2
+    assert rows["env.jobs"].tolist() == [2, 2]
     assert not list(tmp_path.rglob("sweep.json"))
+
+
+def test_a_worker_of_other_code_ends_the_sweep(tmp_path):
+    """Each process that starts edits the method's package, so that no two load the same."""
+    pytest.importorskip(NEEDS["joblib"], reason="the extra joblib is not installed")
+    (tmp_path / "theirs").mkdir()
+    (tmp_path / "theirs/__init__.py").write_text("")
+    (tmp_path / "theirs/method.py").write_text("from eval_cases import stretching as method\n")
+    path = tmp_path / "theirs/method.py"
+    (tmp_path / "sitecustomize.py").write_text(f"with open({str(path)!r}, 'a') as file: file.write('#')\n")
+    environment = ENVIRONMENT | {"PYTHONPATH": os.pathsep.join([str(tmp_path), ENVIRONMENT["PYTHONPATH"]])}
+    arguments = [
+        "-m",
+        "dataset=bumpy",
+        "method=stretching",
+        "method._target_=theirs.method.method",
+        "seed=0,1",
+    ]
+    arguments += ["run.allow_targets=[theirs.]", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
+    done = subprocess.run(
+        [*RUN, *arguments], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300
+    )
+    assert (done.returncode, done.stdout) == (2, ""), done.stderr
+    told = done.stderr.splitlines()[-1]  # Hydra announces a worker's error, too
+    assert told.startswith("error: theirs/method.py has changed since the command began")
+    assert "Traceback" not in done.stderr and not list(tmp_path.rglob("row.json"))
 
 
 def test_a_lost_worker_is_told(tmp_path):

@@ -1,0 +1,109 @@
+"""What the sweeps of an experiment are to run, kept beside their runs.
+
+A plan is a file ``<runs>/<experiment>/.plan/<hash of its runs>.json``, written
+before the first run by the process that begins the sweep; all of them together are the
+experiment's. A planned run is known by its method's label, its seed and what loads
+its task, so that rows made by any launcher, or published, answer for it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from eval.rows.store import MISSING, PLANS, Row
+from sshade.errors import InputError
+from sshade.io.files import make_folder, replacing
+
+#: What a planned run has: text, a number and text.
+_FACTS = {"method.name": str, "seed": int, "task.source": str}
+
+
+class Plan(NamedTuple):
+    """What a sweep is to run, and the version of the code and of the metrics that it began with."""
+
+    runs: Sequence[Row]
+    version: tuple[str, str]
+
+
+def write_plan(experiment: Path, plan: Plan) -> None:
+    """Keep a plan in the folder of its experiment, in place of an earlier one of the same runs."""
+    runs = json.dumps(plan.runs, sort_keys=True)
+    path = experiment / PLANS / f"{hashlib.sha256(runs.encode()).hexdigest()[:16]}.json"
+    make_folder(path.parent)
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(plan._asdict()))
+
+
+def read_plans(experiment: Path) -> list[Plan]:
+    """The plans of an experiment; none where no sweep was begun.
+
+    Raises
+    ------
+    InputError
+        When a file there is damaged.
+    """
+    return [_read(path) for path in sorted(experiment.glob(f"{PLANS}/*.json"))]
+
+
+def _read(path: Path) -> Plan:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        code, metrics = content["version"]
+        runs = content["runs"]
+        if any(type(run[name]) is not kind for run in runs for name, kind in _FACTS.items()):
+            raise TypeError("a run that is none")
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise InputError(
+            f"{path}: not a plan ({type(error).__name__}: {error}); remove it, and the sweep, begun again, "
+            "writes it"
+        ) from error
+    return Plan(runs, (code, metrics))
+
+
+def forget_plans(experiment: Path) -> None:
+    """Remove the plans; the rows stay."""
+    shutil.rmtree(experiment / PLANS, ignore_errors=True)
+
+
+def missing_rows(planned: Iterable[Row], rows: Iterable[Row]) -> list[Row]:
+    """A row of status ``missing`` for each planned run that none of the rows is of.
+
+    The name of a task is learnt from rows of the same case; what loads it stands for it where
+    there are none.
+
+    Parameters
+    ----------
+    planned : iterable of mapping
+        method.name, seed, task.source; rows of status ``missing`` have them, too.
+    rows : iterable of mapping
+    """
+    rows = list(rows)
+    names = {_case(row): row["task.name"] for row in rows}
+    done = {(row["method.name"], row["task.name"], row["seed"]) for row in rows}
+    missing = {}
+    for run in planned:
+        case = _case(run)
+        name = names.get(case) or run.get("task.name") or case
+        run_of = (run["method.name"], name, run["seed"])
+        if run_of not in done:
+            missing[run_of] = {fact: run.get(fact) for fact in _FACTS} | {
+                "task.name": name,
+                "status": MISSING,
+                "reason": "planned, never run",
+            }
+    return list(missing.values())
+
+
+def _case(run: Row) -> str:
+    """What loads a task, but for the folder of the data: copies of a dataset have the same cases."""
+    text = run.get("task.source") or run["task.name"]
+    try:
+        source = json.loads(text)
+    except ValueError:
+        return text
+    return " ".join(f"{name}={value}" for name, value in source.items() if name != "root")

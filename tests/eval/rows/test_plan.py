@@ -1,0 +1,65 @@
+"""What sweeps are to run: kept, joined, and what none of the rows answers for."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from eval_rows import row
+
+from eval.rows.plan import Plan, forget_plans, missing_rows, read_plans, write_plan
+from sshade.errors import InputError
+
+
+def planned(method="a", pose=1, *, seed=0, root="data"):
+    source = {"_target_": "load", "root": root, "pose": pose}
+    return {"method.name": method, "seed": seed, "task.source": json.dumps(source)}
+
+
+def done(task, **of):
+    return row(of.get("method", "a"), task, task__source=planned(**of)["task.source"], seed=of.get("seed", 0))
+
+
+def test_plans_of_several_sweeps_stand_together_and_a_rerun_adds_none(tmp_path):
+    one, other = [planned()], [planned("b")]
+    for runs, version in ((one, ("c", "m")), (other, ("c", "m")), (one, ("d", "m"))):
+        write_plan(tmp_path, Plan(runs, version))
+    assert sorted(read_plans(tmp_path), key=str) == sorted(
+        [Plan(one, ("d", "m")), Plan(other, ("c", "m"))], key=str
+    )
+    forget_plans(tmp_path)
+    assert read_plans(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        '{"runs": []}',
+        '{"runs": [{"seed": 0}], "version": ["c", "m"]}',
+        '{"runs": [1], "version": [1]}',
+    ],
+)
+def test_a_damaged_plan_is_told(tmp_path, text):
+    write_plan(tmp_path, Plan([planned()], ("c", "m")))
+    (path,) = tmp_path.rglob("*.json")
+    path.write_text(text)
+    with pytest.raises(InputError, match=rf"{path.name}: not a plan \(.*\); remove it"):
+        read_plans(tmp_path)
+
+
+def test_what_no_row_answers_for_is_missing():
+    runs = [planned(m, pose, seed=s) for m in "ab" for pose in (1, 2) for s in (0, 1)]
+    rows = [done("t1"), done("t1", seed=1), done("t2", pose=2, root="copy/of/data", method="b")]
+    told = {(r["method.name"], r["task.name"], r["seed"]) for r in missing_rows([*runs, *runs], rows)}
+    assert told == {("a", "t2", 0), ("a", "t2", 1), ("b", "t1", 0), ("b", "t1", 1), ("b", "t2", 1)}
+    (one,) = missing_rows([planned(pose=3)], rows)
+    assert one["task.name"] == "_target_=load pose=3"  # nobody knows its name yet
+    assert (one["status"], one["reason"], one["task.source"]) == (
+        "missing",
+        "planned, never run",
+        planned(pose=3)["task.source"],
+    )
+    assert missing_rows([one], [done("t3", pose=3)]) == []
+    assert missing_rows([one | {"task.name": "t3"}], rows)[0]["task.name"] == "t3"
