@@ -10,6 +10,7 @@ from eval.main import call
 from eval.metrics import METRICS, Metric
 from eval.rows.store import read_row, run_folders, write_row
 from eval.run import remeasure as module
+from eval.run.provenance import METRICS as METRICS_VERSION
 from eval.run.remeasure import remeasure
 from sshade.errors import InputError
 
@@ -26,53 +27,58 @@ def rows_of(root):
     return [read_row(folder) for folder in run_folders(root)]
 
 
-def test_a_row_gets_the_metrics_that_it_lacks_and_keeps_the_rest(runs, monkeypatch):
+def outdate(root, *, of=None):
+    """Give the valid rows, or those of a task, the version of older metrics; their folders."""
+    folders = [f for f in run_folders(root) if read_row(f)["status"] != "failed"]
+    folders = [folder for folder in folders if of in (None, read_row(folder)["task.name"])]
+    for folder in folders:
+        write_row(folder, read_row(folder) | {"env.version.metrics": "older", "metric.gone": 1.0})
+    return folders
+
+
+def test_rows_of_other_metrics_are_measured_again_whole_and_no_others(runs, monkeypatch, capsys):
     before = rows_of(runs)
     assert remeasure(runs) == 0 and rows_of(runs) == before
-    folder = next(path for path in run_folders(runs) if read_row(path)["status"] != "failed")
+    (folder,) = outdate(runs, of="bumpy_10")
     row = read_row(folder)
-    lacking = {name: value for name, value in row.items() if name != "metric.area"}
-    write_row(folder, lacking)
-    monkeypatch.setitem(
-        METRICS, "count", Metric("count", "count", "n", lambda deformed: len(deformed.shape.V))
-    )
-    assert remeasure(runs) == 2
-    again = read_row(folder)
-    assert again.pop("metric.area") == pytest.approx(row["metric.area"], rel=1e-6)
-    assert again.pop("metric.count") == 162 and again.pop("remeasured") == "area count"
-    lacking.pop("metric.area", None)
-    assert again == lacking
-    others = [new for new, old in zip(rows_of(runs), before, strict=True) if old["status"] == "failed"]
-    assert others == [old for old in before if old["status"] == "failed"]
-    assert (folder / "vertices.npy").is_file() and not list(folder.glob(".*"))
-    assert remeasure(runs) == 0
-
-
-def test_named_metrics_are_computed_in_any_case(runs, monkeypatch, capsys):
     monkeypatch.setitem(METRICS, "area", Metric("area", "%", "7", lambda deformed: 7.0))
-    assert call("remeasure", [str(runs), "--metrics", "area"]) == 0
-    assert f"{runs}: 2 of 4 rows changed" in capsys.readouterr().out
-    valid = [row for row in rows_of(runs) if row["status"] != "failed"]
-    assert [(row["metric.area"], row["remeasured"]) for row in valid] == [(7.0, "area")] * 2
-
-
-def test_a_metric_that_the_task_has_nothing_for_changes_no_row(runs):
-    assert remeasure(runs, metrics=["hausdorff"]) == 0
+    monkeypatch.setitem(METRICS, "count", Metric("count", "count", "n", lambda deformed: len(deformed.shape.V)))
+    assert call("remeasure", [str(runs)]) == 0
+    assert f"{runs}: 1 of 4 rows changed" in capsys.readouterr().out
+    again = read_row(folder)
+    assert again.pop("remeasured").startswith("20") and row.pop("metric.gone")
+    assert again.pop("metric.count") == 162 and again.pop("metric.area") == 7.0 != row.pop("metric.area")
+    assert again.pop("env.version.metrics") == METRICS_VERSION and row.pop("env.version.metrics")
+    metrics = [name for name in row if name.startswith("metric.") and row[name] is not None]
+    assert {name: again.pop(name) for name in metrics} == pytest.approx(
+        {name: row.pop(name) for name in metrics}, rel=1e-4, abs=1e-4
+    )
+    assert again == row
+    assert (folder / "vertices.npy").is_file() and not list(folder.glob(".*"))
+    others = [r for r in rows_of(runs) if r["key"] != row["key"]]
+    assert others == [r for r in before if r["key"] != row["key"]]
+    assert remeasure(runs) == 0
 
 
 def test_a_task_is_loaded_once_for_all_its_methods(runs, tiny_runs, monkeypatch):
     shutil.copytree(tiny_runs / "learned", runs / "learned")
+    outdate(runs)
     loads = []
     load = module.load_task
     monkeypatch.setattr(module, "load_task", lambda row: loads.append(row["task.name"]) or load(row))
-    assert remeasure(runs, metrics=["area"]) == 4
+    assert remeasure(runs) == 4
     assert sorted(loads) == ["bumpy_10", "bumpy_40"]
 
 
-def test_mistakes_are_told(runs):
-    with pytest.raises(InputError, match="no metric 'aera'; there are volume"):
-        remeasure(runs, metrics=["aera"])
-    folder = next(path for path in run_folders(runs) if read_row(path)["status"] != "failed")
-    write_row(folder, read_row(folder) | {"task.checksum": "other"})
+def test_mistakes_are_told_and_change_no_row(runs):
+    folder, other = outdate(runs)
+    before = read_row(folder)
+    write_row(folder, before | {"task.checksum": "other"})
     with pytest.raises(InputError, match="has changed since the run"):
-        remeasure(runs, metrics=["area"])
+        remeasure(runs)
+    write_row(folder, before)
+    (folder / "vertices.npy").unlink()
+    (other / "vertices.npy").unlink()
+    with pytest.raises(InputError, match="vertices.npy: no such file; the run left no vertices"):
+        remeasure(runs)
+    assert read_row(folder) == before
