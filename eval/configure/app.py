@@ -13,6 +13,7 @@ import sys
 from collections.abc import Mapping
 from contextlib import nullcontext
 from functools import lru_cache
+from pathlib import Path
 from traceback import walk_tb
 from typing import Any
 

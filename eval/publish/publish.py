@@ -1,8 +1,10 @@
 """Put rows, tables and figures where they are committed: ``sshade-eval publish EXPERIMENT ...``.
 
-Nothing else writes to ``results``: rows go from out/rows to results/rows, their
-tables are made in results/tables, and the figures that out/figures has under the
-experiment's name go to results/figures. A name without rows, such as that of the
+Nothing else writes to ``results``: rows of out/rows join those of the same version
+in results/rows, their tables are made in results/tables, and the figures that
+out/figures has under the experiment's name go to results/figures. Published are
+rows of one version of the code and of the metrics, from a clean checkout of a commit;
+--replace puts them in the place of those of another version. A name without rows, such as that of the
 picture of ``sshade-eval bench``, stands for its figure alone. Everything is
 checked before anything is written.
 """
@@ -11,12 +13,17 @@ from __future__ import annotations
 
 import argparse
 import shutil
+from collections import Counter
+
+import pandas as pd
 
 from eval.publish.plotting import FIGURES, SUFFIXES
 from eval.publish.summary import make_table
 from eval.publish.tables import write_tables
-from eval.rows.frame import read_csv, write_csv
-from eval.rows.store import PUBLISHED, ROWS
+from eval.rows.collect import with_missing
+from eval.rows.csv_rows import read_rows
+from eval.rows.frame import write_csv
+from eval.rows.store import MISSING, PUBLISHED, ROWS, Row, version_of
 from sshade.errors import InputError
 from sshade.io.files import make_folder, replacing
 
@@ -24,6 +31,56 @@ from sshade.io.files import make_folder, replacing
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("names", nargs="+", metavar="EXPERIMENT", help="name of rows in out/rows")
+    parser.add_argument("--replace", action="store_true", help="give up published rows of another version")
+
+
+def joined(name: str, *, replace: bool) -> pd.DataFrame:
+    """The new rows of an experiment with the published ones of their version.
+
+    Raises
+    ------
+    InputError
+        When the new ones are of several versions or not of a commit alone, or without `replace` when the
+        published ones are of another version.
+    """
+    path, target = ROWS / f"{name}.csv", PUBLISHED / "rows" / f"{name}.csv"
+    new = read_rows(path)
+    runs = [row for row in new if row["status"] != MISSING]
+    if not runs:
+        raise InputError(f"{path} has no rows of runs yet; the same sweep, begun again, makes them")
+    loose = [row for row in runs if row.get("env.modified") is not False or not row.get("env.commit")]
+    if loose:
+        raise InputError(
+            f"{len(loose)} of {len(runs)} rows of {path} are of a modified tree or of no commit "
+            f"({_counts(loose, 'method.name')}): commit, and run them again with run.force=true"
+        )
+    if len(set(map(version_of, runs))) > 1:
+        raise InputError(f"{path} has rows of {_versions(runs)}; a table is of one: run the others again")
+    old = read_rows(target) if target.is_file() else []
+    before = [row for row in old if row["status"] != MISSING]
+    if {*map(version_of, before)} - {version_of(runs[0])}:
+        if not replace:
+            raise InputError(
+                f"{target} has rows of {_versions(before)}, and {path} of {_versions(runs)}: "
+                "--replace publishes these in their place"
+            )
+        old = []
+    rows = [row for row in (*old, *new) if row["status"] != MISSING]
+    return with_missing(rows, [row for row in (*old, *new) if row["status"] == MISSING])
+
+
+def _versions(rows: list[Row]) -> str:
+    """The versions of rows in words, and how many rows are of each."""
+    named = [
+        {"version": f"version {(code or 'unknown')[:8]} (metrics {(metrics or 'unknown')[:8]})"}
+        for code, metrics in map(version_of, rows)
+    ]
+    return _counts(named, "version")
+
+
+def _counts(rows: list[Row], column: str) -> str:
+    counts = Counter(row[column] for row in rows)
+    return ", ".join(f"{name}: {count}" for name, count in sorted(counts.items()))
 
 
 def command(options: argparse.Namespace) -> int:
@@ -38,7 +95,11 @@ def command(options: argparse.Namespace) -> int:
         if rows_file.is_file() and figure.stat().st_mtime < rows_file.stat().st_mtime:
             raise InputError(f"{figure} is older than {rows_file}: draw it again, or remove it")
     alone = {figure.stem for figure in figures}
-    rows = {name: read_csv(path) for name, path in files.items() if path.is_file() or name not in alone}
+    rows = {
+        name: joined(name, replace=options.replace)
+        for name, path in files.items()
+        if path.is_file() or name not in alone
+    }
     tables = [make_table(own, title=name) for name, own in rows.items()]
     for name, own in rows.items():
         write_csv(PUBLISHED / "rows" / f"{name}.csv", own)

@@ -34,6 +34,9 @@ def _done() -> Path:
     with working_in(place):
         dataset()
         assert run(SWEEP)[0] == 0
+        for path in Path(RUNS).rglob("row.json"):  # as if the metrics had been written anew since
+            row = json.loads(path.read_text()) | {"env.version.metrics": "older"}
+            path.write_text(json.dumps(row))
         assert run("sshade-eval collect tiny")[0] == 0
     return place
 
@@ -77,12 +80,19 @@ def _cells(column: str, value: str) -> Given:
     return write
 
 
+def _without_last_line() -> None:
+    lines = Path(ROWS).read_text().splitlines(keepends=True)
+    Path(ROWS).write_text("".join(lines[:-1]))
+
+
 TABLE = {
     "no rows": (nothing, "no such file"),
     "an empty CSV": (data(ROWS, b""), "holds no rows of runs"),
     "a CSV of garbage": (garbage(ROWS), ROWS),
     "a CSV of something else": (text(ROWS, "a,b\n1,2\n"), "holds no rows of runs"),
     "a CSV that is cut in a line": (both(runs, cut(ROWS, -40)), "tiny.csv: line 3"),
+    "a CSV that is cut at a line's end": (both(runs, _without_last_line), "of a file of 2 rows"),
+    "a CSV of another schema": (_cells("schema", "2"), "line 2 is of schema 2"),
     "an unknown status": (_cells("status", "fine"), "its status is 'fine'"),
     "words for numbers": (_cells("metric.edge", "small"), "metric.edge is 'small'"),
     "no dates": (_cells("date", ""), "it has no date"),
@@ -102,6 +112,7 @@ ROW = {
     "a row that is a list": (_in_run("row.json", lambda p: text(p, "[]")), "not a row"),
     "a row without a date": (_row("date", None), "it has no date"),
     "a row of an unknown status": (_row("status", "fine"), "its status is 'fine'"),
+    "a row of another schema": (_row("schema", 2), "row.json is of schema 2"),
     "a row with a word for a number": (_row("metric.edge", "small"), "metric.edge is 'small'"),
 }
 #: Of those that read what a row names.
@@ -179,19 +190,37 @@ CASES = [
     *(case for name in OF_RUNS for case in refused(f"sshade-eval {name} tiny", ROW, prefix=f"{name}: ")),
     *(
         Case(f"{call}: {name}", f"sshade-eval {call}", given, says=(word,), leaves=(RUNS,))
-        for call in ("figures tiny", "remeasure tiny --metrics edge")
+        for call in ("figures tiny", "remeasure tiny")
         for name, (given, word) in NAMED.items()
     ),
     *(Case(f"run: {change}", f"{RUN} {change}", _CONFIGS, says=says) for change, says in METHODS.items()),
     Case("full disk: a run", _full_disk, runs, leaves=("out",)),
     _full_disk_of("sshade-eval collect tiny -o rows", "rows/tiny.csv"),
     _full_disk_of("sshade-eval tables tiny -o t", "t/tiny.md", "t/tiny.tex", "t/tiny.csv"),
-    _full_disk_of("sshade-eval remeasure tiny --metrics edge"),
+    _full_disk_of("sshade-eval remeasure tiny"),
     _full_disk_of("sshade-eval report tiny -o r.html", "r.html", slow=True),
     _full_disk_of("sshade-eval figures tiny -o f.png", "f.png", slow=True),
     _taken("collect tiny -o rows", "rows"),
+    Case(
+        "collect: a row of the future",
+        "sshade-eval collect tiny -o rows",
+        _row("date", "2999-01-01"),
+        says=("is of the future, 2999-01-01",),
+    ),
+    Case(
+        "collect: a damaged plan",
+        "sshade-eval collect tiny -o rows",
+        both(runs, lambda: cut(str(min(Path(RUNS).glob("tiny/.plan/*.json"))), 0.5)()),
+        says=("not a plan", "remove it"),
+    ),
+    Case(
+        "run: a plan with a case that the dataset lacks",
+        f"{SWEEP} pose=1,2,9",
+        runs,
+        says=("names subject 0, pose 9, which balls does not have",),
+    ),
     _taken("tables tiny -o t", "t"),
-    _taken("remeasure tiny"),
+    _taken("remeasure tiny", RUNS),
     Case("run: what is there already", SWEEP, runs, leaves=(f"{RUNS}/tiny/multirun.yaml",)),
     *(
         Case(f"{call}: garbage for {path}", f"sshade-eval {call}", garbage(path), says=(path,))

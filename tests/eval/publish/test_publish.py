@@ -10,9 +10,10 @@ import pytest
 from eval_rows import frame, row
 
 from eval.main import call
+from eval.publish import publish
 from eval.publish.summary import make_table
 from eval.publish.tables import FORMATS, to_markdown
-from eval.rows.frame import distinct, read_csv, write_csv
+from eval.rows.frame import distinct, read_csv, records, write_csv
 from eval.timing import table as of_times
 from sshade.errors import InputError
 
@@ -22,13 +23,30 @@ TIMES = sorted((RESULTS / "timing").glob("*.csv"))
 TIME_FORMATS = {"csv": of_times.to_csv, "md": of_times.to_markdown}
 
 
+def clean(method="arap", task="t1", **changes):
+    """A row of version c from a clean checkout."""
+    facts = {"env.commit": "1", "env.modified": False, "env.version.code": "c", "env.version.metrics": "m"}
+    return row(method, task) | facts | {name.replace("__", "."): value for name, value in changes.items()}
+
+
+def lacking(method, task):
+    return {"method.name": method, "task.name": task, "seed": 0, "status": "missing"} | {
+        "reason": "planned, never run",
+        "task.source": f'{{"task": "{task}"}}',
+    }
+
+
+def published():
+    return {(r["method.name"], r["task.name"]): r for r in records(read_csv("results/rows/tiny.csv"))}
+
+
 @pytest.fixture
 def project(tmp_path, monkeypatch):
-    """A project with older results and new rows of two experiments."""
+    """A project with earlier results of one experiment and new rows of two."""
     monkeypatch.chdir(tmp_path)
-    write_csv("results/rows/tiny.csv", frame(row("old")))
+    write_csv("results/rows/tiny.csv", frame(clean("early")))
     for name in ("tiny", "other"):
-        write_csv(f"out/rows/{name}.csv", frame(row("arap"), row("sshade")))
+        write_csv(f"out/rows/{name}.csv", frame(clean("arap"), clean("sshade")))
     Path("out/figures").mkdir()
     Path("out/figures/tiny.png").write_bytes(b"a picture")
     return tmp_path
@@ -46,19 +64,74 @@ def test_rows_tables_and_figures_go_where_they_are_committed(project):
         "results/rows/tiny.csv",
         *(f"results/tables/tiny.{suffix}" for suffix in sorted(FORMATS)),
     ]
-    assert found["results/rows/tiny.csv"] == Path("out/rows/tiny.csv").read_bytes()
-    table = to_markdown(make_table(read_csv("out/rows/tiny.csv"), title="tiny"))
+    rows = read_csv("results/rows/tiny.csv")
+    assert sorted(rows["method.name"]) == ["arap", "early", "sshade"]
+    table = to_markdown(make_table(rows, title="tiny"))
     assert found["results/tables/tiny.md"].decode() == table
     assert found["results/figures/tiny.png"] == b"a picture"
 
 
 def test_all_is_checked_before_anything_changes(project):
     before = contents()
-    write_csv("out/rows/other.csv", frame(row("a"), row("a", "t2", method__hash="other")))
+    write_csv("out/rows/other.csv", frame(clean("a"), clean("a", "t2", method__hash="other")))
     with pytest.raises(InputError, match="different parameters"):
         call("publish", ["tiny", "other"])
     with pytest.raises(InputError, match="out/rows/nothing.csv: no such file"):
         call("publish", ["tiny", "nothing"])
+    assert contents() == before
+
+
+def test_newer_rows_of_a_version_take_the_place_of_published_ones_and_of_missing(project):
+    write_csv("results/rows/tiny.csv", frame(clean("a"), clean("b"), lacking("c", "t1"), lacking("d", "t1")))
+    new = [clean("a", date="2026-01-02"), clean("b", date="2025-01-01"), clean("c"), lacking("e", "t2")]
+    source = lacking("", "t1")["task.source"]
+    write_csv("out/rows/tiny.csv", frame(*(r | {"task.source": r.get("task.source", source)} for r in new)))
+    publish.joined("tiny", replace=False).pipe(lambda rows: write_csv("results/rows/tiny.csv", rows))
+    rows = published()
+    assert {run: row["status"] for run, row in rows.items()} == {
+        **{(method, "t1"): "ok" for method in "abc"},
+        ("d", "t1"): "missing",
+        ("e", "t2"): "missing",
+    }
+    assert [rows[method, "t1"]["date"] for method in "ab"] == ["2026-01-02", "2026-01-01"]
+
+
+@pytest.mark.parametrize("name", ["env__version__code", "env__version__metrics"])
+def test_another_version_replaces_the_published_one_only_if_asked(project, name):
+    write_csv("results/rows/tiny.csv", frame(clean("early", **{name: None}), lacking("late", "t9")))
+    before = contents()
+    told = r"tiny.csv has rows of version \w+ \(metrics \w+\): 1, and out/rows/tiny.csv of version c"
+    with pytest.raises(InputError, match=rf"{told} \(metrics m\): 2: --replace publishes these"):
+        call("publish", ["tiny"])
+    assert contents() == before
+    assert call("publish", ["tiny", "--replace"]) == 0
+    assert sorted(published()) == [("arap", "t1"), ("sshade", "t1")]
+
+
+@pytest.mark.parametrize(
+    ("rows", "told"),
+    [
+        (
+            [clean(), clean("b", env__modified=True)],
+            r"1 of 2 rows .* of a modified tree or of no commit \(b: 1\)",
+        ),
+        (
+            [clean(env__commit="", env__modified=None)],
+            r"1 of 1 rows of out/rows/other.csv .* \(arap: 1\): commit",
+        ),
+        (
+            [clean(), clean("b", env__version__code="d"), clean("c", env__version__metrics="n")],
+            r"version c \(metrics m\): 1, version c \(metrics n\): 1, version d \(metrics m\): 1; a table",
+        ),
+        ([lacking("a", "t1")], r"out/rows/other.csv has no rows of runs yet"),
+    ],
+    ids=["modified", "no commit", "mixed", "nothing ran"],
+)
+def test_what_is_not_of_one_version_and_commit_is_not_published(project, rows, told):
+    write_csv("out/rows/other.csv", frame(*rows))
+    before = contents()
+    with pytest.raises(InputError, match=told):
+        call("publish", ["tiny", "other", "--replace"])
     assert contents() == before
 
 
