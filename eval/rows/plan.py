@@ -105,5 +105,7 @@ def _case(run: Row) -> str:
     try:
         source = json.loads(text)
     except ValueError:
+        source = None
+    if not isinstance(source, dict):  # damaged, or nothing but a name
         return text
     return " ".join(f"{name}={value}" for name, value in source.items() if name != "root")

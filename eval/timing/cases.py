@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from eval.configure.app import ABOUT_DATASET
 from eval.configure.compose import Choice, one_each, read_choice, resolved
-from eval.configure.sweep import check_root
+from eval.configure.sweep import check_root, source_of
 from eval.metrics import Task
 from eval.rows.store import Row
 from eval.run.provenance import config_hash, library_versions, task_checksum
@@ -94,7 +93,7 @@ def read_cases(texts: Iterable[str]) -> list[dict[str, Any]]:
     for choice in choices:
         config = resolved("dataset", choice)
         check_root(config)
-        sources.append({name: value for name, value in config.items() if name not in ABOUT_DATASET})
+        sources.append(source_of(config))
     return sources
 
 
