@@ -13,6 +13,9 @@ from time import monotonic, sleep
 import pytest
 from eval_cases import ENVIRONMENT, RUN
 
+from eval.rows.collect import gather
+from eval.rows.frame import records
+
 INTERRUPTED = "interrupted; the same command goes on from there"
 
 
@@ -79,6 +82,11 @@ def test_ctrl_c_leaves_complete_rows_and_the_same_command_goes_on(tmp_path, fres
         wait_for(lambda group=process.pid: not alive(group))
         assert len(list(tmp_path.rglob("row.json"))) == 1
         assert not list(tmp_path.rglob("sweep.json")) and not list(tmp_path.rglob("*.partial*"))
+    rows = records(gather("none", [tmp_path / "out/runs/single"]))
+    assert [(row["method.name"], row["task.name"], row["status"]) for row in rows] == [
+        ("stretching", "bumpy_30", "not_converged"),
+        ("endless", "bumpy_30", "missing"),
+    ]
 
 
 def test_a_killed_program_takes_the_process_of_its_run_along(tmp_path):
