@@ -30,6 +30,7 @@ import argparse
 import re
 
 from eval.rows.frame import to_frame, write_csv
+from eval.run.provenance import require_unchanged
 from eval.timing import drag, scaling, speed, startup
 from eval.timing.cases import read_cases, read_methods
 from eval.timing.table import TIMING, require_free
@@ -72,6 +73,7 @@ def command(options: argparse.Namespace) -> int:
                 extrapolated=options.extrapolate,
                 block=options.block,
             )
+    require_unchanged(())
     path = TIMING / f"{name}.csv"
     write_csv(path, to_frame(rows))
     lost = sum(not row["kept"] for row in rows)

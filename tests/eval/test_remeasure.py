@@ -42,7 +42,9 @@ def test_rows_of_other_metrics_are_measured_again_whole_and_no_others(runs, monk
     (folder,) = outdate(runs, of="bumpy_10")
     row = read_row(folder)
     monkeypatch.setitem(METRICS, "area", Metric("area", "%", "7", lambda deformed: 7.0))
-    monkeypatch.setitem(METRICS, "count", Metric("count", "count", "n", lambda deformed: len(deformed.shape.V)))
+    monkeypatch.setitem(
+        METRICS, "count", Metric("count", "count", "n", lambda deformed: len(deformed.shape.V))
+    )
     assert call("remeasure", [str(runs)]) == 0
     assert f"{runs}: 1 of 4 rows changed" in capsys.readouterr().out
     again = read_row(folder)
