@@ -52,7 +52,8 @@ def _job(method: TimedMethod, task: DeformationTask) -> Job:
     if apart > SAME:
         raise InputError(
             f"{method.label} on {task.name} cannot be bound: sshade.Deformer gives another shape, "
-            f"{apart:.2g} of the diagonal apart, as it solves proxies with its own settings"
+            f"{apart:.2g} of the diagonal apart, as it begins at rest and solves proxies with its own "
+            "settings; with solver.start=rest and no settings of the proxy they are one"
         )
     facts = {"kind": KIND} | method.facts | task_facts(task)
     return Job(facts, lambda: drag(task, options))

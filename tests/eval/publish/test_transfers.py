@@ -36,7 +36,7 @@ def sweep(folder, *arguments):
 
 def test_isometric(sequence):
     overrides = ["proxy.vertices=150", "method.frames=triangle,blended_affine", "method.samplings=1"]
-    out = sweep(sequence, "experiment=isometric", *overrides)
+    out = sweep(sequence, "experiment=isometric", "pose=all", *overrides)
     assert "4 runs: 4 new (4 ok)" in out
     rows = collect(sequence / "out/runs/isometric_sequence")
     assert set(rows["method.name"]) == {"triangle-1", "blended_affine-1"}
