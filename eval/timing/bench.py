@@ -19,7 +19,7 @@ settings; with a dot, one of the whole configuration, as for `sshade-eval run`.
 examples:
   sshade-eval bench speed --methods elastic sshade_fast "sshade-1=sshade samplings=1" \\
     --cases "mesh mesh=body.ply handles=pose.json" --extrapolate elastic
-  sshade-eval bench drag --methods "sshade-1=sshade samplings=1" \\
+  sshade-eval bench drag --methods "sshade-1=sshade samplings=1 solver.start=rest" \\
     --cases "defaust root=data/defaust_170k subject=0 pose=1,2"
   sshade-eval timings speed drag
 """
