@@ -2,8 +2,8 @@
 
 README.md holds measured numbers in blocks alone, which this writes and a test compares:
 
-- ``<!-- table NAME: HEADING, ... -->`` to ``<!-- end -->``: these columns of the first table of
-  ``results/tables/NAME.md``, with the notes that say what it is of. Nothing before it is published.
+- ``<!-- table NAME: HEADING, ... -->`` to ``<!-- end -->``: these columns of the tables before the notes of
+  ``results/tables/NAME.md``, with the notes that say what they are of. Nothing before it is published.
 - ``<!-- rows -->`` to ``<!-- end -->``: a table whose lines begin with the name of an experiment; its last
   cell tells of ``results/rows/NAME.csv``.
 """
@@ -42,16 +42,21 @@ def filled(text: str, results: Path = ROOT / "results") -> str:
 
 
 def table(path: Path, headings: list[str]) -> str:
-    """Columns of the first table of a file, its place and notes before it; nothing where there is no file."""
+    """Columns of the tables of a file, its place and notes before them; nothing where there is no file."""
     if not path.is_file():
         return ""
     paragraphs = path.read_text(encoding="utf-8").split("\n\n")
-    lines, notes = (next(text for text in paragraphs if text.startswith(begin)) for begin in ("|", "- "))
-    head, _, *body = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines.splitlines()]
+    end = next(k for k, text in enumerate(paragraphs) if text.startswith("- "))
+    tables = [text for text in paragraphs[:end] if text.startswith("|")]  # of the same methods
+    grids = [
+        [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines()]
+        for text in tables
+    ]
+    head, _, *body = [sum(parts, []) for parts in zip(*grids, strict=True)]
     places = [head.index(heading) for heading in ["method", *headings]]
     cells = [[line[place] for place in places] for line in body if line[0] not in REFERENCES]
     rule = ["---", *["---:"] * len(headings)]
-    said = [note.removeprefix("- ") for note in notes.splitlines()]
+    said = [note.removeprefix("- ") for note in paragraphs[end].splitlines()]
     said = [note for note in said if note.startswith(NOTES) or re.match(r"\d+ cases? of", note)]
     said = [re.sub(r" \(.*", ".", note) if note.startswith("Warning") else note for note in said]
     caption = f"[{path.stem}](results/tables/{path.name}): {' '.join(said)}\n\n"
