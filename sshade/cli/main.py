@@ -207,19 +207,17 @@ def _deform(arguments: argparse.Namespace) -> None:
 
 
 def _notes(facts: Mapping[str, Any]) -> list[str]:
-    """What was done besides with a mesh that is no oriented manifold of one component, and what is left."""
+    """What was done besides with a mesh that is no oriented manifold of one component."""
     cut = (
         f"no oriented manifold: {facts['turned']} faces were turned, {facts['copies']} copies of vertices "
         f"made, and joined over at most {100 * facts['gap']:.2g} % of the diagonal"
     )
     components, unconstrained = facts["components"], facts["unconstrained"]
-    left = facts.get("intersecting_or_inverted", 0)
     notes = {
         cut: facts["copies"] or facts["turned"],
         f"{components} components were deformed on their own, with shares of the proxy vertices": components
         > 1,
         f"{unconstrained} components without handles follow the nearest one rigidly": unconstrained,
-        f"{left} faces intersect others or are inverted, where handles force that": left,
     }
     return [note for note, holds in notes.items() if holds]
 

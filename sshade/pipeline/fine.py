@@ -1,4 +1,4 @@
-"""Beyond the paper: `sshade_fast`, polished at full resolution, with its self-intersections resolved."""
+"""Beyond the paper: `sshade_fast`, polished at full resolution."""
 
 from __future__ import annotations
 
@@ -7,15 +7,11 @@ from math import inf
 from time import perf_counter
 from typing import Any, Unpack
 
-from sshade.contact.separate import MARGIN, separate
 from sshade.pipeline.fast import STIFFNESS, STRAIN, sshade_fast
-from sshade.solver.local_global import LocalGlobal, Solution
+from sshade.solver.local_global import LocalGlobal
 from sshade.solver.options import SolverOptions, complete, energy_options
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
 from sshade.threads import available_cpus, number_of_workers
-
-#: Times that intersections are resolved and the constraints restored, at most.
-PASSES = 5
 
 
 def sshade_fine(
@@ -24,7 +20,6 @@ def sshade_fine(
     vertices: int = 6000,
     polish_iterations: int = 50,
     polish_seconds: float | None = None,
-    contact: bool = True,
     workers: int | None = None,
     seed: int = 0,
     progress: Progress = silent,
@@ -46,9 +41,6 @@ def sshade_fine(
         Iterations at full resolution, at most.
     polish_seconds : float, optional
         Another limit to them; the result then depends on the machine.
-    contact : bool
-        Whether to resolve self-intersections and inverted faces in the end that were not there at
-        rest; see :mod:`sshade.contact.separate`.
     workers : int, optional
         Threads at full resolution; by default one for each CPU. No influence on the result.
     seed : int
@@ -66,9 +58,7 @@ def sshade_fine(
         tolerance, None where it used up the iterations or seconds that it was given, its usual
         end. Handles are on their targets, and exact constraints hold to 1e-6. ``seconds``: ``precompute``
         overlaps with ``proxy``, ``wait`` is what it took longer. ``extra`` as of
-        :func:`sshade.solver.local_global.local_global`, the proxy's iterations, and the numbers
-        of faces that are ``intersecting_or_inverted_polished``, after the polish, and
-        ``intersecting_or_inverted`` in the end.
+        :func:`sshade.solver.local_global.local_global`, and the proxy's iterations and size.
 
     Raises
     ------
@@ -97,17 +87,12 @@ def sshade_fine(
         progress=lambda _, done, total, note="": progress("polish", done, total, note),
         **energy,
     )
-    polished = perf_counter()
     facts = {"proxy_iterations": proxy.iterations, "proxy_vertices": proxy.extra["proxy_vertices"]}
-    if contact:
-        solution, counts = _resolve_intersections(solver, solution, energy, progress=progress)
-        facts |= counts
     seconds = {
         "proxy": arrived - begin,
         "precompute": precompute,
         "wait": ready - arrived,
-        "polish": polished - ready,
-        "contact": perf_counter() - polished,
+        "polish": perf_counter() - ready,
     }
     return DeformationResult(
         vertices=solution.positions,
@@ -121,43 +106,3 @@ def sshade_fine(
 def _bind(task: DeformationTask) -> tuple[LocalGlobal, float]:
     begin = perf_counter()
     return LocalGlobal(task.mesh, task.handles.index), perf_counter() - begin
-
-
-def _resolve_intersections(
-    solver: LocalGlobal, solution: Solution, energy: dict[str, Any], *, progress: Progress
-) -> tuple[Solution, dict[str, int]]:
-    """A solution with the fewest intersecting or inverted faces, and their numbers before and after.
-
-    Separating two parts of the surface takes away the volume of their overlap; projecting the
-    whole onto the constraints again can bring back some of it.
-    """
-    patch = {name: energy[name] for name in ("stiffness", "strain", "workers")}
-    constraints = {name: energy[name] for name in ("volume", "area", "workers")}
-    positions, counts, penetrating = solution.positions, [], None
-    best = positions
-    for attempt in range(1, PASSES + 1):
-        separated = separate(
-            solver.mesh,
-            positions,
-            solver.index,
-            penetrating=penetrating,
-            margin=attempt * MARGIN,
-            progress=progress,
-            **patch,
-        )
-        penetrating = separated.penetrating
-        counts.append(separated.before)
-        if separated.before <= min(counts):
-            best = positions
-        # Handles that force parts through each other leave most of the intersections.
-        if separated.before == 0 or separated.after > 0.5 * separated.before:
-            break
-        positions = solver.project(separated.positions, **constraints)
-    facts = {"intersecting_or_inverted_polished": counts[0], "intersecting_or_inverted": min(counts)}
-    if best is solution.positions:
-        return solution, facts
-    after = solver.solve(
-        best[solver.index], start=best, rotations=solution.rotations, max_iterations=0, **energy
-    )
-    names = "iterations", "residual", "residual_curve", "converged", "rejected", "energy_initial"
-    return after._replace(**{name: getattr(solution, name) for name in names}), facts

@@ -158,14 +158,14 @@ def test_a_sweep_over_all_takes_the_cases_that_the_dataset_has(tmp_path):
 def test_settings_of_a_sweep_are_held_against_the_method_of_each_run(tmp_path):
     """The method that a sweep starts from, sshade, has neither."""
     sweep = ["-m", "dataset=bumpy", "dataset.level=2", "method.vertices=60", "method.polish_iterations=1,2"]
-    done = run_eval(tmp_path, *sweep, "method=sshade_fine,sshade_fine_free", "method.contact=false")
+    done = run_eval(tmp_path, *sweep, "method=sshade_fine,sshade_fine_free", "method.stiffness=0.5")
     assert done.returncode == 0, done.stderr
     rows = records(collect(tmp_path / "out/runs/single"))
     assert sorted((row["method.name"], row["method.polish_iterations"]) for row in rows) == [
         (name, steps) for name in ("sshade_fine", "sshade_fine_free") for steps in (1, 2)
     ]
-    assert not any(row["method.contact"] for row in rows)
-    for setting in ("method.contact=false", "method.vertices=wide", "+method.nothing=1"):
+    assert all(row["method.stiffness"] == 0.5 for row in rows)
+    for setting in ("method.polish_iterations=3", "method.vertices=wide", "+method.nothing=1"):
         wrong = run_eval(tmp_path, "-m", "dataset=bumpy", "method=sshade_fine,sshade", setting)
         assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1), wrong.stderr
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from defaust.tasks.hairpin import BEND, HANDLES, PARTING, SIDE_BY_SIDE, hairpin, hairpin_task
-from sshade.contact.intersections import intersecting_faces
+from eval.metrics.intersections import intersecting_faces
 from sshade.errors import InputError
 
 

@@ -22,8 +22,6 @@ from baselines.arap_sr.arap_sr import arap_sr
 from baselines.deformation_graph.deformation_graph import deformation_graph
 from sshade import DeformationTask, Deformer, Mesh, bind, deform, sshade_fast, sshade_fine, transfer_pose
 from sshade.carry.projection import _closest_in_triangle
-from sshade.contact.intersections import intersecting_faces, new_crossings
-from sshade.contact.separate import separate
 from sshade.mesh.cutting import cut_to_manifold
 from sshade.sampling.remesh import remesh
 from sshade.solver.local_global import local_global
@@ -31,7 +29,7 @@ from sshade.solver.substitution import Factors, divide, substitute, substitute_t
 from sshade.threads import ThreadTeam
 from tests.robustness.inputs import BODY, pose
 from tests.robustness.test_trust import ROOT, SOURCES
-from tests.shapes import bent, double_torus, folded, icosphere, jittered, torus
+from tests.shapes import bent, double_torus, jittered, torus
 from tests.sshade.mesh.test_cutting import moebius, t_fin
 
 #: Apart, relative to the largest value: the compiler contracts and reorders sums.
@@ -80,24 +78,6 @@ def _on_needles() -> np.ndarray:
     return np.array(found)
 
 
-def _crossing() -> np.ndarray:
-    sheet = folded(12, 4, gap=0.05)
-    through = bent(sheet.V, 2.0)
-    found = [*new_crossings(sheet, through).tolist(), *intersecting_faces(through, sheet.F).tolist()]
-    flat = [[0, 0, 0], [2, 0, 0], [0, 2, 0], [0.5, 0.5, 0], [3, 0, 0], [3, 3, 0], [1, 0.1, 0], [0.1, 1, 0]]
-    for F in ([[0, 1, 2], [3, 4, 5]], [[0, 1, 2], [0, 6, 7]]):
-        found += intersecting_faces(np.array(flat, dtype=float), np.array(F)).tolist()
-    return np.array(found)
-
-
-def _resolved() -> np.ndarray:
-    """A sphere whose front is pushed out through its back."""
-    ball = icosphere(2)
-    around = ball.V[:, 1] ** 2 + ball.V[:, 2] ** 2
-    V = ball.V - np.where(ball.V[:, 0] > 0, 2.1 * np.exp(-8 * around), 0.0)[:, None] * [1, 0, 0]
-    return separate(ball, V, np.flatnonzero(ball.V[:, 0] < -0.9), rounds=2).positions
-
-
 def _substituted() -> np.ndarray:
     """A tree of eight branches below a top."""
     rng, n = np.random.default_rng(0), 60
@@ -139,9 +119,7 @@ WORK: dict[str, Callable[[], np.ndarray]] = {
     "remeshing a torus": partial(_remeshed, jittered(torus(12, 6), 0.05), 20),
     "cutting": _cut,
     "remeshing with few samples": partial(_remeshed, double_torus(cells=2), 4),
-    "intersections": _crossing,
     "points near needles": _on_needles,
-    "resolving intersections": _resolved,
     "substitution": _substituted,
 }
 

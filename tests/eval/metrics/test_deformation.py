@@ -87,6 +87,23 @@ def test_an_ear_folded_over_is_one_flip():
     assert shape(folded, F).opposed.tolist() == [False, True, False, False]
 
 
+def test_flips_face_by_face():
+    mesh = bumpy(2)
+    moved = mesh.V + np.random.default_rng(0).normal(0, 0.05 * mesh.diagonal, mesh.V.shape)
+
+    def opposed(V: np.ndarray) -> list[bool]:
+        a, b, c = (V[mesh.F[:, k]] for k in range(3))
+        normals = np.cross(b - a, c - a)
+        normals /= np.linalg.norm(normals, axis=1)[:, None]
+        found = []
+        for face, normal in zip(mesh.F, normals, strict=True):
+            shared = [len(set(face) & set(other)) for other in mesh.F]
+            found.append(normal @ sum(n for n, k in zip(normals, shared, strict=True) if k == 2) < 0)
+        return found
+
+    assert not any(opposed(mesh.V)) and measure(held(mesh), moved)["flips"] == sum(opposed(moved)) > 0
+
+
 def test_rest_shape_has_no_error():
     task = ends_task(bumpy(2), angle=0, lift=0)
     # Distortion multiplies what it divides by again: rounding is left.

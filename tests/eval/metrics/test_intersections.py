@@ -1,4 +1,4 @@
-"""Which faces intersect: exact arithmetic as oracle, collapsed faces, and the contact stage's own search."""
+"""Which faces intersect: exact arithmetic as oracle, and collapsed faces."""
 
 from __future__ import annotations
 
@@ -6,17 +6,8 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
-from baselines.arap import arap
-from eval.metrics import Deformed
 from eval.metrics.intersections import intersecting_faces
-from sshade.contact.flips import new_flips
-from sshade.contact.intersections import intersecting_faces as by_kernel
-from sshade.contact.intersections import new_crossings
-from sshade.mesh.mesh import Mesh
-from sshade.task import DeformationTask, Handles
-from tests.shapes import block, bumpy, folded, held_ends, torus, tube
 
 TWO = np.array([[0, 1, 2], [3, 4, 5]])
 WALL = [[0, 0, 0], [4, 0, 0], [0, 4, 0]]
@@ -99,7 +90,6 @@ def test_faces_without_a_common_corner_against_exact_arithmetic(size):
 def test_a_collapsed_face_through_a_wall_counts_although_it_has_no_plane():
     through = [[1, 1, -1], [1, 1, 1], [1, 1, 0.25]]
     assert meet(WALL + through)
-    assert not by_kernel(np.array(WALL + through), TWO).any()
     # Beside the wall, within its shadow on the plane z = 0, it does not.
     beside = [[0.5, 0.5, 3], [3.5, 3.5, -1], [2.75, 2.75, 0]]
     assert not meet(WALL + beside) and not meet(beside + WALL)
@@ -118,24 +108,3 @@ def test_neighbours():
     assert not meet([*WALL, [1, 3, 1e-3]], edge)
     assert not meet([*WALL, [1, -3, 0]], edge)
     assert not meet([*WALL, [1, -3, 1]], [[0, 1, 2], [0, 1, 3]])  # wound against each other
-
-
-@pytest.mark.parametrize("amount", [0.01, 0.05, 0.2])
-@pytest.mark.parametrize("mesh", [bumpy(3), torus(), folded(), block(np.ones((3, 2, 2)), cells=2)])
-def test_the_contact_stage_finds_the_same_faces_and_flips_in_general_position(mesh: Mesh, amount: float):
-    rng = np.random.default_rng(0)
-    V = mesh.V + rng.normal(0, amount * mesh.diagonal / 4, mesh.V.shape)
-    assert np.array_equal(intersecting_faces(V, mesh.F), by_kernel(V, mesh.F))
-    deformed = Deformed(DeformationTask("t", mesh, Handles(np.array([0]), V[:1])), V)
-    assert np.array_equal(deformed.flipped, new_flips(mesh, V))
-    if amount == 0.2:
-        assert deformed.flipped.any() and deformed.intersecting.any()
-
-
-@pytest.mark.parametrize(("axis", "angle"), [("z", 180), ("x", 150)])
-def test_the_contact_stage_finds_the_same_where_arap_runs_a_shape_through_itself(axis: str, angle: float):
-    task = held_ends(tube(24, 40), turn=Rotation.from_euler(axis, angle, degrees=True).as_matrix())
-    deformed = Deformed(task, arap(task, max_iterations=200).vertices)
-    assert deformed.intersecting.sum() > 80 and deformed.flipped.any()
-    assert np.array_equal(deformed.intersecting, new_crossings(task.mesh, deformed.shape.V))
-    assert np.array_equal(deformed.flipped, new_flips(task.mesh, deformed.shape.V))

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-import re
 import subprocess
 import sys
 from functools import partial
@@ -14,8 +13,6 @@ import pytest
 from sshade import DeformationTask, Handles, InputError, deform
 from sshade.cli.console import progress_bar, run_command
 from sshade.cli.main import main
-from sshade.contact.flips import new_flips
-from sshade.contact.intersections import new_crossings
 from sshade.io.handles import read_handles, write_handles
 from sshade.io.meshes import read_arrays, read_mesh, write_mesh
 from sshade.pipeline.fast import sshade_fast
@@ -114,16 +111,6 @@ def test_method_and_start_reach_the_solver(folder, method, start):
     task = DeformationTask("body", BODY, read_handles("pose.json", BODY))
     result = METHODS[method](start)(task, vertices=60)
     assert np.array_equal(read_arrays("out.ply")[0], result.vertices)
-
-
-def test_what_handles_force_through_the_body_is_said(folder, capsys):
-    write_handles("pose.json", end_handles(BODY.V, shift=[0, 0, -1.2 * np.ptp(BODY.V[:, 2])]))
-    command = ["deform", "body.ply", "pose.json", "-o", "out.ply", "--method", "sshade_fine"]
-    assert main([*command, "--vertices", "80"]) == 0
-    said = capsys.readouterr().err
-    left = int(re.search(r"note: (\d+) faces intersect others or are inverted", said)[1])
-    V = read_mesh("out.ply").V
-    assert left == (new_crossings(BODY, V) | new_flips(BODY, V)).sum() > 0
 
 
 def test_fine_has_one_proxy(folder, capsys):

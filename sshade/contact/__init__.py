@@ -1,1 +1,0 @@
-"""Self-intersections and inverted faces: found, and resolved."""
