@@ -13,7 +13,7 @@ import json
 import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from eval.rows.store import MISSING, PLANS, Row
 from sshade.errors import InputError
@@ -21,6 +21,10 @@ from sshade.io.files import make_folder, replacing
 
 #: What a planned run has: text, a number and text.
 _FACTS = {"method.name": str, "seed": int, "task.source": str}
+
+
+#: Settings that number the tasks of a dataset, as they stand between the strokes of their names.
+NUMBERED = {"subject": "subject_{:02d}", "pose": "pose_{}"}
 
 
 class Plan(NamedTuple):
@@ -73,8 +77,8 @@ def forget_plans(experiment: Path) -> None:
 def missing_rows(planned: Iterable[Row], rows: Iterable[Row]) -> list[Row]:
     """A row of status ``missing`` for each planned run that none of the rows is of.
 
-    The name of a task is learnt from rows of the same case; what loads it stands for it where
-    there are none.
+    The name of a task is learnt from rows of the same case, or of another subject or pose of its
+    dataset; what loads it stands for it where there are none.
 
     Parameters
     ----------
@@ -84,11 +88,15 @@ def missing_rows(planned: Iterable[Row], rows: Iterable[Row]) -> list[Row]:
     """
     rows = list(rows)
     names = {_case(row): row["task.name"] for row in rows}
+    beside = ("root", *NUMBERED)
+    siblings = {_case(row, but_for=beside): row for row in rows}
     done = {(row["method.name"], row["task.name"], row["seed"]) for row in rows}
     missing = {}
     for run in planned:
         case = _case(run)
-        name = names.get(case) or run.get("task.name") or case
+        sibling = siblings.get(_case(run, but_for=beside))
+        learnt = names.get(case) or (_name_beside(run, sibling) if sibling else "")
+        name = learnt or run.get("task.name") or case
         run_of = (run["method.name"], name, run["seed"])
         if run_of not in done:
             missing[run_of] = {fact: run.get(fact) for fact in _FACTS} | {
@@ -99,13 +107,29 @@ def missing_rows(planned: Iterable[Row], rows: Iterable[Row]) -> list[Row]:
     return list(missing.values())
 
 
-def _case(run: Row) -> str:
+def _name_beside(run: Row, sibling: Row) -> str:
+    """The name of a task by that of another subject or pose of its dataset; "" where that tells neither."""
+    own, other = _source(run), _source(sibling)
+    parts = sibling["task.name"].split("/")
+    for setting in own.keys() & NUMBERED.keys():
+        old, new = (NUMBERED[setting].format(source[setting]) for source in (other, own))
+        if old not in parts:
+            return ""
+        parts = [new if part == old else part for part in parts]
+    return "/".join(parts)
+
+
+def _case(run: Row, *, but_for: Iterable[str] = ("root",)) -> str:
     """What loads a task, but for the folder of the data: copies of a dataset have the same cases."""
-    text = run.get("task.source") or run["task.name"]
+    source = _source(run)
+    told = " ".join(f"{name}={value}" for name, value in source.items() if name not in but_for)
+    return told or run.get("task.source") or run["task.name"]
+
+
+def _source(run: Row) -> dict[str, Any]:
+    """What loads a task, by its settings; none where that is damaged, or nothing but a name."""
     try:
-        source = json.loads(text)
+        source = json.loads(run.get("task.source") or "")
     except ValueError:
-        source = None
-    if not isinstance(source, dict):  # damaged, or nothing but a name
-        return text
-    return " ".join(f"{name}={value}" for name, value in source.items() if name != "root")
+        return {}
+    return source if isinstance(source, dict) else {}
