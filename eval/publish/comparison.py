@@ -1,7 +1,8 @@
 """What a table compares: the results of methods over the cases that all of them have.
 
-A case is a task. A method has it where every run that was planned for it has a
-result, and its value there is the mean over its seeds. A mean over what a method
+A case is a task. A method has it where every run of it that has begun has a
+result, and its value there is the mean over its seeds; a seed that was only
+planned takes nothing from the others. A mean over what a method
 happened to finish would flatter the one that lost its hardest cases, so means
 are over common cases only; and so that a method which lost most of its own does
 not take them from the others, those with the fewest cases are left out until at
@@ -15,7 +16,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from eval.publish.columns import Column, reference_rows
+from eval.publish.columns import Column, begun, reference_rows
 from eval.rows.frame import method_names, numbers
 from eval.rows.store import VALID
 
@@ -34,7 +35,7 @@ class Comparison:
     common : Index
         Those that every method compared has.
     finished : Series
-        By method, in a table's order: of how many tasks all planned runs have a result.
+        By method, in a table's order: how many tasks it has.
     ranked : list of str
         The methods compared, without references.
     runs : DataFrame
@@ -61,15 +62,16 @@ class Comparison:
 
 def compare(rows: pd.DataFrame, columns: Sequence[Column]) -> Comparison:
     """Find the common cases of the rows' methods, and their values there."""
-    has_result = rows["status"].isin(VALID)
-    by_case = has_result.groupby([rows["method.name"], rows["task.name"]]).all()
-    complete = by_case.unstack(fill_value=False).loc[method_names(rows)]
+    ended = begun(rows)
+    by_case = ended["status"].isin(VALID).groupby([ended["method.name"], ended["task.name"]]).all()
+    cases = pd.Index(sorted(rows["task.name"].unique()), name="task.name")
+    complete = by_case.unstack(fill_value=False).reindex(method_names(rows), columns=cases, fill_value=False)
     references = set(rows["method.name"][reference_rows(rows)])
     rivals = complete.drop(index=references)
     chosen, common = _common(rivals if len(rivals) else complete)
     candidates = [name for name in complete.index if name in references or name in chosen]
     compared = [name for name in candidates if len(common) and complete.loc[name, common].all()]
-    runs = rows[rows["method.name"].isin(compared) & rows["task.name"].isin(common)]
+    runs = ended[ended["method.name"].isin(compared) & ended["task.name"].isin(common)]
     of_runs = pd.DataFrame({column.heading: numbers(runs, column.source) for column in columns})
     of_runs.index = pd.MultiIndex.from_frame(runs[RUN])
     return Comparison(

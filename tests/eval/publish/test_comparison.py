@@ -149,6 +149,13 @@ def test_a_case_counts_with_the_mean_over_its_seeds_and_the_spread_is_shown():
     assert "sd of" not in to_csv(table_of(*plain)) and "±" not in to_markdown(table_of(*plain))
 
 
+def test_a_seed_that_was_only_planned_takes_nothing_from_the_others():
+    rows = [*on("a", [1.0, 2.0]), *on("b", [4.0, 6.0]), *(planned("b", f"t{i}", seed=1) for i in range(2))]
+    table = table_of(*rows)
+    assert table.means["volume"].tolist() == [1.5, 5.0] and table.lines["competes"].all()
+    assert "| b | 2/4 |" in to_markdown(table)
+
+
 def test_a_case_of_which_a_seed_was_lost_is_lost():
     seeded = [row("s", f"t{i}", seed=seed) for i in range(4) for seed in (0, 1)]
     seeded[-1] |= lost("s", "t3") | {"seed": 1}
