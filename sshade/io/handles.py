@@ -300,9 +300,11 @@ def _implicit_arap_frame(points: np.ndarray, mesh: Mesh):
     centre = (barycentres * mesh.face_areas[:, None]).sum(axis=0) / mesh.area
     scale = HALF_EXTENT / np.abs(mesh.V - centre).max()
     V, F = (mesh.V - centre) * scale, np.array(mesh.F)
+    tree = igl.AABB()
+    tree.init(V, F)  # once: it takes far longer than the queries
 
     def closest(queries: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        squared, _, nearest = igl.point_mesh_squared_distance(np.ascontiguousarray(queries), V, F)
+        squared, _, nearest = tree.squared_distance(V, F, np.ascontiguousarray(queries))
         return np.sqrt(squared), nearest
 
     rotations = np.rint(Rotation.create_group("O").as_matrix())
