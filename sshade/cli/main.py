@@ -22,8 +22,19 @@ from sshade.cli.console import (
 )
 from sshade.cli.show import add_show
 from sshade.errors import InputError
+from sshade.io.document import MeshFile
 from sshade.io.files import check_output, replacing
-from sshade.io.meshes import SUFFIXES, read_arrays, read_mesh, repair, write_mesh
+from sshade.io.meshes import (
+    SUFFIXES,
+    mesh_of,
+    read_arrays,
+    read_file,
+    read_mesh,
+    repair,
+    write_file,
+    write_mesh,
+)
+from sshade.mesh.seams import join_seams
 
 if TYPE_CHECKING:
     from sshade.task import DeformationResult
@@ -161,8 +172,10 @@ def _deform(arguments: argparse.Namespace) -> None:
 
     Handles are vertex ids, positions on the mesh (snapped to the nearest vertices), or regions: all
     vertices in some boxes (lowest and highest corner), which go to R v + t.
-    The output has the vertices and faces of the input, in the same order. Components are deformed
-    each on its own, with its own handles. Where the mesh is not manifold it is cut, and joined again.
+    The output is the file of the input with other positions and normals: texture coordinates, colours,
+    materials, groups, polygons and all else stay, where OUT is of the same format. Vertices that stand
+    twice along a seam move as one. Components are deformed each on its own, with its own handles.
+    Where the mesh is not manifold it is cut, and joined again.
 
     example:
       sshade deform body.ply pose.json -o posed.ply
@@ -172,8 +185,9 @@ def _deform(arguments: argparse.Namespace) -> None:
 
     check_output(arguments.output, SUFFIXES)
     method = _method(arguments)
-    V, F = read_arrays(arguments.mesh)
-    mesh, vertex = repair(V, F) if arguments.repair else (read_mesh(arguments.mesh), np.arange(len(V)))
+    file = _read(arguments.mesh, arguments.output)
+    V = file.V
+    mesh, vertex = repair(V, file.F) if arguments.repair else join_seams(mesh_of(file, arguments.mesh))
     handles = read_handles(arguments.handles, mesh, raw=arguments.raw, vertex=vertex)
     begin = perf_counter()
     with progress_bar() as progress:
@@ -189,7 +203,7 @@ def _deform(arguments: argparse.Namespace) -> None:
         )
     seconds = perf_counter() - begin
     moved = np.where((vertex >= 0)[:, None], result.vertices[vertex], V)
-    write_mesh(arguments.output, moved, F)
+    write_file(arguments.output, file, moved)
     error = np.linalg.norm(result.vertices[handles.index] - handles.target, axis=1).mean() / mesh.diagonal
     samplings = result.extra.get("samplings", 1)
     proxies = f"{samplings} proxies" if samplings > 1 else "a proxy"
@@ -197,6 +211,8 @@ def _deform(arguments: argparse.Namespace) -> None:
         f"{arguments.output}: {len(V)} vertices, {len(handles)} handles reached to {100 * error:.2g} % of "
         f"the diagonal, {proxies} of {result.extra['proxy_vertices']:.0f} vertices, {seconds:.2f} s"
     )
+    if not arguments.repair and mesh.n < len(V):
+        say(f"note: {len(V) - mesh.n} vertices are a second one at a place along a seam, and move with it")
     for note in _notes(result.extra):
         say(f"note: {note}")
     if result.converged is False and arguments.method != "sshade_fine":
@@ -204,6 +220,16 @@ def _deform(arguments: argparse.Namespace) -> None:
             f"note: the iterations stopped at {result.iterations:.0f} in the mean, "
             f"with a residual of {result.extra['residual']:.1e}"
         )
+
+
+def _read(path: Path, output: Path) -> MeshFile:
+    """A mesh file; what `output` cannot take over of it is said."""
+    file = read_file(path)
+    lost = file.lost(output)
+    if lost:
+        named = " or ".join(filter(None, [", ".join(lost[:-1]), lost[-1]]))
+        say(f"note: {output} keeps no {named} of {path}: it is of another format")
+    return file
 
 
 def _notes(facts: Mapping[str, Any]) -> list[str]:
@@ -252,7 +278,7 @@ def _remesh(arguments: argparse.Namespace) -> None:
 
     check_output(arguments.output, SUFFIXES)
     check_output(arguments.map, (".npz",))
-    mesh = read_mesh(arguments.mesh)
+    mesh, _ = join_seams(read_mesh(arguments.mesh))
     binding = bind(mesh, _proxy_vertices(arguments.vertices, mesh.n), seed=arguments.seed)
     with replacing(arguments.map) as temporary:
         save_binding(temporary, binding)
@@ -270,14 +296,15 @@ def _carry(arguments: argparse.Namespace) -> None:
     from sshade.carry.binding_file import load_binding
 
     check_output(arguments.output, SUFFIXES)
-    mesh = read_mesh(arguments.mesh)
+    file = _read(arguments.mesh, arguments.output)
+    mesh, vertex = join_seams(mesh_of(file, arguments.mesh))
     binding = load_binding(arguments.map, mesh, frames=arguments.frames)
     edited, _ = read_arrays(arguments.edited)
     if not np.isfinite(edited).all():
         raise InputError(f"{arguments.edited}: a vertex has a NaN or infinite coordinate")
     V, degenerate = binding.carry(edited)
-    write_mesh(arguments.output, V, mesh.F)
-    say(f"{arguments.output}: {mesh.n} vertices carried by {binding.proxy.n}")
+    write_file(arguments.output, file, V[vertex])
+    say(f"{arguments.output}: {len(vertex)} vertices carried by {binding.proxy.n}")
     if degenerate:
         say(f"note: {degenerate} frames of the proxy stand on no area; they turn with their neighbours")
 
@@ -295,7 +322,8 @@ def _transfer(arguments: argparse.Namespace) -> None:
     from sshade.pipeline.transfer import transfer_pose
 
     check_output(arguments.output, SUFFIXES)
-    mesh = read_mesh(arguments.mesh)
+    file = _read(arguments.mesh, arguments.output)
+    mesh = mesh_of(file, arguments.mesh)
     posed, _ = read_arrays(arguments.posed)
     edited = read_arrays(arguments.edited)[0] if "edited" in arguments else mesh.V
     begin = perf_counter()
@@ -313,7 +341,7 @@ def _transfer(arguments: argparse.Namespace) -> None:
             progress=progress,
         )
     seconds = perf_counter() - begin
-    write_mesh(arguments.output, result.vertices, mesh.F)
+    write_file(arguments.output, file, result.vertices)
     say(f"{arguments.output}: {mesh.n} vertices, {arguments.samplings} proxies, {seconds:.2f} s")
     if edited is mesh.V:
         error = np.linalg.norm(result.vertices - posed, axis=1) / mesh.diagonal

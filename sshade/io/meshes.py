@@ -8,12 +8,23 @@ from pathlib import Path
 import numpy as np
 
 from sshade.errors import InputError
+from sshade.io.document import MeshFile
 from sshade.io.files import check_output, check_suffix, replacing
-from sshade.io.formats import read_obj, read_off, read_stl
+from sshade.io.gltf import read_gltf, write_gltf
+from sshade.io.obj import read_obj
+from sshade.io.off import read_off
 from sshade.io.ply import read_ply, write_ply
+from sshade.io.stl import read_stl
 from sshade.mesh.mesh import Mesh
 
-_READERS = {".ply": read_ply, ".obj": read_obj, ".off": read_off, ".stl": read_stl}
+_READERS = {
+    ".ply": read_ply,
+    ".obj": read_obj,
+    ".off": read_off,
+    ".stl": read_stl,
+    ".glb": read_gltf,
+    ".gltf": read_gltf,
+}
 #: Formats read and written, by suffix.
 SUFFIXES = tuple(_READERS)
 
@@ -24,8 +35,8 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
     Parameters
     ----------
     path : path
-        A .ply, .obj, .off or .stl file. Polygons with more corners are
-        fanned into triangles by the reader; vertices are not merged.
+        A .ply, .obj, .off, .stl, .glb or .gltf file. Polygons with more corners
+        are fanned into triangles by the reader; vertices are not merged.
 
     Raises
     ------
@@ -33,15 +44,31 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
         When the file is missing, unreadable, empty, of another format, or
         holds no valid :class:`Mesh`.
     """
-    V, F = read_arrays(path)
+    return mesh_of(read_file(path), path)
+
+
+def mesh_of(file: MeshFile, path: str | os.PathLike[str]) -> Mesh:
+    """The mesh that a file holds; an InputError names the file."""
     try:
-        return Mesh(V, F)
+        return Mesh(file.V, file.F)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 
 
 def read_arrays(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
     """Vertices and faces of a mesh file as they stand there, without validation."""
+    file = read_file(path)
+    return file.V, file.F
+
+
+def read_file(path: str | os.PathLike[str]) -> MeshFile:
+    """All that a mesh file holds, without validation, to be written again by :func:`write_file`.
+
+    Raises
+    ------
+    InputError
+        When the file is missing, unreadable, empty, or of another format.
+    """
     path = Path(path)
     check_suffix(path, SUFFIXES)
     if not path.is_file():
@@ -57,6 +84,35 @@ def read_arrays(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
         raise InputError(f"{path}: not a readable {path.suffix[1:].upper()} file ({reason})") from error
 
 
+def write_file(path: str | os.PathLike[str], file: MeshFile, V: np.ndarray) -> None:
+    """Write a mesh file as it was read, with other positions; in another format, its mesh alone.
+
+    The file appears whole or not at all. :meth:`MeshFile.lost` tells beforehand what another format
+    does not take over.
+
+    Parameters
+    ----------
+    path : path
+        Its suffix picks the format.
+    file : MeshFile
+    V : (n, 3) float64
+        Of its vertices, in their order.
+
+    Raises
+    ------
+    InputError
+        On an unknown suffix, or a folder that does not exist or is not writable.
+    """
+    path = Path(path)
+    check_output(path, SUFFIXES)
+    if path.suffix.lower() not in file.suffixes:
+        write_mesh(path, V, file.F)
+        return
+    content = file.content(V, path)
+    with replacing(path) as temporary:
+        temporary.write_bytes(content)
+
+
 def write_mesh(path: str | os.PathLike[str], V: np.ndarray, F: np.ndarray) -> None:
     """Write a triangle mesh; PLY is binary with float64 positions.
 
@@ -65,7 +121,8 @@ def write_mesh(path: str | os.PathLike[str], V: np.ndarray, F: np.ndarray) -> No
     Parameters
     ----------
     path : path
-        Its suffix picks the format: .ply, .obj, .off or .stl.
+        Its suffix picks the format: .ply, .obj, .off, .stl, .glb or .gltf. The last three hold
+        positions as float32.
     V : (n, 3) float64
     F : (m, 3) int
 
@@ -79,6 +136,8 @@ def write_mesh(path: str | os.PathLike[str], V: np.ndarray, F: np.ndarray) -> No
     with replacing(path) as temporary:
         if path.suffix.lower() == ".ply":
             write_ply(temporary, V, F)
+        elif path.suffix.lower() in (".glb", ".gltf"):
+            write_gltf(temporary, np.asarray(V, dtype=np.float64), np.asarray(F))
         else:
             import trimesh
 

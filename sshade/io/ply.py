@@ -1,4 +1,4 @@
-"""PLY files: the positions and the triangles, every number as it stands there.
+"""PLY files: every number as it stands there, and only positions and normals change.
 
 Read here and not by a library, because a mesh must not change on its way in: a
 text file that ends early is an error, texture seams split no vertex, and no
@@ -9,96 +9,184 @@ G. Turk, "The PLY polygon file format", 1994.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import re
+from functools import partial
 from pathlib import Path
-from struct import unpack_from
 from typing import NamedTuple
 
 import numpy as np
 
-_OLD_NAMES = ["char", "uchar", "short", "ushort", "int", "uint", "float", "double"]
-_NEW_NAMES = ["int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64"]
-_TYPES = {name: np.dtype(new) for old, new in zip(_OLD_NAMES, _NEW_NAMES, strict=True) for name in (old, new)}
-_ORDER = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+from sshade.io.document import MeshFile, digits, moved_reference, present
+from sshade.io.normals import turns, vertex_turns
+from sshade.io.ply_elements import Element, read_header, take
+
 _CORNERS = ("vertex_indices", "vertex_index")
-
-
-class Property(NamedTuple):
-    """A number of an element, or a list of them; `length` is the type of its length."""
-
-    name: str
-    kind: np.dtype
-    length: np.dtype | None = None
-
-
+_NORMAL = ["nx", "ny", "nz"]
+_CHANGED = ["x", "y", "z", *_NORMAL]
 _NO_FACES = np.zeros((0, 3), dtype=np.int64)
 
-#: Rows of an element whose lists have the same lengths: their numbers, and a structured array of
-#: them with fields p0, p1, ... for the properties.
-Groups = list[tuple[np.ndarray, np.ndarray]]
+
+class _Ply(NamedTuple):
+    """A file: its bytes, where the numbers begin, their order ("" for text), and its elements by name.
+
+    The places of a text's rows count eight a word.
+    """
+
+    data: bytes
+    body: int
+    order: str
+    elements: dict[str, Element]
 
 
-@dataclass
-class Element:
-    """Rows of properties."""
+def read_ply(path: Path) -> MeshFile:
+    """Read a PLY file, text or binary.
 
-    name: str
-    rows: int
-    properties: list[Property] = field(default_factory=list)
-
-
-def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and faces of a PLY file, text or binary; polygons are fanned into triangles.
-
-    Returns
-    -------
-    V : (n, 3) float64
-    F : (m, 3) int64
-        Of length 0 where the file has points only.
+    It has no triangles where it holds points only.
 
     Raises
     ------
     ValueError
         When the file is no PLY, holds fewer or more numbers than it announces, or has no positions.
     """
-    data = path.read_bytes()
-    order, elements, at = _read_header(data)
+    ply = _parsed(path.read_bytes())
+    if "vertex" not in ply.elements:
+        raise ValueError("it has no vertices")
+    vertices, faces = ply.elements["vertex"], ply.elements.get("face")
+    if not vertices.numbers("x y z"):
+        raise ValueError("its vertices have no x, y and z")
+    V = vertices.columns(vertices.numbers("x y z"))
+    F, face = _triangles(faces) if faces else (_NO_FACES, _NO_FACES[:, 0])
+    properties = vertices.properties + (faces.properties if faces else [])
+    # Numbers that are whole in the file cannot hold what they become.
+    whole = any(p.kind.kind != "f" for p in properties if p.name in _CHANGED)
+    suffixes = () if whole else (".ply",)
+    return MeshFile(V, F, _holds(ply, len(F)), suffixes, partial(_content, ply, V, F, face, path))
+
+
+def _parsed(data: bytes) -> _Ply:
+    order, elements, body = read_header(data)
+    numbers, at, binary = data, body, order
     if order == "":
         # As numbers of one type, text is read the way binary is.
-        words, double = data[at:].split(), _TYPES["double"]
-        data, at, order = np.fromiter(map(float, words), dtype="<f8", count=len(words)).tobytes(), 0, "<"
-        for e in elements:
-            e.properties = [p._replace(kind=double, length=p.length and double) for p in e.properties]
-    found = {}
+        words, double = data[body:].split(), np.dtype("float64")
+        numbers = np.fromiter(map(float, words), dtype="<f8", count=len(words)).tobytes()
+        at, binary = 0, "<"
     for element in elements:
-        groups, at = _take(data, at, element, order)
-        found[element.name] = element, groups
-    if at != len(data):
+        typed = element
+        if order == "":
+            properties = [
+                p._replace(kind=double, length=None if p.length is None else double)
+                for p in element.properties
+            ]
+            typed = Element(element.name, element.size, properties)
+        element.rows, at = take(numbers, at, typed, binary)
+    if at != len(numbers):
         raise ValueError("more follows after the last of what it announces")
-    if "vertex" not in found:
-        raise ValueError("it has no vertices")
-    return _positions(*found["vertex"]), _triangles(*found["face"]) if "face" in found else _NO_FACES
+    return _Ply(data, body, order, {element.name: element for element in elements})
 
 
-def _positions(vertices: Element, groups: Groups) -> np.ndarray:
-    """(n, 3) float64 of the element vertex."""
-    place = {p.name: i for i, p in enumerate(vertices.properties)}
-    if not {"x", "y", "z"} <= place.keys():
-        raise ValueError("its vertices have no x, y and z")
-    V = np.empty((vertices.rows, 3))
-    for which, rows in groups:
-        V[which] = np.stack([rows[f"p{place[axis]}"] for axis in "xyz"], axis=1)
-    return V
-
-
-def _triangles(faces: Element, groups: Groups) -> np.ndarray:
-    """(m, 3) int64 of the element face, its polygons fanned, in the order of the file."""
-    corners = [i for i, p in enumerate(faces.properties) if p.name in _CORNERS and p.length]
-    if faces.rows and len(corners) != 1:
+def _triangles(faces: Element) -> tuple[np.ndarray, np.ndarray]:
+    """(m, 3) int64 of the element face, its polygons fanned, in the order of the file; (m,) their faces."""
+    corners = [i for i, p in enumerate(faces.properties) if p.name in _CORNERS and p.length is not None]
+    if faces.size and len(corners) != 1:
         raise ValueError("its faces have no list vertex_indices")
-    fans = [_fans(rows[f"p{corners[0]}"]) for _, rows in groups]
-    face = [np.repeat(which, len(F) // len(which)) for (which, _), F in zip(groups, fans, strict=True)]
-    return np.concatenate([_NO_FACES, *fans])[np.argsort(np.concatenate([[], *face]), kind="stable")]
+    fans = [_fans(rows.values[f"p{corners[0]}"]) for rows in faces.rows]
+    pairs = zip(faces.rows, fans, strict=True)
+    owners = [np.repeat(rows.which, len(F) // len(rows.which)) for rows, F in pairs]
+    face = np.concatenate([_NO_FACES[:, 0], *owners])
+    order = np.argsort(face, kind="stable")
+    return np.concatenate([_NO_FACES, *fans])[order], face[order]
+
+
+#: What properties of vertices and faces are, by name.
+_MEANING = {
+    "normals": [*_NORMAL, "normal_x", "normal_y", "normal_z"],
+    "colours": ["red", "green", "blue", "alpha", "r", "g", "b", "a", "diffuse_red", "diffuse_green"]
+    + ["diffuse_blue"],
+    "texture coordinates": ["s", "t", "u", "v", "texture_u", "texture_v", "texcoord", "texnumber"],
+}
+
+
+def _holds(ply: _Ply, triangles: int) -> tuple[str, ...]:
+    """What a file holds besides positions and triangles."""
+    found = []
+    for element in ply.elements.values():
+        if element.name not in ("vertex", "face"):
+            found.append(f"element {element.name}")
+            continue
+        for name in [p.name for p in element.properties]:
+            if name not in ("x", "y", "z", *_CORNERS):
+                known = next((what for what, names in _MEANING.items() if name in names), None)
+                found.append(known or f"property {name}")
+                if known in ("normals", "colours"):
+                    found[-1] = f"{element.name} {known}"
+    faces = ply.elements.get("face")
+    header = [line.split()[:1] for line in ply.data[: ply.body].splitlines()]
+    named = present(
+        polygons=faces is not None and triangles > faces.size,
+        comments=[b"comment"] in header or [b"obj_info"] in header,
+    )
+    return tuple(dict.fromkeys(found)) + named
+
+
+def _content(
+    ply: _Ply, rest: np.ndarray, F: np.ndarray, face: np.ndarray, source: Path, V: np.ndarray, path: Path
+) -> bytes:
+    vertices = ply.elements["vertex"]
+    changes = [(vertices, vertices.numbers("x y z"), rest, V)]
+    normals = vertices.numbers(" ".join(_NORMAL))
+    if normals:
+        N = vertices.columns(normals)
+        changes.append((vertices, normals, N, np.einsum("kij,kj->ki", vertex_turns(N, F, rest, V), N)))
+    faces = ply.elements.get("face")
+    normals = faces.numbers(" ".join(_NORMAL)) if faces and len(F) else []
+    if faces and normals:
+        N = faces.columns(normals)
+        Q = turns(np.repeat(face[:, None], 3, axis=1), F, rest, V)  # every face has a triangle
+        changes.append((faces, normals, N, np.einsum("kij,kj->ki", Q, N)))
+    header = _header_at(ply.data[: ply.body], source, path)
+    return header + (_patched if ply.order else _patched_text)(ply, changes)
+
+
+#: An element, its properties that change, and their values (rows, k) before and after.
+Change = tuple[Element, list[int], np.ndarray, np.ndarray]
+
+
+def _patched(ply: _Ply, changes: list[Change]) -> bytes:
+    every = np.frombuffer(ply.data, np.uint8).copy()
+    for element, properties, _, new in changes:
+        for column, i in enumerate(properties):
+            kind = np.dtype(ply.order + element.properties[i].kind.char)
+            for rows in element.rows:
+                # What is unchanged gets the bits that it had.
+                values = new[rows.which, column].astype(kind).view(np.uint8).reshape(-1, kind.itemsize)
+                every[rows.places(i)[:, None] + np.arange(kind.itemsize)] = values
+    return every[ply.body :].tobytes()
+
+
+def _patched_text(ply: _Ply, changes: list[Change]) -> bytes:
+    words = re.split(rb"(\s+)", ply.data[ply.body :])
+    first = 2 if words[0] == b"" else 0
+    for element, properties, old, new in changes:
+        for rows in element.rows:
+            for column, i in enumerate(properties):
+                place = rows.places(i) // 8
+                for row, at in zip(rows.which.tolist(), place.tolist(), strict=True):
+                    if old[row, column] != new[row, column]:
+                        words[first + 2 * at] = digits(new[row, column])
+    return b"".join(words)
+
+
+def _header_at(header: bytes, source: Path, path: Path) -> bytes:
+    """A header whose texture files, named in comments, are those seen from `path`."""
+    lines = header.splitlines(keepends=True)
+    for i, line in enumerate(lines):
+        words = line.split(None, 2)
+        if words[:2] == [b"comment", b"TextureFile"] and len(words) == 3:
+            name = words[2].strip().decode("utf-8", "surrogateescape")
+            moved = moved_reference(name, source, path).encode("utf-8", "surrogateescape")
+            lines[i] = line.replace(words[2].strip(), moved)
+    return b"".join(lines)
 
 
 def write_ply(path: Path, V: np.ndarray, F: np.ndarray) -> None:
@@ -117,100 +205,6 @@ def write_ply(path: Path, V: np.ndarray, F: np.ndarray) -> None:
         file.write(header.encode("ascii"))
         file.write(np.ascontiguousarray(V, dtype="<f8").tobytes())
         file.write(faces.tobytes())
-
-
-def _read_header(data: bytes) -> tuple[str, list[Element], int]:
-    """Byte order ("" for text), elements, and where their numbers begin."""
-    order, elements, begin, number = None, [], 0, 0
-    while True:
-        end = data.find(b"\n", begin)
-        if end < 0:
-            raise ValueError("its header has no end" if number else "it does not begin with ply")
-        words = data[begin:end].decode("latin-1").split()
-        begin, number = end + 1, number + 1
-        if number == 1:
-            if words != ["ply"]:
-                raise ValueError("it does not begin with ply")
-        elif words == ["end_header"]:
-            break
-        elif words[:1] == ["format"] and len(words) == 3 and words[1] in _ORDER:
-            order = _ORDER[words[1]]
-        elif words[:1] == ["element"] and len(words) == 3 and words[2].isdecimal():
-            elements.append(Element(words[1], int(words[2])))
-        elif words[:1] == ["property"] and elements and (one := _property(words[1:])):
-            elements[-1].properties.append(one)
-        elif words and words[0] not in ("comment", "obj_info"):
-            raise ValueError(f"line {number} of its header is not understood: {' '.join(words)[:60]!r}")
-    if order is None:
-        raise ValueError("its header names no format")
-    return order, elements, begin
-
-
-def _property(words: list[str]) -> Property | None:
-    if len(words) == 2 and words[0] in _TYPES:
-        return Property(words[1], _TYPES[words[0]])
-    if len(words) == 4 and words[0] == "list" and {words[1], words[2]} <= _TYPES.keys():
-        count = _TYPES[words[1]]
-        return Property(words[3], _TYPES[words[2]], count) if count.kind != "f" else None
-    return None
-
-
-def _take(data: bytes, at: int, element: Element, order: str) -> tuple[Groups, int]:
-    """The rows of an element that begins at byte `at`, and where they end."""
-    if not element.rows or not element.properties:
-        return [], at
-    lengths = _lengths(data, at, element, order)
-    layout = _layout(element, lengths, order)
-    end = at + element.rows * layout.itemsize
-    if end <= len(data):  # all rows may be as the first one
-        rows = np.frombuffer(data, layout, element.rows, at)
-        if all((rows[f"n{i}"] == n).all() for i, n in enumerate(lengths) if n is not None):
-            return [(np.arange(element.rows), rows)], end
-    layouts: dict[tuple[int | None, ...], np.dtype] = {}
-    places: dict[tuple[int | None, ...], list[tuple[int, int]]] = {}
-    for row in range(element.rows):
-        lengths = _lengths(data, at, element, order)
-        if lengths not in layouts:
-            layouts[lengths], places[lengths] = _layout(element, lengths, order), []
-        places[lengths].append((row, at))
-        at += layouts[lengths].itemsize
-    groups, every = [], np.frombuffer(data, np.uint8)
-    for lengths, layout in layouts.items():
-        which, begin = np.array(places[lengths]).T
-        taken = every[begin[:, None] + np.arange(layout.itemsize)]
-        groups.append((which, taken.view(layout)[:, 0]))
-    return groups, at
-
-
-def _lengths(data: bytes, at: int, element: Element, order: str) -> tuple[int | None, ...]:
-    """Lengths of the lists of the row that begins at byte `at`, None for what is no list."""
-    lengths: list[int | None] = []
-    for one in element.properties:
-        length = None
-        if one.length is not None:
-            if at + one.length.itemsize > len(data):
-                break
-            (length,) = unpack_from(order + one.length.char, data, at)
-            if length < 0 or length != int(length):
-                raise ValueError(f"a list of its element {element.name} has a length of {length}")
-            length = int(length)
-            at += one.length.itemsize
-        lengths.append(length)
-        at += one.kind.itemsize * (1 if length is None else length)
-    if len(lengths) < len(element.properties) or at > len(data):
-        raise ValueError(f"it ends within the {element.rows} rows of its element {element.name}")
-    return tuple(lengths)
-
-
-def _layout(element: Element, lengths: tuple[int | None, ...], order: str) -> np.dtype:
-    fields: list[tuple] = []
-    for i, (one, length) in enumerate(zip(element.properties, lengths, strict=True)):
-        kind = order + one.kind.char
-        if one.length is None:
-            fields.append((f"p{i}", kind))
-        else:
-            fields += [(f"n{i}", order + one.length.char), (f"p{i}", kind, (length,))]
-    return np.dtype(fields)
 
 
 def _fans(polygons: np.ndarray) -> np.ndarray:

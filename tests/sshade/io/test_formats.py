@@ -8,11 +8,18 @@ import numpy as np
 import pytest
 
 from sshade import InputError
-from sshade.io.formats import read_obj, read_off, read_stl
+from sshade.io.document import MeshFile
 from sshade.io.meshes import write_mesh
+from sshade.io.obj import read_obj
+from sshade.io.off import read_off
+from sshade.io.stl import read_stl
 from tests.shapes import icosphere
 
 SPHERE = icosphere(1)
+
+
+def arrays(file: MeshFile) -> tuple[np.ndarray, np.ndarray]:
+    return file.V, file.F
 
 
 def test_they_agree_with_another_reader(tmp_path):
@@ -24,7 +31,7 @@ def test_they_agree_with_another_reader(tmp_path):
         ("b.stl", read_stl, {"file_type": "stl_ascii"}),
     ):
         shape.export(tmp_path / name, **options)
-        V, F = read(tmp_path / name)
+        V, F = arrays(read(tmp_path / name))
         other = trimesh.load(tmp_path / name, process=False, maintain_order=True)
         assert np.array_equal(V, other.vertices) and np.array_equal(F, other.faces), name
 
@@ -48,7 +55,7 @@ COFF
 def test_off_with_comments_colours_and_polygons(tmp_path):
     for text in (OFF, OFF.replace("\n", "\r\n"), OFF.replace("COFF\n# made by hand\n5", "OFF 5")):
         (tmp_path / "a.off").write_bytes(text.encode())
-        V, F = read_off(tmp_path / "a.off")
+        V, F = arrays(read_off(tmp_path / "a.off"))
         assert V.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 1]]
         assert F.tolist() == [[0, 1, 2], [0, 2, 3], [1, 4, 2], [0, 3, 2]]
 
@@ -110,7 +117,7 @@ endsolid two
 @pytest.mark.parametrize("text", [STL, STL.upper(), STL.replace("\n", "\r\n"), "\n" + STL.replace("  ", "")])
 def test_stl_as_text(tmp_path, text):
     (tmp_path / "a.stl").write_bytes(text.encode())
-    V, F = read_stl(tmp_path / "a.stl")
+    V, F = arrays(read_stl(tmp_path / "a.stl"))
     assert V.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
     assert F.tolist() == [[0, 1, 2], [3, 4, 5]]
 
@@ -147,7 +154,7 @@ def test_a_binary_stl_that_begins_with_solid_and_one_of_another_length(tmp_path)
     write_mesh(tmp_path / "a.stl", SPHERE.V, SPHERE.F)
     data = b"solid" + (tmp_path / "a.stl").read_bytes()[5:]
     (tmp_path / "a.stl").write_bytes(data)
-    assert np.array_equal(read_stl(tmp_path / "a.stl")[0], SPHERE.V.astype("f4")[SPHERE.F].reshape(-1, 3))
+    assert np.array_equal(read_stl(tmp_path / "a.stl").V, SPHERE.V.astype("f4")[SPHERE.F].reshape(-1, 3))
     for wrong in (data[:-1], data + b"\0", data[:80] + struct.pack("<I", SPHERE.m + 1) + data[84:]):
         (tmp_path / "a.stl").write_bytes(wrong)
         with pytest.raises(ValueError):

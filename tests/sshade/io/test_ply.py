@@ -7,6 +7,7 @@ import struct
 import numpy as np
 import pytest
 
+from sshade.io.document import MeshFile
 from sshade.io.ply import read_ply, write_ply
 from tests.shapes import icosphere
 
@@ -15,6 +16,10 @@ POLYGONS = [(0, 1, 2, 3), (1, 4, 2), (3, 2, 1, 0), (4, 1, 0)]
 FANNED = [[0, 1, 2], [0, 2, 3], [1, 4, 2], [3, 2, 1], [3, 1, 0], [4, 1, 0]]
 CODES = {"char": "b", "uchar": "B", "ushort": "H", "int": "i", "uint": "I", "float": "f", "double": "d"}
 SIZED = {"int8": "char", "uint16": "ushort", "float64": "double"}
+
+
+def arrays(file: MeshFile) -> tuple[np.ndarray, np.ndarray]:
+    return file.V, file.F
 
 
 def ply(order: str, *, position="double", count="uchar", corner="int", polygons=POLYGONS) -> bytes:
@@ -54,7 +59,7 @@ def ply(order: str, *, position="double", count="uchar", corner="int", polygons=
 )
 def test_types_and_byte_orders(tmp_path, order, position, count, corner):
     (tmp_path / "a.ply").write_bytes(ply(order, position=position, count=count, corner=corner))
-    V, F = read_ply(tmp_path / "a.ply")
+    V, F = arrays(read_ply(tmp_path / "a.ply"))
     assert V.dtype == np.float64 and np.array_equal(V, SQUARE)
     assert F.dtype == np.int64 and F.tolist() == FANNED
 
@@ -63,19 +68,19 @@ def test_faces_of_one_size_are_read_at_once_and_the_same(tmp_path):
     triangles = [(0, 1, 2), (1, 4, 2), (2, 3, 0)]
     for order in ("ascii", "binary_big_endian"):
         (tmp_path / "a.ply").write_bytes(ply(order, polygons=triangles[:1]))
-        assert read_ply(tmp_path / "a.ply")[1].tolist() == [[0, 1, 2]]
+        assert read_ply(tmp_path / "a.ply").F.tolist() == [[0, 1, 2]]
     mesh = icosphere(2)
     write_ply(tmp_path / "b.ply", mesh.V, mesh.F)
-    V, F = read_ply(tmp_path / "b.ply")
+    V, F = arrays(read_ply(tmp_path / "b.ply"))
     assert V.tobytes() == mesh.V.tobytes() and np.array_equal(F, mesh.F)
 
 
 def test_windows_line_ends_and_points_alone(tmp_path):
     text = ply("ascii").replace(b"\n", b"\r\n")
     (tmp_path / "a.ply").write_bytes(text)
-    assert read_ply(tmp_path / "a.ply")[1].tolist() == FANNED
+    assert read_ply(tmp_path / "a.ply").F.tolist() == FANNED
     (tmp_path / "a.ply").write_bytes(ply("ascii", polygons=[]))
-    V, F = read_ply(tmp_path / "a.ply")
+    V, F = arrays(read_ply(tmp_path / "a.ply"))
     assert len(V) == 5 and F.shape == (0, 3)
 
 

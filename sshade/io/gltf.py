@@ -1,0 +1,269 @@
+"""glTF 2.0 files, .glb and .gltf: positions, normals and tangents are written into the buffers.
+
+The vertices are those of all triangle primitives, in the order of the file's meshes, where the
+scene's nodes put them. Read here and not by a library, so that buffers stay as they are.
+
+Khronos Group, "glTF 2.0 specification", 2021.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import copy
+import json
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+from urllib.parse import quote, unquote, unquote_to_bytes, urlsplit
+
+import numpy as np
+
+from sshade.errors import InputError
+from sshade.io.document import MeshFile, moved_reference, present
+from sshade.io.gltf_scene import accessor_bytes, array_of, mesh_matrices, require_plain, triangles_of
+from sshade.io.normals import vertex_turns
+
+_MAGIC, _JSON, _BINARY = b"glTF", b"JSON", b"BIN\0"
+
+
+class _Part(NamedTuple):
+    """Vertices that one accessor of positions holds: `first` is the id of its first one.
+
+    `normal` and `tangent` are accessors or None; `matrix` (4, 4) puts the positions into the scene.
+    """
+
+    position: int
+    normal: int | None
+    tangent: int | None
+    first: int
+    matrix: np.ndarray
+
+
+class _Gltf(NamedTuple):
+    """A file: its JSON, the bytes of its buffers, and chunks of a .glb that are of no known kind."""
+
+    source: Path
+    tree: dict[str, Any]
+    buffers: list[bytes]
+    further: bytes
+
+
+def read_gltf(path: Path) -> MeshFile:
+    """Read a .glb or a .gltf with its buffers.
+
+    Raises
+    ------
+    ValueError
+        When it is no glTF 2.0, or refers to what is not there.
+    InputError
+        When it has no triangles, or holds what cannot be deformed: skins, morph targets, compressed or
+        quantised buffers, instances of one mesh.
+    """
+    gltf = _parsed(path)
+    require_plain(gltf.tree, path)
+    matrices = mesh_matrices(gltf.tree, path)
+    parts: dict[tuple, _Part] = {}
+    V, F = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)]
+    count = 0
+    for number, mesh in enumerate(gltf.tree.get("meshes", [])):
+        if number not in matrices:
+            continue  # no node shows it
+        for primitive in mesh["primitives"]:
+            attributes = primitive["attributes"]
+            position = attributes["POSITION"]
+            key = accessor_bytes(gltf.tree, position)
+            if key not in parts:
+                own = array_of(gltf.tree, gltf.buffers, position).astype(np.float64)
+                M = matrices[number]
+                V.append(own if (np.eye(4) == M).all() else own @ M[:3, :3].T + M[:3, 3])
+                parts[key] = _Part(position, attributes.get("NORMAL"), attributes.get("TANGENT"), count, M)
+                count += len(own)
+            part = parts[key]
+            if (part.matrix != matrices[number]).any() or part[1:3] != (
+                attributes.get("NORMAL"),
+                attributes.get("TANGENT"),
+            ):
+                raise InputError(f"{path}: two of its meshes share positions but not their place or normals")
+            size = gltf.tree["accessors"][position]["count"]
+            corners = triangles_of(gltf.tree, gltf.buffers, primitive, size)
+            F.append(part.first + corners)
+    if not sum(map(len, F)):
+        raise InputError(f"{path}: the file holds no triangles")
+    rest, triangles = np.concatenate(V), np.concatenate(F)
+    content = partial(_content, gltf, list(parts.values()), rest, triangles)
+    return MeshFile(rest, triangles, _holds(gltf.tree), (".glb", ".gltf"), content)
+
+
+def _parsed(path: Path) -> _Gltf:
+    data = path.read_bytes()
+    text, binary, further = data, None, b""
+    if data[:4] == _MAGIC:
+        if int.from_bytes(data[4:8], "little") != 2 or int.from_bytes(data[8:12], "little") != len(data):
+            raise ValueError("it is not of version 2, or not as long as its header says")
+        at, chunks = 12, []
+        while at < len(data):
+            end = at + 8 + int.from_bytes(data[at : at + 4], "little")
+            if end > len(data):
+                raise ValueError("it ends within a chunk")
+            chunks.append((data[at + 4 : at + 8], data[at + 8 : end]))
+            at = end
+        if not chunks or chunks[0][0] != _JSON:
+            raise ValueError("its first chunk is no JSON")
+        text = chunks[0][1]
+        if len(chunks) > 1 and chunks[1][0] == _BINARY:
+            binary = chunks[1][1]
+        rest = chunks[1 if binary is None else 2 :]
+        further = b"".join(_chunk(kind, content) for kind, content in rest)
+    tree = json.loads(text)
+    if not isinstance(tree, dict) or str(tree.get("asset", {}).get("version", "")).split(".")[0] != "2":
+        raise ValueError("it names no version 2 of glTF")
+    buffers = [
+        _buffer(one, path, binary if i == 0 else None) for i, one in enumerate(tree.get("buffers", []))
+    ]
+    return _Gltf(path, tree, buffers, further)
+
+
+def _buffer(buffer: dict[str, Any], path: Path, binary: bytes | None) -> bytes:
+    uri = buffer.get("uri")
+    if uri is None:
+        if binary is None:
+            raise ValueError("one of its buffers has no bytes")
+        data = binary
+    elif uri.startswith("data:"):
+        head, _, body = uri.partition(",")
+        try:
+            data = (
+                base64.b64decode(body, validate=True) if head.endswith(";base64") else unquote_to_bytes(body)
+            )
+        except binascii.Error as error:
+            raise ValueError(f"a buffer is not in base 64 ({error})") from error
+    else:
+        if len(urlsplit(uri).scheme) > 1:
+            raise InputError(f"{path}: its buffer {uri} is not a file beside it; download it first")
+        file = path.parent / unquote(uri)
+        if not file.is_file():
+            raise InputError(f"{path}: its buffer {uri} is missing")
+        data = file.read_bytes()
+    if len(data) < buffer["byteLength"]:
+        raise ValueError(f"a buffer has {len(data)} bytes of the {buffer['byteLength']} announced")
+    return data
+
+
+def _holds(tree: dict[str, Any]) -> tuple[str, ...]:
+    primitives = [p for mesh in tree.get("meshes", []) for p in mesh["primitives"]]
+    names = {name.partition("_")[0] for p in primitives for name in p["attributes"]}
+    return present(
+        texture_coordinates="TEXCOORD" in names,
+        normals="NORMAL" in names,
+        tangents="TANGENT" in names,
+        vertex_colours="COLOR" in names,
+        attributes_of_its_own="" in names,
+        materials=tree.get("materials"),
+        images=tree.get("images"),
+        animations=tree.get("animations"),
+        cameras=tree.get("cameras"),
+        scene_of_nodes=len(tree.get("nodes", [])) > 1,
+        extensions=tree.get("extensions"),
+    )
+
+
+def _content(
+    gltf: _Gltf, parts: list[_Part], rest: np.ndarray, F: np.ndarray, V: np.ndarray, path: Path
+) -> bytes:
+    tree, buffers = copy.deepcopy(gltf.tree), [bytearray(data) for data in gltf.buffers]
+    moved = (rest != V).any(axis=1)
+    normals = np.zeros_like(rest)
+    for part in parts:
+        if part.normal is not None:
+            stored = array_of(tree, buffers, part.normal).astype(np.float64)
+            normals[part.first : part.first + len(stored)] = stored @ np.linalg.inv(part.matrix[:3, :3])
+    Q = vertex_turns(normals, F, rest, V)
+    turned = (np.eye(3) != Q).any(axis=(1, 2))
+    for part in parts:
+        own = slice(part.first, part.first + tree["accessors"][part.position]["count"])
+        A = part.matrix[:3, :3]
+        back = np.linalg.inv(A)
+        put = array_of(tree, buffers, part.position)
+        put[moved[own]] = (V[own] - part.matrix[:3, 3])[moved[own]] @ back.T
+        _bounds(tree, buffers, part.position)
+        which = turned[own]
+        if part.normal is not None:
+            put = array_of(tree, buffers, part.normal)
+            put[which] = _unit(np.einsum("kij,kj->ki", Q[own][which], normals[own][which]) @ A)
+            _bounds(tree, buffers, part.normal)
+        if part.tangent is not None:
+            put = array_of(tree, buffers, part.tangent)
+            along = put[which, :3].astype(np.float64) @ A.T
+            put[which, :3] = _unit(np.einsum("kij,kj->ki", Q[own][which], along) @ back.T)
+            _bounds(tree, buffers, part.tangent)
+    return _written(tree, buffers, gltf, path)
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
+
+
+def _bounds(tree: dict[str, Any], buffers: list[bytearray], number: int) -> None:
+    """Bring the least and greatest values of an accessor up to date, where it tells them."""
+    accessor = tree["accessors"][number]
+    values = array_of(tree, buffers, number)
+    for name, of in (("min", values.min), ("max", values.max)):
+        if name in accessor:
+            accessor[name] = [float(x) for x in of(axis=0)]
+
+
+def _written(tree: dict[str, Any], buffers: list[bytearray], gltf: _Gltf, path: Path) -> bytes:
+    """The file: a .glb with its first buffer within, or a .gltf; a buffer that changed is embedded."""
+    whole = path.suffix.lower() == ".glb"
+    for number, (one, data) in enumerate(zip(tree.get("buffers", []), buffers, strict=True)):
+        uri = one.get("uri")
+        if whole and number == 0 and (uri is None or data != gltf.buffers[0]):
+            one.pop("uri", None)
+        elif uri is None or data != gltf.buffers[number]:
+            body = base64.b64encode(data[: one["byteLength"]]).decode()
+            one["uri"] = f"data:application/octet-stream;base64,{body}"
+    for one in [*tree.get("buffers", []), *tree.get("images", [])]:
+        uri = one.get("uri", "data:")
+        if not uri.startswith("data:"):
+            moved = moved_reference(unquote(uri), gltf.source, path)
+            one["uri"] = uri if moved == unquote(uri) else quote(moved)
+    if not whole:
+        return json.dumps(tree, ensure_ascii=False, indent=2).encode() + b"\n"
+    text = json.dumps(tree, ensure_ascii=False, separators=(",", ":")).encode()
+    chunks = _chunk(_JSON, text + b" " * (-len(text) % 4))
+    if tree.get("buffers") and "uri" not in tree["buffers"][0]:
+        chunks += _chunk(_BINARY, bytes(buffers[0]) + bytes(-len(buffers[0]) % 4))
+    chunks += gltf.further
+    return _MAGIC + (2).to_bytes(4, "little") + (12 + len(chunks)).to_bytes(4, "little") + chunks
+
+
+def _chunk(kind: bytes, content: bytes) -> bytes:
+    return len(content).to_bytes(4, "little") + kind + content
+
+
+def write_gltf(path: Path, V: np.ndarray, F: np.ndarray) -> None:
+    """Write positions (n, 3), as float32, and triangles (m, 3) as a .glb or a .gltf of one mesh."""
+    positions, corners = V.astype("<f4").tobytes(), F.astype("<u4").tobytes()
+    views = [
+        {"buffer": 0, "byteOffset": 0, "byteLength": len(positions), "target": 34962},
+        {"buffer": 0, "byteOffset": len(positions), "byteLength": len(corners), "target": 34963},
+    ]
+    accessors = [
+        {"bufferView": 0, "componentType": 5126, "count": len(V), "type": "VEC3", "min": [], "max": []},
+        {"bufferView": 1, "componentType": 5125, "count": F.size, "type": "SCALAR"},
+    ]
+    tree: dict[str, Any] = {
+        "asset": {"version": "2.0", "generator": "sshade"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": len(positions) + len(corners)}],
+    }
+    buffers = [bytearray(positions + corners)]
+    _bounds(tree, buffers, 0)
+    path.write_bytes(_written(tree, buffers, _Gltf(path, tree, [bytes(buffers[0])], b""), path))

@@ -1,0 +1,143 @@
+"""What the JSON of a glTF file says: arrays within its buffers, places of its meshes, what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sshade.errors import InputError
+
+_KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+_FLOAT = 5126
+#: Attributes that change, and their types.
+_CHANGED = {"POSITION": "VEC3", "NORMAL": "VEC3", "TANGENT": "VEC4"}
+_TRIANGLES, _STRIP, _FAN = 4, 5, 6
+#: Extensions of meshes that are not read.
+_UNREAD = {
+    "KHR_draco_mesh_compression": "compressed buffers",
+    "EXT_meshopt_compression": "compressed buffers",
+    "KHR_meshopt_compression": "compressed buffers",
+    "KHR_mesh_quantization": "quantised positions",
+    "EXT_mesh_gpu_instancing": "instances of one mesh",
+}
+
+
+def require_plain(tree: dict[str, Any], path: Path) -> None:
+    """Raise InputError where a file holds what does not follow its positions."""
+    primitives = [p for mesh in tree.get("meshes", []) for p in mesh["primitives"]]
+    used = set(tree.get("extensionsUsed", [])) | set(tree.get("extensionsRequired", []))
+    found = [what for name, what in _UNREAD.items() if name in used]
+    changed = [p["attributes"][a] for p in primitives for a in _CHANGED if a in p["attributes"]]
+    accessors = [tree["accessors"][i] for i in changed]
+    found += ["a skin"] * bool(tree.get("skins"))
+    found += ["morph targets"] * any(p.get("targets") for p in primitives)
+    found += ["sparse accessors"] * any("sparse" in a for a in accessors)
+    found += ["positions or normals that are no floats"] * any(
+        a["componentType"] != _FLOAT for a in accessors
+    )
+    found += ["lines or points"] * any(p.get("mode", _TRIANGLES) < _TRIANGLES for p in primitives)
+    if found:
+        what = " and ".join(dict.fromkeys(found))
+        raise InputError(f"{path}: it holds {what}, which are not deformed; export it again without them")
+    for attributes in (primitive["attributes"] for primitive in primitives):
+        if "POSITION" not in attributes:
+            raise ValueError("one of its primitives has no positions")
+        size = tree["accessors"][attributes["POSITION"]]["count"]
+        for name, kind in _CHANGED.items():
+            own = tree["accessors"][attributes[name]] if name in attributes else None
+            if own and (own["type"], own["count"]) != (kind, size):
+                raise ValueError(f"its attribute {name} is no {kind} for each position")
+
+
+def accessor_bytes(tree: dict[str, Any], number: int) -> tuple[int, int, int]:
+    """Where an accessor reads: its view, its offset there, its count."""
+    accessor = tree["accessors"][number]
+    return accessor["bufferView"], accessor.get("byteOffset", 0), accessor["count"]
+
+
+def array_of(tree: dict[str, Any], buffers: list[Any], number: int) -> np.ndarray:
+    """(count, width) view of an accessor's numbers in the buffers; mutable if they are."""
+    view_number, offset, count = accessor_bytes(tree, number)
+    accessor, view = tree["accessors"][number], tree["bufferViews"][view_number]
+    kind, width = np.dtype(_KINDS[accessor["componentType"]]), _WIDTHS[accessor["type"]]
+    stride = view.get("byteStride", kind.itemsize * width)
+    begin = view.get("byteOffset", 0) + offset
+    needed = offset + (count - 1) * stride + kind.itemsize * width
+    if min(offset, count - 1, stride, begin) < 0 or needed > view["byteLength"]:
+        raise ValueError(f"its accessor {number} reaches out of its view")
+    buffer = buffers[view["buffer"]]
+    return np.ndarray((count, width), kind, buffer, begin, (stride, kind.itemsize))
+
+
+def triangles_of(
+    tree: dict[str, Any], buffers: list[Any], primitive: dict[str, Any], size: int
+) -> np.ndarray:
+    """(m, 3) int64 triangles of a primitive with `size` vertices; strips and fans are taken apart."""
+    if "indices" in primitive:
+        ids = array_of(tree, buffers, primitive["indices"])[:, 0].astype(np.int64)
+        if len(ids) and ids.max() >= size:
+            raise ValueError(f"a triangle refers to vertex {ids.max()} of {size}")
+    else:
+        ids = np.arange(size)
+    mode = primitive.get("mode", _TRIANGLES)
+    if mode == _TRIANGLES:
+        if len(ids) % 3:
+            raise ValueError(f"{len(ids)} corners are announced for triangles")
+        return ids.reshape(-1, 3)
+    if mode == _FAN:
+        return np.column_stack([ids[1:-1], ids[2:], np.full(max(len(ids) - 2, 0), ids[0])])
+    F = np.column_stack([ids[:-2], ids[1:-1], ids[2:]])
+    F[1::2] = F[1::2, ::-1]
+    # Strips are joined by triangles that repeat a vertex.
+    return F[(F[:, 0] != F[:, 1]) & (F[:, 1] != F[:, 2]) & (F[:, 2] != F[:, 0])]
+
+
+def mesh_matrices(tree: dict[str, Any], path: Path) -> dict[int, np.ndarray]:
+    """The matrix (4, 4) that puts each mesh of the nodes into the scene; 1 for all where there are no nodes.
+
+    Raises
+    ------
+    InputError
+        When several nodes show one mesh, whose vertices would have several places, or a node flattens it.
+    """
+    nodes = tree.get("nodes", [])
+    if not nodes:
+        return {number: np.eye(4) for number in range(len(tree.get("meshes", [])))}
+    parent = {child: i for i, node in enumerate(nodes) for child in node.get("children", [])}
+    found: dict[int, np.ndarray] = {}
+    for number, node in enumerate(nodes):
+        if "mesh" not in node:
+            continue
+        if node["mesh"] in found:
+            raise InputError(f"{path}: several nodes show its mesh {node['mesh']}; make it single-user first")
+        matrix, above, steps = _matrix(node), number, 0
+        while above in parent:
+            above, steps = parent[above], steps + 1
+            if steps > len(nodes):
+                raise ValueError("its nodes are their own ancestors")
+            matrix = _matrix(nodes[above]) @ matrix
+        if not abs(np.linalg.det(matrix[:3, :3])) > 0:
+            raise InputError(f"{path}: its node {number} has a scale of zero, which leaves a mesh no volume")
+        found[node["mesh"]] = matrix
+    return found
+
+
+def _matrix(node: dict[str, Any]) -> np.ndarray:
+    """The matrix (4, 4) of a node in its parent's coordinates."""
+    if "matrix" in node:
+        return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
+    x, y, z, w = node.get("rotation", [0.0, 0.0, 0.0, 1.0])
+    R = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    matrix = np.eye(4)
+    matrix[:3, :3] = R * np.array(node.get("scale", [1.0, 1.0, 1.0]))
+    matrix[:3, 3] = node.get("translation", [0.0, 0.0, 0.0])
+    return matrix

@@ -1,0 +1,155 @@
+"""The header of a PLY file, and the rows of numbers of its elements."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from struct import unpack_from
+from typing import NamedTuple
+
+import numpy as np
+
+_OLD_NAMES = ["char", "uchar", "short", "ushort", "int", "uint", "float", "double"]
+_NEW_NAMES = ["int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64"]
+_TYPES = {name: np.dtype(new) for old, new in zip(_OLD_NAMES, _NEW_NAMES, strict=True) for name in (old, new)}
+_ORDER = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+
+
+class Property(NamedTuple):
+    """A number of an element, or a list of them; `length` is the type of its length."""
+
+    name: str
+    kind: np.dtype
+    length: np.dtype | None = None
+
+
+class Rows(NamedTuple):
+    """Rows of an element whose lists have the same lengths.
+
+    Their numbers in it, the byte where each begins, and a structured array of them with fields
+    p0, p1, ... for the properties.
+    """
+
+    which: np.ndarray
+    begin: np.ndarray
+    values: np.ndarray
+
+    def places(self, number: int) -> np.ndarray:
+        """Bytes where the values of a property begin."""
+        return self.begin + self.values.dtype.fields[f"p{number}"][1]  # type: ignore[index]
+
+
+@dataclass
+class Element:
+    """Rows of properties."""
+
+    name: str
+    size: int
+    properties: list[Property] = field(default_factory=list)
+    rows: list[Rows] = field(default_factory=list)
+
+    def numbers(self, names: str) -> list[int]:
+        """Places of the properties of these names that are no lists; none unless all are there."""
+        place = {p.name: i for i, p in enumerate(self.properties) if p.length is None}
+        return [place[name] for name in names.split()] if place.keys() >= set(names.split()) else []
+
+    def columns(self, properties: list[int]) -> np.ndarray:
+        """(rows, k) float64 of some properties that are no lists."""
+        values = np.empty((self.size, len(properties)))
+        for rows in self.rows:
+            values[rows.which] = np.stack([rows.values[f"p{i}"] for i in properties], axis=1)
+        return values
+
+
+def read_header(data: bytes) -> tuple[str, list[Element], int]:
+    """Byte order ("" for text), elements, and where their numbers begin."""
+    order, elements, begin, number = None, [], 0, 0
+    while True:
+        end = data.find(b"\n", begin)
+        if end < 0:
+            raise ValueError("its header has no end" if number else "it does not begin with ply")
+        words = data[begin:end].decode("latin-1").split()
+        begin, number = end + 1, number + 1
+        if number == 1:
+            if words != ["ply"]:
+                raise ValueError("it does not begin with ply")
+        elif words == ["end_header"]:
+            break
+        elif words[:1] == ["format"] and len(words) == 3 and words[1] in _ORDER:
+            order = _ORDER[words[1]]
+        elif words[:1] == ["element"] and len(words) == 3 and words[2].isdecimal():
+            elements.append(Element(words[1], int(words[2])))
+        elif words[:1] == ["property"] and elements and (one := _property(words[1:])):
+            elements[-1].properties.append(one)
+        elif words and words[0] not in ("comment", "obj_info"):
+            raise ValueError(f"line {number} of its header is not understood: {' '.join(words)[:60]!r}")
+    if order is None:
+        raise ValueError("its header names no format")
+    return order, elements, begin
+
+
+def _property(words: list[str]) -> Property | None:
+    if len(words) == 2 and words[0] in _TYPES:
+        return Property(words[1], _TYPES[words[0]])
+    if len(words) == 4 and words[0] == "list" and {words[1], words[2]} <= _TYPES.keys():
+        count = _TYPES[words[1]]
+        return Property(words[3], _TYPES[words[2]], count) if count.kind != "f" else None
+    return None
+
+
+def take(data: bytes, at: int, element: Element, order: str) -> tuple[list[Rows], int]:
+    """The rows of an element that begins at byte `at`, and where they end."""
+    if not element.size or not element.properties:
+        return [], at
+    lengths = _lengths(data, at, element, order)
+    layout = _layout(element, lengths, order)
+    end = at + element.size * layout.itemsize
+    if end <= len(data):  # all rows may be as the first one
+        values = np.frombuffer(data, layout, element.size, at)
+        if all((values[f"n{i}"] == n).all() for i, n in enumerate(lengths) if n is not None):
+            numbers = np.arange(element.size)
+            return [Rows(numbers, at + numbers * layout.itemsize, values)], end
+    layouts: dict[tuple[int | None, ...], np.dtype] = {}
+    places: dict[tuple[int | None, ...], list[tuple[int, int]]] = {}
+    for row in range(element.size):
+        lengths = _lengths(data, at, element, order)
+        if lengths not in layouts:
+            layouts[lengths], places[lengths] = _layout(element, lengths, order), []
+        places[lengths].append((row, at))
+        at += layouts[lengths].itemsize
+    groups, every = [], np.frombuffer(data, np.uint8)
+    for lengths, layout in layouts.items():
+        which, begin = np.array(places[lengths]).T
+        taken = every[begin[:, None] + np.arange(layout.itemsize)]
+        groups.append(Rows(which, begin, taken.view(layout)[:, 0]))
+    return groups, at
+
+
+def _lengths(data: bytes, at: int, element: Element, order: str) -> tuple[int | None, ...]:
+    """Lengths of the lists of the row that begins at byte `at`, None for what is no list."""
+    lengths: list[int | None] = []
+    for one in element.properties:
+        length = None
+        if one.length is not None:
+            if at + one.length.itemsize > len(data):
+                break
+            (length,) = unpack_from(order + one.length.char, data, at)
+            if length < 0 or length != int(length):
+                raise ValueError(f"a list of its element {element.name} has a length of {length}")
+            length = int(length)
+            at += one.length.itemsize
+        lengths.append(length)
+        at += one.kind.itemsize * (1 if length is None else length)
+    if len(lengths) < len(element.properties) or at > len(data):
+        raise ValueError(f"it ends within the {element.size} rows of its element {element.name}")
+    return tuple(lengths)
+
+
+def _layout(element: Element, lengths: tuple[int | None, ...], order: str) -> np.dtype:
+    fields: list[tuple] = []
+    for i, (one, length) in enumerate(zip(element.properties, lengths, strict=True)):
+        kind = order + one.kind.char
+        if one.length is None:
+            fields.append((f"p{i}", kind))
+        else:
+            fields += [(f"n{i}", order + one.length.char), (f"p{i}", kind, (length,))]
+    return np.dtype(fields)

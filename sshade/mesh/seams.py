@@ -1,0 +1,64 @@
+"""Seams: where a file gives a surface two vertices at one place, to give each side its texture or normal."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from sshade.mesh.adjacency import sides_by_edge
+from sshade.mesh.mesh import Mesh
+
+
+def same_rows(rows: np.ndarray) -> np.ndarray:
+    """(k,) int64 ids of the rows of (k, d) float64: equal ones have the same, counted from 0.
+
+    The order of ids means nothing.
+    """
+    rows = np.ascontiguousarray(rows, dtype=np.float64) + 0.0  # no -0.0, which has other bits than 0.0
+    whole = rows.view(np.dtype((np.void, rows.itemsize * rows.shape[1])))[:, 0]
+    return np.unique(whole, return_inverse=True)[1].ravel()
+
+
+def join_seams(mesh: Mesh) -> tuple[Mesh, np.ndarray]:
+    """Make one vertex of those that stand twice at exactly one place along matching boundary edges.
+
+    Boundary edges match that join the same two places and run in opposite directions, as the two
+    sides of a cut do. Other vertices at one place, as of parts that touch in a point, stay apart.
+    Faces that then repeat a vertex, which have no area, are left out.
+
+    Parameters
+    ----------
+    mesh : Mesh
+
+    Returns
+    -------
+    joined : Mesh
+        The same object where there is no seam.
+    vertex : (n,) int64
+        For each vertex of `mesh` its vertex in `joined`.
+    """
+    edges = sides_by_edge(mesh.F, mesh.n)
+    side = edges.side[edges.start[:-1][edges.faces == 1]].astype(np.int64)
+    begin, end = mesh.F.ravel()[side], mesh.F[side // 3, (side + 1) % 3]
+    place = np.full(mesh.n, -1)
+    rim = np.unique(begin)
+    place[rim] = same_rows(mesh.V[rim]) if len(rim) else 0
+    forward = place[begin] < place[end]
+    low, high = np.where(forward, begin, end), np.where(forward, end, begin)
+    _, first, edge = np.unique(place[low] * mesh.n + place[high], return_index=True, return_inverse=True)
+    edge = edge.ravel()
+    count, ahead = np.bincount(edge), np.bincount(edge, forward)
+    matched = ((ahead > 0) & (ahead < count))[edge] & (place[low] != place[high])
+    if not matched.any():
+        return mesh, np.arange(mesh.n)
+    twin = first[edge[matched]]
+    links = np.concatenate([low[matched], high[matched]]), np.concatenate([low[twin], high[twin]])
+    graph = coo_array((np.ones(len(links[0]), dtype=bool), links), shape=(mesh.n, mesh.n))
+    _, group = connected_components(graph, directed=False)
+    _, first, group = np.unique(group, return_index=True, return_inverse=True)
+    kept = np.sort(first)
+    vertex = np.searchsorted(kept, first[group.ravel()])
+    F = vertex[mesh.F]
+    F = F[(F[:, 0] != F[:, 1]) & (F[:, 1] != F[:, 2]) & (F[:, 2] != F[:, 0])]
+    return Mesh(mesh.V[kept], F), vertex
