@@ -13,8 +13,9 @@ from sshade.errors import InputError
 from sshade.io.document import MeshFile, present, with_numbers
 from sshade.io.normals import vertex_turns
 
-#: The first word: texture coordinates, colours, normals at the vertices.
-_KEYWORD = re.compile(rb"(ST)?(C)?(N)?OFF$", re.IGNORECASE)
+#: The first word: texture coordinates, colours, normals at the vertices. A small n is another thing:
+#: the number of coordinates.
+_KEYWORD = re.compile(rb"(ST|st)?([Cc])?(N)?(?:OFF|off)$")
 
 
 def read_off(path: Path) -> MeshFile:

@@ -24,7 +24,8 @@ def join_seams(mesh: Mesh) -> tuple[Mesh, np.ndarray]:
     """Make one vertex of those that stand twice at exactly one place along matching boundary edges.
 
     Boundary edges match that join the same two places and run in opposite directions, as the two
-    sides of a cut do. Other vertices at one place, as of parts that touch in a point, stay apart.
+    sides of a cut do. A boundary edge without length, as around the pole of a globe made of squares,
+    becomes one vertex too. Other vertices at one place, as of parts that touch in a point, stay apart.
     Faces that then repeat a vertex, which have no area, are left out.
 
     Parameters
@@ -49,11 +50,15 @@ def join_seams(mesh: Mesh) -> tuple[Mesh, np.ndarray]:
     _, first, edge = np.unique(place[low] * mesh.n + place[high], return_index=True, return_inverse=True)
     edge = edge.ravel()
     count, ahead = np.bincount(edge), np.bincount(edge, forward)
-    matched = ((ahead > 0) & (ahead < count))[edge] & (place[low] != place[high])
-    if not matched.any():
+    point = place[low] == place[high]
+    matched = ((ahead > 0) & (ahead < count))[edge] & ~point
+    if not (matched | point).any():
         return mesh, np.arange(mesh.n)
     twin = first[edge[matched]]
-    links = np.concatenate([low[matched], high[matched]]), np.concatenate([low[twin], high[twin]])
+    links = (
+        np.concatenate([low[matched], high[matched], low[point]]),
+        np.concatenate([low[twin], high[twin], high[point]]),
+    )
     graph = coo_array((np.ones(len(links[0]), dtype=bool), links), shape=(mesh.n, mesh.n))
     _, group = connected_components(graph, directed=False)
     _, first, group = np.unique(group, return_index=True, return_inverse=True)

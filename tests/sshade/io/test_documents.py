@@ -1,0 +1,373 @@
+"""Files in the manner of several programs keep everything but positions and normals."""
+
+from __future__ import annotations
+
+import os
+import struct
+
+import numpy as np
+import pytest
+
+from sshade.io.meshes import read_arrays, read_file, read_mesh, write_file, write_mesh
+from tests.shapes import icosphere
+
+#: A turn by 90 degrees about z, which takes x to y and y to -x, and a shift.
+TURN = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+SHIFT = np.array([0.5, 0.25, 2.0])
+
+BLENDER = """\
+# Blender 4.2.1
+# www.blender.org
+mtllib cube.mtl
+o Front.001
+v 0.000000 0.000000 0.000000
+v 1.000000 0.000000 0.000000
+v 1.000000 1.000000 0.000000
+v 0.000000 1.000000 0.000000
+vn 0.0000 0.0000 1.0000
+vn 1.0000 0.0000 0.0000
+vt 0.000000 0.000000
+vt 1.000000 0.000000
+vt 1.000000 1.000000
+vt 0.000000 1.000000
+s 0
+usemtl Material
+f 1/1/1 2/2/1 3/3/1 4/4/1
+o Side
+v 1.000000 0.000000 -1.000000
+v 1.000000 1.000000 -1.000000
+s 1
+usemtl Other
+f 2/2/2 5/1/2 6/4/2
+f 2/2/2 6/1/2 3/3/2
+"""
+
+STUDIO = """\
+# 3ds Max Wavefront OBJ Exporter - (c)\r
+# File Created: 01.02.2024\r
+\r
+mtllib two.mtl \r
+#\r
+# object Box\r
+#\r
+v  0 0 0 0.5 0.25 1\r
+v  1 0 0 0.5 0.25 1\r
+v  1 1 0 0.5 0.25 1\r
+v  0 1 0 0.5 0.25 1\r
+v  2 0.5 0 0.5 0.25 1\r
+# 5 vertices\r
+\r
+g first second\r
+usemtl red\r
+s 4\r
+f -5/-1 -4/-1 \\\r
+  -3/-1 -2/-1 \r
+vt 0.1 0.2 0.3\r
+g third\r
+f 2 5 3 \r
+l 1 3\r
+#MRGB ffc0c0c0ffc0c0c0\r
+"""
+
+MESHLAB = """\
+ply
+format ascii 1.0
+comment VCGLIB generated
+comment TextureFile skin of it.png
+element vertex 5
+property float x
+property float y
+property float z
+property float nx
+property float ny
+property float nz
+property uchar red
+property uchar green
+property uchar blue
+property uchar alpha
+property float quality
+element face 3
+property list uchar int vertex_indices
+property list uchar float texcoord
+property int texnumber
+property float nx
+property float ny
+property float nz
+element camera 1
+property float view_px
+property list int double anything
+end_header
+0 0 0 0 0 1 255 0 0 255 0.5\x20
+1 0 0 0 0 1 255 1 0 255 1.5\x20
+1 1 0 0 0 1 255 0 2 255 nan\x20
+0 1 0 0 0 1 255 0 0 255 0.5\x20
+2 0.5 0 0 0 1 255 0 0 255 0.5\x20
+3 0 1 2 6 0.599829 0.25 0.5 0.5 0.75 1 0 0 0 1
+3 0 2 3 6 0.1 0.2 0.3 0.4 0.5 0.6 0 0 0 1
+3 1 4 2 0 1 0 0 1
+7.25 2 1e-3 2e+3
+"""
+
+COFF = """\
+CNOFF # with colours
+3 1 0
+
+0 0 0  0 0 1  255 0 0 255
+1 0 0  0 0 1  0 255 0 255 # a corner
+0 1 0  0 0 1  0 0 255 255
+3 0 1 2  128 128 128
+"""
+
+SOLID = """\
+solid ascii part
+ facet normal 0 0 1
+  outer loop
+   vertex 0 0 0
+   vertex 1 0 0
+   vertex 0 1 0
+  endloop
+ endfacet
+endsolid ascii part
+"""
+
+
+def rewritten(path, V, name=None):
+    out = path.with_name(name or f"out{path.suffix}")
+    write_file(out, read_file(path), V)
+    return out
+
+
+def words(text: str) -> list[list[str]]:
+    return [line.split() for line in text.splitlines()]
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("a.obj", BLENDER), ("a.obj", STUDIO), ("a.ply", MESHLAB), ("a.off", COFF), ("a.stl", SOLID)],
+)
+def test_what_does_not_move_stays_byte_by_byte(tmp_path, name, text):
+    path = tmp_path / name
+    path.write_bytes(text.encode())
+    file = read_file(path)
+    assert rewritten(path, file.V).read_bytes() == path.read_bytes()
+    # One vertex that moves within its plane changes its own line.
+    V = file.V.copy()
+    V[-1] += [0, 0.125, 0]
+    old, new = (p.read_bytes().splitlines() for p in (path, rewritten(path, V)))
+    changed = [(a, b) for a, b in zip(old, new, strict=True) if a != b]
+    assert len(changed) == 1 and np.array_equal(read_arrays(tmp_path / f"out{path.suffix}")[0], V)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "moving"),
+    [
+        ("a.obj", BLENDER, {"v": slice(1, 4), "vn": slice(1, 4)}),
+        ("a.obj", STUDIO, {"v": slice(1, 4)}),
+        ("a.stl", SOLID, {"vertex": slice(1, 4), "facet": slice(2, 5)}),
+    ],
+)
+def test_a_turned_text_differs_in_positions_and_normals_alone(tmp_path, name, text, moving):
+    path = tmp_path / name
+    path.write_bytes(text.encode())
+    V = read_arrays(path)[0]
+    out = rewritten(path, V @ TURN.T + SHIFT)
+    assert np.array_equal(read_arrays(out)[0], V @ TURN.T + SHIFT)
+    assert np.array_equal(read_arrays(out)[1], read_arrays(path)[1])
+    turned = 0
+    for old, new in zip(words(text), words(out.read_bytes().decode()), strict=True):
+        own = moving.get(old[0]) if old else None
+        if own is None:
+            assert new == old
+            continue
+        assert new[: own.start] == old[: own.start] and new[own.stop :] == old[own.stop :]
+        shift = SHIFT if old[0] in ("v", "vertex") else 0
+        expected = np.array(old[own], dtype=float) @ TURN.T + shift
+        assert np.allclose(np.array(new[own], dtype=float), expected, rtol=0, atol=1e-15)
+        turned += 1
+    assert turned >= 4
+    assert out.read_bytes().count(b"\r\n") == path.read_bytes().count(b"\r\n")
+
+
+def test_a_normal_that_many_vertices_share_becomes_several_where_they_turn_apart(tmp_path):
+    """Two far squares with one line vn, as Blender writes them; one of the two is turned."""
+    square = "v {0} 0 0\nv {1} 0 0\nv {1} 1 0\nv {0} 1 0\n"
+    for faces in (
+        "f 1/1/2 2/1/2 3/1/2 4/1/2\nf 5//2 6//2 7//2 8//2\nf 1//1 3//1 2//1\n",
+        "f 1/1/-1 2/1/-1 3/1/-1 4/1/-1\nf 5//-1 6//-1 7//-1 8//-1\nf 1//-2 3//-2 2//-2\n",
+    ):
+        text = square.format(0, 1) + square.format(8, 9) + "vt 0 0\nvn 0 0 -1\nvn 0.0 0.0 1.0\ns 1\n" + faces
+        path = tmp_path / "a.obj"
+        path.write_text(text + "vn 1 0 0\nf 1//3 2//3 4//3\n")
+        V = read_arrays(path)[0]
+        V[4:] = V[4:] @ np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]).T  # z to -y
+        out = rewritten(path, V).read_text()
+        assert out.count("vn 0.0 0.0 1.0\n") == 1 and out.count("\nvn ") == 4
+        lines = [line.split() for line in out.splitlines()]
+        found = {}
+        normals: list[list[float]] = []
+        for line in lines:
+            if line[0] == "vn":
+                normals.append([float(x) for x in line[1:]])
+            elif line[0] == "f":
+                for word in line[1:]:
+                    v, _, n = word.split("/")
+                    index = int(n) - 1 if int(n) > 0 else len(normals) + int(n)
+                    found.setdefault((int(v), len(line)), []).append(normals[index])
+        assert all(n == [0, 0, 1] for v in (1, 2, 3, 4) for n in found[v, 5])
+        assert all(n == [0, -1, 0] for v in (5, 6, 7, 8) for n in found[v, 5])
+        assert found[1, 4] == [[0, 0, -1], [1, 0, 0]]
+
+
+def test_normals_turn_with_the_surface_and_keep_what_an_artist_set(tmp_path):
+    """A sphere becomes an ellipsoid: its normals are known; one that leans keeps its angle."""
+    mesh = icosphere(4)
+    lines = [f"v {x!r} {y!r} {z!r}\nvn {x!r} {y!r} {z!r}" for x, y, z in mesh.V.tolist()]
+    lines += [f"f {a}//{a} {b}//{b} {c}//{c}" for a, b, c in (mesh.F + 1).tolist()]
+    (tmp_path / "a.obj").write_text("\n".join(lines))
+    axes = np.array([1.0, 1.5, 0.75])
+    out = rewritten(tmp_path / "a.obj", mesh.V * axes).read_text().splitlines()
+    N = np.array([line.split()[1:] for line in out if line.startswith("vn")], dtype=float)
+    true = mesh.V / axes
+    true /= np.linalg.norm(true, axis=1, keepdims=True)
+    assert np.degrees(np.arccos(np.clip((N * true).sum(axis=1), -1, 1))).max() < 1.0
+    assert np.allclose(np.linalg.norm(N, axis=1), 1, atol=2e-6)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_unknown_properties_and_elements_of_a_binary_ply_survive(tmp_path, order):
+    endian = {"<": "little", ">": "big"}[order]
+    header = (
+        f"ply\nformat binary_{endian}_endian 1.0\nobj_info by hand\nelement tristrips 1\n"
+        "property list int int vertex_indices\nelement vertex 4\nproperty float x\nproperty short mark\n"
+        "property double y\nproperty float z\nproperty list uchar ushort owners\nelement face 2\n"
+        "property uchar flags\nproperty list uchar uint vertex_index\nproperty list uchar float texcoord\n"
+        "element edge 2\nproperty int vertex1\nproperty int vertex2\nend_header\n"
+    ).encode()
+    points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0.1)]
+
+    def body(V):
+        data = struct.pack(f"{order}i3i", 3, 0, 1, 2)
+        for i, (x, y, z) in enumerate(V):
+            data += struct.pack(f"{order}fhdfB{i}H", x, -i, y, z, i, *range(i))
+        data += struct.pack(f"{order}BB4IB8f", 7, 4, 0, 1, 2, 3, 8, *np.linspace(0, 1, 8))
+        data += struct.pack(f"{order}BB3IB6f", 9, 3, 0, 2, 1, 6, *np.linspace(0, 1, 6))
+        return header + data + struct.pack(f"{order}4i", 0, 1, 1, 2)
+
+    path = tmp_path / "a.ply"
+    path.write_bytes(body(points))
+    V, F = read_arrays(path)
+    assert F.tolist() == [[0, 1, 2], [0, 2, 3], [0, 2, 1]]
+    moved = V @ TURN.T + SHIFT
+    assert rewritten(path, moved).read_bytes() == body(moved)
+    assert rewritten(path, V).read_bytes() == path.read_bytes()
+
+
+def test_a_ply_of_meshlab_with_texture_coordinates_at_corners(tmp_path):
+    path = tmp_path / "a.ply"
+    path.write_text(MESHLAB)
+    V = read_arrays(path)[0]
+    out = rewritten(path, V @ TURN.T).read_text()
+    assert len(out.splitlines()) == len(MESHLAB.splitlines())
+    flat = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    out = rewritten(path, V @ flat.T).read_text()
+    for old, new in zip(words(MESHLAB), words(out), strict=True):
+        if len(old) == 11 and old[0] != "comment":
+            assert new[6:] == old[6:] and [float(x) for x in new[3:6]] == [0, -1, 0]
+        elif old[:1] == ["3"]:
+            assert new[:-3] == old[:-3] and [float(x) for x in new[-3:]] == [0, -1, 0]
+        else:
+            assert new == old
+
+
+def test_a_ply_of_whole_numbers_is_written_with_doubles(tmp_path):
+    path = tmp_path / "a.ply"
+    path.write_text(MESHLAB.replace("property float y", "property int y").replace(" 0.5 0 0", " 1 0 0"))
+    file = read_file(path)
+    assert "vertex colours" in file.lost(path)
+    assert np.array_equal(read_arrays(rewritten(path, file.V + 0.25))[0], file.V + 0.25)
+
+
+def test_off_keeps_colours_and_turns_normals(tmp_path):
+    path = tmp_path / "a.off"
+    path.write_text(COFF)
+    flat = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    out = rewritten(path, read_arrays(path)[0] @ flat.T).read_text()
+    rows = words(out)
+    assert [row[3:6] for row in rows[3:6]] == [["0", "-1.0", "0.0"]] * 3
+    assert out.replace("-1.0 0.0  ", "0 1  ").replace("0 0.0 1.0 ", "0 1 0 ") == COFF
+    for name in ("4OFF", "nOFF", "3OFF"):
+        path.write_text(COFF.replace("CNOFF", name))
+        with pytest.raises(Exception, match="holds other than three coordinates"):
+            read_file(path)
+
+
+def test_a_binary_stl_keeps_its_header_and_attributes(tmp_path):
+    path = tmp_path / "a.stl"
+    facet = struct.pack("<12fH", 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0x7C1F)
+    path.write_bytes(b"COLOR=abcd".ljust(80) + struct.pack("<I", 1) + facet)
+    V = read_arrays(path)[0]
+    assert rewritten(path, V).read_bytes() == path.read_bytes()
+    flat = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    moved = struct.pack("<12fH", 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0x7C1F)
+    assert rewritten(path, V @ flat.T).read_bytes() == path.read_bytes()[:84] + moved
+
+
+def test_references_to_other_files_are_from_the_new_place(tmp_path):
+    (tmp_path / "in" / "maps").mkdir(parents=True)
+    (tmp_path / "out").mkdir()
+    path = tmp_path / "in" / "a.obj"
+    path.write_text(STUDIO.replace("mtllib two.mtl", "mtllib maps/one.mtl two.mtl"))
+    V = read_arrays(path)[0]
+    for out, line in (("out/b.obj", "mtllib ../in/maps/one.mtl ../in/two.mtl \n"), ("in/b.obj", None)):
+        write_file(tmp_path / out, read_file(path), V)
+        expected = line or "mtllib maps/one.mtl two.mtl \n"
+        assert expected in (tmp_path / out).read_text()
+    # One name may have spaces: the file is there.
+    (tmp_path / "in" / "of it.mtl").write_text("newmtl red\n")
+    path.write_text(STUDIO.replace("mtllib two.mtl", "mtllib of it.mtl"))
+    write_file(tmp_path / "out" / "b.obj", read_file(path), V)
+    assert "mtllib ../in/of it.mtl \n" in (tmp_path / "out" / "b.obj").read_text()
+    path = path.with_suffix(".ply")
+    path.write_text(MESHLAB)
+    write_file(tmp_path / "out" / "b.ply", read_file(path), read_arrays(path)[0])
+    assert (tmp_path / "out" / "b.ply").read_text() == MESHLAB.replace("skin of", "../in/skin of")
+
+
+def test_what_another_format_loses_is_named(tmp_path):
+    found = {}
+    for name, text in {"a.obj": BLENDER, "b.obj": STUDIO, "a.ply": MESHLAB, "a.off": COFF}.items():
+        path = tmp_path / name
+        path.write_text(text)
+        file = read_file(path)
+        assert file.lost(tmp_path / f"other{path.suffix.upper()}") == ()
+        found[name] = set(file.lost(tmp_path / "other.stl"))
+    assert found == {
+        "a.obj": {"texture coordinates", "normals", "materials", "groups", "smoothing groups", "polygons"}
+        | {"comments"},
+        "b.obj": {"texture coordinates", "vertex colours", "materials", "groups", "smoothing groups"}
+        | {"polygons", "lines and points", "comments"},
+        "a.ply": {"vertex normals", "vertex colours", "property quality", "texture coordinates"}
+        | {"face normals", "element camera", "comments"},
+        "a.off": {"vertex colours", "normals", "face colours", "comments"},
+    }
+    write_mesh(tmp_path / "plain.ply", np.eye(3), np.array([[0, 1, 2]]))
+    assert read_file(tmp_path / "plain.ply").lost("a.stl") == ()
+
+
+def test_another_format_gets_the_mesh(tmp_path):
+    path = tmp_path / "a.obj"
+    path.write_text(BLENDER)
+    file = read_file(path)
+    for suffix in (".ply", ".off", ".glb", ".gltf"):
+        write_file(tmp_path / f"b{suffix}", file, file.V)
+        mesh = read_mesh(tmp_path / f"b{suffix}")
+        assert np.array_equal(mesh.V, file.V) and np.array_equal(mesh.F, file.F)
+
+
+@pytest.mark.parametrize("normal", ["9", "-9", "0"])
+def test_a_normal_that_is_not_there_is_refused_before_any_work(tmp_path, normal):
+    path = tmp_path / "a.obj"
+    path.write_text(BLENDER.replace("f 1/1/1", f"f 1/1/{normal}"))
+    with pytest.raises(Exception, match=r"a\.obj: not a readable OBJ file \(.*(normal|counted from 1)"):
+        read_file(path)
+    assert os.listdir(tmp_path) == ["a.obj"]

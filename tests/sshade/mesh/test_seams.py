@@ -1,0 +1,79 @@
+"""Seams: what is one vertex to the method, and what is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sshade import Mesh
+from sshade.mesh.seams import join_seams, same_rows
+from tests.shapes import icosphere
+
+SPHERE = icosphere(2)
+
+
+def split(mesh: Mesh, first: np.ndarray) -> Mesh:
+    """The mesh with vertices of its own for the faces `first` (m,) bool."""
+    F = np.where(first[:, None], mesh.F, mesh.F + mesh.n)
+    used, F = np.unique(F, return_inverse=True)
+    return Mesh(np.concatenate([mesh.V, mesh.V])[used], F.reshape(-1, 3))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_surface_cut_anywhere_becomes_whole_again(seed):
+    rng = np.random.default_rng(seed)
+    first = rng.random(SPHERE.m) < 0.3 if seed else SPHERE.V[SPHERE.F].mean(axis=1)[:, 0] > 0
+    parts = split(SPHERE, first)
+    joined, vertex = join_seams(parts)
+    assert parts.n > SPHERE.n == joined.n and joined.m == SPHERE.m
+    assert np.array_equal(joined.V[vertex], parts.V) and np.array_equal(joined.F, vertex[parts.F])
+    assert joined.topology == SPHERE.topology
+
+
+def test_a_soup_becomes_the_surface():
+    soup = Mesh(SPHERE.V[SPHERE.F].reshape(-1, 3), np.arange(3 * SPHERE.m).reshape(-1, 3))
+    joined, _ = join_seams(soup)
+    assert joined.n == SPHERE.n and joined.topology == SPHERE.topology
+
+
+def test_without_a_seam_it_is_the_same_object():
+    strip = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0], [-1, 0, 0], [0, -1, 0]], [[0, 1, 2], [3, 4, 5]])
+    twice = Mesh(np.concatenate([SPHERE.V, SPHERE.V]), np.concatenate([SPHERE.F, SPHERE.F + SPHERE.n]))
+    parallel = Mesh(np.concatenate([strip.V[:3]] * 2), [[0, 1, 2], [3, 4, 5]])  # both run the same way
+    for mesh in (SPHERE, strip, twice, parallel):
+        joined, vertex = join_seams(mesh)
+        assert joined is mesh and np.array_equal(vertex, np.arange(mesh.n))
+
+
+def test_vertices_at_one_place_apart_from_a_seam_stay_apart():
+    parts = split(SPHERE, SPHERE.V[SPHERE.F].mean(axis=1)[:, 0] > 0)
+    inner = Mesh(
+        np.concatenate([parts.V, [SPHERE.V[0]], SPHERE.V[0] + np.eye(3)[:2]]),
+        np.concatenate([parts.F, [parts.n + np.arange(3)]]),
+    )
+    joined, vertex = join_seams(inner)
+    assert joined.n == SPHERE.n + 3 and (vertex == vertex[parts.n]).sum() == 1
+
+
+def test_a_pole_of_many_vertices_with_faces_without_area_closes():
+    """Rows of squares up to a pole, each square with vertices of its own, as exporters make a globe."""
+    k = 8
+    angle = 2 * np.pi * np.arange(k + 1) / k
+    ring = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(k + 1)])
+    ring[-1] = ring[0]
+    V = np.concatenate([ring, np.tile([0.0, 0, 1], (k + 1, 1)), ring, np.tile([0.0, 0, -1], (k + 1, 1))])
+    i = np.arange(k)
+    lower, upper = np.column_stack([i, i + 1, i + k + 1]), np.column_stack([i + 1, i + k + 2, i + k + 1])
+    up = np.concatenate([lower, upper])
+    F = np.concatenate([up, up[:, ::-1] + 2 * (k + 1)])
+    joined, vertex = join_seams(Mesh(V, F))
+    assert joined.n == k + 2 and joined.is_closed and joined.topology.euler == 2
+    assert np.array_equal(joined.V[vertex], V)
+
+
+def test_equal_rows_have_equal_ids():
+    rng = np.random.default_rng(0)
+    rows = rng.integers(-1, 2, (300, 4)) * -0.0 + rng.integers(0, 3, (300, 4))
+    ids = same_rows(rows)
+    assert np.array_equal(ids[:, None] == ids, (rows[:, None] == rows).all(axis=2))
+    assert set(ids) == set(range(ids.max() + 1))
