@@ -22,6 +22,8 @@ NODE = {
     "scale": [2, 2, 2],
     "translation": [0, 1, 0],
 }
+MIRROR = np.diag([-1.0, 2, 1])
+MIRRORED = {"mesh": 0, "matrix": [-1, 0, 0, 0, 0, 2, 0, 0, 0, 0, 1, 0, 3, 0, 0, 1]}
 PLACE = np.array([[2.0, 0, 0], [0, 0, -2], [0, 2, 0]])
 
 
