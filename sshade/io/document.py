@@ -59,15 +59,15 @@ def with_words(line: bytes, words: Mapping[int, bytes]) -> bytes:
     return b"".join(parts)
 
 
-def with_numbers(line: bytes, first: int, old: np.ndarray, new: np.ndarray) -> bytes:
+def with_numbers(line: bytes, first: int, old: list[float], new: list[float]) -> bytes:
     """A line whose words from number `first` on are `old`, with `new` ones; equal ones keep their digits."""
-    changed = np.flatnonzero(old != new).tolist()
-    return with_words(line, {first + i: digits(new[i]) for i in changed}) if changed else line
+    words = {first + i: digits(b) for i, (a, b) in enumerate(zip(old, new, strict=True)) if a != b}
+    return with_words(line, words) if words else line
 
 
 def digits(number: float) -> bytes:
     """The shortest decimals that read back as the same double."""
-    return repr(float(number)).encode()
+    return repr(number).encode()
 
 
 def moved_reference(name: str, source: Path, path: Path) -> str:

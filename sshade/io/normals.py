@@ -27,15 +27,14 @@ def turns(group: np.ndarray, F: np.ndarray, rest: np.ndarray, posed: np.ndarray)
     -------
     (k, 3, 3) float64
     """
-    corner, f = np.flatnonzero(group.ravel() >= 0), F[np.flatnonzero(group.ravel() >= 0) // 3]
-    own = group.ravel()[corner]
+    corner = np.flatnonzero(group.ravel() >= 0)
+    own, face = group.ravel()[corner], corner // 3
     groups = int(group.max(initial=-1)) + 1
-    area = np.linalg.norm(_cross(f, rest), axis=1)
+    area = np.linalg.norm(_cross(F, rest), axis=1)[face]
     order = np.lexsort([area, own])
-    largest = order[np.append(own[order][1:] != own[order][:-1], True)] if len(order) else order
-    apex = F.ravel()[corner[largest]]
+    largest = corner[order[np.append(own[order][1:] != own[order][:-1], True)]] if len(own) else corner
     Q = np.tile(np.eye(3), (groups, 1, 1))
-    before, after = (_frames(own, f, largest, apex, V, groups) for V in (rest, posed))
+    before, after = (_frames(own, face, largest, F, V) for V in (rest, posed))
     sound = np.linalg.norm(before, axis=2).all(axis=1) & np.linalg.norm(after, axis=2).all(axis=1)
     turned = sound & (before != after).any(axis=(1, 2))
     Q[turned] = np.einsum("kia,kib->kab", after[turned], before[turned])
@@ -56,19 +55,21 @@ def vertex_turns(N: np.ndarray, F: np.ndarray, rest: np.ndarray, posed: np.ndarr
     return Q[group]
 
 
-def _cross(f: np.ndarray, V: np.ndarray) -> np.ndarray:
-    return np.cross(V[f[:, 1]] - V[f[:, 0]], V[f[:, 2]] - V[f[:, 0]])
+def _cross(F: np.ndarray, V: np.ndarray) -> np.ndarray:
+    a, b, c = (np.ascontiguousarray(V[F[:, i]].T) for i in range(3))
+    return np.cross(b - a, c - a, axis=0).T
 
 
 def _frames(
-    own: np.ndarray, f: np.ndarray, largest: np.ndarray, apex: np.ndarray, V: np.ndarray, groups: int
+    own: np.ndarray, face: np.ndarray, largest: np.ndarray, F: np.ndarray, V: np.ndarray
 ) -> np.ndarray:
-    """(k, 3, 3) orthonormal rows of each group; rows of zeros where it has no normal or no median."""
-    cross = _cross(f, V)
-    normal = _unit(np.stack([np.bincount(own, x, groups) for x in cross.T], axis=1))
-    median = np.zeros((groups, 3))
-    median[own[largest]] = V[f[largest]].sum(axis=1) - 3.0 * V[apex]
-    median = _unit(median)
+    """(k, 3, 3) orthonormal rows of each group; rows of zeros where it has no normal or no median.
+
+    `own` are the groups of corners of `face`, `largest` the corner of each group that gives its median.
+    """
+    normal = _unit(np.stack([np.bincount(own, x[face]) for x in _cross(F, V).T], axis=1))
+    median = np.zeros_like(normal)
+    median[np.unique(own)] = _unit(V[F[largest // 3]].sum(axis=1) - 3.0 * V[F.ravel()[largest]])
     median = _unit(median - np.einsum("ki,ki->k", median, normal)[:, None] * normal)
     return np.stack([normal, median, np.cross(normal, median)], axis=1)
 

@@ -80,7 +80,7 @@ def _parsed(data: bytes) -> _Obj:
     obj = _Obj(_logical_lines(data))
     number = 1
     for place, line in enumerate(obj.lines):
-        words = line.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").split()
+        words = _words(line)
         key = words[0] if words else b""
         obj.keys.add(key[:1] if key.startswith(b"#") else key)
         if key == b"v":
@@ -96,6 +96,12 @@ def _parsed(data: bytes) -> _Obj:
             obj.libraries.append(place)
         number += max(line.count(b"\n"), 1)
     return obj
+
+
+def _words(line: bytes) -> list[bytes]:
+    if b"\\" in line:
+        line = line.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
+    return line.split()
 
 
 def _logical_lines(data: bytes) -> list[bytes]:
@@ -142,8 +148,8 @@ def _face(obj: _Obj, place: int, words: list[bytes], number: int) -> None:
 
 def _content(obj: _Obj, corners: np.ndarray, rest: np.ndarray, source: Path, V: np.ndarray, path: Path):
     lines = list(obj.lines)
-    for i in np.flatnonzero((rest != V).any(axis=1)).tolist():
-        lines[obj.position_lines[i]] = with_numbers(lines[obj.position_lines[i]], 1, rest[i], V[i])
+    for place, old, new in zip(obj.position_lines, rest.tolist(), V.tolist(), strict=True):
+        lines[place] = with_numbers(lines[place], 1, old, new)
     for place in obj.libraries:
         lines[place] = _library(lines[place], source, path)
     if obj.normals:
@@ -175,12 +181,15 @@ def _turn_normals(
     shaded = np.flatnonzero(corners[:, 1] >= 0)
     if not len(shaded):
         return
-    vertex, normal = corners[shaded].T
+    # Each vertex with each of its normals once.
+    pair, pair_of = np.unique(corners[shaded] @ [len(N), 1], return_inverse=True)
+    vertex, normal = np.divmod(pair, len(N))
     group = np.full(len(corners), -1)
-    group[shaded] = same_rows(np.column_stack([rest[vertex], V[vertex], N[normal]]))
+    alike = same_rows(np.column_stack([rest[vertex], V[vertex], N[normal]]))
+    group[shaded] = alike[pair_of]
     triangles = np.array(obj.triangles)
     Q = turns(group[triangles], corners[:, 0][triangles], rest, V)
-    new = np.einsum("kij,kj->ki", Q[group[shaded]], N[normal])
+    new = np.einsum("kij,kj->ki", Q[alike], N[normal])
     still = (new == N[normal]).all(axis=1)
     new = np.where(still[:, None], N[normal], np.round(new, DECIMALS) + 0.0)
     variant = same_rows(np.column_stack([normal, new]))
@@ -196,10 +205,12 @@ def _turn_normals(
         line = lines[obj.normal_lines[i]]
         own = line if line.endswith((b"\n", b"\r")) or written[i] == 1 else line + b"\n"
         variants = pairs[first[i] : first[i] + written[i], 1]
-        lines[obj.normal_lines[i]] = b"".join(with_numbers(own, 1, N[i], value[k]) for k in variants)
+        lines[obj.normal_lines[i]] = b"".join(
+            with_numbers(own, 1, obj.normals[i], value[k].tolist()) for k in variants
+        )
     if start[-1] > len(N):
         ids = np.full(len(corners), -1)
-        ids[shaded] = place[variant]
+        ids[shaded] = place[variant[pair_of]]
         _count_anew(obj, ids, start, lines)
 
 
@@ -209,7 +220,7 @@ def _count_anew(obj: _Obj, ids: np.ndarray, start: np.ndarray, lines: list[bytes
     for line, size, above in zip(obj.face_lines, obj.sizes, obj.normals_before, strict=True):
         own = ids[at : at + size].tolist()
         at += size
-        words = lines[line].replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").split()
+        words = _words(lines[line])
         new = {}
         for number, index in enumerate(own, start=1):
             if index >= 0:

@@ -90,10 +90,10 @@ def _content(
     path: Path,
 ) -> bytes:
     lines = list(lines)
-    for i in np.flatnonzero((rest != V).any(axis=1)).tolist():
-        lines[places[i]] = with_numbers(lines[places[i]], 0, rest[i], V[i])
+    for place, old, new in zip(places, rest.tolist(), V.tolist(), strict=True):
+        lines[place] = with_numbers(lines[place], 0, old, new)
     if N is not None:
         turned = np.einsum("kij,kj->ki", vertex_turns(N, F, rest, V), N)
-        for i in np.flatnonzero((turned != N).any(axis=1)).tolist():
-            lines[places[i]] = with_numbers(lines[places[i]], 3, N[i], turned[i])
+        for place, old, new in zip(places, N.tolist(), turned.tolist(), strict=True):
+            lines[place] = with_numbers(lines[place], 3, old, new)
     return b"".join(lines)

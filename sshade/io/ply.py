@@ -168,12 +168,12 @@ def _patched_text(ply: _Ply, changes: list[Change]) -> bytes:
     words = re.split(rb"(\s+)", ply.data[ply.body :])
     first = 2 if words[0] == b"" else 0
     for element, properties, old, new in changes:
-        for rows in element.rows:
-            for column, i in enumerate(properties):
-                place = rows.places(i) // 8
-                for row, at in zip(rows.which.tolist(), place.tolist(), strict=True):
-                    if old[row, column] != new[row, column]:
-                        words[first + 2 * at] = digits(new[row, column])
+        for column, i in enumerate(properties):
+            before, after = old[:, column].tolist(), new[:, column].tolist()
+            for rows in element.rows:
+                for row, at in zip(rows.which.tolist(), (rows.places(i) // 8).tolist(), strict=True):
+                    if before[row] != after[row]:
+                        words[first + 2 * at] = digits(after[row])
     return b"".join(words)
 
 

@@ -101,8 +101,8 @@ def _text(
     path: Path,
 ) -> bytes:
     lines = list(lines)
-    for place, old, new in zip(corner_lines, rest, V, strict=True):
+    for place, old, new in zip(corner_lines, rest.tolist(), V.tolist(), strict=True):
         lines[place] = with_numbers(lines[place], 1, old, new)
-    for place, old, new in zip(normal_lines, N, _turned(N, rest, V), strict=True):
+    for place, old, new in zip(normal_lines, N.tolist(), _turned(N, rest, V).tolist(), strict=True):
         lines[place] = with_numbers(lines[place], 2, old, new)
     return b"".join(lines)

@@ -71,7 +71,7 @@ CONTENT = {
 }
 #: What stands at the mesh's place on the command line.
 NAMES = {
-    "unknown suffix": ("body.glb", garbage("body.glb"), ".glb", ".ply"),
+    "unknown suffix": ("body.fbx", garbage("body.fbx"), ".fbx", ".ply"),
     "no suffix": ("body", garbage("body"), "unknown format"),
     "a folder for a mesh": ("d.ply", folder("d.ply"), "d.ply: no such file"),
     "a missing mesh": ("nowhere.ply", nothing, "nowhere.ply: no such file"),

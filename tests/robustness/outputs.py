@@ -128,7 +128,7 @@ PATHS = {
     DEFORM.format("no/out.ply"): (nothing, "folder no does not exist"),
     DEFORM.format("d.ply"): (folder("d.ply"), "is a folder"),
     DEFORM.format("pose.json/out.ply"): (nothing, "out.ply", "folder"),
-    DEFORM.format("out.glb"): (nothing, "unknown format '.glb'"),
+    DEFORM.format("out.fbx"): (nothing, "unknown format '.fbx'"),
     DEFORM.format("out"): (nothing, "unknown format ''"),
     DEFORM.format("/proc/out.ply"): (nothing, "/proc/out.ply"),
     DEFORM.format(f"{'x' * 300}.ply"): (nothing, "File name too long"),
