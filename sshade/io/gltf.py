@@ -21,7 +21,14 @@ import numpy as np
 
 from sshade.errors import InputError
 from sshade.io.document import MeshFile, moved_reference, present
-from sshade.io.gltf_scene import accessor_bytes, array_of, mesh_matrices, require_plain, triangles_of
+from sshade.io.gltf_scene import (
+    accessor_bytes,
+    array_of,
+    mesh_matrices,
+    require_apart,
+    require_plain,
+    triangles_of,
+)
 from sshade.io.normals import vertex_turns
 
 _MAGIC, _JSON, _BINARY = b"glTF", b"JSON", b"BIN\0"
@@ -90,6 +97,7 @@ def read_gltf(path: Path) -> MeshFile:
             F.append(part.first + corners)
     if not sum(map(len, F)):
         raise InputError(f"{path}: the file holds no triangles")
+    require_apart(gltf.tree, gltf.buffers, path)
     rest, triangles = np.concatenate(V), np.concatenate(F)
     content = partial(_content, gltf, list(parts.values()), rest, triangles)
     return MeshFile(rest, triangles, _holds(gltf.tree), (".glb", ".gltf"), content)

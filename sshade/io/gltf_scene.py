@@ -50,6 +50,26 @@ def require_plain(tree: dict[str, Any], path: Path) -> None:
             own = tree["accessors"][attributes[name]] if name in attributes else None
             if own and (own["type"], own["count"]) != (kind, size):
                 raise ValueError(f"its attribute {name} is no {kind} for each position")
+            if own and "bufferView" not in own:
+                raise ValueError(f"its attribute {name} has no bytes")
+
+
+def require_apart(tree: dict[str, Any], buffers: list[bytes], path: Path) -> None:
+    """Raise InputError where numbers that change share bytes with others of the meshes."""
+    primitives = [p for mesh in tree.get("meshes", []) for p in mesh["primitives"]]
+    pairs = {pair for p in primitives for pair in p["attributes"].items()}
+    changed = {accessor_bytes(tree, number): number for name, number in pairs if name in _CHANGED}
+    kept = {number for name, number in pairs if name not in _CHANGED}
+    kept |= {p["indices"] for p in primitives if "indices" in p}
+    taken = [bytearray(len(data)) for data in buffers]
+    for number in kept:
+        if "bufferView" in tree["accessors"][number]:
+            array_of(tree, taken, number).view(np.uint8)[:] = 1
+    for number in changed.values():
+        own = array_of(tree, taken, number).view(np.uint8)
+        if own.any():
+            raise InputError(f"{path}: its accessor {number} shares bytes with another one; export it again")
+        own[:] = 1
 
 
 def accessor_bytes(tree: dict[str, Any], number: int) -> tuple[int, int, int]:

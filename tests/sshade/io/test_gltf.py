@@ -231,6 +231,16 @@ def test_what_cannot_be_deformed_is_refused_in_one_sentence(tmp_path, changes, w
     refused(tmp_path, tree, buffer, words)
 
 
+def test_numbers_that_share_bytes_are_refused(tmp_path):
+    for number in (1, 3):
+        tree, buffer = exported()
+        tree["accessors"][number]["byteOffset"] = 4
+        refused(tmp_path, tree, buffer, "shares bytes with another one")
+    tree, buffer = exported()
+    del tree["accessors"][2]["bufferView"]
+    refused(tmp_path, tree, buffer, "TANGENT has no bytes")
+
+
 def test_a_triangle_out_of_range_and_a_file_that_ends_early_are_refused(tmp_path):
     tree, buffer = exported()
     tree["accessors"][4].update(bufferView=0, count=9)
