@@ -1,5 +1,6 @@
 """Files: meshes, handles, and output that appears whole or not at all."""
 
-from sshade.io.meshes import read_mesh, write_mesh
+from sshade.io.document import MeshFile
+from sshade.io.meshes import read_file, read_mesh, write_file, write_mesh
 
-__all__ = ["read_mesh", "write_mesh"]
+__all__ = ["MeshFile", "read_file", "read_mesh", "write_file", "write_mesh"]
