@@ -211,9 +211,7 @@ def _deform(arguments: argparse.Namespace) -> None:
         f"{arguments.output}: {len(V)} vertices, {len(handles)} handles reached to {100 * error:.2g} % of "
         f"the diagonal, {proxies} of {result.extra['proxy_vertices']:.0f} vertices, {seconds:.2f} s"
     )
-    if not arguments.repair and mesh.n < len(V):
-        say(f"note: {len(V) - mesh.n} vertices are a second one at a place along a seam, and move with it")
-    for note in _notes(result.extra):
+    for note in _notes(result.extra, doubled=0 if arguments.repair else len(V) - mesh.n):
         say(f"note: {note}")
     if result.converged is False and arguments.method != "sshade_fine":
         say(
@@ -225,21 +223,21 @@ def _deform(arguments: argparse.Namespace) -> None:
 def _read(path: Path, output: Path) -> MeshFile:
     """A mesh file; what `output` cannot take over of it is said."""
     file = read_file(path)
-    lost = file.lost(output)
-    if lost:
-        named = " or ".join(filter(None, [", ".join(lost[:-1]), lost[-1]]))
-        say(f"note: {output} keeps no {named} of {path}: it is of another format")
+    if lost := file.lost(output):
+        say(f"note: {output} keeps no {' or '.join(lost)} of {path}: it is of another format")
     return file
 
 
-def _notes(facts: Mapping[str, Any]) -> list[str]:
+def _notes(facts: Mapping[str, Any], *, doubled: int) -> list[str]:
     """What was done besides with a mesh that is no oriented manifold of one component."""
+    seam = f"{doubled} vertices are a second one at a place along a seam, and move with it"
     cut = (
         f"no oriented manifold: {facts['turned']} faces were turned, {facts['copies']} copies of vertices "
         f"made, and joined over at most {100 * facts['gap']:.2g} % of the diagonal"
     )
     components, unconstrained = facts["components"], facts["unconstrained"]
     notes = {
+        seam: doubled,
         cut: facts["copies"] or facts["turned"],
         f"{components} components were deformed on their own, with shares of the proxy vertices": components
         > 1,

@@ -72,7 +72,7 @@ def test_what_the_output_cannot_hold_is_said_first(folder, capsys):
     assert main(["deform", "seam.obj", "pose.json", "-o", "out.stl", "--vertices", "60"]) == 0
     first = capsys.readouterr().err.splitlines()[0]
     assert first == (
-        "note: out.stl keeps no texture coordinates, vertex colours, materials or comments of seam.obj: "
+        "note: out.stl keeps no texture coordinates or vertex colours or materials or comments of seam.obj: "
         "it is of another format"
     )
     assert main(["deform", "whole.ply", "pose.json", "-o", "out.stl", "--vertices", "60"]) == 0
