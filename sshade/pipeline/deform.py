@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from time import perf_counter
 from typing import Unpack
 
@@ -15,33 +16,32 @@ import numpy as np
 
 from sshade.carry.binding import bind_proxy
 from sshade.carry.projection import Projector, project_to_fans
-from sshade.mesh.adjacency import VertexGraph
 from sshade.pipeline.proxies import FACTS, Proxies, ProxyOptions
-from sshade.sampling.remesh import Remesh, proxy_mesh, remesh
+from sshade.pipeline.regions import HandleRegions, all_on_targets
+from sshade.sampling.remesh import Remesh, proxy_mesh
 from sshade.solver.local_global import local_global
 from sshade.task import DeformationResult, DeformationTask, Handles, Method, Progress, silent
 
-#: Samples a task's mesh and gives the proxy its handles: of (task, vertices, seed, graph).
-Sampler = Callable[[DeformationTask, int, tuple[int, int], VertexGraph], tuple[Remesh, Handles]]
+#: Samples a task's mesh and gives the proxy its handles: of (task, regions, seed).
+Sampler = Callable[[DeformationTask, HandleRegions, tuple[int, int]], tuple[Remesh, Handles]]
 
 
 def sample_with_handles(
-    task: DeformationTask, vertices: int, seed: tuple[int, int], graph: VertexGraph
+    task: DeformationTask, regions: HandleRegions, seed: tuple[int, int]
 ) -> tuple[Remesh, Handles]:
     """Sample M with its handle vertices first: they are vertices of N, and its handles.
 
     Parameters
     ----------
     task : DeformationTask
-    vertices : int
-        Of N.
+    regions : HandleRegions
+        Of the task's handles.
     seed : (int, int)
-    graph : VertexGraph
-        That of the task's mesh.
     """
-    own = task.handles
-    remeshed = remesh(task.mesh, vertices, first=own.index, seed=seed, graph=graph)
-    return remeshed, Handles(np.arange(len(own)), own.target, dynamic=own.dynamic, group=own.group)
+    remeshed, number = regions.sample(seed)
+    on, own = np.flatnonzero(number >= 0), task.handles
+    number = number[on]
+    return remeshed, Handles(on, own.target[number], dynamic=own.dynamic[number], group=own.group[number])
 
 
 def deform(
@@ -93,13 +93,18 @@ def deform(
     """
     given: ProxyOptions = {"samplings": 5, **options}
     proxies = Proxies(task.mesh, **given)
+    regions = HandleRegions(
+        task.mesh, task.handles.index, vertices=proxies.vertices, graph=proxies.graph
+    )
+    if regions.covered:
+        return all_on_targets(task)
     solve = coarse or local_global
     first: Future[np.ndarray] = Future()  # M' of the first sampling
 
     def one_sampling(number: int) -> DeformationResult:
         # 1. Sample M: V_N, a subset of V_M, and its triangles.
         begin = perf_counter()
-        remeshed, handles = sample(task, proxies.vertices, (proxies.seed, number), proxies.graph)
+        remeshed, handles = sample(task, regions, (proxies.seed, number))
         sampled = perf_counter()
         proxy_task = DeformationTask(
             f"{task.name} proxy {number}",
@@ -157,4 +162,5 @@ def deform(
         return result
 
     # 5. Average the M' of k samplings.
-    return proxies.average(first_shared if warm_start else one_sampling)
+    mean = proxies.average(first_shared if warm_start else one_sampling)
+    return replace(mean, vertices=regions.on_targets(mean.vertices, task.handles.target))

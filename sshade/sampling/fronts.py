@@ -118,23 +118,52 @@ class Fronts:
         _insert(self._state, vertices, len(self))
         self._samples.append(vertices)
 
-    def insert_farthest(self, count: int) -> None:
+    def insert_farthest(self, count: int, *, among: np.ndarray | None = None) -> None:
         """Insert `count` samples, each the vertex farthest from all before it.
 
         Of several at the same distance the smallest id is taken.
+
+        Parameters
+        ----------
+        count : int
+        among : (a,) int, optional
+            The vertices to choose from, in ascending order; by default all.
 
         Raises
         ------
         InputError
             When fewer vertices than that lie apart from the samples.
         """
-        samples = _insert_farthest(self._state, count, len(self))
+        among = np.arange(self.graph.n) if among is None else among
+        samples = _insert_farthest(self._state, count, len(self), among)
         if len(samples) < count:
             raise InputError(
                 f"only {len(self) + len(samples)} vertices lie at different places; "
                 "ask for fewer samples, or weld coincident vertices with --repair"
             )
         self._samples.append(samples)
+
+
+def thinned(graph: VertexGraph, vertices: np.ndarray, count: int) -> np.ndarray:
+    """At most `count` of some vertices, each the one farthest from those before it.
+
+    Parameters
+    ----------
+    graph : VertexGraph
+    vertices : (h,) int
+        Each once.
+    count : int
+        With no fewer, they come back as they are.
+
+    Returns
+    -------
+    (min(h, count),) int64
+    """
+    if len(vertices) <= count:
+        return vertices
+    fronts = Fronts(graph, vertices[:1])
+    fronts.insert_farthest(count - 1, among=np.sort(vertices))
+    return fronts.samples
 
 
 def farthest_point_sampling(graph: VertexGraph, count: int, *, first: np.ndarray) -> Fronts:
@@ -234,27 +263,29 @@ def _place(state, vertex, sample, position):
 
 
 @njit(cache=True, nogil=True)
-def _farthest_band(distance):
-    """A heap of (-distance, vertex) of the farthest vertices, and the least distance among them."""
-    largest = distance.max()
+def _farthest_band(distance, among):
+    """A heap of (-distance, vertex) of the farthest of some vertices, and the least distance among them."""
+    largest = 0.0
+    for v in among:
+        largest = max(largest, distance[v])
     low = _BAND * largest if np.isfinite(largest) else np.inf
-    heap = [(-distance[v], v) for v in range(distance.shape[0]) if distance[v] >= low]
+    heap = [(-distance[v], v) for v in among if distance[v] >= low]
     heapify(heap)
     return heap, low
 
 
 @njit(cache=True, nogil=True)
-def _insert_farthest(state, count, sample):
+def _insert_farthest(state, count, sample, among):
     distance = state.distance
     samples = np.empty(count, dtype=np.int64)
     # Distances only shrink, so an entry of the heap is an upper bound: it is brought up to date
     # when it comes to the top. The heap holds the farthest band alone and is gathered anew when
     # that is used up, a dozen times in all.
-    heap, low = _farthest_band(distance)
+    heap, low = _farthest_band(distance, among)
     for i in range(count):
         while True:
             if len(heap) == 0:
-                heap, low = _farthest_band(distance)
+                heap, low = _farthest_band(distance, among)
             key, v = heap[0]
             d = distance[v]
             if d == -key:
