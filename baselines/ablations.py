@@ -19,11 +19,12 @@ from scipy.sparse.csgraph import dijkstra
 
 from sshade.carry.projection import Projection, project_to_fans
 from sshade.errors import InputError
-from sshade.mesh.adjacency import VertexGraph, vertex_graph
+from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 from sshade.pipeline.deform import deform, sample_with_handles
 from sshade.pipeline.proxies import ProxyOptions
+from sshade.pipeline.regions import HandleRegions
 from sshade.sampling.remesh import Remesh, remesh
 from sshade.task import DeformationResult, DeformationTask, Handles, Method, Progress, silent
 
@@ -143,7 +144,7 @@ def cross_part(projection: Projection, proxy: Mesh, remeshed: Remesh) -> np.ndar
 
 
 def sample_nearest_to_handles(
-    task: DeformationTask, vertices: int, seed: tuple[int, int], graph: VertexGraph
+    task: DeformationTask, regions: HandleRegions, seed: tuple[int, int]
 ) -> tuple[Remesh, Handles]:
     """Sample M without regard to handles; each handle goes to the sample of its region.
 
@@ -153,11 +154,11 @@ def sample_nearest_to_handles(
 
     Parameters
     ----------
-    task, vertices, seed, graph
+    task, regions, seed
         See :func:`sshade.pipeline.deform.sample_with_handles`.
     """
     mesh, handles = task.mesh, task.handles
-    remeshed = remesh(mesh, vertices, seed=seed, graph=graph)
+    remeshed = remesh(mesh, regions.vertices, seed=seed, graph=regions.graph)
     sample = remeshed.region[handles.index].astype(np.int64)
     at_sample, at_handle = mesh.V[remeshed.samples[sample]], mesh.V[handles.index]
     moved = np.where(handles.dynamic[:, None], handles.target, at_sample)

@@ -28,6 +28,7 @@ from baselines.deformation_graph.node_graph import NodeGraph, bind_to_nodes, nod
 from baselines.global_step import GlobalStep, iterate, last
 from sshade.errors import InputError
 from sshade.mesh.adjacency import vertex_graph
+from sshade.pipeline.regions import HandleRegions, all_on_targets
 from sshade.sampling.fronts import farthest_point_sampling
 from sshade.solver.cotangents import laplacian_matrix
 from sshade.solver.options import Start
@@ -55,7 +56,8 @@ def deformation_graph(
     task : DeformationTask
         Its mesh must be manifold and oriented; boundary and several components are fine.
     nodes : int
-        k, the nodes in all; every handle vertex is one. A smaller mesh has a node at each vertex.
+        k, the nodes in all; every handle vertex is one, but those of regions, see
+        :class:`sshade.pipeline.regions.HandleRegions`. A smaller mesh has a node at each vertex.
     blended : int
         K, the nodes that a vertex follows: the nearest along the surface, out of the
         node of its Voronoi region and that one's neighbours in the graph.
@@ -87,13 +89,19 @@ def deformation_graph(
     begin = perf_counter()
     mesh, handles = task.mesh, task.handles
     graph = vertex_graph(mesh)
-    fronts = farthest_point_sampling(graph, min(nodes, mesh.n), first=handles.index)
+    nodes = min(nodes, mesh.n)
+    regions = HandleRegions(mesh, handles.index, vertices=nodes, graph=graph)
+    if regions.covered:
+        return all_on_targets(task)
+    fronts = farthest_point_sampling(regions.metric, nodes, first=regions.first)
+    handle = regions.number[fronts.samples]
+    held = np.flatnonzero(handle >= 0)
     coarse = node_graph(mesh, fronts)
     bound = bind_to_nodes(graph, fronts, edges=coarse.edges, blended=blended)
     precomputed = perf_counter()
 
     q = initial_guess(task, start)[fronts.samples]
-    solver = _NodeSolver(coarse, held=np.arange(len(handles)), targets=handles.target)
+    solver = _NodeSolver(coarse, held=held, targets=handles.target[handle[held]])
     residuals = iterate(
         solver.advance,
         q,
@@ -108,6 +116,7 @@ def deformation_graph(
     V = np.empty((mesh.n, 3))
     _blend(mesh.V, bound.node, bound.weight, coarse.P, q, R, V)
     missed = np.linalg.norm(V[handles.index] - handles.target, axis=1)
+    V = regions.on_targets(V, handles.target)
     V[handles.index] = handles.target
     return DeformationResult(
         vertices=V,

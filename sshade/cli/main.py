@@ -155,7 +155,9 @@ def _add_vertices(parser: argparse.ArgumentParser) -> None:
 
 def _proxy_vertices(asked: int | None, n: int, handles: int = 0) -> int:
     """The default leaves a small mesh a proxy that is worth the name, with room for the handles."""
-    return asked if asked is not None else min(n, max(min(VERTICES, n // 4), handles + 4))
+    from sshade.pipeline.components import HANDLES, SPARE
+
+    return asked if asked is not None else min(n, max(min(VERTICES, n // 4), min(handles, HANDLES) + SPARE))
 
 
 def _deform(arguments: argparse.Namespace) -> None:

@@ -22,10 +22,12 @@ from sshade.mesh.cutting import Cut, cut_to_manifold
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 from sshade.pipeline.proxies import joined
+from sshade.pipeline.regions import EDGE_SAMPLES
 from sshade.task import DeformationResult, DeformationTask, Handles, Progress, silent
 
-#: Proxy vertices of a component besides its handles, at least.
-SPARE = 4
+#: Proxy vertices of a component besides its handles, at least, and for how many of these there is room;
+#: more are thinned.
+SPARE, HANDLES = 4, 1500
 #: Vertices near each one of an unconstrained component whose motion it follows.
 NEAREST = 8
 #: What one fact of the whole is, from those of the components.
@@ -82,7 +84,7 @@ def deform_components(
     ------
     InputError
         Those of the method; when a component is unconstrained and not to be
-        carried; when `vertices` exceeds the mesh's or is below the number of handles.
+        carried; when `vertices` exceeds the mesh's or cannot hold the handles.
     """
     if handles.index.max() >= mesh.n:
         raise InputError(f"handle id {handles.index.max()} is out of range: the mesh has {mesh.n} vertices")
@@ -106,10 +108,11 @@ def deform_components(
         task = DeformationTask(name, mesh, handles)
         result = method(task, vertices=vertices, seed=seed, progress=progress)
         return replace(result, extra={**result.extra, **facts})
-    if not len(handles) <= vertices <= mesh.n:
+    least = min(len(handles), EDGE_SAMPLES)
+    if not least <= vertices <= mesh.n:
         raise InputError(
-            f"{vertices} proxy vertices were asked for: at least the {len(handles)} handle vertices "
-            f"and at most the mesh's {mesh.n} are possible"
+            f"{vertices} proxy vertices were asked for: at least {least}, to hold the {len(handles)} handle "
+            f"vertices, and at most the mesh's {mesh.n} are possible"
         )
     components = _Components(mesh, cut, handles)
     order = components.order()
@@ -185,7 +188,7 @@ class _Components:
         origin = self._cut.origin[own]
         shape = Mesh(self._cut.mesh.V[own], np.searchsorted(own, self._cut.mesh.F[self._faces[component]]))
         handles = self._handles_of(origin)
-        share = min(shape.n, max(share, len(handles) + SPARE))
+        share = min(shape.n, max(share, min(len(handles), HANDLES) + SPARE))
         try:
             result = method(DeformationTask(name, shape, handles), vertices=share, **settings)
         except InputError as error:

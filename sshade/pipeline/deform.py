@@ -93,9 +93,7 @@ def deform(
     """
     given: ProxyOptions = {"samplings": 5, **options}
     proxies = Proxies(task.mesh, **given)
-    regions = HandleRegions(
-        task.mesh, task.handles.index, vertices=proxies.vertices, graph=proxies.graph
-    )
+    regions = HandleRegions(task.mesh, task.handles.index, vertices=proxies.vertices, graph=proxies.graph)
     if regions.covered:
         return all_on_targets(task)
     solve = coarse or local_global

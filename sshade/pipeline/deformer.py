@@ -8,11 +8,13 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from sshade.carry.binding import Binding
+from sshade.carry.binding import Binding, bind_proxy
+from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.pipeline.proxies import Proxies, ProxyOptions
+from sshade.pipeline.regions import HandleRegions, all_on_targets
 from sshade.solver.local_global import LocalGlobal
-from sshade.task import DeformationResult, Progress, silent
+from sshade.task import DeformationResult, DeformationTask, Handles, Progress, silent
 from sshade.threads import in_threads
 
 
@@ -56,17 +58,24 @@ class Deformer:
         self, mesh: Mesh, index: np.ndarray, *, progress: Progress = silent, **options: Unpack[ProxyOptions]
     ) -> None:
         self.mesh, self.index = mesh, np.array(index, dtype=np.int64)
+        mesh.require_handles(self.index)
         self._proxies = proxies = Proxies(mesh, **options)
+        self._regions = regions = HandleRegions(
+            mesh, self.index, vertices=proxies.vertices, graph=proxies.graph
+        )
 
-        def make(number: int) -> tuple[Binding, LocalGlobal]:
-            binding = proxies.bind(number, first=self.index)
-            solver = LocalGlobal(binding.proxy, np.arange(len(self.index)))
+        def make(number: int) -> tuple[Binding, LocalGlobal, np.ndarray]:
+            remeshed, handle = regions.sample((proxies.seed, number))
+            binding = bind_proxy(mesh, remeshed, frames=proxies.frames)
+            on = np.flatnonzero(handle >= 0)
+            solver = LocalGlobal(binding.proxy, on)
             progress("binding", number + 1, proxies.samplings)
-            return binding, solver
+            return binding, solver, handle[on]
 
-        made = in_threads(make, proxies.samplings, workers=proxies.workers)
-        self.bindings = [binding for binding, _ in made]
-        self.solvers = [solver for _, solver in made]
+        made = [] if regions.covered else in_threads(make, proxies.samplings, workers=proxies.workers)
+        self.bindings = [binding for binding, _, _ in made]
+        self.solvers = [solver for _, solver, _ in made]
+        self._handles = [handle for _, _, handle in made]  # of the index, those on each proxy
         self.reset()
 
     def reset(self) -> None:
@@ -94,11 +103,22 @@ class Deformer:
             ``residual`` and the proxies' ``energy``.
         """
         begin = perf_counter()
+        if self._regions.covered:
+            handles = Handles(self.index, targets)
+            return all_on_targets(DeformationTask("drag", self.mesh, handles))
+        targets = np.asarray(targets, dtype=np.float64)
+        if targets.shape != (len(self.index), 3):
+            raise InputError(
+                f"{len(self.index)} handles need targets of shape ({len(self.index)}, 3), not {targets.shape}"
+            )
         ends: list[dict[str, Any]] = [{} for _ in self.solvers]
 
         def one_sampling(number: int) -> DeformationResult:
             solution = self.solvers[number].solve(
-                targets, tolerance=tolerance, max_iterations=max_iterations, **self._start[number]
+                targets[self._handles[number]],
+                tolerance=tolerance,
+                max_iterations=max_iterations,
+                **self._start[number],
             )
             ends[number] = {"start": solution.positions, "rotations": solution.rotations}
             V, degenerate = self.bindings[number].carry(solution.positions, rotations=solution.rotations)
@@ -111,4 +131,5 @@ class Deformer:
 
         result = self._proxies.average(one_sampling)
         self._start = ends
-        return replace(result, seconds={"total": perf_counter() - begin})
+        V = self._regions.on_targets(result.vertices, targets)
+        return replace(result, vertices=V, seconds={"total": perf_counter() - begin})

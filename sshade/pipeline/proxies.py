@@ -89,12 +89,11 @@ class Proxies:
         self._shared = perf_counter() - begin
         self.vertices, self.samplings, self.workers, self.seed = vertices, samplings, workers, seed
 
-    def bind(self, number: int, *, first: np.ndarray | None = None) -> Binding:
-        """Sample and bind one proxy; `first` (h,) are vertices of M that it has."""
+    def bind(self, number: int) -> Binding:
+        """Sample and bind one proxy."""
         return bind(
             self.mesh,
             self.vertices,
-            first=first,
             seed=(self.seed, number),
             frames=self.frames,
             graph=self.graph,

@@ -4,8 +4,9 @@ A handle vertex whose neighbours are all handles says nothing to the free surfac
 handles are such, distances between handle vertices count a quarter in the sampling: the inside of
 a region keeps a sample for every sixteen of the free surface, which carry its motion, its rotation
 at the edge, and its part of the volume. The samples that are handle vertices are the proxy's
-handles. An edge of more vertices than a share of the samples is thinned; what the proxy leaves of
-its targets is then spread over the surface beside it.
+handles; the edges themselves are, up to a share of the samples. In the end every handle vertex goes
+to its target, and the surface beside an edge turns with its region, so that the one continues the
+other without the crease that a membrane has where it is clamped.
 """
 
 from __future__ import annotations
@@ -14,21 +15,23 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
+from sshade.carry.blended import nearest_rotations
+from sshade.carry.vertex_maps import VertexMaps
+from sshade.errors import InputError
 from sshade.mesh.adjacency import VertexGraph
 from sshade.mesh.mesh import Mesh
 from sshade.sampling.fronts import Fronts, thinned
 from sshade.sampling.remesh import Remesh, remesh
-from sshade.solver.factorisation import Factorisation
 from sshade.task import DeformationResult, DeformationTask
 
 #: Length of an edge between handle vertices, to the sampling, over its own.
 INSIDE = 0.25
-#: The samples that a region's edge may have, as one in so many.
-EDGE_SHARE = 4
-#: Width of the surface over which a thinned edge is corrected, in distances between its samples.
-REACH = 2.0
+#: Edges have at most one in so many of the samples, but may have the smaller number.
+EDGE_SHARE, EDGE_SAMPLES = 4, 100
+#: Width of the surface beside an edge that turns with the region, in distances between samples.
+WIDTH = 3.0
 
 
 class HandleRegions:
@@ -45,31 +48,47 @@ class HandleRegions:
     graph : VertexGraph
         Of M.
 
+    Raises
+    ------
+    InputError
+        When a handle vertex is given twice.
+
     Attributes
     ----------
+    vertices, graph
+        Those given.
     regional : bool
         More than half of the handles are surrounded by others, or they are more than half of the
         samples. Otherwise every one is a sample, and nothing here does anything.
     covered : bool
         No vertex is free.
+    number : (n,) int64
+        The handle that each vertex is, or -1.
+    first : (f,) int64
+        The vertices that are to be sampled first.
+    metric : VertexGraph
+        The graph on which distances are measured to sample the others.
     """
 
     def __init__(self, mesh: Mesh, index: np.ndarray, *, vertices: int, graph: VertexGraph) -> None:
-        self._mesh, self._index, self._vertices, self._graph = mesh, index, vertices, graph
-        self._number = np.full(mesh.n, -1)
-        self._number[index] = np.arange(len(index))
-        self._held = self._number >= 0
-        self.covered = bool(self._held.all())
+        self._mesh, self._index, self.vertices, self.graph = mesh, index, vertices, graph
+        self.number = np.full(mesh.n, -1)
+        self.number[index] = np.arange(len(index))
+        self._held = held = self.number >= 0
+        if held.sum() < len(index):
+            raise InputError("a handle vertex is given twice")
+        self.covered = bool(held.all())
         owner = np.repeat(np.arange(mesh.n), np.diff(graph.indptr))
-        beside_free = np.zeros(mesh.n, dtype=bool)
-        beside_free[owner[~self._held[graph.indices]]] = True
-        self._edge = index[beside_free[index]]
+        at_edge = np.zeros(mesh.n, dtype=bool)
+        at_edge[owner[held[owner] & ~held[graph.indices]]] = True
+        self._edge = index[at_edge[index]]
         self.regional = 2 * len(self._edge) < len(index) or 2 * len(index) > vertices
-        self._metric, self._first = graph, index
+        self.metric, self.first = graph, index
         if self.regional and not self.covered:
-            inside = self._held[owner] & self._held[graph.indices]
-            self._metric = replace(graph, lengths=np.where(inside, INSIDE, 1.0) * graph.lengths)
-            self._first = thinned(graph, self._edge, max(vertices // EDGE_SHARE, 1))
+            inside = held[owner] & held[graph.indices]
+            self.metric = replace(graph, lengths=np.where(inside, INSIDE, 1.0) * graph.lengths)
+            most = max(vertices // EDGE_SHARE, EDGE_SAMPLES)
+            self.first = thinned(graph, self._edge, most)
 
     def sample(self, seed: int | tuple[int, ...]) -> tuple[Remesh, np.ndarray]:
         """Sample M; also return (k,) int64, the handle that each vertex of the proxy is, or -1.
@@ -79,11 +98,11 @@ class HandleRegions:
         InputError
             See :func:`sshade.sampling.remesh.remesh`.
         """
-        remeshed = remesh(self._mesh, self._vertices, first=self._first, seed=seed, graph=self._metric)
-        return remeshed, self._number[remeshed.samples]
+        remeshed = remesh(self._mesh, self.vertices, first=self.first, seed=seed, graph=self.metric)
+        return remeshed, self.number[remeshed.samples]
 
     def on_targets(self, V: np.ndarray, targets: np.ndarray) -> np.ndarray:
-        """M' with every handle vertex on its target.
+        """M' with every handle vertex on its target, and the surface beside regions turned with them.
 
         Parameters
         ----------
@@ -91,29 +110,85 @@ class HandleRegions:
             M' as carried.
         targets : (h, 3) float64
             In the order of the handle vertices.
+
+        Returns
+        -------
+        (n, 3) float64
+            ``(1 - phi) v' + phi (t_e + R_e (v - v_e))``, with v_e the vertex of an edge that is
+            nearest to v, t_e its target, R_e the rotation of the region there, and phi from 1 at
+            the edge, where its slope is 0, to 0. Handles without a face between them have no
+            rotation: ``v' + phi (t_e - v_e')``.
         """
         if not self.regional:
             return V
         moved = V.copy()
         moved[self._index] = targets
-        if len(self._first) < len(self._edge):
-            band, to_edge, system = self._beside_edge
-            moved[band] += system.solve(to_edge @ (moved - V)[self._edge])
+        own, nearest, phi = self._beside
+        offset = moved[nearest] - V[nearest]
+        if len(self._inside):
+            R, turns = self._rotations(moved), self._turns[nearest]
+            e = nearest[turns]
+            rest = self._mesh.V[own[turns]] - self._mesh.V[e]
+            offset[turns] = np.einsum("ijk,ik->ij", R[e], rest) + moved[e] - V[own[turns]]
+        moved[own] += phi[:, None] * offset
         return moved
 
+    def _rotations(self, moved: np.ndarray) -> np.ndarray:
+        """(n, 3, 3) rotations of the regions at the vertices of their edges."""
+        vertex, maps = self._maps
+        R = np.empty((self._mesh.n, 3, 3))
+        R[vertex] = nearest_rotations(maps(moved[vertex])[0])
+        return R
+
     @cached_property
-    def _beside_edge(self) -> tuple[np.ndarray, csr_array, Factorisation]:
-        """The free vertices near a thinned edge, and the harmonic extension from the edge to them."""
-        graph = self._graph
-        spacing = Fronts(graph, self._first).distance[self._edge].max()
-        near = Fronts(graph, self._edge).distance < REACH * spacing
-        band = np.flatnonzero(near & ~self._held)
-        floor = 1e-3 * graph.lengths.mean()
-        weights = graph.matrix
-        weights.data = 1.0 / np.maximum(weights.data, floor)
-        rows = weights[band]
-        diagonal = csr_array((rows.sum(axis=1), (np.arange(len(band)),) * 2))
-        return band, rows[:, self._edge], Factorisation(diagonal - rows[:, band])
+    def _inside(self) -> np.ndarray:
+        """(f, 3) faces between handle vertices that are at an edge."""
+        at_edge = np.zeros(self._mesh.n, dtype=bool)
+        at_edge[self._edge] = True
+        F = self._mesh.F[at_edge[self._mesh.F].any(axis=1)]
+        return F[self._held[F].all(axis=1)]
+
+    @cached_property
+    def _turns(self) -> np.ndarray:
+        """(n,) bool: the vertices with such a face."""
+        turns = np.zeros(self._mesh.n, dtype=bool)
+        turns[self._inside] = True
+        return turns
+
+    @cached_property
+    def _maps(self) -> tuple[np.ndarray, VertexMaps]:
+        """The vertices of those faces, and the affine maps around them."""
+        vertex, F = np.unique(self._inside, return_inverse=True)
+        return vertex, VertexMaps.at_rest(Mesh(self._mesh.V[vertex], F.reshape(-1, 3)))
+
+    @cached_property
+    def _beside(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Free vertices beside the edges, for each the nearest vertex of an edge, and phi.
+
+        Half-way between two regions phi falls to 0, as the nearest of them changes there.
+        """
+        graph, held = self.graph, self._held
+        fronts = Fronts(graph, self._edge)
+        distance, nearest = fronts.distance, self._edge[fronts.region]
+        width = WIDTH * np.sqrt(self._mesh.area / self.vertices)
+        own = np.flatnonzero((distance < width) & ~held)
+        phi = _fall(distance[own] / width)
+        handles = np.flatnonzero(held)
+        region = np.zeros(len(held), dtype=np.int32)
+        region[handles] = connected_components(graph.matrix[handles][:, handles], directed=False)[1]
+        nearest_region = region[nearest]
+        owner = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+        between = np.unique(owner[nearest_region[owner] != nearest_region[graph.indices]])
+        if len(between):
+            own_distance, other = distance[own], Fronts(graph, between).distance[own]
+            phi = phi * (1 - _fall(other / np.maximum(own_distance, other)))
+        return own, nearest[own], phi
+
+
+def _fall(x: np.ndarray) -> np.ndarray:
+    """From 1 at 0 to 0 at 1 and beyond, with slope 0 at both."""
+    x = np.minimum(x, 1.0)
+    return 1 - x * x * (3 - 2 * x)
 
 
 def all_on_targets(task: DeformationTask) -> DeformationResult:
