@@ -13,6 +13,7 @@ from typing import Any, Unpack
 from sshade.pipeline.deform import deform
 from sshade.pipeline.multilevel import multilevel
 from sshade.pipeline.proxies import ProxyOptions
+from sshade.pipeline.regions import default_area
 from sshade.solver.local_global import local_global
 from sshade.solver.options import SolverOptions, complete
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
@@ -39,8 +40,10 @@ def sshade_fast(
         Of the proxies, by default one with ``blended`` frames: see
         :class:`sshade.pipeline.proxies.ProxyOptions`. Of their energy, the spokes and rims, and its
         iteration: see :class:`sshade.solver.options.SolverOptions`; by default volume and area are
-        exact (inf), stiffness and strain :data:`STIFFNESS` and :data:`STRAIN`, and the start is
-        "rigid". Large proxies begin with a coarser one's result: see :mod:`sshade.pipeline.multilevel`.
+        exact (inf), with handle regions the area has the weight
+        :data:`sshade.pipeline.regions.AREA`, stiffness and strain are :data:`STIFFNESS` and
+        :data:`STRAIN`, and the start is "rigid". Large proxies begin with a coarser one's result: see
+        :mod:`sshade.pipeline.multilevel`.
 
     Returns
     -------
@@ -56,7 +59,8 @@ def sshade_fast(
     """
     given: dict[str, Any] = dict(options)
     of_solver = {name: given.pop(name) for name in SolverOptions.__annotations__ if name in given}
-    solver = complete(of_solver, volume=inf, area=inf, stiffness=STIFFNESS, strain=STRAIN, start="rigid")
+    area = default_area(task, given.get("vertices", 6000), otherwise=inf)
+    solver = complete(of_solver, volume=inf, area=area, stiffness=STIFFNESS, strain=STRAIN, start="rigid")
     tolerance = solver.pop("tolerance")
     coarse = partial(multilevel, coarse=partial(local_global, **solver), tolerance=tolerance)
     return deform(task, coarse=coarse, progress=progress, **{"samplings": 1, "frames": "blended", **given})

@@ -30,7 +30,10 @@ from sshade.task import DeformationResult, DeformationTask
 INSIDE = 0.25
 #: Edges have at most one in so many of the samples, but may have the smaller number.
 EDGE_SHARE, EDGE_SAMPLES = 4, 100
-#: Width of the surface beside an edge that turns with the region, in distances between samples.
+#: Weight of the area by default where handles are regions; see :func:`default_area`.
+AREA = 0.1
+#: Width of the surface beside an edge that turns with its region, in distances between samples and, besides,
+#: between vertices.
 WIDTH = 3.0
 
 
@@ -78,13 +81,11 @@ class HandleRegions:
         if held.sum() < len(index):
             raise InputError("a handle vertex is given twice")
         self.covered = bool(held.all())
-        owner = np.repeat(np.arange(mesh.n), np.diff(graph.indptr))
-        at_edge = np.zeros(mesh.n, dtype=bool)
-        at_edge[owner[held[owner] & ~held[graph.indices]]] = True
-        self._edge = index[at_edge[index]]
-        self.regional = 2 * len(self._edge) < len(index) or 2 * len(index) > vertices
+        self._edge = edge_vertices(mesh, index)
+        self.regional = _are_regions(len(self._edge), len(index), vertices)
         self.metric, self.first = graph, index
         if self.regional and not self.covered:
+            owner = np.repeat(np.arange(mesh.n), np.diff(graph.indptr))
             inside = held[owner] & held[graph.indices]
             self.metric = replace(graph, lengths=np.where(inside, INSIDE, 1.0) * graph.lengths)
             most = max(vertices // EDGE_SHARE, EDGE_SAMPLES)
@@ -170,7 +171,7 @@ class HandleRegions:
         graph, held = self.graph, self._held
         fronts = Fronts(graph, self._edge)
         distance, nearest = fronts.distance, self._edge[fronts.region]
-        width = WIDTH * np.sqrt(self._mesh.area / self.vertices)
+        width = WIDTH * np.sqrt(self._mesh.area) * (self.vertices**-0.5 + graph.n**-0.5)
         own = np.flatnonzero((distance < width) & ~held)
         phi = _fall(distance[own] / width)
         handles = np.flatnonzero(held)
@@ -183,6 +184,32 @@ class HandleRegions:
             own_distance, other = distance[own], Fronts(graph, between).distance[own]
             phi = phi * (1 - _fall(other / np.maximum(own_distance, other)))
         return own, nearest[own], phi
+
+
+def edge_vertices(mesh: Mesh, index: np.ndarray) -> np.ndarray:
+    """Those of some handle vertices (h,) that have a free neighbour."""
+    held = np.zeros(mesh.n, dtype=bool)
+    held[index] = True
+    corners = held[mesh.F]
+    mixed = corners.any(axis=1) & ~corners.all(axis=1)
+    beside_free = np.zeros(mesh.n, dtype=bool)
+    beside_free[mesh.F[mixed]] = True
+    return index[beside_free[index]]
+
+
+def default_area(task: DeformationTask, vertices: int, otherwise: float) -> float:
+    """Weight of the area where none is given: :data:`AREA` of a task with regions.
+
+    A region that moves away stretches what is between it and another. With few handles the
+    surface can follow; between regions an area that holds would be taken from all the rest.
+    """
+    index = task.handles.index
+    regional = _are_regions(len(edge_vertices(task.mesh, index)), len(index), vertices)
+    return AREA if regional else otherwise
+
+
+def _are_regions(edge: int, handles: int, vertices: int) -> bool:
+    return 2 * edge < handles or 2 * handles > vertices
 
 
 def _fall(x: np.ndarray) -> np.ndarray:
