@@ -49,6 +49,7 @@ def deform(
     *,
     coarse: Method | None = None,
     warm_start: bool = False,
+    keep_volume: bool = False,
     sample: Sampler = sample_with_handles,
     projection: Projector = project_to_fans,
     progress: Progress = silent,
@@ -67,6 +68,9 @@ def deform(
     warm_start : bool
         Solve the later proxies from the first one's M' instead of from the coarse method's
         own start: fewer iterations, and all in one basin.
+    keep_volume : bool
+        Make up for the volume that the proxies miss where handles are regions; see
+        :meth:`sshade.pipeline.regions.HandleRegions.keep_volume`.
     sample : callable
         V_N and the handles on it, by default with M's handle vertices among V_N.
     projection : callable
@@ -161,4 +165,5 @@ def deform(
 
     # 5. Average the M' of k samplings.
     mean = proxies.average(first_shared if warm_start else one_sampling)
-    return replace(mean, vertices=regions.on_targets(mean.vertices, task.handles.target))
+    V = regions.on_targets(mean.vertices, task.handles.target)
+    return replace(mean, vertices=regions.keep_volume(V) if keep_volume else V)

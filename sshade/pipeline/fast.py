@@ -63,4 +63,6 @@ def sshade_fast(
     solver = complete(of_solver, volume=inf, area=area, stiffness=STIFFNESS, strain=STRAIN, start="rigid")
     tolerance = solver.pop("tolerance")
     coarse = partial(multilevel, coarse=partial(local_global, **solver), tolerance=tolerance)
-    return deform(task, coarse=coarse, progress=progress, **{"samplings": 1, "frames": "blended", **given})
+    keep = solver["volume"] == inf
+    given = {"samplings": 1, "frames": "blended", **given}
+    return deform(task, coarse=coarse, keep_volume=keep, progress=progress, **given)

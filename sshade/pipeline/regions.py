@@ -24,12 +24,15 @@ from sshade.mesh.adjacency import VertexGraph
 from sshade.mesh.mesh import Mesh
 from sshade.sampling.fronts import Fronts, thinned
 from sshade.sampling.remesh import Remesh, remesh
+from sshade.solver.volume_area import VOLUME, gradients, measure
 from sshade.task import DeformationResult, DeformationTask
 
 #: Length of an edge between handle vertices, to the sampling, over its own.
 INSIDE = 0.25
 #: Edges have at most one in so many of the samples, but may have the smaller number.
 EDGE_SHARE, EDGE_SAMPLES = 4, 100
+#: Largest move that makes up for the volume, in distances between samples, and steps to find it.
+SHIFT, NEWTON_STEPS = 0.1, 4
 #: Weight of the area by default where handles are regions; see :func:`default_area`.
 AREA = 0.1
 #: Width of the surface beside an edge that turns with its region, in distances between samples and, besides,
@@ -133,6 +136,34 @@ class HandleRegions:
             offset[turns] = np.einsum("ijk,ik->ij", R[e], rest) + moved[e] - V[own[turns]]
         moved[own] += phi[:, None] * offset
         return moved
+
+    def keep_volume(self, V: np.ndarray) -> np.ndarray:
+        """M' with the volume of M: free vertices move along their normals, those far from handles alike.
+
+        A proxy with few samples inside of the regions does not know all of the volume there. A
+        move is at most :data:`SHIFT`; M' without regions or with a boundary stays.
+
+        Parameters
+        ----------
+        V : (n, 3) float64
+        """
+        mesh = self._mesh
+        if not (self.regional and mesh.is_closed and mesh.is_oriented):
+            return V
+        F, start = mesh.F.astype(np.int32), np.array([0, mesh.m])
+        volume = measure(F, start, mesh.V - mesh.origin)[VOLUME, 0]
+        P, G = V - mesh.origin, np.empty((mesh.n, 1, 3))
+        gradients(F, start, np.array([VOLUME]), np.ones((1, 1)), P, G)
+        length = np.linalg.norm(G, axis=2)
+        Z = np.divide(G[:, 0], length, out=np.zeros((mesh.n, 3)), where=length > 0)
+        own, _, phi = self._beside
+        Z[own] *= 1 - phi[:, None]
+        Z[self._held] = 0.0
+        slope, most, shift = float((G[:, 0] * Z).sum()), SHIFT * np.sqrt(mesh.area / self.vertices), 0.0
+        for _ in range(NEWTON_STEPS if slope > 0 else 0):
+            lacking = volume - measure(F, start, P + shift * Z)[VOLUME, 0]
+            shift = float(np.clip(shift + lacking / slope, -most, most))
+        return V + shift * Z
 
     def _rotations(self, moved: np.ndarray) -> np.ndarray:
         """(n, 3, 3) rotations of the regions at the vertices of their edges."""
