@@ -1,8 +1,8 @@
 """Handles that are regions: their edge is held on the proxy, their inside needs few samples.
 
 A handle vertex whose neighbours are all handles says nothing to the free surface. Where most
-handles are such, distances between handle vertices count a quarter in the sampling: the inside of
-a region keeps a sample for every sixteen of the free surface, which carry its motion, its rotation
+handles are such, distances between handle vertices count a third in the sampling: the inside of
+a region keeps a sample for every nine of the free surface, which carry its motion, its rotation
 at the edge, and its part of the volume. The samples that are handle vertices are the proxy's
 handles; the edges themselves are, up to a share of the samples. In the end every handle vertex goes
 to its target, and the surface beside an edge turns with its region, so that the one continues the
@@ -28,11 +28,11 @@ from sshade.solver.volume_area import VOLUME, gradients, measure
 from sshade.task import DeformationResult, DeformationTask
 
 #: Length of an edge between handle vertices, to the sampling, over its own.
-INSIDE = 0.25
+INSIDE = 1 / 3
 #: Edges have at most one in so many of the samples, but may have the smaller number.
 EDGE_SHARE, EDGE_SAMPLES = 4, 100
 #: Largest move that makes up for the volume, in distances between samples, and steps to find it.
-SHIFT, NEWTON_STEPS = 0.1, 4
+SHIFT, NEWTON_STEPS = 0.05, 4
 #: Weight of the area by default where handles are regions; see :func:`default_area`.
 AREA = 0.1
 #: Width of the surface beside an edge that turns with its region, in distances between samples and, besides,

@@ -196,7 +196,7 @@ def test_an_unconstrained_component_that_was_cut_stays_together():
     [
         (Handles([10**6], [[0.0, 0, 0]]), 60, "handle id 1000000 is out of range"),
         (None, 10**6, "at most the mesh's 324 are possible"),
-        (None, 10, "at least the 32 handle vertices"),
+        (None, 10, "at least 32, to hold the 32 handle vertices"),
     ],
 )
 def test_what_does_not_fit_is_refused(handles, vertices, words):

@@ -89,9 +89,9 @@ def test_other_samples_and_another_projection_take_the_place_of_the_usual_ones(b
     """The sampler chooses V_N and the proxy's handles, the projector the triangles."""
     seen = []
 
-    def sample(task, vertices, seed, graph):
-        assert (vertices, seed) == (70, (3, 0)) and graph.n == task.mesh.n
-        remeshed = remesh(task.mesh, vertices, seed=seed, graph=graph)
+    def sample(task, regions, seed):
+        assert (regions.vertices, seed) == (70, (3, 0)) and regions.graph.n == task.mesh.n
+        remeshed = remesh(task.mesh, regions.vertices, seed=seed, graph=regions.graph)
         at = task.mesh.V[remeshed.samples]
         return remeshed, Handles([0, 1, 2], at[:3])
 

@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from sshade import InputError, Mesh
 from sshade.mesh.adjacency import VertexGraph, vertex_graph
-from sshade.sampling.fronts import Fronts, farthest_point_sampling
+from sshade.sampling.fronts import Fronts, farthest_point_sampling, thinned
 from tests.shapes import strip
 from tests.sshade.mesh.test_adjacency import MESHES
 
@@ -101,3 +101,14 @@ def test_coincident_vertices_cannot_both_be_sampled():
     graph = vertex_graph(Mesh(V, strip(2, 1).F))
     with pytest.raises(InputError, match="only 5 vertices lie at different places.*--repair"):
         farthest_point_sampling(graph, 6, first=np.array([0]))
+
+
+def test_thinned_vertices_are_each_the_farthest_of_them():
+    graph = vertex_graph(strip(9, 4))
+    vertices = np.random.default_rng(3).permutation(graph.n)[:20]
+    distances = dijkstra(graph.matrix, directed=False)
+    expected = [vertices[0]]
+    for _ in range(7):
+        expected.append(max(np.sort(vertices), key=lambda v: distances[expected, v].min()))
+    assert np.array_equal(thinned(graph, vertices, 8), expected)
+    assert thinned(graph, vertices, 20) is vertices

@@ -1,0 +1,238 @@
+"""Handles that are regions of any size."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from baselines.deformation_graph.deformation_graph import deformation_graph
+from eval.metrics.deformed import Deformed
+from sshade import (
+    DeformationTask,
+    Deformer,
+    Handles,
+    InputError,
+    Mesh,
+    deform,
+    deform_components,
+    sshade_fast,
+    sshade_fine,
+)
+from sshade.mesh.adjacency import vertex_graph
+from sshade.pipeline.regions import HandleRegions, edge_vertices
+from sshade.sampling.remesh import remesh
+from tests.shapes import bumpy, end_handles, rotation, strip, tube
+
+VERTICES = 600
+METHODS = {
+    "sshade": lambda task, **options: deform(task, **{"vertices": VERTICES, "samplings": 2} | options),
+    "fast": lambda task, **options: sshade_fast(task, **{"vertices": VERTICES} | options),
+    "fine": lambda task, **options: sshade_fine(task, **{"vertices": VERTICES} | options),
+    "graph": lambda task: deformation_graph(task, nodes=VERTICES),
+}
+
+
+def turn(degrees: float) -> np.ndarray:
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+
+
+@pytest.fixture(scope="module")
+def task() -> DeformationTask:
+    """The lowest 30 % of the vertices held, the highest 5 % moved and turned by 20 degrees."""
+    mesh = bumpy(5)
+    order = np.argsort(mesh.V[:, 2], kind="stable")
+    low, high = order[: int(0.3 * mesh.n)], order[-int(0.05 * mesh.n) :]
+    moved = mesh.V[high] @ turn(20).T + [0.2, 0.1, 0.2]
+    return DeformationTask("body", mesh, Handles(np.r_[low, high], np.concatenate([mesh.V[low], moved])))
+
+
+@pytest.fixture(scope="module")
+def results(task):
+    return {name: method(task) for name, method in METHODS.items()}
+
+
+def edge_change(mesh: Mesh, V: np.ndarray) -> float:
+    """EL."""
+    before, after = (np.linalg.norm(P[mesh.edges[:, 0]] - P[mesh.edges[:, 1]], axis=1) for P in (mesh.V, V))
+    return float(np.abs(after - before).mean() / before.max())
+
+
+def held_by(task: DeformationTask) -> np.ndarray:
+    held = np.zeros(task.mesh.n, dtype=bool)
+    held[task.handles.index] = True
+    return held
+
+
+def cut_by_hand(task: DeformationTask) -> tuple[DeformationTask, np.ndarray, np.ndarray]:
+    """The task without faces between handles, its vertices, and where the handles of the whole go."""
+    held, mesh = held_by(task), task.mesh
+    vertex, F = np.unique(mesh.F[~held[mesh.F].all(axis=1)], return_inverse=True)
+    whole = np.array(mesh.V)
+    whole[task.handles.index] = task.handles.target
+    own = np.flatnonzero(held[vertex])
+    handles = Handles(own, whole[vertex[own]])
+    return DeformationTask("cut", Mesh(mesh.V[vertex], F.reshape(-1, 3)), handles), vertex, whole
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_every_handle_of_a_region_ends_on_its_target(task, results, name):
+    assert len(task.handles) > 5 * VERTICES
+    V = results[name].vertices
+    np.testing.assert_allclose(V[task.handles.index], task.handles.target, atol=1e-12 * task.mesh.diagonal)
+
+
+@pytest.mark.parametrize("name", ["sshade", "fast", "fine"])
+def test_the_free_part_changes_no_more_than_on_a_mesh_cut_by_hand(task, results, name):
+    cut, vertex, whole = cut_by_hand(task)
+    free = {} if name == "sshade" else {"volume": 0.0, "area": 0.0}
+    whole[vertex] = METHODS[name](cut, **free).vertices
+    assert edge_change(task.mesh, results[name].vertices) < 1.1 * edge_change(task.mesh, whole)
+
+
+@pytest.mark.parametrize(("name", "error"), [("fast", 1e-6), ("fine", 1e-6)])
+def test_the_volume_of_the_whole_is_held(task, results, name, error):
+    after = Mesh(results[name].vertices, task.mesh.F)
+    assert after.volume == pytest.approx(task.mesh.volume, rel=error)
+
+
+@pytest.mark.parametrize("name", ["sshade", "fast", "fine"])
+def test_the_surface_beside_an_edge_bends_no_more_than_elsewhere(task, results, name):
+    mesh, held = task.mesh, held_by(task)
+    near = np.zeros(mesh.n, dtype=bool)
+    near[edge_vertices(mesh, task.handles.index)] = True
+    for _ in range(3):
+        near[mesh.edges[near[mesh.edges].any(axis=1)]] = True
+    deformed = Deformed(task, results[name].vertices)
+    ends, change = deformed.rest.topology.dihedral[:2].T, deformed.dihedral_changes
+    beside = near[ends].any(axis=1)
+    elsewhere = ~beside & ~held[ends].all(axis=1)
+    assert np.percentile(change[beside], 99.9) < np.percentile(change[elsewhere], 99.9)
+
+
+def test_a_region_that_moves_with_all_others_moves_everything(task):
+    """Rigidly: the rotations at the edges and the correction add nothing."""
+    R, index = rotation(), task.handles.index
+    rigid = DeformationTask("rigid", task.mesh, Handles(index, task.mesh.V[index] @ R.T + [3, 1, 2]))
+    for name in ("sshade", "fast"):
+        V = METHODS[name](rigid).vertices
+        np.testing.assert_allclose(V, task.mesh.V @ R.T + [3, 1, 2], atol=1e-4 * task.mesh.diagonal)
+
+
+def test_few_handles_are_sampled_as_ever(task):
+    """Bit for bit: none is in a region, though some of them have handles around them only."""
+    mesh, graph = task.mesh, vertex_graph(task.mesh)
+    index = np.random.default_rng(1).permutation(mesh.n)[:250]
+    regions = HandleRegions(mesh, index, vertices=VERTICES, graph=graph)
+    assert not regions.regional and regions.metric is graph
+    remeshed, handle = regions.sample((0, 0))
+    plain = remesh(mesh, VERTICES, first=index, seed=(0, 0))
+    assert np.array_equal(remeshed.samples, plain.samples) and np.array_equal(remeshed.faces, plain.faces)
+    assert np.array_equal(handle, np.append(np.arange(250), np.full(len(handle) - 250, -1)))
+    assert regions.on_targets(mesh.V, np.zeros((250, 3))) is mesh.V
+    assert regions.keep_volume(mesh.V) is mesh.V
+
+
+def test_samples_go_to_the_free_part(task):
+    graph = vertex_graph(task.mesh)
+    regions = HandleRegions(task.mesh, task.handles.index, vertices=VERTICES, graph=graph)
+    remeshed, handle = regions.sample(0)
+    edge = edge_vertices(task.mesh, task.handles.index)
+    assert np.isin(edge, remeshed.samples).all()
+    inside = (handle >= 0).sum() - len(edge)
+    assert 0 < inside < 0.15 * len(remeshed.samples)
+    on = handle >= 0
+    assert np.array_equal(task.handles.index[handle[on]], remeshed.samples[on])
+
+
+def test_an_edge_of_many_vertices_is_thinned_and_still_exact():
+    """A comb of held and free stripes, with more vertices at edges than there are samples."""
+    mesh = strip(120, 30)
+    held = np.flatnonzero(mesh.V[:, 0] % 6 < 3)
+    moved = mesh.V[held] @ rotation().T
+    task = DeformationTask("comb", mesh, Handles(held, moved))
+    assert len(edge_vertices(mesh, held)) > 1000
+    for name in ("sshade", "fast", "fine"):
+        V = METHODS[name](task, vertices=400).vertices
+        np.testing.assert_array_equal(V[held], moved)
+        np.testing.assert_allclose(V, mesh.V @ rotation().T, atol=1e-4 * mesh.diagonal)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_all_vertices_prescribed_are_the_result(name):
+    mesh = bumpy(2)
+    order = np.random.default_rng(0).permutation(mesh.n)
+    target = mesh.V[order] * [1.0, 2.0, 3.0]
+    method = METHODS[name]
+    result = method(DeformationTask("all", mesh, Handles(order, target)))
+    np.testing.assert_array_equal(result.vertices[order], target)
+    assert result.converged and result.iterations == 0
+
+
+def test_a_region_may_be_a_component_of_the_mesh():
+    one = bumpy(3)
+    both = Mesh(np.concatenate([one.V, one.V + [9, 0, 0]]), np.concatenate([one.F, one.F + one.n]))
+    ends = end_handles(one.V, shift=(0.1, 0, 0.2))
+    index = np.concatenate([ends.index, np.arange(one.n, both.n)])
+    target = np.concatenate([ends.target, both.V[one.n :] * 2.0])
+    result = deform_components(both, Handles(index, target), sshade_fast, vertices=300)
+    np.testing.assert_allclose(result.vertices[index], target, atol=1e-12 * both.diagonal)
+    assert result.extra["components"] == 2
+
+
+def test_a_ring_divides_the_mesh():
+    """What is between two regions follows them alone."""
+    mesh = tube(32, 60, length=12.0)
+    z = mesh.V[:, 2]
+    parts = [np.flatnonzero(part) for part in (z < 1.5, (z > 5.5) & (z < 7.5), z > 10.5)]
+    index = np.concatenate(parts)
+    shift = np.repeat([[0, 0, 0], [0, 0, 0], [1.0, 0, 0.5]], [len(part) for part in parts], axis=0)
+    V = sshade_fast(
+        DeformationTask("ring", mesh, Handles(index, mesh.V[index] + shift)), vertices=480
+    ).vertices
+    lower = (z > 1.5) & (z < 5.5)
+    assert np.abs(V[lower] - mesh.V[lower]).max() < 5e-3 * mesh.diagonal
+    np.testing.assert_array_equal(V[index], mesh.V[index] + shift)
+
+
+def test_regions_that_touch_each_keep_their_targets(task):
+    low = np.flatnonzero(task.mesh.V[:, 2] < -0.8)
+    next_to_it = np.flatnonzero((task.mesh.V[:, 2] >= -0.8) & (task.mesh.V[:, 2] < -0.3))
+    index = np.r_[low, next_to_it]
+    target = task.mesh.V[index] + np.repeat([[0, 0, 0], [0.05, 0, 0]], [len(low), len(next_to_it)], axis=0)
+    for name in ("sshade", "fast", "fine"):
+        result = METHODS[name](DeformationTask("touch", task.mesh, Handles(index, target)))
+        np.testing.assert_array_equal(result.vertices[index], target)
+
+
+def test_a_bound_mesh_takes_regions_as_the_method_does(task):
+    bound = Deformer(task.mesh, task.handles.index, vertices=VERTICES, samplings=2)
+    result = bound(task.handles.target)
+    np.testing.assert_array_equal(result.vertices, METHODS["sshade"](task).vertices)
+    back = bound(task.mesh.V[task.handles.index], tolerance=1e-8)
+    assert np.abs(back.vertices - task.mesh.V).max() < 1e-4 * task.mesh.diagonal
+
+
+def test_a_bound_mesh_without_free_vertices_returns_the_targets():
+    mesh = bumpy(2)
+    V = 2.0 * mesh.V
+    np.testing.assert_array_equal(Deformer(mesh, np.arange(mesh.n))(V).vertices, V)
+
+
+def test_the_area_has_a_small_weight_where_none_is_given(task):
+    default, given = (
+        sshade_fast(task, vertices=VERTICES),
+        sshade_fast(task, vertices=VERTICES, area=np.inf),
+    )
+    assert default.extra["proxy_area_constraint"] == "weighted"
+    assert given.extra["proxy_area_error"] < 1e-6 < default.extra["proxy_area_error"]
+    assert edge_change(task.mesh, default.vertices) < edge_change(task.mesh, given.vertices)
+
+
+def test_too_few_samples_for_the_edges_and_handles_given_twice_are_refused(task):
+    with pytest.raises(InputError, match="50 proxy vertices cannot hold"):
+        sshade_fast(task, vertices=50)
+    with pytest.raises(InputError, match="given twice"):
+        HandleRegions(task.mesh, np.array([1, 1]), vertices=100, graph=vertex_graph(task.mesh))
+    with pytest.raises(InputError, match="need targets of shape"):
+        Deformer(task.mesh, task.handles.index, vertices=VERTICES)(task.handles.target[:5])
