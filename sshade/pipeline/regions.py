@@ -32,7 +32,7 @@ INSIDE = 1 / 3
 #: Edges have at most one in so many of the samples, but may have the smaller number.
 EDGE_SHARE, EDGE_SAMPLES = 4, 100
 #: Largest move that makes up for the volume, in distances between samples, and steps to find it.
-SHIFT, NEWTON_STEPS = 0.05, 4
+SHIFT, NEWTON_STEPS = 0.1, 4
 #: Weight of the area by default where handles are regions; see :func:`default_area`.
 AREA = 0.1
 #: Width of the surface beside an edge that turns with its region, in distances between samples and, besides,

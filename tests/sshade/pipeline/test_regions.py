@@ -21,7 +21,7 @@ from sshade import (
 from sshade.mesh.adjacency import vertex_graph
 from sshade.pipeline.regions import HandleRegions, edge_vertices
 from sshade.sampling.remesh import remesh
-from tests.shapes import bumpy, end_handles, rotation, strip, tube
+from tests.shapes import bumpy, end_handles, jittered, rotation, strip, tube
 
 VERTICES = 600
 METHODS = {
@@ -82,18 +82,32 @@ def test_every_handle_of_a_region_ends_on_its_target(task, results, name):
     np.testing.assert_allclose(V[task.handles.index], task.handles.target, atol=1e-12 * task.mesh.diagonal)
 
 
-@pytest.mark.parametrize("name", ["sshade", "fast", "fine"])
-def test_the_free_part_changes_no_more_than_on_a_mesh_cut_by_hand(task, results, name):
+@pytest.mark.parametrize(("name", "most"), [("sshade", 1.1), ("fast", 1.1), ("fine", 1.25)])
+def test_the_free_part_changes_hardly_more_than_on_a_mesh_cut_by_hand(task, results, name, most):
+    """There without constraints: of a minimum at full resolution the volume takes its toll."""
     cut, vertex, whole = cut_by_hand(task)
     free = {} if name == "sshade" else {"volume": 0.0, "area": 0.0}
     whole[vertex] = METHODS[name](cut, **free).vertices
-    assert edge_change(task.mesh, results[name].vertices) < 1.1 * edge_change(task.mesh, whole)
+    assert edge_change(task.mesh, results[name].vertices) < most * edge_change(task.mesh, whole)
 
 
-@pytest.mark.parametrize(("name", "error"), [("fast", 1e-6), ("fine", 1e-6)])
-def test_the_volume_of_the_whole_is_held(task, results, name, error):
+@pytest.mark.parametrize("name", ["fast", "fine"])
+def test_the_volume_of_the_whole_is_held(task, results, name):
     after = Mesh(results[name].vertices, task.mesh.F)
-    assert after.volume == pytest.approx(task.mesh.volume, rel=error)
+    assert after.volume == pytest.approx(task.mesh.volume, rel=1e-6)
+
+
+def test_a_region_that_grows_takes_its_volume_from_the_rest(task):
+    """The proxy has few samples inside of the region; the mesh holds its volume all the same."""
+    low = np.flatnonzero(task.mesh.V[:, 2] < -1.0)
+    top = np.flatnonzero(task.mesh.V[:, 2] > 1.6)
+    target = np.concatenate([task.mesh.V[low] * [1.05, 1.05, 1], task.mesh.V[top]])
+    grown = DeformationTask("grown", task.mesh, Handles(np.r_[low, top], target))
+    for name in ("fast", "fine"):
+        after = Mesh(METHODS[name](grown).vertices, task.mesh.F)
+        assert after.volume == pytest.approx(task.mesh.volume, rel=1e-6)
+    free = Mesh(METHODS["fast"](grown, volume=0.0).vertices, task.mesh.F)
+    assert free.volume > 1.005 * task.mesh.volume
 
 
 @pytest.mark.parametrize("name", ["sshade", "fast", "fine"])
@@ -134,20 +148,18 @@ def test_few_handles_are_sampled_as_ever(task):
 
 
 def test_samples_go_to_the_free_part(task):
-    graph = vertex_graph(task.mesh)
-    regions = HandleRegions(task.mesh, task.handles.index, vertices=VERTICES, graph=graph)
+    graph, index = vertex_graph(task.mesh), task.handles.index
+    regions = HandleRegions(task.mesh, index, vertices=2000, graph=graph)
     remeshed, handle = regions.sample(0)
-    edge = edge_vertices(task.mesh, task.handles.index)
-    assert np.isin(edge, remeshed.samples).all()
-    inside = (handle >= 0).sum() - len(edge)
-    assert 0 < inside < 0.15 * len(remeshed.samples)
-    on = handle >= 0
-    assert np.array_equal(task.handles.index[handle[on]], remeshed.samples[on])
+    edge, on = edge_vertices(task.mesh, index), handle >= 0
+    assert np.array_equal(index[handle[on]], remeshed.samples[on])
+    assert np.array_equal(remeshed.samples[: len(edge)], edge)
+    assert 0 < on.sum() - len(edge) < 0.1 * len(remeshed.samples)
 
 
 def test_an_edge_of_many_vertices_is_thinned_and_still_exact():
     """A comb of held and free stripes, with more vertices at edges than there are samples."""
-    mesh = strip(120, 30)
+    mesh = jittered(strip(120, 30), 0.1)
     held = np.flatnonzero(mesh.V[:, 0] % 6 < 3)
     moved = mesh.V[held] @ rotation().T
     task = DeformationTask("comb", mesh, Handles(held, moved))
