@@ -7,8 +7,12 @@ from math import inf
 from time import perf_counter
 from typing import Any, Unpack
 
+import numpy as np
+
+from sshade.mesh.adjacency import vertex_graph
 from sshade.pipeline.fast import STIFFNESS, STRAIN, sshade_fast
-from sshade.solver.local_global import LocalGlobal
+from sshade.pipeline.regions import HandleRegions, all_on_targets, default_area
+from sshade.solver.local_global import LocalGlobal, Solution
 from sshade.solver.options import SolverOptions, complete, energy_options
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
 from sshade.threads import available_cpus, number_of_workers
@@ -49,7 +53,8 @@ def sshade_fine(
     **options
         As of :func:`sshade.sshade_fast`: `max_iterations` and `start` of the proxy, the others of both
         resolutions. The area has the weight 1 by default, which leaves it some half a percent;
-        for that, edges and angles change a twentieth less than with an exact one.
+        for that, edges and angles change a twentieth less than with an exact one. With handle
+        regions it is :data:`sshade.pipeline.regions.AREA`.
 
     Returns
     -------
@@ -66,11 +71,14 @@ def sshade_fine(
         Those of :func:`sshade.sshade_fast`.
     """
     workers = number_of_workers(workers, default=available_cpus())
+    if len(task.handles) == task.mesh.n:
+        return all_on_targets(task)
     # What the proxy will refuse, before the factorisation begins that its error would wait for.
     task.mesh.require_manifold()
     task.mesh.require_one_component()
     begin = perf_counter()
-    own = complete(options, volume=inf, area=1.0, stiffness=STIFFNESS, strain=STRAIN, start="rigid")
+    area = default_area(task, vertices, otherwise=1.0)
+    own = complete(options, volume=inf, area=area, stiffness=STIFFNESS, strain=STRAIN, start="rigid")
     with ThreadPoolExecutor(max_workers=1) as pool:
         bound = pool.submit(_bind, task)
         proxy = sshade_fast(task, vertices=vertices, seed=seed, progress=progress, **own)
@@ -87,6 +95,10 @@ def sshade_fine(
         progress=lambda _, done, total, note="": progress("polish", done, total, note),
         **energy,
     )
+    regions = HandleRegions(task.mesh, solver.index, vertices=vertices, graph=vertex_graph(task.mesh))
+    if regions.regional:
+        turned = regions.on_targets(solution.positions, task.handles.target)
+        solution = _moved(solver, solution, turned, energy)
     facts = {"proxy_iterations": proxy.iterations, "proxy_vertices": proxy.extra["proxy_vertices"]}
     seconds = {
         "proxy": arrived - begin,
@@ -106,3 +118,11 @@ def sshade_fine(
 def _bind(task: DeformationTask) -> tuple[LocalGlobal, float]:
     begin = perf_counter()
     return LocalGlobal(task.mesh, task.handles.index), perf_counter() - begin
+
+
+def _moved(solver: LocalGlobal, solution: Solution, V: np.ndarray, energy: dict[str, Any]) -> Solution:
+    """A solution at other positions, where the constraints hold again; how the iteration went stays."""
+    V = solver.project(V, **{name: energy[name] for name in ("volume", "area", "workers")})
+    after = solver.solve(V[solver.index], start=V, rotations=solution.rotations, max_iterations=0, **energy)
+    names = "iterations", "residual", "residual_curve", "converged", "rejected", "energy_initial"
+    return after._replace(**{name: getattr(solution, name) for name in names})
