@@ -258,6 +258,12 @@ class ArapIteration:
         if self._constraints:
             self.restored = self._constraints.restore(u)
 
+    def project(self, u: np.ndarray) -> None:
+        """Project positions u (n, 3) onto the exact constraints, along directions of their own."""
+        if self._constraints:
+            self._renew_directions(self._constraints, u)
+            self.restore(u)
+
     def multiply(self, F: np.ndarray, out: np.ndarray) -> None:
         """Write the Laplacian of the rest shape times F (n, 3) to `out` (n, 3)."""
         self.system.multiply(F, out, team=self._team)

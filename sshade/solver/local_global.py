@@ -208,6 +208,36 @@ class LocalGlobal:
             **facts,
         )
 
+    def project(
+        self, positions: np.ndarray, *, volume: float = 0.0, area: float = 0.0, workers: int = 1
+    ) -> np.ndarray:
+        """Project positions onto the exact constraints, by what costs the energy least.
+
+        Parameters
+        ----------
+        positions : (n, 3) float64
+            Near a shape that fulfils them. Handles stay.
+        volume, area : float
+            Weights; only inf matters.
+        workers : int
+            Threads; no influence on the result.
+
+        Returns
+        -------
+        (n, 3) float64
+
+        Raises
+        ------
+        InputError
+            As :meth:`solve`.
+        """
+        targets, positions = self._checked_positions(np.asarray(positions)[self.index], positions)
+        system, u = self.system, self._to_system(positions, targets)
+        held = self._components.held(VolumeArea(volume, area), corners=system.terms.corners.shape[1])
+        with ThreadTeam(workers) as team:
+            ArapIteration(system, u[system.held], team=team, constraints=held).project(u)
+        return self._from_system(u, targets)
+
     def _to_system(self, positions: np.ndarray, targets: np.ndarray) -> np.ndarray:
         """(n, 3) in the system's order, about the mesh's origin, handles on their targets."""
         u = positions[self.system.vertex] - self.mesh.origin
