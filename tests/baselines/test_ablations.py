@@ -13,6 +13,7 @@ from sshade import DeformationTask, Handles, InputError, Mesh, deform
 from sshade.carry.projection import project_to_fans
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.rigid import rigid_motion
+from sshade.pipeline.regions import HandleRegions
 from sshade.sampling.remesh import Remesh, proxy_mesh, remesh
 from sshade.solver.local_global import local_global
 from tests.shapes import bumpy, folded, held_ends, rotation
@@ -86,11 +87,12 @@ def test_the_result_counts_them(laid_back):
 
 
 def test_the_sample_of_a_handles_region_gets_its_motion_and_a_mean_of_several(body):
-    graph, result = vertex_graph(body), remesh(body, 40, seed=(2, 0))
+    result = remesh(body, 40, seed=(2, 0))
     index = np.flatnonzero(np.isin(result.region, [3, 4]))
     turn, shift = rotation(8), np.array([1.0, 0, 2])
     task = DeformationTask("rigid", body, Handles(index, body.V[index] @ turn.T + shift))
-    remeshed, handles = sample_nearest_to_handles(task, 40, (2, 0), graph)
+    regions = HandleRegions(body, index, vertices=40, graph=vertex_graph(body))
+    remeshed, handles = sample_nearest_to_handles(task, regions, (2, 0))
     assert isinstance(remeshed, Remesh) and np.array_equal(remeshed.samples, result.samples)
     assert handles.index.tolist() == [3, 4] and handles.merged == len(index) - 2
     expected = body.V[result.samples[[3, 4]]] @ turn.T + shift
@@ -98,7 +100,7 @@ def test_the_sample_of_a_handles_region_gets_its_motion_and_a_mean_of_several(bo
 
     target = np.random.default_rng(0).normal(size=(len(index), 3))
     task = DeformationTask("any", body, Handles(index, target))
-    _, handles = sample_nearest_to_handles(task, 40, (2, 0), graph)
+    _, handles = sample_nearest_to_handles(task, regions, (2, 0))
     R, _ = rigid_motion(body.V[index], target)
     moved = target + (body.V[result.samples[result.region[index]]] - body.V[index]) @ R.T
     for i, s in enumerate((3, 4)):
