@@ -108,7 +108,7 @@ def test_the_sample_of_a_handles_region_gets_its_motion_and_a_mean_of_several(bo
         assert np.allclose(handles.target[i], mean, rtol=0, atol=1e-13)
 
     still = Handles(index, body.V[index] + 1, dynamic=np.zeros(len(index), bool))
-    _, handles = sample_nearest_to_handles(DeformationTask("still", body, still), 40, (2, 0), graph)
+    _, handles = sample_nearest_to_handles(DeformationTask("still", body, still), regions, (2, 0))
     assert np.allclose(handles.target, body.V[result.samples[[3, 4]]], rtol=1e-14)
     assert not handles.dynamic.any()
 

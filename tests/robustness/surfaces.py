@@ -75,10 +75,6 @@ REFUSED = {
     "coordinates of 1e200": (mesh(1e200 * V, F), "1e", "scale"),
     "coordinates of 1e-200": (mesh(1e-200 * V, F), "scale"),
     "far beyond the digits": (mesh(V + 1e13, F), "digits"),
-    "slivers of 1e-9 all along": (
-        posed((SLIVERS.V[:, [0, 2, 1]] * [1e-9, 1, 1], SLIVERS.F)),
-        "triangles of nearly no area",
-    ),
 }
 REFUSED_BY_REMESH = {
     "a face twice": (mesh(V, [*F, F[0]]), "has 3 faces", "--repair"),
@@ -195,6 +191,10 @@ TAKEN = {
     "flattened to 1e-12": (posed((V * [1e-12, 1, 1], F)), _result),
     "flattened to a double sheet": (posed((V * [0, 1, 1], F)), _result),
     "stretched 10^4 times": (posed((V * [1, 1, 1e4], F)), _result),
+    "slivers of 1e-9 all along": (
+        posed((SLIVERS.V[:, [0, 2, 1]] * [1e-9, 1, 1], SLIVERS.F)),
+        _result,
+    ),
     "an open tube": (posed(jittered(tube(), 0.02)), _result),
     "a strip with a rim": (_upright(jittered(strip(30, 5), 0.1)), _result),
     "a regular grid: every distance many times": (_upright(strip(30, 5)), _result),
