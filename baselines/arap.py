@@ -14,7 +14,6 @@ import numpy as np
 
 from baselines.global_step import iterate, last
 from sshade.errors import InputError
-from sshade.solver.cotangents import half_cotangents
 from sshade.solver.options import Energy, IterationOptions, Start
 from sshade.solver.start import initial_guess
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
@@ -82,7 +81,12 @@ def libigl_arap(
     if energy not in get_args(Energy):
         raise InputError(f"unknown energy {energy!r}; use 'spokes' or 'spokes_and_rims'")
     mesh, handles = task.mesh, task.handles
-    half_cotangents(mesh)  # refuses triangles without area
+    flat = int((mesh.face_areas == 0).sum())
+    if flat:
+        raise InputError(
+            f"{flat} triangles of the rest mesh have no area, of which libigl makes NaN; remove them, or "
+            "take the accelerated method of the same energy"
+        )
     begin = perf_counter()
     data = igl.ARAPData()
     data.energy = getattr(igl.ARAPEnergyType, f"ARAP_ENERGY_TYPE_{energy.upper()}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -12,8 +12,18 @@ from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
 #: Two targets of one vertex that differ by more than this (x diagonal) contradict each other.
 SAME_TARGET = 1e-9
+
+#: Farthest that a position may be from its handle vertex (x diagonal), or a mean edge where that is longer:
+#: beyond, it is not one of this mesh.
+FARTHEST_SNAP = 0.05
+
+#: Units of length over others that files are written in: millimetres, centimetres, inches, feet.
+UNITS = (1000.0, 100.0, 1000.0 / 25.4, 1.0 / 0.3048, 25.4, 12.0, 10.0)
 
 NO_HANDLES = "there are no handles; at least one vertex needs a prescribed position"
 
@@ -130,7 +140,8 @@ class Handles:
         Raises
         ------
         InputError
-            When counts differ, a position is not finite, or one vertex gets
+            When counts differ, a position is not finite or farther than
+            :data:`FARTHEST_SNAP` allows from the mesh's vertices, or one vertex gets
             different targets from two groups.
         """
         from scipy.spatial import cKDTree
@@ -147,7 +158,10 @@ class Handles:
         dynamic = np.broadcast_to(np.asarray(dynamic, dtype=bool), (k,))
         group = _per_handle(group, 0, np.int64, k, "group")
 
-        distance, index = cKDTree(mesh.V).query(source)
+        tree = cKDTree(mesh.V)
+        distance, index = tree.query(source)
+        if distance.max() > FARTHEST_SNAP * mesh.diagonal:
+            _refuse_far(source, distance, group, mesh, tree)
         moved = target.copy()
         if not raw:
             moved[~dynamic] = mesh.V[index[~dynamic]]
@@ -258,6 +272,35 @@ class Method(Protocol):
     def __call__(
         self, task: DeformationTask, *, seed: int, progress: Progress = silent
     ) -> DeformationResult: ...
+
+
+def _refuse_far(
+    source: np.ndarray, distance: np.ndarray, group: np.ndarray, mesh: Mesh, tree: cKDTree
+) -> None:
+    """Raise InputError where handles are farther than FARTHEST_SNAP allows: which, and why they may be."""
+    edges = mesh.V[mesh.edges]
+    limit = max(FARTHEST_SNAP * mesh.diagonal, np.linalg.norm(edges[:, 0] - edges[:, 1], axis=1).mean())
+    worst = int(np.argmax(distance))
+    if distance[worst] <= limit:
+        return
+    number = int((group[:worst] == group[worst]).sum())
+    many, factors = int((distance > limit).sum()), [*UNITS, *(1.0 / unit for unit in UNITS)]
+    wide = float(np.linalg.norm(np.ptp(source, axis=0)))
+    # A box that shrinks to a point is on the mesh wherever that passes by the origin.
+    factors = [factor for factor in factors if wide * factor > limit]
+    off = [float(tree.query(source * factor)[0].max()) for factor in factors]
+    if factors and min(off) <= limit:
+        cause = f"times {factors[int(np.argmin(off))]:.6g} they would be on it, in another unit of length"
+    elif 2 * many > len(source):
+        boxes = f"their box has a diagonal of {wide:.3g}, that of the mesh {mesh.diagonal:.3g}"
+        cause = f"{boxes}; another frame, or an offset"
+    else:
+        cause = "mend or remove these, the others are near it"
+    raise InputError(
+        f"handle {number} of group {group[worst]} is {distance[worst]:.3g} from the nearest vertex, "
+        f"{distance[worst] / mesh.diagonal:.3g} times the mesh's diagonal; {many} of {len(source)} handles "
+        f"given by position are farther than {limit / mesh.diagonal:.2g} times it: {cause}"
+    )
 
 
 def _per_handle(values: Any, default: Any, dtype: Any, k: int, name: str) -> np.ndarray:

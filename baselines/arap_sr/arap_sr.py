@@ -72,7 +72,7 @@ def arap_sr(
     Parameters
     ----------
     task : DeformationTask
-        Its mesh may have a boundary and several components; no zero-area triangle.
+        Its mesh may have a boundary and several components.
     alpha : float
         Weight of the rotations' smoothness. 0 is ARAP, infinity one rotation for all.
     clamp : bool
@@ -102,8 +102,7 @@ def arap_sr(
     Raises
     ------
     InputError
-        On an unknown start, an alpha that is negative or infinite, or
-        triangles without area.
+        On an unknown start, or an alpha that is negative or infinite.
     """
     if not 0 <= alpha < np.inf:
         raise InputError(f"alpha={alpha!r} is no weight; it takes a number from 0")

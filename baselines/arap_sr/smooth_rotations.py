@@ -49,11 +49,6 @@ class Cells:
     colour : (n,) int64
         Of each vertex, ascending.
 
-    Raises
-    ------
-    InputError
-        When triangles have no area.
-
     Attributes
     ----------
     laplacian : (n, n) sparse float64

@@ -28,6 +28,7 @@ from baselines.deformation_graph.node_graph import NodeGraph, bind_to_nodes, nod
 from baselines.global_step import GlobalStep, iterate, last
 from sshade.errors import InputError
 from sshade.mesh.adjacency import vertex_graph
+from sshade.pipeline.proxies import proxy_vertices
 from sshade.pipeline.regions import HandleRegions, all_on_targets
 from sshade.sampling.fronts import farthest_point_sampling
 from sshade.solver.cotangents import laplacian_matrix
@@ -57,7 +58,8 @@ def deformation_graph(
         Its mesh must be manifold and oriented; boundary and several components are fine.
     nodes : int
         k, the nodes in all; every handle vertex is one, but those of regions, see
-        :class:`sshade.pipeline.regions.HandleRegions`. A smaller mesh has a node at each vertex.
+        :class:`sshade.pipeline.regions.HandleRegions`. A small mesh has a node for a quarter of its
+        vertices, as a proxy: see :func:`sshade.pipeline.proxies.proxy_vertices`.
     blended : int
         K, the nodes that a vertex follows: the nearest along the surface, out of the
         node of its Voronoi region and that one's neighbours in the graph.
@@ -89,7 +91,7 @@ def deformation_graph(
     begin = perf_counter()
     mesh, handles = task.mesh, task.handles
     graph = vertex_graph(mesh)
-    nodes = min(nodes, mesh.n)
+    nodes = proxy_vertices(nodes, mesh.n, len(handles))
     regions = HandleRegions(mesh, handles.index, vertices=nodes, graph=graph)
     if regions.covered:
         return all_on_targets(task)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from sshade.cli.console import (
     run_command,
     say,
 )
+from sshade.cli.notes import notes
 from sshade.cli.show import add_show
 from sshade.errors import InputError
 from sshade.io.document import MeshFile
@@ -148,16 +149,14 @@ def _add_frames(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_vertices(parser: argparse.ArgumentParser) -> None:
-    usual = f"{VERTICES}, or a quarter of the mesh's where that is less"
-    parser.add_argument("--vertices", type=int, metavar="N", help=f"proxy vertices (default: {usual})")
+    parser.add_argument(
+        "--vertices",
+        type=int,
+        default=VERTICES,
+        metavar="N",
+        help=f"proxy vertices, a quarter of the mesh's at most (default: {VERTICES})",
+    )
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="seed of the sampling (default: 0)")
-
-
-def _proxy_vertices(asked: int | None, n: int, handles: int = 0) -> int:
-    """The default leaves a small mesh a proxy that is worth the name, with room for the handles."""
-    from sshade.pipeline.components import HANDLES, SPARE
-
-    return asked if asked is not None else min(n, max(min(VERTICES, n // 4), min(handles, HANDLES) + SPARE))
 
 
 def _deform(arguments: argparse.Namespace) -> None:
@@ -183,13 +182,27 @@ def _deform(arguments: argparse.Namespace) -> None:
       sshade deform body.ply pose.json -o posed.ply
     """
     from sshade.io.handles import read_handles
+    from sshade.mesh.cleaning import cleaned
     from sshade.pipeline.components import deform_components
 
     check_output(arguments.output, SUFFIXES)
     method = _method(arguments)
     file = _read(arguments.mesh, arguments.output)
-    V = file.V
-    mesh, vertex = repair(V, file.F) if arguments.repair else join_seams(mesh_of(file, arguments.mesh))
+    V, left_out = file.V, {}
+    try:
+        if arguments.repair:
+            mesh, vertex = repair(V, file.F)
+        else:
+            whole = cleaned(V, file.F)
+            mesh, onto = join_seams(whole.mesh)
+            vertex = np.where(whole.vertex >= 0, onto[whole.vertex], -1)
+            left_out = {
+                "unused": whole.unused,
+                "collapsed": whole.collapsed,
+                "doubled": whole.mesh.n - mesh.n,
+            }
+    except InputError as mistake:
+        raise InputError(f"{arguments.mesh}: {mistake}") from mistake
     handles = read_handles(arguments.handles, mesh, raw=arguments.raw, vertex=vertex)
     begin = perf_counter()
     with progress_bar() as progress:
@@ -197,7 +210,7 @@ def _deform(arguments: argparse.Namespace) -> None:
             mesh,
             handles,
             partial(method, workers=arguments.workers),
-            vertices=_proxy_vertices(arguments.vertices, mesh.n, len(handles)),
+            vertices=arguments.vertices,
             carry_unconstrained=arguments.carry_unconstrained,
             name=arguments.mesh.stem,
             seed=arguments.seed,
@@ -213,7 +226,9 @@ def _deform(arguments: argparse.Namespace) -> None:
         f"{arguments.output}: {len(V)} vertices, {len(handles)} handles reached to {100 * error:.2g} % of "
         f"the diagonal, {proxies} of {result.extra['proxy_vertices']:.0f} vertices, {seconds:.2f} s"
     )
-    for note in _notes(result.extra, doubled=0 if arguments.repair else len(V) - mesh.n):
+    snap = float(handles.snap_distance.max())
+    facts = {**result.extra, **left_out, "asked": arguments.vertices, "snap": snap, "diagonal": mesh.diagonal}
+    for note in notes(facts):
         say(f"note: {note}")
     if result.converged is False and arguments.method != "sshade_fine":
         say(
@@ -228,24 +243,6 @@ def _read(path: Path, output: Path) -> MeshFile:
     if lost := file.lost(output):
         say(f"note: {output} keeps no {' or '.join(lost)} of {path}: it is of another format")
     return file
-
-
-def _notes(facts: Mapping[str, Any], *, doubled: int) -> list[str]:
-    """What was done besides with a mesh that is no oriented manifold of one component."""
-    seam = f"{doubled} vertices are a second one at a place along a seam, and move with it"
-    cut = (
-        f"no oriented manifold: {facts['turned']} faces were turned, {facts['copies']} copies of vertices "
-        f"made, and joined over at most {100 * facts['gap']:.2g} % of the diagonal"
-    )
-    components, unconstrained = facts["components"], facts["unconstrained"]
-    notes = {
-        seam: doubled,
-        cut: facts["copies"] or facts["turned"],
-        f"{components} components were deformed on their own, with shares of the proxy vertices": components
-        > 1,
-        f"{unconstrained} components without handles follow the nearest one rigidly": unconstrained,
-    }
-    return [note for note, holds in notes.items() if holds]
 
 
 def _method(arguments: argparse.Namespace) -> Callable[..., DeformationResult]:
@@ -279,7 +276,7 @@ def _remesh(arguments: argparse.Namespace) -> None:
     check_output(arguments.output, SUFFIXES)
     check_output(arguments.map, (".npz",))
     mesh, _ = join_seams(read_mesh(arguments.mesh))
-    binding = bind(mesh, _proxy_vertices(arguments.vertices, mesh.n), seed=arguments.seed)
+    binding = bind(mesh, arguments.vertices, seed=arguments.seed)
     with replacing(arguments.map) as temporary:
         save_binding(temporary, binding)
         write_mesh(arguments.output, binding.proxy.V, binding.proxy.F)  # without it there shall be no map
@@ -332,7 +329,7 @@ def _transfer(arguments: argparse.Namespace) -> None:
             mesh,
             posed,
             edited,
-            vertices=_proxy_vertices(arguments.vertices, mesh.n),
+            vertices=arguments.vertices,
             samplings=arguments.samplings,
             frames=arguments.frames,
             residual=arguments.residual,

@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from sshade.mesh.mesh import Mesh
 
 
+#: Length of an edge without any, over the mean: short, and above the rounding of any sum of lengths.
+SHORTEST = 1e-9
+
+
 class EdgeSides(NamedTuple):
     """The undirected edges of faces, and the sides of faces that lie at each.
 
@@ -84,7 +88,7 @@ class VertexGraph:
     indices : (2e,) int32
         Neighbours of each vertex, in ascending order.
     lengths : (2e,) float64
-        Euclidean edge lengths, the same bits in both directions.
+        Euclidean edge lengths, the same bits in both directions; 0 only if all vertices coincide.
     boundary : (2e,) bool
         True where the edge has a single face.
     """
@@ -109,12 +113,15 @@ class VertexGraph:
 
     @property
     def matrix(self) -> csr_array:
-        """(n, n) symmetric sparse float64 lengths; entries of edges without length are stored zeros."""
+        """(n, n) symmetric sparse float64 lengths."""
         return csr_array((self.lengths, self.indices, self.indptr), shape=(self.n, self.n))
 
 
 def vertex_graph(mesh: Mesh) -> VertexGraph:
     """The graph of a mesh's edges, weighted by their lengths.
+
+    An edge without length has :data:`SHORTEST` times the mean one, so that vertices in one place
+    are apart: each can be a sample with a region of its own.
 
     Raises
     ------
@@ -122,7 +129,11 @@ def vertex_graph(mesh: Mesh) -> VertexGraph:
         Unless the mesh is manifold and consistently oriented.
     """
     mesh.require_manifold()
-    return VertexGraph(*_vertex_graph(mesh.V, mesh.F))
+    graph = VertexGraph(*_vertex_graph(mesh.V, mesh.F))
+    none = graph.lengths == 0.0
+    if none.any():
+        graph.lengths[none] = SHORTEST * graph.lengths.mean()
+    return graph
 
 
 @njit(cache=True, nogil=True)

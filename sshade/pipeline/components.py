@@ -18,21 +18,21 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from sshade.errors import InputError
+from sshade.mesh.cleaning import without_duplicates
 from sshade.mesh.cutting import Cut, cut_to_manifold
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
-from sshade.pipeline.proxies import joined
+from sshade.pipeline.proxies import joined, least_vertices, proxy_vertices
 from sshade.pipeline.regions import EDGE_SAMPLES
 from sshade.task import DeformationResult, DeformationTask, Handles, Progress, silent
 
-#: Proxy vertices of a component besides its handles, at least, and for how many of these there is room;
-#: more are thinned.
-SPARE, HANDLES = 4, 1500
 #: Vertices near each one of an unconstrained component whose motion it follows.
 NEAREST = 8
 #: What one fact of the whole is, from those of the components.
 FACTS: dict[str, Callable[[Any], Any]] = {
+    "samples": sum,
     "proxy_vertices": sum,
+    "faces_without_area": sum,
     "residual": max,
     "intersecting_or_inverted": sum,
 }
@@ -61,8 +61,9 @@ def deform_components(
         Takes a task and ``vertices``, ``seed`` and ``progress``, such as
         :func:`sshade.deform` with its other parameters bound.
     vertices : int
-        Proxy vertices of all components together, shared by area; each has at
-        least its handles and :data:`SPARE` more.
+        Proxy vertices of all components together, a quarter of the mesh's at most, shared by area;
+        of each a quarter of its own, and its handles and a few more at least (see
+        :func:`sshade.pipeline.proxies.proxy_vertices`).
     carry_unconstrained : bool
         Move components without handles rigidly with the nearest one: by the rigid motion of
         the :data:`NEAREST` vertices of it that are closest to each of theirs.
@@ -76,7 +77,8 @@ def deform_components(
     DeformationResult
         `iterations` is the mean over components. ``extra`` has ``proxy_vertices`` in all, the
         largest ``residual``, the faces left ``intersecting_or_inverted``, and the numbers of
-        ``components`` deformed (of the cut mesh), of ``unconstrained`` ones, of ``copies`` of
+        ``components`` deformed (of the cut mesh), of ``unconstrained`` ones, of ``duplicates`` of
+        faces that were left out, of ``copies`` of
         vertices that cutting made and of faces ``turned`` to agree; ``gap`` is how far copies
         came apart before they were joined, over the diagonal.
 
@@ -84,7 +86,7 @@ def deform_components(
     ------
     InputError
         Those of the method; when a component is unconstrained and not to be
-        carried; when `vertices` exceeds the mesh's or cannot hold the handles.
+        carried; when `vertices` cannot hold the handles.
     """
     if handles.index.max() >= mesh.n:
         raise InputError(f"handle id {handles.index.max()} is out of range: the mesh has {mesh.n} vertices")
@@ -96,10 +98,12 @@ def deform_components(
             f"{sizes[unconstrained[0]]} vertices, one of them {first}); give each one, weld coincident "
             "vertices with --repair, or move them with the nearest component with --carry-unconstrained"
         )
+    given, mesh = mesh, without_duplicates(mesh)
     cut = cut_to_manifold(mesh)
     facts: dict[str, Any] = {
         "components": 1,
         "unconstrained": len(unconstrained),
+        "duplicates": given.m - mesh.m,
         "copies": len(cut.origin) - mesh.n,
         "turned": cut.turned,
         "gap": 0.0,
@@ -109,11 +113,12 @@ def deform_components(
         result = method(task, vertices=vertices, seed=seed, progress=progress)
         return replace(result, extra={**result.extra, **facts})
     least = min(len(handles), EDGE_SAMPLES)
-    if not least <= vertices <= mesh.n:
+    if vertices < least:
         raise InputError(
-            f"{vertices} proxy vertices were asked for: at least {least}, to hold the {len(handles)} handle "
-            f"vertices, and at most the mesh's {mesh.n} are possible"
+            f"{vertices} proxy vertices were asked for: at least {least} are needed, to hold the "
+            f"{len(handles)} handle vertices"
         )
+    vertices = proxy_vertices(vertices, mesh.n, len(handles))
     components = _Components(mesh, cut, handles)
     order = components.order()
     density = vertices / sum(components.area[c] for c in order)
@@ -188,7 +193,8 @@ class _Components:
         origin = self._cut.origin[own]
         shape = Mesh(self._cut.mesh.V[own], np.searchsorted(own, self._cut.mesh.F[self._faces[component]]))
         handles = self._handles_of(origin)
-        share = min(shape.n, max(share, min(len(handles), HANDLES) + SPARE))
+        share = max(share, least_vertices(len(handles)))
+        share = proxy_vertices(share, shape.n, len(handles))
         try:
             result = method(DeformationTask(name, shape, handles), vertices=share, **settings)
         except InputError as error:

@@ -86,7 +86,8 @@ def deform(
         ``seconds`` are summed over samplings, which overlap in time, and so do
         ``bind`` and ``solve`` of each.
         ``iterations`` is the mean over samplings, ``converged`` is true if all did.
-        ``extra`` has the largest ``residual``, the number of ``degenerate_frames``, and
+        ``extra`` has the number of ``samples`` of each, the ``faces_without_area`` of the mesh,
+        the largest ``residual``, the number of ``degenerate_frames``, and
         ``proxy_energy``, ``proxy_volume_error`` and the like: means, and largest errors, of what
         the coarse method says of its proxies.
 
@@ -96,7 +97,7 @@ def deform(
         On a mesh or options out of the above.
     """
     given: ProxyOptions = {"samplings": 5, **options}
-    proxies = Proxies(task.mesh, **given)
+    proxies = Proxies(task.mesh, handles=len(task.handles), **given)
     regions = HandleRegions(task.mesh, task.handles.index, vertices=proxies.vertices, graph=proxies.graph)
     if regions.covered:
         return all_on_targets(task)

@@ -59,7 +59,7 @@ class Deformer:
     ) -> None:
         self.mesh, self.index = mesh, np.array(index, dtype=np.int64)
         mesh.require_handles(self.index)
-        self._proxies = proxies = Proxies(mesh, **options)
+        self._proxies = proxies = Proxies(mesh, handles=len(self.index), **options)
         self._regions = regions = HandleRegions(
             mesh, self.index, vertices=proxies.vertices, graph=proxies.graph
         )

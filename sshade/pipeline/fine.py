@@ -40,7 +40,7 @@ def sshade_fine(
     ----------
     task : DeformationTask
     vertices : int
-        Of the proxy; see :func:`sshade.sshade_fast`.
+        Of the proxy; see :class:`sshade.pipeline.proxies.ProxyOptions`.
     polish_iterations : int
         Iterations at full resolution, at most.
     polish_seconds : float, optional
@@ -63,7 +63,8 @@ def sshade_fine(
         tolerance, None where it used up the iterations or seconds that it was given, its usual
         end. Handles are on their targets, and exact constraints hold to 1e-6. ``seconds``: ``precompute``
         overlaps with ``proxy``, ``wait`` is what it took longer. ``extra`` as of
-        :func:`sshade.solver.local_global.local_global`, and the proxy's iterations and size.
+        :func:`sshade.solver.local_global.local_global`, the proxy's iterations and size, and ``samples``
+        and ``faces_without_area`` as of :func:`sshade.deform`.
 
     Raises
     ------
@@ -95,11 +96,13 @@ def sshade_fine(
         progress=lambda _, done, total, note="": progress("polish", done, total, note),
         **energy,
     )
-    regions = HandleRegions(task.mesh, solver.index, vertices=vertices, graph=vertex_graph(task.mesh))
+    of_proxy = ("samples", "proxy_vertices", "faces_without_area")
+    facts = {"proxy_iterations": proxy.iterations} | {name: proxy.extra[name] for name in of_proxy}
+    graph = vertex_graph(task.mesh)
+    regions = HandleRegions(task.mesh, solver.index, vertices=facts["samples"], graph=graph)
     if regions.regional:
         turned = regions.on_targets(solution.positions, task.handles.target)
         solution = _moved(solver, solution, turned, energy)
-    facts = {"proxy_iterations": proxy.iterations, "proxy_vertices": proxy.extra["proxy_vertices"]}
     seconds = {
         "proxy": arrived - begin,
         "precompute": precompute,

@@ -64,7 +64,15 @@ def multilevel(
     if task.guess is None and task.mesh.n >= SMALLEST and size <= task.mesh.n // ROOM:
         rougher = partial(coarse, tolerance=ROUGH * tolerance)
         try:
-            rough = deform(task, vertices=size, samplings=1, coarse=rougher, frames="blended", seed=seed)
+            rough = deform(
+                task,
+                vertices=size,
+                coarser=ROOM,
+                samplings=1,
+                coarse=rougher,
+                frames="blended",
+                seed=seed,
+            )
         except InputError as error:
             log.info("%s: solved without a coarser proxy of %d vertices: %s", task.name, size, error)
         else:

@@ -20,6 +20,37 @@ from sshade.sampling.remesh import remesh
 from sshade.task import DeformationResult
 from sshade.threads import in_threads, number_of_workers
 
+#: Vertices of a mesh over those of its proxy, at least.
+COARSER = 4
+#: Vertices of a proxy besides its handles, at least, and for how many of these there is room: more are
+#: thinned.
+SPARE, HANDLES = 4, 1500
+
+
+def least_vertices(handles: int) -> int:
+    """Vertices of a proxy for so many handles, where the mesh has them."""
+    return min(handles, HANDLES) + SPARE
+
+
+def proxy_vertices(asked: int, n: int, handles: int = 0, *, coarser: int = COARSER) -> int:
+    """How many vertices of a mesh a proxy samples: those asked for, of a small mesh a quarter.
+
+    Below four vertices for each of its own a proxy has no detail to leave out. Whatever the
+    mesh's size, there is room for handles: see :func:`least_vertices`.
+
+    Parameters
+    ----------
+    asked : int
+        Fewer than the handles are given back as they are, for the sampling to thin or to refuse.
+    n : int
+        Vertices of the mesh.
+    handles : int
+        Handle vertices.
+    coarser : int
+        Vertices of the mesh over those of the proxy, at least.
+    """
+    return min(asked, n, max(n // coarser, least_vertices(handles)))
+
 
 class ProxyOptions(TypedDict, total=False):
     """The keyword options of everything that makes proxies, as ``**options: Unpack[ProxyOptions]``.
@@ -28,7 +59,10 @@ class ProxyOptions(TypedDict, total=False):
     ----------
     vertices : int
         Vertices of each proxy N, before refinement adds the few that the topology needs;
-        6000 by default, as in the paper.
+        6000 by default, as in the paper, and a quarter of the mesh's at most: see
+        :func:`proxy_vertices`. ``samples`` in the `extra` of a result says how many they were.
+    coarser : int
+        Vertices of the mesh over those of a proxy, at least; 4 by default.
     samplings : int
         k, the number of different proxies whose results are averaged.
     frames : {"triangle", "affine", "blended", "blended_affine"} or FrameMaker
@@ -44,6 +78,7 @@ class ProxyOptions(TypedDict, total=False):
     """
 
     vertices: int
+    coarser: int
     samplings: int
     frames: FrameKind | FrameMaker
     frame_function: str | np.ndarray
@@ -58,7 +93,9 @@ class Proxies:
     ----------
     mesh : Mesh
         M: manifold, oriented, one component; boundary is fine.
-    vertices, samplings, frames, frame_function, workers, seed
+    handles : int
+        Handle vertices, which each proxy is to hold.
+    vertices, coarser, samplings, frames, frame_function, workers, seed
         See :class:`ProxyOptions`.
 
     Raises
@@ -71,7 +108,9 @@ class Proxies:
         self,
         mesh: Mesh,
         *,
+        handles: int = 0,
         vertices: int = 6000,
+        coarser: int = COARSER,
         samplings: int = 1,
         frames: FrameKind | FrameMaker = "triangle",
         frame_function: str | np.ndarray = "extent",
@@ -87,13 +126,15 @@ class Proxies:
         begin = perf_counter()
         self.mesh, self.graph = mesh, vertex_graph(mesh)
         self._shared = perf_counter() - begin
-        self.vertices, self.samplings, self.workers, self.seed = vertices, samplings, workers, seed
+        self.vertices = proxy_vertices(vertices, mesh.n, handles, coarser=coarser)
+        self.samplings, self.workers, self.seed = samplings, workers, seed
 
     def bind(self, number: int) -> Binding:
         """Sample and bind one proxy."""
         return bind(
             self.mesh,
             self.vertices,
+            coarser=1,
             seed=(self.seed, number),
             frames=self.frames,
             graph=self.graph,
@@ -118,13 +159,19 @@ class Proxies:
         seconds = dict(whole.seconds)
         if "remesh" in seconds:
             seconds["remesh"] += self._shared
-        return replace(whole, seconds=seconds, extra={"samplings": self.samplings, **whole.extra})
+        facts = {
+            "samplings": self.samplings,
+            "samples": self.vertices,
+            "faces_without_area": int(self.mesh.without_area.sum()),
+        }
+        return replace(whole, seconds=seconds, extra={**facts, **whole.extra})
 
 
 def bind(
     mesh: Mesh,
     vertices: int = 6000,
     *,
+    coarser: int = COARSER,
     first: np.ndarray | None = None,
     seed: int | tuple[int, ...] = 0,
     frames: FrameKind | FrameMaker = "triangle",
@@ -137,7 +184,7 @@ def bind(
     ----------
     mesh : Mesh
         M: manifold, oriented, one component.
-    vertices, frames, frame_function
+    vertices, coarser, frames, frame_function
         See :class:`ProxyOptions`.
     first : (h,) int, optional
         Vertices of M that become the first ones of N.
@@ -154,7 +201,8 @@ def bind(
     """
     maker = frame_maker(frames, mesh, frame_function=frame_function)
     begin = perf_counter()
-    remeshed = remesh(mesh, vertices, first=first, seed=seed, graph=graph)
+    count = proxy_vertices(vertices, mesh.n, 0 if first is None else len(first), coarser=coarser)
+    remeshed = remesh(mesh, count, first=first, seed=seed, graph=graph)
     seconds = {"remesh": perf_counter() - begin}
     binding = bind_proxy(mesh, remeshed, frames=maker)
     return replace(binding, seconds={**seconds, **binding.seconds})

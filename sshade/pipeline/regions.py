@@ -22,6 +22,7 @@ from sshade.carry.vertex_maps import VertexMaps
 from sshade.errors import InputError
 from sshade.mesh.adjacency import VertexGraph
 from sshade.mesh.mesh import Mesh
+from sshade.pipeline.proxies import proxy_vertices
 from sshade.sampling.fronts import Fronts, thinned
 from sshade.sampling.remesh import Remesh, remesh
 from sshade.solver.volume_area import VOLUME, gradients, measure
@@ -235,6 +236,7 @@ def default_area(task: DeformationTask, vertices: int, otherwise: float) -> floa
     surface can follow; between regions an area that holds would be taken from all the rest.
     """
     index = task.handles.index
+    vertices = proxy_vertices(vertices, task.mesh.n, len(index))
     regional = _are_regions(len(edge_vertices(task.mesh, index)), len(index), vertices)
     return AREA if regional else otherwise
 
@@ -253,5 +255,6 @@ def all_on_targets(task: DeformationTask) -> DeformationResult:
     """The result of a task that leaves no vertex free."""
     V = np.empty((task.mesh.n, 3))
     V[task.handles.index] = task.handles.target
-    facts = {"proxy_vertices": 0, "degenerate_frames": 0, "residual": 0.0}
+    facts = {"samples": 0, "proxy_vertices": 0, "degenerate_frames": 0, "residual": 0.0}
+    facts["faces_without_area"] = int(task.mesh.without_area.sum())
     return DeformationResult(V, 0, True, {}, facts)

@@ -126,22 +126,12 @@ class Fronts:
         Parameters
         ----------
         count : int
+            So many must be left.
         among : (a,) int, optional
             The vertices to choose from, in ascending order; by default all.
-
-        Raises
-        ------
-        InputError
-            When fewer vertices than that lie apart from the samples.
         """
         among = np.arange(self.graph.n) if among is None else among
-        samples = _insert_farthest(self._state, count, len(self), among)
-        if len(samples) < count:
-            raise InputError(
-                f"only {len(self) + len(samples)} vertices lie at different places; "
-                "ask for fewer samples, or weld coincident vertices with --repair"
-            )
-        self._samples.append(samples)
+        self._samples.append(_insert_farthest(self._state, count, len(self), among))
 
 
 def thinned(graph: VertexGraph, vertices: np.ndarray, count: int) -> np.ndarray:
@@ -294,8 +284,6 @@ def _insert_farthest(state, count, sample, among):
                 heapreplace(heap, (-d, v))
             else:
                 heappop(heap)
-        if d == 0.0:  # every vertex coincides with a sample
-            return samples[:i]
         samples[i] = v
         _place(state, v, sample + i, 0)
         _advance(state, 1)

@@ -23,7 +23,13 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.solver.cotangents import corner_vectors, edge_weights, half_cotangents, laplacian_matrix
+from sshade.solver.cotangents import (
+    corner_vectors,
+    edge_weights,
+    half_cotangents,
+    laplacian_matrix,
+    rest_energies,
+)
 from sshade.solver.factorisation import Factorisation
 from sshade.solver.options import Energy
 from sshade.solver.rotations import fit_rotations, quaternions
@@ -103,7 +109,7 @@ class ArapSystem:
     terms : Terms
         In the order of their lowest vertices.
     rest : (e,) float64
-        6 A of each triangle, the energy of one shrunk to a point; of edges nothing.
+        6 A of each triangle, the energy of one shrunk to a point; positive; of edges nothing.
     rest_energy : float
         That of the whole mesh; unit length^2.
     """
@@ -148,7 +154,7 @@ class ArapSystem:
         near = np.argsort(self.place[corners].min(axis=1), kind="stable")
         lists = self.place[corners[near]], Y[near], H[near]
         self.terms = Terms(*(np.ascontiguousarray(array) for array in lists))
-        self.rest = 6.0 * mesh.face_areas[near] if energy == "spokes_and_rims" else np.empty(0)
+        self.rest = rest_energies(mesh, h)[near] if energy == "spokes_and_rims" else np.empty(0)
         self.rest_energy = float(corners.shape[1] * (weights @ (lengths**2).sum(axis=1)))
         self.ranges = _ranges(self.terms.corners, mesh.n)
         self.chunks = [slice(first, first + 2 * CHUNK) for first in range(0, len(corners), 2 * CHUNK)]

@@ -77,7 +77,7 @@ class VolumeArea:
 
 
 class Errors(NamedTuple):
-    """Relative errors of a shape: the largest over components, NaN where none has a volume."""
+    """Relative errors of a shape: the largest over components, NaN where none has a volume, or an area."""
 
     volume: float
     area: float
@@ -130,8 +130,9 @@ class Components:
         """How far the volumes and areas at positions P (n, 3), in the solver's order, are from rest."""
         now, has = measure(self.faces, self.start, P), self.has_volume
         volume = np.abs(now[VOLUME, has] / self.rest[VOLUME, has] - 1)
-        area = np.abs(now[AREA] / self.rest[AREA] - 1)
-        return Errors(float(volume.max()) if len(volume) else math.nan, float(area.max()))
+        has = self.rest[AREA] > 0
+        area = np.abs(now[AREA, has] / self.rest[AREA, has] - 1)
+        return Errors(*(float(error.max()) if len(error) else math.nan for error in (volume, area)))
 
     def status(self, asked: VolumeArea, errors: Errors) -> tuple[str, str]:
         """What became of the volume and of the area, in words for a row.
@@ -165,9 +166,10 @@ class HeldConstraints:
 
     def __init__(self, components: Components, asked: VolumeArea, kinds: np.ndarray, *, corners: int) -> None:
         rest, has = components.rest, components.has_volume
-        on = np.stack([has, np.ones_like(has)])[kinds]
+        on = np.stack([has, rest[AREA] > 0])[kinds]
         weight = np.where(on, np.array([asked.volume, asked.area])[kinds, None], math.inf)
-        self._area, self._corners = rest[AREA], corners
+        # A component in a line or a point has no area; it holds nothing, and any number does.
+        self._area, self._corners = np.where(rest[AREA] > 0, rest[AREA], 1.0), corners
         self._equations = Equations(
             components.faces,
             components.start,
@@ -284,7 +286,7 @@ class InfeasibleAreas:
 def _lacking_volume(mesh: Mesh, rest: np.ndarray) -> np.ndarray:
     """(c,) str: why a component has no volume to hold, or nothing."""
     volume, area = rest
-    lacking = np.where(np.abs(volume) < FLAT * area**1.5, "flat", "").astype("<U11")
+    lacking = np.where(np.abs(volume) <= FLAT * area**1.5, "flat", "").astype("<U11")
     if not (mesh.is_closed and mesh.is_oriented):
         directed = (mesh.F * mesh.n + np.roll(mesh.F, -1, axis=1)).ravel()
         ways, times = np.unique(directed, return_counts=True)

@@ -9,22 +9,36 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
+
+#: Slack of a triangle without area in the triangle inequality, over the longer of the mesh's mean edge
+#: and its own longest: what its edges are lengthened to have.
+SLACK = 1e-5
+#: Size (x diagonal) of a triangle in the place of one whose corners coincide at rest, which no strain can
+#: be relative to; any positive number would do.
+POINT = 1e-10
 
 
 def half_cotangents(mesh: Mesh) -> np.ndarray:
     """Half the cotangent of the angle opposite each triangle's edges 01, 12, 20.
 
+    A triangle without area (:attr:`sshade.mesh.mesh.Mesh.without_area`) has those of one whose
+    edges are longer by the least length that gives its triangle inequalities a slack of
+    :data:`SLACK`, relative to the longer of its longest edge and the mesh's mean one: by no more
+    than that slack. So none is larger than 1 / (2 SLACK) + 1, the quadratic form that the three make
+    stays positive, and other triangles keep theirs to the last bit.
+
     Returns
     -------
     (m, 3) float64
+        Finite.
 
-    Raises
-    ------
-    InputError
-        When triangles have no area.
+    References
+    ----------
+    N. Sharp, K. Crane, "A Laplacian for nonmanifold triangle meshes", SGP 2020: intrinsic
+    mollification, there of all triangles by one length.
     """
+    flat = mesh.without_area
     double_area = 2.0 * mesh.face_areas
     A, B, C = (mesh.V[mesh.F[:, c]] for c in range(3))
     dots = np.stack(
@@ -32,13 +46,47 @@ def half_cotangents(mesh: Mesh) -> np.ndarray:
     )
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         h = 0.5 * dots / double_area[:, None]
-    bad = int((~np.isfinite(h)).any(axis=1).sum())
-    if bad:
-        raise InputError(
-            f"{bad} triangles of the rest mesh have no area, so their cotangent weights are infinite; "
-            "remesh or remove them"
-        )
+    if flat.any():
+        ends = mesh.V[mesh.edges]
+        mean = float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).mean())
+        corners = mesh.V[mesh.F[flat]]
+        h[flat] = _mollified(np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2), mean)
     return h
+
+
+def _mollified(lengths: np.ndarray, mean: float) -> np.ndarray:
+    """Half cotangents opposite edges of lengths (k, 3) that are lengthened; see :func:`half_cotangents`."""
+    longest = lengths.max(axis=1)
+    wanted = SLACK * np.maximum(longest, mean)
+    slack = lengths.sum(axis=1) - 2.0 * longest
+    lengths = lengths + np.maximum(wanted - slack, 0.0)[:, None]
+    # Heron's formula in an order that loses no digits (W. Kahan): c - (a - b) is the slack.
+    c, b, a = np.sort(lengths, axis=1).T
+    double_area = 0.5 * np.sqrt((a + (b + c)) * (c - (a - b)) * (c + (a - b)) * (a + (b - c)))
+    squared = lengths**2
+    return (squared.sum(axis=1)[:, None] - 2.0 * squared) / (4.0 * double_area[:, None])
+
+
+def rest_energies(mesh: Mesh, h: np.ndarray) -> np.ndarray:
+    """The spokes-and-rims energy of each triangle shrunk to a point.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    h : (m, 3) float64
+        From :func:`half_cotangents`.
+
+    Returns
+    -------
+    (m,) float64
+        Six times the area, or without one three times the sum of h |e|^2; positive, unit length^2.
+    """
+    rest, flat = 6.0 * mesh.face_areas, mesh.without_area
+    if flat.any():
+        corners = mesh.V[mesh.F[flat]]
+        squared = ((corners - np.roll(corners, -1, axis=1)) ** 2).sum(axis=2)
+        rest[flat] = np.maximum(3.0 * (h[flat] * squared).sum(axis=1), (POINT * mesh.diagonal) ** 2)
+    return rest
 
 
 def edge_weights(mesh: Mesh, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

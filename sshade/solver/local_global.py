@@ -83,7 +83,8 @@ class LocalGlobal:
     Parameters
     ----------
     mesh : Mesh
-        Rest shape. May have a boundary; no zero-area triangle.
+        Rest shape. May have a boundary, and triangles without area: see
+        :func:`sshade.solver.cotangents.half_cotangents`.
     index : (k,) int
         Vertices with prescribed positions, each once, at least one per component.
     energy : {"spokes", "spokes_and_rims"}
@@ -96,7 +97,7 @@ class LocalGlobal:
     ------
     InputError
         On an unknown energy, vertices as above that are out of range, repeated, or
-        leave a component free, or triangles of nearly no area: their cotangents are infinite.
+        leave a component free, or a Laplacian that is not positive definite to rounding.
     """
 
     def __init__(self, mesh: Mesh, index: np.ndarray, *, energy: Energy = "spokes_and_rims") -> None:
@@ -300,8 +301,7 @@ def local_global(
     TypeError
         On an unknown option.
     InputError
-        On an unknown energy or start, a negative weight, a stiffness out of (0, 1], or
-        triangles without area.
+        On an unknown energy or start, a negative weight, or a stiffness out of (0, 1].
     FloatingPointError
         When an iterate is not finite.
     """

@@ -118,7 +118,6 @@ IMPLICIT_ARAP = {
 PARAMETERS = {
     "--vertices 0": ("cannot hold",),
     "--vertices -5": ("cannot hold",),
-    "--vertices 163": ("163 proxy vertices", "the mesh has only 162"),
     "--samplings 0": ("0 samplings", "at least one"),
     "--samplings -1": ("-1 samplings",),
     "--workers 0": ("0 workers", "at least one"),

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh
-from tests.shapes import rotation, tetrahedron
+from tests.shapes import icosphere, rotation, tetrahedron
 
 
 def test_defaults_are_dynamic_and_of_one_group():
@@ -102,11 +102,11 @@ def test_raw_keeps_the_stored_targets(body):
 
 def test_handles_of_a_group_on_one_vertex_are_merged_to_their_mean():
     mesh = tetrahedron()
-    source = np.array([[0.9, 0, 0], [1.1, 0, 0], [0, 1, 0]])
+    source = np.array([[0.95, 0, 0], [1.05, 0, 0], [0, 1, 0]])
     handles = Handles.from_positions(mesh, source, source + [0, 0, 2], group=[4, 4, 4])
     assert handles.index.tolist() == [1, 2] and handles.merged == 1
     assert np.allclose(handles.target, [[1, 0, 2], [0, 1, 2]], rtol=0, atol=1e-14)
-    assert handles.snap_distance == pytest.approx([0.1, 0.0])
+    assert handles.snap_distance == pytest.approx([0.05, 0.0])
     raw = Handles.from_positions(mesh, source, [[1, 0, 0], [3, 0, 0], [0, 0, 9]], raw=True)
     assert raw.target.tolist() == [[2, 0, 0], [0, 0, 9]]
 
@@ -146,3 +146,50 @@ def test_a_result_with_positions_that_are_not_finite_is_a_failure():
     V[2, 0], V[3, 1] = np.nan, np.inf
     with pytest.raises(FloatingPointError, match="2 deformed vertices are not finite"):
         DeformationResult(V, iterations=1, converged=True)
+
+
+@pytest.mark.parametrize(
+    ("change", "cause"),
+    [
+        (lambda s: 1000 * s, "times 0.001 they would be on it, in another unit"),
+        (lambda s: s / 1000, "times 1000 they would be on it"),
+        (lambda s: 100 * s, "times 0.01 they would"),
+        (lambda s: s * 1000 / 25.4, "times 0.0254 they would"),
+        (
+            lambda s: s + [5, 0, 0],
+            "their box has a diagonal of .*, that of the mesh .*; another frame, or an offset",
+        ),
+        (lambda s: np.concatenate([s[:-1], s[-1:] + [9, 0, 0]]), "1 of 10 .*: mend or remove these"),
+    ],
+)
+def test_handles_far_from_the_mesh_are_refused_with_the_likely_cause(body, change, cause):
+    source = change(body.V[::70] + 1e-3)
+    with pytest.raises(InputError, match=r"handle \d of group 0 is .* times the mesh's diagonal; .*" + cause):
+        Handles.from_positions(body, source, source)
+
+
+def test_the_handle_that_is_farthest_is_named_within_its_group(body):
+    source = np.array(body.V[:6])
+    source[4] += [0, 0, -100]
+    with pytest.raises(InputError, match="handle 1 of group 7 is 9"):
+        Handles.from_positions(body, source, source, group=[0, 7, 0, 0, 7, 7])
+
+
+def test_a_single_handle_far_away_is_no_matter_of_units():
+    ball = icosphere(3)
+    with pytest.raises(InputError, match="998 from the nearest vertex, 288 times .*: .*another frame"):
+        Handles.from_positions(ball, [[999.0, 0, 0]], [[0.0, 0, 0]])
+
+
+def test_handles_snap_within_a_few_per_cent_of_the_diagonal(body):
+    lowest = int(np.argmin(body.V[:, 2]))
+    for share, taken in ((0.049, True), (0.051, False)):
+        source = body.V[[lowest]] - [0, 0, share * body.diagonal]
+        if taken:
+            handles = Handles.from_positions(body, source, source)
+            assert handles.snap_distance == pytest.approx([share * body.diagonal])
+        else:
+            with pytest.raises(InputError, match="farther than 0.05 times it"):
+                Handles.from_positions(body, source, source)
+    # On a coarse mesh a point of a face may be farther from its corners.
+    assert Handles.from_positions(icosphere(0), [[0.4, 0.4, 0.4]], [[0, 0, 0]]).index.shape == (1,)

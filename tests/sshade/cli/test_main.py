@@ -187,6 +187,46 @@ def test_several_components_are_deformed_each_with_its_handles_or_carried(folder
     assert "2 components were deformed on their own" in capsys.readouterr().err
 
 
+def test_what_is_no_surface_is_left_out_with_a_note(folder, capsys):
+    """Vertices in no face, at both ends of the file, faces that repeat a vertex, and a face twice."""
+    assert main(["deform", "body.ply", "pose.json", "-o", "sound.ply"]) == 0
+    few = f"note: {BODY.n // 4} samples and not 6000: a quarter of the vertices at most"
+    assert few in capsys.readouterr().err
+    F = BODY.F + 1
+    F = np.concatenate([[[7, 7, 9]], F, F[5:6], [[3, 4, 3]]])
+    V = np.concatenate([[[9.0, 9, 9]], BODY.V, [[0, 0, 0.5]]])
+    write_mesh("body.ply", V, F)
+    write_handles("pose.json", Handles(POSE.index + 1, POSE.target))
+    assert main(["deform", "body.ply", "pose.json", "-o", "out.ply"]) == 0
+    err = capsys.readouterr().err
+    assert "note: 3 faces that repeat a vertex or another face are no part of the surface" in err
+    assert "note: 2 vertices that no face uses stay where they are" in err
+    moved, faces = read_arrays("out.ply")
+    assert np.array_equal(faces, F) and np.array_equal(moved[[0, -1]], V[[0, -1]])
+    assert np.array_equal(moved[1:-1], read_arrays("sound.ply")[0])
+    write_handles("pose.json", Handles([0], [[1.0, 2, 3]]))
+    assert_refused(capsys, ["deform", "body.ply", "pose.json", "-o", "a.ply"], "vertex 0 belongs to no face")
+
+
+def test_faces_without_area_are_counted_and_the_largest_snap_is_told(folder, capsys):
+    V = np.array(BODY.V)
+    V[BODY.F[100, 1]] = V[BODY.F[100, 0]]
+    write_mesh("body.ply", V, BODY.F)
+    source = V[POSE.index] + [0.03, 0, 0.04]
+    put_handles({"source": source.tolist(), "target": (source + [0.1, 0, 0]).tolist()})
+    assert main(["deform", "body.ply", "pose.json", "-o", "out.ply"]) == 0
+    err = capsys.readouterr().err
+    assert "note: 2 faces without area take part as slightly larger ones" in err
+    snap = read_handles("pose.json", read_mesh("body.ply")).snap_distance.max()
+    share = 100 * snap / BODY.diagonal
+    assert (
+        f"handles given by position were snapped by {snap:.3g} at most, {share:.2g} % of the diagonal" in err
+    )
+    put_handles({"source": (1000 * source).tolist(), "kind": "static"})
+    words = "group 0", "times 0.001 they would be on it"
+    assert_refused(capsys, ["deform", "body.ply", "pose.json", "-o", "a.ply"], *words)
+
+
 @pytest.mark.parametrize("command", ["deform {} {}", "remesh {} --map map.npz", "carry {} {} {}"])
 def test_an_output_that_cannot_be_written_is_refused_before_any_work(folder, capsys, command):
     """A missing input would be the error, were the output not looked at first."""

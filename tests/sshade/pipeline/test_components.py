@@ -63,7 +63,7 @@ def test_a_sound_mesh_gives_what_the_method_gives(method):
 
 
 def test_two_spheres_are_each_as_alone():
-    """Shares go by area; the small one comes first in the file, and keeps its place."""
+    """Shares go by area, a quarter at most; the small one comes first in the file, and keeps its place."""
     small, large = Mesh(0.5 * BODY.V + [4, 0, 0], BODY.F), Mesh(BODY.V, BODY.F[:, [1, 2, 0]])
     own_small, own_large = ends(small), ends(large, lift=(0, 0.4, 0))
     stages = set()
@@ -77,12 +77,12 @@ def test_two_spheres_are_each_as_alone():
     )
     assert stages == {"component 1 of 2", "component 2 of 2"}
     for mesh, own, share, part in (
-        (small, own_small, 30, result.vertices[: BODY.n]),
-        (large, own_large, 120, result.vertices[BODY.n :]),
+        (small, own_small, 20, result.vertices[: BODY.n]),
+        (large, own_large, 40, result.vertices[BODY.n :]),
     ):
         alone = METHOD(DeformationTask("alone", mesh, own), vertices=share, seed=1)
         assert np.array_equal(part, alone.vertices)
-    assert result.extra["components"] == 2 and result.extra["proxy_vertices"] == 150
+    assert result.extra["components"] == 2 and result.extra["samples"] == result.extra["proxy_vertices"] == 60
     assert set(result.seconds) >= {"remesh", "bind", "solve", "carry"}
 
 
@@ -98,7 +98,7 @@ def test_a_small_component_has_proxy_vertices_for_its_handles_and_some_more():
     mesh = beside(BODY, tiny, triangle)
     own = of_all((ends(BODY), 0), (ends(tiny), BODY.n), (Handles([0, 1], triangle.V[:2] + 1), 2 * BODY.n))
     result = deform_components(mesh, own, spy, vertices=100)
-    assert shares == [(162, 16, 100), (3, 2, 3), (162, 16, 20)]
+    assert shares == [(162, 16, 40), (3, 2, 3), (162, 16, 20)]
     assert np.allclose(result.vertices[-3:-1], triangle.V[:2] + 1, atol=1e-9)
 
 
@@ -108,7 +108,8 @@ def test_a_fin_follows_what_it_stands_on():
     corners = np.array([0, 4, 50, 54])
     own = Handles(corners, base.V[corners] + np.outer([0, 0, 1, 1], [-2.0, 0, 3]), dynamic=[0, 0, 1, 1])
     result = deform_components(mesh, own, METHOD, vertices=60)
-    alone = METHOD(DeformationTask("base", base, own), vertices=round(60 * base.area / mesh.area), seed=0)
+    share = round(mesh.n // 4 * base.area / mesh.area)
+    alone = METHOD(DeformationTask("base", base, own), vertices=share, seed=0)
     assert np.array_equal(result.vertices[: base.n], alone.vertices)
     assert result.extra["components"] == 2 and result.extra["copies"] == 11
     # The fin still stands on its line, about as high as before, and was bent along.
@@ -117,7 +118,7 @@ def test_a_fin_follows_what_it_stands_on():
     steps = np.linalg.norm(np.diff(np.concatenate([seam[None], fin]), axis=0), axis=2)
     assert steps.min() > 0.6 and steps.max() < 1.6
     assert np.abs(fin[-1] - mesh.V[base.n :].reshape(4, 11, 3)[-1]).max() > 1
-    assert result.extra["gap"] * mesh.diagonal < 0.1
+    assert result.extra["gap"] * mesh.diagonal < 0.15
 
 
 def test_rigid_handles_move_what_was_cut_rigidly():
@@ -195,8 +196,7 @@ def test_an_unconstrained_component_that_was_cut_stays_together():
     ("handles", "vertices", "words"),
     [
         (Handles([10**6], [[0.0, 0, 0]]), 60, "handle id 1000000 is out of range"),
-        (None, 10**6, "at most the mesh's 324 are possible"),
-        (None, 10, "at least 32, to hold the 32 handle vertices"),
+        (None, 10, "at least 32 are needed, to hold the 32 handle vertices"),
     ],
 )
 def test_what_does_not_fit_is_refused(handles, vertices, words):
@@ -207,9 +207,18 @@ def test_what_does_not_fit_is_refused(handles, vertices, words):
 
 
 def test_a_component_that_fails_is_named():
-    flat = Mesh(BODY.V * [0, 0, 1] + [5, 0, 0], BODY.F)
-    mesh, own = beside(BODY, flat), of_all((ends(BODY), 0), (ends(flat), BODY.n))
-    with pytest.raises(
-        InputError, match="the component of 162 vertices around vertex 162 cannot be deformed: .* no area"
-    ):
+    point = Mesh(0 * BODY.V + [5, 0, 0], BODY.F)
+    mesh, own = beside(BODY, point), of_all((ends(BODY), 0), (ends(point), BODY.n))
+    words = "the component of 162 vertices around vertex 162 cannot be deformed: all vertices .* coincide"
+    with pytest.raises(InputError, match=words):
         deform_components(mesh, own, METHOD, vertices=100)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_face_that_is_there_twice_changes_nothing(turned):
+    """Also where the copy turns the other way, and where there are several."""
+    copies = BODY.F[[3, 3, 77]][:, ::-1] if turned else BODY.F[[3, 3, 77]]
+    twice = Mesh(BODY.V, np.concatenate([BODY.F[:50], copies, BODY.F[50:]]))
+    one, other = (deform_components(mesh, ends(mesh), METHOD, vertices=60) for mesh in (BODY, twice))
+    assert np.array_equal(one.vertices, other.vertices)
+    assert other.extra["duplicates"] == 3 and other.extra["copies"] == one.extra["duplicates"] == 0

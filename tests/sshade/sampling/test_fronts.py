@@ -95,12 +95,14 @@ def test_too_many_or_too_few_samples_are_refused():
         farthest_point_sampling(graph, 2, first=np.arange(3))
 
 
-def test_coincident_vertices_cannot_both_be_sampled():
+def test_coincident_vertices_are_sampled_apart():
+    """Each has a region of its own, though none is farther from the other than rounding."""
     V = strip(2, 1).V.copy()
     V[1] = V[0]
     graph = vertex_graph(Mesh(V, strip(2, 1).F))
-    with pytest.raises(InputError, match="only 5 vertices lie at different places.*--repair"):
-        farthest_point_sampling(graph, 6, first=np.array([0]))
+    fronts = farthest_point_sampling(graph, 6, first=np.array([0]))
+    assert sorted(fronts.samples.tolist()) == [0, 1, 2, 3, 4, 5] and fronts.samples[-1] == 1
+    assert np.array_equal(fronts.samples[fronts.region], np.arange(6))
 
 
 def test_thinned_vertices_are_each_the_farthest_of_them():

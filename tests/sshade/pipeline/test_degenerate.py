@@ -1,0 +1,139 @@
+"""Faces without area: deformed as if they were not there, by every method."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sshade import DeformationTask, Handles, Mesh, deform
+from sshade.mesh.adjacency import vertex_graph
+from sshade.pipeline.fast import sshade_fast
+from sshade.pipeline.fine import sshade_fine
+from sshade.solver.cotangents import SLACK, half_cotangents
+from sshade.solver.local_global import LocalGlobal, local_global
+from tests.shapes import bumpy, end_handles, rotation
+
+BODY = bumpy(3)
+TURN = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+METHODS = {
+    "sshade": partial(deform, samplings=2),
+    "sshade_fast": sshade_fast,
+    "sshade_fine": sshade_fine,
+    "full resolution": local_global,
+}
+
+
+def split(mesh: Mesh, faces: np.ndarray, share: np.ndarray) -> Mesh:
+    """Vertices put on an edge of each of some faces: as many faces without area, in a copy of the face.
+
+    Of a face abc a vertex d on the edge ab, at a share of it, makes abd, which has no area, adb in its
+    place at the neighbour, and the faces dbc and adc, whose union is the face.
+    """
+    a, b, c = mesh.F[faces].T
+    d = mesh.n + np.arange(len(faces))
+    V = np.concatenate([mesh.V, mesh.V[a] + share[:, None] * (mesh.V[b] - mesh.V[a])])
+    kept = np.delete(mesh.F, faces, axis=0)
+    new = np.concatenate([np.stack(t, axis=1) for t in ((a, b, d), (d, b, c), (a, d, c))])
+    return Mesh(V, np.concatenate([kept, new]))
+
+
+@st.composite
+def collapsed(draw) -> tuple[Mesh, Mesh]:
+    """A mesh, and the same with vertices on edges: in an end, near it, or between."""
+    mesh = bumpy(2) if draw(st.booleans()) else BODY
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    faces = rng.choice(mesh.m, draw(st.integers(1, mesh.m // 4)), replace=False)
+    share = rng.choice([0.0, 1.0, 1e-12, 1e-9, 0.3, 0.5], len(faces))
+    return mesh, split(mesh, faces, share)
+
+
+def posed(mesh: Mesh, n: int) -> DeformationTask:
+    """Handles at the ends along z of the first n vertices."""
+    return DeformationTask("ends", mesh, end_handles(mesh.V[:n], turn=TURN, shift=[0, 0, 0.2]))
+
+
+def check_as_without(mesh: Mesh, flat: Mesh) -> None:
+    """At full resolution the shape is that of the mesh without them, but for what new corners change."""
+    assert flat.without_area.any() and not mesh.without_area.any()
+    one, other = (local_global(posed(m, mesh.n), stiffness=0.1, tolerance=1e-6) for m in (mesh, flat))
+    assert other.converged
+    gap = np.linalg.norm(one.vertices - other.vertices[: mesh.n], axis=1)
+    assert gap.max() < 0.02 * mesh.diagonal
+
+
+@given(collapsed())
+def test_faces_without_area_change_next_to_nothing(shapes):
+    check_as_without(*shapes)
+
+
+@pytest.mark.full
+@settings(max_examples=1000)
+@given(collapsed())
+def test_faces_without_area_change_next_to_nothing_on_a_thousand_meshes(shapes):
+    check_as_without(*shapes)
+
+
+@given(collapsed())
+def test_half_cotangents_are_bounded_and_those_of_sound_faces_stay(shapes):
+    _, flat = shapes
+    h = half_cotangents(flat)
+    assert np.abs(h).max() <= 0.5 / SLACK + 1
+    sound = ~flat.without_area
+    used, F = np.unique(flat.F[sound], return_inverse=True)
+    alone = Mesh(flat.V[used], F.reshape(-1, 3))
+    assert np.array_equal(h[sound], half_cotangents(alone))
+    # sum h e e^T is positive for any edges that close, as those of a real triangle.
+    u = np.random.default_rng(0).normal(size=(50, 3))
+    squared = (u - np.roll(u, -1, axis=1)) ** 2
+    assert (squared @ h.T).min() > -1e-9 * np.abs(h).max()
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_every_method_takes_collapsed_edges_and_faces(name):
+    """Vertices that were in one place end in one, and those farther away where they end without."""
+    rng = np.random.default_rng(3)
+    V = np.array(BODY.V)
+    picked = BODY.F[rng.choice(np.flatnonzero((np.abs(V[BODY.F][:, :, 2]) < 1).all(axis=1)), 12)]
+    V[picked[:6, 1]] = V[picked[:6, 0]]
+    V[picked[6:, 1:]] = V[picked[6:, :1]]
+    mesh = Mesh(V, BODY.F)
+    sound, flat = (METHODS[name](posed(m, BODY.n)) for m in (BODY, mesh))
+    a, b = mesh.edges[np.linalg.norm(V[mesh.edges[:, 0]] - V[mesh.edges[:, 1]], axis=1) == 0].T
+    assert len(a) > 15
+    assert np.linalg.norm(flat.vertices[a] - flat.vertices[b], axis=1).max() < 0.005 * mesh.diagonal
+    far = np.setdiff1d(np.arange(BODY.n), BODY.F[mesh.without_area])
+    assert np.linalg.norm((sound.vertices - flat.vertices)[far], axis=1).max() < 0.03 * mesh.diagonal
+    if name != "full resolution":
+        assert flat.extra["faces_without_area"] == mesh.without_area.sum() > 12
+
+
+def test_rigid_motions_of_collapsed_meshes_come_out_as_such():
+    mesh = split(BODY, np.arange(0, BODY.m, 7), np.zeros(len(range(0, BODY.m, 7))))
+    held = np.arange(0, BODY.n, 40)
+    R, t = rotation(2), np.array([1.0, 2, 3])
+    for method in METHODS.values():
+        start = {"start": "rigid"} if method in (sshade_fast, sshade_fine, local_global) else {}
+        result = method(DeformationTask("rigid", mesh, Handles(held, mesh.V[held] @ R.T + t)), **start)
+        assert np.abs(result.vertices - mesh.V @ R.T - t).max() < 1e-3 * mesh.diagonal
+
+
+def test_energies_of_faces_without_area_are_zero_at_rest_and_never_negative():
+    mesh = split(BODY, np.arange(0, BODY.m, 5), np.resize([0.0, 0.5, 1.0, 1e-10], len(range(0, BODY.m, 5))))
+    held = np.arange(0, BODY.n, 30)
+    rest = LocalGlobal(mesh, held).solve(mesh.V[held], stiffness=0.1, max_iterations=0)
+    scale = LocalGlobal(mesh, held).system.rest_energy
+    assert abs(rest.energy) < 1e-9 * scale
+    noisy = mesh.V + 1e-3 * np.random.default_rng(0).normal(size=mesh.V.shape)
+    assert LocalGlobal(mesh, held).solve(mesh.V[held], start=noisy, max_iterations=0).energy > 0
+
+
+def test_edges_without_length_are_the_shortest():
+    V = np.array(BODY.V)
+    V[BODY.F[0, 1]] = V[BODY.F[0, 0]]
+    lengths, plain = vertex_graph(Mesh(V, BODY.F)).lengths, vertex_graph(BODY).lengths
+    assert np.sum(lengths < 1e-6 * lengths.mean()) == 2 and lengths.min() > 0
+    assert plain.min() > 1e-3

@@ -1,0 +1,66 @@
+"""How many vertices a proxy has: the same rule whoever asks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from baselines.deformation_graph.deformation_graph import deformation_graph
+from sshade import DeformationTask, Deformer, Handles, deform
+from sshade.pipeline.fast import sshade_fast
+from sshade.pipeline.fine import sshade_fine
+from sshade.pipeline.proxies import bind, proxy_vertices
+from sshade.pipeline.transfer import transfer_pose
+from tests.shapes import bumpy, end_handles
+
+BODY = bumpy(3)
+TASK = DeformationTask("body", BODY, end_handles(BODY.V, share=0.02, shift=[0, 0, 0.2]))
+
+
+@pytest.mark.parametrize(
+    ("asked", "n", "handles", "count"),
+    [
+        (6000, 170_000, 300, 6000),
+        (6000, 24_000, 300, 6000),
+        (6000, 23_999, 300, 5999),
+        (6000, 4802, 300, 1200),
+        (6000, 1000, 300, 304),  # room for the handles
+        (6000, 302, 300, 302),  # as far as there are vertices
+        (1000, 5000, 0, 1000),
+        (6000, 4, 0, 4),
+        (10, 5000, 300, 10),  # which the sampling refuses
+        (0, 5000, 3, 0),
+    ],
+)
+def test_a_quarter_of_the_mesh_at_most_and_room_for_the_handles(asked, n, handles, count):
+    assert proxy_vertices(asked, n, handles) == count
+
+
+@pytest.mark.parametrize("method", [deform, sshade_fast, sshade_fine])
+def test_every_method_samples_a_quarter_and_says_so(method):
+    by_default, asked, fewer = (method(TASK, **more) for more in ({}, {"vertices": 160}, {"vertices": 100}))
+    assert by_default.extra["samples"] == asked.extra["samples"] == BODY.n // 4 == 160
+    assert np.array_equal(by_default.vertices, asked.vertices)
+    assert fewer.extra["samples"] == 100 and 100 <= fewer.extra["proxy_vertices"] < 110
+
+
+def test_what_is_bound_or_transferred_has_the_same_samples():
+    index = TASK.handles.index
+    dragged = Deformer(BODY, index)(TASK.handles.target)
+    assert dragged.extra["samples"] == 160
+    assert np.array_equal(dragged.vertices, deform(TASK, samplings=1).vertices)
+    assert transfer_pose(BODY, BODY.V, samplings=1).extra["samples"] == 160
+    assert np.array_equal(bind(BODY).remesh.samples, bind(BODY, 160).remesh.samples)
+
+
+def test_many_handles_have_a_proxy_that_holds_them():
+    index = np.arange(0, BODY.n, 3)
+    task = DeformationTask("many", BODY, Handles(index, BODY.V[index] + [1, 2, 3]))
+    result = sshade_fast(task)
+    assert result.extra["samples"] == len(index) + 4 > BODY.n // 4
+    assert np.abs(result.vertices - BODY.V - [1, 2, 3]).max() < 1e-9
+
+
+def test_the_deformation_graph_has_as_many_nodes():
+    assert deformation_graph(TASK).extra["nodes"] == 160
+    assert deformation_graph(TASK, nodes=100).extra["nodes"] == 100
