@@ -23,7 +23,7 @@ import numpy as np
 from eval.publish.panels import Panels, draw
 from eval.publish.plotting import save
 from sshade.carry.affine import affine_maps
-from sshade.carry.binding import Binding
+from sshade.carry.binding import Binding, bind_proxy
 from sshade.carry.blended import nearest_rotations
 from sshade.carry.neighbours import adjacent_triangles
 from sshade.errors import InputError
@@ -31,7 +31,8 @@ from sshade.figures import UP, View, require_extra
 from sshade.io.handles import read_task
 from sshade.mesh.mesh import Mesh
 from sshade.pipeline.deform import deform
-from sshade.pipeline.proxies import bind
+from sshade.pipeline.proxies import Proxies
+from sshade.pipeline.regions import HandleRegions
 from sshade.solver.local_global import local_global
 from sshade.task import DeformationTask
 
@@ -101,7 +102,9 @@ def measure_jumps(rest: Mesh, vertices: np.ndarray, *, binding: Binding) -> Jump
 
 def compare(task: DeformationTask, *, vertices: int, seed: int = 0) -> dict[str, tuple[np.ndarray, Jumps]]:
     """Deform with each of the :data:`SETTINGS`: positions (n, 3) and jumps by the setting's name."""
-    binding = bind(task.mesh, vertices, first=task.handles.index, seed=(seed, 0))
+    proxies = Proxies(task.mesh, handles=len(task.handles), vertices=vertices)
+    regions = HandleRegions(task.mesh, task.handles.index, vertices=proxies.vertices, graph=proxies.graph)
+    binding = bind_proxy(task.mesh, regions.sample((seed, 0))[0], frames=proxies.frames)
     result = {}
     for frames, samplings in SETTINGS:
         V = deform(

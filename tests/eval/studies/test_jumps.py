@@ -8,7 +8,7 @@ from eval_cases import ends_task
 
 from eval.main import call
 from eval.studies.jumps import SETTINGS, Jumps, at_vertices, busiest, close_up, compare, measure_jumps, table
-from sshade import InputError, bind
+from sshade import DeformationTask, Handles, InputError, bind
 from sshade.io.handles import write_handles
 from sshade.io.meshes import write_mesh
 from tests.shapes import bent, bumpy, rotation, strip
@@ -16,7 +16,11 @@ from tests.shapes import bent, bumpy, rotation, strip
 
 @pytest.fixture(scope="module")
 def results():
+    """Of handles that are no regions, beside which the surface would turn smoothly."""
     task = ends_task(bumpy(4))
+    own = task.handles
+    handles = Handles(own.index[::4], own.target[::4], dynamic=own.dynamic[::4], group=own.group[::4])
+    task = DeformationTask(task.name, task.mesh, handles)
     return task, compare(task, vertices=400)
 
 
@@ -58,7 +62,7 @@ def test_rigid_frames_jump_at_the_proxys_edges_alone_and_blended_ones_hardly_mor
     assert summary["triangle x1"]["inside p99"] < 1e-5
     for blended in ("blended x1", "blended_affine x1"):
         assert summary[blended]["across p99"] < 0.7 * summary["triangle x5"]["across p99"]
-        assert summary[blended]["across p99"] < 0.4 * summary["triangle x1"]["across p99"]
+        assert summary[blended]["across p99"] < 0.45 * summary["triangle x1"]["across p99"]
         assert summary[blended]["across median"] < 2 * summary[blended]["inside median"]
 
 
