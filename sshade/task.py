@@ -278,8 +278,7 @@ def _refuse_far(
     source: np.ndarray, distance: np.ndarray, group: np.ndarray, mesh: Mesh, tree: cKDTree
 ) -> None:
     """Raise InputError where handles are farther than FARTHEST_SNAP allows: which, and why they may be."""
-    edges = mesh.V[mesh.edges]
-    limit = max(FARTHEST_SNAP * mesh.diagonal, np.linalg.norm(edges[:, 0] - edges[:, 1], axis=1).mean())
+    limit = max(FARTHEST_SNAP * mesh.diagonal, mesh.mean_edge)
     worst = int(np.argmax(distance))
     if distance[worst] <= limit:
         return

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import pandas as pd
 
 from eval.rows.frame import distinct, numbers
-from eval.rows.store import TRANSFER, VALID
+from eval.rows.store import MISSING, TRANSFER, VALID
 
 #: Functions that are no methods, whatever their label, and what tables say of them.
 REFERENCES = {
@@ -143,7 +143,7 @@ def _is_shown(column: Column, values: pd.Series) -> bool:
 
 def begun(rows: pd.DataFrame) -> pd.DataFrame:
     """The rows of runs that took place; the others tell only that one was planned."""
-    return rows[rows["status"] != "missing"]
+    return rows[rows["status"] != MISSING]
 
 
 def with_success(rows: pd.DataFrame) -> pd.DataFrame:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from sshade.errors import InputError
+from sshade.mesh.mesh import repeats_vertex
 
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
@@ -112,7 +113,7 @@ def triangles_of(
     F = np.column_stack([ids[:-2], ids[1:-1], ids[2:]])
     F[1::2] = F[1::2, ::-1]
     # Strips are joined by triangles that repeat a vertex.
-    return F[(F[:, 0] != F[:, 1]) & (F[:, 1] != F[:, 2]) & (F[:, 2] != F[:, 0])]
+    return F[~repeats_vertex(F)]
 
 
 def mesh_matrices(tree: dict[str, Any], path: Path) -> dict[int, np.ndarray]:

@@ -15,7 +15,7 @@ from sshade.io.obj import read_obj
 from sshade.io.off import read_off
 from sshade.io.ply import read_ply, write_ply
 from sshade.io.stl import read_stl
-from sshade.mesh.mesh import Mesh
+from sshade.mesh.mesh import Mesh, repeats_vertex
 
 _READERS = {
     ".ply": read_ply,
@@ -169,7 +169,7 @@ def repair(V: np.ndarray, F: np.ndarray) -> tuple[Mesh, np.ndarray]:
     _, first, weld = np.unique(V, axis=0, return_index=True, return_inverse=True)
     weld = first[weld.ravel()]
     F = weld[F]
-    F = F[(F[:, 0] != F[:, 1]) & (F[:, 1] != F[:, 2]) & (F[:, 2] != F[:, 0])]
+    F = F[~repeats_vertex(F)]
     _, keep = np.unique(np.sort(F, axis=1), axis=0, return_index=True)
     F = F[np.sort(keep)]
     used = np.zeros(len(V), dtype=bool)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.mesh.mesh import Mesh
+from sshade.mesh.mesh import Mesh, repeats_vertex
 
 
 class Cleaned(NamedTuple):
@@ -49,7 +49,7 @@ def cleaned(V: np.ndarray, F: np.ndarray) -> Cleaned:
     everywhere = np.arange(len(V))
     if F.ndim != 2 or F.shape[1] != 3 or len(F) == 0 or F.min() < 0 or F.max() >= len(V):
         return Cleaned(Mesh(V, F), everywhere, 0, 0)  # which tells what is wrong
-    collapsed = (F[:, 0] == F[:, 1]) | (F[:, 1] == F[:, 2]) | (F[:, 2] == F[:, 0])
+    collapsed = repeats_vertex(F)
     if collapsed.all():
         raise InputError(f"all {len(F)} faces repeat a vertex; there is no surface to deform")
     F = F[~collapsed]

@@ -78,7 +78,7 @@ class Mesh:
             raise InputError(
                 f"face {bad} refers to vertices {F[bad].tolist()}, but the ids go from 0 to {len(V) - 1}"
             )
-        repeated = (F[:, 0] == F[:, 1]) | (F[:, 1] == F[:, 2]) | (F[:, 2] == F[:, 0])
+        repeated = repeats_vertex(F)
         if repeated.any():
             bad = int(np.flatnonzero(repeated)[0])
             raise InputError(
@@ -159,6 +159,12 @@ class Mesh:
     def edges(self) -> np.ndarray:
         """(e, 2) undirected edges, smaller id first, in lexicographic order."""
         return sides_by_edge(self.F, self.n).ends.astype(np.int64)
+
+    @property
+    def mean_edge(self) -> float:
+        """Mean length of the edges."""
+        ends = self.V[self.edges]
+        return float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).mean())
 
     @cached_property
     def face_edges(self) -> np.ndarray:
@@ -295,6 +301,11 @@ def _read_only(array: np.ndarray, original: object) -> np.ndarray:
         array = array.copy()
     array.setflags(write=False)
     return array
+
+
+def repeats_vertex(F: np.ndarray) -> np.ndarray:
+    """(m,) bool: which faces (m, 3) name a vertex twice."""
+    return (F[:, 0] == F[:, 1]) | (F[:, 1] == F[:, 2]) | (F[:, 2] == F[:, 0])
 
 
 def _bounds(V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from sshade.mesh.adjacency import sides_by_edge
-from sshade.mesh.mesh import Mesh
+from sshade.mesh.mesh import Mesh, repeats_vertex
 
 
 def same_rows(rows: np.ndarray) -> np.ndarray:
@@ -65,5 +65,5 @@ def join_seams(mesh: Mesh) -> tuple[Mesh, np.ndarray]:
     kept = np.sort(first)
     vertex = np.searchsorted(kept, first[group.ravel()])
     F = vertex[mesh.F]
-    F = F[(F[:, 0] != F[:, 1]) & (F[:, 1] != F[:, 2]) & (F[:, 2] != F[:, 0])]
+    F = F[~repeats_vertex(F)]
     return Mesh(mesh.V[kept], F), vertex

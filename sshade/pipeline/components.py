@@ -34,7 +34,6 @@ FACTS: dict[str, Callable[[Any], Any]] = {
     "proxy_vertices": sum,
     "faces_without_area": sum,
     "residual": max,
-    "intersecting_or_inverted": sum,
 }
 
 
@@ -76,7 +75,7 @@ def deform_components(
     -------
     DeformationResult
         `iterations` is the mean over components. ``extra`` has ``proxy_vertices`` in all, the
-        largest ``residual``, the faces left ``intersecting_or_inverted``, and the numbers of
+        largest ``residual``, and the numbers of
         ``components`` deformed (of the cut mesh), of ``unconstrained`` ones, of ``duplicates`` of
         faces that were left out, of ``copies`` of
         vertices that cutting made and of faces ``turned`` to agree; ``gap`` is how far copies

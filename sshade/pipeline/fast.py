@@ -13,7 +13,7 @@ from typing import Any, Unpack
 from sshade.pipeline.deform import deform
 from sshade.pipeline.multilevel import multilevel
 from sshade.pipeline.proxies import ProxyOptions
-from sshade.pipeline.regions import default_area
+from sshade.pipeline.regions import AREA, has_regions
 from sshade.solver.local_global import local_global
 from sshade.solver.options import SolverOptions, complete
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
@@ -59,7 +59,8 @@ def sshade_fast(
     """
     given: dict[str, Any] = dict(options)
     of_solver = {name: given.pop(name) for name in SolverOptions.__annotations__ if name in given}
-    area = default_area(task, given.get("vertices", 6000), otherwise=inf)
+    regional = "area" not in of_solver and has_regions(task, given.get("vertices", 6000))
+    area = AREA if regional else inf
     solver = complete(of_solver, volume=inf, area=area, stiffness=STIFFNESS, strain=STRAIN, start="rigid")
     tolerance = solver.pop("tolerance")
     coarse = partial(multilevel, coarse=partial(local_global, **solver), tolerance=tolerance)

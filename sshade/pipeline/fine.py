@@ -11,7 +11,7 @@ import numpy as np
 
 from sshade.mesh.adjacency import vertex_graph
 from sshade.pipeline.fast import STIFFNESS, STRAIN, sshade_fast
-from sshade.pipeline.regions import HandleRegions, all_on_targets, default_area
+from sshade.pipeline.regions import AREA, HandleRegions, all_on_targets, has_regions
 from sshade.solver.local_global import LocalGlobal, Solution
 from sshade.solver.options import SolverOptions, complete, energy_options
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
@@ -78,7 +78,8 @@ def sshade_fine(
     task.mesh.require_manifold()
     task.mesh.require_one_component()
     begin = perf_counter()
-    area = default_area(task, vertices, otherwise=1.0)
+    regional = has_regions(task, vertices)
+    area = AREA if regional else 1.0
     own = complete(options, volume=inf, area=area, stiffness=STIFFNESS, strain=STRAIN, start="rigid")
     with ThreadPoolExecutor(max_workers=1) as pool:
         bound = pool.submit(_bind, task)
@@ -98,9 +99,9 @@ def sshade_fine(
     )
     of_proxy = ("samples", "proxy_vertices", "faces_without_area")
     facts = {"proxy_iterations": proxy.iterations} | {name: proxy.extra[name] for name in of_proxy}
-    graph = vertex_graph(task.mesh)
-    regions = HandleRegions(task.mesh, solver.index, vertices=facts["samples"], graph=graph)
-    if regions.regional:
+    if regional:
+        graph = vertex_graph(task.mesh)
+        regions = HandleRegions(task.mesh, solver.index, vertices=facts["samples"], graph=graph)
         turned = regions.on_targets(solution.positions, task.handles.target)
         solution = _moved(solver, solution, turned, energy)
     seconds = {

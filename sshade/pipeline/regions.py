@@ -34,7 +34,8 @@ INSIDE = 1 / 3
 EDGE_SHARE, EDGE_SAMPLES = 4, 100
 #: Largest move that makes up for the volume, in distances between samples, and steps to find it.
 SHIFT, NEWTON_STEPS = 0.1, 4
-#: Weight of the area by default where handles are regions; see :func:`default_area`.
+#: Weight of the area by default where handles are regions. One that moves away stretches what is between it
+#: and another: with few handles the surface can follow, here an area that holds would be taken from the rest.
 AREA = 0.1
 #: Width of the surface beside an edge that turns with its region, in distances between samples and, besides,
 #: between vertices.
@@ -229,16 +230,11 @@ def edge_vertices(mesh: Mesh, index: np.ndarray) -> np.ndarray:
     return index[beside_free[index]]
 
 
-def default_area(task: DeformationTask, vertices: int, otherwise: float) -> float:
-    """Weight of the area where none is given: :data:`AREA` of a task with regions.
-
-    A region that moves away stretches what is between it and another. With few handles the
-    surface can follow; between regions an area that holds would be taken from all the rest.
-    """
+def has_regions(task: DeformationTask, vertices: int) -> bool:
+    """Whether the handles are :attr:`HandleRegions.regional` where so many proxy vertices are asked for."""
     index = task.handles.index
     vertices = proxy_vertices(vertices, task.mesh.n, len(index))
-    regional = _are_regions(len(edge_vertices(task.mesh, index)), len(index), vertices)
-    return AREA if regional else otherwise
+    return _are_regions(len(edge_vertices(task.mesh, index)), len(index), vertices)
 
 
 def _are_regions(edge: int, handles: int, vertices: int) -> bool:

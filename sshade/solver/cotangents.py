@@ -47,11 +47,14 @@ def half_cotangents(mesh: Mesh) -> np.ndarray:
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         h = 0.5 * dots / double_area[:, None]
     if flat.any():
-        ends = mesh.V[mesh.edges]
-        mean = float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).mean())
-        corners = mesh.V[mesh.F[flat]]
-        h[flat] = _mollified(np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2), mean)
+        h[flat] = _mollified(np.linalg.norm(_sides(mesh, flat), axis=2), mesh.mean_edge)
     return h
+
+
+def _sides(mesh: Mesh, faces: np.ndarray) -> np.ndarray:
+    """(k, 3, 3) vectors along the edges 01, 12, 20 of some faces."""
+    corners = mesh.V[mesh.F[faces]]
+    return corners - np.roll(corners, -1, axis=1)
 
 
 def _mollified(lengths: np.ndarray, mean: float) -> np.ndarray:
@@ -83,8 +86,7 @@ def rest_energies(mesh: Mesh, h: np.ndarray) -> np.ndarray:
     """
     rest, flat = 6.0 * mesh.face_areas, mesh.without_area
     if flat.any():
-        corners = mesh.V[mesh.F[flat]]
-        squared = ((corners - np.roll(corners, -1, axis=1)) ** 2).sum(axis=2)
+        squared = (_sides(mesh, flat) ** 2).sum(axis=2)
         rest[flat] = np.maximum(3.0 * (h[flat] * squared).sum(axis=1), (POINT * mesh.diagonal) ** 2)
     return rest
 
