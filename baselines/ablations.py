@@ -22,7 +22,7 @@ from sshade.errors import InputError
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
-from sshade.pipeline.deform import deform, sample_with_handles
+from sshade.pipeline.paper import sample_with_handles, sshade
 from sshade.pipeline.proxies import ProxyOptions
 from sshade.pipeline.regions import HandleRegions
 from sshade.sampling.remesh import Remesh, remesh
@@ -42,7 +42,7 @@ def sshade_ablated(
     progress: Progress = silent,
     **options: Unpack[ProxyOptions],
 ) -> DeformationResult:
-    """:func:`sshade.deform` with another projection, or other handles on the proxy.
+    """:func:`sshade.sshade` with another projection, or other handles on the proxy.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def sshade_ablated(
     handle_mode : {"samples", "nearest"}
         Handle vertices as vertices of every proxy, or handles given to the samples of their regions.
     coarse, progress, **options
-        See :func:`sshade.deform`.
+        See :func:`sshade.sshade`.
 
     Returns
     -------
@@ -63,7 +63,7 @@ def sshade_ablated(
     Raises
     ------
     InputError
-        On an unknown choice, and those of :func:`sshade.deform`.
+        On an unknown choice, and those of :func:`sshade.sshade`.
     """
     projections = {"fan": project_to_fans, "surface": project_to_surface}
     samplers = {"samples": sample_with_handles, "nearest": sample_nearest_to_handles}
@@ -78,7 +78,7 @@ def sshade_ablated(
         counts.append(int(cross_part(found, proxy, remeshed).sum()))
         return found
 
-    result = deform(
+    result = sshade(
         task,
         coarse=coarse,
         sample=samplers[handle_mode],
@@ -155,7 +155,7 @@ def sample_nearest_to_handles(
     Parameters
     ----------
     task, regions, seed
-        See :func:`sshade.pipeline.deform.sample_with_handles`.
+        See :func:`sshade.pipeline.paper.sample_with_handles`.
     """
     mesh, handles = task.mesh, task.handles
     remeshed = remesh(mesh, regions.vertices, seed=seed, graph=regions.graph)

@@ -206,11 +206,14 @@ class DeformationTask:
         A shape for iterative methods to begin from, whatever their `start`.
     meta : mapping
         Flat facts for the row of a table (subject, pose, ...).
+    carry_unconstrained : bool
+        Components without handles are to move rigidly with the nearest one, as eyes with a head.
+        The methods of this package do that, others may fail on them.
 
     Raises
     ------
     InputError
-        When a handle is no vertex of the mesh, a component has no handle, or
+        When a handle is no vertex of the mesh, a component has no handle and is not to be carried, or
         `truth` or `guess` have another shape than the vertices.
     """
 
@@ -220,9 +223,10 @@ class DeformationTask:
     truth: np.ndarray | None = None
     guess: np.ndarray | None = None
     meta: Mapping[str, Any] = field(default_factory=dict)
+    carry_unconstrained: bool = False
 
     def __post_init__(self) -> None:
-        self.mesh.require_handles(self.handles.index)
+        self.mesh.require_handles(self.handles.index, everywhere=not self.carry_unconstrained)
         for name in ("truth", "guess"):
             if getattr(self, name) is not None:
                 self.mesh.checked(getattr(self, name), name)

@@ -30,7 +30,7 @@ from sshade.errors import InputError
 from sshade.figures import UP, View, require_extra
 from sshade.io.handles import read_task
 from sshade.mesh.mesh import Mesh
-from sshade.pipeline.deform import deform
+from sshade.pipeline.paper import sshade
 from sshade.pipeline.proxies import Proxies
 from sshade.pipeline.regions import HandleRegions
 from sshade.solver.local_global import local_global
@@ -107,7 +107,7 @@ def compare(task: DeformationTask, *, vertices: int, seed: int = 0) -> dict[str,
     binding = bind_proxy(task.mesh, regions.sample((seed, 0))[0], frames=proxies.frames)
     result = {}
     for frames, samplings in SETTINGS:
-        V = deform(
+        V = sshade(
             task,
             vertices=vertices,
             samplings=samplings,

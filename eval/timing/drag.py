@@ -13,8 +13,8 @@ from eval.run.targets import instantiate
 from eval.timing.cases import TimedMethod, task_facts
 from eval.timing.turns import Job, take_turns
 from sshade.errors import InputError
-from sshade.pipeline.deform import deform
 from sshade.pipeline.deformer import Deformer
+from sshade.pipeline.paper import sshade
 from sshade.pipeline.proxies import ProxyOptions
 from sshade.task import DeformationTask
 
@@ -44,8 +44,8 @@ def time_drags(
 
 def _job(method: TimedMethod, task: DeformationTask) -> Job:
     call = method.on(task)
-    if not isinstance(task, DeformationTask) or call.func is not deform:
-        raise InputError(f"{method.label} on {task.name} cannot be bound: sshade.Deformer binds deform alone")
+    if not isinstance(task, DeformationTask) or call.func is not sshade:
+        raise InputError(f"{method.label} on {task.name} cannot be bound: sshade.Deformer binds sshade alone")
     options = {name: method.config[name] for name in ProxyOptions.__annotations__ if name in method.config}
     bound = Deformer(task.mesh, task.handles.index, **options)(task.handles.target)
     apart = np.linalg.norm(bound.vertices - call().vertices, axis=1).max() / task.mesh.diagonal

@@ -36,6 +36,7 @@ from sshade.io.meshes import (
     write_mesh,
 )
 from sshade.mesh.seams import join_seams
+from sshade.mesh.surface import Surface, surface
 
 if TYPE_CHECKING:
     from sshade.task import DeformationResult
@@ -182,43 +183,34 @@ def _deform(arguments: argparse.Namespace) -> None:
       sshade deform body.ply pose.json -o posed.ply
     """
     from sshade.io.handles import read_handles
-    from sshade.mesh.cleaning import cleaned
-    from sshade.pipeline.components import deform_components
+    from sshade.pipeline.deform import deform
+    from sshade.task import DeformationTask
 
     check_output(arguments.output, SUFFIXES)
     method = _method(arguments)
     file = _read(arguments.mesh, arguments.output)
-    V, left_out = file.V, {}
+    V = file.V
     try:
-        if arguments.repair:
-            mesh, vertex = repair(V, file.F)
-        else:
-            whole = cleaned(V, file.F)
-            mesh, onto = join_seams(whole.mesh)
-            vertex = np.where(whole.vertex >= 0, onto[whole.vertex], -1)
-            left_out = {
-                "unused": whole.unused,
-                "collapsed": whole.collapsed,
-                "doubled": whole.mesh.n - mesh.n,
-            }
+        whole = Surface(*repair(V, file.F), {}) if arguments.repair else surface(V, file.F)
     except InputError as mistake:
         raise InputError(f"{arguments.mesh}: {mistake}") from mistake
-    handles = read_handles(arguments.handles, mesh, raw=arguments.raw, vertex=vertex)
+    mesh = whole.mesh
+    handles = read_handles(arguments.handles, mesh, raw=arguments.raw, vertex=whole.vertex)
+    task = DeformationTask(
+        arguments.mesh.stem, mesh, handles, carry_unconstrained=arguments.carry_unconstrained
+    )
     begin = perf_counter()
     with progress_bar() as progress:
-        result = deform_components(
-            mesh,
-            handles,
-            partial(method, workers=arguments.workers),
+        result = deform(
+            task,
+            method=method,
             vertices=arguments.vertices,
-            carry_unconstrained=arguments.carry_unconstrained,
-            name=arguments.mesh.stem,
+            workers=arguments.workers,
             seed=arguments.seed,
             progress=progress,
         )
     seconds = perf_counter() - begin
-    moved = np.where((vertex >= 0)[:, None], result.vertices[vertex], V)
-    write_file(arguments.output, file, moved)
+    write_file(arguments.output, file, whole.placed(V, result.vertices))
     error = np.linalg.norm(result.vertices[handles.index] - handles.target, axis=1).mean() / mesh.diagonal
     samplings = result.extra.get("samplings", 1)
     proxies = f"{samplings} proxies" if samplings > 1 else "a proxy"
@@ -227,7 +219,13 @@ def _deform(arguments: argparse.Namespace) -> None:
         f"the diagonal, {proxies} of {result.extra['proxy_vertices']:.0f} vertices, {seconds:.2f} s"
     )
     snap = float(handles.snap_distance.max())
-    facts = {**result.extra, **left_out, "asked": arguments.vertices, "snap": snap, "diagonal": mesh.diagonal}
+    facts = {
+        **result.extra,
+        **whole.facts,
+        "asked": arguments.vertices,
+        "snap": snap,
+        "diagonal": mesh.diagonal,
+    }
     for note in notes(facts):
         say(f"note: {note}")
     if result.converged is False and arguments.method != "sshade_fine":
@@ -247,19 +245,17 @@ def _read(path: Path, output: Path) -> MeshFile:
 
 def _method(arguments: argparse.Namespace) -> Callable[..., DeformationResult]:
     """The function that --method names, with the options of the command that it takes."""
-    from sshade.pipeline.deform import deform
-    from sshade.pipeline.fast import sshade_fast
-    from sshade.pipeline.fine import sshade_fine
+    from sshade.pipeline.deform import METHODS
     from sshade.solver.local_global import local_global
 
     given = {} if arguments.samplings is None else {"samplings": arguments.samplings}
     if arguments.method == "sshade":
-        return partial(deform, coarse=partial(local_global, start=arguments.start), **given)
+        return partial(METHODS["paper"], coarse=partial(local_global, start=arguments.start), **given)
     if arguments.method == "sshade_fast":
-        return partial(sshade_fast, start=arguments.start, **given)
+        return partial(METHODS["fast"], start=arguments.start, **given)
     if given:
         raise InputError("sshade_fine has one proxy, which it polishes: leave --samplings out")
-    return partial(sshade_fine, start=arguments.start)
+    return partial(METHODS["fine"], start=arguments.start)
 
 
 def _remesh(arguments: argparse.Namespace) -> None:

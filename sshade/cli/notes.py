@@ -12,19 +12,20 @@ def notes(facts: Mapping[str, Any]) -> list[str]:
     Parameters
     ----------
     facts : mapping
-        The `extra` of :func:`sshade.pipeline.components.deform_components`; ``asked`` samples, the
+        The `extra` of :func:`sshade.pipeline.components.each_component`; ``asked`` samples, the
         largest ``snap`` and the ``diagonal``; and, where the mesh was not repaired, the numbers of
         vertices ``unused`` and ``doubled`` and of ``collapsed`` faces.
     """
     doubled = facts.get("doubled", 0)
     seam = f"{doubled} vertices are a second one at a place along a seam, and move with it"
+    turned, copies, components = facts.get("turned", 0), facts.get("copies", 0), facts.get("components", 1)
     cut = (
-        f"no oriented manifold: {facts['turned']} faces were turned, {facts['copies']} copies of vertices "
-        f"made, and joined over at most {100 * facts['gap']:.2g} % of the diagonal"
+        f"no oriented manifold: {turned} faces were turned, {copies} copies of vertices "
+        f"made, and joined over at most {100 * facts.get('gap', 0):.2g} % of the diagonal"
     )
-    components, unconstrained = facts["components"], facts["unconstrained"]
+    unconstrained = facts.get("unconstrained", 0)
     flat, unused = facts["faces_without_area"], facts.get("unused", 0)
-    dropped = facts["duplicates"] + facts.get("collapsed", 0)
+    dropped = facts.get("duplicates", 0) + facts.get("collapsed", 0)
     few = f"{facts['samples']} samples and not {facts['asked']}: a quarter of the vertices at most"
     found = {
         seam: doubled,
@@ -34,7 +35,7 @@ def notes(facts: Mapping[str, Any]) -> list[str]:
         f"{flat} faces without area take part as slightly larger ones": flat,
         f"{dropped} faces that repeat a vertex or another face are no part of the surface": dropped,
         f"{unused} vertices that no face uses stay where they are": unused,
-        cut: facts["copies"] or facts["turned"],
+        cut: copies or turned,
         f"{components} components were deformed on their own, with shares of the proxy vertices": components
         > 1,
         f"{unconstrained} components without handles follow the nearest one rigidly": unconstrained,

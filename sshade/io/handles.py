@@ -29,10 +29,11 @@ import numpy as np
 
 from sshade.errors import InputError
 from sshade.io.files import check_suffix, replacing
-from sshade.io.meshes import read_mesh
+from sshade.io.meshes import read_file
 from sshade.io.regions import rigidly_moved, vertices_in
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
+from sshade.mesh.surface import surface
 from sshade.task import NO_HANDLES, DeformationTask, Handles
 
 #: Half the extent of a mesh in Implicit-ARAP's coordinates.
@@ -88,23 +89,35 @@ def read_handles(
         raise InputError(f"{path}: {error}") from error
 
 
-def read_task(mesh: str, *, handles: str, raw: bool = False) -> DeformationTask:
+def read_task(
+    mesh: str, *, handles: str, raw: bool = False, carry_unconstrained: bool = False
+) -> DeformationTask:
     """A mesh and a handle file as a task, named by both.
+
+    Its mesh is what of the file can be deformed: see :func:`sshade.mesh.surface.surface`.
 
     Parameters
     ----------
     mesh, handles : path
     raw : bool
         Keep the file's targets as they are; see :meth:`sshade.Handles.from_positions`.
+    carry_unconstrained : bool
+        See :class:`sshade.DeformationTask`.
 
     Raises
     ------
     InputError
-        See :func:`sshade.io.meshes.read_mesh`, :func:`read_handles` and :class:`sshade.DeformationTask`.
+        See :func:`sshade.io.meshes.read_file`, :func:`sshade.mesh.surface.surface`, :func:`read_handles` and
+        :class:`sshade.DeformationTask`.
     """
-    rest = read_mesh(mesh)
-    own = read_handles(handles, rest, raw=raw)
-    return DeformationTask(f"{Path(mesh).stem}/{Path(handles).stem}", rest, own, meta={"raw": raw})
+    file = read_file(mesh)
+    try:
+        rest = surface(file.V, file.F)
+    except InputError as error:
+        raise InputError(f"{mesh}: {error}") from error
+    own = read_handles(handles, rest.mesh, raw=raw, vertex=rest.vertex)
+    name = f"{Path(mesh).stem}/{Path(handles).stem}"
+    return DeformationTask(name, rest.mesh, own, meta={"raw": raw}, carry_unconstrained=carry_unconstrained)
 
 
 def write_handles(path: str | os.PathLike[str], handles: Handles) -> None:

@@ -47,7 +47,8 @@ def cleaned(V: np.ndarray, F: np.ndarray) -> Cleaned:
     """
     V, F = np.asarray(V), np.asarray(F)
     everywhere = np.arange(len(V))
-    if F.ndim != 2 or F.shape[1] != 3 or len(F) == 0 or F.min() < 0 or F.max() >= len(V):
+    indices = F.ndim == 2 and F.shape[1] == 3 and len(F) > 0 and np.issubdtype(F.dtype, np.integer)
+    if not indices or F.min() < 0 or F.max() >= len(V):
         return Cleaned(Mesh(V, F), everywhere, 0, 0)  # which tells what is wrong
     collapsed = repeats_vertex(F)
     if collapsed.all():

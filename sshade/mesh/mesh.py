@@ -226,16 +226,18 @@ class Mesh:
         _check_numbers(V, name)
         return V
 
-    def require_handles(self, index: np.ndarray) -> None:
-        """Raise InputError unless ids (k,) are vertices, and every component has one of them."""
+    def require_handles(self, index: np.ndarray, *, everywhere: bool = True) -> None:
+        """Raise InputError unless ids (k,) are vertices, and (`everywhere`) each component has one."""
         outside = index[(index < 0) | (index >= self.n)]
         if len(outside):
             raise InputError(f"handle id {outside[0]} is out of range: the mesh has {self.n} vertices")
         free = np.setdiff1d(self.component, self.component[index])
-        if len(free):
+        if everywhere and len(free):
+            sizes, first = np.bincount(self.component), np.argmax(self.component == free[0])
             raise InputError(
-                f"{len(free)} of the mesh's {self.topology.components} components have no handle; "
-                "every component needs at least one"
+                f"{len(free)} of the mesh's {len(sizes)} components have no handle (the first has "
+                f"{sizes[free[0]]} vertices, one of them {first}); give each one, weld coincident "
+                "vertices with --repair, or move them with the nearest component with --carry-unconstrained"
             )
 
     def require_manifold(self) -> None:

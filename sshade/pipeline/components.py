@@ -4,15 +4,16 @@ The method itself needs an oriented manifold of one component. Here a mesh is cu
 oriented manifold (:mod:`sshade.mesh.cutting`), whose components are deformed one after the
 other, those with handles first, the larger first. Where cutting made copies of a vertex, the
 components that come later hold theirs where the first one put it, so that all fit together
-again. A component of the mesh without handles is unconstrained: it is refused, or follows the
-nearest one rigidly.
+again. A component of the mesh without handles is unconstrained: tasks refuse it, or say that it
+follows the nearest one rigidly.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from functools import wraps
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -22,9 +23,11 @@ from sshade.mesh.cleaning import without_duplicates
 from sshade.mesh.cutting import Cut, cut_to_manifold
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
-from sshade.pipeline.proxies import joined, least_vertices, proxy_vertices
+from sshade.pipeline.proxies import COARSER, joined, least_vertices, proxy_vertices
 from sshade.pipeline.regions import EDGE_SAMPLES
 from sshade.task import DeformationResult, DeformationTask, Handles, Progress, silent
+
+MethodT = TypeVar("MethodT", bound=Callable[..., DeformationResult])
 
 #: Vertices near each one of an unconstrained component whose motion it follows.
 NEAREST = 8
@@ -37,67 +40,56 @@ FACTS: dict[str, Callable[[Any], Any]] = {
 }
 
 
-def deform_components(
-    mesh: Mesh,
-    handles: Handles,
-    method: Callable[..., DeformationResult],
-    *,
-    vertices: int = 6000,
-    carry_unconstrained: bool = False,
-    name: str = "mesh",
-    seed: int = 0,
-    progress: Progress = silent,
-) -> DeformationResult:
-    """Deform a mesh that need not be manifold, oriented, or of one component.
+def each_component(method: MethodT) -> MethodT:
+    """Make a method of oriented manifolds of one component one of all meshes.
 
-    A mesh that is all of it gives what `method` gives, bit for bit.
+    On such a mesh it is `method`, bit for bit. Any other is cut, and each component deformed with its
+    own handles; those that are unconstrained move rigidly with the nearest one
+    (:attr:`sshade.DeformationTask.carry_unconstrained`): by the motion of the :data:`NEAREST` vertices of
+    it that are closest to each of theirs.
 
     Parameters
     ----------
-    mesh : Mesh
-    handles : Handles
     method : callable
-        Takes a task and ``vertices``, ``seed`` and ``progress``, such as
-        :func:`sshade.deform` with its other parameters bound.
-    vertices : int
-        Proxy vertices of all components together, a quarter of the mesh's at most, shared by area;
-        of each a quarter of its own, and its handles and a few more at least (see
-        :func:`sshade.pipeline.proxies.proxy_vertices`).
-    carry_unconstrained : bool
-        Move components without handles rigidly with the nearest one: by the rigid motion of
-        the :data:`NEAREST` vertices of it that are closest to each of theirs.
-    name : str
-        Of the task.
-    seed : int
-    progress : Progress
+        Of a task, ``vertices``, ``coarser`` where it has that, and ``progress`` among others. All components
+        together have so many proxy vertices, a quarter of the mesh's at most, shared by area; each has
+        a quarter of its own, and its handles and a few more at least: see
+        :func:`sshade.pipeline.proxies.proxy_vertices`.
 
     Returns
     -------
-    DeformationResult
-        `iterations` is the mean over components. ``extra`` has ``proxy_vertices`` in all, the
-        largest ``residual``, and the numbers of
+    callable
+        Of a mesh that was taken apart, the result's `iterations` is the mean over components. ``extra`` has
+        ``proxy_vertices`` in all, the largest ``residual``, and the numbers of
         ``components`` deformed (of the cut mesh), of ``unconstrained`` ones, of ``duplicates`` of
         faces that were left out, of ``copies`` of
         vertices that cutting made and of faces ``turned`` to agree; ``gap`` is how far copies
-        came apart before they were joined, over the diagonal.
-
-    Raises
-    ------
-    InputError
-        Those of the method; when a component is unconstrained and not to be
-        carried; when `vertices` cannot hold the handles.
+        came apart before they were joined, over the diagonal. It raises InputError as `method`
+        does, then naming the component, and when the vertices asked for cannot hold the handles.
     """
-    if handles.index.max() >= mesh.n:
-        raise InputError(f"handle id {handles.index.max()} is out of range: the mesh has {mesh.n} vertices")
+
+    @wraps(method)
+    def whole(task: DeformationTask, *, progress: Progress = silent, **options: Any) -> DeformationResult:
+        mesh = task.mesh
+        if mesh.topology.components == 1 and mesh.is_manifold and mesh.is_oriented:
+            return method(task, progress=progress, **options)
+        return _by_components(task, method, progress=progress, **options)
+
+    return cast(MethodT, whole)
+
+
+def _by_components(
+    task: DeformationTask,
+    method: Callable[..., DeformationResult],
+    *,
+    vertices: int = 6000,
+    coarser: int = COARSER,
+    progress: Progress,
+    **options: Any,
+) -> DeformationResult:
+    given, handles = task.mesh, task.handles
+    mesh = without_duplicates(given)
     unconstrained = np.setdiff1d(mesh.component, mesh.component[handles.index])
-    if len(unconstrained) and not carry_unconstrained:
-        sizes, first = np.bincount(mesh.component), np.argmax(mesh.component == unconstrained[0])
-        raise InputError(
-            f"{len(unconstrained)} of the mesh's {len(sizes)} components have no handle (the first has "
-            f"{sizes[unconstrained[0]]} vertices, one of them {first}); give each one, weld coincident "
-            "vertices with --repair, or move them with the nearest component with --carry-unconstrained"
-        )
-    given, mesh = mesh, without_duplicates(mesh)
     cut = cut_to_manifold(mesh)
     facts: dict[str, Any] = {
         "components": 1,
@@ -107,9 +99,11 @@ def deform_components(
         "turned": cut.turned,
         "gap": 0.0,
     }
+    if coarser != COARSER:
+        options["coarser"] = coarser
     if cut.mesh.topology.components == 1 and cut.mesh is mesh:
-        task = DeformationTask(name, mesh, handles)
-        result = method(task, vertices=vertices, seed=seed, progress=progress)
+        sound = replace(task, mesh=mesh)
+        result = method(sound, vertices=vertices, progress=progress, **options)
         return replace(result, extra={**result.extra, **facts})
     least = min(len(handles), EDGE_SAMPLES)
     if vertices < least:
@@ -117,7 +111,7 @@ def deform_components(
             f"{vertices} proxy vertices were asked for: at least {least} are needed, to hold the "
             f"{len(handles)} handle vertices"
         )
-    vertices = proxy_vertices(vertices, mesh.n, len(handles))
+    vertices = proxy_vertices(vertices, mesh.n, len(handles), coarser=coarser)
     components = _Components(mesh, cut, handles)
     order = components.order()
     density = vertices / sum(components.area[c] for c in order)
@@ -129,16 +123,17 @@ def deform_components(
                 component,
                 method,
                 share=round(density * components.area[component]),
-                name=f"{name} {stage}",
-                seed=seed,
+                coarser=coarser,
+                name=f"{task.name} {stage}",
                 progress=lambda _, done, total, note="", stage=stage: progress(stage, done, total, note),
+                **options,
             )
         )
     V = components.positions
     _carry_rigidly(mesh, V, unconstrained)
     facts |= {"components": len(order), "gap": components.gap / mesh.diagonal}
-    whole = joined(V, results, FACTS)
-    return replace(whole, extra={**whole.extra, **facts})
+    joint = joined(V, results, FACTS)
+    return replace(joint, extra={**joint.extra, **facts})
 
 
 class _Components:
@@ -184,6 +179,7 @@ class _Components:
         method: Callable[..., DeformationResult],
         *,
         share: int,
+        coarser: int,
         name: str,
         **settings: Any,
     ) -> DeformationResult:
@@ -193,7 +189,7 @@ class _Components:
         shape = Mesh(self._cut.mesh.V[own], np.searchsorted(own, self._cut.mesh.F[self._faces[component]]))
         handles = self._handles_of(origin)
         share = max(share, least_vertices(len(handles)))
-        share = proxy_vertices(share, shape.n, len(handles))
+        share = proxy_vertices(share, shape.n, len(handles), coarser=coarser)
         try:
             result = method(DeformationTask(name, shape, handles), vertices=share, **settings)
         except InputError as error:

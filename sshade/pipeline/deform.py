@@ -1,170 +1,156 @@
-"""SShaDe from end to end: sample, project, deform the proxy, carry the mesh along, average.
-
-F. Maggioli, D. Baieri, Z. Laehner, S. Melzi, "SShaDe: scalable shape
-deformation via local representations", algorithm 1.
-"""
+"""One call for all that is deformed: arrays, a mesh of this package or of trimesh, or a task."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from time import perf_counter
-from typing import Unpack
+from typing import Any, TypeVar, overload
 
 import numpy as np
 
-from sshade.carry.binding import bind_proxy
-from sshade.carry.projection import Projector, project_to_fans
-from sshade.pipeline.proxies import FACTS, Proxies, ProxyOptions
-from sshade.pipeline.regions import HandleRegions, all_on_targets
-from sshade.sampling.remesh import Remesh, proxy_mesh
-from sshade.solver.local_global import local_global
-from sshade.task import DeformationResult, DeformationTask, Handles, Method, Progress, silent
+from sshade.errors import InputError
+from sshade.mesh.mesh import Mesh
+from sshade.mesh.surface import surface
+from sshade.pipeline.fast import sshade_fast
+from sshade.pipeline.fine import sshade_fine
+from sshade.pipeline.paper import sshade
+from sshade.task import DeformationResult, DeformationTask, Handles
 
-#: Samples a task's mesh and gives the proxy its handles: of (task, regions, seed).
-Sampler = Callable[[DeformationTask, HandleRegions, tuple[int, int]], tuple[Remesh, Handles]]
+ShapeT = TypeVar("ShapeT")
+
+#: What the names of `method` stand for.
+METHODS: Mapping[str, Callable[..., DeformationResult]] = {
+    "fast": sshade_fast,
+    "fine": sshade_fine,
+    "paper": sshade,
+}
 
 
-def sample_with_handles(
-    task: DeformationTask, regions: HandleRegions, seed: tuple[int, int]
-) -> tuple[Remesh, Handles]:
-    """Sample M with its handle vertices first: they are vertices of N, and its handles.
-
-    Parameters
-    ----------
-    task : DeformationTask
-    regions : HandleRegions
-        Of the task's handles.
-    seed : (int, int)
-    """
-    remeshed, number = regions.sample(seed)
-    on, own = np.flatnonzero(number >= 0), task.handles
-    number = number[on]
-    return remeshed, Handles(on, own.target[number], dynamic=own.dynamic[number], group=own.group[number])
+@overload
+def deform(task: DeformationTask, /, **options: Any) -> DeformationResult: ...
+@overload
+def deform(V: np.ndarray, F: np.ndarray, b: np.ndarray, bc: np.ndarray, /, **options: Any) -> np.ndarray: ...
+@overload
+def deform(mesh: ShapeT, b: np.ndarray, bc: np.ndarray, /, **options: Any) -> ShapeT: ...
 
 
 def deform(
-    task: DeformationTask,
-    *,
-    coarse: Method | None = None,
-    warm_start: bool = False,
-    keep_volume: bool = False,
-    sample: Sampler = sample_with_handles,
-    projection: Projector = project_to_fans,
-    progress: Progress = silent,
-    **options: Unpack[ProxyOptions],
-) -> DeformationResult:
-    """SShaDe: deform k proxies of the mesh, carry the mesh along with local frames, and average.
+    shape: Any,
+    /,
+    *given: Any,
+    method: str | Callable[..., DeformationResult] = "fast",
+    carry_unconstrained: bool = False,
+    **options: Any,
+) -> Any:
+    """Deform a surface so that some of its vertices, the handles, reach given positions.
+
+    ======================================  ==========================
+    call                                    gives
+    ======================================  ==========================
+    ``deform(V, F, b, bc)``                 (n, 3) float64
+    ``deform(mesh, b, bc)``                 another of the mesh's kind
+    ``deform(task)``                        DeformationResult
+    ======================================  ==========================
+
+    The surface may have several components, each with a handle, a boundary, edges of more than two faces,
+    faces twice, faces without area, and vertices that stand twice along a seam, which move as one;
+    as arrays or a trimesh also faces that repeat a vertex, and vertices in no face, which stay where they
+    are.
 
     Parameters
     ----------
+    V : (n, 3) float64
+        Rest positions, in any unit of length.
+    F : (m, 3) int
+        Triangles, counter-clockwise seen from outside.
+    mesh : Mesh or trimesh.Trimesh
+        A trimesh, or what has ``vertices``, ``faces`` and ``copy`` as that does, comes back as a copy with
+        other vertices: with its texture, colours and metadata.
     task : DeformationTask
-        Its mesh must be manifold, oriented and of one component; boundary is fine.
-    coarse : Method, optional
-        Deforms the proxy N; by default :func:`sshade.solver.local_global.local_global`,
-        accelerated spokes-and-rims ARAP. Blended frames take the rotations of N's vertices
-        from it where its ``extra`` has them.
-    warm_start : bool
-        Solve the later proxies from the first one's M' instead of from the coarse method's
-        own start: fewer iterations, and all in one basin.
-    keep_volume : bool
-        Make up for the volume that the proxies miss where handles are regions; see
-        :meth:`sshade.pipeline.regions.HandleRegions.keep_volume`.
-    sample : callable
-        V_N and the handles on it, by default with M's handle vertices among V_N.
-    projection : callable
-        P, by default onto the fan around a vertex's sample; see :data:`sshade.carry.projection.Projector`.
-    progress : Progress
+    b : (k,) int
+        Handle vertices.
+    bc : (k, 3) float64
+        Their targets.
+    method : {"fast", "fine", "paper"} or callable
+        :func:`sshade.sshade_fast`; :func:`sshade.sshade_fine`, which polishes its result, takes ten
+        times as long, and changes edges and angles less; :func:`sshade.sshade`, as published; or
+        another :class:`sshade.Method`, which is given the task as it is.
+    carry_unconstrained : bool
+        Components without a handle move rigidly with the nearest one, instead of being refused.
+        Of a task, which says so itself, leave it out.
     **options
-        Vertices, frames and number of the proxies, threads and seed; see
-        :class:`sshade.pipeline.proxies.ProxyOptions`. By default 5 samplings, as in the paper.
-
-    Returns
-    -------
-    DeformationResult
-        ``seconds`` are summed over samplings, which overlap in time, and so do
-        ``bind`` and ``solve`` of each.
-        ``iterations`` is the mean over samplings, ``converged`` is true if all did.
-        ``extra`` has the number of ``samples`` of each, the ``faces_without_area`` of the mesh,
-        the largest ``residual``, the number of ``degenerate_frames``, and
-        ``proxy_energy``, ``proxy_volume_error`` and the like: means, and largest errors, of what
-        the coarse method says of its proxies.
+        Of the method: ``vertices`` of the proxy, ``seed``, ``progress``, ``workers``, and so on.
 
     Raises
     ------
+    TypeError
+        On another number of arguments, or an option that the method does not have.
     InputError
-        On a mesh or options out of the above.
+        On arrays that are no mesh, handles that are none of its vertices or have contradictory targets,
+        a component without a handle, an unknown method, or what the method refuses.
+    FloatingPointError
+        When the method ends in positions that are not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sshade
+    >>> V = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0.1], [0, 1, 0]], dtype=float)
+    >>> F = np.array([[0, 1, 2], [0, 2, 3]])
+    >>> U = sshade.deform(V, F, [0, 2], V[[0, 2]] + [0, 0, 1])
+    >>> bool(np.allclose(U, V + [0, 0, 1], atol=1e-4))
+    True
     """
-    given: ProxyOptions = {"samplings": 5, **options}
-    proxies = Proxies(task.mesh, handles=len(task.handles), **given)
-    regions = HandleRegions(task.mesh, task.handles.index, vertices=proxies.vertices, graph=proxies.graph)
-    if regions.covered:
-        return all_on_targets(task)
-    solve = coarse or local_global
-    first: Future[np.ndarray] = Future()  # M' of the first sampling
+    run = _method(method)
+    if isinstance(shape, DeformationTask):
+        _expect(given, "a task", 0)
+        task = replace(shape, carry_unconstrained=True) if carry_unconstrained else shape
+        return run(task, **options)
+    if isinstance(shape, Mesh):
+        b, bc = _expect(given, "a mesh", 2)
+        V, F = shape.V, shape.F
+    elif all(hasattr(shape, name) for name in ("vertices", "faces", "copy")):
+        b, bc = _expect(given, "a mesh", 2)
+        V, F = np.asarray(shape.vertices, dtype=np.float64), np.asarray(shape.faces)
+    else:
+        F, b, bc = _expect(given, "vertices", 3)
+        V = np.asarray(shape, dtype=np.float64)
+    whole = surface(V, F)
+    handles = _on(whole.vertex, Handles(b, bc))
+    task = DeformationTask("mesh", whole.mesh, handles, carry_unconstrained=carry_unconstrained)
+    moved = whole.placed(V, run(task, **options).vertices)
+    if isinstance(shape, Mesh):
+        return Mesh(moved, F)
+    if not hasattr(shape, "vertices"):
+        return moved
+    copy = shape.copy()
+    copy.vertices = moved
+    return copy
 
-    def one_sampling(number: int) -> DeformationResult:
-        # 1. Sample M: V_N, a subset of V_M, and its triangles.
-        begin = perf_counter()
-        remeshed, handles = sample(task, regions, (proxies.seed, number))
-        sampled = perf_counter()
-        proxy_task = DeformationTask(
-            f"{task.name} proxy {number}",
-            proxy_mesh(task.mesh, remeshed),
-            handles,
-            guess=first.result()[remeshed.samples] if warm_start and number else None,
+
+def _method(method: str | Callable[..., DeformationResult]) -> Callable[..., DeformationResult]:
+    if callable(method):
+        return method
+    if method not in METHODS:
+        raise InputError(f"unknown method {method!r}; use {', '.join(map(repr, METHODS))} or a function")
+    return METHODS[method]
+
+
+def _expect(given: tuple[Any, ...], what: str, count: int) -> tuple[Any, ...]:
+    if len(given) != count:
+        raise TypeError(
+            f"{what} and {len(given)} arguments were given: deform takes a task, a mesh with handles b and "
+            "targets bc, or vertices V and faces F with b and bc"
         )
-        with ThreadPoolExecutor(max_workers=1) as pool:
-            # 2. Project M onto N, and encode it in N's frames; that needs no N', and runs beside 3.
-            projected = pool.submit(
-                bind_proxy, task.mesh, remeshed, frames=proxies.frames, projection=projection
-            )
-            # 3. Deform the proxy: N'.
-            begin_solve = perf_counter()
-            solved = solve(
-                proxy_task,
-                seed=proxies.seed,
-                progress=lambda _, done, total, note="": progress(
-                    f"sampling {number + 1}", done, total, note
-                ),
-            )
-            end_solve = perf_counter()
-            binding = projected.result()
-        # 4. Carry M along: M' decoded in the frames of N'.
-        begin_carry = perf_counter()
-        V, degenerate = binding.carry(solved.vertices, rotations=solved.extra.get("rotations"))
-        return DeformationResult(
-            vertices=V,
-            iterations=solved.iterations,
-            converged=solved.converged,
-            seconds={
-                "remesh": sampled - begin,
-                **binding.seconds,
-                "solve": end_solve - begin_solve,
-                "carry": perf_counter() - begin_carry,
-            },
-            extra={
-                "proxy_vertices": binding.proxy.n,
-                "added_samples": remeshed.added,
-                "degenerate_frames": degenerate,
-                "residual": solved.extra.get("residual", float("nan")),
-                **{f"proxy_{name}": fact for name, fact in solved.extra.items() if f"proxy_{name}" in FACTS},
-            },
-        )
+    return given
 
-    def first_shared(number: int) -> DeformationResult:
-        try:
-            result = one_sampling(number)
-        except BaseException as error:
-            if number == 0:
-                first.set_exception(error)
-            raise
-        if number == 0:
-            first.set_result(result.vertices)
-        return result
 
-    # 5. Average the M' of k samplings.
-    mean = proxies.average(first_shared if warm_start else one_sampling)
-    V = regions.on_targets(mean.vertices, task.handles.target)
-    return replace(mean, vertices=regions.keep_volume(V) if keep_volume else V)
+def _on(vertex: np.ndarray, handles: Handles) -> Handles:
+    """Handles of given vertices, as those of a surface: `vertex` (n,) of each, or -1."""
+    outside = handles.index[handles.index >= len(vertex)]
+    if len(outside):
+        raise InputError(f"handle id {outside[0]} is out of range: the mesh has {len(vertex)} vertices")
+    index = vertex[handles.index]
+    if (index < 0).any():
+        raise InputError(f"handle vertex {handles.index[np.argmin(index)]} belongs to no face")
+    return replace(handles, index=index)

@@ -24,7 +24,7 @@ class Deformer:
     Remeshes, projections, frames and factorisations are made once. Each call
     starts from the shape and the rotations that the last one ended with, so
     that small moves of the handles take a few iterations: a drag. The first
-    call with given targets equals :func:`sshade.deform` with the same
+    call with given targets equals :func:`sshade.sshade` with the same
     options, bit for bit.
 
     Parameters
@@ -99,7 +99,7 @@ class Deformer:
         Returns
         -------
         DeformationResult
-            As of :func:`sshade.deform`; ``extra`` holds the largest
+            As of :func:`sshade.sshade`; ``extra`` holds the largest
             ``residual`` and the proxies' ``energy``.
         """
         begin = perf_counter()

@@ -10,8 +10,9 @@ from functools import partial
 from math import inf
 from typing import Any, Unpack
 
-from sshade.pipeline.deform import deform
+from sshade.pipeline.components import each_component
 from sshade.pipeline.multilevel import multilevel
+from sshade.pipeline.paper import sshade
 from sshade.pipeline.proxies import ProxyOptions
 from sshade.pipeline.regions import AREA, has_regions
 from sshade.solver.local_global import local_global
@@ -26,6 +27,7 @@ class FastOptions(ProxyOptions, SolverOptions, total=False):
     """The options of proxies and those of their solver."""
 
 
+@each_component
 def sshade_fast(
     task: DeformationTask, *, progress: Progress = silent, **options: Unpack[FastOptions]
 ) -> DeformationResult:
@@ -34,7 +36,7 @@ def sshade_fast(
     Parameters
     ----------
     task : DeformationTask
-        As for :func:`sshade.deform`.
+        As for :func:`sshade.sshade`.
     progress : Progress
     **options
         Of the proxies, by default one with ``blended`` frames: see
@@ -48,14 +50,14 @@ def sshade_fast(
     Returns
     -------
     DeformationResult
-        As of :func:`sshade.deform`. Volume and area are held on the proxy: those
+        As of :func:`sshade.sshade`. Volume and area are held on the proxy: those
         of the mesh come out within what the proxy's details add, about 0.05 %
         at a vertex in four.
 
     Raises
     ------
     InputError
-        Those of :func:`sshade.deform` and :func:`sshade.solver.local_global.local_global`.
+        Those of :func:`sshade.sshade` and :func:`sshade.solver.local_global.local_global`.
     """
     given: dict[str, Any] = dict(options)
     of_solver = {name: given.pop(name) for name in SolverOptions.__annotations__ if name in given}
@@ -66,4 +68,4 @@ def sshade_fast(
     coarse = partial(multilevel, coarse=partial(local_global, **solver), tolerance=tolerance)
     keep = solver["volume"] == inf
     given = {"samplings": 1, "frames": "blended", **given}
-    return deform(task, coarse=coarse, keep_volume=keep, progress=progress, **given)
+    return sshade(task, coarse=coarse, keep_volume=keep, progress=progress, **given)

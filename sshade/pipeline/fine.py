@@ -10,6 +10,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from sshade.mesh.adjacency import vertex_graph
+from sshade.pipeline.components import each_component
 from sshade.pipeline.fast import STIFFNESS, STRAIN, sshade_fast
 from sshade.pipeline.regions import AREA, HandleRegions, all_on_targets, has_regions
 from sshade.solver.local_global import LocalGlobal, Solution
@@ -18,6 +19,7 @@ from sshade.task import DeformationResult, DeformationTask, Progress, silent
 from sshade.threads import available_cpus, number_of_workers
 
 
+@each_component
 def sshade_fine(
     task: DeformationTask,
     *,
@@ -64,7 +66,7 @@ def sshade_fine(
         end. Handles are on their targets, and exact constraints hold to 1e-6. ``seconds``: ``precompute``
         overlaps with ``proxy``, ``wait`` is what it took longer. ``extra`` as of
         :func:`sshade.solver.local_global.local_global`, the proxy's iterations and size, and ``samples``
-        and ``faces_without_area`` as of :func:`sshade.deform`.
+        and ``faces_without_area`` as of :func:`sshade.sshade`.
 
     Raises
     ------
@@ -74,9 +76,6 @@ def sshade_fine(
     workers = number_of_workers(workers, default=available_cpus())
     if len(task.handles) == task.mesh.n:
         return all_on_targets(task)
-    # What the proxy will refuse, before the factorisation begins that its error would wait for.
-    task.mesh.require_manifold()
-    task.mesh.require_one_component()
     begin = perf_counter()
     regional = has_regions(task, vertices)
     area = AREA if regional else 1.0

@@ -13,7 +13,7 @@ from dataclasses import replace
 from functools import partial
 
 from sshade.errors import InputError
-from sshade.pipeline.deform import deform
+from sshade.pipeline.paper import sshade
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
 
 log = logging.getLogger(__name__)
@@ -64,7 +64,7 @@ def multilevel(
     if task.guess is None and task.mesh.n >= SMALLEST and size <= task.mesh.n // ROOM:
         rougher = partial(coarse, tolerance=ROUGH * tolerance)
         try:
-            rough = deform(
+            rough = sshade(
                 task,
                 vertices=size,
                 coarser=ROOM,

@@ -9,7 +9,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from baselines.ablations import FAR, cross_part, project_to_surface, sample_nearest_to_handles, sshade_ablated
-from sshade import DeformationTask, Handles, InputError, Mesh, deform
+from sshade import DeformationTask, Handles, InputError, Mesh, sshade
 from sshade.carry.projection import project_to_fans
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.rigid import rigid_motion
@@ -32,7 +32,7 @@ def laid_back():
 def test_by_default_it_is_the_method():
     task = held_ends(bumpy(3), turn=np.eye(3))
     options = {"vertices": 150, "samplings": 2, "seed": 4}
-    ablated, plain = sshade_ablated(task, **options), deform(task, **options)
+    ablated, plain = sshade_ablated(task, **options), sshade(task, **options)
     assert np.array_equal(ablated.vertices, plain.vertices)
     assert ablated.extra == {**plain.extra, "far_vertices": 0.0, "far_share": 0.0}
     for name, choice in (("projection", "normal"), ("handle_mode", "first")):

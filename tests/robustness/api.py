@@ -16,7 +16,7 @@ from sshade import (
     Mesh,
     TransferTask,
     bind,
-    deform,
+    sshade,
     transfer_pose,
 )
 from sshade.sampling.remesh import remesh
@@ -34,7 +34,7 @@ def _task(**changes: Any) -> DeformationTask:
 
 
 def _deform(**parameters: Any) -> Callable[[], Any]:
-    return lambda: deform(_task(), **{"vertices": 60, "samplings": 2, **parameters})
+    return lambda: sshade(_task(), **{"vertices": 60, "samplings": 2, **parameters})
 
 
 def _short(task: DeformationTask, *, seed: int, progress: Any = None) -> DeformationResult:

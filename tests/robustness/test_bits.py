@@ -11,13 +11,13 @@ from functools import partial
 import numpy as np
 import pytest
 
-from sshade import DeformationTask, deform
+from sshade import DeformationTask, sshade
 from sshade.pipeline.fast import sshade_fast
 from sshade.pipeline.fine import sshade_fine
 from tests.robustness.inputs import BODY, pose
 
 METHODS = {
-    "paper": partial(deform, vertices=50, samplings=3),
+    "paper": partial(sshade, vertices=50, samplings=3),
     "fast": partial(sshade_fast, vertices=50, samplings=2),
     "fine": partial(sshade_fine, vertices=50, polish_iterations=5),
 }

@@ -20,7 +20,7 @@ from baselines.accelerated import accelerated_arap
 from baselines.arap import arap
 from baselines.arap_sr.arap_sr import arap_sr
 from baselines.deformation_graph.deformation_graph import deformation_graph
-from sshade import DeformationTask, Deformer, Mesh, bind, deform, sshade_fast, sshade_fine, transfer_pose
+from sshade import DeformationTask, Deformer, Mesh, bind, sshade, sshade_fast, sshade_fine, transfer_pose
 from sshade.carry.projection import _closest_in_triangle
 from sshade.mesh.cutting import cut_to_manifold
 from sshade.sampling.remesh import remesh
@@ -103,7 +103,7 @@ def _substituted() -> np.ndarray:
 
 COARSE = partial(local_global, **FEW)
 WORK: dict[str, Callable[[], np.ndarray]] = {
-    "the paper's": _of_method(partial(deform, vertices=50, samplings=1, coarse=COARSE)),
+    "the paper's": _of_method(partial(sshade, vertices=50, samplings=1, coarse=COARSE)),
     "fast": _of_method(partial(sshade_fast, vertices=50, **FEW)),
     "fine": _of_method(partial(sshade_fine, vertices=50, polish_iterations=3, workers=1, **FEW)),
     "arap": _of_method(partial(arap, **FEW)),

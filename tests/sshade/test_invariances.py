@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sshade import DeformationTask, Handles, Mesh, deform
+from sshade import DeformationTask, Handles, Mesh, sshade
 from sshade.pipeline.fast import sshade_fast
 from sshade.pipeline.fine import sshade_fine
 from sshade.sampling import remesh as remesh_module
@@ -28,7 +28,7 @@ SHAPES = [bumpy(2), tube(10, 20), torus(16, 8), strip(20, 5), double_torus(cells
 FIXED = partial(local_global, tolerance=0.0, max_iterations=20, start="rigid")
 FEW = {"vertices": 50, "tolerance": 0.0, "max_iterations": 20}
 METHODS = {
-    "paper": partial(deform, vertices=50, samplings=2, coarse=FIXED),
+    "paper": partial(sshade, vertices=50, samplings=2, coarse=FIXED),
     "fast": partial(sshade_fast, **FEW),
     "fine": partial(sshade_fine, **FEW, polish_iterations=5),
 }

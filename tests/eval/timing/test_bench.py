@@ -117,7 +117,7 @@ CASE = "mesh mesh=rest.ply handles=pose.json"
             ["speed", "--methods", "arap", "--cases", CASE, "--extrapolate", "arap", "--block", "1000"],
             "a block of 1000 iterations does not fit",
         ),
-        (["drag", "--methods", "arap", "--cases", CASE], "cannot be bound: sshade.Deformer binds deform"),
+        (["drag", "--methods", "arap", "--cases", CASE], "cannot be bound: sshade.Deformer binds sshade"),
         (
             ["drag", "--methods", f"{ONE} solver.start=rigid method.coarse.volume=1.0", "--cases", CASE],
             "another shape",

@@ -10,11 +10,12 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from sshade import DeformationTask, Handles, InputError, deform
+from sshade import DeformationTask, Handles, InputError, sshade
 from sshade.cli.console import progress_bar, run_command
 from sshade.cli.main import main
 from sshade.io.handles import read_handles, write_handles
 from sshade.io.meshes import read_arrays, read_mesh, write_mesh
+from sshade.pipeline.deform import METHODS as CALLS
 from sshade.pipeline.fast import sshade_fast
 from sshade.pipeline.fine import sshade_fine
 from sshade.solver.local_global import local_global
@@ -87,7 +88,7 @@ def test_raw_takes_targets_as_they_are(folder):
 
 def test_iterations_that_do_not_converge_are_said(folder, capsys, monkeypatch):
     short = partial(local_global, max_iterations=2)
-    monkeypatch.setattr("sshade.pipeline.fast.sshade_fast", partial(sshade_fast, max_iterations=2))
+    monkeypatch.setitem(CALLS, "fast", partial(sshade_fast, max_iterations=2))
     monkeypatch.setattr("sshade.solver.local_global.local_global", short)
     assert main(["deform", "body.ply", "pose.json", "-o", "out.ply"]) == 0
     assert "note: the iterations stopped at 2" in capsys.readouterr().err
@@ -96,7 +97,7 @@ def test_iterations_that_do_not_converge_are_said(folder, capsys, monkeypatch):
 
 
 METHODS = {
-    "sshade": lambda start: partial(deform, samplings=2, coarse=partial(local_global, start=start)),
+    "sshade": lambda start: partial(sshade, samplings=2, coarse=partial(local_global, start=start)),
     "sshade_fast": lambda start: partial(sshade_fast, start=start, samplings=2),
     "sshade_fine": lambda start: partial(sshade_fine, start=start),
 }

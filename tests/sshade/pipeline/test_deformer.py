@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sshade import DeformationTask, Deformer, Handles, Mesh, deform
+from sshade import DeformationTask, Deformer, Handles, Mesh, sshade
 from tests.shapes import bumpy
 
 
@@ -25,7 +25,7 @@ def lifted(mesh: Mesh, held: np.ndarray, height: float) -> np.ndarray:
 @pytest.mark.parametrize("samplings", [1, 3])
 def test_the_first_call_equals_deform(mesh, held, samplings):
     targets = lifted(mesh, held, 0.5)
-    once = deform(
+    once = sshade(
         DeformationTask("lift", mesh, Handles(held, targets)), vertices=150, samplings=samplings, seed=4
     )
     bound = Deformer(mesh, held, vertices=150, samplings=samplings, seed=4)(targets)

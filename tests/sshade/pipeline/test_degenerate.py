@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sshade import DeformationTask, Handles, Mesh, deform
+from sshade import DeformationTask, Handles, Mesh, sshade
 from sshade.mesh.adjacency import vertex_graph
 from sshade.pipeline.fast import sshade_fast
 from sshade.pipeline.fine import sshade_fine
@@ -20,7 +20,7 @@ from tests.shapes import bumpy, end_handles, rotation
 BODY = bumpy(3)
 TURN = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
 METHODS = {
-    "sshade": partial(deform, samplings=2),
+    "sshade": partial(sshade, samplings=2),
     "sshade_fast": sshade_fast,
     "sshade_fine": sshade_fine,
     "full resolution": local_global,

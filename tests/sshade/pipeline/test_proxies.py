@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baselines.deformation_graph.deformation_graph import deformation_graph
-from sshade import DeformationTask, Deformer, Handles, deform
+from sshade import DeformationTask, Deformer, Handles, sshade
 from sshade.pipeline.fast import sshade_fast
 from sshade.pipeline.fine import sshade_fine
 from sshade.pipeline.proxies import bind, proxy_vertices
@@ -36,7 +36,7 @@ def test_a_quarter_of_the_mesh_at_most_and_room_for_the_handles(asked, n, handle
     assert proxy_vertices(asked, n, handles) == count
 
 
-@pytest.mark.parametrize("method", [deform, sshade_fast, sshade_fine])
+@pytest.mark.parametrize("method", [sshade, sshade_fast, sshade_fine])
 def test_every_method_samples_a_quarter_and_says_so(method):
     by_default, asked, fewer = (method(TASK, **more) for more in ({}, {"vertices": 160}, {"vertices": 100}))
     assert by_default.extra["samples"] == asked.extra["samples"] == BODY.n // 4 == 160
@@ -48,7 +48,7 @@ def test_what_is_bound_or_transferred_has_the_same_samples():
     index = TASK.handles.index
     dragged = Deformer(BODY, index)(TASK.handles.target)
     assert dragged.extra["samples"] == 160
-    assert np.array_equal(dragged.vertices, deform(TASK, samplings=1).vertices)
+    assert np.array_equal(dragged.vertices, sshade(TASK, samplings=1).vertices)
     assert transfer_pose(BODY, BODY.V, samplings=1).extra["samples"] == 160
     assert np.array_equal(bind(BODY).remesh.samples, bind(BODY, 160).remesh.samples)
 

@@ -13,8 +13,7 @@ from sshade import (
     Handles,
     InputError,
     Mesh,
-    deform,
-    deform_components,
+    sshade,
     sshade_fast,
     sshade_fine,
 )
@@ -25,7 +24,7 @@ from tests.shapes import bumpy, end_handles, jittered, rotation, strip, tube
 
 VERTICES = 600
 METHODS = {
-    "sshade": lambda task, **options: deform(task, **{"vertices": VERTICES, "samplings": 2} | options),
+    "sshade": lambda task, **options: sshade(task, **{"vertices": VERTICES, "samplings": 2} | options),
     "fast": lambda task, **options: sshade_fast(task, **{"vertices": VERTICES} | options),
     "fine": lambda task, **options: sshade_fine(task, **{"vertices": VERTICES} | options),
     "graph": lambda task: deformation_graph(task, nodes=VERTICES),
@@ -187,7 +186,7 @@ def test_a_region_may_be_a_component_of_the_mesh():
     ends = end_handles(one.V, shift=(0.1, 0, 0.2))
     index = np.concatenate([ends.index, np.arange(one.n, both.n)])
     target = np.concatenate([ends.target, both.V[one.n :] * 2.0])
-    result = deform_components(both, Handles(index, target), sshade_fast, vertices=300)
+    result = sshade_fast(DeformationTask("both", both, Handles(index, target)), vertices=300)
     np.testing.assert_allclose(result.vertices[index], target, atol=1e-12 * both.diagonal)
     assert result.extra["components"] == 2
 

@@ -1,0 +1,173 @@
+"""SShaDe from end to end: sample, project, deform the proxy, carry the mesh along, average.
+
+F. Maggioli, D. Baieri, Z. Laehner, S. Melzi, "SShaDe: scalable shape
+deformation via local representations", algorithm 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+from time import perf_counter
+from typing import Unpack
+
+import numpy as np
+
+from sshade.carry.binding import bind_proxy
+from sshade.carry.projection import Projector, project_to_fans
+from sshade.pipeline.components import each_component
+from sshade.pipeline.proxies import FACTS, Proxies, ProxyOptions
+from sshade.pipeline.regions import HandleRegions, all_on_targets
+from sshade.sampling.remesh import Remesh, proxy_mesh
+from sshade.solver.local_global import local_global
+from sshade.task import DeformationResult, DeformationTask, Handles, Method, Progress, silent
+
+#: Samples a task's mesh and gives the proxy its handles: of (task, regions, seed).
+Sampler = Callable[[DeformationTask, HandleRegions, tuple[int, int]], tuple[Remesh, Handles]]
+
+
+def sample_with_handles(
+    task: DeformationTask, regions: HandleRegions, seed: tuple[int, int]
+) -> tuple[Remesh, Handles]:
+    """Sample M with its handle vertices first: they are vertices of N, and its handles.
+
+    Parameters
+    ----------
+    task : DeformationTask
+    regions : HandleRegions
+        Of the task's handles.
+    seed : (int, int)
+    """
+    remeshed, number = regions.sample(seed)
+    on, own = np.flatnonzero(number >= 0), task.handles
+    number = number[on]
+    return remeshed, Handles(on, own.target[number], dynamic=own.dynamic[number], group=own.group[number])
+
+
+@each_component
+def sshade(
+    task: DeformationTask,
+    *,
+    coarse: Method | None = None,
+    warm_start: bool = False,
+    keep_volume: bool = False,
+    sample: Sampler = sample_with_handles,
+    projection: Projector = project_to_fans,
+    progress: Progress = silent,
+    **options: Unpack[ProxyOptions],
+) -> DeformationResult:
+    """SShaDe: deform k proxies of the mesh, carry the mesh along with local frames, and average.
+
+    Parameters
+    ----------
+    task : DeformationTask
+        Its mesh may have a boundary. One that is not manifold, not oriented or of several components is
+        deformed component by component: see :func:`sshade.pipeline.components.each_component`.
+    coarse : Method, optional
+        Deforms the proxy N; by default :func:`sshade.solver.local_global.local_global`,
+        accelerated spokes-and-rims ARAP. Blended frames take the rotations of N's vertices
+        from it where its ``extra`` has them.
+    warm_start : bool
+        Solve the later proxies from the first one's M' instead of from the coarse method's
+        own start: fewer iterations, and all in one basin.
+    keep_volume : bool
+        Make up for the volume that the proxies miss where handles are regions; see
+        :meth:`sshade.pipeline.regions.HandleRegions.keep_volume`.
+    sample : callable
+        V_N and the handles on it, by default with M's handle vertices among V_N.
+    projection : callable
+        P, by default onto the fan around a vertex's sample; see :data:`sshade.carry.projection.Projector`.
+    progress : Progress
+    **options
+        Vertices, frames and number of the proxies, threads and seed; see
+        :class:`sshade.pipeline.proxies.ProxyOptions`. By default 5 samplings, as in the paper.
+
+    Returns
+    -------
+    DeformationResult
+        ``seconds`` are summed over samplings, which overlap in time, and so do
+        ``bind`` and ``solve`` of each.
+        ``iterations`` is the mean over samplings, ``converged`` is true if all did.
+        ``extra`` has the number of ``samples`` of each, the ``faces_without_area`` of the mesh,
+        the largest ``residual``, the number of ``degenerate_frames``, and
+        ``proxy_energy``, ``proxy_volume_error`` and the like: means, and largest errors, of what
+        the coarse method says of its proxies.
+
+    Raises
+    ------
+    InputError
+        On a mesh or options out of the above.
+    """
+    given: ProxyOptions = {"samplings": 5, **options}
+    proxies = Proxies(task.mesh, handles=len(task.handles), **given)
+    regions = HandleRegions(task.mesh, task.handles.index, vertices=proxies.vertices, graph=proxies.graph)
+    if regions.covered:
+        return all_on_targets(task)
+    solve = coarse or local_global
+    first: Future[np.ndarray] = Future()  # M' of the first sampling
+
+    def one_sampling(number: int) -> DeformationResult:
+        # 1. Sample M: V_N, a subset of V_M, and its triangles.
+        begin = perf_counter()
+        remeshed, handles = sample(task, regions, (proxies.seed, number))
+        sampled = perf_counter()
+        proxy_task = DeformationTask(
+            f"{task.name} proxy {number}",
+            proxy_mesh(task.mesh, remeshed),
+            handles,
+            guess=first.result()[remeshed.samples] if warm_start and number else None,
+        )
+        with ThreadPoolExecutor(max_workers=1) as pool:
+            # 2. Project M onto N, and encode it in N's frames; that needs no N', and runs beside 3.
+            projected = pool.submit(
+                bind_proxy, task.mesh, remeshed, frames=proxies.frames, projection=projection
+            )
+            # 3. Deform the proxy: N'.
+            begin_solve = perf_counter()
+            solved = solve(
+                proxy_task,
+                seed=proxies.seed,
+                progress=lambda _, done, total, note="": progress(
+                    f"sampling {number + 1}", done, total, note
+                ),
+            )
+            end_solve = perf_counter()
+            binding = projected.result()
+        # 4. Carry M along: M' decoded in the frames of N'.
+        begin_carry = perf_counter()
+        V, degenerate = binding.carry(solved.vertices, rotations=solved.extra.get("rotations"))
+        return DeformationResult(
+            vertices=V,
+            iterations=solved.iterations,
+            converged=solved.converged,
+            seconds={
+                "remesh": sampled - begin,
+                **binding.seconds,
+                "solve": end_solve - begin_solve,
+                "carry": perf_counter() - begin_carry,
+            },
+            extra={
+                "proxy_vertices": binding.proxy.n,
+                "added_samples": remeshed.added,
+                "degenerate_frames": degenerate,
+                "residual": solved.extra.get("residual", float("nan")),
+                **{f"proxy_{name}": fact for name, fact in solved.extra.items() if f"proxy_{name}" in FACTS},
+            },
+        )
+
+    def first_shared(number: int) -> DeformationResult:
+        try:
+            result = one_sampling(number)
+        except BaseException as error:
+            if number == 0:
+                first.set_exception(error)
+            raise
+        if number == 0:
+            first.set_result(result.vertices)
+        return result
+
+    # 5. Average the M' of k samplings.
+    mean = proxies.average(first_shared if warm_start else one_sampling)
+    V = regions.on_targets(mean.vertices, task.handles.target)
+    return replace(mean, vertices=regions.keep_volume(V) if keep_volume else V)

@@ -1,0 +1,213 @@
+"""The paper's method from end to end."""
+
+from __future__ import annotations
+
+import weakref
+from threading import Event
+
+import numpy as np
+import pytest
+
+from sshade import DeformationResult, DeformationTask, Handles, Mesh, bind, sshade
+from sshade.carry.projection import project_to_fans
+from sshade.pipeline.proxies import Proxies
+from sshade.sampling.remesh import remesh
+from sshade.solver.local_global import local_global
+from sshade.task import silent
+from tests.shapes import bent, bumpy, family
+
+MESHES = family()
+
+
+def ends(mesh: Mesh, *, moved: bool = True) -> DeformationTask:
+    """Both ends along the longest axis as handles, one turned and shifted."""
+    axis = int(np.argmax(np.ptp(mesh.V, axis=0)))
+    x = mesh.V[:, axis]
+    low = np.flatnonzero(x < x.min() + 0.08 * np.ptp(x))[:12]
+    high = np.flatnonzero(x > x.max() - 0.08 * np.ptp(x))[:12]
+    index = np.concatenate([low, high])
+    dynamic = np.repeat([False, True], [len(low), len(high)])
+    target = mesh.V[index].copy()
+    if moved:
+        centre = target[dynamic].mean(axis=0)
+        turn = np.linalg.matrix_power(np.array([[0.96, 0.28, 0], [-0.28, 0.96, 0], [0, 0, 1]]), 2)
+        target[dynamic] = (target[dynamic] - centre) @ turn.T + centre + 0.1 * mesh.diagonal
+    return DeformationTask("ends", mesh, Handles(index, target, dynamic=dynamic, group=dynamic.astype(int)))
+
+
+def bending(task, *, seed, progress=silent) -> DeformationResult:
+    """A coarse method without a solver."""
+    V = bent(task.mesh.V, 0.1)
+    V[task.handles.index] = task.handles.target
+    return DeformationResult(V, iterations=3, converged=None)
+
+
+@pytest.fixture(scope="module")
+def body_task() -> DeformationTask:
+    return ends(bumpy(3))
+
+
+@pytest.mark.parametrize("frames", ["triangle", "affine", "blended", "blended_affine"])
+def test_the_result_is_the_mean_of_the_single_samplings(body_task, frames):
+    single = []
+    for i in range(3):
+        binding = bind(body_task.mesh, 70, first=body_task.handles.index, seed=(9, i), frames=frames)
+        own = body_task.handles
+        handles = Handles(np.arange(len(own)), own.target, dynamic=own.dynamic, group=own.group)
+        solved = local_global(DeformationTask("one", binding.proxy, handles))
+        V, _ = binding.carry(solved.vertices, rotations=solved.extra["rotations"])
+        single.append((V, solved, binding))
+    result = sshade(body_task, vertices=70, samplings=3, frames=frames, seed=9)
+    first, second, third = (V for V, _, _ in single)
+    assert np.array_equal(result.vertices, ((first + second) + third) / 3)
+    assert np.abs(first - second).max() > 1e-3
+    assert result.iterations == np.mean([solved.iterations for _, solved, _ in single])
+    assert result.converged == all(solved.converged for _, solved, _ in single)
+    assert result.extra["samplings"] == 3
+    assert result.extra["proxy_vertices"] == np.mean([b.proxy.n for _, _, b in single])
+    assert result.extra["added_samples"] == sum(b.remesh.added for _, _, b in single)
+    assert result.extra["residual"] == max(solved.extra["residual"] for _, solved, _ in single)
+    assert result.extra["proxy_energy"] == np.mean([solved.extra["energy"] for _, solved, _ in single])
+    assert set(result.seconds) == {"remesh", "bind", "solve", "carry"}
+
+
+def test_a_coarse_method_without_rotations_has_them_fitted(body_task):
+    def silently(task, *, seed, progress=silent) -> DeformationResult:
+        return DeformationResult(local_global(task).vertices, iterations=1, converged=True)
+
+    options = {"vertices": 150, "samplings": 1, "frames": "blended"}
+    result = sshade(body_task, coarse=silently, **options)
+    binding = bind(body_task.mesh, 150, first=body_task.handles.index, seed=(0, 0), frames="blended")
+    own = body_task.handles
+    solved = local_global(DeformationTask("one", binding.proxy, Handles(np.arange(len(own)), own.target)))
+    assert np.array_equal(result.vertices, binding.carry(solved.vertices)[0])
+    gap = np.abs(sshade(body_task, **options).vertices - result.vertices).max()
+    assert 0 < gap < 0.01 * body_task.mesh.diagonal
+
+
+def test_other_samples_and_another_projection_take_the_place_of_the_usual_ones(body_task):
+    """The sampler chooses V_N and the proxy's handles, the projector the triangles."""
+    seen = []
+
+    def sample(task, regions, seed):
+        assert (regions.vertices, seed) == (70, (3, 0)) and regions.graph.n == task.mesh.n
+        remeshed = remesh(task.mesh, regions.vertices, seed=seed, graph=regions.graph)
+        at = task.mesh.V[remeshed.samples]
+        return remeshed, Handles([0, 1, 2], at[:3])
+
+    def projection(V, proxy, remeshed):
+        seen.append(project_to_fans(V, proxy, remeshed))
+        return seen[0]
+
+    result = sshade(body_task, vertices=70, samplings=1, sample=sample, projection=projection, seed=3)
+    assert len(seen) == 1 and np.abs(result.vertices - body_task.mesh.V).max() < 1e-9
+
+
+@pytest.mark.parametrize("workers", [1, 2, 4])
+def test_positions_are_summed_in_the_order_of_the_samplings_and_let_go_of(body_task, workers):
+    """Also where the first sampling is the last to end."""
+    proxies = Proxies(body_task.mesh, samplings=4, workers=workers)
+    last, alive = Event(), []
+
+    def one(number: int) -> DeformationResult:
+        if workers == 4 and number == 0:
+            assert last.wait(20)
+        V = np.full((5, 3), [1e16, 1.0, -1e16, 1.0][number])
+        alive.append(weakref.ref(V))
+        if number == 3:
+            last.set()
+        return DeformationResult(V, iterations=number, converged=True)
+
+    result = proxies.average(one)
+    assert (result.vertices == (((1e16 + 1.0) - 1e16) + 1.0) / 4).all() and result.iterations == 1.5
+    assert not any(ref() is not None for ref in alive)
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_identity_targets_leave_the_mesh(name):
+    mesh = MESHES[name]
+    result = sshade(ends(mesh, moved=False), vertices=mesh.n // 5, samplings=2)
+    assert np.abs(result.vertices - mesh.V).max() <= 1e-6 * mesh.diagonal
+    assert result.converged
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_handles_come_near_their_targets_and_static_ones_stay(name):
+    task = ends(MESHES[name])
+    result = sshade(task, vertices=MESHES[name].n // 4, samplings=2)
+    gap = np.linalg.norm(result.vertices[task.handles.index] - task.handles.target, axis=1)
+    assert gap.max() <= 0.02 * task.mesh.diagonal
+    assert result.extra["degenerate_frames"] == 0
+
+
+def test_the_coarse_method_gets_the_proxy_as_a_task(body_task):
+    seen = []
+
+    def spy(task, *, seed, progress=silent):
+        seen.append((task, seed))
+        progress("inner", 1, 2, "note")
+        return bending(task, seed=seed)
+
+    reported = []
+    progress = lambda *args: reported.append(args)  # noqa: E731
+    sshade(body_task, vertices=70, samplings=2, coarse=spy, seed=11, workers=1, progress=progress)
+    handles = body_task.handles
+    for number, (task, seed) in enumerate(seen):
+        expected = bind(body_task.mesh, 70, first=handles.index, seed=(11, number)).proxy
+        assert isinstance(task, DeformationTask) and seed == 11
+        assert np.array_equal(task.mesh.V, expected.V) and np.array_equal(task.mesh.F, expected.F)
+        assert np.array_equal(task.handles.index, np.arange(len(handles)))
+        assert np.array_equal(task.mesh.V[: len(handles)], body_task.mesh.V[handles.index])
+        for name in ("target", "dynamic", "group"):
+            assert np.array_equal(getattr(task.handles, name), getattr(handles, name))
+    assert len(seen) == 2
+    assert reported == [("sampling 1", 1, 2, "note"), ("sampling 2", 1, 2, "note")]
+
+
+def test_convergence_is_unknown_if_one_sampling_does_not_say(body_task):
+    def unsure(task, *, seed, progress=silent):
+        return DeformationResult(task.mesh.V, iterations=1, converged=next(answers))
+
+    for given, whole in (([True, None], None), ([True, False], False), ([True, True], True)):
+        answers = iter(given)
+        assert sshade(body_task, vertices=60, samplings=2, coarse=unsure, workers=1).converged is whole
+
+
+@pytest.mark.parametrize("warm_start", [False, True])
+@pytest.mark.parametrize("workers", [1, 2, 3])
+def test_an_error_of_the_coarse_method_is_passed_on(body_task, workers, warm_start):
+    def failing(task, *, seed, progress=silent):
+        raise ArithmeticError("no solution")
+
+    with pytest.raises(ArithmeticError, match="no solution"):
+        sshade(body_task, vertices=60, samplings=3, coarse=failing, workers=workers, warm_start=warm_start)
+
+
+def test_the_first_result_starts_the_others(body_task):
+    """Each later proxy's task carries the first M' at its samples as a guess, on any number of threads."""
+    results = {}
+
+    def solver(task, *, seed, progress=silent) -> DeformationResult:
+        result = bending(task, seed=seed)
+        results[task.name] = (task, result)
+        return result
+
+    for workers in (1, 2, 3):
+        results.clear()
+        sshade(body_task, vertices=70, samplings=3, coarse=solver, warm_start=True, workers=workers, seed=2)
+        number = {int(name.split()[-1]): run for name, run in results.items()}
+        first, solved = number[0]
+        assert first.guess is None
+        binding = bind(body_task.mesh, 70, first=body_task.handles.index, seed=(2, 0))
+        carried = binding.carry(solved.vertices)[0]
+        for i in (1, 2):
+            remeshed = remesh(body_task.mesh, 70, first=body_task.handles.index, seed=(2, i))
+            assert np.array_equal(number[i][0].guess, carried[remeshed.samples])
+
+
+def test_a_warm_start_saves_iterations_and_moves_the_result_little(body_task):
+    cold = sshade(body_task, vertices=100, samplings=3)
+    warm = sshade(body_task, vertices=100, samplings=3, warm_start=True)
+    assert warm.iterations < cold.iterations
+    gap = np.linalg.norm(warm.vertices - cold.vertices, axis=1).max() / body_task.mesh.diagonal
+    assert 0 < gap < 1e-3
