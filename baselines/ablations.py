@@ -158,6 +158,7 @@ def sample_nearest_to_handles(
         See :func:`sshade.pipeline.paper.sample_with_handles`.
     """
     mesh, handles = task.mesh, task.handles
+    handles.require_hard("the handle mode nearest")
     remeshed = remesh(mesh, regions.vertices, seed=seed, graph=regions.graph)
     sample = remeshed.region[handles.index].astype(np.int64)
     at_sample, at_handle = mesh.V[remeshed.samples[sample]], mesh.V[handles.index]

@@ -81,6 +81,7 @@ def libigl_arap(
     if energy not in get_args(Energy):
         raise InputError(f"unknown energy {energy!r}; use 'spokes' or 'spokes_and_rims'")
     mesh, handles = task.mesh, task.handles
+    handles.require_hard("libigl's ARAP")
     flat = int((mesh.face_areas == 0).sum())
     if flat:
         raise InputError(

@@ -11,4 +11,5 @@ def identity(task: DeformationTask, *, seed: int = 0, progress: Progress = silen
 
     A floor for the tables: exact handles, nothing else. `seed` and `progress` are unused.
     """
+    task.handles.require_hard("identity")
     return DeformationResult(vertices=initial_guess(task, "rest"), iterations=0, converged=None)

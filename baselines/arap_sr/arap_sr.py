@@ -108,6 +108,7 @@ def arap_sr(
         raise InputError(f"alpha={alpha!r} is no weight; it takes a number from 0")
     begin = perf_counter()
     mesh, handles = task.mesh, task.handles
+    handles.require_hard("ARAP-SR")
     U = initial_guess(task, start)
     R0 = rigid_motion(mesh.V[handles.index], handles.target)[0] if start == "rigid" else np.eye(3)
     colour = vertex_colours(mesh)

@@ -90,9 +90,10 @@ def deformation_graph(
         raise InputError(f"{blended} blended nodes were asked for; a vertex must follow at least one")
     begin = perf_counter()
     mesh, handles = task.mesh, task.handles
+    handles.require_hard("the deformation graph")
     graph = vertex_graph(mesh)
     nodes = proxy_vertices(nodes, mesh.n, len(handles))
-    regions = HandleRegions(mesh, handles.index, vertices=nodes, graph=graph)
+    regions = HandleRegions(mesh, handles, vertices=nodes, graph=graph)
     if regions.covered:
         return all_on_targets(task)
     fronts = farthest_point_sampling(regions.metric, nodes, first=regions.first)

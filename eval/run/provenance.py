@@ -57,6 +57,12 @@ def task_checksum(task: DeformationTask | TransferTask) -> str:
         arrays = [task.mesh.V, task.mesh.F, handles.index, handles.target, handles.dynamic, handles.group]
         if task.guess is not None:
             arrays.append(task.guess)
+        if not handles.hard.all():
+            arrays += [handles.weight, handles.share]
+        if handles.rotation is not None:
+            arrays.append(handles.rotation)
+        if task.carry_unconstrained:
+            arrays.append(np.ones(1))
     return digest(*(np.ascontiguousarray(array).tobytes() for array in arrays))
 
 

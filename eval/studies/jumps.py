@@ -103,7 +103,7 @@ def measure_jumps(rest: Mesh, vertices: np.ndarray, *, binding: Binding) -> Jump
 def compare(task: DeformationTask, *, vertices: int, seed: int = 0) -> dict[str, tuple[np.ndarray, Jumps]]:
     """Deform with each of the :data:`SETTINGS`: positions (n, 3) and jumps by the setting's name."""
     proxies = Proxies(task.mesh, handles=len(task.handles), vertices=vertices)
-    regions = HandleRegions(task.mesh, task.handles.index, vertices=proxies.vertices, graph=proxies.graph)
+    regions = HandleRegions(task.mesh, task.handles, vertices=proxies.vertices, graph=proxies.graph)
     binding = bind_proxy(task.mesh, regions.sample((seed, 0))[0], frames=proxies.frames)
     result = {}
     for frames, samplings in SETTINGS:

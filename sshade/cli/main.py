@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -79,6 +80,13 @@ def _parser() -> argparse.ArgumentParser:
         default="rigid",
         help="where the solver begins: the best rigid motion of the rest shape, or the rest shape, as the "
         "paper, which is slower and may end in a fold where the handles turn far (default: rigid)",
+    )
+    deform.add_argument(
+        "--weight",
+        type=float,
+        metavar="W",
+        help="pull the handles of each group to their targets instead of holding them there; 1 is about as "
+        "strong as the surface, whatever its size and resolution (default: hard, or the file's own weights)",
     )
     flags = {
         "--raw": "take targets as they are, not moved by the snap",
@@ -166,6 +174,7 @@ def _deform(arguments: argparse.Namespace) -> None:
     HANDLES is a .json file of this project or a .yaml file of Implicit-ARAP. In JSON:
 
       {"handles": [
+        {"landmark": "tail", "weight": 5,       "vertices": [99], "target": [[x, y, z]]},
         {"landmark": "foot", "kind": "static",  "vertices": [12, 13, 14]},
         {"landmark": "hand", "kind": "dynamic", "source": [[x, y, z], ...],
                                                 "target": [[x, y, z], ...]},
@@ -173,14 +182,16 @@ def _deform(arguments: argparse.Namespace) -> None:
                                                 "rotation": [[..], [..], [..]], "translation": [x, y, z]}]}
 
     Handles are vertex ids, positions on the mesh (snapped to the nearest vertices), or regions: all
-    vertices in some boxes (lowest and highest corner), which go to R v + t.
+    vertices in some boxes (lowest and highest corner), which go to R v + t. Those with a weight are soft:
+    they are pulled to their targets, with 1 about as strongly as the surface around holds them.
     The output is the file of the input with other positions and normals: texture coordinates, colours,
     materials, groups, polygons and all else stay, where OUT is of the same format. Vertices that stand
     twice along a seam move as one. Components are deformed each on its own, with its own handles.
     Where the mesh is not manifold it is cut, and joined again.
 
-    example:
+    examples:
       sshade deform body.ply pose.json -o posed.ply
+      sshade deform scan.obj landmarks.json -o fitted.obj --weight 10
     """
     from sshade.io.handles import read_handles
     from sshade.pipeline.deform import deform
@@ -196,6 +207,9 @@ def _deform(arguments: argparse.Namespace) -> None:
         raise InputError(f"{arguments.mesh}: {mistake}") from mistake
     mesh = whole.mesh
     handles = read_handles(arguments.handles, mesh, raw=arguments.raw, vertex=whole.vertex)
+    if arguments.weight is not None:
+        weight = np.where(handles.hard, arguments.weight, handles.weight)
+        handles = replace(handles, weight=weight)
     task = DeformationTask(
         arguments.mesh.stem, mesh, handles, carry_unconstrained=arguments.carry_unconstrained
     )

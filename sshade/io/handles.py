@@ -7,14 +7,16 @@ JSON::
         {"landmark": "right hand", "kind": "dynamic",
          "source": [[x, y, z], ...], "target": [[x, y, z], ...]},
         {"landmark": "head", "kind": "dynamic", "boxes": [[[x, y, z], [x, y, z]], ...],
-         "rotation": [[...], [...], [...]], "translation": [x, y, z]}
+         "rotation": [[...], [...], [...]], "translation": [x, y, z]},
+        {"landmark": "tail", "vertices": [99], "target": [[x, y, z]], "weight": 5}
     ]}
 
 Each entry is a group. Handles are given by position (``source``), snapped to
 the nearest vertices; by ``vertices`` (ids), taken exactly; or as a region: all
 vertices in some ``boxes`` along the axes, each by its lowest and its highest
 corner, which go to R v + t. ``static`` handles stay where they are and need no
-target; ``unused`` groups are skipped. Other keys are left alone.
+target; ``unused`` groups are skipped. A group with a ``weight`` is soft: it is pulled to its targets
+(:class:`sshade.Handles`). Other keys are left alone.
 """
 
 from __future__ import annotations
@@ -28,13 +30,14 @@ from typing import Any
 import numpy as np
 
 from sshade.errors import InputError
+from sshade.handles import NO_HANDLES, Handles
 from sshade.io.files import check_suffix, replacing
 from sshade.io.meshes import read_file
 from sshade.io.regions import rigidly_moved, vertices_in
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 from sshade.mesh.surface import surface
-from sshade.task import NO_HANDLES, DeformationTask, Handles
+from sshade.task import DeformationTask
 
 #: Half the extent of a mesh in Implicit-ARAP's coordinates.
 HALF_EXTENT = 0.8
@@ -123,11 +126,13 @@ def read_task(
 def write_handles(path: str | os.PathLike[str], handles: Handles) -> None:
     """Write handles by vertex id as this project's JSON."""
     groups = []
-    for group, dynamic in np.unique(np.stack([handles.group, handles.dynamic], axis=1), axis=0).tolist():
-        own = (handles.group == group) & (handles.dynamic == dynamic)
+    columns = [handles.group, handles.dynamic, handles.weight]
+    for group, dynamic, weight in np.unique(np.stack(columns, axis=1), axis=0).tolist():
+        own = (handles.group == group) & (handles.dynamic == dynamic) & (handles.weight == weight)
         vertices, target = handles.index[own].tolist(), handles.target[own].tolist()
         kind = "dynamic" if dynamic else "static"
-        groups.append({"landmark": group, "kind": kind, "vertices": vertices, "target": target})
+        entry = {"landmark": int(group), "kind": kind, "vertices": vertices, "target": target}
+        groups.append(entry if weight == np.inf else entry | {"weight": weight})
     with replacing(path) as temporary:
         temporary.write_text(json.dumps({"handles": groups}, indent=1) + "\n", encoding="utf-8")
 
@@ -143,21 +148,23 @@ def _from_json(data: Any, mesh: Mesh, *, raw: bool, vertex: np.ndarray) -> Handl
             if kind == "unused":
                 continue
             at, target = _group(entry, mesh, moves=raw or kind == "dynamic", vertex=vertex)
+            weights = np.full(len(at), _weight(entry))
         except InputError as error:
             raise InputError(f"entry {number}: {error}") from error
-        own = at, target, np.full(len(at), kind == "dynamic"), np.full(len(at), number)
+        own = at, target, np.full(len(at), kind == "dynamic"), np.full(len(at), number), weights
         (snapped if "source" in entry else exact).append(own)
     parts = []
     if exact:
-        index, target, dynamic, group = _columns(exact)
-        parts.append(Handles(index, target, dynamic, group))
+        index, target, dynamic, group, weight = _columns(exact)
+        parts.append(Handles(index, target, dynamic, group, weight=weight))
     if snapped:  # one search tree serves them all
-        source, target, dynamic, group = _columns(snapped)
-        parts.append(Handles.from_positions(mesh, source, target, dynamic=dynamic, group=group, raw=raw))
+        source, target, dynamic, group, weight = _columns(snapped)
+        more = {"dynamic": dynamic, "group": group, "weight": weight}
+        parts.append(Handles.from_positions(mesh, source, target, raw=raw, **more))
     if not parts:
         raise InputError(NO_HANDLES)
     order = np.argsort(np.concatenate([part.group for part in parts]), kind="stable")
-    names = ("index", "target", "dynamic", "group", "snap_distance")
+    names = ("index", "target", "dynamic", "group", "snap_distance", "weight")
     joined = {name: np.concatenate([getattr(part, name) for part in parts])[order] for name in names}
     return Handles(**joined, merged=sum(part.merged for part in parts))
 
@@ -187,6 +194,15 @@ def _motion(entry: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
     if np.abs(R @ R.T - np.eye(3)).max() > ROTATION or np.linalg.det(R) < 0:
         raise InputError('"rotation" is no rotation: its rows must be orthonormal and right-handed')
     return R, t
+
+
+def _weight(entry: dict[str, Any]) -> float:
+    """Weight of the handles of an entry, inf without one."""
+    weight = entry.get("weight", np.inf)
+    number = isinstance(weight, int | float) and not isinstance(weight, bool)
+    if not number or not weight > 0:
+        raise InputError('"weight" must be a number above 0; without it the handles are hard')
+    return float(weight)
 
 
 def _columns(rows: Sequence[tuple[np.ndarray, ...]]) -> list[np.ndarray]:

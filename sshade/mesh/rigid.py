@@ -5,14 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 
-def rigid_motion(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation R and translation t minimising ``sum |R s_i + t - t_i|^2`` (Kabsch).
+def rigid_motion(
+    source: np.ndarray, target: np.ndarray, *, weights: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation R and translation t minimising ``sum w_i |R s_i + t - t_i|^2`` (Kabsch).
 
     Parameters
     ----------
     source, target : (k, 3) float64
         One point is enough; where the points leave the rotation open, the
         smallest one that fits is taken.
+    weights : (k,) float64, optional
+        w, positive; by default all alike.
 
     Returns
     -------
@@ -25,8 +29,10 @@ def rigid_motion(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np
     """
     from scipy.spatial.transform import Rotation
 
-    cs, ct = source.mean(axis=0), target.mean(axis=0)
+    cs, ct = (np.average(points, axis=0, weights=weights) for points in (source, target))
     a, b = source - cs, target - ct
+    if weights is not None:
+        b = (weights / weights.max())[:, None] * b
     U, s, Vt = np.linalg.svd(b.T @ a)
     rank = int((s > 1e-12 * s[0]).sum())
     if rank == 0:

@@ -211,6 +211,9 @@ class _Components:
             np.concatenate([given.target[number], self.positions[origin[seam]]]),
             dynamic=np.concatenate([given.dynamic[number], np.ones(len(seam), dtype=bool)]),
             group=np.concatenate([given.group[number], np.full(len(seam), given.group.max() + 1)]),
+            weight=np.concatenate([given.weight[number], np.full(len(seam), np.inf)]),
+            share=None if given.share is None else np.concatenate([given.share[number], np.ones(len(seam))]),
+            rotation=_with_free(given.rotation, number, len(seam)),
         )
 
     def _take_over(self, origin: np.ndarray, V: np.ndarray) -> None:
@@ -221,6 +224,11 @@ class _Components:
         self.positions[vertex] = mean
         self._done[vertex] = True
         self.gap = max(self.gap, float(np.linalg.norm(V - self.positions[origin], axis=1).max()))
+
+
+def _with_free(rotation: np.ndarray | None, number: np.ndarray, free: int) -> np.ndarray | None:
+    """Rotations of some handles, and of others that have none."""
+    return None if rotation is None else np.concatenate([rotation[number], np.full((free, 3, 3), np.nan)])
 
 
 def _groups(labels: np.ndarray) -> list[np.ndarray]:

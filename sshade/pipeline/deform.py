@@ -39,6 +39,7 @@ def deform(
     /,
     *given: Any,
     method: str | Callable[..., DeformationResult] = "fast",
+    weight: np.ndarray | float | None = None,
     carry_unconstrained: bool = False,
     **options: Any,
 ) -> Any:
@@ -75,9 +76,13 @@ def deform(
         :func:`sshade.sshade_fast`; :func:`sshade.sshade_fine`, which polishes its result, takes ten
         times as long, and changes edges and angles less; :func:`sshade.sshade`, as published; or
         another :class:`sshade.Method`, which is given the task as it is.
+    weight : (k,) float64 or float, optional
+        Of soft handles, which are pulled to their targets with it, all of one weight together; inf, the
+        default, holds them there. 1 is about as strong as the surface, at any size and resolution:
+        see :class:`sshade.Handles`. `fast`, `fine` and `paper` take soft handles.
     carry_unconstrained : bool
         Components without a handle move rigidly with the nearest one, instead of being refused.
-        Of a task, which says so itself, leave it out.
+        Of a task, which says these things itself, leave them out.
     **options
         Of the method: ``vertices`` of the proxy, ``seed``, ``progress``, ``workers``, and so on.
 
@@ -104,8 +109,9 @@ def deform(
     run = _method(method)
     if isinstance(shape, DeformationTask):
         _expect(given, "a task", 0)
-        task = replace(shape, carry_unconstrained=True) if carry_unconstrained else shape
-        return run(task, **options)
+        if weight is not None or carry_unconstrained:
+            raise TypeError("a task says itself how its handles are held and what is carried")
+        return run(shape, **options)
     if isinstance(shape, Mesh):
         b, bc = _expect(given, "a mesh", 2)
         V, F = shape.V, shape.F
@@ -116,7 +122,7 @@ def deform(
         F, b, bc = _expect(given, "vertices", 3)
         V = np.asarray(shape, dtype=np.float64)
     whole = surface(V, F)
-    handles = _on(whole.vertex, Handles(b, bc))
+    handles = _on(whole.vertex, Handles(b, bc, weight=weight))  # type: ignore[arg-type]
     task = DeformationTask("mesh", whole.mesh, handles, carry_unconstrained=carry_unconstrained)
     moved = whole.placed(V, run(task, **options).vertices)
     if isinstance(shape, Mesh):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import inf
 from time import perf_counter
 from typing import Any, Unpack
 
@@ -33,6 +34,8 @@ class Deformer:
         M: manifold, oriented, one component.
     index : (h,) int
         Handle vertices, each once; their targets come with each call, in this order.
+    weight : (h,) float64 or float
+        Of soft handles, see :class:`sshade.Handles`; inf by default.
     progress : Progress
     **options
         See :class:`sshade.pipeline.proxies.ProxyOptions`. By default one sampling, the choice for
@@ -55,20 +58,29 @@ class Deformer:
     """
 
     def __init__(
-        self, mesh: Mesh, index: np.ndarray, *, progress: Progress = silent, **options: Unpack[ProxyOptions]
+        self,
+        mesh: Mesh,
+        index: np.ndarray,
+        *,
+        weight: np.ndarray | float = inf,
+        progress: Progress = silent,
+        **options: Unpack[ProxyOptions],
     ) -> None:
         self.mesh, self.index = mesh, np.array(index, dtype=np.int64)
         mesh.require_handles(self.index)
+        if len(np.unique(self.index)) < len(self.index):
+            raise InputError("a handle vertex is given twice")
+        self._weight = weight
+        handles = self._task(mesh.V[self.index]).handles
         self._proxies = proxies = Proxies(mesh, handles=len(self.index), **options)
-        self._regions = regions = HandleRegions(
-            mesh, self.index, vertices=proxies.vertices, graph=proxies.graph
-        )
+        self._regions = regions = HandleRegions(mesh, handles, vertices=proxies.vertices, graph=proxies.graph)
 
         def make(number: int) -> tuple[Binding, LocalGlobal, np.ndarray]:
             remeshed, handle = regions.sample((proxies.seed, number))
             binding = bind_proxy(mesh, remeshed, frames=proxies.frames)
             on = np.flatnonzero(handle >= 0)
-            solver = LocalGlobal(binding.proxy, on)
+            on_proxy = handles.sampled(handle[on], on, mesh.V)
+            solver = LocalGlobal(binding.proxy, on, stiffness=on_proxy.stiffness)
             progress("binding", number + 1, proxies.samplings)
             return binding, solver, handle[on]
 
@@ -77,6 +89,10 @@ class Deformer:
         self.solvers = [solver for _, solver, _ in made]
         self._handles = [handle for _, _, handle in made]  # of the index, those on each proxy
         self.reset()
+
+    def _task(self, targets: np.ndarray) -> DeformationTask:
+        handles = Handles(self.index, targets, weight=np.asarray(self._weight))
+        return DeformationTask("drag", self.mesh, handles)
 
     def reset(self) -> None:
         """Forget the last shape: the next call starts from the rest shape."""
@@ -104,8 +120,7 @@ class Deformer:
         """
         begin = perf_counter()
         if self._regions.covered:
-            handles = Handles(self.index, targets)
-            return all_on_targets(DeformationTask("drag", self.mesh, handles))
+            return all_on_targets(self._task(targets))
         targets = np.asarray(targets, dtype=np.float64)
         if targets.shape != (len(self.index), 3):
             raise InputError(

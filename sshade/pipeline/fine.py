@@ -74,7 +74,7 @@ def sshade_fine(
         Those of :func:`sshade.sshade_fast`.
     """
     workers = number_of_workers(workers, default=available_cpus())
-    if len(task.handles) == task.mesh.n:
+    if task.handles.hard.sum() == task.mesh.n:
         return all_on_targets(task)
     begin = perf_counter()
     regional = has_regions(task, vertices)
@@ -100,9 +100,9 @@ def sshade_fine(
     facts = {"proxy_iterations": proxy.iterations} | {name: proxy.extra[name] for name in of_proxy}
     if regional:
         graph = vertex_graph(task.mesh)
-        regions = HandleRegions(task.mesh, solver.index, vertices=facts["samples"], graph=graph)
+        regions = HandleRegions(task.mesh, task.handles, vertices=facts["samples"], graph=graph)
         turned = regions.on_targets(solution.positions, task.handles.target)
-        solution = _moved(solver, solution, turned, energy)
+        solution = _moved(solver, solution, turned, task.handles.target, energy)
     seconds = {
         "proxy": arrived - begin,
         "precompute": precompute,
@@ -120,12 +120,15 @@ def sshade_fine(
 
 def _bind(task: DeformationTask) -> tuple[LocalGlobal, float]:
     begin = perf_counter()
-    return LocalGlobal(task.mesh, task.handles.index), perf_counter() - begin
+    own = task.handles
+    return LocalGlobal(task.mesh, own.index, stiffness=own.stiffness), perf_counter() - begin
 
 
-def _moved(solver: LocalGlobal, solution: Solution, V: np.ndarray, energy: dict[str, Any]) -> Solution:
+def _moved(
+    solver: LocalGlobal, solution: Solution, V: np.ndarray, targets: np.ndarray, energy: dict[str, Any]
+) -> Solution:
     """A solution at other positions, where the constraints hold again; how the iteration went stays."""
     V = solver.project(V, **{name: energy[name] for name in ("volume", "area", "workers")})
-    after = solver.solve(V[solver.index], start=V, rotations=solution.rotations, max_iterations=0, **energy)
+    after = solver.solve(targets, start=V, rotations=solution.rotations, max_iterations=0, **energy)
     names = "iterations", "residual", "residual_curve", "converged", "rejected", "energy_initial"
     return after._replace(**{name: getattr(solution, name) for name in names})

@@ -40,9 +40,8 @@ def sample_with_handles(
     seed : (int, int)
     """
     remeshed, number = regions.sample(seed)
-    on, own = np.flatnonzero(number >= 0), task.handles
-    number = number[on]
-    return remeshed, Handles(on, own.target[number], dynamic=own.dynamic[number], group=own.group[number])
+    on = np.flatnonzero(number >= 0)
+    return remeshed, task.handles.sampled(number[on], on, task.mesh.V)
 
 
 @each_component
@@ -101,7 +100,7 @@ def sshade(
     """
     given: ProxyOptions = {"samplings": 5, **options}
     proxies = Proxies(task.mesh, handles=len(task.handles), **given)
-    regions = HandleRegions(task.mesh, task.handles.index, vertices=proxies.vertices, graph=proxies.graph)
+    regions = HandleRegions(task.mesh, task.handles, vertices=proxies.vertices, graph=proxies.graph)
     if regions.covered:
         return all_on_targets(task)
     solve = coarse or local_global

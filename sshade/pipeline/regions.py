@@ -4,9 +4,9 @@ A handle vertex whose neighbours are all handles says nothing to the free surfac
 handles are such, distances between handle vertices count a third in the sampling: the inside of
 a region keeps a sample for every nine of the free surface, which carry its motion, its rotation
 at the edge, and its part of the volume. The samples that are handle vertices are the proxy's
-handles; the edges themselves are, up to a share of the samples. In the end every handle vertex goes
-to its target, and the surface beside an edge turns with its region, so that the one continues the
-other without the crease that a membrane has where it is clamped.
+handles; the edges themselves are, up to a share of the samples. In the end every hard handle vertex
+goes to its target, and the surface beside an edge turns with its region, so that the one continues
+the other without the crease that a membrane has where it is clamped.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from scipy.sparse.csgraph import connected_components
 
 from sshade.carry.blended import nearest_rotations
 from sshade.carry.vertex_maps import VertexMaps
-from sshade.errors import InputError
+from sshade.handles import Handles
 from sshade.mesh.adjacency import VertexGraph
 from sshade.mesh.mesh import Mesh
 from sshade.pipeline.proxies import proxy_vertices
@@ -49,17 +49,12 @@ class HandleRegions:
     ----------
     mesh : Mesh
         M.
-    index : (h,) int
-        Its handle vertices, each once.
+    handles : Handles
+        Of a task.
     vertices : int
         Of the proxies.
     graph : VertexGraph
         Of M.
-
-    Raises
-    ------
-    InputError
-        When a handle vertex is given twice.
 
     Attributes
     ----------
@@ -69,7 +64,7 @@ class HandleRegions:
         More than half of the handles are surrounded by others, or they are more than half of the
         samples. Otherwise every one is a sample, and nothing here does anything.
     covered : bool
-        No vertex is free.
+        Every vertex is a hard handle.
     number : (n,) int64
         The handle that each vertex is, or -1.
     first : (f,) int64
@@ -78,23 +73,34 @@ class HandleRegions:
         The graph on which distances are measured to sample the others.
     """
 
-    def __init__(self, mesh: Mesh, index: np.ndarray, *, vertices: int, graph: VertexGraph) -> None:
-        self._mesh, self._index, self.vertices, self.graph = mesh, index, vertices, graph
+    def __init__(self, mesh: Mesh, handles: Handles, *, vertices: int, graph: VertexGraph) -> None:
+        self._mesh, self._handles, self.vertices, self.graph = mesh, handles, vertices, graph
+        index, self._hard = handles.index, handles.hard
         self.number = np.full(mesh.n, -1)
         self.number[index] = np.arange(len(index))
-        self._held = held = self.number >= 0
-        if held.sum() < len(index):
-            raise InputError("a handle vertex is given twice")
-        self.covered = bool(held.all())
-        self._edge = edge_vertices(mesh, index)
-        self.regional = _are_regions(len(self._edge), len(index), vertices)
+        handle = self.number >= 0
+        self._index = index[self._hard]
+        self._held = np.zeros(mesh.n, dtype=bool)
+        self._held[self._index] = True
+        self.covered = len(self._index) == mesh.n
+        edge = edge_vertices(mesh, index)
+        self.regional = _are_regions(len(edge), len(index), vertices)
         self.metric, self.first = graph, index
+        self._edge = edge if self._hard.all() else edge_vertices(mesh, self._index)
         if self.regional and not self.covered:
             owner = np.repeat(np.arange(mesh.n), np.diff(graph.indptr))
-            inside = held[owner] & held[graph.indices]
+            inside = handle[owner] & handle[graph.indices]
             self.metric = replace(graph, lengths=np.where(inside, INSIDE, 1.0) * graph.lengths)
-            most = max(vertices // EDGE_SHARE, EDGE_SAMPLES)
-            self.first = thinned(graph, self._edge, most)
+            edge = thinned(graph, edge, max(vertices // EDGE_SHARE, EDGE_SAMPLES))
+            self.first = np.concatenate([edge, self._one_of_each(edge)])
+
+    def _one_of_each(self, sampled: np.ndarray) -> np.ndarray:
+        """A vertex of each group of soft handles with none among those to be sampled: its pull needs one."""
+        own, soft = self._handles, ~self._hard
+        groups, first = np.unique(own.group[soft], return_index=True)
+        there = self.number[sampled]
+        missing = ~np.isin(groups, own.group[there[soft[there]]])
+        return own.index[soft][first[missing]]
 
     def sample(self, seed: int | tuple[int, ...]) -> tuple[Remesh, np.ndarray]:
         """Sample M; also return (k,) int64, the handle that each vertex of the proxy is, or -1.
@@ -108,7 +114,7 @@ class HandleRegions:
         return remeshed, self.number[remeshed.samples]
 
     def on_targets(self, V: np.ndarray, targets: np.ndarray) -> np.ndarray:
-        """M' with every handle vertex on its target, and the surface beside regions turned with them.
+        """M' with every hard handle vertex on its target, and the surface beside regions turned with them.
 
         Parameters
         ----------
@@ -125,10 +131,10 @@ class HandleRegions:
             the edge, where its slope is 0, to 0. Handles without a face between them have no
             rotation: ``v' + phi (t_e - v_e')``.
         """
-        if not self.regional:
+        if not self.regional or len(self._index) == 0:
             return V
         moved = V.copy()
-        moved[self._index] = targets
+        moved[self._index] = targets[self._hard]
         own, nearest, phi = self._beside
         offset = moved[nearest] - V[nearest]
         if len(self._inside):
@@ -199,9 +205,12 @@ class HandleRegions:
     def _beside(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Free vertices beside the edges, for each the nearest vertex of an edge, and phi.
 
-        Half-way between two regions phi falls to 0, as the nearest of them changes there.
+        Half-way between two regions phi falls to 0, as the nearest of them changes there, and
+        towards soft handles, which the solver has pulled to where they are.
         """
         graph, held = self.graph, self._held
+        if len(self._edge) == 0:
+            return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0)
         fronts = Fronts(graph, self._edge)
         distance, nearest = fronts.distance, self._edge[fronts.region]
         width = WIDTH * np.sqrt(self._mesh.area) * (self.vertices**-0.5 + graph.n**-0.5)
@@ -213,6 +222,7 @@ class HandleRegions:
         nearest_region = region[nearest]
         owner = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
         between = np.unique(owner[nearest_region[owner] != nearest_region[graph.indices]])
+        between = np.union1d(between, self._handles.index[~self._hard])
         if len(between):
             own_distance, other = distance[own], Fronts(graph, between).distance[own]
             phi = phi * (1 - _fall(other / np.maximum(own_distance, other)))

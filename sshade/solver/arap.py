@@ -2,7 +2,8 @@
 
 The local step fits a rotation R_i to the covariance ``S_i = sum w_ij e_ij e'_ij^T`` of
 each vertex; the global step solves ``L q = b(R)`` with the Laplacian of the rest shape,
-factorised once, and the handle vertices eliminated. Both energies are sums of terms:
+factorised once, and the handle vertices eliminated. A soft handle of stiffness k stays in the
+system, with k on its diagonal entry of L and k times its target in b. Both energies are sums of terms:
 see :mod:`sshade.solver.terms`. Constraints and softening are given to an iteration as
 objects, see :class:`Constraints` and :class:`Softening`; the system knows of neither.
 
@@ -19,6 +20,7 @@ from typing import Protocol
 
 import numpy as np
 from numba import njit
+from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from sshade.errors import InputError
@@ -88,7 +90,7 @@ class Softening(Protocol):
 
 
 class ArapSystem:
-    """Weights, terms and factorised Laplacian of a mesh whose handle vertices are held.
+    """Weights, terms and factorised Laplacian of a mesh whose handle vertices are held or pulled.
 
     Parameters and errors as of :class:`sshade.solver.local_global.LocalGlobal`. All
     arrays of vertices are in an order of its own, a band ordering: the
@@ -103,9 +105,16 @@ class ArapSystem:
         Vertex of the mesh at each place of the order.
     place : (n,) int32
         Place of each vertex of the mesh.
-    held, free : (k,), (n - k,) int
-        Places of the handle vertices, in the order of `index`, and of the others, in the
-        elimination order.
+    hard, soft : (h,), (s,) int64
+        Which of the `index` are held, and which pulled.
+    held, pulled : (h,), (s,) int
+        Places of these.
+    pull : (s,) float64
+        Stiffness of those that are pulled.
+    free : (n - h,) int
+        Places of the vertices that are not held, in the elimination order.
+    free_pulled : (s,) int
+        Where in `free` those are that are pulled.
     terms : Terms
         In the order of their lowest vertices.
     rest : (e,) float64
@@ -114,15 +123,23 @@ class ArapSystem:
         That of the whole mesh; unit length^2.
     """
 
-    def __init__(self, mesh: Mesh, index: np.ndarray, *, energy: Energy) -> None:
+    def __init__(
+        self, mesh: Mesh, index: np.ndarray, *, energy: Energy, stiffness: np.ndarray | None = None
+    ) -> None:
         if energy not in ("spokes", "spokes_and_rims"):
             raise InputError(f"unknown energy {energy!r}; use 'spokes' or 'spokes_and_rims'")
         self.mesh, self.index = mesh, _checked(mesh, index)
         h = half_cotangents(mesh)
         edges, weights = edge_weights(mesh, h)
         laplacian = laplacian_matrix(mesh.n, edges, weights)
+        stiffness = _checked_stiffness(stiffness, len(self.index))
+        self.hard, self.soft = np.flatnonzero(np.isinf(stiffness)), np.flatnonzero(np.isfinite(stiffness))
+        self.pull = stiffness[self.soft]
+        if len(self.soft):
+            soft = self.index[self.soft]
+            laplacian = csr_array(laplacian + coo_array((self.pull, (soft, soft)), shape=laplacian.shape))
         held = np.zeros(mesh.n, dtype=bool)
-        held[self.index] = True
+        held[self.index[self.hard]] = True
         free = np.flatnonzero(~held)
         with ThreadPoolExecutor(max_workers=1) as pool:
             factorised = pool.submit(Factorisation, laplacian[free][:, free])
@@ -138,11 +155,14 @@ class ArapSystem:
             except FloatingPointError as error:  # every component has a handle: it is the mesh
                 raise InputError(
                     "the Laplacian of the rest mesh is not positive definite to rounding, as triangles of "
-                    "nearly no area make it; remesh or remove them"
+                    "nearly no area make it, or weights near 0 where all handles of a component are soft"
                 ) from error
         free = free[self.factorisation.order]
-        self.to_handles = laplacian[free][:, self.index]
-        self.free, self.held = self.place[free], self.place[self.index]
+        self.to_handles = laplacian[free][:, self.index[self.hard]]
+        self.free, self.held = self.place[free], self.place[self.index[self.hard]]
+        position = np.empty(mesh.n, dtype=np.int64)
+        position[free] = np.arange(len(free))
+        self.pulled, self.free_pulled = self.place[self.index[self.soft]], position[self.index[self.soft]]
 
     def _list_terms(self, h: np.ndarray, edges: np.ndarray, weights: np.ndarray, *, energy: Energy) -> None:
         mesh = self.mesh
@@ -160,7 +180,7 @@ class ArapSystem:
         self.chunks = [slice(first, first + 2 * CHUNK) for first in range(0, len(corners), 2 * CHUNK)]
 
     def multiply(self, F: np.ndarray, out: np.ndarray, *, team: ThreadTeam) -> None:
-        """Write the Laplacian of the rest shape times F (n, 3) to `out` (n, 3)."""
+        """Write the Laplacian of the rest shape, with the pull of soft handles, times F (n, 3) to `out`."""
 
         def rows(number: int) -> None:
             _, first, end = self.ranges[number]
@@ -178,7 +198,7 @@ class ArapIteration:
     ----------
     system : ArapSystem
     targets : (k, 3) float64
-        Positions of the handle vertices.
+        Positions of the handle vertices, in the order of the system's `index`.
     team : ThreadTeam
     constraints : Constraints, optional
     softening : Softening, optional
@@ -203,7 +223,9 @@ class ArapIteration:
         n, free = system.mesh.n, len(system.free)
         self.system, self._team = system, team
         self._constraints, self._softening, self.restored = constraints, softening, True
-        self._fixed = -(system.to_handles @ targets)
+        self._fixed = -(system.to_handles @ targets[system.hard])
+        self._towards = targets[system.soft]
+        self._fixed[system.free_pulled] += system.pull[:, None] * self._towards
         self._X, self._directions = (
             np.empty((free, 3)),
             np.empty((constraints.count if constraints else 0, free, 3)),
@@ -241,6 +263,9 @@ class ArapIteration:
                 return softening.energy(s.chunks[number], u, self.R)
 
             energy = sum(self._team(soften, len(s.chunks))) - s.rest_energy
+        if len(s.soft):
+            squares = ((u[s.pulled] - self._towards) ** 2).sum(axis=1)
+            energy += s.terms.corners.shape[1] * float(s.pull @ squares)
         return energy + self._constraints.penalty(u) if self._constraints else energy
 
     def global_step(self, u: np.ndarray, g: np.ndarray) -> None:
@@ -315,6 +340,13 @@ def _checked(mesh: Mesh, index: np.ndarray) -> np.ndarray:
         raise InputError("a handle vertex is given twice")
     mesh.require_handles(index)
     return index
+
+
+def _checked_stiffness(stiffness: np.ndarray | None, k: int) -> np.ndarray:
+    stiffness = np.full(k, np.inf) if stiffness is None else np.asarray(stiffness, dtype=np.float64)
+    if stiffness.shape != (k,) or not (stiffness > 0).all():
+        raise InputError(f"{k} handles need as many stiffnesses above 0, not {stiffness.shape}")
+    return stiffness
 
 
 def _ranges(corners: np.ndarray, n: int) -> list[tuple[slice, int, int]]:

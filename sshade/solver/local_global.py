@@ -35,7 +35,7 @@ class Solution(NamedTuple):
     Attributes
     ----------
     positions : (n, 3) float64
-        The handles are on their targets exactly.
+        Hard handles are on their targets exactly.
     rotations : (n, 3, 3) float64
         The local step at `positions`: det 1, from rest edges to deformed ones.
     iterations : int
@@ -46,7 +46,7 @@ class Solution(NamedTuple):
         That of each iteration.
     energy, energy_initial : float
         After the local steps at `positions` and at the start, with the penalties
-        of weighted constraints; unit length^2. The start fulfils no constraint,
+        of weighted constraints and the pull of soft handles; unit length^2. The start fulfils no constraint,
         so that its energy may be the lower one.
     converged : bool
     rejected : int
@@ -92,6 +92,8 @@ class LocalGlobal:
         with raw cotangents: ``sum_i sum_{ij} w_ij |e'_ij - R_i e_ij|^2``, and
         ``sum_i sum_{t at i} sum_{kl in t} h_t(kl) |e'_kl - R_i e_kl|^2``. The
         first can be negative where angles are obtuse.
+    stiffness : (k,) float64, optional
+        Of soft handles, see :attr:`sshade.Handles.stiffness`; by default inf, which is a hard one.
 
     Raises
     ------
@@ -100,8 +102,15 @@ class LocalGlobal:
         leave a component free, or a Laplacian that is not positive definite to rounding.
     """
 
-    def __init__(self, mesh: Mesh, index: np.ndarray, *, energy: Energy = "spokes_and_rims") -> None:
-        self.system = ArapSystem(mesh, index, energy=energy)
+    def __init__(
+        self,
+        mesh: Mesh,
+        index: np.ndarray,
+        *,
+        energy: Energy = "spokes_and_rims",
+        stiffness: np.ndarray | None = None,
+    ) -> None:
+        self.system = ArapSystem(mesh, index, energy=energy, stiffness=stiffness)
         self.mesh, self.index = mesh, self.system.index
         self._components = Components(mesh, self.system.place)
 
@@ -134,7 +143,7 @@ class LocalGlobal:
         targets : (k, 3) float64
             Positions of the handle vertices, in the order of `index`.
         start : (n, 3) float64, optional
-            Where to begin, by default the rest shape; handles go to their targets first.
+            Where to begin, by default the rest shape; hard handles go to their targets first.
         rotations : (n, 3, 3) float64, optional
             Those of an earlier solution near `start`: from there the first local
             step is as quick as the others, and it ends in the same rotations.
@@ -179,7 +188,7 @@ class LocalGlobal:
         with ThreadTeam(workers) as team:
             iteration = ArapIteration(
                 system,
-                u[system.held],
+                targets - self.mesh.origin,
                 team=team,
                 constraints=self._components.held(held, corners=system.terms.corners.shape[1]),
                 softening=softening.of(system.terms, system.rest),
@@ -217,7 +226,7 @@ class LocalGlobal:
         Parameters
         ----------
         positions : (n, 3) float64
-            Near a shape that fulfils them. Handles stay.
+            Near a shape that fulfils them. Hard handles stay.
         volume, area : float
             Weights; only inf matters.
         workers : int
@@ -236,19 +245,21 @@ class LocalGlobal:
         system, u = self.system, self._to_system(positions, targets)
         held = self._components.held(VolumeArea(volume, area), corners=system.terms.corners.shape[1])
         with ThreadTeam(workers) as team:
-            ArapIteration(system, u[system.held], team=team, constraints=held).project(u)
+            around = targets - self.mesh.origin
+            ArapIteration(system, around, team=team, constraints=held).project(u)
         return self._from_system(u, targets)
 
     def _to_system(self, positions: np.ndarray, targets: np.ndarray) -> np.ndarray:
-        """(n, 3) in the system's order, about the mesh's origin, handles on their targets."""
+        """(n, 3) in the system's order, about the mesh's origin, hard handles on their targets."""
         u = positions[self.system.vertex] - self.mesh.origin
-        u[self.system.held] = targets - self.mesh.origin
+        u[self.system.held] = targets[self.system.hard] - self.mesh.origin
         return u
 
     def _from_system(self, u: np.ndarray, targets: np.ndarray) -> np.ndarray:
         positions = np.empty_like(u)
         positions[self.system.vertex] = u + self.mesh.origin
-        positions[self.index] = targets
+        hard = self.system.hard
+        positions[self.index[hard]] = targets[hard]
         return positions
 
     def _checked_positions(self, targets, start) -> tuple[np.ndarray, np.ndarray]:
@@ -308,7 +319,7 @@ def local_global(
     begin = perf_counter()
     solver_options = complete(options)
     guess = initial_guess(task, solver_options["start"])
-    solver = LocalGlobal(task.mesh, task.handles.index, energy=energy)
+    solver = LocalGlobal(task.mesh, task.handles.index, energy=energy, stiffness=task.handles.stiffness)
     precomputed = perf_counter()
     solution = solver.solve(
         task.handles.target,

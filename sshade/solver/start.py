@@ -11,14 +11,14 @@ from sshade.task import DeformationTask
 
 
 def initial_guess(task: DeformationTask, start: Start) -> np.ndarray:
-    """The rest shape, or its best rigid motion, with the handles on their targets.
+    """The rest shape, or its best rigid motion, with the hard handles on their targets.
 
     Parameters
     ----------
     task : DeformationTask
     start : {"rest", "rigid"}
         ``rigid`` applies the rotation and translation that best carry the
-        handles to their targets. The task's own guess, if it has one, takes
+        handles to their targets, weighted where all are soft. The task's own guess, if it has one, takes
         the place of either.
 
     Returns
@@ -38,7 +38,9 @@ def initial_guess(task: DeformationTask, start: Start) -> np.ndarray:
     elif start == "rest":
         U = V.copy()
     else:
-        R, t = rigid_motion(V[handles.index], handles.target)
+        # Soft handles alone: as little as they may pull, of all rigid motions this is the minimum.
+        weights = None if handles.hard.any() else handles.stiffness
+        R, t = rigid_motion(V[handles.index], handles.target, weights=weights)
         U = V @ R.T + t
-    U[handles.index] = handles.target
+    U[handles.index[handles.hard]] = handles.target[handles.hard]
     return U

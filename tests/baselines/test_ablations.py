@@ -91,7 +91,7 @@ def test_the_sample_of_a_handles_region_gets_its_motion_and_a_mean_of_several(bo
     index = np.flatnonzero(np.isin(result.region, [3, 4]))
     turn, shift = rotation(8), np.array([1.0, 0, 2])
     task = DeformationTask("rigid", body, Handles(index, body.V[index] @ turn.T + shift))
-    regions = HandleRegions(body, index, vertices=40, graph=vertex_graph(body))
+    regions = HandleRegions(body, Handles(index, body.V[index]), vertices=40, graph=vertex_graph(body))
     remeshed, handles = sample_nearest_to_handles(task, regions, (2, 0))
     assert isinstance(remeshed, Remesh) and np.array_equal(remeshed.samples, result.samples)
     assert handles.index.tolist() == [3, 4] and handles.merged == len(index) - 2

@@ -136,7 +136,7 @@ def test_few_handles_are_sampled_as_ever(task):
     """Bit for bit: none is in a region, though some of them have handles around them only."""
     mesh, graph = task.mesh, vertex_graph(task.mesh)
     index = np.random.default_rng(1).permutation(mesh.n)[:250]
-    regions = HandleRegions(mesh, index, vertices=VERTICES, graph=graph)
+    regions = HandleRegions(mesh, Handles(index, mesh.V[index]), vertices=VERTICES, graph=graph)
     assert not regions.regional and regions.metric is graph
     remeshed, handle = regions.sample((0, 0))
     plain = remesh(mesh, VERTICES, first=index, seed=(0, 0))
@@ -148,7 +148,7 @@ def test_few_handles_are_sampled_as_ever(task):
 
 def test_samples_go_to_the_free_part(task):
     graph, index = vertex_graph(task.mesh), task.handles.index
-    regions = HandleRegions(task.mesh, index, vertices=2000, graph=graph)
+    regions = HandleRegions(task.mesh, Handles(index, task.mesh.V[index]), vertices=2000, graph=graph)
     remeshed, handle = regions.sample(0)
     edge, on = edge_vertices(task.mesh, index), handle >= 0
     assert np.array_equal(index[handle[on]], remeshed.samples[on])
@@ -244,6 +244,6 @@ def test_too_few_samples_for_the_edges_and_handles_given_twice_are_refused(task)
     with pytest.raises(InputError, match="50 proxy vertices cannot hold"):
         sshade_fast(task, vertices=50)
     with pytest.raises(InputError, match="given twice"):
-        HandleRegions(task.mesh, np.array([1, 1]), vertices=100, graph=vertex_graph(task.mesh))
+        Deformer(task.mesh, [1, 1], vertices=100)
     with pytest.raises(InputError, match="need targets of shape"):
         Deformer(task.mesh, task.handles.index, vertices=VERTICES)(task.handles.target[:5])

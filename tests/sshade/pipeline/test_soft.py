@@ -1,0 +1,179 @@
+"""Soft handles from end to end: methods, regions, components, the bound mesh, files, refusals."""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+
+import numpy as np
+import pytest
+
+from baselines.ablations import sshade_ablated
+from baselines.arap import arap
+from baselines.arap_sr.arap_sr import arap_sr
+from baselines.deformation_graph.deformation_graph import deformation_graph
+from baselines.identity import identity
+from sshade import DeformationTask, Deformer, Handles, InputError, Mesh, deform
+from sshade.cli.main import main
+from sshade.io.handles import read_handles, write_handles
+from sshade.io.meshes import read_arrays, write_mesh
+from sshade.pipeline.deform import METHODS
+from sshade.solver.local_global import local_global
+from tests.shapes import bumpy, rotation
+from tests.sshade.pipeline.test_components import beside
+
+BODY = bumpy(4)
+ORDER = np.argsort(BODY.V[:, 2], kind="stable")
+LOW, HIGH = ORDER[:20], ORDER[-20:]
+#: Half the vertices: regions, which proxies thin.
+REGIONS = np.r_[ORDER[: BODY.n // 4], ORDER[-BODY.n // 4 :]]
+
+
+def task_of(weight, *, index=None, lift=(0.3, 0.0, 0.2), mesh=BODY) -> DeformationTask:
+    """The lower handles held, the upper ones pulled by `weight`."""
+    index = np.r_[LOW, HIGH] if index is None else index
+    upper = mesh.V[index, 2] > 0
+    target = mesh.V[index] + np.where(upper[:, None], lift, 0)
+    weights = np.where(upper, weight, np.inf)
+    return DeformationTask("soft", mesh, Handles(index, target, group=upper, weight=weights))
+
+
+def followed(task: DeformationTask, V: np.ndarray) -> float:
+    """How far the soft handles went of their way, in the mean."""
+    own, soft = task.handles, ~task.handles.hard
+    way = own.target[soft] - task.mesh.V[own.index[soft]]
+    gone = V[own.index[soft]] - task.mesh.V[own.index[soft]]
+    return float((gone * way).sum() / (way * way).sum())
+
+
+@pytest.mark.parametrize("index", [None, REGIONS], ids=["landmarks", "regions"])
+@pytest.mark.parametrize("name", METHODS)
+def test_methods_pull_soft_handles_as_far_as_the_minimum_at_full_resolution_does(name, index):
+    """Unconstrained and without softening, where the minimum of all of them is one."""
+    same = {} if name == "paper" else {"volume": 0.0, "area": 0.0, "stiffness": 1.0}
+    if name == "fine":
+        same["polish_iterations"] = 300
+    gone = {}
+    for weight in (0.05, 0.5, 1e6):
+        task = task_of(weight, index=index)
+        result = METHODS[name](task, vertices=600, **same)
+        own, V = task.handles, result.vertices
+        reference = local_global(task, start="rigid", tolerance=1e-6).vertices
+        gone[weight] = followed(task, V)
+        assert gone[weight] == pytest.approx(followed(task, reference), abs=0.01 if name == "fine" else 0.08)
+        gap = np.linalg.norm(V[own.index[own.hard]] - own.target[own.hard], axis=1).max()
+        assert gap < 1e-2 * BODY.diagonal if name == "paper" and index is None else gap < 1e-9
+    assert 0.05 < gone[0.05] < gone[0.5] - 0.05 < gone[1e6] == pytest.approx(1, abs=2e-2)
+
+
+@pytest.mark.parametrize("name", ["fast", "fine"])
+def test_with_no_weight_to_speak_of_the_rest_shape_moves_rigidly(name):
+    index = np.r_[LOW, HIGH]
+    target = BODY.V[index] @ rotation(3).T + np.where(index[:, None] == HIGH[0], [0.1, 0, 0], [1.0, 0, 0])
+    handles = Handles(index, target, weight=1e-6)
+    V = METHODS[name](DeformationTask("light", BODY, handles), vertices=600).vertices
+    ends = BODY.edges
+    rest, after = (np.linalg.norm(P[ends[:, 0]] - P[ends[:, 1]], axis=1) for P in (BODY.V, V))
+    assert np.abs(after / rest - 1).max() < 1e-3
+    assert np.linalg.norm(V[index] - target, axis=1).max() > 1e-2
+
+
+def test_heavy_handles_are_hard_ones():
+    """All of them soft: no vertex is held, and none is put on its target in the end."""
+    for name in ("fast", "fine"):
+        # Beside regions that are hard the surface turns with them in the end.
+        for index, close in ((np.r_[LOW, HIGH], 1e-4), (REGIONS, 3e-3)):
+            target = BODY.V[index] + np.where(BODY.V[index, 2:] > 0, [0.3, 0, 0.2], 0)
+            ends = [deform(BODY, index, target, method=name, vertices=600, weight=w).V for w in (1e7, np.inf)]
+            gap = np.linalg.norm(ends[0] - ends[1], axis=1)
+            assert gap.mean() < close * BODY.diagonal
+    assert np.abs(ends[0][index] - target).max() > 1e-9
+
+
+def test_a_fit_to_targets_at_every_vertex_is_taken():
+    """Registration: the more weight, the nearer; with more handles than proxy vertices."""
+    target = BODY.V * [1.1, 1.0, 0.95] + 0.05 * np.sin(3 * BODY.V[:, [1, 2, 0]])
+    free = {"volume": 0.0, "area": 0.0, "vertices": 500}
+    gaps = []
+    for weight in (1.0, 100.0):
+        moved = deform(BODY, np.arange(BODY.n), target, weight=weight, **free)
+        gaps.append(np.linalg.norm(moved.V - target, axis=1).mean() / BODY.diagonal)
+    assert gaps[1] < 0.3 * gaps[0] and gaps[1] < 4e-3
+
+
+def test_a_small_group_beside_large_regions_keeps_its_pull():
+    """One vertex of 320 that are sampled thinly: its group has a vertex of the proxy all the same."""
+    tip = np.argmax(BODY.V[:, 0])
+    index = np.r_[np.setdiff1d(REGIONS, tip), tip]
+    target = np.concatenate([BODY.V[index[:-1]], BODY.V[[tip]] + [0.4, 0, 0]])
+    group = np.r_[np.zeros(len(index) - 1, dtype=int), 1]
+    for weight in (1e4, [*np.full(len(index) - 1, np.inf), 1e4]):
+        task = DeformationTask("tip", BODY, Handles(index, target, group=group, weight=weight))
+        V = METHODS["fast"](task, vertices=400, volume=0.0, area=0.0).vertices
+        assert V[tip, 0] - BODY.V[tip, 0] > 0.35
+
+
+def test_components_share_a_group_and_keep_its_stiffness():
+    """Two bodies far apart, of which each has half of each group: as one with the weight halved."""
+    own = task_of(1.0).handles
+    both = beside(BODY, Mesh(BODY.V + 50, BODY.F))
+    pair = Handles(
+        np.r_[own.index, own.index + BODY.n],
+        np.concatenate([own.target, own.target + 50]),
+        group=np.r_[own.group, own.group],
+        weight=np.r_[own.weight, own.weight],
+    )
+    joint = METHODS["fast"](DeformationTask("pair", both, pair), vertices=1200).vertices
+    alone = METHODS["fast"](task_of(0.5), vertices=joint.shape[0] // 8).vertices
+    assert followed(task_of(0.5), joint[: BODY.n]) == pytest.approx(followed(task_of(0.5), alone), abs=0.02)
+
+
+def test_a_bound_mesh_pulls_soft_handles():
+    task = task_of(0.5)
+    options = {"vertices": 600, "samplings": 2}
+    drag = Deformer(BODY, task.handles.index, weight=task.handles.weight, **options)
+    first = drag(task.handles.target).vertices
+    # Whose handles are one group there, as here.
+    one = Handles(task.handles.index, task.handles.target, weight=task.handles.weight)
+    expected = METHODS["paper"](DeformationTask("one", BODY, one), **options).vertices
+    assert np.array_equal(first, expected)
+    assert 0.1 < followed(task, first) < 0.95
+
+
+@pytest.mark.parametrize(
+    "method",
+    [arap, arap_sr, deformation_graph, identity, partial(sshade_ablated, handle_mode="nearest", vertices=99)],
+)
+def test_methods_that_hold_handles_refuse_soft_ones(method):
+    with pytest.raises(InputError, match="takes no soft handles"):
+        method(task_of(1.0))
+
+
+def test_weights_in_files_and_on_the_command_line(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_mesh("body.ply", BODY.V, BODY.F)
+    own = task_of(0.5).handles
+    write_handles("pose.json", own)
+    again = read_handles("pose.json", BODY)
+    order = np.argsort(own.index), np.argsort(again.index)
+    assert np.array_equal(own.weight[order[0]], again.weight[order[1]])
+    assert np.array_equal(own.target[order[0]], again.target[order[1]])
+
+    def run(*more):
+        assert main(["deform", "body.ply", "pose.json", "-o", "out.ply", "--vertices", "600", *more]) == 0
+        return followed(task_of(0.5), read_arrays("out.ply")[0])
+
+    expected = followed(task_of(0.5), METHODS["fast"](task_of(0.5), vertices=600).vertices)
+    assert run() == pytest.approx(expected, abs=1e-6)
+    write_handles("pose.json", task_of(np.inf).handles)
+    assert run() == pytest.approx(1) and 0.1 < run("--weight", "0.5") < 0.95
+    entry = {"source": BODY.V[HIGH].tolist(), "target": (BODY.V[HIGH] + 0.1).tolist(), "weight": 3}
+    path = tmp_path / "by_place.json"
+    path.write_text(json.dumps({"handles": [entry]}))
+    assert np.array_equal(read_handles(path, BODY).weight, np.full(20, 3.0))
+    for weight in (0, -1, "heavy", True, float("nan")):
+        path.write_text(json.dumps({"handles": [{**entry, "weight": weight}]}))
+        with pytest.raises(InputError, match='entry 0: "weight" must be a number above 0'):
+            read_handles(path, BODY)
+    assert main(["deform", "body.ply", "pose.json", "-o", "out.ply", "--weight", "-1"]) == 2
+    assert "goes from above 0 to inf" in capsys.readouterr().err
