@@ -223,10 +223,10 @@ class Handles:
         The stored positions need not be vertices of `mesh`, so a target is
         corrected for the offset: a static handle stays where its vertex is; a
         dynamic one goes to ``t_i + R (p_i - s_i)``, with s_i and t_i the stored
-        positions, p_i the vertex, and R the rotation that best carries the
-        sources of its group to their targets (Kabsch). Handles of a group that
-        share a vertex are merged: the mean of their targets, the largest of their weights, the rotation
-        of the first.
+        positions, p_i the vertex, and R the rotation that is prescribed for it, or else
+        the one that best carries the sources of its group to their targets (Kabsch). Handles of a
+        group that share a vertex are merged: the mean of their targets, the largest of their weights,
+        the rotation of the first.
 
         Parameters
         ----------
@@ -269,8 +269,14 @@ class Handles:
         moved = target.copy()
         if not raw:
             moved[~dynamic] = mesh.V[index[~dynamic]]
-            for g in np.unique(group[dynamic]):
-                own = dynamic & (group == g)
+            turned = np.zeros(k, dtype=bool)
+            if rotation is not None:
+                rotation = _checked_rotation(rotation, k)
+                turned = dynamic & np.isfinite(rotation).all(axis=(1, 2))
+                offset = mesh.V[index[turned]] - source[turned]
+                moved[turned] += np.einsum("iab,ib->ia", rotation[turned], offset)
+            for g in np.unique(group[dynamic & ~turned]):
+                own = dynamic & ~turned & (group == g)
                 R, _ = rigid_motion(source[own], target[own])
                 moved[own] += (mesh.V[index[own]] - source[own]) @ R.T
 
@@ -357,7 +363,7 @@ def _checked_rotation(rotation: Any, k: int) -> np.ndarray:
 def require_rotations(R: np.ndarray) -> None:
     """Raise InputError unless matrices (j, 3, 3) are orthonormal, to :data:`ROTATION`, and right-handed."""
     off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0)
-    wrong = ~((off <= ROTATION) & (np.linalg.det(R) > 0))
+    wrong = ~((off <= ROTATION) & (np.linalg.det(np.nan_to_num(R)) > 0))
     if wrong.any():
         raise InputError(
             f"matrix {int(np.argmax(wrong))} is no rotation: its rows must be orthonormal and right-handed"

@@ -119,7 +119,7 @@ def deformation_graph(
     V = np.empty((mesh.n, 3))
     _blend(mesh.V, bound.node, bound.weight, coarse.P, q, R, V)
     missed = np.linalg.norm(V[handles.index] - handles.target, axis=1)
-    V = regions.on_targets(V, handles.target)
+    V = regions.on_targets(V, handles)
     V[handles.index] = handles.target
     return DeformationResult(
         vertices=V,

@@ -183,7 +183,8 @@ def _deform(arguments: argparse.Namespace) -> None:
 
     Handles are vertex ids, positions on the mesh (snapped to the nearest vertices), or regions: all
     vertices in some boxes (lowest and highest corner), which go to R v + t. Those with a weight are soft:
-    they are pulled to their targets, with 1 about as strongly as the surface around holds them.
+    they are pulled to their targets, with 1 about as strongly as the surface around holds them. A rotation, a
+    matrix or a quaternion [x, y, z, w] as in glTF, says how the surface turns at handles beside boxes.
     The output is the file of the input with other positions and normals: texture coordinates, colours,
     materials, groups, polygons and all else stay, where OUT is of the same format. Vertices that stand
     twice along a seam move as one. Components are deformed each on its own, with its own handles.

@@ -40,6 +40,7 @@ def deform(
     *given: Any,
     method: str | Callable[..., DeformationResult] = "fast",
     weight: np.ndarray | float | None = None,
+    rotations: np.ndarray | None = None,
     carry_unconstrained: bool = False,
     **options: Any,
 ) -> Any:
@@ -80,6 +81,9 @@ def deform(
         Of soft handles, which are pulled to their targets with it, all of one weight together; inf, the
         default, holds them there. 1 is about as strong as the surface, at any size and resolution:
         see :class:`sshade.Handles`. `fast`, `fine` and `paper` take soft handles.
+    rotations : (k, 3, 3) or (3, 3) float64, optional
+        How the surface turns at the handles, or at all of them; NaN where that is open. A vertex turns as
+        much of the surface as is nearer to it than to other vertices of the proxy. Of the same methods.
     carry_unconstrained : bool
         Components without a handle move rigidly with the nearest one, instead of being refused.
         Of a task, which says these things itself, leave them out.
@@ -109,7 +113,7 @@ def deform(
     run = _method(method)
     if isinstance(shape, DeformationTask):
         _expect(given, "a task", 0)
-        if weight is not None or carry_unconstrained:
+        if weight is not None or rotations is not None or carry_unconstrained:
             raise TypeError("a task says itself how its handles are held and what is carried")
         return run(shape, **options)
     if isinstance(shape, Mesh):
@@ -122,7 +126,10 @@ def deform(
         F, b, bc = _expect(given, "vertices", 3)
         V = np.asarray(shape, dtype=np.float64)
     whole = surface(V, F)
-    handles = _on(whole.vertex, Handles(b, bc, weight=weight))  # type: ignore[arg-type]
+    if rotations is not None and np.ndim(rotations) == 2:
+        rotations = np.broadcast_to(rotations, (len(b), *np.shape(rotations)))
+    given_handles = Handles(b, bc, weight=weight, rotation=rotations)  # type: ignore[arg-type]
+    handles = _on(whole.vertex, given_handles)
     task = DeformationTask("mesh", whole.mesh, handles, carry_unconstrained=carry_unconstrained)
     moved = whole.placed(V, run(task, **options).vertices)
     if isinstance(shape, Mesh):

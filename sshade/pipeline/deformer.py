@@ -19,6 +19,16 @@ from sshade.task import DeformationResult, DeformationTask, Handles, Progress, s
 from sshade.threads import in_threads
 
 
+def _known_of(handles: Handles, own: np.ndarray, on: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """The rotations of those handles that are vertices `on` (s,) of a proxy, by their number `own` (s,)."""
+    if handles.rotation is None:
+        return None
+    known = Handles(on, handles.target[own], rotation=handles.rotation[own]).known
+    if handles.known and not known:
+        raise InputError("no handle with a rotation is a vertex of the proxy; ask for more vertices")
+    return known
+
+
 class Deformer:
     """A mesh bound to its proxies, with everything that does not depend on the targets.
 
@@ -90,8 +100,8 @@ class Deformer:
         self._handles = [handle for _, _, handle in made]  # of the index, those on each proxy
         self.reset()
 
-    def _task(self, targets: np.ndarray) -> DeformationTask:
-        handles = Handles(self.index, targets, weight=np.asarray(self._weight))
+    def _task(self, targets: np.ndarray, rotation: np.ndarray | None = None) -> DeformationTask:
+        handles = Handles(self.index, targets, weight=np.asarray(self._weight), rotation=rotation)
         return DeformationTask("drag", self.mesh, handles)
 
     def reset(self) -> None:
@@ -99,7 +109,12 @@ class Deformer:
         self._start: list[dict[str, Any]] = [{} for _ in self.solvers]
 
     def __call__(
-        self, targets: np.ndarray, *, tolerance: float = 1e-5, max_iterations: int = 1000
+        self,
+        targets: np.ndarray,
+        *,
+        rotations: np.ndarray | None = None,
+        tolerance: float = 1e-5,
+        max_iterations: int = 1000,
     ) -> DeformationResult:
         """Deform for new targets of the same handles, from where the last call ended.
 
@@ -107,6 +122,8 @@ class Deformer:
         ----------
         targets : (h, 3) float64
             In the order of `index`.
+        rotations : (h, 3, 3) float64, optional
+            Of the handles, NaN where open; see :class:`sshade.Handles`.
         tolerance : float
             Residual, relative to the proxy's diagonal, under which iteration stops.
         max_iterations : int
@@ -126,11 +143,14 @@ class Deformer:
             raise InputError(
                 f"{len(self.index)} handles need targets of shape ({len(self.index)}, 3), not {targets.shape}"
             )
+        handles = self._task(targets, rotations).handles
         ends: list[dict[str, Any]] = [{} for _ in self.solvers]
 
         def one_sampling(number: int) -> DeformationResult:
-            solution = self.solvers[number].solve(
-                targets[self._handles[number]],
+            solver, own = self.solvers[number], self._handles[number]
+            solution = solver.solve(
+                targets[own],
+                known=_known_of(handles, own, solver.index),
                 tolerance=tolerance,
                 max_iterations=max_iterations,
                 **self._start[number],
@@ -146,5 +166,5 @@ class Deformer:
 
         result = self._proxies.average(one_sampling)
         self._start = ends
-        V = self._regions.on_targets(result.vertices, targets)
+        V = self._regions.on_targets(result.vertices, handles)
         return replace(result, vertices=V, seconds={"total": perf_counter() - begin})

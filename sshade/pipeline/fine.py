@@ -13,6 +13,7 @@ from sshade.mesh.adjacency import vertex_graph
 from sshade.pipeline.components import each_component
 from sshade.pipeline.fast import STIFFNESS, STRAIN, sshade_fast
 from sshade.pipeline.regions import AREA, HandleRegions, all_on_targets, has_regions
+from sshade.sampling.fronts import Fronts
 from sshade.solver.local_global import LocalGlobal, Solution
 from sshade.solver.options import SolverOptions, complete, energy_options
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
@@ -87,6 +88,7 @@ def sshade_fine(
         solver, precompute = bound.result()
     ready = perf_counter()
     energy: dict[str, Any] = {**energy_options(own), "workers": workers}
+    energy["known"] = _around(task, samples=proxy.extra["samples"])
     solution = solver.solve(
         task.handles.target,
         start=proxy.vertices,
@@ -101,7 +103,7 @@ def sshade_fine(
     if regional:
         graph = vertex_graph(task.mesh)
         regions = HandleRegions(task.mesh, task.handles, vertices=facts["samples"], graph=graph)
-        turned = regions.on_targets(solution.positions, task.handles.target)
+        turned = regions.on_targets(solution.positions, task.handles)
         solution = _moved(solver, solution, turned, task.handles.target, energy)
     seconds = {
         "proxy": arrived - begin,
@@ -122,6 +124,21 @@ def _bind(task: DeformationTask) -> tuple[LocalGlobal, float]:
     begin = perf_counter()
     own = task.handles
     return LocalGlobal(task.mesh, own.index, stiffness=own.stiffness), perf_counter() - begin
+
+
+def _around(task: DeformationTask, *, samples: int) -> tuple[np.ndarray, np.ndarray] | None:
+    """The rotations of handles, known within the reach of a sample: the radius of a disc of its area.
+
+    A proxy's vertex turns as much of the surface as is its own. At full resolution the handle's vertex
+    alone would turn next to nothing.
+    """
+    known = task.handles.known
+    if known is None:
+        return None
+    vertex, R = known
+    fronts = Fronts(vertex_graph(task.mesh), vertex)
+    near = np.flatnonzero(fronts.distance <= np.sqrt(task.mesh.area / (np.pi * samples)))
+    return near, R[fronts.region[near]]
 
 
 def _moved(

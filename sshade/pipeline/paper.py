@@ -168,5 +168,5 @@ def sshade(
 
     # 5. Average the M' of k samplings.
     mean = proxies.average(first_shared if warm_start else one_sampling)
-    V = regions.on_targets(mean.vertices, task.handles.target)
+    V = regions.on_targets(mean.vertices, task.handles)
     return replace(mean, vertices=regions.keep_volume(V) if keep_volume else V)

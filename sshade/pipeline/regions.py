@@ -95,12 +95,16 @@ class HandleRegions:
             self.first = np.concatenate([edge, self._one_of_each(edge)])
 
     def _one_of_each(self, sampled: np.ndarray) -> np.ndarray:
-        """A vertex of each group of soft handles with none among those to be sampled: its pull needs one."""
-        own, soft = self._handles, ~self._hard
-        groups, first = np.unique(own.group[soft], return_index=True)
-        there = self.number[sampled]
-        missing = ~np.isin(groups, own.group[there[soft[there]]])
-        return own.index[soft][first[missing]]
+        """A vertex of each group of soft, and of turned handles that has none yet, for their effect."""
+        own, there, found = self._handles, self.number[sampled], []
+        turned = np.zeros(len(own), dtype=bool)
+        if own.rotation is not None:
+            turned = np.isfinite(own.rotation).all(axis=(1, 2))
+        for kind in (~self._hard, turned):
+            groups, first = np.unique(own.group[kind], return_index=True)
+            missing = ~np.isin(groups, own.group[there[kind[there]]])
+            found.append(own.index[kind][first[missing]])
+        return np.union1d(*found)
 
     def sample(self, seed: int | tuple[int, ...]) -> tuple[Remesh, np.ndarray]:
         """Sample M; also return (k,) int64, the handle that each vertex of the proxy is, or -1.
@@ -113,35 +117,35 @@ class HandleRegions:
         remeshed = remesh(self._mesh, self.vertices, first=self.first, seed=seed, graph=self.metric)
         return remeshed, self.number[remeshed.samples]
 
-    def on_targets(self, V: np.ndarray, targets: np.ndarray) -> np.ndarray:
+    def on_targets(self, V: np.ndarray, handles: Handles) -> np.ndarray:
         """M' with every hard handle vertex on its target, and the surface beside regions turned with them.
 
         Parameters
         ----------
         V : (n, 3) float64
             M' as carried.
-        targets : (h, 3) float64
-            In the order of the handle vertices.
+        handles : Handles
+            Those given, at their targets, with their rotations.
 
         Returns
         -------
         (n, 3) float64
             ``(1 - phi) v' + phi (t_e + R_e (v - v_e))``, with v_e the vertex of an edge that is
             nearest to v, t_e its target, R_e the rotation of the region there, and phi from 1 at
-            the edge, where its slope is 0, to 0. Handles without a face between them have no
-            rotation: ``v' + phi (t_e - v_e')``.
+            the edge, where its slope is 0, to 0. R_e is prescribed for the handle, or that of the faces
+            between handles; those without either have none: ``v' + phi (t_e - v_e')``.
         """
         if not self.regional or len(self._index) == 0:
             return V
         moved = V.copy()
-        moved[self._index] = targets[self._hard]
+        moved[self._index] = handles.target[self._hard]
         own, nearest, phi = self._beside
+        R, turns = self._rotations(moved, handles)
         offset = moved[nearest] - V[nearest]
-        if len(self._inside):
-            R, turns = self._rotations(moved), self._turns[nearest]
-            e = nearest[turns]
-            rest = self._mesh.V[own[turns]] - self._mesh.V[e]
-            offset[turns] = np.einsum("ijk,ik->ij", R[e], rest) + moved[e] - V[own[turns]]
+        own_turns = turns[nearest]
+        e, turning = nearest[own_turns], own[own_turns]
+        rest = self._mesh.V[turning] - self._mesh.V[e]
+        offset[own_turns] = np.einsum("ijk,ik->ij", R[e], rest) + moved[e] - V[turning]
         moved[own] += phi[:, None] * offset
         return moved
 
@@ -173,12 +177,15 @@ class HandleRegions:
             shift = float(np.clip(shift + lacking / slope, -most, most))
         return V + shift * Z
 
-    def _rotations(self, moved: np.ndarray) -> np.ndarray:
-        """(n, 3, 3) rotations of the regions at the vertices of their edges."""
-        vertex, maps = self._maps
-        R = np.empty((self._mesh.n, 3, 3))
-        R[vertex] = nearest_rotations(maps(moved[vertex])[0])
-        return R
+    def _rotations(self, moved: np.ndarray, handles: Handles) -> tuple[np.ndarray, np.ndarray]:
+        """(n, 3, 3) rotations of the regions at vertices of their edges, and (n,) bool which have one."""
+        R, turns = np.empty((self._mesh.n, 3, 3)), np.zeros(self._mesh.n, dtype=bool)
+        if len(self._inside):
+            vertex, maps = self._maps
+            R[vertex], turns[vertex] = nearest_rotations(maps(moved[vertex])[0]), True
+        if known := handles.known:
+            R[known[0]], turns[known[0]] = known[1], True
+        return R, turns
 
     @cached_property
     def _inside(self) -> np.ndarray:
@@ -187,13 +194,6 @@ class HandleRegions:
         at_edge[self._edge] = True
         F = self._mesh.F[at_edge[self._mesh.F].any(axis=1)]
         return F[self._held[F].all(axis=1)]
-
-    @cached_property
-    def _turns(self) -> np.ndarray:
-        """(n,) bool: the vertices with such a face."""
-        turns = np.zeros(self._mesh.n, dtype=bool)
-        turns[self._inside] = True
-        return turns
 
     @cached_property
     def _maps(self) -> tuple[np.ndarray, VertexMaps]:

@@ -202,6 +202,8 @@ class ArapIteration:
     team : ThreadTeam
     constraints : Constraints, optional
     softening : Softening, optional
+    known : ((j,) int, (j, 3, 3) float64), optional
+        Vertices of the mesh, each once, whose rotations are given and not fitted, and these.
 
     Attributes
     ----------
@@ -219,6 +221,7 @@ class ArapIteration:
         team: ThreadTeam,
         constraints: Constraints | None = None,
         softening: Softening | None = None,
+        known: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> None:
         n, free = system.mesh.n, len(system.free)
         self.system, self._team = system, team
@@ -232,6 +235,9 @@ class ArapIteration:
         )
         self._Q, self.R, self._B = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), np.empty((n, 9)), np.empty((n, 3))
         self._forces = np.empty((n if constraints else 0, 3))
+        vertex, rotations = known or (np.empty(0, dtype=np.int64), np.empty((0, 3, 3)))
+        order = np.argsort(system.place[vertex])
+        self._known = system.place[vertex][order], np.array(rotations, dtype=np.float64)[order]
 
     def begin_with(self, rotations: np.ndarray) -> None:
         """Begin the search for rotations at those (n, 3, 3) of the mesh's vertices."""
@@ -254,7 +260,7 @@ class ArapIteration:
                 energy = covariances(s.terms.part(own), u, self.R, first, end)
             else:
                 energy = softening.covariances(own, u, self.R, first, end)
-            return energy - 2.0 * fit_rotations(self.R[first:end], self._Q[first:end])
+            return energy - 2.0 * self._fit(first, end)
 
         energy = sum(self._team(fit, len(s.ranges)))
         if softening is not None:
@@ -267,6 +273,19 @@ class ArapIteration:
             squares = ((u[s.pulled] - self._towards) ** 2).sum(axis=1)
             energy += s.terms.corners.shape[1] * float(s.pull @ squares)
         return energy + self._constraints.penalty(u) if self._constraints else energy
+
+    def _fit(self, first: int, end: int) -> float:
+        """Replace covariances S of a range in R by rotations, fitted or known; return ``sum tr(R S)``."""
+        place, rotations = self._known
+        own = slice(*np.searchsorted(place, (first, end)))
+        known, given = place[own], rotations[own]
+        S = self.R[known].reshape(-1, 3, 3)
+        total = fit_rotations(self.R[first:end], self._Q[first:end])
+        if len(known):
+            fitted = self.R[known].reshape(-1, 3, 3)
+            total += float(np.einsum("iab,iba->", given - fitted, S))
+            self.R[known] = given.reshape(-1, 9)
+        return total
 
     def global_step(self, u: np.ndarray, g: np.ndarray) -> None:
         """Write to g (n, 3) the best positions for the rotations, near u (n, 3) as for the constraints."""

@@ -37,7 +37,7 @@ class Solution(NamedTuple):
     positions : (n, 3) float64
         Hard handles are on their targets exactly.
     rotations : (n, 3, 3) float64
-        The local step at `positions`: det 1, from rest edges to deformed ones.
+        The local step at `positions`: det 1, from rest edges to deformed ones; those that are known as given.
     iterations : int
         Global steps.
     residual : float
@@ -120,6 +120,7 @@ class LocalGlobal:
         *,
         start: np.ndarray | None = None,
         rotations: np.ndarray | None = None,
+        known: tuple[np.ndarray, np.ndarray] | None = None,
         tolerance: float = 1e-5,
         max_iterations: int = 1000,
         accelerate: bool = True,
@@ -147,6 +148,9 @@ class LocalGlobal:
         rotations : (n, 3, 3) float64, optional
             Those of an earlier solution near `start`: from there the first local
             step is as quick as the others, and it ends in the same rotations.
+        known : ((j,) int, (j, 3, 3) float64), optional
+            Vertices, each once, whose rotations are given: the local step leaves them as they are. As of
+            :attr:`sshade.Handles.known`.
         tolerance : float
             Residual under which iteration stops. 0 never stops early.
         max_iterations : int
@@ -192,6 +196,7 @@ class LocalGlobal:
                 team=team,
                 constraints=self._components.held(held, corners=system.terms.corners.shape[1]),
                 softening=softening.of(system.terms, system.rest),
+                known=known,
             )
             if rotations is not None:
                 iteration.begin_with(rotations)
@@ -324,6 +329,7 @@ def local_global(
     solution = solver.solve(
         task.handles.target,
         start=guess,
+        known=task.handles.known,
         accelerate=accelerate,
         workers=workers,
         progress=progress,

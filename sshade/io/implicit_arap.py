@@ -1,0 +1,115 @@
+"""The handle files of Implicit-ARAP: parts by name, in coordinates of their own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from sshade.errors import InputError
+from sshade.io.points import as_points, columns
+from sshade.mesh.mesh import Mesh
+from sshade.mesh.rigid import rigid_motion
+
+#: Half the extent of a mesh in Implicit-ARAP's coordinates.
+HALF_EXTENT = 0.8
+#: Largest mean distance, in those coordinates, between its points and the mesh they belong to.
+ON_SURFACE = 0.01
+
+
+def read_implicit_arap(path: Path) -> list[np.ndarray]:
+    """Points, targets, dynamic flags and part numbers, in the file's own coordinates.
+
+    D. Baieri, F. Maggioli, Z. Laehner, S. Melzi, E. Rodola, "Implicit-ARAP", 2024.
+    """
+    import yaml
+
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except yaml.YAMLError as error:
+        raise InputError(f"not readable as YAML ({str(error).splitlines()[0]})") from error
+    if not isinstance(data, dict) or not isinstance(data.get("handles"), dict):
+        raise InputError("expected a mapping `handles` with `static` and `moving`")
+    static = _names(data["handles"], "static", "positions")
+    moving = _names(data["handles"], "moving", "positions")
+    transforms = _names(data["handles"], "moving", "transform")
+    if len(moving) != len(transforms):
+        raise InputError(f"{len(moving)} moving parts have {len(transforms)} transforms; each needs one")
+    if not static and not moving:
+        raise InputError("there are no handles; name at least one static or moving part")
+    parts: list[tuple[str, str | None]] = [(name, None) for name in static]
+    parts += zip(moving, transforms, strict=True)
+    rows = []
+    for number, (name, transform) in enumerate(parts):
+        points = _read_points(path.parent / "parts", name)
+        moved = points if transform is None else _read_points(path.parent / "transforms", transform)
+        if len(points) != len(moved):
+            raise InputError(f"part {name} has {len(points)} points, its transform {transform} {len(moved)}")
+        k = len(points)
+        rows.append((points, moved, np.full(k, transform is not None), np.full(k, number)))
+    return columns(rows)
+
+
+def _names(handles: dict, kind: str, key: str) -> list[str]:
+    parts = handles.get(kind) or {}
+    names = (parts.get(key) or []) if isinstance(parts, dict) else None
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise InputError(f"`handles.{kind}.{key}` must be a list of names")
+    return names
+
+
+def _read_points(folder: Path, name: str) -> np.ndarray:
+    path = folder / f"{name}.txt"
+    if Path(name).is_absolute() or ".." in Path(name).parts:
+        raise InputError(f"{name!r} leads out of the folder {folder.name}; name a file in it")
+    if not path.is_file():
+        raise InputError(f"no such file: {path}")
+    rows = [line.split() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
+    try:
+        values = [[float(word) for word in row] for row in rows]
+    except ValueError as error:
+        raise InputError(f"{path}: each line needs three numbers ({error})") from error
+    return as_points(values, str(path))
+
+
+def implicit_arap_frame(points: np.ndarray, mesh: Mesh):
+    """The map from Implicit-ARAP's coordinates to the mesh's own.
+
+    Its meshes are centred on the area-weighted surface centroid and scaled to
+    a largest coordinate of 0.8. Copies of a model differ in their axes and a
+    little in their centroid: of the 24 axis rotations the one that brings the
+    points nearest to the surface is refined by rigid ICP on all of them.
+    """
+    import igl
+    from scipy.spatial.transform import Rotation
+
+    barycentres = mesh.V[mesh.F].mean(axis=1)
+    centre = (barycentres * mesh.face_areas[:, None]).sum(axis=0) / mesh.area
+    scale = HALF_EXTENT / np.abs(mesh.V - centre).max()
+    V, F = (mesh.V - centre) * scale, np.array(mesh.F)
+    tree = igl.AABB()
+    tree.init(V, F)  # once: it takes far longer than the queries
+
+    def closest(queries: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        squared, _, nearest = tree.squared_distance(V, F, np.ascontiguousarray(queries))
+        return np.sqrt(squared), nearest
+
+    rotations = np.rint(Rotation.create_group("O").as_matrix())
+    rotations = rotations[np.argsort(-np.trace(rotations, axis1=1, axis2=2), kind="stable")]
+    distance, _ = closest((points @ rotations.transpose(0, 2, 1)).reshape(-1, 3))
+    mean = distance.reshape(len(rotations), -1).mean(axis=1)
+    R, t, error = rotations[int(np.argmin(mean))], np.zeros(3), float(mean.min())
+    for _ in range(2):
+        at = points @ R.T + t
+        dR, dt = rigid_motion(at, closest(at)[1])
+        refined = float(closest(points @ (dR @ R).T + dR @ t + dt)[0].mean())
+        if refined >= error:
+            break
+        R, t, error = dR @ R, dR @ t + dt, refined
+    if error >= ON_SURFACE:
+        raise InputError(
+            f"its points lie {error:.3f} from the mesh in the mean, of a half-extent of {HALF_EXTENT}, in "
+            f"the best of 24 axis orientations (at most {ON_SURFACE} is accepted); "
+            "is this the mesh they were made for?"
+        )
+    return lambda x: (x @ R.T + t) / scale + centre

@@ -1,0 +1,285 @@
+"""Prescribed rotations of handles: an oracle, what follows, resolution, invariance, levels, files."""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from baselines.arap import arap
+from sshade import DeformationTask, Deformer, Handles, InputError, Mesh, deform
+from sshade.io.handles import read_handles, write_handles
+from sshade.pipeline.deform import METHODS
+from sshade.pipeline.multilevel import multilevel
+from sshade.solver.local_global import LocalGlobal, local_global
+from tests.shapes import bumpy, rotation, strip, tube
+from tests.sshade.solver.test_soft_handles import cotangents
+
+BODY = bumpy(3)
+OPEN = np.full((3, 3), np.nan)
+
+
+def turn(degrees: float, axis: str = "z") -> np.ndarray:
+    return Rotation.from_euler(axis, degrees, degrees=True).as_matrix()
+
+
+def sheet(cells: int, *, degrees: float, axis: str = "z") -> DeformationTask:
+    """A unit square, its border held, its middle turned in place."""
+    given = strip(cells, cells)
+    mesh = Mesh(given.V / cells, given.F)
+    border = np.flatnonzero((np.abs(mesh.V[:, :2] - 0.5) > 0.5 - 1e-9).any(axis=1))
+    middle = np.flatnonzero((np.abs(mesh.V[:, :2] - 0.5) < 1e-9).all(axis=1))
+    index = np.r_[border, middle]
+    R = np.concatenate([np.broadcast_to(OPEN, (len(border), 3, 3)), turn(degrees, axis)[None]])
+    return DeformationTask("sheet", mesh, Handles(index, mesh.V[index], group=index == middle, rotation=R))
+
+
+def turned_about(mesh: Mesh, V: np.ndarray, centre: np.ndarray, radius: float) -> np.ndarray:
+    """The rotation that fits how the vertices within a radius moved about the one there."""
+    from sshade.mesh.rigid import rigid_motion
+
+    near = np.linalg.norm(mesh.V - centre, axis=1) < radius
+    return rigid_motion(mesh.V[near], V[near])[0]
+
+
+def degrees_of(R: np.ndarray) -> float:
+    return float(np.degrees(Rotation.from_matrix(R).magnitude()))
+
+
+def test_with_all_rotations_known_positions_are_those_of_least_squares():
+    """``sum_i sum_{t at i} sum_{kl in t} h |p_k - p_l - R_i (v_k - v_l)|^2`` by dense algebra."""
+    mesh, held = bumpy(1), np.array([0, 7])
+    rng = np.random.default_rng(1)
+    R = Rotation.from_rotvec(0.4 * rng.normal(size=(mesh.n, 3))).as_matrix()
+    target = mesh.V[held] + rng.normal(size=(2, 3))
+    h, A, b = cotangents(mesh), np.zeros((mesh.n, mesh.n)), np.zeros((mesh.n, 3))
+    for f, face in enumerate(mesh.F):
+        for c in range(3):
+            k, j = face[(c + 1) % 3], face[(c + 2) % 3]
+            for i in face:
+                e = R[i] @ (mesh.V[k] - mesh.V[j])
+                A[k, k] += h[f, c]
+                A[j, j] += h[f, c]
+                A[k, j] -= h[f, c]
+                A[j, k] -= h[f, c]
+                b[k] += h[f, c] * e
+                b[j] -= h[f, c] * e
+    free = np.setdiff1d(np.arange(mesh.n), held)
+    expected = np.linalg.solve(A[np.ix_(free, free)], b[free] - A[np.ix_(free, held)] @ target)
+    order = rng.permutation(mesh.n)
+    solution = LocalGlobal(mesh, held).solve(target, known=(order, R[order]), tolerance=1e-12)
+    assert np.abs(solution.positions[free] - expected).max() < 1e-10
+    assert np.array_equal(solution.rotations, R)
+    P, squares = solution.positions, 0.0
+    for f, face in enumerate(mesh.F):
+        for c in range(3):
+            k, j = face[(c + 1) % 3], face[(c + 2) % 3]
+            for i in face:
+                gap = P[k] - P[j] - R[i] @ (mesh.V[k] - mesh.V[j])
+                squares += h[f, c] * gap @ gap
+    assert solution.energy == pytest.approx(squares, rel=1e-10)
+    # Softened too: at the minimum the energy does not change with the positions.
+    soft = LocalGlobal(mesh, held).solve(target, known=(order, R[order]), tolerance=1e-9, stiffness=0.2)
+    assert np.array_equal(soft.rotations, R) and soft.converged
+
+
+def test_energy_does_not_rise_and_other_rotations_are_still_fitted():
+    task = sheet(12, degrees=50)
+    solution = LocalGlobal(task.mesh, task.handles.index).solve(
+        task.handles.target, known=task.handles.known, accelerate=False, tolerance=1e-9
+    )
+    assert solution.energy < solution.energy_initial and solution.converged
+    middle = task.handles.index[-1]
+    assert np.allclose(solution.rotations[middle], turn(50), atol=1e-14)
+    others = np.delete(np.arange(task.mesh.n), middle)
+    angles = Rotation.from_matrix(solution.rotations[others]).magnitude()
+    assert 0 < np.degrees(angles.max()) < 50
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_rotations_of_a_rigid_motion_change_nothing(name):
+    R, shift = rotation(2), np.array([1.0, -2, 0.5])
+    index = np.argsort(BODY.V[:, 2])[[0, 1, 2, -3, -2, -1]]
+    own = Handles(index, BODY.V[index] @ R.T + shift, rotation=np.broadcast_to(R, (6, 3, 3)))
+    options = {"coarse": partial(local_global, start="rigid")} if name == "paper" else {}
+    V = METHODS[name](DeformationTask("rigid", BODY, own), vertices=150, **options).vertices
+    assert np.abs(V - BODY.V @ R.T - shift).max() < 1e-6
+
+
+@pytest.mark.parametrize("axis", ["z", "x"])
+@pytest.mark.parametrize("name", ["fast", "fine"])
+def test_the_middle_of_a_sheet_follows_a_turn_of_60_degrees(name, axis):
+    """In its plane and out of it; alike at four times the vertices, for a proxy of as many."""
+    angles = []
+    for cells in (40, 80):
+        task = sheet(cells, degrees=60, axis=axis)
+        result = METHODS[name](task, vertices=300, area=0.0)
+        V = result.vertices
+        assert np.abs(V[task.handles.index] - task.handles.target).max() < 1e-9
+        R = turned_about(task.mesh, V, np.array([0.5, 0.5, 0]), 0.03)
+        assert (
+            np.linalg.norm(
+                Rotation.from_matrix(R).as_rotvec(degrees=True) - degrees_of(R) * np.eye(3)["xyz".index(axis)]
+            )
+            < 6
+        )
+        angles.append(degrees_of(R))
+        free = METHODS[name](sheet(cells, degrees=0), vertices=300, area=0.0).vertices
+        assert np.abs(free - task.mesh.V).max() < 1e-5
+    assert 56 < min(angles) <= max(angles) < 61 and abs(angles[0] - angles[1]) < 1.5
+
+
+def test_a_disc_of_known_rotations_turns_in_its_sheet_as_elasticity_says():
+    """Small turns, of a disc of radius a in a round sheet that is held at radius b.
+
+    The energy is the elastic one with Lame's constants 0 and 1 where rotations are fitted; in the disc
+    it is ``2 (c - t)^2`` beside, of the angle c of the disc and the angle t that is prescribed. Around it the
+    displacement is ``B (1 / r - r / b^2)`` along circles, so that c = t / (1 + k), k = 1 / (1 - a^2 / b^2): a
+    half in a large sheet.
+    """
+    given, a, b, t = strip(96, 96), 0.2, 0.48, 0.02
+    mesh, middle = Mesh(given.V / 96, given.F), np.array([0.5, 0.5, 0])
+    distance = np.linalg.norm(mesh.V - middle, axis=1)
+    held, disc = np.flatnonzero(distance >= b), np.flatnonzero(distance <= a)
+    known = disc, np.broadcast_to(turn(np.degrees(t)), (len(disc), 3, 3))
+    V = LocalGlobal(mesh, held).solve(mesh.V[held], known=known, tolerance=1e-9).positions
+    k = 1 / (1 - a**2 / b**2)
+    assert np.radians(degrees_of(turned_about(mesh, V, middle, 0.8 * a))) == pytest.approx(
+        t / (1 + k), rel=0.03
+    )
+
+
+def test_known_rotations_that_are_those_of_the_minimum_leave_it():
+    """With a disc held, rotations are fitted; given instead, they end in the same shape."""
+    task = sheet(24, degrees=0)
+    mesh, border = task.mesh, task.handles.index[:-1]
+    middle = np.array([0.5, 0.5, 0])
+    disc = np.flatnonzero(np.linalg.norm(mesh.V - middle, axis=1) < 0.2)
+    placed = np.concatenate([mesh.V[border], (mesh.V[disc] - middle) @ turn(30).T + middle])
+    held = LocalGlobal(mesh, np.r_[border, disc]).solve(placed, tolerance=1e-10)
+    everywhere = np.arange(mesh.n), held.rotations
+    again = LocalGlobal(mesh, np.r_[border, disc]).solve(placed, known=everywhere, tolerance=1e-10)
+    assert np.abs(again.positions - held.positions).max() < 1e-7
+    inner = np.linalg.norm(mesh.V - middle, axis=1) < 0.15
+    assert np.allclose(held.rotations[inner], turn(30), atol=1e-6)
+
+
+def test_the_end_of_a_tube_bends_it_and_everything_may_move_together():
+    """One vertex a side: their rotations alone bend the tube, whose other end is free."""
+    mesh = tube(24, 60)
+    z = mesh.V[:, np.argmax(np.ptp(mesh.V, axis=0))]
+    low, high = np.flatnonzero(z == z.min()), np.flatnonzero(z == z.max())
+    bend = np.concatenate(
+        [np.broadcast_to(np.eye(3), (len(low), 3, 3)), np.broadcast_to(turn(40, "x"), (len(high), 3, 3))]
+    )
+    index = np.r_[low, high]
+    weight = np.repeat([np.inf, 1e-6], [len(low), len(high)])
+    own = Handles(index, mesh.V[index], group=np.isfinite(weight), weight=weight, rotation=bend)
+    options = {"vertices": 400, "volume": 0.0, "area": 0.0, "tolerance": 1e-7}
+    V = METHODS["fast"](DeformationTask("tube", mesh, own), **options).vertices
+    way = np.linalg.norm(V[high].mean(0) - mesh.V[high].mean(0)) / np.ptp(z)
+    assert way > 0.05
+    R, shift = rotation(5), np.array([2.0, 3, -1])
+    mesh_2 = Mesh(mesh.V @ R.T + shift, mesh.F)
+    own_2 = Handles(
+        index, own.target @ R.T + shift, group=own.group, weight=own.weight, rotation=R @ own.rotation @ R.T
+    )
+    V_2 = METHODS["fast"](DeformationTask("tube", mesh_2, own_2), **options).vertices
+    assert np.abs(V_2 - V @ R.T - shift).max() < 1e-2 * mesh.diagonal
+
+
+def test_levels_take_rotations_along():
+    """The coarser proxy is turned too; the minimum is that without it."""
+    task = sheet(64, degrees=45)
+    seen = []
+
+    def spy(given, **options):
+        seen.append((given.mesh.n, given.handles.known))
+        return local_global(given, **options)
+
+    multilevel(task, coarse=spy, tolerance=1e-7)
+    assert len(seen) == 2 and seen[0][0] < seen[1][0]
+    for _, known in seen:
+        assert np.array_equal(known[1], turn(45)[None])
+
+
+def test_a_region_that_is_hard_turns_the_surface_beside_it_as_prescribed():
+    mesh = bumpy(5)
+    high = np.flatnonzero(mesh.V[:, 2] > 1.2)
+    low = np.flatnonzero(mesh.V[:, 2] < -1.0)
+    index = np.r_[high, low]
+    R = np.concatenate(
+        [np.broadcast_to(turn(30, "x"), (len(high), 3, 3)), np.broadcast_to(OPEN, (len(low), 3, 3))]
+    )
+    ends = []
+    for rotation_ in (None, R):
+        task = DeformationTask("m", mesh, Handles(index, mesh.V[index], rotation=rotation_))
+        V = METHODS["fast"](task, vertices=500).vertices
+        assert np.array_equal(V[index], mesh.V[index])
+        ends.append(V)
+    moved = np.linalg.norm(ends[1] - mesh.V, axis=1)
+    beside = (mesh.V[:, 2] <= 1.2) & (mesh.V[:, 2] > 1.1)
+    assert np.abs(ends[0] - mesh.V).max() < 1e-3 and moved[beside].mean() > 0.01
+    # The mesh beside the edge turns about it by about as much.
+    assert moved[mesh.V[:, 2] < 0].max() < moved[beside].max()
+
+
+def test_a_bound_mesh_takes_rotations_with_each_call():
+    task = sheet(32, degrees=60)
+    own, options = task.handles, {"vertices": 250, "samplings": 1, "frames": "blended"}
+    drag = Deformer(task.mesh, own.index, **options)
+    V = drag(own.target, rotations=own.rotation).vertices
+    assert np.array_equal(V, METHODS["paper"](task, **options).vertices)
+    again = drag(own.target).vertices
+    assert np.abs(V - task.mesh.V).max() > 0.01 and np.abs(again - task.mesh.V).max() < 1e-3
+
+
+def test_arrays_take_one_rotation_for_all_or_one_each_and_others_refuse():
+    task = sheet(20, degrees=35)
+    mesh, own = task.mesh, task.handles
+    U = deform(mesh.V, mesh.F, own.index, own.target, rotations=own.rotation, vertices=100)
+    assert np.array_equal(U, METHODS["fast"](task, vertices=100).vertices)
+    R = turn(20)
+    U = deform(BODY, [3, 9], BODY.V[[3, 9]] @ R.T, rotations=R, vertices=100)
+    assert np.abs(U.V - BODY.V @ R.T).max() < 1e-5
+    with pytest.raises(InputError, match="takes no rotations"):
+        deform(task, method=arap)
+    for rotations, words in (
+        (2 * np.eye(3), "no rotation"),
+        (np.diag([1.0, 1, -1]), "no rotation"),
+        (np.eye(3)[None], r"need rotations of shape \(2, 3, 3\)"),
+        ([[np.nan, 0, 0], [0, 1, 0], [0, 0, 1]], "no rotation"),
+    ):
+        with pytest.raises(InputError, match=words):
+            deform(BODY, [3, 9], BODY.V[[3, 9]], rotations=rotations)
+
+
+def test_files_hold_matrices_and_quaternions(tmp_path):
+    path = tmp_path / "pose.json"
+    R = turn(50, "y")
+    x, y, z, w = Rotation.from_matrix(R).as_quat().tolist()
+    entries = [
+        {"vertices": [3, 4], "rotation": R.tolist()},
+        {"vertices": [9], "target": [[0, 0, 1]], "rotation": [x, y, z, w], "weight": 2},
+        {"vertices": [20]},
+        {"source": [(BODY.V[30] + 0.01).tolist()], "target": [[1, 1, 1]], "rotation": [x, y, z, w]},
+    ]
+    path.write_text(json.dumps({"handles": entries}))
+    own = read_handles(path, BODY)
+    assert own.index.tolist() == [3, 4, 9, 20, 30]
+    assert np.allclose(own.rotation[[0, 1, 2, 4]], R, atol=1e-12) and np.isnan(own.rotation[3]).all()
+    assert np.array_equal(own.target[:2], BODY.V[[3, 4]]) and not own.dynamic[:2].any()
+    # Snapped by (-0.01, -0.01, -0.01), turned.
+    assert np.allclose(own.target[4], 1 + R @ np.full(3, -0.01))
+    write_handles(path, own)
+    again = read_handles(path, BODY)
+    order = np.argsort(again.index)
+    assert np.array_equal(again.rotation[order], own.rotation, equal_nan=True)
+    assert np.array_equal(again.weight[order], own.weight)
+    for bad in ([1, 1, 1, 1], [0, 0, 0], np.diag([1, 1, -1]).tolist(), "up", [[1, 0, 0]]):
+        path.write_text(json.dumps({"handles": [{"vertices": [3], "rotation": bad}]}))
+        with pytest.raises(InputError, match='entry 0: "rotation"'):
+            read_handles(path, BODY)
