@@ -5,11 +5,14 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import sshade
 from docs.readme import BLOCK, filled
 from eval.rows.splits import read_splits
 from sshade.cli.configuration import CONFIGURATION
+from tests.shapes import bumpy
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -103,6 +106,20 @@ def test_every_experiment_is_named_with_its_half():
     }
     assert told == {name: match[1] for name, match in stated.items()}
     assert set(told.values()) <= {*read_splits(), "both"}
+
+
+def test_the_python_does_what_it_says(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    body = bumpy(3)
+    sshade.write("body.ply", body)
+    names: dict = {}
+    blocks = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    assert len(blocks) > 2
+    for block in blocks:
+        exec(block, names)
+    leaning = sshade.read("leaning.ply").V
+    assert np.abs(leaning[names["b"]] - names["bc"]).max() < 1e-6
+    assert np.abs(names["shape"] - leaning).max() < 0.1 * body.diagonal
 
 
 def test_links_lead_to_files():

@@ -126,6 +126,7 @@ def implicit_arap(
     place = torch.device(("cuda" if torch.cuda.is_available() else "cpu") if device == "auto" else device)
     draws, weights = torch.Generator(place).manual_seed(seed), torch.Generator().manual_seed(seed)
     mesh, handles = task.mesh, task.handles
+    handles.require_hard("Implicit-ARAP")
 
     begin = perf_counter()
     V, centre, scale = normalised(mesh)

@@ -174,12 +174,12 @@ def _deform(arguments: argparse.Namespace) -> None:
     HANDLES is a .json file of this project or a .yaml file of Implicit-ARAP. In JSON:
 
       {"handles": [
-        {"landmark": "tail", "weight": 5,       "vertices": [99], "target": [[x, y, z]]},
         {"landmark": "foot", "kind": "static",  "vertices": [12, 13, 14]},
         {"landmark": "hand", "kind": "dynamic", "source": [[x, y, z], ...],
                                                 "target": [[x, y, z], ...]},
         {"landmark": "head", "kind": "dynamic", "boxes": [[[x, y, z], [x, y, z]], ...],
-                                                "rotation": [[..], [..], [..]], "translation": [x, y, z]}]}
+                                                "rotation": [[..], [..], [..]], "translation": [x, y, z]},
+        {"landmark": "tail", "vertices": [99], "target": [[x, y, z]], "weight": 5, "rotation": [x, y, z, w]}]}
 
     Handles are vertex ids, positions on the mesh (snapped to the nearest vertices), or regions: all
     vertices in some boxes (lowest and highest corner), which go to R v + t. Those with a weight are soft:

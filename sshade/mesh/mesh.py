@@ -237,7 +237,8 @@ class Mesh:
             raise InputError(
                 f"{len(free)} of the mesh's {len(sizes)} components have no handle (the first has "
                 f"{sizes[free[0]]} vertices, one of them {first}); give each one, weld coincident "
-                "vertices with --repair, or move them with the nearest component with --carry-unconstrained"
+                "vertices with --repair, or move them with the nearest component: --carry-unconstrained, "
+                "in Python carry_unconstrained=True"
             )
 
     def require_manifold(self) -> None:

@@ -149,7 +149,7 @@ ALL = BODY.V[:, [1, 2, 0]]
 TAKEN = {
     "the same one twice": (handles({"vertices": [0, 1, 2, 2, 1]}, _moved(to=3), _moved(to=3)), _moved_up),
     "more keys than are known": (
-        handles({**HELD, "comment": "left foot"}, {**_moved(to=3), "weight": [1]}),
+        handles({**HELD, "comment": "left foot"}, {**_moved(to=3), "mass": [1]}),
         _moved_up,
     ),
     "one alone": (handles(_moved(to=3)), _moved_up),
