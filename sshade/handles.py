@@ -3,26 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
-
-if TYPE_CHECKING:
-    from scipy.spatial import cKDTree
+from sshade.snapping import nearest_vertices
 
 #: Two targets of one vertex that differ by more than this (x diagonal) contradict each other.
 SAME_TARGET = 1e-9
-
-#: Farthest that a position may be from its handle vertex (x diagonal), or a mean edge where that is longer:
-#: beyond, it is not one of this mesh.
-FARTHEST_SNAP = 0.05
-
-#: Units of length over others that files are written in: millimetres, centimetres, inches, feet.
-UNITS = (1000.0, 100.0, 1000.0 / 25.4, 1.0 / 0.3048, 25.4, 12.0, 10.0)
 
 #: Least area of a soft handle's vertex, over the mean of the mesh's.
 LEAST_SHARE = 1e-3
@@ -63,7 +54,11 @@ class Handles:
     share : (k,) float64, optional
         Of its group's mean, that of each soft handle; by default by area, in a task.
     rotation : (k, 3, 3) float64, optional
-        How the surface turns at each handle; NaN, the default, where that is open.
+        How the surface turns at each handle; NaN, the default, where that is open. The local step of
+        the solver takes it as R_i instead of fitting one; elsewhere rotations are fitted, so that a
+        disc of such handles in a large sheet turns about half as far, and all that is held does not turn.
+        In a region that is hard, positions say how it turns, and prescribed rotations how the surface
+        beside its edge does.
     merged : int
         How many handles were dropped because another of their landmark took the same vertex.
 
@@ -244,11 +239,9 @@ class Handles:
         ------
         InputError
             When counts differ, a position is not finite or farther than
-            :data:`FARTHEST_SNAP` allows from the mesh's vertices, or one vertex gets
+            :data:`sshade.snapping.FARTHEST_SNAP` allows from the mesh's vertices, or one vertex gets
             different targets from two groups.
         """
-        from scipy.spatial import cKDTree
-
         source = np.asarray(source, dtype=np.float64).reshape(-1, 3)
         target = np.asarray(target, dtype=np.float64).reshape(-1, 3)
         k = len(source)
@@ -262,10 +255,7 @@ class Handles:
         group = _per_handle(group, 0, np.int64, k, "group")
         weight = _checked_weight(weight, k)
 
-        tree = cKDTree(mesh.V)
-        distance, index = tree.query(source)
-        if distance.max() > FARTHEST_SNAP * mesh.diagonal:
-            _refuse_far(source, distance, group, mesh, tree)
+        distance, index = nearest_vertices(mesh, source, group)
         moved = target.copy()
         if not raw:
             moved[~dynamic] = mesh.V[index[~dynamic]]
@@ -303,34 +293,6 @@ class Handles:
             rotation=None if rotation is None else _checked_rotation(rotation, k)[first],
             merged=k - len(pairs),
         )
-
-
-def _refuse_far(
-    source: np.ndarray, distance: np.ndarray, group: np.ndarray, mesh: Mesh, tree: cKDTree
-) -> None:
-    """Raise InputError where handles are farther than FARTHEST_SNAP allows: which, and why they may be."""
-    limit = max(FARTHEST_SNAP * mesh.diagonal, mesh.mean_edge)
-    worst = int(np.argmax(distance))
-    if distance[worst] <= limit:
-        return
-    number = int((group[:worst] == group[worst]).sum())
-    many, factors = int((distance > limit).sum()), [*UNITS, *(1.0 / unit for unit in UNITS)]
-    wide = float(np.linalg.norm(np.ptp(source, axis=0)))
-    # A box that shrinks to a point is on the mesh wherever that passes by the origin.
-    factors = [factor for factor in factors if wide * factor > limit]
-    off = [float(tree.query(source * factor)[0].max()) for factor in factors]
-    if factors and min(off) <= limit:
-        cause = f"times {factors[int(np.argmin(off))]:.6g} they would be on it, in another unit of length"
-    elif 2 * many > len(source):
-        boxes = f"their box has a diagonal of {wide:.3g}, that of the mesh {mesh.diagonal:.3g}"
-        cause = f"{boxes}; another frame, or an offset"
-    else:
-        cause = "mend or remove these, the others are near it"
-    raise InputError(
-        f"handle {number} of group {group[worst]} is {distance[worst]:.3g} from the nearest vertex, "
-        f"{distance[worst] / mesh.diagonal:.3g} times the mesh's diagonal; {many} of {len(source)} handles "
-        f"given by position are farther than {limit / mesh.diagonal:.2g} times it: {cause}"
-    )
 
 
 def _per_handle(values: Any, default: Any, dtype: Any, k: int, name: str) -> np.ndarray:

@@ -55,9 +55,9 @@ def deform(
     ======================================  ==========================
 
     The surface may have several components, each with a handle, a boundary, edges of more than two faces,
-    faces twice, faces without area, and vertices that stand twice along a seam, which move as one;
-    as arrays or a trimesh also faces that repeat a vertex, and vertices in no face, which stay where they
-    are.
+    faces twice, and faces without area. Unless it is that of a task, it may also have vertices that stand
+    twice along a seam, which move as one, and, as arrays or a trimesh, faces that repeat a vertex, and vertices
+    in no face, which stay where they are.
 
     Parameters
     ----------

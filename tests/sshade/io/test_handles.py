@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sshade import Handles, InputError, Mesh
-from sshade.io.handles import read_handles, write_handles
-from sshade.io.meshes import repair
+from sshade import Handles, InputError, Mesh, sshade_fast
+from sshade.io.handles import read_handles, read_task, write_handles
+from sshade.io.meshes import repair, write_mesh
 from tests.shapes import bumpy, rotation, tetrahedron
 
 
@@ -287,3 +287,19 @@ def test_a_part_and_its_transform_of_other_counts_are_refused_with_the_path(tmp_
     path = made.yaml("handles: {moving: {positions: [hand], transform: [short]}}")
     with pytest.raises(InputError, match=f"{path}: part hand has 25 points, its transform short 2"):
         read_handles(path, far_body)
+
+
+def test_a_task_is_made_of_what_of_a_file_is_a_surface(tmp_path):
+    """An unused vertex first, a face that repeats a vertex, and a second body that has no handle."""
+    body = bumpy(1)
+    V = np.concatenate([[[9.0, 9, 9]], body.V, body.V + 5])
+    F = np.concatenate([body.F + 1, [[1, 1, 2]], body.F + 1 + body.n])
+    write_mesh(tmp_path / "bodies.ply", V, F)
+    write_handles(tmp_path / "pose.json", Handles([1, 5], V[[1, 5]]))
+    files = tmp_path / "bodies.ply", tmp_path / "pose.json"
+    with pytest.raises(InputError, match="1 of the mesh's 2 components have no handle"):
+        read_task(str(files[0]), handles=str(files[1]))
+    task = read_task(str(files[0]), handles=str(files[1]), carry_unconstrained=True)
+    assert np.array_equal(task.mesh.V, V[1:]) and task.handles.index.tolist() == [0, 4]
+    result = sshade_fast(task, vertices=30)
+    assert result.extra["unconstrained"] == 1 and np.abs(result.vertices - V[1:]).max() < 1e-6
