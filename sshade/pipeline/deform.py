@@ -54,10 +54,10 @@ def deform(
     ``deform(task)``                        DeformationResult
     ======================================  ==========================
 
-    The surface may have several components, each with a handle, a boundary, edges of more than two faces,
-    faces twice, and faces without area. Unless it is that of a task, it may also have vertices that stand
-    twice along a seam, which move as one, and, as arrays or a trimesh, faces that repeat a vertex, and vertices
-    in no face, which stay where they are.
+    The surface may have several components, each with a handle, a boundary, edges of more than two
+    faces, faces twice, and faces without area. Unless it is a task's, it may also have vertices that
+    stand twice along a seam, which move as one, and, as arrays or a trimesh, faces that repeat a vertex,
+    and vertices in no face, which stay where they are.
 
     Parameters
     ----------
