@@ -50,16 +50,16 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _build(args: argparse.Namespace) -> int:
     from defaust.build.dataset import build
 
-    source, out, options, workers = configure(args.overrides)
+    source, out, options, how = configure(args.overrides)
     with progress_bar() as progress:
-        document = build(source, out, options=options, workers=workers, progress=progress)
+        document = build(source, out, options=options, progress=progress, **how)
     counts = ", ".join(f"{s['high']['vertices']:,}" for s in document["subjects"])
     print(f"{out}: {len(document['subjects'])} subjects ({counts} vertices)")  # noqa: T201
     return 0
 
 
-def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, int | None]:
-    """Source, folder, options and workers from Hydra overrides.
+def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, dict[str, Any]]:
+    """Source, folder, options, and workers and strict, which are no part of the result, from overrides.
 
     Raises
     ------
@@ -95,15 +95,15 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, int | 
         if isinstance(error.__cause__, InputError):
             raise error.__cause__ from error
         raise InputError(one_sentence(str(error))) from error
-    out, workers = Path(str(plain.pop("out"))), plain.pop("workers")
+    out, how = Path(str(plain.pop("out"))), {name: plain.pop(name) for name in ("workers", "strict")}
     del plain["source"]
     unknown = sorted(set(plain) - set(OPTIONS))
     if unknown:
         raise InputError(f"there is no option {unknown[0]}; see conf/defaust/build.yaml")
-    problem = mismatch(plain | {"workers": workers}, OPTIONS | {"workers": (int, None)})
+    problem = mismatch(plain | how, OPTIONS | {"workers": (int, None), "strict": bool})
     if problem:
         raise InputError(problem)
-    return source, out, BuildOptions(**plain), workers
+    return source, out, BuildOptions(**plain), how
 
 
 def _verify(args: argparse.Namespace) -> int:

@@ -13,6 +13,7 @@ from typing import Any
 
 from defaust.build.lock import LOCK, sole_builder
 from defaust.build.options import BuildOptions
+from defaust.build.subject import UnusableError
 from defaust.build.workers import build_subjects
 from defaust.folder.card import render_card
 from defaust.folder.layout import (
@@ -46,10 +47,14 @@ def build(
     out: str | os.PathLike[str],
     *,
     options: BuildOptions,
+    strict: bool = False,
     workers: int | None = None,
     progress: Progress = silent,
 ) -> dict[str, Any]:
     """Build a DeFAUST folder, or what is missing of it.
+
+    A mesh that cannot be used is left out, and with it its pose, or its subject where it is the rest
+    mesh or no pose is left: a warning says so, and dataset.json keeps the reason.
 
     A rerun with the same source and options keeps the subjects that are
     complete and intact; the result does not depend on interruptions nor on the
@@ -61,6 +66,8 @@ def build(
     out : path
         The folder; its parent must exist.
     options : BuildOptions
+    strict : bool
+        Stop at the first mesh that cannot be used.
     workers : int, optional
         Processes; by default one for each CPU that this process may use. 1 works in this process.
     progress : Progress
@@ -74,7 +81,8 @@ def build(
     ------
     InputError
         When `out` holds something else or a dataset built with other options,
-        when another process builds there, or a subject cannot be built.
+        when another process builds there, when no subject can be built, or when one cannot
+        and the build is `strict`.
     """
     out = Path(out)
     workers = number_of_workers(workers, default=available_cpus())
@@ -84,18 +92,43 @@ def build(
     with sole_builder(out):
         _prepare(out, recipe)
         subjects = recipe["build"]["subjects"]
+        _tell(recipe["source"], strict=strict)
         done = _finished(out, subjects)
+        if strict:
+            done = {s: record for s, record in done.items() if "left_out" not in record}
+        unusable: dict[int, UnusableError] = {}
         missing = [s for s in subjects if s not in done]
         log.info("%d of %d subjects are there already", len(done), len(subjects))
         progress("subjects", len(done), len(subjects))
         workers = min(workers, max(1, len(missing)))
         for subject, record in build_subjects(
-            source, out, subjects=missing, options=options, workers=workers, progress=progress
+            source, out, subjects=missing, options=options, strict=strict, workers=workers, progress=progress
         ):
-            done[subject] = record
-            write_text(_record_path(out, subject), dump(record))
-            progress("subjects", len(done), len(subjects), f"subject {subject} done")
-        return _finish(out, recipe, records=[done[s] for s in subjects])
+            if isinstance(record, UnusableError):
+                unusable[subject] = record
+                log.warning("left out: %s", record)
+            else:
+                done[subject] = record
+                write_text(_record_path(out, subject), dump(record))
+                for pose in record.get("left_out", ()):
+                    log.warning("left out: subject %d, pose %d: %s", subject, pose["pose"], pose["reason"])
+            progress("subjects", len(done) + len(unusable), len(subjects), f"subject {subject} done")
+        if not done:
+            raise unusable[subjects[0]]
+        return _finish(out, recipe, records=[done[s] for s in subjects if s in done], unusable=unusable)
+
+
+def _tell(source: dict[str, Any], *, strict: bool) -> None:
+    """Say which classes of a source are not taken; InputError where that was not to be and `strict`."""
+    if source.get("without"):
+        log.warning(
+            "left out: %s, as source.without says; source.classes=[...] chooses others",
+            ", ".join(source["without"]),
+        )
+    for name, why in source.get("left_out", {}).items():
+        if strict:
+            raise InputError(f"{name}: {why}; remove it, or build with strict=false")
+        log.warning("left out: %s: %s", name, why)
 
 
 def _recipe(source: Source, options: BuildOptions) -> dict[str, Any]:
@@ -195,11 +228,18 @@ def _finished(out: Path, subjects: Sequence[int]) -> dict[int, dict[str, Any]]:
     return records
 
 
-def _finish(out: Path, recipe: dict[str, Any], *, records: list[dict[str, Any]]) -> dict[str, Any]:
+def _finish(
+    out: Path,
+    recipe: dict[str, Any],
+    *,
+    records: list[dict[str, Any]],
+    unusable: dict[int, UnusableError],
+) -> dict[str, Any]:
     """Write the card and dataset.json, and drop what was kept for resuming."""
     files = {name: entry for record in records for name, entry in record["files"].items()}
     subjects = [{key: value for key, value in record.items() if key != "files"} for record in records]
-    document = recipe | {"subjects": subjects, "files": files}
+    left_out = [{"subject": s, "reason": str(unusable[s])} for s in sorted(unusable)]
+    document = recipe | {"subjects": subjects, **({"left_out": left_out} if left_out else {}), "files": files}
     write_text(out / CARD, render_card(document))
     path = out / CARD
     document["files"] = files | {CARD: {"sha256": sha256(path), "bytes": path.stat().st_size}}

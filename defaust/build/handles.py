@@ -10,7 +10,7 @@ import numpy as np
 from defaust.sources.source import Region
 from sshade import InputError, Mesh
 from sshade.io.regions import rigidly_moved, vertices_in
-from sshade.mesh.adjacency import vertex_graph
+from sshade.mesh.adjacency import edge_graph
 
 #: Handles of one landmark, and the vertices they are drawn from: its graph-nearest ones.
 PER_LANDMARK = 30
@@ -41,11 +41,11 @@ def nearest_vertices(mesh: Mesh, vertex: int, *, count: int) -> np.ndarray:
     Raises
     ------
     InputError
-        When fewer vertices can be reached, or the mesh is no oriented manifold.
+        When fewer vertices can be reached.
     """
     from scipy.sparse.csgraph import dijkstra
 
-    distance = dijkstra(vertex_graph(mesh).matrix, indices=vertex)
+    distance = dijkstra(edge_graph(mesh).matrix, indices=vertex)
     nearest = np.argsort(distance, kind="stable")[:count]
     if len(nearest) < count or not np.isfinite(distance[nearest[-1]]):
         raise InputError(

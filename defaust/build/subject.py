@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,15 +24,25 @@ from defaust.folder.layout import (
     subject_folder,
     write_text,
 )
-from defaust.sources.source import Generator, Source
+from defaust.sources.source import FromFiles, Generator, Source, SourcePose
 from sshade import InputError, Mesh
 from sshade.io.files import make_folder
 from sshade.io.meshes import write_mesh
 from sshade.task import Progress, silent
 
 
+class UnusableError(InputError):
+    """The source gives nothing to build a subject from."""
+
+
 def build_subject(
-    source: Source, out: Path, *, subject: int, options: BuildOptions, progress: Progress = silent
+    source: Source,
+    out: Path,
+    *,
+    subject: int,
+    options: BuildOptions,
+    strict: bool = False,
+    progress: Progress = silent,
 ) -> dict[str, Any]:
     """Write a subject's folder, under a temporary name until it is complete.
 
@@ -38,70 +50,94 @@ def build_subject(
     -------
     dict
         The subject's entry in dataset.json: number, landmark vertices, poses,
-        measured facts, and its files with sha256, size and counts.
+        measured facts, and its files with sha256, size and counts; poses that cannot be used are
+        ``left_out``, each with its reason.
 
     Raises
     ------
+    UnusableError
+        When the rest mesh or all poses cannot be used, or the subject cannot be
+        upsampled or has too few vertices for its handles; when `strict`, for one pose too.
     InputError
-        When the source's meshes do not correspond, or the subject cannot be
-        upsampled or has too few vertices for its handles.
+        When files cannot be written.
     """
     name = subject_folder(subject)
     final, folder = out / name, out / f".{name}.{os.getpid()}.partial"
     make_folder(folder)
     try:
-        record = _fill(source, folder, subject=subject, options=options, progress=progress)
+        record = _fill(source, folder, subject=subject, options=options, strict=strict, progress=progress)
     except InputError as error:
         shutil.rmtree(folder)
-        raise InputError(f"subject {subject}: {error}") from error
+        raise type(error)(f"subject {subject}: {error}") from error
     shutil.rmtree(final, ignore_errors=True)
     folder.rename(final)
     return record
 
 
+@contextmanager
+def _unusable() -> Iterator[None]:
+    """An InputError is the source's fault, and not that of the folder that is written."""
+    try:
+        yield
+    except InputError as error:
+        raise UnusableError(str(error)) from error
+
+
 def _fill(
-    source: Source, folder: Path, *, subject: int, options: BuildOptions, progress: Progress
+    source: Source, folder: Path, *, subject: int, options: BuildOptions, strict: bool, progress: Progress
 ) -> dict[str, Any]:
     """Write the files of a subject and return its entry in dataset.json."""
     stage = f"subject {subject}"
     poses = source.poses(subject)
     steps = len(poses) + 2
     progress(stage, 0, steps, "rest pose")
-    rest = source.rest(subject)
+    with _unusable():
+        rest = source.rest(subject)
+        landmarks = source.landmark_vertices(subject)
+        chosen = choose_handles(
+            rest,
+            landmarks,
+            subject=subject,
+            seed=options.seed,
+            per_landmark=options.handles_per_landmark,
+            neighbourhood=options.neighbourhood,
+        )
     meshes = {REST_LOW: rest}
-    landmarks = source.landmark_vertices(subject)
-    chosen = choose_handles(
-        rest,
-        landmarks,
-        subject=subject,
-        seed=options.seed,
-        per_landmark=options.handles_per_landmark,
-        neighbourhood=options.neighbourhood,
-    )
-    facts = []
+    facts, left_out = [], []
     for k, pose in enumerate(poses, start=1):
         progress(stage, k, steps, pose.name)
-        posed = source.posed(subject, pose)
-        handles = region_records(rest, pose.regions, static_below=options.static_below)
+        try:
+            with _unusable():
+                posed = _posed(source, rest, subject=subject, pose=pose)
+                handles = region_records(rest, pose.regions, static_below=options.static_below)
+        except UnusableError as error:
+            if strict:
+                raise
+            left_out.append({"pose": k, "name": pose.name, "reason": str(error)})
+            continue
         if posed is not None:
-            if not np.array_equal(posed.F, rest.F):
-                raise InputError(f"pose {pose.name} has other faces than the rest pose")
             meshes[pose_mesh(k)] = posed
             handles += handle_records(
                 rest, posed.V, chosen=chosen, used=pose.landmarks, static_below=options.static_below
             )
         write_text(folder / pose_file(k), dump({"source_pose": pose.name, "handles": handles}, indent=None))
         facts.append({"pose": k, "name": pose.name} | _pose_facts(handles, posed))
+    if not facts:
+        raise UnusableError(left_out[0]["reason"])
 
     progress(stage, steps - 1, steps, "upsampling")
-    high = _high_resolution(source, rest, subject=subject, options=options)
+    with _unusable():
+        high = _high_resolution(source, rest, subject=subject, options=options)
     meshes[REST] = high.mesh
+    dropped = source.dropped(subject) if isinstance(source, FromFiles) else {}
     for name, mesh in meshes.items():
         write_mesh(folder / name, mesh.V, mesh.F)
     progress(stage, steps, steps)
     return {
         "subject": subject,
         "landmark_vertices": {name: int(vertex) for name, vertex in landmarks.items()},
+        **({"left_out": left_out} if left_out else {}),
+        **({"dropped": dict(dropped)} if dropped else {}),
         "poses": facts,
         "low": _mesh_facts(rest),
         "high": _mesh_facts(high.mesh)
@@ -113,12 +149,19 @@ def _fill(
     }
 
 
+def _posed(source: Source, rest: Mesh, *, subject: int, pose: SourcePose) -> Mesh | None:
+    posed = source.posed(subject, pose)
+    if posed is not None and not np.array_equal(posed.F, rest.F):
+        raise InputError(f"pose {pose.name} has other faces than the rest pose")
+    return posed
+
+
 def _pose_facts(handles: list[dict[str, Any]], posed: Mesh | None) -> dict[str, Any]:
     kinds = [handle["kind"] for handle in handles]
     return {
         "static": kinds.count(STATIC),
         "dynamic": kinds.count(DYNAMIC),
-        "volume": posed.volume if posed is not None and posed.is_closed else None,
+        "volume": None if posed is None else _volume(posed),
         **({"registered": False} if posed is None else {}),
     }
 
@@ -143,14 +186,21 @@ def _high_resolution(source: Source, rest: Mesh, *, subject: int, options: Build
     return Upsampled(mesh, ls3_steps=0, edge_length=None, attempts=0)
 
 
+def _volume(mesh: Mesh) -> float | None:
+    """What the mesh encloses, where it is closed and every edge has two faces that agree."""
+    return mesh.volume if mesh.is_closed and mesh.is_oriented else None
+
+
 def _mesh_facts(mesh: Mesh) -> dict[str, Any]:
-    loops = mesh.topology.boundary_loops
+    loops, components = mesh.topology.boundary_loops, mesh.topology.components
     return {
         "vertices": mesh.n,
         "faces": mesh.m,
         "euler": mesh.topology.euler,
         **({"boundary_loops": loops} if loops else {}),
-        "volume": mesh.volume if mesh.is_closed else None,
+        **({"components": components} if components > 1 else {}),
+        **({} if mesh.is_manifold and mesh.is_oriented else {"oriented_manifold": False}),
+        "volume": _volume(mesh),
         "area": mesh.area,
         "diagonal": mesh.diagonal,
         "self_intersecting_faces": int(self_intersecting(mesh).sum()),

@@ -87,14 +87,13 @@ def _check_subject(root: Path, document: dict[str, Any], *, subject: dict[str, A
     registered = [pose["pose"] for pose in subject["poses"] if pose.get("registered", True)]
     faults: list[Fault] = []
     meshes: dict[str, Mesh] = {}
-    loops = subject["low"].get("boundary_loops", 0)
     for name in (REST, REST_LOW, *map(pose_mesh, registered)):
         file = f"{folder}/{name}"
         if file not in document["files"]:
             faults.append(Fault(DATASET, f"lists no {file}"))
         elif (root / file).is_file():  # a missing one was reported before
             try:
-                meshes[name] = _read_listed(root / file, document["files"][file], loops=loops)
+                meshes[name] = _read_listed(root / file, document["files"][file], facts=subject["low"])
             except InputError as error:
                 faults.append(Fault(file, str(error)))
     rest = meshes.get(REST_LOW)
@@ -114,16 +113,21 @@ def _check_subject(root: Path, document: dict[str, Any], *, subject: dict[str, A
     return faults
 
 
-def _read_listed(path: Path, entry: dict[str, Any], *, loops: int) -> Mesh:
-    """The mesh of a file; InputError where it is not the one listed."""
+def _read_listed(path: Path, entry: dict[str, Any], *, facts: dict[str, Any]) -> Mesh:
+    """The mesh of a file; InputError where it is not the one listed, or not of the topology listed."""
     mesh = read_mesh(path)
-    mesh.require_manifold()
-    mesh.require_one_component()
+    loops, components = facts.get("boundary_loops", 0), facts.get("components", 1)
+    if facts.get("oriented_manifold", True):
+        mesh.require_manifold()
+    if components == 1:
+        mesh.require_one_component()
     if not loops and not mesh.is_closed:
         raise InputError(f"not closed: {len(mesh.boundary_edges)} boundary edges")
     listed = entry.get("vertices"), entry.get("faces")
     if (mesh.n, mesh.m) != listed:
         raise InputError(f"has {mesh.n} vertices and {mesh.m} faces, not {listed[0]} and {listed[1]}")
+    if mesh.topology.components != components:
+        raise InputError(f"has {mesh.topology.components} components, not {components}")
     if mesh.topology.boundary_loops != loops:
         raise InputError(f"has {mesh.topology.boundary_loops} boundary loops, not {loops}")
     return mesh

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from defaust.build.options import BuildOptions
-from defaust.build.subject import build_subject
+from defaust.build.subject import UnusableError, build_subject
 from defaust.sources.source import Source
 from sshade.processes import end_with_parent
 from sshade.task import Progress
@@ -28,10 +29,11 @@ def build_subjects(
     *,
     subjects: Sequence[int],
     options: BuildOptions,
+    strict: bool,
     workers: int,
     progress: Progress,
-) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Build subjects and yield each with its record as it is done, in no certain order.
+) -> Iterator[tuple[int, dict[str, Any] | UnusableError]]:
+    """Build subjects and yield each with its record as it is done, or why it has none, in no certain order.
 
     Parameters
     ----------
@@ -40,6 +42,8 @@ def build_subjects(
         The dataset's folder, which is there.
     subjects : sequence of int
     options : BuildOptions
+    strict : bool
+        Raise what cannot be used; else it is left out.
     workers : int
         Processes; with 1, this one works.
     progress : Progress
@@ -49,9 +53,20 @@ def build_subjects(
     InputError
         See :func:`defaust.build.subject.build_subject`.
     """
+    settings = {"options": options, "strict": strict}
+
+    def record(build: Callable[[], dict[str, Any]]) -> dict[str, Any] | UnusableError:
+        try:
+            return build()
+        except UnusableError as error:
+            if strict:
+                raise
+            return error
+
     if workers == 1:
-        for subject in subjects:
-            yield subject, build_subject(source, out, subject=subject, options=options, progress=progress)
+        for s in subjects:
+            job = partial(build_subject, source, out, subject=s, progress=progress, **settings)
+            yield s, record(job)
         return
     # Spawned, because forking a process with threads (numba, BLAS) can hang.
     context = multiprocessing.get_context("spawn")
@@ -60,7 +75,7 @@ def build_subjects(
         workers, mp_context=context, initializer=_start_worker, initargs=(stages,)
     ) as pool:
         jobs = {
-            pool.submit(build_subject, source, out, subject=s, options=options, progress=_report): s
+            pool.submit(build_subject, source, out, subject=s, progress=_report, **settings): s
             for s in subjects
         }
         waiting = set(jobs)
@@ -70,7 +85,7 @@ def build_subjects(
                 while not stages.empty():
                     progress(*stages.get())
                 for job in done:
-                    yield jobs[job], job.result()
+                    yield jobs[job], record(job.result)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise

@@ -56,7 +56,7 @@ def render_card(document: dict[str, Any]) -> str:
     others = [name for name in document["landmarks"] if name not in everywhere]
     count = len(source.get("files", {}))
     own_choice = "The choice of poses and landmarks is this project's; the paper shows them in figures only."
-    limits = [*source["limits"], *([] if "classes" in source else [own_choice])]
+    limits = [*source["limits"], *([] if "classes" in source else [own_choice]), *_left_out(document)]
     generated = "formulas" in source
     facts = {
         "build": build,
@@ -98,7 +98,27 @@ def render_card(document: dict[str, Any]) -> str:
 def subject_names(document: dict[str, Any]) -> str:
     """Numbers of the subjects, with the names of their classes where the source has any."""
     names = document["source"].get("classes")
-    return ", ".join(str(s) if names is None else f"{s} {names[s]}" for s in document["build"]["subjects"])
+    numbers = [subject["subject"] for subject in document["subjects"]]
+    return ", ".join(str(s) if names is None else f"{s} {names[s]}" for s in numbers)
+
+
+def _left_out(document: dict[str, Any]) -> list[str]:
+    """What the source holds and the dataset does not, and why; what is no oriented manifold."""
+    source = document["source"]
+    found = [f"Left out: {', '.join(source['without'])}, on demand."] if source.get("without") else []
+    found += [f"Left out: {name}: {why}." for name, why in source.get("left_out", {}).items()]
+    found += [f"Left out: {entry['reason']}." for entry in document.get("left_out", ())]
+    for subject in document["subjects"]:
+        number, poses = f"subject {subject['subject']}", subject.get("left_out", ())
+        found += [f"Left out: {number}, pose {pose['pose']}: {pose['reason']}." for pose in poses]
+        if subject.get("dropped"):
+            counts = ", ".join(f"{n} {what.replace('_', ' ')}" for what, n in subject["dropped"].items())
+            found.append(f"Of {number} are no part of the surface, and not taken over: {counts}.")
+        if not subject["low"].get("oriented_manifold", True):
+            found.append(f"The meshes of {number} are no oriented manifold; some methods refuse such.")
+        if subject["low"].get("components", 1) > 1:
+            found.append(f"The meshes of {number} have {subject['low']['components']} components.")
+    return found
 
 
 def _facts(subject: dict[str, Any]) -> list[Any]:

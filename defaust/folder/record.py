@@ -13,13 +13,17 @@ from sshade import InputError
 
 #: Of a mesh.
 FACTS = {
-    **dict.fromkeys(("vertices", "faces", "euler", "boundary_loops?", "self_intersecting_faces"), int),
+    **dict.fromkeys(("vertices", "faces", "euler", "self_intersecting_faces"), int),
+    **dict.fromkeys(("boundary_loops?", "components?"), int),
+    "oriented_manifold?": bool,
     **dict.fromkeys(("area", "diagonal"), float),
     "volume": (float, None),
 }
 SUBJECT = {
     "subject": int,
     "landmark_vertices": {str: int},
+    "left_out?": [{"pose": int, "name": str, "reason": str}],
+    "dropped?": {str: int},
     # Without `registered: false` there is a mesh of the pose.
     "poses": [
         {
@@ -50,8 +54,8 @@ DOCUMENT = {
     "format": int,
     "source": {
         **dict.fromkeys(("name", "title", "origin", "licence", "citation", "axes", "unit", "note?"), str),
-        **dict.fromkeys(("limits", "classes?"), [str]),
-        "files?": {str: str},
+        **dict.fromkeys(("limits", "classes?", "without?"), [str]),
+        **dict.fromkeys(("files?", "left_out?"), {str: str}),
     },
     "name": str,
     "build": BUILD,
@@ -59,6 +63,7 @@ DOCUMENT = {
     "landmarks": [str],
     "poses": {str: [{"pose": int, "name": str, "aligned": (bool, None), "landmarks": [str]}]},
     "subjects": [SUBJECT],
+    "left_out?": [{"subject": int, "reason": str}],
     "files": FILES,
     "checksum": str,
 }
@@ -160,7 +165,8 @@ def _is_inside(name: str) -> bool:
 def _check_subjects(document: dict[str, Any], path: Path) -> None:
     """Raise InputError unless the parts of a record speak of the same subjects."""
     numbers = [subject["subject"] for subject in document["subjects"]]
-    if not numbers or numbers != document["build"]["subjects"]:
+    left_out = [entry["subject"] for entry in document.get("left_out", ())]
+    if not numbers or sorted(numbers + left_out) != document["build"]["subjects"]:
         raise InputError(f"{path}: damaged, its subjects are not those of its build; restore the file")
     classes = document["source"].get("classes")
     for number in numbers:

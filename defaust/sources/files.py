@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -52,7 +53,7 @@ class Shape:
     @property
     def label(self) -> str:
         """What complaints about it begin with."""
-        return f"{self.path}, {self.array}" if self.array else str(self.path)
+        return f"{self.path.name}, {self.array}" if self.array else self.path.name
 
     def mesh(self, *, whole: bool = False) -> Mesh:
         """Read the mesh.
@@ -67,14 +68,7 @@ class Shape:
         InputError
             With the file's name.
         """
-        for path in self.files:
-            if not path.is_file():
-                raise InputError(f"{path}: no such file")
-        if self.array:
-            V, F = _read_archive(self.path, array=self.array)
-        else:
-            read = {".vert": _read_vert_tri, ".mat": _read_mat}.get(self.path.suffix.lower(), read_arrays)
-            V, F = read(self.path)
+        V, F = self.arrays()
         with self.named():
             mesh = Mesh(V, F)
             if whole:
@@ -82,13 +76,26 @@ class Shape:
                 mesh.require_one_component()
             return mesh
 
+    def arrays(self) -> tuple[np.ndarray, np.ndarray]:
+        """Vertices and faces as they stand in the file, not validated; InputError with its name."""
+        with self.named():
+            for path in self.files:
+                if not path.is_file():
+                    raise InputError(f"{path}: no such file")
+            if self.array:
+                return _read_archive(self.path, array=self.array)
+            read = {".vert": _read_vert_tri, ".mat": _read_mat}.get(self.path.suffix.lower(), read_arrays)
+            return read(self.path)
+
     @contextmanager
     def named(self) -> Iterator[None]:
-        """Put the label before the text of an InputError."""
+        """Begin the text of an InputError with the file's name, without its folder, which no record names."""
         try:
             yield
         except InputError as error:
-            raise InputError(f"{self.label}: {error}") from error
+            text = str(error).replace(f"{self.path.parent}{os.sep}", "")
+            own = tuple(f"{path.name}:" for path in self.files)
+            raise InputError(text if text.startswith(own) else f"{self.label}: {text}") from error
 
 
 def mesh_files(folder: Path, suffixes: Sequence[str] = SUFFIXES) -> dict[str, Path]:
@@ -101,8 +108,10 @@ def mesh_files(folder: Path, suffixes: Sequence[str] = SUFFIXES) -> dict[str, Pa
     return found
 
 
-def find_shapes(root: Path, *, layout: str) -> dict[str, tuple[Shape, ...]]:
+def find_shapes(root: Path, *, layout: str) -> tuple[dict[str, tuple[Shape, ...]], list[str]]:
     """The classes of a folder, by name, or the one sequence of a folder or of an .npz file.
+
+    Beside them the names of meshes that do not fit the layout ``tosca``.
 
     Parameters
     ----------
@@ -115,10 +124,10 @@ def find_shapes(root: Path, *, layout: str) -> dict[str, tuple[Shape, ...]]:
     Raises
     ------
     InputError
-        When there are no meshes, or names do not fit the layout.
+        When there are no meshes, or none whose name fits the layout.
     """
     if root.is_file():
-        return {root.stem: _archive_shapes(root)}
+        return {root.stem: _archive_shapes(root)}, []
     files = mesh_files(root)
     if not files:
         raise InputError(
@@ -127,17 +136,17 @@ def find_shapes(root: Path, *, layout: str) -> dict[str, tuple[Shape, ...]]:
     shapes = [Shape(name, files[name]) for name in sorted(files, key=_natural)]
     parts = [re.fullmatch(r"([A-Za-z]+)\d+", shape.name) for shape in shapes]
     if layout == "sequence" or (layout == "auto" and not all(parts)):
-        return {SEQUENCE: tuple(shapes)}
+        return {SEQUENCE: tuple(shapes)}, []
     unfit = [shape.name for shape, match in zip(shapes, parts, strict=True) if not match]
-    if unfit:
+    if not any(parts):
         raise InputError(
             f"{root}: {shortened(unfit)} do not read as a class and a number, like cat0; "
-            "remove them, or set source.layout=sequence"
+            "rename them, or set source.layout=sequence"
         )
-    classes = sorted({match[1] for match in parts})
-    return {
-        name: tuple(s for s, match in zip(shapes, parts, strict=True) if match[1] == name) for name in classes
-    }
+    of = [match[1] if match else "" for match in parts]
+    classes = sorted(set(of) - {""})
+    found = {name: tuple(s for s, own in zip(shapes, of, strict=True) if own == name) for name in classes}
+    return found, unfit
 
 
 def existing(root: Any, *, option: str) -> Path:

@@ -6,31 +6,46 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from defaust.folder.layout import sha256
 from defaust.schema import mismatch
-from defaust.sources.choices import check_choice, require_choice, require_landmarks
+from defaust.sources.choices import check_choice, require_choice, require_landmarks, shortened
 from defaust.sources.files import LAYOUTS, Shape, existing, find_shapes
 from defaust.sources.source import SourcePose
 from defaust.sources.winding import same_triangles, wound_outward
 from sshade import InputError, Mesh
-from sshade.mesh.adjacency import vertex_graph
+from sshade.mesh.adjacency import edge_graph
+from sshade.mesh.cleaning import cleaned, without_duplicates
 from sshade.sampling.fronts import Fronts, farthest_point_sampling
 
 #: Facts that nobody but the user knows.
 FACTS = ("title", "origin", "unit", "axes", "licence", "citation")
 
 
+class _Surface(NamedTuple):
+    """The rest mesh of a class, and what its file holds.
+
+    `F` are the file's faces, `vertex` (n,) is the vertex of `rest` of each of the file's vertices, or -1.
+    """
+
+    rest: Mesh
+    F: np.ndarray
+    vertex: np.ndarray
+    dropped: dict[str, int]
+
+
 @dataclass(frozen=True)
 class RegisteredSequence:
     """Source of registered sequences; a subject is a class of TOSCA's, or the one sequence.
 
-    Meshes may have boundary loops; they must be manifold and of one component.
+    Meshes may have boundary loops, edges of more than two faces, and several components. Vertices
+    that no face uses, and faces that repeat a vertex or another face, are no part of the surface
+    and are not taken over.
     Files of a class may list the same triangles in another order or winding:
-    all meshes of the class get the rest pose's list, wound outward.
+    all meshes of the class get the rest pose's list, wound outward where it can be.
 
     Parameters
     ----------
@@ -40,14 +55,17 @@ class RegisteredSequence:
     layout : str
         ``auto``, ``tosca`` or ``sequence``; see :func:`defaust.sources.files.find_shapes`.
     classes : sequence of str, optional
-        Use only these, in this order: they are the subjects 0, 1, ...; by default all.
+        Use only these, in this order: they are the subjects 0, 1, ...; by default all that
+        have a target pose, but for those `without`.
+    without : sequence of str
+        Classes that are not taken unless `classes` names them; they need not be there.
     rest_pose : str, optional
         Name of the rest pose, where it is not the first of its class.
     poses_used : sequence of str, optional
         Names of the target poses; by default all but the rest pose.
     landmarks : int or mapping
         So many by farthest point sampling on the rest pose, or the vertex of
-        each by name (one class only). All of them are used in every pose.
+        each by name, as its file counts (one class only). All of them are used in every pose.
     name : str
         Short identifier of the dataset.
     facts : mapping
@@ -63,11 +81,12 @@ class RegisteredSequence:
     facts: Mapping[str, str]
     layout: str = "auto"
     classes: tuple[str, ...] | None = None
+    without: tuple[str, ...] = ()
     rest_pose: str | None = None
     poses_used: tuple[str, ...] | None = None
     landmarks: int | Mapping[str, int] = 8
     name: str = "sequence"
-    _oriented: dict[int, Mesh] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _surfaces: dict[int, _Surface] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[A-Za-z0-9_-]+", str(self.name)):
@@ -77,8 +96,11 @@ class RegisteredSequence:
         wrong = set(self.facts) ^ set(FACTS)
         if wrong:
             raise InputError(f"source.facts needs {', '.join(FACTS)}; look at {sorted(wrong)[0]!r}")
+        problem = mismatch(list(self.without), [str], "source.without")
+        if problem:
+            raise InputError(problem)
         if self.classes is not None:
-            check_choice(self, "classes", known=self._found)
+            check_choice(self, "classes", known=self._found[0])
         names = [shape.name for of_class in self._shapes.values() for shape in of_class]
         if self.rest_pose is not None:
             require_choice([self.rest_pose], known=names, option="source.rest_pose")
@@ -111,11 +133,13 @@ class RegisteredSequence:
     def provenance(self) -> Mapping[str, Any]:
         """Facts for the card."""
         sampled = isinstance(self.landmarks, int)
+        without = [name for name in self.without if name in self._found[0] and name not in self._shapes]
         return {
             **{name: str(self.facts[name]) for name in FACTS},
             "limits": [
                 "The meshes are as they were found, but for triangles: all poses of a subject have those of "
-                "the rest pose, wound outward.",
+                "the rest pose, wound outward; and without vertices that no face uses and faces that "
+                "repeat a vertex or another face.",
                 "Landmarks are sampled farthest from each other on the rest pose and have no meaning."
                 if sampled
                 else "Landmarks are vertices that the configuration names.",
@@ -124,35 +148,41 @@ class RegisteredSequence:
             "classes": list(self._shapes),
             "rest_poses": [self._rest(subject).name for subject in self.subjects],
             "landmark_choice": self.landmarks if sampled else dict(self.landmarks),
+            **({"without": without} if without else {}),
+            **({"left_out": self._usable[1]} if self._usable[1] else {}),
         }
 
     def checksums(self, subjects: Sequence[int]) -> Mapping[str, str]:
-        """sha256 of each file of these subjects, by the file's name."""
-        found = {}
-        for subject in subjects:
-            for shape in (self._rest(subject), *self._targets(subject)):
-                for path in shape.files:
-                    if not path.is_file():
-                        raise InputError(f"{path}: no such file")
-                    if path.name not in found:
-                        found[path.name] = sha256(path)
-        return found
+        """sha256 of each file of these subjects that is there, by the file's name."""
+        shapes = [shape for s in subjects for shape in (self._rest(s), *self._targets(s))]
+        paths = {path.name: path for shape in shapes for path in shape.files if path.is_file()}
+        return {name: sha256(path) for name, path in paths.items()}
 
     def landmark_vertices(self, subject: int) -> Mapping[str, int]:
-        """Vertices as given, or sampled on the rest mesh, beginning at an end of it."""
-        rest = self.rest(subject)
+        """Vertices as given, or sampled on the rest mesh, beginning at an end of its largest component."""
+        surface = self._surface(subject)
+        rest, stored = surface.rest, surface.vertex
         if isinstance(self.landmarks, int):
-            graph = vertex_graph(rest)
+            if rest.topology.components > self.landmarks:
+                raise InputError(
+                    f"the rest mesh has {rest.topology.components} components, and each needs a landmark; "
+                    f"set source.landmarks to {rest.topology.components} or more"
+                )
+            graph = edge_graph(rest)
+            largest = rest.component == np.bincount(rest.component).argmax()
             # Farthest from any vertex is an end of the shape.
-            end = Fronts(graph, np.array([0])).distance.argmax()
+            distance = Fronts(graph, np.flatnonzero(largest)[:1]).distance
+            end = np.where(largest, distance, -1.0).argmax()
             samples = farthest_point_sampling(graph, self.landmarks, first=np.array([end])).samples
             return dict(zip(self.landmark_names, samples.tolist(), strict=True))
         for name, vertex in self.landmarks.items():
-            if vertex >= rest.n:
+            if vertex >= len(stored):
                 raise InputError(
-                    f"the vertex of landmark {name} is {vertex}, but there are {rest.n} vertices"
+                    f"the vertex of landmark {name} is {vertex}, but there are {len(stored)} vertices"
                 )
-        return dict(self.landmarks)
+            if stored[vertex] < 0:
+                raise InputError(f"the vertex of landmark {name}, {vertex}, belongs to no face")
+        return {name: int(stored[vertex]) for name, vertex in self.landmarks.items()}
 
     def poses(self, subject: int) -> tuple[SourcePose, ...]:
         """The other meshes of the class, in order."""
@@ -162,43 +192,71 @@ class RegisteredSequence:
         )
 
     def rest(self, subject: int) -> Mesh:
-        """Rest mesh, wound outward; checked: manifold, one component."""
-        if subject not in self._oriented:
-            shape = self._rest(subject)
-            with shape.named():
-                mesh = wound_outward(shape.mesh())
-                try:
-                    mesh.require_manifold()
-                    mesh.require_one_component()
-                except InputError as error:
-                    raise InputError(f"{error}; or leave its class out with source.classes") from error
-            self._oriented[subject] = mesh
-        return self._oriented[subject]
+        """Rest mesh, wound outward where it can be."""
+        return self._surface(subject).rest
+
+    def dropped(self, subject: int) -> Mapping[str, int]:
+        """Numbers of vertices and faces of the rest mesh's file that are no part of its surface."""
+        return self._surface(subject).dropped
 
     def posed(self, subject: int, pose: SourcePose) -> Mesh:
         """A mesh of the class, with the triangles of the rest mesh."""
-        rest = self.rest(subject)
+        surface = self._surface(subject)
         shape = next(s for s in self._targets(subject) if s.name == pose.name)
-        mesh = shape.mesh()
-        first = self._rest(subject).name
-        if mesh.n != rest.n:
-            raise InputError(f"{shape.label}: {mesh.n} vertices, but the rest pose {first} has {rest.n}")
-        if not same_triangles(mesh.F, rest.F):
-            raise InputError(
-                f"{shape.label}: other triangles than the rest pose {first}; "
-                "the meshes of a sequence must be in correspondence"
-            )
-        return Mesh(mesh.V, rest.F)
+        V, F = shape.arrays()
+        first, n = self._rest(subject).name, len(surface.vertex)
+        with shape.named():
+            if len(V) != n:
+                raise InputError(f"{len(V)} vertices, but the rest pose {first} has {n}")
+            if not same_triangles(F, surface.F):
+                raise InputError(
+                    f"other triangles than the rest pose {first}; the meshes of a sequence must be in "
+                    "correspondence"
+                )
+            return Mesh(V[surface.vertex >= 0], surface.rest.F)
+
+    def _surface(self, subject: int) -> _Surface:
+        if subject not in self._surfaces:
+            shape = self._rest(subject)
+            V, F = shape.arrays()
+            with shape.named():
+                whole = cleaned(V, F)
+                single = without_duplicates(whole.mesh)
+                count = {
+                    "unused_vertices": whole.unused,
+                    "faces_that_repeat_a_vertex": whole.collapsed,
+                    "duplicate_faces": whole.mesh.m - single.m,
+                }
+                dropped = {name: number for name, number in count.items() if number}
+                self._surfaces[subject] = _Surface(wound_outward(single), F, whole.vertex, dropped)
+        return self._surfaces[subject]
 
     @cached_property
-    def _found(self) -> dict[str, tuple[Shape, ...]]:
+    def _found(self) -> tuple[dict[str, tuple[Shape, ...]], list[str]]:
         root = existing(self.root, option="source.root to a folder of meshes, or an .npz file")
         return find_shapes(root, layout=self.layout)
 
     @property
     def _shapes(self) -> dict[str, tuple[Shape, ...]]:
         """The classes that are used: the subjects, in their order."""
-        return {name: self._found[name] for name in self.classes or self._found}
+        return self._usable[0]
+
+    @cached_property
+    def _usable(self) -> tuple[dict[str, tuple[Shape, ...]], dict[str, str]]:
+        """The classes that are used, and why others, and files of no class, are not."""
+        found, unfit = self._found
+        left_out = dict.fromkeys(unfit, "its name does not read as a class and a number, like cat0")
+        if self.classes is not None:
+            return {name: found[name] for name in self.classes}, left_out
+        usable = {name: shapes for name, shapes in found.items() if name not in self.without}
+        single = [name for name, shapes in usable.items() if not self._targets_among(shapes)]
+        if len(single) < len(usable):
+            for name in single:
+                del usable[name]
+                left_out[name] = "it has no target pose besides its rest pose"
+        if not usable:
+            raise InputError(f"source.without leaves no class of {shortened(list(found))}")
+        return usable, left_out
 
     def _of(self, subject: int) -> tuple[str, tuple[Shape, ...]]:
         if subject not in self.subjects:
@@ -206,18 +264,22 @@ class RegisteredSequence:
         return list(self._shapes.items())[subject]
 
     def _rest(self, subject: int) -> Shape:
-        _, shapes = self._of(subject)
-        return next((s for s in shapes if s.name == self.rest_pose), shapes[0])
+        return self._rest_among(self._of(subject)[1])
 
     def _targets(self, subject: int) -> tuple[Shape, ...]:
         name, shapes = self._of(subject)
-        rest = self._rest(subject)
-        targets = tuple(
-            s for s in shapes if s != rest and (self.poses_used is None or s.name in self.poses_used)
-        )
+        targets = self._targets_among(shapes)
         if not targets:
             raise InputError(
-                f"the class {name} has no target pose besides its rest pose {rest.name}; "
+                f"the class {name} has no target pose besides its rest pose {self._rest(subject).name}; "
                 "leave it out with source.classes or subjects"
             )
         return targets
+
+    def _rest_among(self, shapes: tuple[Shape, ...]) -> Shape:
+        return next((s for s in shapes if s.name == self.rest_pose), shapes[0])
+
+    def _targets_among(self, shapes: tuple[Shape, ...]) -> tuple[Shape, ...]:
+        rest = self._rest_among(shapes)
+        used = self.poses_used
+        return tuple(s for s in shapes if s != rest and (used is None or s.name in used))

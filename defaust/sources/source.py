@@ -71,7 +71,8 @@ class Source(Protocol):
     def provenance(self) -> Mapping[str, Any]:
         """Flat facts for the dataset card: ``title``, ``origin``, ``licence``, ``citation``, ``limits``,
         ``axes``, ``unit`` and what else the result depends on: text, numbers, or lists
-        and mappings of them; no path."""
+        and mappings of them; no path. ``without`` are the names of classes that were not to be
+        taken, ``left_out`` says of others why they are not."""
 
     @property
     def subjects(self) -> tuple[int, ...]:
@@ -92,11 +93,19 @@ class Source(Protocol):
         """Target poses; pose k of the dataset is the k-th of them, counted from 1."""
 
     def rest(self, subject: int) -> Mesh:
-        """Registered rest mesh: manifold, one component."""
+        """Registered rest mesh, in which every vertex has a face. InputError where it cannot be used."""
 
     def posed(self, subject: int, pose: SourcePose) -> Mesh | None:
         """Registered mesh in a target pose, with the faces of the rest mesh; None where all that is
-        known of the pose are its regions."""
+        known of the pose are its regions. InputError where the pose cannot be used."""
+
+
+@runtime_checkable
+class FromFiles(Protocol):
+    """A source whose files may hold what is no part of a surface, and is not taken over."""
+
+    def dropped(self, subject: int) -> Mapping[str, int]:
+        """How many of what, such as ``unused_vertices``; empty where there is none."""
 
 
 @runtime_checkable

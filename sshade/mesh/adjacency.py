@@ -136,6 +136,21 @@ def vertex_graph(mesh: Mesh) -> VertexGraph:
     return graph
 
 
+def edge_graph(mesh: Mesh) -> VertexGraph:
+    """The same graph of any mesh, manifold and oriented or not."""
+    if mesh.is_manifold and mesh.is_oriented:
+        return vertex_graph(mesh)
+    edges = sides_by_edge(mesh.F, mesh.n)
+    low, high = edges.ends.T
+    length = np.linalg.norm(mesh.V[low] - mesh.V[high], axis=1)
+    length[length == 0.0] = SHORTEST * length.mean()
+    row, column = np.concatenate([low, high]), np.concatenate([high, low])
+    order = np.lexsort([column, row])
+    indptr = np.append(0, np.cumsum(np.bincount(row, minlength=mesh.n))).astype(np.int32)
+    boundary = np.tile(edges.faces == 1, 2)[order]
+    return VertexGraph(indptr, column[order], np.tile(length, 2)[order], boundary)
+
+
 @njit(cache=True, nogil=True)
 def _starts(ids, n):
     """(n + 1,) int64 where the entries of each of n ids begin once they are sorted."""

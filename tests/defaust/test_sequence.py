@@ -88,9 +88,10 @@ def test_layout_may_be_forced(tmp_path):
     write_class(tmp_path, "b", icosphere(1), poses=(1,))
     assert sequence(tmp_path).subjects == (0, 1)
     assert sequence(tmp_path, "source.layout=sequence").subjects == (0,)
-    write(tmp_path, "rest_pose", icosphere(1).V, icosphere(1).F)
-    with pytest.raises(InputError, match="rest_pose do not read as a class and a number, like cat0"):
-        sequence(tmp_path, "source.layout=tosca")
+    for k in (2, 3):
+        write(tmp_path / "free", f"rest_{k}", icosphere(1).V, icosphere(1).F)
+    with pytest.raises(InputError, match="rest_2, rest_3 do not read as a class and a number, like cat0"):
+        sequence(tmp_path / "free", "source.layout=tosca")
 
 
 def test_archive(tmp_path):
@@ -184,23 +185,157 @@ def test_tosca_keeps_its_resolution_and_takes_classes_as_listed(tmp_path, capsys
     assert configure([*command[1:], "target_vertices=5000"])[2].target_vertices == 5000
 
 
-def test_unfit_surfaces_are_refused_by_name(tmp_path):
-    ball = icosphere(1)
-    write(tmp_path, "gorilla0", ball.V, np.concatenate([ball.F, [[0, 1, 2]]]))
-    write(tmp_path, "pair0", np.concatenate([ball.V, ball.V + 3]), np.concatenate([ball.F, ball.F + ball.n]))
-    write(tmp_path, "ring0", moebius().V, moebius().F)
-    savemat(tmp_path / "thing0.mat", {"surface": {"X": np.zeros(3)}, "y": 1})
-    source = sequence(tmp_path)
-    for subject, words in enumerate(
-        (
-            "gorilla0.ply: the mesh is not manifold: .*; or leave its class",
-            "pair0.ply: the mesh has 2 components",
-            "ring0.ply: the faces are not consistently oriented",
-            "thing0.mat: .* holds no struct with X, Y, Z and TRIV",
-        )
+def fins(mesh):
+    """The mesh with an edge of four faces: two fins stand on its first edge."""
+    a, b = mesh.F[0, :2]
+    top = mesh.V[[a, b]].mean(axis=0) * [[1.5], [1.7]]
+    return Mesh(np.concatenate([mesh.V, top]), np.concatenate([mesh.F, [[a, b, mesh.n], [b, a, mesh.n + 1]]]))
+
+
+def littered(V, F):
+    """With an unused vertex in front, a face twice, and one that repeats a vertex."""
+    F = F + 1
+    return np.concatenate([[[9.0, 9, 9]], V]), np.concatenate([[F[3, ::-1]], F, [[1, 1, 2]]])
+
+
+SMALL = ["handles_per_landmark=6", "neighbourhood=10", "workers=1"]
+
+
+def test_what_is_no_part_of_a_surface_is_not_taken_over(tmp_path):
+    ball, out = icosphere(3), tmp_path / "out"
+    for k in range(3):
+        write(tmp_path / "data", f"ape{k}", *littered(bent(ball, k), ball.F), kind=".mat")
+    source = sequence(tmp_path / "data", "source.landmarks={front: 5, back: 300}")
+    assert source.dropped(0) == {
+        "unused_vertices": 1,
+        "faces_that_repeat_a_vertex": 1,
+        "duplicate_faces": 1,
+    }
+    assert source.landmark_vertices(0) == {"front": 4, "back": 299}
+    with pytest.raises(InputError, match="the vertex of landmark lost, 0, belongs to no face"):
+        sequence(tmp_path / "data", "source.landmarks={lost: 0}").landmark_vertices(0)
+    build(source, out, options=KEPT, workers=1)
+    assert verify(out) == []
+    (subject,) = read_dataset(out)["subjects"]
+    assert subject["dropped"]["unused_vertices"] == 1 and "oriented_manifold" not in subject["low"]
+    assert "not taken over: 1 unused vertices" in (out / "README.md").read_text()
+    task = load_task(out, subject=0, pose=2)
+    np.testing.assert_allclose(task.mesh.V, ball.V, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(task.truth, bent(ball, 2), rtol=0, atol=1e-15)
+    assert same_triangles(task.mesh.F, ball.F) and task.mesh.volume == pytest.approx(ball.volume)
+
+
+def test_surfaces_that_are_no_manifold_are_taken(tmp_path):
+    ball = icosphere(3)
+    pair = Mesh(np.concatenate([ball.V, 0.5 * ball.V + 3]), np.concatenate([ball.F, ball.F + ball.n]))
+    shapes = {"camel": fins(ball), "pair": pair, "ring": moebius(60)}
+    for name, mesh in shapes.items():
+        write_class(tmp_path / "data", name, mesh)
+    source, out = sequence(tmp_path / "data", "source.landmarks=4"), tmp_path / "out"
+    build(source, out, options=KEPT, workers=1)
+    assert verify(out) == []
+    document = read_dataset(out)
+    assert "left_out" not in document
+    for subject, (name, mesh) in zip(document["subjects"], shapes.items(), strict=True):
+        task = load_task(out, subject=subject["subject"], pose=2)
+        np.testing.assert_array_equal(task.truth, bent(mesh, 2))
+        assert same_triangles(task.mesh.F, mesh.F)
+        facts, components = subject["low"], 2 if name == "pair" else 1
+        assert facts.get("components", 1) == components
+        assert facts.get("oriented_manifold", True) is (name == "pair")
+        assert (facts["volume"] is None) is (name != "pair")
+        held = task.mesh.component[list(subject["landmark_vertices"].values())]
+        assert len(set(held.tolist())) == components
+    card = (out / "README.md").read_text()
+    assert "subject 0 are no oriented manifold" in card and "subject 1 have 2 components" in card
+
+    document["subjects"][1]["low"]["components"] = 3
+    (out / "dataset.json").write_text(json.dumps(document))
+    assert ("subject_01/rest_low.ply", "has 2 components, not 3") in verify(out)
+    del document["subjects"][0]["low"]["oriented_manifold"]
+    (out / "dataset.json").write_text(json.dumps(document))
+    faults = dict(verify(out))
+    assert "is not manifold: edge (" in faults["subject_00/rest_low.ply"]
+
+    with pytest.raises(
+        InputError, match="2 components, and each needs a landmark; set source.landmarks to 2"
     ):
-        with pytest.raises(InputError, match=words):
-            source.rest(subject)
+        sequence(tmp_path / "data", "source.landmarks=1").landmark_vertices(1)
+    refused = ["build", "source=sequence", f"source.root={tmp_path / 'data'}", f"out={tmp_path / 'b'}"]
+    assert main([*refused, *SMALL, "source.landmarks=4", "target_vertices=1000"]) == 2
+
+
+def downloaded(folder):
+    """A folder as TOSCA's: classes of .mat files, a gorilla with unused vertices, a mesh that is damaged."""
+    ball = icosphere(3)
+    for name in ("cat", "dog", "gorilla", "wolf"):
+        write_class(folder, name, ball, kind=".mat")
+    for k in range(3):
+        write(folder, f"gorilla{k}", *littered(bent(ball, k), ball.F), kind=".mat")
+    write(folder, "horse0", torus().V, torus().F, kind=".mat")
+    (folder / "dog1.mat").write_text("damaged on its way")
+    write(folder, "credits", ball.V, ball.F)
+    return folder
+
+
+def test_a_mesh_that_cannot_be_used_stops_no_other(tmp_path, capsys, caplog):
+    root, out = downloaded(tmp_path / "data"), tmp_path / "out"
+    write_class(root, "pig", icosphere(3), kind=".mat")
+    (root / "pig0.mat").write_text("damaged too")
+    command = ["build", "source=tosca", f"source.root={root}", f"out={out}", *SMALL, "source.landmarks=4"]
+    assert main([*command, "strict=true"]) == 2
+    assert capsys.readouterr().err.startswith("error: credits: its name does not read as a class")
+    caplog.clear()
+    assert main(command) == 0
+    told = [record.getMessage() for record in caplog.records]
+    assert told[0].startswith("left out: gorilla, wolf, as source.without says")
+    assert told[1:3] == [
+        "left out: credits: its name does not read as a class and a number, like cat0",
+        "left out: horse: it has no target pose besides its rest pose",
+    ]
+    assert told[3].startswith("left out: subject 1, pose 1: dog1.mat: not readable as .mat")
+    assert told[4].startswith("left out: subject 2: pig0.mat: not readable as .mat") and len(told) == 5
+    assert verify(out) == []
+    document = read_dataset(out)
+    assert list_tasks(out) == [(0, 1), (0, 2), (1, 2)] and document["build"]["subjects"] == [0, 1, 2]
+    np.testing.assert_array_equal(load_task(out, subject=1, pose=2).truth, bent(icosphere(3), 2))
+    assert str(tmp_path) not in (out / "dataset.json").read_text()
+    card = (out / "README.md").read_text()
+    for text in ("gorilla, wolf, on demand", "horse: it has", "subject 1, pose 1: dog1.mat", "pig0.mat"):
+        assert f"Left out: {text}" in card or f"Left out: subject 2: {text}" in card
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    assert main(command) == 0
+    assert before == {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    for name in ("credits.ply", "horse0.mat"):
+        (root / name).unlink()
+    capsys.readouterr()
+    for build_of, file in (([], "dog1.mat"), (["source.classes=[cat,pig]"], "pig0.mat")):
+        given = [f"out={tmp_path / file}" if o.startswith("out=") else o for o in command]
+        assert main([*given, *build_of, "strict=true"]) == 2
+        assert file in capsys.readouterr().err
+        assert not (tmp_path / file / "dataset.json").exists()
+    # What is named is taken, and what its files have too much is said.
+    taken = sequence(root, "source.classes=[gorilla]", source="tosca")
+    assert taken.rest(0).n == icosphere(3).n and taken.dropped(0)["unused_vertices"] == 1
+
+
+def test_nothing_that_can_be_used_is_an_error(tmp_path, capsys):
+    write_class(tmp_path / "data", "gorilla", icosphere(1))
+    command = ["build", "source=tosca", f"source.root={tmp_path / 'data'}", f"out={tmp_path / 'out'}"]
+    assert main(command) == 2
+    assert "source.without leaves no class of gorilla" in capsys.readouterr().err
+    (tmp_path / "data/gorilla0.ply").write_text("damaged")
+    assert main([*command, "source.without=[]"]) == 2
+    assert "subject 0: gorilla0.ply: not a readable PLY file" in capsys.readouterr().err
+    assert not (tmp_path / "out/dataset.json").exists()
+    assert main([*command, "source.without=[1]"]) == 2
+
+
+def test_a_file_that_is_no_surface_is_refused_by_name(tmp_path):
+    savemat(tmp_path / "thing0.mat", {"surface": {"X": np.zeros(3)}, "y": 1})
+    write(tmp_path, "thing1", icosphere(1).V, icosphere(1).F)
+    with pytest.raises(InputError, match="^thing0.mat: .* holds no struct with X, Y, Z and TRIV"):
+        sequence(tmp_path).rest(0)
 
 
 def test_meshes_out_of_correspondence_are_refused_by_name(tmp_path):
@@ -240,9 +375,9 @@ def test_damaged_files_are_named(tmp_path, name, content, message):
         (tmp_path / name).write_text(content)
     with pytest.raises(InputError, match=message):
         sequence(tmp_path).rest(0)
-    if content is None:
-        with pytest.raises(InputError, match=message):
-            sequence(tmp_path).checksums([0])
+    if content is None:  # the build leaves the pose out
+        expected = {f"cat{k}{suffix}" for k in range(3) for suffix in (".vert", ".tri")} - {name}
+        assert set(sequence(tmp_path).checksums([0])) == expected
 
 
 BALL = icosphere(1)

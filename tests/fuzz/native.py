@@ -47,7 +47,7 @@ def _seeds() -> dict[str, list[bytes]]:
 def _read(folder: Path, suffix: str) -> None:
     """Read what lies in the folder as a sequence of meshes; InputError where that cannot be."""
     if suffix == ".npz":
-        for shapes in find_shapes(folder / "a.npz", layout="auto").values():
+        for shapes in find_shapes(folder / "a.npz", layout="auto")[0].values():
             for shape in shapes:
                 shape.mesh()
     else:
