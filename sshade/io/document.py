@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import os
-import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
 
 import numpy as np
-
-_SPACE = re.compile(rb"((?:\s|\\\r?\n)+)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,24 +47,31 @@ def present(**found: object) -> tuple[str, ...]:
     return tuple(name.replace("_", " ") for name, there in found.items() if there)
 
 
-def with_words(line: bytes, words: Mapping[int, bytes]) -> bytes:
-    """A text with some of its words replaced, by their number, and the space between them as it was."""
-    parts = _SPACE.split(line)
-    first = 2 if parts[0] == b"" else 0
-    for number, word in words.items():
-        parts[first + 2 * number] = word
-    return b"".join(parts)
+def fanned(polygons: list[np.ndarray], which: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Triangles of polygons, fanned from their first corners.
 
+    Parameters
+    ----------
+    polygons : list of (p, k) int64
+        Those of k corners each.
+    which : list of (p,) int64
+        Their numbers in the file.
 
-def with_numbers(line: bytes, first: int, old: list[float], new: list[float]) -> bytes:
-    """A line whose words from number `first` on are `old`, with `new` ones; equal ones keep their digits."""
-    words = {first + i: digits(b) for i, (a, b) in enumerate(zip(old, new, strict=True)) if a != b}
-    return with_words(line, words) if words else line
-
-
-def digits(number: float) -> bytes:
-    """The shortest decimals that read back as the same double."""
-    return repr(number).encode()
+    Returns
+    -------
+    F : (m, 3) int64
+        In the order of the file.
+    face : (m,) int64
+        The polygon of each.
+    """
+    F, face = [np.zeros((0, 3), dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+    for ids, numbers in zip(polygons, which, strict=True):
+        k = ids.shape[1]
+        first = np.repeat(ids[:, :1], k - 2, axis=1)
+        F.append(np.stack([first, ids[:, 1:-1], ids[:, 2:]], axis=2).reshape(-1, 3))
+        face.append(np.repeat(numbers, k - 2))
+    order = np.argsort(np.concatenate(face), kind="stable")
+    return np.concatenate(F)[order], np.concatenate(face)[order]
 
 
 def moved_reference(name: str, source: Path, path: Path) -> str:

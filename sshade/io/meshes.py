@@ -15,6 +15,7 @@ from sshade.io.obj import read_obj
 from sshade.io.off import read_off
 from sshade.io.ply import read_ply, write_ply
 from sshade.io.stl import read_stl
+from sshade.io.text import INTEGER, rows_of
 from sshade.mesh.mesh import Mesh, repeats_vertex
 
 _READERS = {
@@ -138,15 +139,19 @@ def write_mesh(path: str | os.PathLike[str], V: np.ndarray, F: np.ndarray) -> No
             write_ply(temporary, V, F)
         elif path.suffix.lower() in (".glb", ".gltf"):
             write_gltf(temporary, np.asarray(V, dtype=np.float64), np.asarray(F))
-        else:
+        elif path.suffix.lower() == ".stl":
             import trimesh
 
-            kind = path.suffix.lower()
-            content = trimesh.Trimesh(V, F, process=False).export(file_type=kind[1:], **_EXPORT.get(kind, {}))
-            temporary.write_bytes(content if isinstance(content, bytes) else content.encode())
+            temporary.write_bytes(trimesh.Trimesh(V, F, process=False).export(file_type="stl"))
+        else:
+            V, F = np.asarray(V), np.asarray(F)
+            head, vertex, face, first = _TEXTS[path.suffix.lower()]
+            content = head.format(n=len(V), m=len(F)).encode()
+            temporary.write_bytes(content + rows_of(vertex, V) + rows_of(face, F + first, INTEGER))
 
 
-_EXPORT = {".obj": {"digits": 17, "include_normals": False}, ".off": {"digits": 17}}
+#: Of formats that are text: the head, what lines of vertices and faces begin with, the first id.
+_TEXTS = {".obj": ("", b"v", b"f", 1), ".off": ("OFF\n{n} {m} 0\n", b"", b"3", 0)}
 
 
 def repair(V: np.ndarray, F: np.ndarray) -> tuple[Mesh, np.ndarray]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from sshade.mesh.seams import same_rows
 
@@ -27,18 +28,9 @@ def turns(group: np.ndarray, F: np.ndarray, rest: np.ndarray, posed: np.ndarray)
     -------
     (k, 3, 3) float64
     """
-    corner = np.flatnonzero(group.ravel() >= 0)
-    own, face = group.ravel()[corner], corner // 3
     groups = int(group.max(initial=-1)) + 1
-    area = np.linalg.norm(_cross(F, rest), axis=1)[face]
-    order = np.lexsort([area, own])
-    largest = corner[order[np.append(own[order][1:] != own[order][:-1], True)]] if len(own) else corner
-    Q = np.tile(np.eye(3), (groups, 1, 1))
-    before, after = (_frames(own, face, largest, F, V) for V in (rest, posed))
-    sound = np.linalg.norm(before, axis=2).all(axis=1) & np.linalg.norm(after, axis=2).all(axis=1)
-    turned = sound & (before != after).any(axis=(1, 2))
-    Q[turned] = np.einsum("kia,kib->kab", after[turned], before[turned])
-    return Q
+    arrays = (np.ascontiguousarray(V, dtype=np.float64) for V in (rest, posed))
+    return _turns(group, F, *arrays, groups)
 
 
 def vertex_turns(N: np.ndarray, F: np.ndarray, rest: np.ndarray, posed: np.ndarray) -> np.ndarray:
@@ -55,25 +47,72 @@ def vertex_turns(N: np.ndarray, F: np.ndarray, rest: np.ndarray, posed: np.ndarr
     return Q[group]
 
 
-def _cross(F: np.ndarray, V: np.ndarray) -> np.ndarray:
-    a, b, c = (np.ascontiguousarray(V[F[:, i]].T) for i in range(3))
-    return np.cross(b - a, c - a, axis=0).T
+@njit(cache=True, nogil=True)
+def _unit(x, y, z):
+    length = np.sqrt(x * x + y * y + z * z)
+    return (x / length, y / length, z / length) if length > 0 else (0.0, 0.0, 0.0)
 
 
-def _frames(
-    own: np.ndarray, face: np.ndarray, largest: np.ndarray, F: np.ndarray, V: np.ndarray
-) -> np.ndarray:
-    """(k, 3, 3) orthonormal rows of each group; rows of zeros where it has no normal or no median.
-
-    `own` are the groups of corners of `face`, `largest` the corner of each group that gives its median.
-    """
-    normal = _unit(np.stack([np.bincount(own, x[face]) for x in _cross(F, V).T], axis=1))
-    median = np.zeros_like(normal)
-    median[np.unique(own)] = _unit(V[F[largest // 3]].sum(axis=1) - 3.0 * V[F.ravel()[largest]])
-    median = _unit(median - np.einsum("ki,ki->k", median, normal)[:, None] * normal)
-    return np.stack([normal, median, np.cross(normal, median)], axis=1)
+@njit(cache=True, nogil=True)
+def _cross(x, y):
+    return x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]
 
 
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
+@njit(cache=True, nogil=True)
+def _between(V, i, j):
+    return V[j, 0] - V[i, 0], V[j, 1] - V[i, 1], V[j, 2] - V[i, 2]
+
+
+@njit(cache=True, nogil=True)
+def _mean_normals(group, F, V, groups):
+    """(k, 3) sums of the area normals of the corners of each group; its last corner of the largest area."""
+    normal, greatest = np.zeros((groups, 3)), np.full(groups, -1.0)
+    largest = np.full(groups, -1, dtype=np.int64)
+    for f in range(len(F)):
+        n = _cross(_between(V, F[f, 0], F[f, 1]), _between(V, F[f, 0], F[f, 2]))
+        area = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+        for c in range(3):
+            g = group[f, c]
+            if g >= 0:
+                for i in range(3):
+                    normal[g, i] += n[i]
+                if area >= greatest[g]:
+                    greatest[g], largest[g] = area, 3 * f + c
+    return normal, largest
+
+
+@njit(cache=True, nogil=True)
+def _frame(normal, F, V, corner, frame):
+    """Fill the orthonormal rows of a group; False where it has no normal or no median."""
+    n = _unit(normal[0], normal[1], normal[2])
+    f, c = corner // 3, corner % 3
+    one = _between(V, F[f, c], F[f, (c + 1) % 3])
+    other = _between(V, F[f, c], F[f, (c + 2) % 3])
+    m = _unit(one[0] + other[0], one[1] + other[1], one[2] + other[2])
+    along = m[0] * n[0] + m[1] * n[1] + m[2] * n[2]
+    m = _unit(m[0] - along * n[0], m[1] - along * n[1], m[2] - along * n[2])
+    w = _cross(n, m)
+    for i in range(3):
+        frame[0, i], frame[1, i], frame[2, i] = n[i], m[i], w[i]
+    return (n[0] != 0 or n[1] != 0 or n[2] != 0) and (w[0] != 0 or w[1] != 0 or w[2] != 0)
+
+
+@njit(cache=True, nogil=True)
+def _turns(group, F, rest, posed, groups):
+    Q = np.zeros((groups, 3, 3))
+    normal, largest = _mean_normals(group, F, rest, groups)
+    normal_after, _ = _mean_normals(group, F, posed, groups)
+    before, after = np.empty((3, 3)), np.empty((3, 3))
+    for g in range(groups):
+        Q[g, 0, 0] = Q[g, 1, 1] = Q[g, 2, 2] = 1.0
+        if largest[g] < 0:
+            continue
+        sound = _frame(normal[g], F, rest, largest[g], before)
+        sound &= _frame(normal_after[g], F, posed, largest[g], after)
+        if sound and (before != after).any():
+            for a in range(3):
+                for b in range(3):
+                    Q[g, a, b] = (
+                        after[0, a] * before[0, b] + after[1, a] * before[1, b] + after[2, a] * before[2, b]
+                    )
+    return Q

@@ -5,43 +5,74 @@ What a file says of texture, normals, colours, groups and materials splits no ve
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.io.document import MeshFile, moved_reference, present, with_numbers, with_words
+from sshade.io.document import MeshFile, fanned, moved_reference, present
 from sshade.io.normals import turns
+from sshade.io.text import (
+    DOUBLE,
+    INTEGER,
+    NOTHING,
+    Edits,
+    Lines,
+    array_of,
+    columns_of,
+    edited,
+    integers_of,
+    key_of,
+    lines_of,
+    numbers_edited,
+    numbers_of,
+    parts_of,
+)
 from sshade.mesh.seams import same_rows
 
 #: Decimals of normals that are written.
 DECIMALS = 6
 
 
-@dataclass
-class _Obj:
-    """The lines of a file (a continued line is one), and where its numbers stand.
+class _Vectors(NamedTuple):
+    """Three numbers of each line of a kind (k, 3), where they stand, and where the line begins (k,)."""
 
-    `normals_before` counts those above each face, which relative ids count from; `corners` are the
-    vertex and the normal (or -1) of each corner of a polygon, `triangles` numbers of corners.
+    begin: np.ndarray
+    end: np.ndarray
+    value: np.ndarray
+    line: np.ndarray
+
+
+class _Corners(NamedTuple):
+    """Corners of the polygons (c,), in the order of the file.
+
+    `vertex` and `normal` (or -1), where the number of the normal stands, whether it is `relative`, and
+    how many normals are above the face, which relative numbers count from.
     """
 
-    lines: list[bytes]
-    positions: list[list[float]] = field(default_factory=list)
-    position_lines: list[int] = field(default_factory=list)
-    normals: list[list[float]] = field(default_factory=list)
-    normal_lines: list[int] = field(default_factory=list)
-    face_lines: list[int] = field(default_factory=list)
-    sizes: list[int] = field(default_factory=list)
-    normals_before: list[int] = field(default_factory=list)
-    corners: list[tuple[int, int]] = field(default_factory=list)
-    triangles: list[tuple[int, int, int]] = field(default_factory=list)
-    libraries: list[int] = field(default_factory=list)
-    keys: set[bytes] = field(default_factory=set)
-    coloured: bool = False
+    vertex: np.ndarray
+    normal: np.ndarray
+    begin: np.ndarray
+    end: np.ndarray
+    relative: np.ndarray
+    above: np.ndarray
+
+
+class _Obj(NamedTuple):
+    """A file: its bytes, its numbers, its triangles as numbers of corners, places of its lines mtllib.
+
+    `normal_ends` (k,) is where the line after each normal begins, if there were a newline at the end.
+    """
+
+    text: np.ndarray
+    positions: _Vectors
+    normals: _Vectors
+    normal_ends: np.ndarray
+    corners: _Corners
+    triangles: np.ndarray
+    libraries: list[tuple[int, int]]
 
 
 def read_obj(path: Path) -> MeshFile:
@@ -54,107 +85,116 @@ def read_obj(path: Path) -> MeshFile:
     InputError
         When there are no triangles.
     """
-    obj = _parsed(path.read_bytes())
-    if not obj.positions or not obj.triangles:
+    data = path.read_bytes()
+    text = array_of(data)
+    lines = lines_of(text, continued=True)
+    positions, words = _vectors(text, lines.of(lines.key == key_of(b"v")), "a vertex")
+    normals, _ = _vectors(text, lines.of(lines.key == key_of(b"vn")), "a normal")
+    corners, triangles, sizes = _faces(text, lines.of(lines.key == key_of(b"f")), positions, normals)
+    if not len(positions.line) or not len(triangles):
         raise InputError(f"{path}: the file holds no triangles")
-    corners = np.array(obj.corners, dtype=np.int64)
-    if corners[:, 1].max() >= len(obj.normals) or corners[:, 1].min() < -1:
-        raise ValueError(f"a face refers to a normal outside 1..{len(obj.normals)}")
-    V = np.array(obj.positions, dtype=np.float64)
+    if corners.normal.max() >= len(normals.line):
+        raise ValueError(f"a face refers to a normal outside 1..{len(normals.line)}")
+    keys = set(np.unique(lines.key).tolist())
+    known = (b"vt", b"mtllib", b"usemtl", b"g", b"o", b"s", b"l", b"p")
+    there = {name for name in known if key_of(name) in keys}
     holds = present(
-        texture_coordinates=b"vt" in obj.keys,
-        normals=obj.normals,
-        vertex_colours=obj.coloured,
-        materials=obj.keys & {b"mtllib", b"usemtl"},
-        groups=obj.keys & {b"g", b"o"},
-        smoothing_groups=b"s" in obj.keys,
-        polygons=max(obj.sizes) > 3,
-        lines_and_points=obj.keys & {b"l", b"p"},
-        comments=any(key.startswith(b"#") for key in obj.keys),
+        texture_coordinates=b"vt" in there,
+        normals=len(normals.line),
+        vertex_colours=(words >= 7).any(),
+        materials=there & {b"mtllib", b"usemtl"},
+        groups=there & {b"g", b"o"},
+        smoothing_groups=b"s" in there,
+        polygons=(sizes > 3).any(),
+        lines_and_points=there & {b"l", b"p"},
+        comments=any(key & 0xFF == ord("#") for key in keys),
     )
-    F = corners[:, 0][np.array(obj.triangles)]
-    return MeshFile(V, F, holds, (".obj",), partial(_content, obj, corners, V, path))
+    ends = np.append(lines.begin[1:], len(text) + (not _ended(text)))
+    mtllib = lines.key == key_of(b"mtllib")
+    libraries = list(zip(lines.begin[mtllib].tolist(), ends[mtllib].tolist(), strict=True))
+    normal_ends = ends[lines.key == key_of(b"vn")]
+    obj = _Obj(text, positions, normals, normal_ends, corners, triangles, libraries)
+    F = corners.vertex[triangles]
+    return MeshFile(positions.value, F, holds, (".obj",), partial(_content, obj, path))
 
 
-def _parsed(data: bytes) -> _Obj:
-    obj = _Obj(_logical_lines(data))
-    number = 1
-    for place, line in enumerate(obj.lines):
-        words = _words(line)
-        key = words[0] if words else b""
-        obj.keys.add(key[:1] if key.startswith(b"#") else key)
-        if key == b"v":
-            _position(obj, place, words, number)
-        elif key == b"vn":
-            obj.normals.append([float(word) for word in words[1:4]])
-            obj.normal_lines.append(place)
-            if len(obj.normals[-1]) < 3:
-                raise ValueError(f"line {number}: a normal needs three coordinates")
-        elif key == b"f":
-            _face(obj, place, words, number)
-        elif key == b"mtllib":
-            obj.libraries.append(place)
-        number += max(line.count(b"\n"), 1)
-    return obj
+def _ended(text: np.ndarray) -> bool:
+    """Whether the last line has an end."""
+    return text[-1] in (10, 13)
 
 
-def _words(line: bytes) -> list[bytes]:
-    if b"\\" in line:
-        line = line.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
-    return line.split()
+def _number(text: np.ndarray, place: int) -> int:
+    """Of the line that begins at a place, from 1."""
+    return text[:place].tobytes().count(b"\n") + 1
 
 
-def _logical_lines(data: bytes) -> list[bytes]:
-    lines: list[bytes] = []
-    goes_on = False
-    for line in data.splitlines(keepends=True):
-        if goes_on:
-            lines[-1] += line
-        else:
-            lines.append(line)
-        goes_on = line.endswith((b"\\\n", b"\\\r\n"))
-    return lines
+def _vectors(text: np.ndarray, lines: Lines, what: str) -> tuple[_Vectors, np.ndarray]:
+    """The three numbers that follow the first word of each line, and how many words it has."""
+    begin, end, words = columns_of(text, lines, 1, 3)
+    short = np.flatnonzero(words < 4)
+    if len(short):
+        raise ValueError(f"line {_number(text, lines.begin[short[0]])}: {what} needs three coordinates")
+    return _Vectors(begin, end, numbers_of(text, begin, end), lines.begin), words
 
 
-def _position(obj: _Obj, place: int, words: list[bytes], number: int) -> None:
-    obj.positions.append([float(word) for word in words[1:4]])
-    obj.position_lines.append(place)
-    obj.coloured |= len(words) >= 7
-    if len(words) < 4:
-        raise ValueError(f"line {number}: a vertex needs three coordinates")
+def _faces(
+    text: np.ndarray, lines: Lines, positions: _Vectors, normals: _Vectors
+) -> tuple[_Corners, np.ndarray, np.ndarray]:
+    """Corners, triangles (m, 3) of numbers of corners, and how many corners each polygon has."""
+    sizes = columns_of(text, lines, 1, 0)[2] - 1
+    if (sizes < 3).any():
+        _refuse_face(text, lines.begin, sizes < 3)
+    first = np.cumsum(sizes) - sizes
+    begin, end = np.empty(int(sizes.sum()), dtype=np.int64), np.empty(int(sizes.sum()), dtype=np.int64)
+    polygons, which = [], []
+    for size in np.unique(sizes).tolist():
+        own = np.flatnonzero(sizes == size)
+        ids = first[own, None] + np.arange(size)
+        begin[ids], end[ids], _ = columns_of(text, lines.of(own), 1, size)
+        polygons.append(ids)
+        which.append(own)
+    face = np.repeat(np.arange(len(sizes)), sizes)
+    line = lines.begin[face]
+    vertex = integers_of(text, *parts_of(text, begin, end, 0))
+    begin, end = parts_of(text, begin, end, 2)
+    shaded = np.flatnonzero(begin < end)
+    normal = np.zeros(len(begin), dtype=np.int64)
+    normal[shaded] = integers_of(text, begin[shaded], end[shaded])
+    none = vertex == 0
+    none[shaded] |= normal[shaded] == 0
+    if none.any():
+        _refuse_face(text, line, none)
+    above = np.searchsorted(normals.line, lines.begin)[face]
+    vertex += np.where(vertex > 0, -1, np.searchsorted(positions.line, lines.begin)[face])
+    relative = normal < 0
+    normal += np.where(relative, above, -1)
+    if (normal[shaded] < 0).any():
+        number = _number(text, line[shaded][normal[shaded] < 0][0])
+        raise ValueError(f"line {number}: there are not so many normals above it")
+    normal[begin == end] = -1
+    return _Corners(vertex, normal, begin, end, relative, above), fanned(polygons, which)[0], sizes
 
 
-def _face(obj: _Obj, place: int, words: list[bytes], number: int) -> None:
-    at = len(obj.corners)
-    for word in words[1:]:
-        ids = word.split(b"/")
-        v, n = int(ids[0]), int(ids[2]) if len(ids) > 2 and ids[2] else None
-        if v == 0 or n == 0:
-            raise ValueError(f"line {number}: a face needs three vertices, counted from 1")
-        v = v - 1 if v > 0 else len(obj.positions) + v
-        if n is not None:
-            n = n - 1 if n > 0 else len(obj.normals) + n
-            if n < 0:
-                raise ValueError(f"line {number}: there are not so many normals above it")
-        obj.corners.append((v, -1 if n is None else n))
-    size = len(words) - 1
-    if size < 3:
-        raise ValueError(f"line {number}: a face needs three vertices, counted from 1")
-    obj.face_lines.append(place)
-    obj.sizes.append(size)
-    obj.normals_before.append(len(obj.normals))
-    obj.triangles += [(at, b, c) for b, c in pairwise(range(at + 1, at + size))]
+def _refuse_face(text: np.ndarray, line: np.ndarray, wrong: np.ndarray) -> None:
+    number = _number(text, line[wrong][0])
+    raise ValueError(f"line {number}: a face needs three vertices, counted from 1")
 
 
-def _content(obj: _Obj, corners: np.ndarray, rest: np.ndarray, source: Path, V: np.ndarray, path: Path):
-    lines = list(obj.lines)
-    for place, old, new in zip(obj.position_lines, rest.tolist(), V.tolist(), strict=True):
-        lines[place] = with_numbers(lines[place], 1, old, new)
-    for place in obj.libraries:
-        lines[place] = _library(lines[place], source, path)
-    if obj.normals:
-        _turn_normals(obj, corners, rest, V, lines)
-    return b"".join(lines)
+def _content(obj: _Obj, source: Path, V: np.ndarray, path: Path) -> bytes:
+    begin, end, rest, _ = obj.positions
+    edits = [numbers_edited(begin, end, rest, V)]
+    text = obj.text if _ended(obj.text) else np.append(obj.text, np.uint8(10))
+    if len(obj.normals.line):
+        edits += _turned_normals(obj, V)
+    for begin_of, end_of in obj.libraries:
+        line = obj.text[begin_of:end_of].tobytes()
+        moved = _library(line, source, path)
+        if moved != line:  # it is copied from behind the end of the text
+            places = [np.array(p) for p in ([begin_of] * 2, [begin_of, len(text) + len(moved)])]
+            resume = np.array([len(text), end_of])
+            edits.append(Edits(places[0], places[1], resume, np.zeros(2, dtype=np.uint8), np.zeros(2)))
+            text = np.concatenate([text, array_of(moved)])
+    return edited(text, edits, size=len(obj.text))
 
 
 def _library(line: bytes, source: Path, path: Path) -> bytes:
@@ -169,61 +209,67 @@ def _library(line: bytes, source: Path, path: Path) -> bytes:
     return b"mtllib " + " ".join(moved).encode("utf-8", "surrogateescape") + end
 
 
-def _turn_normals(
-    obj: _Obj, corners: np.ndarray, rest: np.ndarray, V: np.ndarray, lines: list[bytes]
-) -> None:
+def _turned_normals(obj: _Obj, V: np.ndarray) -> list[Edits]:
     """Turn normals with the surface.
 
     Programs write equal normals once. Where the places that share one turn differently, further lines
     follow its own, and faces count anew.
     """
-    N = np.array(obj.normals)
-    shaded = np.flatnonzero(corners[:, 1] >= 0)
+    corners, rest, N = obj.corners, obj.positions.value, obj.normals.value
+    shaded = np.flatnonzero(corners.normal >= 0)
     if not len(shaded):
-        return
+        return []
     # Each vertex with each of its normals once.
-    pair, pair_of = np.unique(corners[shaded] @ [len(N), 1], return_inverse=True)
-    vertex, normal = np.divmod(pair, len(N))
-    group = np.full(len(corners), -1)
+    pair_of = same_rows(np.column_stack([corners.vertex[shaded], corners.normal[shaded]]))
+    one = shaded[_first(pair_of)]
+    vertex, normal = corners.vertex[one], corners.normal[one]
     alike = same_rows(np.column_stack([rest[vertex], V[vertex], N[normal]]))
+    group = np.full(len(corners.vertex), -1)
     group[shaded] = alike[pair_of]
-    triangles = np.array(obj.triangles)
-    Q = turns(group[triangles], corners[:, 0][triangles], rest, V)
+    Q = turns(group[obj.triangles], corners.vertex[obj.triangles], rest, V)
     new = np.einsum("kij,kj->ki", Q[alike], N[normal])
     still = (new == N[normal]).all(axis=1)
     new = np.where(still[:, None], N[normal], np.round(new, DECIMALS) + 0.0)
     variant = same_rows(np.column_stack([normal, new]))
-    pairs = np.unique(np.column_stack([normal, variant]), axis=0)
-    value = np.empty((int(variant.max()) + 1, 3))
-    value[variant] = new
-    written = np.bincount(pairs[:, 0], minlength=len(N))
-    start = np.append(0, np.cumsum(np.maximum(written, 1)))  # of each normal's lines among all of them
-    first = np.append(0, np.cumsum(written))[:-1]
-    place = np.empty(len(value), dtype=np.int64)
-    place[pairs[:, 1]] = start[pairs[:, 0]] + np.arange(len(pairs)) - first[pairs[:, 0]]
-    for i in np.flatnonzero(written).tolist():
-        line = lines[obj.normal_lines[i]]
-        own = line if line.endswith((b"\n", b"\r")) or written[i] == 1 else line + b"\n"
-        variants = pairs[first[i] : first[i] + written[i], 1]
-        lines[obj.normal_lines[i]] = b"".join(
-            with_numbers(own, 1, obj.normals[i], value[k].tolist()) for k in variants
-        )
-    if start[-1] > len(N):
-        ids = np.full(len(corners), -1)
-        ids[shaded] = place[variant[pair_of]]
-        _count_anew(obj, ids, start, lines)
+    one = _first(variant)
+    order = np.argsort(normal[one], kind="stable")  # of the variants, as they are written
+    line_of, value = normal[one][order], new[one][order]
+    written = np.bincount(line_of, minlength=len(N))
+    edits = [_variants(obj, line_of, value)]
+    if (written > 1).any():
+        above = np.append(0, np.cumsum(np.maximum(written, 1)))  # lines before that of each normal
+        rank = np.arange(len(order)) - np.searchsorted(line_of, line_of)
+        place = np.empty(len(order), dtype=np.int64)
+        place[order] = above[line_of] + rank
+        edits.append(_counted_anew(corners, shaded, place[variant[pair_of]], above))
+    return edits
 
 
-def _count_anew(obj: _Obj, ids: np.ndarray, start: np.ndarray, lines: list[bytes]) -> None:
-    """Give the faces the new numbers (c,) of the normals at their corners; relative ids stay relative."""
-    at = 0
-    for line, size, above in zip(obj.face_lines, obj.sizes, obj.normals_before, strict=True):
-        own = ids[at : at + size].tolist()
-        at += size
-        words = _words(lines[line])
-        new = {}
-        for number, index in enumerate(own, start=1):
-            if index >= 0:
-                head, _, last = words[number].rpartition(b"/")
-                new[number] = b"%b/%d" % (head, index - int(start[above]) if int(last) < 0 else index + 1)
-        lines[line] = with_words(lines[line], new)
+def _first(ids: np.ndarray) -> np.ndarray:
+    """Where each of some ids, counted from 0, comes first."""
+    first = np.empty(int(ids.max()) + 1, dtype=np.int64)
+    first[ids[::-1]] = np.arange(len(ids))[::-1]
+    return first
+
+
+def _variants(obj: _Obj, line_of: np.ndarray, value: np.ndarray) -> Edits:
+    """Write normals (w, 3), in the order of their lines (w,); a line is repeated for a second one."""
+    begin, end, old, line = obj.normals
+    again = np.append(line_of[1:] == line_of[:-1], False)  # another variant follows
+    stop, resume = (np.empty((len(line_of), 4), dtype=np.int64) for _ in range(2))
+    stop[:, :3], resume[:, :3] = begin[line_of], end[line_of]
+    stop[:, 3], resume[:, 3] = obj.normal_ends[line_of], line[line_of]
+    kind = np.full(stop.shape, DOUBLE, dtype=np.uint8)
+    kind[:, 3] = NOTHING
+    made = np.column_stack([old[line_of] != value, again])
+    number = np.column_stack([value, np.zeros(len(value))])
+    where = np.repeat(line[line_of][:, None], 4, axis=1)
+    return Edits(*(column[made] for column in (where, stop, resume, kind, number)))
+
+
+def _counted_anew(corners: _Corners, shaded: np.ndarray, place: np.ndarray, above: np.ndarray) -> Edits:
+    """Give the corners `shaded` the new numbers `place` of their normals; relative ones stay relative."""
+    relative, over = corners.relative[shaded], corners.above[shaded]
+    old = corners.normal[shaded] - np.where(relative, over, -1)
+    new = place - np.where(relative, above[over], -1)
+    return numbers_edited(corners.begin[shaded], corners.end[shaded], old, new, kind=INTEGER)

@@ -4,18 +4,36 @@ from __future__ import annotations
 
 import re
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.io.document import MeshFile, present, with_numbers
+from sshade.io.document import MeshFile, fanned, present
 from sshade.io.normals import vertex_turns
+from sshade.io.text import (
+    Lines,
+    array_of,
+    columns_of,
+    edited,
+    integers_of,
+    lines_of,
+    numbers_edited,
+    numbers_of,
+)
 
 #: The first word: texture coordinates, colours, normals at the vertices. A small n is another thing:
 #: the number of coordinates.
 _KEYWORD = re.compile(rb"(ST|st)?([Cc])?(N)?(?:OFF|off)$")
+
+
+class _Numbers(NamedTuple):
+    """Three numbers of each vertex, and where they stand: (n, 3)."""
+
+    begin: np.ndarray
+    end: np.ndarray
+    value: np.ndarray
 
 
 def read_off(path: Path) -> MeshFile:
@@ -28,72 +46,70 @@ def read_off(path: Path) -> MeshFile:
     InputError
         When there are no triangles.
     """
-    lines = path.read_bytes().splitlines(keepends=True)
-    rows = [(line, words) for line, words in enumerate(map(_words, lines)) if words]
-    keyword = _KEYWORD.match(rows[0][1][0]) if rows else None
+    data = path.read_bytes()
+    text = array_of(data)
+    lines = lines_of(text, comment=b"#")
+    rows = lines.of(lines.word < lines.end)
+    head = [data[begin:end].split() for begin, end in zip(rows.begin[:2], rows.end[:2], strict=True)]
+    keyword = _KEYWORD.match(head[0][0]) if head else None
     if keyword is None:
         raise ValueError("it does not begin with OFF, or holds other than three coordinates a vertex")
-    if len(rows) < 2:
+    if len(head) < 2:
         raise ValueError("it ends after its first line")
-    first = rows[0][1]
-    counts, body = (first[1:], rows[1:]) if len(first) > 1 else (rows[1][1], rows[2:])
+    counts, begun = (head[0][1:], 1) if len(head[0]) > 1 else (head[1], 2)
     if len(counts) < 2:
         raise ValueError("it does not say how many vertices and faces it holds")
     n, m = int(counts[0]), int(counts[1])
-    if n < 0 or m < 0 or len(body) != n + m:
-        raise ValueError(f"{n} vertices and {m} faces are announced, {len(body)} lines follow")
-    polygons = [_polygon(number, words) for number, (_, words) in enumerate(body[n:])]
-    triangles = [(ids[0], b, c) for ids in polygons for b, c in pairwise(ids[1:])]
-    if not n or not triangles:
+    body = rows.of(slice(begun, None))
+    if n < 0 or m < 0 or len(body.begin) != n + m:
+        raise ValueError(f"{n} vertices and {m} faces are announced, {len(body.begin)} lines follow")
+    vertices = body.of(slice(n))
+    F, polygons, coloured = _faces(text, body.of(slice(n, None)))
+    if not n or not len(F):
         raise InputError(f"{path}: the file holds no triangles")
-    V = np.array([_numbers(i, words, 0) for i, (_, words) in enumerate(body[:n])])
-    N = np.array([_numbers(i, words, 3) for i, (_, words) in enumerate(body[:n])]) if keyword[3] else None
-    plain = 3 if N is None else 6
+    positions, words = _numbers(text, vertices, 0)
+    normals = _numbers(text, vertices, 3)[0] if keyword[3] else None
     holds = present(
         texture_coordinates=keyword[1],
         normals=keyword[3],
-        vertex_colours=keyword[2] or not keyword[1] and any(len(words) > plain for _, words in body[:n]),
-        face_colours=any(len(words) > int(words[0]) + 1 for _, words in body[n:]),
-        polygons=any(len(ids) > 3 for ids in polygons),
-        comments=any(b"#" in line for line in lines),
+        vertex_colours=keyword[2] or not keyword[1] and (words > (6 if normals else 3)).any(),
+        face_colours=coloured,
+        polygons=polygons,
+        comments=b"#" in data,
     )
-    F = np.array(triangles, dtype=np.int64)
-    places = [line for line, _ in body[:n]]
-    return MeshFile(V, F, holds, (".off",), partial(_content, lines, places, V, F, N))
+    return MeshFile(positions.value, F, holds, (".off",), partial(_content, text, positions, F, normals))
 
 
-def _words(line: bytes) -> list[bytes]:
-    return line.split(b"#", 1)[0].split()
+def _numbers(text: np.ndarray, lines: Lines, first: int) -> tuple[_Numbers, np.ndarray]:
+    """Three numbers of each line, from word `first` on, and how many words it has."""
+    begin, end, words = columns_of(text, lines, first, 3)
+    short = np.flatnonzero(words < first + 3)
+    if len(short):
+        raise ValueError(f"vertex {short[0]} needs three coordinates{' and a normal' if first else ''}")
+    return _Numbers(begin, end, numbers_of(text, begin, end)), words
 
 
-def _numbers(vertex: int, words: list[bytes], first: int) -> list[float]:
-    numbers = [float(word) for word in words[first : first + 3]]
-    if len(numbers) < 3:
-        raise ValueError(f"vertex {vertex} needs three coordinates{' and a normal' if first else ''}")
-    return numbers
-
-
-def _polygon(number: int, words: list[bytes]) -> list[int]:
-    ids = [int(word) for word in words[1 : int(words[0]) + 1]]
-    if len(ids) < max(3, int(words[0])):
-        raise ValueError(f"face {number} is not complete")
-    return ids
+def _faces(text: np.ndarray, lines: Lines) -> tuple[np.ndarray, bool, bool]:
+    """(m, 3) triangles of the lines of polygons, whether some have more corners, and more words."""
+    begin, end, words = columns_of(text, lines, 0, 1)
+    size = integers_of(text, begin, end)[:, 0]
+    short = np.flatnonzero((size < 3) | (words < size + 1))
+    if len(short):
+        raise ValueError(f"face {short[0]} is not complete")
+    of_size = [(size == k).nonzero()[0] for k in np.unique(size).tolist()]
+    polygons = [
+        integers_of(text, *columns_of(text, lines.of(which), 1, int(size[which[0]]))[:2]) for which in of_size
+    ]
+    F = fanned(polygons, of_size)[0]
+    return F, bool((size > 3).any()), bool((words > size + 1).any())
 
 
 def _content(
-    lines: list[bytes],
-    places: list[int],
-    rest: np.ndarray,
-    F: np.ndarray,
-    N: np.ndarray | None,
-    V: np.ndarray,
-    path: Path,
+    text: np.ndarray, positions: _Numbers, F: np.ndarray, normals: _Numbers | None, V: np.ndarray, path: Path
 ) -> bytes:
-    lines = list(lines)
-    for place, old, new in zip(places, rest.tolist(), V.tolist(), strict=True):
-        lines[place] = with_numbers(lines[place], 0, old, new)
-    if N is not None:
-        turned = np.einsum("kij,kj->ki", vertex_turns(N, F, rest, V), N)
-        for place, old, new in zip(places, N.tolist(), turned.tolist(), strict=True):
-            lines[place] = with_numbers(lines[place], 3, old, new)
-    return b"".join(lines)
+    edits = [numbers_edited(*positions, V)]
+    if normals is not None:
+        N = normals.value
+        turned = np.einsum("kij,kj->ki", vertex_turns(N, F, positions.value, V), N)
+        edits.append(numbers_edited(*normals, turned))
+    return edited(text, edits)

@@ -9,33 +9,34 @@ G. Turk, "The PLY polygon file format", 1994.
 
 from __future__ import annotations
 
-import re
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from sshade.io.document import MeshFile, digits, moved_reference, present
+from sshade.io.document import MeshFile, fanned, moved_reference, present
 from sshade.io.normals import turns, vertex_turns
 from sshade.io.ply_elements import Element, read_header, take
+from sshade.io.text import array_of, edited, numbers_edited, numbers_of, words_of
 
 _CORNERS = ("vertex_indices", "vertex_index")
 _NORMAL = ["nx", "ny", "nz"]
 _CHANGED = ["x", "y", "z", *_NORMAL]
-_NO_FACES = np.zeros((0, 3), dtype=np.int64)
+_NO_WORDS = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
 
 
 class _Ply(NamedTuple):
     """A file: its bytes, where the numbers begin, their order ("" for text), and its elements by name.
 
-    The places of a text's rows count eight a word.
+    The places of a text's rows count eight a word; `words` are where those begin and end behind `body`.
     """
 
     data: bytes
     body: int
     order: str
     elements: dict[str, Element]
+    words: tuple[np.ndarray, np.ndarray]
 
 
 def read_ply(path: Path) -> MeshFile:
@@ -55,7 +56,7 @@ def read_ply(path: Path) -> MeshFile:
     if not vertices.numbers("x y z"):
         raise ValueError("its vertices have no x, y and z")
     V = vertices.columns(vertices.numbers("x y z"))
-    F, face = _triangles(faces) if faces else (_NO_FACES, _NO_FACES[:, 0])
+    F, face = _triangles(faces) if faces else fanned([], [])
     properties = vertices.properties + (faces.properties if faces else [])
     # Numbers that are whole in the file cannot hold what they become.
     whole = any(p.kind.kind != "f" for p in properties if p.name in _CHANGED)
@@ -65,12 +66,12 @@ def read_ply(path: Path) -> MeshFile:
 
 def _parsed(data: bytes) -> _Ply:
     order, elements, body = read_header(data)
-    numbers, at, binary = data, body, order
+    numbers, at, binary, words = data, body, order, _NO_WORDS
     if order == "":
         # As numbers of one type, text is read the way binary is.
-        words, double = data[body:].split(), np.dtype("float64")
-        numbers = np.fromiter(map(float, words), dtype="<f8", count=len(words)).tobytes()
-        at, binary = 0, "<"
+        text, double = array_of(data)[body:], np.dtype("float64")
+        words = words_of(text)
+        numbers, at, binary = numbers_of(text, *words).astype("<f8").tobytes(), 0, "<"
     for element in elements:
         typed = element
         if order == "":
@@ -82,7 +83,7 @@ def _parsed(data: bytes) -> _Ply:
         element.rows, at = take(numbers, at, typed, binary)
     if at != len(numbers):
         raise ValueError("more follows after the last of what it announces")
-    return _Ply(data, body, order, {element.name: element for element in elements})
+    return _Ply(data, body, order, {element.name: element for element in elements}, words)
 
 
 def _triangles(faces: Element) -> tuple[np.ndarray, np.ndarray]:
@@ -90,12 +91,8 @@ def _triangles(faces: Element) -> tuple[np.ndarray, np.ndarray]:
     corners = [i for i, p in enumerate(faces.properties) if p.name in _CORNERS and p.length is not None]
     if faces.size and len(corners) != 1:
         raise ValueError("its faces have no list vertex_indices")
-    fans = [_fans(rows.values[f"p{corners[0]}"]) for rows in faces.rows]
-    pairs = zip(faces.rows, fans, strict=True)
-    owners = [np.repeat(rows.which, len(F) // len(rows.which)) for rows, F in pairs]
-    face = np.concatenate([_NO_FACES[:, 0], *owners])
-    order = np.argsort(face, kind="stable")
-    return np.concatenate([_NO_FACES, *fans])[order], face[order]
+    polygons = [_vertex_ids(rows.values[f"p{corners[0]}"]) for rows in faces.rows]
+    return fanned(polygons, [rows.which for rows in faces.rows])
 
 
 #: What properties of vertices and faces are, by name.
@@ -165,16 +162,15 @@ def _patched(ply: _Ply, changes: list[Change]) -> bytes:
 
 
 def _patched_text(ply: _Ply, changes: list[Change]) -> bytes:
-    words = re.split(rb"(\s+)", ply.data[ply.body :])
-    first = 2 if words[0] == b"" else 0
+    begin, end = ply.words
+    edits = []
     for element, properties, old, new in changes:
         for column, i in enumerate(properties):
-            before, after = old[:, column].tolist(), new[:, column].tolist()
             for rows in element.rows:
-                for row, at in zip(rows.which.tolist(), (rows.places(i) // 8).tolist(), strict=True):
-                    if before[row] != after[row]:
-                        words[first + 2 * at] = digits(after[row])
-    return b"".join(words)
+                word = rows.places(i) // 8
+                values = old[rows.which, column], new[rows.which, column]
+                edits.append(numbers_edited(begin[word], end[word], *values))
+    return edited(array_of(ply.data)[ply.body :], edits)
 
 
 def _header_at(header: bytes, source: Path, path: Path) -> bytes:
@@ -207,15 +203,13 @@ def write_ply(path: Path, V: np.ndarray, F: np.ndarray) -> None:
         file.write(faces.tobytes())
 
 
-def _fans(polygons: np.ndarray) -> np.ndarray:
-    """(m * (k - 2), 3) triangles of (m, k) polygons, in their order."""
-    k = polygons.shape[1]
-    if k < 3:
-        raise ValueError(f"a face has {k} corners")
+def _vertex_ids(polygons: np.ndarray) -> np.ndarray:
+    """(m, k) int64 of polygons of any type."""
+    if polygons.shape[1] < 3:
+        raise ValueError(f"a face has {polygons.shape[1]} corners")
     if polygons.dtype.kind == "f" and not (np.abs(polygons) < 2**53).all():
         raise ValueError("a corner of a face is no vertex id")
     ids = polygons.astype(np.int64)
     if (ids != polygons).any():
         raise ValueError("a corner of a face is no whole number")
-    first = np.repeat(ids[:, :1], k - 2, axis=1)
-    return np.stack([first, ids[:, 1:-1], ids[:, 2:]], axis=2).reshape(-1, 3)
+    return ids

@@ -4,17 +4,27 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.io.document import MeshFile, present, with_numbers
+from sshade.io.document import MeshFile, present
 from sshade.io.normals import turns
+from sshade.io.text import Lines, array_of, columns_of, edited, key_of, lines_of, numbers_edited, numbers_of
 
 #: A facet of a binary STL.
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-#: Keywords of a text STL that carry no numbers that are read here.
-_WORDS = ("outer", "endloop", "endfacet")
+#: Keywords of a text STL between those of a solid; none has more letters than a key.
+_WORDS = (b"facet", b"outer", b"vertex", b"endloop", b"endfacet")
+
+
+class _Solid(NamedTuple):
+    """Numbers of a text, and where they stand: of corners (3m, 3), of normals (m, 3)."""
+
+    text: np.ndarray
+    corners: tuple[np.ndarray, np.ndarray, np.ndarray]
+    normals: tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def read_stl(path: Path) -> MeshFile:
@@ -35,9 +45,9 @@ def read_stl(path: Path) -> MeshFile:
         content = partial(_binary, data[:84], facets, V)
         holds = present(facet_attributes=facets["attribute"].any())
     elif data.lstrip()[:5].lower() == b"solid":
-        lines = data.splitlines(keepends=True)
-        V, corner_lines, N, normal_lines = _text_solid(lines, path)
-        content, holds = partial(_text, lines, V, corner_lines, N, normal_lines), ()
+        solid = _text_solid(array_of(data), path)
+        V = solid.corners[2]
+        content, holds = partial(_text, solid), ()
     else:
         raise ValueError("it is neither a text that begins with solid, nor as long as its header says")
     if len(V) == 0:
@@ -45,37 +55,46 @@ def read_stl(path: Path) -> MeshFile:
     return MeshFile(V, np.arange(len(V)).reshape(-1, 3), holds, (".stl",), content)
 
 
-def _text_solid(lines: list[bytes], path: Path) -> tuple[np.ndarray, list[int], np.ndarray, list[int]]:
-    """(3m, 3) corners of the facets of the one solid of a text, (m, 3) normals, and the lines of both."""
-    corners: list[list[float]] = []
-    normals: list[list[float]] = []
-    corner_lines: list[int] = []
-    normal_lines: list[int] = []
-    solids, inside = 0, False
-    for number, line in enumerate(lines, start=1):
-        words = line.decode("latin-1").split()
-        key = words[0].lower() if words else ""
-        if key == "vertex" and inside:
-            corners.append([float(word) for word in words[1:]])
-            corner_lines.append(number - 1)
-            if len(corners[-1]) != 3:
-                raise ValueError(f"line {number}: a vertex needs three coordinates")
-        elif key == "facet" and inside:
-            normals.append([float(word) for word in words[2:5]])
-            normal_lines.append(number - 1)
-            if len(normals[-1]) != 3:
-                raise ValueError(f"line {number}: a normal needs three coordinates")
-        elif key in ("solid", "endsolid"):
-            solids, inside = solids + (key == "solid"), key == "solid"
-        elif key and not (key in _WORDS and inside):
-            raise ValueError(f"line {number} is not understood: {' '.join(words)[:60]!r}")
-        if key == "endloop" and len(corners) != 3 * len(normals):
-            raise ValueError(f"line {number}: a facet has no three vertices")
-    if inside or len(corners) != 3 * len(normals):
+def _text_solid(text: np.ndarray, path: Path) -> _Solid:
+    """The numbers of the one solid of a text."""
+    every = lines_of(text)
+    number = np.flatnonzero(every.word < every.end)
+    lines = every.of(number)
+    key = _lower(lines.key)
+    solid, facet, vertex = (key == key_of(word) for word in (b"solid", b"facet", b"vertex"))
+    inside = np.cumsum(solid) > np.cumsum(key == key_of(b"endsolid"))
+    known = np.isin(key, [key_of(word) for word in (*_WORDS, b"solid", b"endsolid")])
+    wrong = np.flatnonzero(~(known & (inside | (key == key_of(b"endsolid")))))
+    if len(wrong):
+        words = text[lines.begin[wrong[0]] : lines.end[wrong[0]]].tobytes().decode("latin-1").split()
+        raise ValueError(f"line {number[wrong[0]] + 1} is not understood: {' '.join(words)[:60]!r}")
+    corners = _numbers(text, lines, vertex, number, first=1, what="a vertex")
+    normals = _numbers(text, lines, facet, number, first=2, what="a normal")
+    loops = np.flatnonzero(key == key_of(b"endloop"))
+    uneven = loops[np.cumsum(vertex)[loops] != 3 * np.cumsum(facet)[loops]]
+    if len(uneven):
+        raise ValueError(f"line {number[uneven[0]] + 1}: a facet has no three vertices")
+    if inside[-1] or len(corners[2]) != 3 * len(normals[2]):
         raise ValueError("it ends within a solid")
-    if solids > 1:
-        raise InputError(f"{path}: the file holds {solids} meshes; give one mesh a file")
-    return np.array(corners).reshape(-1, 3), corner_lines, np.array(normals).reshape(-1, 3), normal_lines
+    if solid.sum() > 1:
+        raise InputError(f"{path}: the file holds {solid.sum()} meshes; give one mesh a file")
+    return _Solid(text, corners, normals)
+
+
+def _lower(key: np.ndarray) -> np.ndarray:
+    """Keys in small letters."""
+    letters = np.ascontiguousarray(key).view(np.uint8)
+    return np.where((letters >= 65) & (letters <= 90), letters | 32, letters).view(np.int64)
+
+
+def _numbers(
+    text: np.ndarray, lines: Lines, which: np.ndarray, number: np.ndarray, *, first: int, what: str
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    begin, end, words = columns_of(text, lines.of(which), first, 3)
+    short = np.flatnonzero(words < first + 3 if first == 2 else words != first + 3)
+    if len(short):
+        raise ValueError(f"line {number[which][short[0]] + 1}: {what} needs three coordinates")
+    return begin, end, numbers_of(text, begin, end)
 
 
 def _turned(N: np.ndarray, rest: np.ndarray, V: np.ndarray) -> np.ndarray:
@@ -91,18 +110,7 @@ def _binary(head: bytes, facets: np.ndarray, rest: np.ndarray, V: np.ndarray, pa
     return head + facets.tobytes()
 
 
-def _text(
-    lines: list[bytes],
-    rest: np.ndarray,
-    corner_lines: list[int],
-    N: np.ndarray,
-    normal_lines: list[int],
-    V: np.ndarray,
-    path: Path,
-) -> bytes:
-    lines = list(lines)
-    for place, old, new in zip(corner_lines, rest.tolist(), V.tolist(), strict=True):
-        lines[place] = with_numbers(lines[place], 1, old, new)
-    for place, old, new in zip(normal_lines, N.tolist(), _turned(N, rest, V).tolist(), strict=True):
-        lines[place] = with_numbers(lines[place], 2, old, new)
-    return b"".join(lines)
+def _text(solid: _Solid, V: np.ndarray, path: Path) -> bytes:
+    rest, N = solid.corners[2], solid.normals[2]
+    edits = [numbers_edited(*solid.corners, V), numbers_edited(*solid.normals, _turned(N, rest, V))]
+    return edited(solid.text, edits)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -13,11 +14,34 @@ from sshade.mesh.mesh import Mesh, repeats_vertex
 def same_rows(rows: np.ndarray) -> np.ndarray:
     """(k,) int64 ids of the rows of (k, d) float64: equal ones have the same, counted from 0.
 
-    The order of ids means nothing.
+    Ids are in the order of their first rows.
     """
     rows = np.ascontiguousarray(rows, dtype=np.float64) + 0.0  # no -0.0, which has other bits than 0.0
-    whole = rows.view(np.dtype((np.void, rows.itemsize * rows.shape[1])))[:, 0]
-    return np.unique(whole, return_inverse=True)[1].ravel()
+    return _same_rows(rows.view(np.uint64))
+
+
+@njit(cache=True, nogil=True)
+def _same_rows(rows):
+    """Ids of rows (k, d) of bits, by a hash table that is at most half full."""
+    size = 2
+    while size < 2 * len(rows):
+        size *= 2
+    table, ids = np.full(size, -1, dtype=np.int64), np.empty(len(rows), dtype=np.int64)
+    count = 0
+    for i in range(len(rows)):
+        mixed = np.uint64(0x9E3779B97F4A7C15)
+        for bits in rows[i]:
+            mixed = (mixed ^ bits) * np.uint64(0xBF58476D1CE4E5B9)
+            mixed ^= mixed >> np.uint64(29)
+        place = np.int64(mixed & np.uint64(size - 1))
+        while table[place] >= 0 and (rows[table[place]] != rows[i]).any():
+            place = (place + 1) & (size - 1)
+        if table[place] < 0:
+            table[place], ids[i] = i, count
+            count += 1
+        else:
+            ids[i] = ids[table[place]]
+    return ids
 
 
 def join_seams(mesh: Mesh) -> tuple[Mesh, np.ndarray]:

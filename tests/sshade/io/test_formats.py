@@ -71,7 +71,7 @@ def test_off_with_comments_colours_and_polygons(tmp_path):
         ("2 0 1 255", "2 0 x 255", "could not convert"),
         ("4 0 1 2 3", "4 0 1 2", "face 0 is not complete"),
         ("3 0 3 2", "2 0 3", "face 2 is not complete"),
-        ("3 0 3 2", "3 0 3 2.5", "invalid literal"),
+        ("3 0 3 2", "3 0 3 2.5", "is no whole number"),
     ],
 )
 def test_what_is_wrong_with_an_off_is_said(tmp_path, old, new, words):
