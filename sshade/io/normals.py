@@ -47,18 +47,21 @@ def vertex_turns(N: np.ndarray, F: np.ndarray, rest: np.ndarray, posed: np.ndarr
     return Q[group]
 
 
-@njit(cache=True, nogil=True)
+# Inlined, as a call would count the references of each array anew.
+
+
+@njit(inline="always")
 def _unit(x, y, z):
     length = np.sqrt(x * x + y * y + z * z)
     return (x / length, y / length, z / length) if length > 0 else (0.0, 0.0, 0.0)
 
 
-@njit(cache=True, nogil=True)
+@njit(inline="always")
 def _cross(x, y):
     return x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]
 
 
-@njit(cache=True, nogil=True)
+@njit(inline="always")
 def _between(V, i, j):
     return V[j, 0] - V[i, 0], V[j, 1] - V[i, 1], V[j, 2] - V[i, 2]
 

@@ -24,11 +24,13 @@ from sshade.io.text import (
     columns_of,
     edited,
     integers_of,
+    joined,
     key_of,
     lines_of,
     numbers_edited,
     numbers_of,
     parts_of,
+    words_in,
 )
 from sshade.mesh.seams import same_rows
 
@@ -86,8 +88,9 @@ def read_obj(path: Path) -> MeshFile:
         When there are no triangles.
     """
     data = path.read_bytes()
-    text = array_of(data)
-    lines = lines_of(text, continued=True)
+    whole = array_of(data)
+    text = joined(whole)
+    lines = lines_of(text)
     positions, words = _vectors(text, lines.of(lines.key == key_of(b"v")), "a vertex")
     normals, _ = _vectors(text, lines.of(lines.key == key_of(b"vn")), "a normal")
     corners, triangles, sizes = _faces(text, lines.of(lines.key == key_of(b"f")), positions, normals)
@@ -113,7 +116,7 @@ def read_obj(path: Path) -> MeshFile:
     mtllib = lines.key == key_of(b"mtllib")
     libraries = list(zip(lines.begin[mtllib].tolist(), ends[mtllib].tolist(), strict=True))
     normal_ends = ends[lines.key == key_of(b"vn")]
-    obj = _Obj(text, positions, normals, normal_ends, corners, triangles, libraries)
+    obj = _Obj(whole, positions, normals, normal_ends, corners, triangles, libraries)
     F = corners.vertex[triangles]
     return MeshFile(positions.value, F, holds, (".obj",), partial(_content, obj, path))
 
@@ -141,18 +144,12 @@ def _faces(
     text: np.ndarray, lines: Lines, positions: _Vectors, normals: _Vectors
 ) -> tuple[_Corners, np.ndarray, np.ndarray]:
     """Corners, triangles (m, 3) of numbers of corners, and how many corners each polygon has."""
-    sizes = columns_of(text, lines, 1, 0)[2] - 1
+    begin, end, sizes = words_in(text, lines, 1)
     if (sizes < 3).any():
         _refuse_face(text, lines.begin, sizes < 3)
     first = np.cumsum(sizes) - sizes
-    begin, end = np.empty(int(sizes.sum()), dtype=np.int64), np.empty(int(sizes.sum()), dtype=np.int64)
-    polygons, which = [], []
-    for size in np.unique(sizes).tolist():
-        own = np.flatnonzero(sizes == size)
-        ids = first[own, None] + np.arange(size)
-        begin[ids], end[ids], _ = columns_of(text, lines.of(own), 1, size)
-        polygons.append(ids)
-        which.append(own)
+    which = [np.flatnonzero(sizes == size) for size in np.unique(sizes)]
+    polygons = [first[own, None] + np.arange(sizes[own[0]]) for own in which]
     face = np.repeat(np.arange(len(sizes)), sizes)
     line = lines.begin[face]
     vertex = integers_of(text, *parts_of(text, begin, end, 0))

@@ -49,7 +49,7 @@ def read_off(path: Path) -> MeshFile:
     data = path.read_bytes()
     text = array_of(data)
     lines = lines_of(text, comment=b"#")
-    rows = lines.of(lines.word < lines.end)
+    rows = lines.of(lines.key != 0)
     head = [data[begin:end].split() for begin, end in zip(rows.begin[:2], rows.end[:2], strict=True)]
     keyword = _KEYWORD.match(head[0][0]) if head else None
     if keyword is None:

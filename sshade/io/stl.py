@@ -57,14 +57,16 @@ def read_stl(path: Path) -> MeshFile:
 
 def _text_solid(text: np.ndarray, path: Path) -> _Solid:
     """The numbers of the one solid of a text."""
-    every = lines_of(text)
-    number = np.flatnonzero(every.word < every.end)
-    lines = every.of(number)
-    key = _lower(lines.key)
+    every = lines_of(text, fold=True)
+    number = np.flatnonzero(every.key)
+    lines = every if len(number) == len(every.key) else every.of(number)
+    key = lines.key
     solid, facet, vertex = (key == key_of(word) for word in (b"solid", b"facet", b"vertex"))
     inside = np.cumsum(solid) > np.cumsum(key == key_of(b"endsolid"))
-    known = np.isin(key, [key_of(word) for word in (*_WORDS, b"solid", b"endsolid")])
-    wrong = np.flatnonzero(~(known & (inside | (key == key_of(b"endsolid")))))
+    known = solid | (key == key_of(b"endsolid"))
+    for word in _WORDS:
+        known |= (key == key_of(word)) & inside
+    wrong = np.flatnonzero(~known)
     if len(wrong):
         words = text[lines.begin[wrong[0]] : lines.end[wrong[0]]].tobytes().decode("latin-1").split()
         raise ValueError(f"line {number[wrong[0]] + 1} is not understood: {' '.join(words)[:60]!r}")
@@ -79,12 +81,6 @@ def _text_solid(text: np.ndarray, path: Path) -> _Solid:
     if solid.sum() > 1:
         raise InputError(f"{path}: the file holds {solid.sum()} meshes; give one mesh a file")
     return _Solid(text, corners, normals)
-
-
-def _lower(key: np.ndarray) -> np.ndarray:
-    """Keys in small letters."""
-    letters = np.ascontiguousarray(key).view(np.uint8)
-    return np.where((letters >= 65) & (letters <= 90), letters | 32, letters).view(np.int64)
 
 
 def _numbers(

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-#: What a segment of :func:`spliced` ends with.
+#: What an edit puts into a text.
 NOTHING, DOUBLE, INTEGER = 0, 1, 2
 #: Longest text of a number.
 _LONGEST = 32
@@ -50,15 +50,12 @@ class Lines(NamedTuple):
     ----------
     begin, end : arrays
         Of the line; a comment is no part of it.
-    word : array
-        Where its first word begins; `end` where it has none.
     key : array
-        The first eight bytes of that word, the first one lowest.
+        The first eight bytes of its first word, the first one lowest; 0 where it has no word.
     """
 
     begin: np.ndarray
     end: np.ndarray
-    word: np.ndarray
     key: np.ndarray
 
     def of(self, which: np.ndarray | slice) -> Lines:
@@ -76,7 +73,21 @@ def array_of(data: bytes) -> np.ndarray:
     return np.frombuffer(data, np.uint8)
 
 
-def lines_of(text: np.ndarray, *, comment: bytes = b"\0", continued: bool = False) -> Lines:
+def joined(text: np.ndarray) -> np.ndarray:
+    """The text with blanks for each backslash at the end of a line and that end, which joins the next one."""
+    places = np.flatnonzero(text[:-1] == _BACKSLASH) if len(text) else np.zeros(0, dtype=np.int64)
+    plain = places[text[places + 1] == _NEWLINE]
+    wide = places[(text[places + 1] == _RETURN) & (places + 2 < len(text))]
+    wide = wide[text[wide + 2] == _NEWLINE]
+    if not len(plain) + len(wide):
+        return text
+    text = text.copy()
+    for place, size in ((plain, 2), (wide, 3)):
+        text[place[:, None] + np.arange(size)] = 32
+    return text
+
+
+def lines_of(text: np.ndarray, *, comment: bytes = b"\0", fold: bool = False) -> Lines:
     r"""Find the lines, which end in ``\n``, ``\r`` or both.
 
     Parameters
@@ -84,17 +95,39 @@ def lines_of(text: np.ndarray, *, comment: bytes = b"\0", continued: bool = Fals
     text : (b,) uint8
     comment : bytes
         What begins a comment, which is no part of its line; by default nothing.
-    continued : bool
-        A backslash before the end of a line continues it.
+    fold : bool
+        Keys are in small letters.
     """
-    count, _, _, _, _ = _lines(text, comment[0], continued, 0)
-    return Lines(*_lines(text, comment[0], continued, count)[1:])
+    breaks = np.flatnonzero((text == _NEWLINE) | (text == _RETURN))
+    after = breaks + 1
+    if len(breaks):
+        returned = text[breaks] == _RETURN
+        # The newline behind a return is of the same end.
+        second = np.append(False, returned[:-1] & ~returned[1:] & (breaks[1:] == after[:-1]))
+        ended = np.append(second[1:], False)
+        after[ended] += 1
+        breaks, after = breaks[~second], after[~second]
+    begin, end = np.append(0, after), np.append(breaks, len(text))
+    if begin[-1] == len(text):
+        begin, end = begin[:-1], end[:-1]
+    return Lines(begin, *_first_words(text, begin, end, comment[0], fold))
 
 
 def words_of(text: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(w,) int64 begins and ends of all words."""
-    count = _words(text, 0)[0]
-    return _words(text, count)[1:]
+    return _words(text, np.zeros(1, dtype=np.int64), np.full(1, len(text)), 0)[:2]
+
+
+def words_in(text: np.ndarray, lines: Lines, first: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """All words of each line from number `first` on.
+
+    Returns
+    -------
+    begin, end : (w,) int64
+    words : (l,) int64
+        How many of them are of each line.
+    """
+    return _words(text, lines.begin, lines.end, first)
 
 
 def columns_of(text: np.ndarray, lines: Lines, first: int, count: int) -> tuple[np.ndarray, ...]:
@@ -120,7 +153,7 @@ def numbers_of(text: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarr
     """
     shape = begin.shape
     begin, end = np.ascontiguousarray(begin).ravel(), np.ascontiguousarray(end).ravel()
-    values, other = _parsed(text, begin, end, _POWERS)
+    values, other = _parsed(text, begin, end)
     for i in np.flatnonzero(other).tolist():  # more digits than 19, nan, inf, and what is no number
         values[i] = float(text[begin[i] : end[i]].tobytes())
     return values.reshape(shape)
@@ -165,46 +198,27 @@ class Edits(NamedTuple):
     value: np.ndarray
 
 
-def spliced(
-    text: np.ndarray, begin: np.ndarray, end: np.ndarray, kind: np.ndarray, value: np.ndarray
-) -> bytes:
-    """Put segments of a text one after the other, each with a number behind it, or none.
-
-    Parameters
-    ----------
-    text : (b,) uint8
-    begin, end : (s,) int64
-        Of the segments; they may overlap and come in any order.
-    kind : (s,) uint8
-        NOTHING, DOUBLE or INTEGER.
-    value : (s,) float64
-    """
-    size = int((end - begin).sum()) + _LONGEST * int(np.count_nonzero(kind))
-    out = np.empty(size, dtype=np.uint8)
-    return out[: _spliced(text, begin, end, kind, value, _POWERS, out)].tobytes()
+def edited(text: np.ndarray, edits: list[Edits], *, size: int | None = None) -> bytes:
+    """The first `size` bytes of a text, by default all, with edits."""
+    where, *changes = edits[0] if len(edits) == 1 else map(np.concatenate, zip(*edits, strict=True))
+    return _with_edits(text, np.argsort(where, kind="stable"), changes, len(text) if size is None else size)
 
 
 def rows_of(prefix: bytes, values: np.ndarray, kind: int = DOUBLE) -> bytes:
     """Lines of a text: some bytes, then a row of numbers (k, d), a blank before each."""
-    size, (k, d) = len(prefix), values.shape
-    text = array_of(b"\n" + prefix + b" ")
-    begin, end = np.full((k, d), size + 1), np.full((k, d), size + 2)
-    begin[:, 0], end[:, 0] = 0, size + (2 if prefix else 1)
-    flat = (a.ravel() for a in (begin, end, np.full((k, d), kind, dtype=np.uint8), values.astype(np.float64)))
-    return spliced(text, *flat)[1:] + b"\n" if k else b""
+    text, (k, d) = array_of(b"\n" + prefix + b" "), values.shape
+    stop, resume = np.full((k, d), len(text)), np.full((k, d), len(text) - 1)
+    stop[:, 0] -= not prefix
+    resume[:, -1] = 0
+    kinds, values = np.full(k * d, kind, dtype=np.uint8), values.astype(np.float64).ravel()
+    return _with_edits(text, np.arange(k * d), [stop.ravel(), resume.ravel(), kinds, values], 1)[1:]
 
 
-def edited(text: np.ndarray, edits: list[Edits], *, size: int | None = None) -> bytes:
-    """The first `size` bytes of a text, by default all, with edits."""
-    where, stop, resume, kind, value = (np.concatenate(column) for column in zip(*edits, strict=True))
-    order = np.argsort(where, kind="stable")
-    return spliced(
-        text,
-        np.append(0, resume[order]),
-        np.append(stop[order], len(text) if size is None else size),
-        np.append(kind[order], np.uint8(NOTHING)),
-        np.append(value[order], 0.0),
-    )
+def _with_edits(text: np.ndarray, order: np.ndarray, changes: list[np.ndarray], size: int) -> bytes:
+    stop, resume, kind, _ = changes
+    room = size + int(stop.sum()) - int(resume.sum()) + _LONGEST * int(np.count_nonzero(kind))
+    out = np.empty(room, dtype=np.uint8)
+    return out[: _edited(text, order, *changes, size, out)].tobytes()
 
 
 def numbers_edited(
@@ -216,68 +230,61 @@ def numbers_edited(
     return Edits(begin, begin, end, np.full(len(begin), kind, dtype=np.uint8), new)
 
 
-@njit(cache=True, nogil=True)
+# Called for every word or number: inlined, as a call would count the references of each array anew.
+
+
+@njit(inline="always")
 def _is_space(byte):
-    return byte == 32 or 9 <= byte <= 13
+    return byte <= 32 and (byte == 32 or 9 <= byte <= 13)
+
+
+@njit(inline="always")
+def _next_word(text, p, end):
+    """Where the next word begins and ends; both are `end` if there is none."""
+    while p < end and _is_space(text[p]):
+        p += 1
+    start = p
+    while p < end and not _is_space(text[p]):
+        p += 1
+    return start, p
 
 
 @njit(cache=True, nogil=True)
-def _continues(text, p):
-    """Length of a backslash and the end of a line after it at place p; 0 if there is none."""
-    if text[p] == _BACKSLASH:
-        if p + 1 < len(text) and text[p + 1] == _NEWLINE:
-            return 2
-        if p + 2 < len(text) and text[p + 1] == _RETURN and text[p + 2] == _NEWLINE:
-            return 3
-    return 0
+def _first_words(text, begin, end, comment, fold):
+    """Ends of the lines without their comments, and their keys."""
+    stop, key = end.copy(), np.zeros(len(end), dtype=np.int64)
+    for i in range(len(begin)):
+        if comment != 0:
+            for p in range(begin[i], end[i]):
+                if text[p] == comment:
+                    stop[i] = p
+                    break
+        word, behind = _next_word(text, begin[i], stop[i])
+        for k in range(min(8, behind - word)):
+            byte = np.int64(text[word + k])
+            key[i] |= (byte | 32 if fold and 65 <= byte <= 90 else byte) << (8 * k)
+    return stop, key
 
 
 @njit(cache=True, nogil=True)
-def _lines(text, comment, continued, size):
-    """Fill tables of `size` lines; with 0, count them."""
-    begin, end = np.empty(size, dtype=np.int64), np.empty(size, dtype=np.int64)
-    word, key = np.empty(size, dtype=np.int64), np.zeros(size, dtype=np.int64)
-    b, p, count = len(text), 0, 0
-    while p < b:
-        start, stop, first = p, -1, -1
-        while p < b and text[p] != _NEWLINE and text[p] != _RETURN:
-            step = _continues(text, p) if continued else 0
-            if step == 0:
-                if comment != 0 and text[p] == comment and stop < 0:
-                    stop = p
-                if first < 0 and stop < 0 and not _is_space(text[p]):
-                    first = p
-            p += max(step, 1)
-        if stop < 0:
-            stop = p
-        if size > 0:
-            begin[count], end[count] = start, stop
-            word[count] = first if first >= 0 else stop
-            q, shift = word[count], 0
-            while q < stop and shift < 64 and not _is_space(text[q]):
-                key[count] |= np.int64(text[q]) << shift
-                q, shift = q + 1, shift + 8
-        count += 1
-        p += 2 if p + 1 < b and text[p] == _RETURN and text[p + 1] == _NEWLINE else 1
-    return count, begin, end, word, key
-
-
-@njit(cache=True, nogil=True)
-def _words(text, size):
-    """Fill tables of `size` words; with 0, count them."""
-    begin, end = np.empty(size, dtype=np.int64), np.empty(size, dtype=np.int64)
-    b, p, count = len(text), 0, 0
-    while True:
-        while p < b and _is_space(text[p]):
-            p += 1
-        if p == b:
-            return count, begin, end
-        start = p
-        while p < b and not _is_space(text[p]):
-            p += 1
-        if size > 0:
-            begin[count], end[count] = start, p
-        count += 1
+def _words(text, begin, end, first):
+    most = 0
+    for i in range(len(begin)):
+        most += (end[i] - begin[i] + 1) // 2
+    start, stop = np.empty(most, dtype=np.int64), np.empty(most, dtype=np.int64)
+    words, count = np.zeros(len(begin), dtype=np.int64), 0
+    for i in range(len(begin)):
+        p, number = begin[i], 0
+        while True:
+            q, p = _next_word(text, p, end[i])
+            if q == p:
+                break
+            if number >= first:
+                start[count], stop[count] = q, p
+                count += 1
+            number += 1
+        words[i] = max(number - first, 0)
+    return start[:count].copy(), stop[:count].copy(), words
 
 
 @njit(cache=True, nogil=True)
@@ -287,22 +294,15 @@ def _columns(text, begin, end, first, count):
     words = np.zeros(size, dtype=np.int64)
     for i in range(size):
         start[i], stop[i] = end[i], end[i]
-        p = begin[i]
+        p, number = begin[i], 0
         while True:
-            while p < end[i]:
-                step = _continues(text, p)
-                if step == 0 and not _is_space(text[p]):
-                    break
-                p += max(step, 1)
-            if p >= end[i]:
+            q, p = _next_word(text, p, end[i])
+            if q == p:
                 break
-            q = p
-            while q < end[i] and not _is_space(text[q]) and _continues(text, q) == 0:
-                q += 1
-            if first <= words[i] < first + count:
-                start[i, words[i] - first], stop[i, words[i] - first] = p, q
-            words[i] += 1
-            p = q
+            if first <= number < first + count:
+                start[i, number - first], stop[i, number - first] = q, p
+            number += 1
+        words[i] = number
     return start, stop, words
 
 
@@ -343,7 +343,7 @@ def _integers(text, begin, end):
     return values, -1
 
 
-@njit(cache=True, nogil=True)
+@njit(inline="always")
 def _product(a, b):
     """High and low halves of the product of two uint64."""
     mask = np.uint64(0xFFFFFFFF)
@@ -355,47 +355,46 @@ def _product(a, b):
 
 
 @njit(cache=True, nogil=True)
-def _nearest(digits, e, powers, bits):
-    """The double nearest to digits x 10^e (Eisel and Lemire), and whether that is certain."""
+def _nearest(digits, e):
+    """Bits of the double nearest to digits x 10^e (Eisel and Lemire), and whether that is certain."""
+    none = np.uint64(0)
     if digits == 0:
-        return 0.0, True
+        return none, True
     if e < _LEAST or e > _GREATEST:
-        return 0.0, False
+        return none, False
     zeros = 0
     while digits >> np.uint64(63) == 0:
         digits <<= np.uint64(1)
         zeros += 1
     exponent = ((217706 * e) >> 16) + 64 + 1023 - zeros
-    high, low = _product(digits, powers[e - _LEAST, 0])
+    high, low = _product(digits, _POWERS[e - _LEAST, 0])
     rest = np.uint64(0x1FF)
     if high & rest == rest and low + digits < digits:
-        more, least = _product(digits, powers[e - _LEAST, 1])
+        more, least = _product(digits, _POWERS[e - _LEAST, 1])
         merged = low + more
         if merged < low:
             high += np.uint64(1)
         low = merged
         if high & rest == rest and low + np.uint64(1) == 0 and least + digits < digits:
-            return 0.0, False
+            return none, False
     top = high >> np.uint64(63)
     mantissa = high >> (top + np.uint64(9))
     exponent -= 1 - np.int64(top)
     if low == 0 and high & rest == 0 and mantissa & np.uint64(3) == 1:
-        return 0.0, False  # half way between two
+        return none, False  # half way between two
     mantissa = (mantissa + (mantissa & np.uint64(1))) >> np.uint64(1)
     if mantissa >> np.uint64(53) > 0:
         mantissa >>= np.uint64(1)
         exponent += 1
     if exponent < 1 or exponent >= 0x7FF:
-        return 0.0, False
-    bits[0] = (np.uint64(exponent) << np.uint64(52)) | (mantissa & np.uint64(0xFFFFFFFFFFFFF))
-    return bits.view(np.float64)[0], True
+        return none, False
+    return (np.uint64(exponent) << np.uint64(52)) | (mantissa & np.uint64(0xFFFFFFFFFFFFF)), True
 
 
 @njit(cache=True, nogil=True)
-def _parsed(text, begin, end, powers):
+def _parsed(text, begin, end):
     """Values of plain decimals of 19 digits at most, and which words are others."""
-    values, other = np.zeros(len(begin)), np.zeros(len(begin), dtype=np.bool_)
-    bits = np.zeros(1, dtype=np.uint64)
+    values, other = np.zeros(len(begin), dtype=np.uint64), np.zeros(len(begin), dtype=np.bool_)
     for i in range(len(begin)):
         p, stop = begin[i], end[i]
         negative = p < stop and text[p] == 45
@@ -427,10 +426,10 @@ def _parsed(text, begin, end, powers):
             e += -power if minus else power
         sound = sound and p == stop
         if sound:
-            value, sound = _nearest(digits, e, powers, bits)
-            values[i] = -value if negative else value
+            values[i], sound = _nearest(digits, e)
+            values[i] |= np.uint64(negative) << np.uint64(63)
         other[i] = not sound
-    return values, other
+    return values.view(np.float64), other
 
 
 @njit(cache=True, nogil=True)
@@ -445,7 +444,7 @@ def _to_odd(high, low, factor):
 
 
 @njit(cache=True, nogil=True)
-def _shortest(pattern, powers):
+def _shortest(pattern):
     """Digits and exponent of the shortest decimal of a positive double, given by its bits (Schubfach)."""
     one, four = np.uint64(1), np.uint64(4)
     fraction = pattern & np.uint64(0xFFFFFFFFFFFFF)
@@ -455,7 +454,7 @@ def _shortest(pattern, powers):
     closer = fraction == 0 and biased > 1
     k = (q * 1262611 - (524031 if closer else 0)) >> 22
     shift = np.uint64(q + ((-k * 1741647) >> 19) + 1)
-    high, low = powers[-k - _LEAST, 0], powers[-k - _LEAST, 1]
+    high, low = _POWERS[-k - _LEAST, 0], _POWERS[-k - _LEAST, 1]
     if -k < 0 or -k > 55:  # rounded up
         low += one
         high += np.uint64(low == 0)
@@ -475,7 +474,7 @@ def _shortest(pattern, powers):
     return s + np.uint64(here > middle or (here == middle and s & one == 1)), k
 
 
-@njit(cache=True, nogil=True)
+@njit(inline="always")
 def _write_digits(out, p, digits, count):
     for i in range(count):
         out[p + count - 1 - i] = 48 + digits % np.uint64(10)
@@ -493,7 +492,7 @@ def _count_digits(digits):
 
 
 @njit(cache=True, nogil=True)
-def _write_double(out, p, pattern, powers):
+def _write_double(out, p, pattern):
     """Write a double at place p of `out` as Python's repr does, and return the place behind it."""
     if pattern >> np.uint64(63):
         out[p] = 45
@@ -504,7 +503,7 @@ def _write_double(out, p, pattern, powers):
         for i in range(3):
             out[p + i] = letters[i]
         return p + 3
-    digits, e = (np.uint64(0), 0) if pattern == 0 else _shortest(pattern, powers)
+    digits, e = (np.uint64(0), 0) if pattern == 0 else _shortest(pattern)
     while digits >= 10 and digits % np.uint64(10) == 0:
         digits //= np.uint64(10)
         e += 1
@@ -540,19 +539,23 @@ def _write_double(out, p, pattern, powers):
 
 
 @njit(cache=True, nogil=True)
-def _spliced(text, begin, end, kind, value, powers, out):
-    patterns, p = value.view(np.uint64), 0
-    for i in range(len(begin)):
-        for q in range(begin[i], end[i]):
+def _edited(text, order, stop, resume, kind, value, size, out):
+    patterns, p, q = value.view(np.uint64), 0, 0
+    for i in order:
+        while q < stop[i]:
             out[p] = text[q]
-            p += 1
+            p, q = p + 1, q + 1
+        q = resume[i]
         if kind[i] == DOUBLE:
-            p = _write_double(out, p, patterns[i], powers)
+            p = _write_double(out, p, patterns[i])
         elif kind[i] == INTEGER:
             whole = np.int64(value[i])
             if whole < 0:
                 out[p] = 45
                 p += 1
-            size = np.uint64(abs(whole))
-            p = _write_digits(out, p, size, _count_digits(size))
+            length = np.uint64(abs(whole))
+            p = _write_digits(out, p, length, _count_digits(length))
+    while q < size:
+        out[p] = text[q]
+        p, q = p + 1, q + 1
     return p
