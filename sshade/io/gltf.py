@@ -31,6 +31,9 @@ from sshade.io.gltf_scene import (
 )
 from sshade.io.normals import vertex_turns
 
+#: Positions are written to this, x the largest extent of the mesh, unless those read were rounded more.
+HELD = 1e-5
+
 _MAGIC, _JSON, _BINARY = b"glTF", b"JSON", b"BIN\0"
 
 
@@ -184,7 +187,8 @@ def _content(
     normals = np.zeros_like(rest)
     for part in parts:
         if part.normal is not None:
-            stored = array_of(tree, buffers, part.normal).astype(np.float64)
+            with np.errstate(invalid="ignore"):  # of bytes that are no number
+                stored = array_of(tree, buffers, part.normal).astype(np.float64)
             normals[part.first : part.first + len(stored)] = stored @ np.linalg.inv(part.matrix[:3, :3])
     Q = vertex_turns(normals, F, rest, V)
     turned = (np.eye(3) != Q).any(axis=(1, 2))
@@ -193,19 +197,37 @@ def _content(
         A = part.matrix[:3, :3]
         back = np.linalg.inv(A)
         put = array_of(tree, buffers, part.position)
-        put[moved[own]] = (V[own] - part.matrix[:3, 3])[moved[own]] @ back.T
-        _bounds(tree, buffers, part.position)
+        size = np.abs(A) @ np.abs(put).max(axis=0).astype(np.float64)
+        with np.errstate(over="ignore"):
+            put[moved[own]] = (V[own] - part.matrix[:3, 3])[moved[own]] @ back.T
+        _require_held(put @ A.T + part.matrix[:3, 3] - V[own], size.max(), V, path)
         which = turned[own]
         if part.normal is not None:
             put = array_of(tree, buffers, part.normal)
             put[which] = _unit(np.einsum("kij,kj->ki", Q[own][which], normals[own][which]) @ A)
-            _bounds(tree, buffers, part.normal)
         if part.tangent is not None:
             put = array_of(tree, buffers, part.tangent)
             along = put[which, :3].astype(np.float64) @ A.T
             put[which, :3] = _unit(np.einsum("kij,kj->ki", Q[own][which], along) @ back.T)
-            _bounds(tree, buffers, part.tangent)
+    changed = {accessor_bytes(tree, i) for part in parts for i in part[:3] if i is not None}
+    for number, accessor in enumerate(tree["accessors"]):
+        if "bufferView" in accessor and accessor_bytes(tree, number) in changed:
+            _bounds(tree, buffers, number)
     return _written(tree, buffers, gltf, path)
+
+
+def _require_held(error: np.ndarray, size: float, V: np.ndarray, path: Path) -> None:
+    """Raise InputError where positions (n, 3) of single precision miss theirs by more than at rest.
+
+    `size` is that of the numbers at rest that are rounded, in the scene. A node that is skewed or far
+    from its mesh makes such numbers large.
+    """
+    allowed = max(HELD * float(np.ptp(V, axis=0).max()), 16 * np.finfo(np.float32).eps * size)
+    if not np.abs(error).max() <= allowed:
+        raise InputError(
+            f"{path}: the result cannot be written as numbers of single precision of its nodes; apply their "
+            "transformations to the meshes first, or write another format"
+        )
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

@@ -11,8 +11,10 @@ from sshade.errors import InputError
 from sshade.mesh.mesh import repeats_vertex
 
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 _FLOAT = 5126
+#: Types of vertex ids.
+_INDICES = (5121, 5123, 5125)
 #: Attributes that change, and their types.
 _CHANGED = {"POSITION": "VEC3", "NORMAL": "VEC3", "TANGENT": "VEC4"}
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
@@ -35,7 +37,8 @@ def require_plain(tree: dict[str, Any], path: Path) -> None:
     accessors = [tree["accessors"][i] for i in changed]
     found += ["a skin"] * bool(tree.get("skins"))
     found += ["morph targets"] * any(p.get("targets") for p in primitives)
-    found += ["sparse accessors"] * any("sparse" in a for a in accessors)
+    corners = [tree["accessors"][p["indices"]] for p in primitives if "indices" in p]
+    found += ["sparse accessors"] * any("sparse" in a for a in accessors + corners)
     found += ["positions or normals that are no floats"] * any(
         a["componentType"] != _FLOAT for a in accessors
     )
@@ -53,42 +56,73 @@ def require_plain(tree: dict[str, Any], path: Path) -> None:
                 raise ValueError(f"its attribute {name} is no {kind} for each position")
             if own and "bufferView" not in own:
                 raise ValueError(f"its attribute {name} has no bytes")
+    for accessor in corners:
+        if accessor["componentType"] not in _INDICES or accessor["type"] != "SCALAR":
+            raise ValueError("the corners of its triangles are no whole numbers from 0")
+        if "bufferView" not in accessor:
+            raise ValueError("the corners of its triangles have no bytes")
 
 
 def require_apart(tree: dict[str, Any], buffers: list[bytes], path: Path) -> None:
-    """Raise InputError where numbers that change share bytes with others of the meshes."""
+    """Raise InputError where numbers that change share bytes with each other or with what is kept.
+
+    Accessors that read the same numbers are one; normals or tangents only where their positions are, too.
+    """
     primitives = [p for mesh in tree.get("meshes", []) for p in mesh["primitives"]]
-    pairs = {pair for p in primitives for pair in p["attributes"].items()}
-    changed = {accessor_bytes(tree, number): number for name, number in pairs if name in _CHANGED}
-    kept = {number for name, number in pairs if name not in _CHANGED}
-    kept |= {p["indices"] for p in primitives if "indices" in p}
+    owner: dict[tuple, tuple] = {}
+    for attributes in (primitive["attributes"] for primitive in primitives):
+        positions = accessor_bytes(tree, attributes["POSITION"])
+        for name in _CHANGED.keys() & attributes.keys():
+            own = accessor_bytes(tree, attributes[name])
+            if owner.setdefault(own, (name, positions)) != (name, positions):
+                _refuse_shared(attributes[name], path)
     taken = [bytearray(len(data)) for data in buffers]
-    for number in kept:
-        if "bufferView" in tree["accessors"][number]:
+    changed: dict[tuple, int] = {}
+    views = [image.get("bufferView") for image in tree.get("images", [])]
+    for number, accessor in enumerate(tree["accessors"]):
+        if "sparse" in accessor:
+            views += [accessor["sparse"][part]["bufferView"] for part in ("indices", "values")]
+        if "bufferView" in accessor and accessor_bytes(tree, number) in owner:
+            changed[accessor_bytes(tree, number)] = number
+        elif "bufferView" in accessor:
             array_of(tree, taken, number).view(np.uint8)[:] = 1
+    there = range(len(tree["bufferViews"]))
+    for view in (tree["bufferViews"][number] for number in views if number in there):
+        begin = view.get("byteOffset", 0)
+        taken[view["buffer"]][begin : begin + view["byteLength"]] = b"\1" * view["byteLength"]
     for number in changed.values():
-        own = array_of(tree, taken, number).view(np.uint8)
-        if own.any():
-            raise InputError(f"{path}: its accessor {number} shares bytes with another one; export it again")
-        own[:] = 1
+        own_bytes = array_of(tree, taken, number).view(np.uint8)
+        if own_bytes.any():
+            _refuse_shared(number, path)
+        own_bytes[:] = 1
 
 
-def accessor_bytes(tree: dict[str, Any], number: int) -> tuple[int, int, int]:
-    """Where an accessor reads: its view, its offset there, its count."""
+def _refuse_shared(number: int, path: Path) -> None:
+    raise InputError(f"{path}: its accessor {number} shares bytes with another one; export it again")
+
+
+def accessor_bytes(tree: dict[str, Any], number: int) -> tuple[int, int, int, int, str]:
+    """What an accessor reads: its view, its offset there, its count, and of what type."""
     accessor = tree["accessors"][number]
-    return accessor["bufferView"], accessor.get("byteOffset", 0), accessor["count"]
+    place = accessor["bufferView"], accessor.get("byteOffset", 0), accessor["count"]
+    return *place, accessor["componentType"], accessor["type"]
 
 
 def array_of(tree: dict[str, Any], buffers: list[Any], number: int) -> np.ndarray:
     """(count, width) view of an accessor's numbers in the buffers; mutable if they are."""
-    view_number, offset, count = accessor_bytes(tree, number)
-    accessor, view = tree["accessors"][number], tree["bufferViews"][view_number]
+    accessor = tree["accessors"][number]
+    view = tree["bufferViews"][accessor["bufferView"]]
+    offset, count = accessor.get("byteOffset", 0), accessor["count"]
     kind, width = np.dtype(_KINDS[accessor["componentType"]]), _WIDTHS[accessor["type"]]
     stride = view.get("byteStride", kind.itemsize * width)
     begin = view.get("byteOffset", 0) + offset
     needed = offset + (count - 1) * stride + kind.itemsize * width
     if min(offset, count - 1, stride, begin) < 0 or needed > view["byteLength"]:
         raise ValueError(f"its accessor {number} reaches out of its view")
+    if stride < kind.itemsize * width and count > 1:
+        raise ValueError(f"the values of its accessor {number} overlap each other")
+    if view.get("byteOffset", 0) + view["byteLength"] > tree["buffers"][view["buffer"]]["byteLength"]:
+        raise ValueError(f"the view of its accessor {number} reaches out of its buffer")
     buffer = buffers[view["buffer"]]
     return np.ndarray((count, width), kind, buffer, begin, (stride, kind.itemsize))
 

@@ -1,0 +1,233 @@
+"""glTF files with changed numbers: refused in one sentence, or read back as what was written."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+import pytest
+
+from sshade import InputError, Mesh
+from sshade.io.meshes import read_file, write_file
+from tests.sshade.io.test_gltf import SPHERE, exported, glb, taken_apart
+
+#: What stands in for a number of the JSON.
+NUMBERS = (-1, 0, 1, 2, 3, 4, 5, 6, 12, 16, 24, 36, 40, 44, 52, 100, 162, 480, 5121, 5123, 5125, 5126)
+FLOATS = (0.5, -1.0, 1e-3, 1e3, 1e-12, 1e12, 1e30, 1e-30, float("nan"), float("inf"), True, None, "x")
+MUTATIONS = 1500
+
+
+def leaves(tree, path=()):
+    """Paths of all numbers of a JSON document."""
+    if isinstance(tree, (dict, list)):
+        for key, value in tree.items() if isinstance(tree, dict) else enumerate(tree):
+            yield from leaves(value, (*path, key))
+    elif isinstance(tree, (int, float)):
+        yield path
+
+
+def at(tree, path):
+    for key in path:
+        tree = tree[key]
+    return tree
+
+
+def mutated(tree, rng):
+    """One or two numbers changed, a key dropped, or an accessor made another's."""
+    tree = copy.deepcopy(tree)
+    for _ in range(rng.integers(1, 3)):
+        kind = rng.random()
+        paths = list(leaves(tree))
+        path = paths[rng.integers(len(paths))]
+        holder = at(tree, path[:-1])
+        if kind < 0.1 and isinstance(holder, dict):
+            del holder[path[-1]]
+        elif kind < 0.3:
+            accessors = tree["accessors"]
+            one, other = rng.integers(len(accessors), size=2)
+            source = {key: accessors[other].get(key, 0) for key in ("bufferView", "byteOffset")}
+            accessors[one].update(source if kind < 0.2 else accessors[other])
+        elif kind < 0.4:
+            primitive = tree["meshes"][rng.integers(len(tree["meshes"]))]["primitives"][0]
+            name = ("POSITION", "NORMAL", "TANGENT", "TEXCOORD_0")[rng.integers(4)]
+            primitive["attributes"][name] = int(rng.integers(len(tree["accessors"])))
+        else:
+            choice = NUMBERS if isinstance(holder[path[-1]], int) and kind < 0.9 else FLOATS
+            holder[path[-1]] = choice[rng.integers(len(choice))]
+    return tree
+
+
+def bent(V):
+    """Turned more the higher a vertex is, and made larger."""
+    low, extent = V.min(axis=0), np.ptp(V, axis=0).max()
+    X = (V - low) / extent
+    c, s = np.cos(X[:, 1]), np.sin(X[:, 1])
+    return low + extent * np.column_stack(
+        [c * X[:, 0] - s * X[:, 2], 1.5 * X[:, 1], s * X[:, 0] + c * X[:, 2]]
+    )
+
+
+def free(tree, size):
+    """(b,) bool: bytes of positions, normals and tangents of the first buffer, which may change."""
+    found = np.zeros(size, dtype=bool)
+    for primitive in (p for mesh in tree["meshes"] for p in mesh["primitives"]):
+        for name, width in (("POSITION", 12), ("NORMAL", 12), ("TANGENT", 16)):
+            if name in primitive["attributes"]:
+                accessor = tree["accessors"][primitive["attributes"][name]]
+                view = tree["bufferViews"][accessor["bufferView"]]
+                first = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
+                for i in range(accessor["count"]):
+                    begin = first + i * view.get("byteStride", width)
+                    found[begin : begin + width] = True
+    return found
+
+
+def outcome(tree, buffer, folder):
+    """ "refused" or "written", where what is written is what was asked for; an AssertionError else."""
+    path, out = folder / "a.glb", folder / "b.glb"
+    path.write_bytes(glb(tree, buffer))
+    out.unlink(missing_ok=True)
+    try:
+        file = read_file(path)
+        mesh = Mesh(file.V, file.F)
+        V = bent(mesh.V)
+        write_file(out, file, V)
+    except InputError as error:
+        assert "\n" not in str(error) and not out.exists()
+        return "refused"
+    again = read_file(out)
+    assert np.array_equal(again.F, file.F)
+    # As well as single precision holds it, or as the file held what was there.
+    extent = np.ptp(V, axis=0).max()
+    local = np.frombuffer(buffer, "<f4", 12 * SPHERE.n)
+    coarse = np.abs(file.V).max() + np.abs(local[np.isfinite(local)]).max()
+    assert np.abs(again.V - V).max() <= 1e-5 * extent + 1e-5 * coarse
+    old, new = taken_apart(path.read_bytes()), taken_apart(out.read_bytes())
+    for key in ("materials", "textures", "images", "nodes", "meshes", "bufferViews", "buffers"):
+        assert repr(new[0].get(key)) == repr(old[0].get(key))
+    before, after = (np.frombuffer(each[1], np.uint8) for each in (old, new))
+    fixed = ~free(tree, len(before))
+    assert np.array_equal(before[fixed], after[fixed])
+    for a, b in zip(old[0]["accessors"], new[0]["accessors"], strict=True):
+        a, b = ({key: value for key, value in each.items() if key not in ("min", "max")} for each in (a, b))
+        assert repr(a) == repr(b)
+    return "written"
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_changed_numbers_are_refused_or_read_back(tmp_path, seed):
+    tree, buffer = exported()
+    rng = np.random.default_rng(seed)
+    found = []
+    for number in range(MUTATIONS // 4):
+        changed = mutated(tree, rng)
+        try:
+            found.append(outcome(changed, buffer, tmp_path))
+        except BaseException as error:
+            raise AssertionError(f"mutation {number} of seed {seed}: {error!r}") from error
+    assert min(found.count("refused"), found.count("written")) > 50
+
+
+def shared(tree, buffer):
+    """Normals that are the positions, as of a unit sphere."""
+    tree["meshes"][0]["primitives"][0]["attributes"]["NORMAL"] = 0
+
+
+def as_tangents(tree, buffer):
+    """Tangents that begin where the positions do, of another type."""
+    tree["accessors"][2].update(byteOffset=0)
+
+
+def two_owners(tree, buffer):
+    """Normals of two primitives that have positions of their own."""
+    tree["accessors"].append({**tree["accessors"][0], "bufferView": 4})
+    tree["bufferViews"].append({"buffer": 0, "byteOffset": len(buffer), "byteLength": 12 * SPHERE.n})
+    tree["buffers"][0]["byteLength"] += 12 * SPHERE.n
+    tree["meshes"][0]["primitives"].append({"attributes": {"POSITION": 6, "NORMAL": 1}, "indices": 4})
+    return buffer + SPHERE.V.astype("<f4").tobytes()
+
+
+def over_an_image(tree, buffer):
+    tree["bufferViews"][3].update(byteOffset=1000)
+
+
+def over_an_animation(tree, buffer):
+    tree["accessors"].append({"bufferView": 0, "componentType": 5126, "count": 9, "type": "SCALAR"})
+
+
+def narrow(tree, buffer):
+    """Positions that overlap each other."""
+    tree["bufferViews"][0]["byteStride"] = 8
+    tree["meshes"][0]["primitives"][0]["attributes"] = {"POSITION": 0}
+
+
+def sparse(tree, buffer):
+    part = {"bufferView": 1, "componentType": 5123}
+    tree["accessors"][4]["sparse"] = {"count": 1, "indices": part, "values": {"bufferView": 1}}
+
+
+def real(tree, buffer):
+    tree["accessors"][4].update(componentType=5126, count=12)
+
+
+def wide(tree, buffer):
+    tree["accessors"][4].update(type="VEC2", count=30)
+
+
+def bare(tree, buffer):
+    del tree["accessors"][4]["bufferView"]
+
+
+def beyond(tree, buffer):
+    """A view behind the end that its buffer announces."""
+    tree["buffers"][0]["byteLength"] -= 16
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (shared, "shares bytes"),
+        (as_tangents, "shares bytes"),
+        (two_owners, "shares bytes"),
+        (over_an_image, "shares bytes"),
+        (over_an_animation, "shares bytes"),
+        (narrow, "overlap each other"),
+        (sparse, "it holds sparse accessors"),
+        (real, "no whole numbers"),
+        (wide, "no whole numbers"),
+        (bare, "have no bytes"),
+        (beyond, "reaches out of its buffer"),
+    ],
+)
+def test_numbers_that_are_read_twice_are_refused(tmp_path, change, words):
+    tree, buffer = exported()
+    (tmp_path / "a.glb").write_bytes(glb(tree, change(tree, buffer) or buffer))
+    with pytest.raises(InputError, match=words):
+        read_file(tmp_path / "a.glb")
+
+
+def test_accessors_that_read_the_same_are_one(tmp_path):
+    """A second primitive with positions and normals of its own names, but the bytes of the first."""
+    tree, buffer = exported(node={"mesh": 0})
+    tree["accessors"] += [{**tree["accessors"][i]} for i in (0, 1, 2)]
+    tree["meshes"][0]["primitives"].append({"attributes": {"POSITION": 6, "TEXCOORD_0": 3}, "indices": 4})
+    (tmp_path / "a.glb").write_bytes(glb(tree, buffer))
+    with pytest.raises(InputError, match="share positions but not their place or normals"):
+        read_file(tmp_path / "a.glb")
+    tree["meshes"][0]["primitives"][1]["attributes"].update(NORMAL=1, TANGENT=2)
+    assert outcome(tree, buffer, tmp_path) == "written"
+    new = taken_apart((tmp_path / "b.glb").read_bytes())[0]["accessors"]
+    assert new[6] == new[0] != tree["accessors"][0]
+
+
+def test_a_result_that_single_precision_cannot_hold_is_refused(tmp_path):
+    skewed = np.eye(4)
+    skewed[0, 1] = 1e7
+    tree, buffer = exported(node={"mesh": 0, "matrix": skewed.T.ravel().tolist()})
+    (tmp_path / "a.glb").write_bytes(glb(tree, buffer))
+    file = read_file(tmp_path / "a.glb")
+    write_file(tmp_path / "b.glb", file, file.V)
+    V = file.V[:, [1, 0, 2]]
+    with pytest.raises(InputError, match=r"a.glb|b.glb.*single precision"):
+        write_file(tmp_path / "c.glb", file, V)
+    assert not (tmp_path / "c.glb").exists()
