@@ -494,12 +494,13 @@ def _count_digits(digits):
 @njit(cache=True, nogil=True)
 def _write_double(out, p, pattern):
     """Write a double at place p of `out` as Python's repr does, and return the place behind it."""
-    if pattern >> np.uint64(63):
+    infinite, size = np.uint64(0x7FF) << np.uint64(52), pattern & np.uint64(0x7FFFFFFFFFFFFFFF)
+    if size < pattern and size <= infinite:
         out[p] = 45
         p += 1
-        pattern &= np.uint64(0x7FFFFFFFFFFFFFFF)
-    if pattern >= np.uint64(0x7FF) << np.uint64(52):
-        letters = (105, 110, 102) if pattern == np.uint64(0x7FF) << np.uint64(52) else (110, 97, 110)
+    pattern = size
+    if pattern >= infinite:
+        letters = (105, 110, 102) if pattern == infinite else (110, 97, 110)
         for i in range(3):
             out[p + i] = letters[i]
         return p + 3
