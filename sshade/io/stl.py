@@ -20,11 +20,12 @@ _WORDS = (b"facet", b"outer", b"vertex", b"endloop", b"endfacet")
 
 
 class _Solid(NamedTuple):
-    """Numbers of a text, and where they stand: of corners (3m, 3), of normals (m, 3)."""
+    """The numbers of a text and where they stand: of each facet the normal, then its corners, (m, 4, 3)."""
 
     text: np.ndarray
-    corners: tuple[np.ndarray, np.ndarray, np.ndarray]
-    normals: tuple[np.ndarray, np.ndarray, np.ndarray]
+    begin: np.ndarray
+    end: np.ndarray
+    value: np.ndarray
 
 
 def read_stl(path: Path) -> MeshFile:
@@ -46,7 +47,7 @@ def read_stl(path: Path) -> MeshFile:
         holds = present(facet_attributes=facets["attribute"].any())
     elif data.lstrip()[:5].lower() == b"solid":
         solid = _text_solid(array_of(data), path)
-        V = solid.corners[2]
+        V = solid.value[:, 1:].reshape(-1, 3)
         content, holds = partial(_text, solid), ()
     else:
         raise ValueError("it is neither a text that begins with solid, nor as long as its header says")
@@ -70,27 +71,33 @@ def _text_solid(text: np.ndarray, path: Path) -> _Solid:
     if len(wrong):
         words = text[lines.begin[wrong[0]] : lines.end[wrong[0]]].tobytes().decode("latin-1").split()
         raise ValueError(f"line {number[wrong[0]] + 1} is not understood: {' '.join(words)[:60]!r}")
-    corners = _numbers(text, lines, vertex, number, first=1, what="a vertex")
-    normals = _numbers(text, lines, facet, number, first=2, what="a normal")
+    corner_words = _words(text, lines, vertex, number, first=1, what="a vertex")
+    normal_words = _words(text, lines, facet, number, first=2, what="a normal")
     loops = np.flatnonzero(key == key_of(b"endloop"))
     uneven = loops[np.cumsum(vertex)[loops] != 3 * np.cumsum(facet)[loops]]
     if len(uneven):
         raise ValueError(f"line {number[uneven[0]] + 1}: a facet has no three vertices")
-    if inside[-1] or len(corners[2]) != 3 * len(normals[2]):
+    m = len(normal_words[0])
+    if inside[-1] or len(corner_words[0]) != 3 * m:
         raise ValueError("it ends within a solid")
     if solid.sum() > 1:
         raise InputError(f"{path}: the file holds {solid.sum()} meshes; give one mesh a file")
-    return _Solid(text, corners, normals)
+    begin, end = (
+        np.concatenate([normals[:, None], corners.reshape(m, 3, 3)], axis=1)
+        for normals, corners in zip(normal_words, corner_words, strict=True)
+    )
+    return _Solid(text, begin, end, numbers_of(text, begin, end))
 
 
-def _numbers(
+def _words(
     text: np.ndarray, lines: Lines, which: np.ndarray, number: np.ndarray, *, first: int, what: str
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where the three numbers of each line (k, 3) begin and end."""
     begin, end, words = columns_of(text, lines.of(which), first, 3)
     short = np.flatnonzero(words < first + 3 if first == 2 else words != first + 3)
     if len(short):
         raise ValueError(f"line {number[which][short[0]] + 1}: {what} needs three coordinates")
-    return begin, end, numbers_of(text, begin, end)
+    return begin, end
 
 
 def _turned(N: np.ndarray, rest: np.ndarray, V: np.ndarray) -> np.ndarray:
@@ -107,6 +114,7 @@ def _binary(head: bytes, facets: np.ndarray, rest: np.ndarray, V: np.ndarray, pa
 
 
 def _text(solid: _Solid, V: np.ndarray, path: Path) -> bytes:
-    rest, N = solid.corners[2], solid.normals[2]
-    edits = [numbers_edited(*solid.corners, V), numbers_edited(*solid.normals, _turned(N, rest, V))]
-    return edited(solid.text, edits)
+    text, begin, end, old = solid
+    N, rest = old[:, 0], old[:, 1:].reshape(-1, 3)
+    new = np.concatenate([_turned(N, rest, V)[:, None], V.reshape(-1, 3, 3)], axis=1)
+    return edited(text, [numbers_edited(begin, end, old, new)])

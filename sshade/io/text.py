@@ -201,7 +201,9 @@ class Edits(NamedTuple):
 def edited(text: np.ndarray, edits: list[Edits], *, size: int | None = None) -> bytes:
     """The first `size` bytes of a text, by default all, with edits."""
     where, *changes = edits[0] if len(edits) == 1 else map(np.concatenate, zip(*edits, strict=True))
-    return _with_edits(text, np.argsort(where, kind="stable"), changes, len(text) if size is None else size)
+    ascending = (where[1:] >= where[:-1]).all()
+    order = np.arange(len(where)) if ascending else np.argsort(where, kind="stable")
+    return _with_edits(text, order, changes, len(text) if size is None else size)
 
 
 def rows_of(prefix: bytes, values: np.ndarray, kind: int = DOUBLE) -> bytes:
@@ -226,7 +228,10 @@ def numbers_edited(
 ) -> Edits:
     """Edits that give words other numbers, arrays of one shape; those whose number stays keep their bytes."""
     changed = old != new
-    begin, end, new = begin[changed], end[changed], new[changed].astype(np.float64)
+    if changed.all():  # the usual case, without copies
+        begin, end, new = begin.ravel(), end.ravel(), new.astype(np.float64, copy=False).ravel()
+    else:
+        begin, end, new = begin[changed], end[changed], new[changed].astype(np.float64)
     return Edits(begin, begin, end, np.full(len(begin), kind, dtype=np.uint8), new)
 
 

@@ -85,6 +85,7 @@ def test_decimals_are_read_as_by_float():
         "1e400",
         "1e-400",
     ]
+    words += ["4503599627370496.5", "1e-400"]
     words += f".5 5. 0e999 {'0' * 40}7 1e00000000000000000000005 1_0 nan -Infinity inf".split()
     data = array_of(" ".join(words).encode())
     found, expected = numbers_of(data, *words_of(data)), [float(word) for word in words]
