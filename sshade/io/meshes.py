@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from sshade.errors import InputError
+from sshade.io.decimals import INTEGER, rows_of
 from sshade.io.document import MeshFile
 from sshade.io.files import check_output, check_suffix, replacing
 from sshade.io.gltf import read_gltf, write_gltf
@@ -15,7 +16,6 @@ from sshade.io.obj import read_obj
 from sshade.io.off import read_off
 from sshade.io.ply import read_ply, write_ply
 from sshade.io.stl import read_stl
-from sshade.io.text import INTEGER, rows_of
 from sshade.mesh.mesh import Mesh, repeats_vertex
 
 _READERS = {

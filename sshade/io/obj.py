@@ -12,23 +12,17 @@ from typing import NamedTuple
 import numpy as np
 
 from sshade.errors import InputError
+from sshade.io.decimals import DOUBLE, INTEGER, NOTHING, Edits, edited, numbers_edited, numbers_of
 from sshade.io.document import MeshFile, fanned, moved_reference, present
 from sshade.io.normals import turns
-from sshade.io.text import (
-    DOUBLE,
-    INTEGER,
-    NOTHING,
-    Edits,
+from sshade.io.words import (
     Lines,
     array_of,
     columns_of,
-    edited,
     integers_of,
     joined,
     key_of,
     lines_of,
-    numbers_edited,
-    numbers_of,
     parts_of,
     words_in,
 )

@@ -10,18 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from sshade.errors import InputError
+from sshade.io.decimals import edited, numbers_edited, numbers_of
 from sshade.io.document import MeshFile, fanned, present
 from sshade.io.normals import vertex_turns
-from sshade.io.text import (
-    Lines,
-    array_of,
-    columns_of,
-    edited,
-    integers_of,
-    lines_of,
-    numbers_edited,
-    numbers_of,
-)
+from sshade.io.words import Lines, array_of, columns_of, integers_of, lines_of
 
 #: The first word: texture coordinates, colours, normals at the vertices. A small n is another thing:
 #: the number of coordinates.

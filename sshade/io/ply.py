@@ -15,10 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sshade.io.decimals import edited, numbers_edited, numbers_of
 from sshade.io.document import MeshFile, fanned, moved_reference, present
 from sshade.io.normals import turns, vertex_turns
 from sshade.io.ply_elements import Element, read_header, take
-from sshade.io.text import array_of, edited, numbers_edited, numbers_of, words_of
+from sshade.io.words import array_of, words_of
 
 _CORNERS = ("vertex_indices", "vertex_index")
 _NORMAL = ["nx", "ny", "nz"]

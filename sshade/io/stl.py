@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from sshade.errors import InputError
+from sshade.io.decimals import edited, numbers_edited, numbers_of
 from sshade.io.document import MeshFile, present
 from sshade.io.normals import turns
-from sshade.io.text import Lines, array_of, columns_of, edited, key_of, lines_of, numbers_edited, numbers_of
+from sshade.io.words import Lines, array_of, columns_of, key_of, lines_of
 
 #: A facet of a binary STL.
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])

@@ -5,22 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sshade.io import text as module
-from sshade.io.text import (
-    INTEGER,
-    NOTHING,
-    Edits,
+from sshade.io import decimals as module
+from sshade.io.decimals import INTEGER, NOTHING, Edits, edited, numbers_edited, numbers_of, rows_of
+from sshade.io.words import (
     array_of,
     columns_of,
-    edited,
     integers_of,
     joined,
     key_of,
     lines_of,
-    numbers_edited,
-    numbers_of,
     parts_of,
-    rows_of,
     words_in,
     words_of,
 )
