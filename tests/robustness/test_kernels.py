@@ -9,6 +9,8 @@ import importlib
 import sys
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -22,6 +24,7 @@ from baselines.arap_sr.arap_sr import arap_sr
 from baselines.deformation_graph.deformation_graph import deformation_graph
 from sshade import DeformationTask, Deformer, Mesh, bind, sshade, sshade_fast, sshade_fine, transfer_pose
 from sshade.carry.projection import _closest_in_triangle
+from sshade.io.meshes import read_arrays, read_file, write_file, write_mesh
 from sshade.mesh.cutting import cut_to_manifold
 from sshade.sampling.remesh import remesh
 from sshade.solver.local_global import local_global
@@ -29,7 +32,7 @@ from sshade.solver.substitution import Factors, divide, substitute, substitute_t
 from sshade.threads import ThreadTeam
 from tests.robustness.inputs import BODY, pose
 from tests.robustness.test_trust import ROOT, SOURCES
-from tests.shapes import bent, double_torus, jittered, torus
+from tests.shapes import bent, double_torus, icosphere, jittered, torus
 from tests.sshade.mesh.test_cutting import moebius, t_fin
 
 #: Apart, relative to the largest value: the compiler contracts and reorders sums.
@@ -101,6 +104,33 @@ def _substituted() -> np.ndarray:
     return np.concatenate(found)
 
 
+def _written() -> np.ndarray:
+    """Numbers of texts with normals that are read, bent and written, compared by their magnitudes."""
+    body = icosphere(1)
+    rows = np.column_stack([body.V, body.V]).tolist()
+    vertices = "".join("v {!r} {!r} {!r}\nvn {!r} {!r} {!r}\n".format(*row) for row in rows)
+    faces = "".join(f"f {a}//{a} {b}//1 {c}//{c}\n" for a, b, c in (body.F + 1).tolist())
+    off = "".join(" ".join(map(repr, row)) + "\n" for row in rows)
+    triangles = "".join(f"3 {a} {b} {c}\n" for a, b, c in body.F.tolist())
+    facet = "facet normal 0 0 1\nouter loop\n" + "vertex {!r} {!r} {!r}\n" * 3 + "endloop\nendfacet\n"
+    solid = "".join(facet.format(*corners) for corners in body.V[body.F].reshape(-1, 9).tolist())
+    texts = {".obj": vertices + faces + "v 1e-320 1234567890123456789012 -0.5 # \\\n\n"}
+    texts |= {".off": f"NOFF\n{body.n} {body.m} 0\n{off}{triangles}", ".stl": f"solid a\n{solid}endsolid a\n"}
+    found = []
+    with TemporaryDirectory() as folder:
+        for suffix, text in texts.items():
+            path = Path(folder, f"a{suffix}")
+            path.write_text(text)
+            file = read_file(path)
+            moved = bent(file.V) if suffix != ".obj" else np.concatenate([bent(file.V[:-1]), -file.V[-1:]])
+            write_file(path, file, moved)
+            words = path.read_text().replace("/", " ").split()
+            found += [float(word) for word in words if word.strip("+-.e0123456789") == ""]
+            write_mesh(Path(folder, f"b{suffix}"), file.V, file.F)
+            found += read_arrays(Path(folder, f"b{suffix}"))[0].ravel().tolist()
+    return np.sign(found) * np.log1p(np.abs(found))
+
+
 COARSE = partial(local_global, **FEW)
 WORK: dict[str, Callable[[], np.ndarray]] = {
     "the paper's": _of_method(partial(sshade, vertices=50, samplings=1, coarse=COARSE)),
@@ -121,6 +151,7 @@ WORK: dict[str, Callable[[], np.ndarray]] = {
     "remeshing with few samples": partial(_remeshed, double_torus(cells=2), 4),
     "points near needles": _on_needles,
     "substitution": _substituted,
+    "files": _written,
 }
 
 
