@@ -210,10 +210,7 @@ def _turned_normals(obj: _Obj, V: np.ndarray) -> list[Edits]:
     shaded = np.flatnonzero(corners.normal >= 0)
     if not len(shaded):
         return []
-    # Each vertex with each of its normals once.
-    pair_of = same_rows(np.column_stack([corners.vertex[shaded], corners.normal[shaded]]))
-    one = shaded[_first(pair_of)]
-    vertex, normal = corners.vertex[one], corners.normal[one]
+    pair_of, vertex, normal = _pairs(corners.vertex[shaded], corners.normal[shaded], len(rest))
     alike = same_rows(np.column_stack([rest[vertex], V[vertex], N[normal]]))
     group = np.full(len(corners.vertex), -1)
     group[shaded] = alike[pair_of]
@@ -234,6 +231,18 @@ def _turned_normals(obj: _Obj, V: np.ndarray) -> list[Edits]:
         place[order] = above[line_of] + rank
         edits.append(_counted_anew(corners, shaded, place[variant[pair_of]], above))
     return edits
+
+
+def _pairs(vertex: np.ndarray, normal: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Each vertex with each of its normals once: the pair of each corner (c,), and of each pair the two."""
+    last = np.full(n, -1)
+    last[vertex] = normal
+    if (last[vertex] == normal).all():  # one each, as most files have it
+        used = last >= 0
+        return (np.cumsum(used) - 1)[vertex], np.flatnonzero(used), last[used]
+    pair_of = same_rows(np.column_stack([vertex, normal]))
+    one = _first(pair_of)
+    return pair_of, vertex[one], normal[one]
 
 
 def _first(ids: np.ndarray) -> np.ndarray:

@@ -69,9 +69,11 @@ def lines_of(text: np.ndarray, *, comment: bytes = b"\0", fold: bool = False) ->
     fold : bool
         Keys are in small letters.
     """
-    breaks = np.flatnonzero((text == _NEWLINE) | (text == _RETURN))
+    ends, returns = text == _NEWLINE, text == _RETURN
+    returns_there = returns.any()
+    breaks = np.flatnonzero(ends | returns if returns_there else ends)
     after = breaks + 1
-    if len(breaks):
+    if returns_there:
         returned = text[breaks] == _RETURN
         # The newline behind a return is of the same end.
         second = np.append(False, returned[:-1] & ~returned[1:] & (breaks[1:] == after[:-1]))
