@@ -1,7 +1,8 @@
 """Beyond the paper: one proxy that holds its volume and area, carried back with blended frames.
 
-The proxy's triangles soften where they are strained (:mod:`sshade.solver.strain_softening`), and its
-motion is blended over each of them (:mod:`sshade.carry.blended`), so that one sampling does.
+The proxy's triangles soften where they are strained (:mod:`sshade.solver.strain_softening`), its handle
+groups pull the parts that they lie on along (:mod:`sshade.solver.parts`), and its
+motion is blended over each of its triangles (:mod:`sshade.carry.blended`), so that one sampling does.
 """
 
 from __future__ import annotations
@@ -14,13 +15,24 @@ from sshade.pipeline.components import each_component
 from sshade.pipeline.multilevel import multilevel
 from sshade.pipeline.paper import sshade
 from sshade.pipeline.proxies import ProxyOptions
-from sshade.pipeline.regions import AREA, has_regions
+from sshade.pipeline.regions import OF_REGIONS, has_regions
 from sshade.solver.local_global import local_global
 from sshade.solver.options import SolverOptions, complete
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
 
-#: Residual stiffness of strongly strained triangles, and the strain about which they soften.
-STIFFNESS, STRAIN = 0.08, 0.0125
+#: Vertices of the proxy.
+VERTICES = 12_000
+#: Strain about which triangles soften.
+STRAIN = 0.0125
+#: The proxy's energy.
+PROXY: SolverOptions = {
+    "volume": inf,
+    "area": inf,
+    "parts": 0.1,
+    "stiffness": 0.04,
+    "strain": STRAIN,
+    "start": "rigid",
+}
 
 
 class FastOptions(ProxyOptions, SolverOptions, total=False):
@@ -39,13 +51,11 @@ def sshade_fast(
         As for :func:`sshade.sshade`.
     progress : Progress
     **options
-        Of the proxies, by default one with ``blended`` frames: see
+        Of the proxies, by default one of :data:`VERTICES` with ``blended`` frames: see
         :class:`sshade.pipeline.proxies.ProxyOptions`. Of their energy, the spokes and rims, and its
-        iteration: see :class:`sshade.solver.options.SolverOptions`; by default volume and area are
-        exact (inf), with handle regions the area has the weight
-        :data:`sshade.pipeline.regions.AREA`, stiffness and strain are :data:`STIFFNESS` and
-        :data:`STRAIN`, and the start is "rigid". Large proxies begin with a coarser one's result: see
-        :mod:`sshade.pipeline.multilevel`.
+        iteration: see :class:`sshade.solver.options.SolverOptions`, by default :data:`PROXY`; with handle
+        regions, which are parts themselves, :data:`sshade.pipeline.regions.OF_REGIONS` are among them.
+        Large proxies begin with a coarser one's result: see :mod:`sshade.pipeline.multilevel`.
 
     Returns
     -------
@@ -61,11 +71,10 @@ def sshade_fast(
     """
     given: dict[str, Any] = dict(options)
     of_solver = {name: given.pop(name) for name in SolverOptions.__annotations__ if name in given}
-    regional = "area" not in of_solver and has_regions(task, given.get("vertices", 6000))
-    area = AREA if regional else inf
-    solver = complete(of_solver, volume=inf, area=area, stiffness=STIFFNESS, strain=STRAIN, start="rigid")
+    given = {"vertices": VERTICES, "samplings": 1, "frames": "blended", **given}
+    regional = has_regions(task, given["vertices"])
+    solver = complete(of_solver, **(PROXY | OF_REGIONS if regional else PROXY))
     tolerance = solver.pop("tolerance")
     coarse = partial(multilevel, coarse=partial(local_global, **solver), tolerance=tolerance)
     keep = solver["volume"] == inf
-    given = {"samplings": 1, "frames": "blended", **given}
     return sshade(task, coarse=coarse, keep_volume=keep, progress=progress, **given)

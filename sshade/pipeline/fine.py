@@ -11,20 +11,24 @@ import numpy as np
 
 from sshade.mesh.adjacency import vertex_graph
 from sshade.pipeline.components import each_component
-from sshade.pipeline.fast import STIFFNESS, STRAIN, sshade_fast
-from sshade.pipeline.regions import AREA, HandleRegions, all_on_targets, has_regions
+from sshade.pipeline.fast import STRAIN, VERTICES, sshade_fast
+from sshade.pipeline.regions import OF_REGIONS, HandleRegions, all_on_targets, has_regions
 from sshade.sampling.fronts import Fronts
 from sshade.solver.local_global import LocalGlobal, Solution
 from sshade.solver.options import SolverOptions, complete, energy_options
+from sshade.solver.parts import pulled_by_parts
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
 from sshade.threads import available_cpus, number_of_workers
+
+#: The energy at full resolution: stiffer than the proxy's, and less bound to parts, to stretch less.
+POLISH: SolverOptions = {"volume": inf, "area": 1.0, "parts": 0.03, "stiffness": 0.08, "strain": STRAIN}
 
 
 @each_component
 def sshade_fine(
     task: DeformationTask,
     *,
-    vertices: int = 6000,
+    vertices: int = VERTICES,
     polish_iterations: int = 50,
     polish_seconds: float | None = None,
     workers: int | None = None,
@@ -55,9 +59,9 @@ def sshade_fine(
     progress : Progress
     **options
         As of :func:`sshade.sshade_fast`: `max_iterations` and `start` of the proxy, the others of both
-        resolutions. The area has the weight 1 by default, which leaves it some half a percent;
-        for that, edges and angles change a twentieth less than with an exact one. With handle
-        regions it is :data:`sshade.pipeline.regions.AREA`.
+        resolutions. Defaults of the polish are :data:`POLISH`: the weight of the area leaves it some half
+        a percent; for that, edges and angles change a twentieth less than with an exact one. With handle
+        regions :data:`sshade.pipeline.regions.OF_REGIONS` are among them.
 
     Returns
     -------
@@ -79,18 +83,17 @@ def sshade_fine(
         return all_on_targets(task)
     begin = perf_counter()
     regional = has_regions(task, vertices)
-    area = AREA if regional else 1.0
-    own = complete(options, volume=inf, area=area, stiffness=STIFFNESS, strain=STRAIN, start="rigid")
+    own = complete(options, **(POLISH | OF_REGIONS if regional else POLISH))
     with ThreadPoolExecutor(max_workers=1) as pool:
-        bound = pool.submit(_bind, task)
-        proxy = sshade_fast(task, vertices=vertices, seed=seed, progress=progress, **own)
+        bound = pool.submit(_bind, task, own["parts"])
+        proxy = sshade_fast(task, vertices=vertices, seed=seed, progress=progress, **options)
         arrived = perf_counter()
-        solver, precompute = bound.result()
+        solver, targets, precompute = bound.result()
     ready = perf_counter()
     energy: dict[str, Any] = {**energy_options(own), "workers": workers}
     energy["known"] = _around(task, samples=proxy.extra["samples"])
     solution = solver.solve(
-        task.handles.target,
+        targets,
         start=proxy.vertices,
         tolerance=own["tolerance"],
         max_iterations=polish_iterations,
@@ -104,7 +107,7 @@ def sshade_fine(
         graph = vertex_graph(task.mesh)
         regions = HandleRegions(task.mesh, task.handles, vertices=facts["samples"], graph=graph)
         turned = regions.on_targets(solution.positions, task.handles)
-        solution = _moved(solver, solution, turned, task.handles.target, energy)
+        solution = _moved(solver, solution, turned, targets, energy)
     seconds = {
         "proxy": arrived - begin,
         "precompute": precompute,
@@ -120,10 +123,12 @@ def sshade_fine(
     )
 
 
-def _bind(task: DeformationTask) -> tuple[LocalGlobal, float]:
+def _bind(task: DeformationTask, parts: float) -> tuple[LocalGlobal, np.ndarray, float]:
+    """The solver at full resolution, targets of what it holds and pulls, and the time it took."""
     begin = perf_counter()
-    own = task.handles
-    return LocalGlobal(task.mesh, own.index, stiffness=own.stiffness), perf_counter() - begin
+    pulled = pulled_by_parts(task.mesh, task.handles, parts)
+    solver = LocalGlobal(task.mesh, pulled.vertex, stiffness=pulled.stiffness)
+    return solver, pulled.target, perf_counter() - begin
 
 
 def _around(task: DeformationTask, *, samples: int) -> tuple[np.ndarray, np.ndarray] | None:

@@ -25,6 +25,7 @@ from sshade.mesh.mesh import Mesh
 from sshade.pipeline.proxies import proxy_vertices
 from sshade.sampling.fronts import Fronts, thinned
 from sshade.sampling.remesh import Remesh, remesh
+from sshade.solver.options import SolverOptions
 from sshade.solver.volume_area import VOLUME, gradients, measure
 from sshade.task import DeformationResult, DeformationTask
 
@@ -37,6 +38,8 @@ SHIFT, NEWTON_STEPS = 0.1, 4
 #: Weight of the area by default where handles are regions. One that moves away stretches what is between it
 #: and another: with few handles the surface can follow, here an area that holds would be taken from the rest.
 AREA = 0.1
+#: The solver's options by default there; a region is a part itself, and pulls none.
+OF_REGIONS: SolverOptions = {"area": AREA, "parts": 0.0}
 #: Width of the surface beside an edge that turns with its region, in distances between samples and, besides,
 #: between vertices.
 WIDTH = 3.0

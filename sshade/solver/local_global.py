@@ -22,6 +22,7 @@ from sshade.mesh.mesh import Mesh
 from sshade.solver.arap import ArapIteration, ArapSystem
 from sshade.solver.constraints import Components, VolumeArea
 from sshade.solver.options import Energy, EnergyOptions, SolverOptions, complete, energy_options
+from sshade.solver.parts import pulled_by_parts
 from sshade.solver.quasi_newton import QuasiNewton, iterate
 from sshade.solver.start import initial_guess
 from sshade.solver.strain_softening import StrainSoftening
@@ -324,10 +325,11 @@ def local_global(
     begin = perf_counter()
     solver_options = complete(options)
     guess = initial_guess(task, solver_options["start"])
-    solver = LocalGlobal(task.mesh, task.handles.index, energy=energy, stiffness=task.handles.stiffness)
+    pulled = pulled_by_parts(task.mesh, task.handles, solver_options["parts"])
+    solver = LocalGlobal(task.mesh, pulled.vertex, energy=energy, stiffness=pulled.stiffness)
     precomputed = perf_counter()
     solution = solver.solve(
-        task.handles.target,
+        pulled.target,
         start=guess,
         known=task.handles.known,
         accelerate=accelerate,

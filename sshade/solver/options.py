@@ -7,8 +7,10 @@ Unpack[SolverOptions]``, with defaults of its own where it says so.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import inf
 from typing import Any, Literal, TypedDict, Unpack
 
+from sshade.errors import InputError
 from sshade.solver.constraints import VolumeArea
 from sshade.solver.strain_softening import StrainSoftening
 
@@ -58,7 +60,16 @@ class IterationOptions(TypedDict, total=False):
 
 
 class SolverOptions(EnergyOptions, IterationOptions, total=False):
-    """:class:`EnergyOptions` and :class:`IterationOptions`."""
+    """:class:`EnergyOptions`, :class:`IterationOptions`, and what the factorised system depends on.
+
+    Attributes
+    ----------
+    parts : float
+        How strongly each handle group pulls what is near it along with its own rigid motion, without
+        unit: see :mod:`sshade.solver.parts`. 0 is the energy as published.
+    """
+
+    parts: float
 
 
 #: The published energy, the paper's cutoff.
@@ -67,6 +78,7 @@ DEFAULTS: SolverOptions = {
     "area": 0.0,
     "stiffness": 1.0,
     "strain": 0.02,
+    "parts": 0.0,
     "tolerance": 1e-5,
     "max_iterations": 1000,
     "start": "rest",
@@ -81,7 +93,8 @@ def complete(given: Mapping[str, Any], **defaults: Unpack[SolverOptions]) -> Sol
     TypeError
         On a name that is no option.
     InputError
-        On a negative weight, a stiffness out of (0, 1], or a strain that is not positive.
+        On a negative weight, an infinite one of parts, a stiffness out of (0, 1], or a strain that is
+        not positive.
     """
     unknown = [name for name in given if name not in DEFAULTS]
     if unknown:
@@ -89,6 +102,8 @@ def complete(given: Mapping[str, Any], **defaults: Unpack[SolverOptions]) -> Sol
     options = DEFAULTS | defaults | given  # type: ignore[operator]
     VolumeArea(options["volume"], options["area"])
     StrainSoftening(options["stiffness"], options["strain"])
+    if not 0 <= options["parts"] < inf:
+        raise InputError(f"the weight of parts is a number from 0 (none), not {options['parts']}")
     return options
 
 

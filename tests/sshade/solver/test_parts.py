@@ -1,0 +1,142 @@
+"""What handle groups pull along: by formula, by invariances, where there is nothing, and what it does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial.transform import Rotation
+
+from sshade import DeformationTask, Handles, InputError, Mesh
+from sshade.mesh.adjacency import vertex_graph
+from sshade.mesh.rigid import rigid_motion
+from sshade.solver.local_global import local_global
+from sshade.solver.parts import LINK, RADIUS, REACH, pulled_by_parts
+from tests.shapes import rotation, subdivided, tube
+
+BAR = tube(24, 90, length=9.0)
+TURN = rotation(3)
+
+
+def patch(mesh: Mesh, point, count: int) -> np.ndarray:
+    """The vertices nearest to a point."""
+    return np.argsort(np.linalg.norm(mesh.V - np.asarray(point), axis=1), kind="stable")[:count]
+
+
+def two_patches(mesh: Mesh, *, turn=TURN, count=7) -> Handles:
+    low, high = patch(mesh, [0, 1, mesh.V[:, 2].min()], count), patch(mesh, [0, 1, mesh.V[:, 2].max()], count)
+    target = np.concatenate([mesh.V[low], mesh.V[high] @ turn.T + [0.4, 0.1, 0.2]])
+    return Handles(np.concatenate([low, high]), target, group=np.repeat([0, 1], count))
+
+
+def test_each_vertex_is_pulled_by_the_motion_of_the_nearest_part():
+    handles, weight = two_patches(BAR), 0.3
+    pulled = pulled_by_parts(BAR, handles, weight)
+    r = RADIUS * np.sqrt(BAR.area)
+    V, area = BAR.V, np.zeros(BAR.n)
+    for face in BAR.F:
+        a, b, c = V[face]
+        area[face] += np.linalg.norm(np.cross(b - a, c - a)) / 6
+    expected = {}
+    distances = []
+    for group in (0, 1):
+        own = handles.index[handles.group == group]
+        centre = V[own].mean(axis=0)
+        away = dijkstra(vertex_graph(BAR).matrix, indices=own, min_only=True)
+        distances.append(away + max(np.linalg.norm(V[own] - centre, axis=1)))
+    motions = [(np.eye(3), np.zeros(3)), (TURN, np.array([0.4, 0.1, 0.2]))]
+    for i in set(range(BAR.n)) - set(handles.index.tolist()):
+        near = int(distances[1][i] < distances[0][i])
+        d = distances[near][i]
+        if d < REACH * r:
+            R, t = motions[near]
+            expected[i] = weight * area[i] / r**2 * np.exp(-((d / r) ** 2)), R @ V[i] + t
+    k = len(handles)
+    assert np.array_equal(pulled.vertex[:k], handles.index) and np.isinf(pulled.stiffness[:k]).all()
+    assert np.array_equal(pulled.target[:k], handles.target)
+    assert sorted(expected) == pulled.vertex[k:].tolist()
+    assert np.allclose(pulled.stiffness[k:], [expected[i][0] for i in sorted(expected)], rtol=1e-9)
+    assert np.allclose(pulled.target[k:], [expected[i][1] for i in sorted(expected)], atol=1e-9)
+
+
+def test_the_unit_of_length_does_not_matter_and_hardly_the_resolution():
+    handles = two_patches(BAR)
+    pulled, k = pulled_by_parts(BAR, handles, 0.1), len(handles)
+    large = Mesh(1000 * BAR.V, BAR.F)
+    scaled = pulled_by_parts(large, Handles(handles.index, 1000 * handles.target, group=handles.group), 0.1)
+    assert np.array_equal(scaled.vertex, pulled.vertex)
+    assert np.allclose(scaled.stiffness[k:], pulled.stiffness[k:], rtol=1e-9)
+    finer = subdivided(BAR)  # its first vertices are those of the bar
+    again = pulled_by_parts(finer, handles, 0.1)
+    assert again.stiffness[k:].sum() == pytest.approx(pulled.stiffness[k:].sum(), rel=0.05)
+
+
+@pytest.mark.parametrize("case", ["one", "two", "a line", "not rigid", "region", "soft", "weight 0"])
+def test_nothing_is_pulled_where_no_part_is_known(case):
+    mesh, handles, weight = BAR, two_patches(BAR), 0.1
+    top = mesh.V[:, 2].max()
+    if case in ("one", "two"):
+        handles = two_patches(mesh, count=1 + (case == "two"))
+    elif case == "a line":
+        line = np.flatnonzero(np.isclose(mesh.V[:, :2], mesh.V[0, :2]).all(axis=1))[:8]
+        handles = Handles(line, mesh.V[line])
+    elif case == "not rigid":
+        index = patch(mesh, [0, 1, top], 12)
+        handles = Handles(index, mesh.V[index] * [1.0, 1.0, 4.0])
+    elif case == "region":
+        index = np.flatnonzero(mesh.V[:, 2] < 0.8 * top)
+        handles = Handles(index, mesh.V[index])
+    elif case == "soft":
+        handles = Handles(handles.index, handles.target, weight=1.0).shared(mesh)
+    else:
+        weight = 0.0
+    pulled = pulled_by_parts(mesh, handles, weight)
+    assert np.array_equal(pulled.vertex, handles.index)
+
+
+def test_a_prescribed_rotation_makes_a_part_of_a_single_handle():
+    index = patch(BAR, [0, 1, BAR.V[:, 2].max()], 1)
+    goal = np.array([[0.0, 0.5, 10.0]])
+    pulled = pulled_by_parts(BAR, Handles(index, goal, rotation=TURN[None]), 0.1)
+    assert len(pulled.vertex) > 10
+    R, t = rigid_motion(BAR.V[pulled.vertex[1:]], pulled.target[1:])
+    assert np.allclose(R, TURN, atol=1e-9) and np.allclose(R @ BAR.V[index[0]] + t, goal[0], atol=1e-9)
+
+
+def test_handles_of_one_group_that_are_far_apart_are_parts_of_their_own():
+    apart, pulled = two_patches(BAR), pulled_by_parts(BAR, two_patches(BAR), 0.1)
+    ends = np.ptp(BAR.V[:, 2])
+    assert ends > 2 * LINK * RADIUS * np.sqrt(BAR.area)
+    one_group = Handles(apart.index, apart.target)
+    again = pulled_by_parts(BAR, one_group, 0.1)
+    assert np.array_equal(again.vertex, pulled.vertex) and np.array_equal(again.target, pulled.target)
+
+
+def test_what_is_near_a_turned_patch_turns_with_it():
+    """A patch at the end of a bar nods: the end nods along, where without parts only the patch does."""
+    turn = Rotation.from_rotvec([0.7, 0.0, 0.0]).as_matrix()
+    top = np.array([0.0, 0.0, BAR.V[:, 2].max()])
+    still = two_patches(BAR, turn=np.eye(3))
+    moved = (BAR.V[still.index] - top) @ turn.T + top
+    task = DeformationTask(
+        "nod",
+        BAR,
+        Handles(
+            still.index,
+            np.where((still.group == 1)[:, None], moved, BAR.V[still.index]),
+            group=still.group,
+        ),
+    )
+    end = np.flatnonzero(BAR.V[:, 2] > top[2] - 1.0)
+    off = {}
+    for parts in (0.0, 0.1, 1.0):
+        V = local_global(task, parts=parts, start="rigid", tolerance=1e-7).vertices
+        assert np.array_equal(V[task.handles.index], task.handles.target)
+        off[parts] = np.linalg.norm(V[end] - ((BAR.V[end] - top) @ turn.T + top), axis=1).mean()
+    assert off[1.0] < 0.7 * off[0.0] and off[0.1] < 0.95 * off[0.0]
+
+
+@pytest.mark.parametrize("parts", [-0.1, np.inf, np.nan])
+def test_a_weight_that_is_none_is_refused(parts):
+    with pytest.raises(InputError, match="weight of parts"):
+        local_global(DeformationTask("patch", BAR, two_patches(BAR)), parts=parts)
