@@ -35,6 +35,10 @@ PROXY: SolverOptions = {
 }
 
 
+#: Of the energy whose minimum leads: nothing softens, and parts come first.
+LEAD: SolverOptions = {"parts": 3.0, "stiffness": 1.0}
+
+
 class FastOptions(ProxyOptions, SolverOptions, total=False):
     """The options of proxies and those of their solver."""
 
@@ -75,6 +79,7 @@ def sshade_fast(
     regional = has_regions(task, given["vertices"])
     solver = complete(of_solver, **(PROXY | OF_REGIONS if regional else PROXY))
     tolerance = solver.pop("tolerance")
-    coarse = partial(multilevel, coarse=partial(local_global, **solver), tolerance=tolerance)
+    lead = partial(local_global, **(solver | LEAD)) if solver["parts"] else None
+    coarse = partial(multilevel, coarse=partial(local_global, **solver), lead=lead, tolerance=tolerance)
     keep = solver["volume"] == inf
     return sshade(task, coarse=coarse, keep_volume=keep, progress=progress, **given)

@@ -1,8 +1,12 @@
-"""A start for the proxy's solver from a proxy of the proxy.
+"""A start for the proxy's solver from a proxy of the proxy, and that one's from a leading energy.
 
 Far moves take a local/global solver the most iterations, and need the least detail: on a mesh
 of a sixth of the vertices they take a sixth of the time, to a tenth of the accuracy. From there
 the minimum of the proxy's energy is near.
+
+Which minimum, the start decides: handles alone leave it open to which side a knee bends. There the
+minimum of another energy can lead, one that says more of where everything goes; another start is tried
+beside it, for the energy that counts.
 """
 
 from __future__ import annotations
@@ -11,6 +15,7 @@ import logging
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 from sshade.errors import InputError
 from sshade.pipeline.paper import sshade
@@ -24,12 +29,15 @@ SMALLEST = 3000
 RATIO, ROOM = 6, 2
 #: Tolerance on the coarser level over that asked for.
 ROUGH = 10.0
+#: Energy from the solver's own start over that from the lead's result, below which the first is taken.
+CLEARLY_LOWER = 0.9
 
 
 def multilevel(
     task: DeformationTask,
     *,
     coarse: Callable[..., DeformationResult],
+    lead: Callable[..., DeformationResult] | None = None,
     tolerance: float = 1e-5,
     seed: int = 0,
     progress: Progress = silent,
@@ -45,6 +53,9 @@ def multilevel(
     coarse : callable
         The solver, on both levels: ``coarse(task, tolerance=, seed=, progress=)``, which begins
         at the task's guess where there is one.
+    lead : callable, optional
+        A solver, as `coarse`: on the coarsest level `coarse` begins at its result, and once more at a
+        start of its own, which wins where its energy is below :data:`CLEARLY_LOWER` times the other.
     tolerance : float
     seed : int
         Of the sampling.
@@ -53,7 +64,8 @@ def multilevel(
     Returns
     -------
     DeformationResult
-        As of `coarse`, with the ``coarser_iterations`` in its `extra`, 0 without a coarser proxy.
+        As of `coarse`, with the ``coarser_iterations`` in its `extra`, 0 without a coarser proxy, and
+        with a `lead` the ``basin`` that it is in: "lead" or "start".
 
     Raises
     ------
@@ -61,8 +73,11 @@ def multilevel(
         Those of `coarse`.
     """
     size, iterations = max(task.mesh.n // RATIO, ROOM * len(task.handles)), 0.0
+    first, facts = coarse, dict[str, str]()
+    if lead and task.guess is None:
+        first = partial(_better, coarse=coarse, lead=lead, facts=facts)
     if task.guess is None and task.mesh.n >= SMALLEST and size <= task.mesh.n // ROOM:
-        rougher = partial(coarse, tolerance=ROUGH * tolerance)
+        rougher = partial(first, tolerance=ROUGH * tolerance)
         try:
             rough = sshade(
                 task,
@@ -76,6 +91,25 @@ def multilevel(
         except InputError as error:
             log.info("%s: solved without a coarser proxy of %d vertices: %s", task.name, size, error)
         else:
-            task, iterations = replace(task, guess=rough.vertices), rough.iterations
-    result = coarse(task, tolerance=tolerance, seed=seed, progress=progress)
-    return replace(result, extra={**result.extra, "coarser_iterations": iterations})
+            task, iterations, first = replace(task, guess=rough.vertices), rough.iterations, coarse
+    result = first(task, tolerance=tolerance, seed=seed, progress=progress)
+    return replace(result, extra={**result.extra, **facts, "coarser_iterations": iterations})
+
+
+def _better(
+    task: DeformationTask,
+    *,
+    coarse: Callable[..., DeformationResult],
+    lead: Callable[..., DeformationResult],
+    facts: dict[str, str],
+    tolerance: float,
+    seed: int,
+    progress: Progress,
+) -> DeformationResult:
+    """The result from the lead's, or from a start of its own; `facts` gets the ``basin``."""
+    options: dict[str, Any] = {"tolerance": tolerance, "seed": seed, "progress": progress}
+    led = coarse(replace(task, guess=lead(task, **options).vertices), **options)
+    own = coarse(task, **options)
+    lower = own.extra["energy"] < CLEARLY_LOWER * led.extra["energy"]
+    facts["basin"] = "start" if lower else "lead"
+    return own if lower else led

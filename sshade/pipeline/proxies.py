@@ -246,6 +246,7 @@ FACTS: Mapping[str, Callable[[Any], Any]] = {
     "proxy_volume_constraint": _distinct,
     "proxy_area_constraint": _distinct,
     "proxy_coarser_iterations": _mean,
+    "proxy_basin": _distinct,
 }
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from sshade import DeformationTask, Handles, InputError, Mesh
-from sshade.pipeline.fast import STIFFNESS, STRAIN, sshade_fast
-from sshade.pipeline.fine import sshade_fine
+from sshade.pipeline.fast import sshade_fast
+from sshade.pipeline.fine import POLISH, sshade_fine
 from sshade.pipeline.regions import edge_vertices
 from sshade.solver.local_global import local_global
 from tests.shapes import bumpy, end_handles, tube
@@ -50,7 +50,7 @@ def test_fine_ends_in_the_minimum_at_full_resolution(task, volume):
     task = DeformationTask("edges", task.mesh, handles)
     options = {"volume": volume, "area": 0.0, "tolerance": 1e-7}
     fine = sshade_fine(task, vertices=600, polish_iterations=3000, **options)
-    plain = local_global(task, stiffness=STIFFNESS, strain=STRAIN, max_iterations=5000, **options)
+    plain = local_global(task, **{**POLISH, **options}, max_iterations=5000)
     assert fine.converged and plain.converged
     assert fine.extra["energy"] == pytest.approx(plain.extra["energy"], rel=1e-5)
     assert np.abs(fine.vertices - plain.vertices).max() < 1e-3 * task.mesh.diagonal
