@@ -63,23 +63,25 @@ def pulled_by_parts(mesh: Mesh, handles: Handles, weight: float) -> Pulled:
     ----------
     mesh : Mesh
     handles : Handles
-        The hard ones of a group that are near to each other are a part. It pulls nothing where its points
+        Those of a group that are near to each other are a part. It pulls nothing where its points
         leave its rotation open (they are in a line, or too few, and no rotation is prescribed) or are not
-        moved rigidly.
+        moved rigidly. Soft handles of weight w pull w / (1 + w) times as much as hard ones.
     weight : float
         Without unit; 0 pulls nothing.
     """
-    own, hard = Pulled(handles.index, handles.stiffness, handles.target), np.flatnonzero(handles.hard)
-    if weight == 0 or len(hard) == 0:
+    own = Pulled(handles.index, handles.stiffness, handles.target)
+    if weight == 0:
         return own
     r = RADIUS * np.sqrt(mesh.area)
     graph = vertex_graph(mesh)
-    fronts = Fronts(graph, handles.index[hard])
-    part = _parts(graph, fronts, handles.group[hard], LINK * r)
+    fronts = Fronts(graph, handles.index)
+    part = _parts(graph, fronts, handles.group, LINK * r)
     pull, goal = np.zeros(mesh.n), np.zeros((mesh.n, 3))
-    for number, radius, R, t in _motions(mesh, handles, hard, part):
+    for number, radius, R, t in _motions(mesh, handles, part):
         near = np.flatnonzero((part[fronts.region] == number) & (fronts.distance + radius < REACH * r))
-        pull[near] = weight / r**2 * np.exp(-(((fronts.distance[near] + radius) / r) ** 2))
+        w = handles.weight[part == number]
+        firmness = np.where(np.isinf(w), 1.0, 1 - 1 / (1 + w)).mean()
+        pull[near] = firmness * weight / r**2 * np.exp(-(((fronts.distance[near] + radius) / r) ** 2))
         goal[near] = mesh.V[near] @ R.T + t
     pull *= np.bincount(mesh.F.ravel(), np.repeat(mesh.face_areas / 3, 3), minlength=mesh.n)
     pull[handles.index] = 0.0
@@ -88,7 +90,7 @@ def pulled_by_parts(mesh: Mesh, handles: Handles, weight: float) -> Pulled:
 
 
 def _parts(graph: VertexGraph, fronts: Fronts, group: np.ndarray, link: float) -> np.ndarray:
-    """(k,) int32: the part that each of the fronts' samples, of these groups, belongs to."""
+    """(k,) int32: the part that each handle belongs to."""
     owner = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
     a, b = fronts.region[owner], fronts.region[graph.indices]
     apart = fronts.distance[owner] + graph.lengths + fronts.distance[graph.indices]
@@ -99,12 +101,12 @@ def _parts(graph: VertexGraph, fronts: Fronts, group: np.ndarray, link: float) -
 
 
 def _motions(
-    mesh: Mesh, handles: Handles, hard: np.ndarray, part: np.ndarray
+    mesh: Mesh, handles: Handles, part: np.ndarray
 ) -> Iterator[tuple[int, float, np.ndarray, np.ndarray]]:
     """Of each part that has one: its number, its radius, its rotation and its translation."""
     prescribed = handles.rotation
     for number in range(part.max() + 1):
-        own = hard[part == number]
+        own = np.flatnonzero(part == number)
         P, Q = mesh.V[handles.index[own]], handles.target[own]
         centre, goal = P.mean(axis=0), Q.mean(axis=0)
         radius = float(np.linalg.norm(P - centre, axis=1).max())

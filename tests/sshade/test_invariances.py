@@ -26,7 +26,7 @@ ROUNDING = 1e-9
 
 SHAPES = [bumpy(2), tube(10, 20), torus(16, 8), strip(20, 5), double_torus(cells=2)]
 FIXED = partial(local_global, tolerance=0.0, max_iterations=20, start="rigid")
-FEW = {"vertices": 50, "tolerance": 0.0, "max_iterations": 20}
+FEW = {"vertices": 50, "tolerance": 0.0, "max_iterations": 8}  # of each start
 METHODS = {
     "paper": partial(sshade, vertices=50, samplings=2, coarse=FIXED),
     "fast": partial(sshade_fast, **FEW),
