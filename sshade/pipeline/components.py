@@ -40,7 +40,7 @@ FACTS: dict[str, Callable[[Any], Any]] = {
 }
 
 
-def each_component(method: MethodT) -> MethodT:
+def each_component(*, vertices: int) -> Callable[[MethodT], MethodT]:
     """Make a method of oriented manifolds of one component one of all meshes.
 
     On such a mesh it is `method`, bit for bit. Any other is cut, and each component deformed with its
@@ -50,15 +50,16 @@ def each_component(method: MethodT) -> MethodT:
 
     Parameters
     ----------
-    method : callable
-        Of a task, ``vertices``, ``coarser`` where it has that, and ``progress`` among others. All components
-        together have so many proxy vertices, a quarter of the mesh's at most, shared by area; each has
-        a quarter of its own, and its handles and a few more at least: see
-        :func:`sshade.pipeline.proxies.proxy_vertices`.
+    vertices : int
+        The method's default.
 
     Returns
     -------
     callable
+        The decorator of a method of a task, ``vertices``, ``coarser`` where it has that, and ``progress`` among others. All components
+        together have so many proxy vertices, a quarter of the mesh's at most, shared by area; each has
+        a quarter of its own, and its handles and a few more at least: see
+        :func:`sshade.pipeline.proxies.proxy_vertices`.
         Of a mesh that was taken apart, the result's `iterations` is the mean over components. ``extra`` has
         ``proxy_vertices`` in all, the largest ``residual``, and the numbers of
         ``components`` deformed (of the cut mesh), of ``unconstrained`` ones, of ``duplicates`` of
@@ -68,21 +69,24 @@ def each_component(method: MethodT) -> MethodT:
         does, then naming the component, and when the vertices asked for cannot hold the handles.
     """
 
-    @wraps(method)
-    def whole(task: DeformationTask, *, progress: Progress = silent, **options: Any) -> DeformationResult:
-        mesh = task.mesh
-        if mesh.topology.components == 1 and mesh.is_manifold and mesh.is_oriented:
-            return method(task, progress=progress, **options)
-        return _by_components(task, method, progress=progress, **options)
+    def decorated(method: MethodT) -> MethodT:
+        @wraps(method)
+        def whole(task: DeformationTask, *, progress: Progress = silent, **options: Any) -> DeformationResult:
+            mesh = task.mesh
+            if mesh.topology.components == 1 and mesh.is_manifold and mesh.is_oriented:
+                return method(task, progress=progress, **options)
+            return _by_components(task, method, progress=progress, **{"vertices": vertices, **options})
 
-    return cast(MethodT, whole)
+        return cast(MethodT, whole)
+
+    return decorated
 
 
 def _by_components(
     task: DeformationTask,
     method: Callable[..., DeformationResult],
     *,
-    vertices: int = 6000,
+    vertices: int,
     coarser: int = COARSER,
     progress: Progress,
     **options: Any,

@@ -22,28 +22,18 @@ from sshade.task import DeformationResult, DeformationTask, Progress, silent
 
 #: Vertices of the proxy.
 VERTICES = 12_000
-#: Strain about which triangles soften.
-STRAIN = 0.0125
-#: The proxy's energy.
-PROXY: SolverOptions = {
-    "volume": inf,
-    "area": inf,
-    "parts": 0.1,
-    "stiffness": 0.04,
-    "strain": STRAIN,
-    "start": "rigid",
-}
+#: The proxy's energy, by default.
+PROXY = SolverOptions(volume=inf, area=inf, parts=0.1, stiffness=0.04, strain=0.0125, start="rigid")
 
-
-#: Of the energy whose minimum leads: nothing softens, and parts come first.
-LEAD: SolverOptions = {"parts": 3.0, "stiffness": 1.0}
+#: Of the energy whose minimum leads: parts come first, nothing softens, and the area need not be exact.
+LEAD: SolverOptions = {"parts": 3.0, "stiffness": 1.0, "area": 1.0}
 
 
 class FastOptions(ProxyOptions, SolverOptions, total=False):
     """The options of proxies and those of their solver."""
 
 
-@each_component
+@each_component(vertices=VERTICES)
 def sshade_fast(
     task: DeformationTask, *, progress: Progress = silent, **options: Unpack[FastOptions]
 ) -> DeformationResult:
@@ -79,7 +69,8 @@ def sshade_fast(
     regional = has_regions(task, given["vertices"])
     solver = complete(of_solver, **(PROXY | OF_REGIONS if regional else PROXY))
     tolerance = solver.pop("tolerance")
-    lead = partial(local_global, **(solver | LEAD)) if solver["parts"] else None
+    leading = solver | LEAD | {"area": min(solver["area"], LEAD["area"])}
+    lead = partial(local_global, **leading) if solver["parts"] else None
     coarse = partial(multilevel, coarse=partial(local_global, **solver), lead=lead, tolerance=tolerance)
     keep = solver["volume"] == inf
     return sshade(task, coarse=coarse, keep_volume=keep, progress=progress, **given)

@@ -11,7 +11,7 @@ import numpy as np
 
 from sshade.mesh.adjacency import vertex_graph
 from sshade.pipeline.components import each_component
-from sshade.pipeline.fast import STRAIN, VERTICES, sshade_fast
+from sshade.pipeline.fast import PROXY, VERTICES, sshade_fast
 from sshade.pipeline.regions import OF_REGIONS, HandleRegions, all_on_targets, has_regions
 from sshade.sampling.fronts import Fronts
 from sshade.solver.local_global import LocalGlobal, Solution
@@ -20,15 +20,17 @@ from sshade.solver.parts import pulled_by_parts
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
 from sshade.threads import available_cpus, number_of_workers
 
-#: The energy at full resolution: stiffer than the proxy's, and less bound to parts, to stretch less.
-POLISH: SolverOptions = {"volume": inf, "area": 1.0, "parts": 0.03, "stiffness": 0.08, "strain": STRAIN}
+#: By default; stiffer than the proxy alone, and less bound to parts, to stretch less in the end.
+POLISH = PROXY | SolverOptions(area=1.0, parts=0.03, stiffness=0.08)
 
 
-@each_component
+@each_component(vertices=VERTICES)
 def sshade_fine(
     task: DeformationTask,
     *,
     vertices: int = VERTICES,
+    proxy_parts: float = PROXY["parts"],
+    proxy_stiffness: float = PROXY["stiffness"],
     polish_iterations: int = 50,
     polish_seconds: float | None = None,
     workers: int | None = None,
@@ -48,6 +50,8 @@ def sshade_fine(
     task : DeformationTask
     vertices : int
         Of the proxy; see :class:`sshade.pipeline.proxies.ProxyOptions`.
+    proxy_parts, proxy_stiffness : float
+        `parts` and `stiffness` of the proxy; without effect on parts where handles are regions.
     polish_iterations : int
         Iterations at full resolution, at most.
     polish_seconds : float, optional
@@ -58,8 +62,8 @@ def sshade_fine(
         Of the sampling.
     progress : Progress
     **options
-        As of :func:`sshade.sshade_fast`: `max_iterations` and `start` of the proxy, the others of both
-        resolutions. Defaults of the polish are :data:`POLISH`: the weight of the area leaves it some half
+        As of :func:`sshade.sshade_fast`: `max_iterations` and `start` of the proxy, `parts` and `stiffness`
+        of the polish, the others of both. By default :data:`POLISH`: the weight of the area leaves it some half
         a percent; for that, edges and angles change a twentieth less than with an exact one. With handle
         regions :data:`sshade.pipeline.regions.OF_REGIONS` are among them.
 
@@ -86,7 +90,8 @@ def sshade_fine(
     own = complete(options, **(POLISH | OF_REGIONS if regional else POLISH))
     with ThreadPoolExecutor(max_workers=1) as pool:
         bound = pool.submit(_bind, task, own["parts"])
-        proxy = sshade_fast(task, vertices=vertices, seed=seed, progress=progress, **options)
+        of_proxy: Any = own | {"stiffness": proxy_stiffness, "parts": 0.0 if regional else proxy_parts}
+        proxy = sshade_fast(task, vertices=vertices, seed=seed, progress=progress, **of_proxy)
         arrived = perf_counter()
         solver, targets, precompute = bound.result()
     ready = perf_counter()
@@ -101,8 +106,9 @@ def sshade_fine(
         progress=lambda _, done, total, note="": progress("polish", done, total, note),
         **energy,
     )
-    of_proxy = ("samples", "proxy_vertices", "faces_without_area")
-    facts = {"proxy_iterations": proxy.iterations} | {name: proxy.extra[name] for name in of_proxy}
+    shared = ("samples", "proxy_vertices", "faces_without_area", "proxy_basin")
+    facts = {"proxy_iterations": proxy.iterations}
+    facts |= {name: proxy.extra[name] for name in shared if name in proxy.extra}
     if regional:
         graph = vertex_graph(task.mesh)
         regions = HandleRegions(task.mesh, task.handles, vertices=facts["samples"], graph=graph)

@@ -17,7 +17,7 @@ import numpy as np
 from sshade.carry.binding import bind_proxy
 from sshade.carry.projection import Projector, project_to_fans
 from sshade.pipeline.components import each_component
-from sshade.pipeline.proxies import FACTS, Proxies, ProxyOptions
+from sshade.pipeline.proxies import FACTS, VERTICES, Proxies, ProxyOptions
 from sshade.pipeline.regions import HandleRegions, all_on_targets
 from sshade.sampling.remesh import Remesh, proxy_mesh
 from sshade.solver.local_global import local_global
@@ -44,7 +44,7 @@ def sample_with_handles(
     return remeshed, task.handles.sampled(number[on], on, task.mesh.V)
 
 
-@each_component
+@each_component(vertices=VERTICES)
 def sshade(
     task: DeformationTask,
     *,

@@ -22,6 +22,8 @@ from sshade.threads import in_threads, number_of_workers
 
 #: Vertices of a mesh over those of its proxy, at least.
 COARSER = 4
+#: Vertices of a proxy by default, as in the paper.
+VERTICES = 6000
 #: Vertices of a proxy besides its handles, at least, and for how many of these there is room: more are
 #: thinned.
 SPARE, HANDLES = 4, 1500
@@ -59,7 +61,7 @@ class ProxyOptions(TypedDict, total=False):
     ----------
     vertices : int
         Vertices of each proxy N, before refinement adds the few that the topology needs;
-        6000 by default, as in the paper, and a quarter of the mesh's at most: see
+        :data:`VERTICES` by default, and a quarter of the mesh's at most: see
         :func:`proxy_vertices`. ``samples`` in the `extra` of a result says how many they were.
     coarser : int
         Vertices of the mesh over those of a proxy, at least; 4 by default.
@@ -109,7 +111,7 @@ class Proxies:
         mesh: Mesh,
         *,
         handles: int = 0,
-        vertices: int = 6000,
+        vertices: int = VERTICES,
         coarser: int = COARSER,
         samplings: int = 1,
         frames: FrameKind | FrameMaker = "triangle",
@@ -169,7 +171,7 @@ class Proxies:
 
 def bind(
     mesh: Mesh,
-    vertices: int = 6000,
+    vertices: int = VERTICES,
     *,
     coarser: int = COARSER,
     first: np.ndarray | None = None,

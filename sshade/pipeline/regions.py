@@ -39,7 +39,7 @@ SHIFT, NEWTON_STEPS = 0.1, 4
 #: and another: with few handles the surface can follow, here an area that holds would be taken from the rest.
 AREA = 0.1
 #: The solver's options by default there; a region is a part itself, and pulls none.
-OF_REGIONS: SolverOptions = {"area": AREA, "parts": 0.0}
+OF_REGIONS = SolverOptions(area=AREA, parts=0.0)
 #: Width of the surface beside an edge that turns with its region, in distances between samples and, besides,
 #: between vertices.
 WIDTH = 3.0
