@@ -63,8 +63,8 @@ def sshade_fine(
     progress : Progress
     **options
         As of :func:`sshade.sshade_fast`: `max_iterations` and `start` of the proxy, `parts` and `stiffness`
-        of the polish, the others of both. By default :data:`POLISH`: the weight of the area leaves it some half
-        a percent; for that, edges and angles change a twentieth less than with an exact one. With handle
+        of the polish, the others of both. By default :data:`POLISH`: the weight of the area leaves it some
+        half a percent; for that, edges and angles change a twentieth less than with an exact one. With handle
         regions :data:`sshade.pipeline.regions.OF_REGIONS` are among them.
 
     Returns
@@ -107,7 +107,7 @@ def sshade_fine(
         **energy,
     )
     shared = ("samples", "proxy_vertices", "faces_without_area", "proxy_basin")
-    facts = {"proxy_iterations": proxy.iterations}
+    facts: dict[str, Any] = {"proxy_iterations": proxy.iterations}
     facts |= {name: proxy.extra[name] for name in shared if name in proxy.extra}
     if regional:
         graph = vertex_graph(task.mesh)
