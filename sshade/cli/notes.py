@@ -12,7 +12,8 @@ def notes(facts: Mapping[str, Any]) -> list[str]:
     Parameters
     ----------
     facts : mapping
-        The `extra` of :func:`sshade.pipeline.components.each_component`; ``asked`` samples, the
+        The `extra` of :func:`sshade.sshade_fast` and of
+        :func:`sshade.pipeline.components.each_component`; ``asked`` samples, the
         largest ``snap`` and the ``diagonal``; and, where the mesh was not repaired, the numbers of
         vertices ``unused`` and ``doubled`` and of ``collapsed`` faces.
     """
@@ -35,6 +36,8 @@ def notes(facts: Mapping[str, Any]) -> list[str]:
         f"{flat} faces without area take part as slightly larger ones": flat,
         f"{dropped} faces that repeat a vertex or another face are no part of the surface": dropped,
         f"{unused} vertices that no face uses stay where they are": unused,
+        "two starts ended in different shapes: the one of clearly lower energy was taken, where parts "
+        "did not lead": facts.get("proxy_basin") == "start",
         cut: copies or turned,
         f"{components} components were deformed on their own, with shares of the proxy vertices": components
         > 1,

@@ -57,8 +57,8 @@ def each_component(*, vertices: int) -> Callable[[MethodT], MethodT]:
     -------
     callable
         The decorator of a method of a task, ``vertices``, ``coarser`` where it has that, and ``progress``
-        among others. All components together have so many proxy vertices, a quarter of the mesh's at most, shared by area; each has
-        a quarter of its own, and its handles and a few more at least: see
+        among others. All components together have so many proxy vertices, a quarter of the mesh's at most,
+        shared by area; each has a quarter of its own, and its handles and a few more at least: see
         :func:`sshade.pipeline.proxies.proxy_vertices`.
         Of a mesh that was taken apart, the result's `iterations` is the mean over components. ``extra`` has
         ``proxy_vertices`` in all, the largest ``residual``, and the numbers of

@@ -191,7 +191,7 @@ def test_several_components_are_deformed_each_with_its_handles_or_carried(folder
 def test_what_is_no_surface_is_left_out_with_a_note(folder, capsys):
     """Vertices in no face, at both ends of the file, faces that repeat a vertex, and a face twice."""
     assert main(["deform", "body.ply", "pose.json", "-o", "sound.ply"]) == 0
-    few = f"note: {BODY.n // 4} samples and not 6000: a quarter of the vertices at most"
+    few = f"note: {BODY.n // 4} samples and not 12000: a quarter of the vertices at most"
     assert few in capsys.readouterr().err
     F = BODY.F + 1
     F = np.concatenate([[[7, 7, 9]], F, F[5:6], [[3, 4, 3]]])

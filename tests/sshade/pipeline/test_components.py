@@ -108,7 +108,7 @@ def test_a_small_component_has_proxy_vertices_for_its_handles_and_some_more():
     triangle = Mesh(0.1 * np.eye(3) + [0, 9, 0], [[0, 1, 2]])
     mesh = beside(BODY, tiny, triangle)
     own = of_all((ends(BODY), 0), (ends(tiny), BODY.n), (Handles([0, 1], triangle.V[:2] + 1), 2 * BODY.n))
-    result = deformed(mesh, own, each_component(spy), vertices=100)
+    result = deformed(mesh, own, each_component(vertices=6000)(spy), vertices=100)
     assert shares == [(162, 16, 40), (3, 2, 3), (162, 16, 20)]
     assert np.allclose(result.vertices[-3:-1], triangle.V[:2] + 1, atol=1e-9)
 
@@ -152,7 +152,7 @@ def test_copies_within_a_component_are_joined_at_their_mean():
         V = task.mesh.V + [[1, 0, 0]] * np.arange(task.mesh.n)[:, None]
         return DeformationResult(V, iterations=3, converged=None)
 
-    result = deformed(mesh, Handles([0], mesh.V[:1]), each_component(torn), vertices=20)
+    result = deformed(mesh, Handles([0], mesh.V[:1]), each_component(vertices=6000)(torn), vertices=20)
     copies, n = result.extra["copies"], mesh.n
     moved = (result.vertices - mesh.V)[:, 0]
     split = np.flatnonzero(np.abs(moved - np.arange(n)) > 1e-9)

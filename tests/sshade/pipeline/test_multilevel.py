@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from sshade import DeformationTask, Handles, InputError
+from sshade import DeformationResult, DeformationTask, Handles, InputError
 from sshade.pipeline.fast import sshade_fast
 from sshade.pipeline.multilevel import RATIO, ROOM, multilevel
 from sshade.solver.local_global import local_global
@@ -82,3 +82,38 @@ def test_errors_of_the_solver_are_told(task, always):
 def test_sshade_fast_begins_with_it(task, always):
     result = sshade_fast(task, vertices=task.mesh.n // 2, start="rest")
     assert result.extra["proxy_coarser_iterations"] > 0
+
+
+@pytest.mark.parametrize("levels", [1, 2])
+@pytest.mark.parametrize("ratio", [0.5, 0.89, 0.91, 2.0])
+def test_the_lead_decides_the_basin_unless_another_start_ends_clearly_lower(monkeypatch, task, levels, ratio):
+    """A solver whose energy depends on where it begins: at the lead's result, or at its own start."""
+    monkeypatch.setattr("sshade.pipeline.multilevel.SMALLEST", 100 if levels == 2 else 10_000)
+    far = np.array([3.0, 0.0, 0.0])
+    begun = []
+
+    def lead(task, **options):
+        return DeformationResult(task.mesh.V + far, iterations=1, converged=True)
+
+    def solver(task, **options):
+        own = task.guess is None
+        V = task.mesh.V if own else task.guess
+        begun.append((task.mesh.n, own))
+        return DeformationResult(V, iterations=1, converged=True, extra={"energy": ratio if own else 1.0})
+
+    found = multilevel(task, coarse=solver, lead=lead)
+    own_wins = ratio < 0.9
+    assert found.extra["basin"] == ("start" if own_wins else "lead")
+    moved = np.linalg.norm(found.vertices - task.mesh.V, axis=1)
+    if levels == 1:
+        assert np.allclose(moved, 0 if own_wins else 3)
+        assert begun == [(task.mesh.n, False), (task.mesh.n, True)]
+    else:
+        assert np.median(moved) < 0.1 if own_wins else np.median(moved) > 2.9
+        assert [own for _, own in begun] == [False, True, False] and begun[2][0] == task.mesh.n > begun[0][0]
+
+
+def test_a_guess_needs_no_lead(task):
+    task = guessed(task)
+    found = multilevel(task, coarse=SOLVER, lead=lambda *_, **__: pytest.fail("led"))
+    assert "basin" not in found.extra
