@@ -23,10 +23,10 @@ from sshade.task import DeformationResult, DeformationTask, Progress, silent
 #: Vertices of the proxy.
 VERTICES = 12_000
 #: The proxy's energy, by default.
-PROXY = SolverOptions(volume=inf, area=inf, parts=0.1, stiffness=0.04, strain=0.0125, start="rigid")
+PROXY = SolverOptions(volume=inf, area=inf, parts=0.1, stiffness=0.06, strain=0.0125, start="rigid")
 
 #: Of the energy whose minimum leads: parts come first, nothing softens, and the area need not be exact.
-LEAD: SolverOptions = {"parts": 3.0, "stiffness": 1.0, "area": 1.0}
+LEAD, LEAD_AREA = SolverOptions(parts=3.0, stiffness=1.0), 1.0
 
 
 class FastOptions(ProxyOptions, SolverOptions, total=False):
@@ -69,7 +69,7 @@ def sshade_fast(
     regional = has_regions(task, given["vertices"])
     solver = complete(of_solver, **(PROXY | OF_REGIONS if regional else PROXY))
     tolerance = solver.pop("tolerance")
-    leading = solver | LEAD | {"area": min(solver["area"], LEAD["area"])}
+    leading: dict[str, Any] = {**solver, **LEAD, "area": min(solver["area"], LEAD_AREA)}
     lead = partial(local_global, **leading) if solver["parts"] else None
     coarse = partial(multilevel, coarse=partial(local_global, **solver), lead=lead, tolerance=tolerance)
     keep = solver["volume"] == inf

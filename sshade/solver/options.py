@@ -35,7 +35,7 @@ class EnergyOptions(TypedDict, total=False):
     """
 
     volume: float
-    area: float
+    area: float | None
     stiffness: float
     strain: float
 
@@ -69,7 +69,7 @@ class SolverOptions(EnergyOptions, IterationOptions, total=False):
         unit: see :mod:`sshade.solver.parts`. 0 is the energy as published.
     """
 
-    parts: float
+    parts: float | None
 
 
 #: The published energy, the paper's cutoff.
@@ -85,8 +85,8 @@ DEFAULTS: SolverOptions = {
 }
 
 
-def complete(given: Mapping[str, Any], **defaults: Unpack[SolverOptions]) -> SolverOptions:
-    """All solver options: those given, else a method's own defaults, else :data:`DEFAULTS`.
+def complete(given: Mapping[str, Any], **defaults: Unpack[SolverOptions]) -> dict[str, Any]:
+    """All solver options: those given and not None, else a method's own defaults, else :data:`DEFAULTS`.
 
     Raises
     ------
@@ -99,7 +99,8 @@ def complete(given: Mapping[str, Any], **defaults: Unpack[SolverOptions]) -> Sol
     unknown = [name for name in given if name not in DEFAULTS]
     if unknown:
         raise TypeError(f"unexpected keyword argument {unknown[0]!r}; the options are {', '.join(DEFAULTS)}")
-    options = DEFAULTS | defaults | given  # type: ignore[operator]
+    own = {name: value for name, value in given.items() if value is not None}
+    options: dict[str, Any] = {**DEFAULTS, **defaults, **own}
     VolumeArea(options["volume"], options["area"])
     StrainSoftening(options["stiffness"], options["strain"])
     if not 0 <= options["parts"] < inf:
@@ -107,6 +108,6 @@ def complete(given: Mapping[str, Any], **defaults: Unpack[SolverOptions]) -> Sol
     return options
 
 
-def energy_options(options: SolverOptions) -> EnergyOptions:
+def energy_options(options: Mapping[str, Any]) -> dict[str, Any]:
     """Those of :func:`complete` options that belong to the energy."""
-    return {name: options[name] for name in EnergyOptions.__annotations__}  # type: ignore[return-value, literal-required]
+    return {name: options[name] for name in EnergyOptions.__annotations__}
