@@ -22,8 +22,10 @@ from sshade.task import DeformationResult, DeformationTask, Progress, silent
 
 #: Vertices of the proxy.
 VERTICES = 12_000
+#: How strongly handle groups pull their parts along, and what is left of the stiffness under strain.
+PARTS, STIFFNESS = 0.1, 0.06
 #: The proxy's energy, by default.
-PROXY = SolverOptions(volume=inf, area=inf, parts=0.1, stiffness=0.06, strain=0.0125, start="rigid")
+PROXY = SolverOptions(volume=inf, area=inf, parts=PARTS, stiffness=STIFFNESS, strain=0.0125, start="rigid")
 
 #: Of the energy whose minimum leads: parts come first, nothing softens, and the area need not be exact.
 LEAD, LEAD_AREA = SolverOptions(parts=3.0, stiffness=1.0), 1.0

@@ -11,7 +11,7 @@ import numpy as np
 
 from sshade.mesh.adjacency import vertex_graph
 from sshade.pipeline.components import each_component
-from sshade.pipeline.fast import PROXY, VERTICES, sshade_fast
+from sshade.pipeline.fast import PARTS, PROXY, STIFFNESS, VERTICES, sshade_fast
 from sshade.pipeline.regions import OF_REGIONS, HandleRegions, all_on_targets, has_regions
 from sshade.sampling.fronts import Fronts
 from sshade.solver.local_global import LocalGlobal, Solution
@@ -29,8 +29,8 @@ def sshade_fine(
     task: DeformationTask,
     *,
     vertices: int = VERTICES,
-    proxy_parts: float = PROXY["parts"],
-    proxy_stiffness: float = PROXY["stiffness"],
+    proxy_parts: float = PARTS,
+    proxy_stiffness: float = STIFFNESS,
     polish_iterations: int = 50,
     polish_seconds: float | None = None,
     workers: int | None = None,
