@@ -272,7 +272,7 @@ class Mesh:
                 "only one is supported: deform them one by one, or weld coincident vertices with --repair"
             )
 
-    @cached_property
+    @property
     def _cross(self) -> np.ndarray:
         a = self.V[self.F[:, 0]]
         return np.cross(self.V[self.F[:, 1]] - a, self.V[self.F[:, 2]] - a)

@@ -41,9 +41,9 @@ def sshade_fine(
     """`sshade_fast`, polished: accelerated iterations of the same energy at full resolution.
 
     A proxy gets the low frequencies right, which take iterations at full
-    resolution the longest; these in turn remove the proxy's traces in a few.
-    The factorisation at full resolution does not depend on the proxy, and is
-    made meanwhile in a thread of its own.
+    resolution the longest; these in turn remove the proxy's traces in a few. Their
+    global steps are V-cycles (:mod:`sshade.solver.multigrid`), so that time and memory
+    grow like the mesh. What does not depend on the proxy is set up meanwhile in a thread of its own.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def _bind(task: DeformationTask, parts: float) -> tuple[LocalGlobal, np.ndarray,
     """The solver at full resolution, targets of what it holds and pulls, and the time it took."""
     begin = perf_counter()
     pulled = pulled_by_parts(task.mesh, task.handles, parts)
-    solver = LocalGlobal(task.mesh, pulled.vertex, stiffness=pulled.stiffness)
+    solver = LocalGlobal(task.mesh, pulled.vertex, stiffness=pulled.stiffness, multigrid=True)
     return solver, pulled.target, perf_counter() - begin
 
 

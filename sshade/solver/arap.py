@@ -1,10 +1,10 @@
 """The as-rigid-as-possible system of a mesh with handles, and its plain iteration.
 
 The local step fits a rotation R_i to the covariance ``S_i = sum w_ij e_ij e'_ij^T`` of
-each vertex; the global step solves ``L q = b(R)`` with the Laplacian of the rest shape,
-factorised once, and the handle vertices eliminated. A soft handle of stiffness k stays in the
-system, with k on its diagonal entry of L and k times its target in b. Both energies are sums of terms:
-see :mod:`sshade.solver.terms`. Constraints and softening are given to an iteration as
+each vertex; the global step solves ``L q = b(R)`` with the Laplacian of the rest shape
+and the handle vertices eliminated: see :mod:`sshade.solver.global_step`. A soft handle of stiffness k
+stays in the system, with k on its diagonal entry of L and k times its target in b. Both energies are
+sums of terms: see :mod:`sshade.solver.terms`. Constraints and softening are given to an iteration as
 objects, see :class:`Constraints` and :class:`Softening`; the system knows of neither.
 
 O. Sorkine, M. Alexa, "As-rigid-as-possible surface modeling", 2007 (spokes);
@@ -19,7 +19,6 @@ from functools import partial
 from typing import Protocol
 
 import numpy as np
-from numba import njit
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
@@ -32,7 +31,7 @@ from sshade.solver.cotangents import (
     laplacian_matrix,
     rest_energies,
 )
-from sshade.solver.factorisation import Factorisation
+from sshade.solver.global_step import FactorisedLaplacian, FactorisedStep, GlobalStep, MultigridStep
 from sshade.solver.options import Energy
 from sshade.solver.rotations import fit_rotations, quaternions
 from sshade.solver.terms import Terms, covariances, right_hand_side
@@ -67,6 +66,9 @@ class Constraints(Protocol):
     def take_directions(self, X: np.ndarray, rows: np.ndarray) -> None:
         """Take X (count, f, 3), ``L^-1 grad C_q``, for the directions of `project`."""
 
+    def add_moves(self, G: np.ndarray) -> None:
+        """Add to G (n, 3) the gradients that the last `project` moved along, as often as it did."""
+
     def project(self, P: np.ndarray) -> None:
         """Move P along the directions to where the constraints hold; the multipliers follow."""
 
@@ -76,6 +78,9 @@ class Constraints(Protocol):
 
 class Softening(Protocol):
     """An energy of each triangle in place of the quadratic one, majorised by weighted quadratics."""
+
+    #: Weight of each triangle at the last local step, (m,) float64 in [0, 1].
+    weight: np.ndarray
 
     def covariances(self, own: slice, P: np.ndarray, S: np.ndarray, first: int, end: int) -> float:
         """As :func:`covariances` of the triangles `own`, each with its weight; returns 0."""
@@ -90,7 +95,7 @@ class Softening(Protocol):
 
 
 class ArapSystem:
-    """Weights, terms and factorised Laplacian of a mesh whose handle vertices are held or pulled.
+    """Weights, terms and Laplacian of a mesh whose handle vertices are held or pulled.
 
     Parameters and errors as of :class:`sshade.solver.local_global.LocalGlobal`. All
     arrays of vertices are in an order of its own, a band ordering: the
@@ -111,10 +116,10 @@ class ArapSystem:
         Places of these.
     pull : (s,) float64
         Stiffness of those that are pulled.
-    free : (n - h,) int
-        Places of the vertices that are not held, in the elimination order.
-    free_pulled : (s,) int
-        Where in `free` those are that are pulled.
+    laplacian : csr_array
+        (n, n), held vertices included, with the pull of soft handles, in this order.
+    factorised : FactorisedLaplacian or None
+        None where the global step goes by multigrid.
     terms : Terms
         In the order of their lowest vertices.
     rest : (e,) float64
@@ -124,7 +129,13 @@ class ArapSystem:
     """
 
     def __init__(
-        self, mesh: Mesh, index: np.ndarray, *, energy: Energy, stiffness: np.ndarray | None = None
+        self,
+        mesh: Mesh,
+        index: np.ndarray,
+        *,
+        energy: Energy,
+        stiffness: np.ndarray | None = None,
+        multigrid: bool = False,
     ) -> None:
         if energy not in ("spokes", "spokes_and_rims"):
             raise InputError(f"unknown energy {energy!r}; use 'spokes' or 'spokes_and_rims'")
@@ -138,31 +149,18 @@ class ArapSystem:
         if len(self.soft):
             soft = self.index[self.soft]
             laplacian = csr_array(laplacian + coo_array((self.pull, (soft, soft)), shape=laplacian.shape))
-        held = np.zeros(mesh.n, dtype=bool)
-        held[self.index[self.hard]] = True
-        free = np.flatnonzero(~held)
+        hard = self.index[self.hard]
         with ThreadPoolExecutor(max_workers=1) as pool:
-            factorised = pool.submit(Factorisation, laplacian[free][:, free])
+            # Meanwhile, as it takes the longest.
+            factorised = None if multigrid else pool.submit(FactorisedLaplacian, laplacian, hard)
             self.vertex = reverse_cuthill_mckee(laplacian, symmetric_mode=True)
             self.place = np.empty(mesh.n, dtype=np.int32)
             self.place[self.vertex] = np.arange(mesh.n)
-            banded = laplacian[self.vertex][:, self.vertex]
-            banded.sort_indices()
-            self._laplacian = banded.indptr, banded.indices, banded.data
+            self.held, self.pulled = self.place[hard], self.place[self.index[self.soft]]
+            self.laplacian = laplacian[self.vertex][:, self.vertex]
+            self.laplacian.sort_indices()
             self._list_terms(h, edges, weights, energy=energy)
-            try:
-                self.factorisation = factorised.result()
-            except FloatingPointError as error:  # every component has a handle: it is the mesh
-                raise InputError(
-                    "the Laplacian of the rest mesh is not positive definite to rounding, as triangles of "
-                    "nearly no area make it, or weights near 0 where all handles of a component are soft"
-                ) from error
-        free = free[self.factorisation.order]
-        self.to_handles = laplacian[free][:, self.index[self.hard]]
-        self.free, self.held = self.place[free], self.place[self.index[self.hard]]
-        position = np.empty(mesh.n, dtype=np.int64)
-        position[free] = np.arange(len(free))
-        self.pulled, self.free_pulled = self.place[self.index[self.soft]], position[self.index[self.soft]]
+            self.factorised = factorised.result() if factorised else None
 
     def _list_terms(self, h: np.ndarray, edges: np.ndarray, weights: np.ndarray, *, energy: Energy) -> None:
         mesh = self.mesh
@@ -172,21 +170,12 @@ class ArapSystem:
         else:
             corners, Y, H = mesh.F, corner_vectors(mesh, h), h
         near = np.argsort(self.place[corners].min(axis=1), kind="stable")
-        lists = self.place[corners[near]], Y[near], H[near]
+        lists = self.place[corners[near]].astype(np.uint32), Y[near], H[near]
         self.terms = Terms(*(np.ascontiguousarray(array) for array in lists))
         self.rest = rest_energies(mesh, h)[near] if energy == "spokes_and_rims" else np.empty(0)
         self.rest_energy = float(corners.shape[1] * (weights @ (lengths**2).sum(axis=1)))
         self.ranges = _ranges(self.terms.corners, mesh.n)
         self.chunks = [slice(first, first + 2 * CHUNK) for first in range(0, len(corners), 2 * CHUNK)]
-
-    def multiply(self, F: np.ndarray, out: np.ndarray, *, team: ThreadTeam) -> None:
-        """Write the Laplacian of the rest shape, with the pull of soft handles, times F (n, 3) to `out`."""
-
-        def rows(number: int) -> None:
-            _, first, end = self.ranges[number]
-            _multiply(*self._laplacian, F, out, first, end)
-
-        team(rows, len(self.ranges))
 
 
 class ArapIteration:
@@ -223,16 +212,15 @@ class ArapIteration:
         softening: Softening | None = None,
         known: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> None:
-        n, free = system.mesh.n, len(system.free)
+        n = system.mesh.n
         self.system, self._team = system, team
         self._constraints, self._softening, self.restored = constraints, softening, True
-        self._fixed = -(system.to_handles @ targets[system.hard])
+        self._step: GlobalStep
+        if system.factorised is None:
+            self._step = MultigridStep(system, softening, team=team)
+        else:
+            self._step = FactorisedStep(system, system.factorised, targets[system.hard], team=team)
         self._towards = targets[system.soft]
-        self._fixed[system.free_pulled] += system.pull[:, None] * self._towards
-        self._X, self._directions = (
-            np.empty((free, 3)),
-            np.empty((constraints.count if constraints else 0, free, 3)),
-        )
         self._Q, self.R, self._B = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), np.empty((n, 9)), np.empty((n, 3))
         self._forces = np.empty((n if constraints else 0, 3))
         vertex, rotations = known or (np.empty(0, dtype=np.int64), np.empty((0, 3, 3)))
@@ -291,17 +279,17 @@ class ArapIteration:
         """Write to g (n, 3) the best positions for the rotations, near u (n, 3) as for the constraints."""
         s, constraints = self.system, self._constraints
         work = [partial(self._right_hand_side, u, number) for number in range(len(s.ranges))]
-        if constraints is None:
-            self._team(lambda number: work[number](), len(work))
-            self._solve(g)
-            return
-        work.insert(0, partial(constraints.forces, u, self._forces))  # the longest first
+        if constraints:
+            work.insert(0, partial(constraints.forces, u, self._forces))  # the longest first
         self._team(lambda number: work[number](), len(work))
-        self._B += self._forces
-        self._solve(g)
-        if constraints.renews_directions:
-            self._renew_directions(constraints, u)
-        constraints.project(g)
+        self._B[s.pulled] += s.pull[:, None] * self._towards
+        if constraints:
+            self._B += self._forces
+        self._step.solve(u, self._B, g)
+        if constraints:
+            if constraints.renews_directions:
+                self._step.renew_directions(constraints, u)
+            constraints.project(g)
 
     def restore(self, u: np.ndarray) -> None:
         """Project positions u (n, 3) onto the exact constraints, along the present directions."""
@@ -311,12 +299,15 @@ class ArapIteration:
     def project(self, u: np.ndarray) -> None:
         """Project positions u (n, 3) onto the exact constraints, along directions of their own."""
         if self._constraints:
-            self._renew_directions(self._constraints, u)
+            self._step.renew_directions(self._constraints, u)
             self.restore(u)
 
-    def multiply(self, F: np.ndarray, out: np.ndarray) -> None:
-        """Write the Laplacian of the rest shape times F (n, 3) to `out` (n, 3)."""
-        self.system.multiply(F, out, team=self._team)
+    def gradient(self, F: np.ndarray, out: np.ndarray) -> None:
+        """Write the metric times F (n, 3), the move of the last :meth:`global_step`, to `out` (n, 3).
+
+        That is the energy's gradient there, but for its sign and what the constraints take of it.
+        """
+        self._step.gradient(self._constraints, F, out)
 
     def _right_hand_side(self, u: np.ndarray, number: int) -> None:
         """Write the rows of one range, without what constraints and held vertices add, to B."""
@@ -325,30 +316,6 @@ class ArapIteration:
             right_hand_side(self.system.terms.part(own), self.R, self._B, first, end)
         else:
             self._softening.right_hand_side(own, u, self.R, self._B, first, end)
-
-    def _renew_directions(self, constraints: Constraints, u: np.ndarray) -> None:
-        free, X = self.system.free, self._directions
-        constraints.write_gradients(u, free, X)
-        for right in X:
-            self.system.factorisation.solve_ordered(right, team=self._team)
-        constraints.take_directions(X, free)
-
-    def _solve(self, g: np.ndarray) -> None:
-        """Write the solution for the right-hand side B to the free rows of g (n, 3)."""
-        free, X = self.system.free, self._X
-        chunks = [slice(first, first + CHUNK) for first in range(0, len(free), CHUNK)]
-
-        def gather(number: int) -> None:
-            own = chunks[number]
-            _gather(self._B, free[own], self._fixed[own], X[own])
-
-        def scatter(number: int) -> None:
-            own = chunks[number]
-            _scatter(X[own], free[own], g)
-
-        self._team(gather, len(chunks))
-        self.system.factorisation.solve_ordered(X, team=self._team)
-        self._team(scatter, len(chunks))
 
 
 def _checked(mesh: Mesh, index: np.ndarray) -> np.ndarray:
@@ -379,30 +346,3 @@ def _ranges(corners: np.ndarray, n: int) -> list[tuple[slice, int, int]]:
         (slice(int(np.searchsorted(high, first)), int(np.searchsorted(low, end))), first, end)
         for first, end in zip(bounds, bounds[1:], strict=False)
     ]
-
-
-@njit(cache=True, nogil=True)
-def _multiply(start, column, value, F, out, first, end):
-    """Write the rows from `first` to `end` of a sparse matrix times F (n, 3) to `out`."""
-    for i in range(first, end):
-        x = y = z = 0.0
-        for k in range(start[i], start[i + 1]):
-            j, v = column[k], value[k]
-            x += v * F[j, 0]
-            y += v * F[j, 1]
-            z += v * F[j, 2]
-        out[i, 0], out[i, 1], out[i, 2] = x, y, z
-
-
-@njit(cache=True, nogil=True)
-def _gather(B, rows, fixed, X):
-    for i in range(len(rows)):
-        for c in range(3):
-            X[i, c] = B[rows[i], c] + fixed[i, c]
-
-
-@njit(cache=True, nogil=True)
-def _scatter(X, rows, g):
-    for i in range(len(rows)):
-        for c in range(3):
-            g[rows[i], c] = X[i, c]

@@ -34,6 +34,7 @@ from sshade.solver.volume_area import (
     measure,
     newton,
     scatter,
+    shift,
 )
 
 log = logging.getLogger(__name__)
@@ -98,7 +99,7 @@ class Components:
     def __init__(self, mesh: Mesh, place: np.ndarray) -> None:
         owner = mesh.component[mesh.F[:, 0]]
         near = np.lexsort((place[mesh.F].min(axis=1), owner))
-        self.faces = np.ascontiguousarray(place[mesh.F[near]], dtype=np.int32)
+        self.faces = np.ascontiguousarray(place[mesh.F[near]], dtype=np.uint32)
         self.start = np.searchsorted(owner[near], np.arange(mesh.component.max() + 2))
         self.component = np.empty(mesh.n, dtype=np.int32)
         self.component[place] = mesh.component
@@ -182,7 +183,8 @@ class HeldConstraints:
         self._policy, self._weight = InfeasibleAreas(kinds, weight), weight
         self._G, self._Z = np.zeros((2, len(components.component), len(kinds), 3))
         self._slope = np.empty((on.shape[1], len(kinds), len(kinds)))
-        self._violation, self._multiplier = np.zeros(on.shape[1]), np.zeros((on.shape[1], len(kinds)))
+        self._violation = np.zeros(on.shape[1])
+        self._multiplier, self._grown = np.zeros((2, on.shape[1], len(kinds)))
         self.count, self._steps = len(kinds), 0
         both = math.isinf(asked.volume) and math.isinf(asked.area)
         self._every = EVERY_OF_BOTH if both else EVERY
@@ -214,11 +216,14 @@ class HeldConstraints:
         scatter(X, rows, self._Z)
         along(self._G, self._equations.component, self._Z, self._slope)
 
+    def add_moves(self, G: np.ndarray) -> None:
+        shift(G, self._equations.component, self._G, self._grown)
+
     def project(self, P: np.ndarray) -> None:
         self._steps += 1
         policy, multiplier = self._policy, self._multiplier
         self._weight = policy.weight
-        before = (P.copy(), multiplier.copy()) if policy.may_fail.any() else (P, multiplier)
+        before = P.copy() if policy.may_fail.any() else P, multiplier.copy()
         self._violation = self._newton(P, multiplier)
         failed = policy.may_fail & (self._violation > REACHED)
         if failed.any():
@@ -226,6 +231,7 @@ class HeldConstraints:
             P[again], multiplier[failed] = before[0][again], before[1][failed]
             self._weight = policy.relaxed(failed)
             self._violation = np.where(failed, self._newton(P, multiplier, only=failed), self._violation)
+        self._grown = multiplier - before[1]
         lost = self._violation > REACHED
         if lost.any():  # their multipliers would add up from step to step: begin anew
             multiplier[lost], self._steps = 0.0, 0

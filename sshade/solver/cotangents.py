@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
+from sshade.mesh.adjacency import sides_by_edge
 from sshade.mesh.mesh import Mesh
 
 #: Slack of a triangle without area in the triangle inequality, over the longer of the mesh's mean edge
@@ -102,12 +103,14 @@ def edge_weights(mesh: Mesh, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     Returns
     -------
-    edges : (e, 2) int64
+    edges : (e, 2) int32
+        :attr:`sshade.mesh.mesh.Mesh.edges`.
     weights : (e,) float64
         ``(cot a + cot b) / 2`` inside, ``cot a / 2`` on the boundary; negative
         where opposite angles add up to more than 180 degrees.
     """
-    return mesh.edges, np.bincount(mesh.face_edges.ravel(), h.ravel())
+    sides = sides_by_edge(mesh.F, mesh.n)
+    return sides.ends, np.add.reduceat(h.ravel()[sides.side], sides.start[:-1])
 
 
 def corner_vectors(mesh: Mesh, h: np.ndarray) -> np.ndarray:
@@ -136,9 +139,9 @@ def laplacian_matrix(n: int, edges: np.ndarray, weights: np.ndarray) -> csr_arra
 
     Returns
     -------
-    (n, n) sparse float64
+    (n, n) sparse float64, indices int32
     """
-    i, j = edges[:, 0], edges[:, 1]
+    i, j = edges.astype(np.int32, copy=False).T
     rows, columns = np.concatenate([i, j, i, j]), np.concatenate([j, i, i, j])
     values = np.concatenate([-weights, -weights, weights, weights])
     return coo_array((values, (rows, columns)), shape=(n, n)).tocsr()

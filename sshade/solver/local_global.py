@@ -1,7 +1,7 @@
 """As-rigid-as-possible deformation by a local/global solver of our own, with quasi-Newton steps.
 
 The mesh and the choice of handle vertices are bound once (:class:`LocalGlobal`:
-weights, terms, factorisation), then solved for any number of handle positions. All
+weights, terms, factorisation or not), then solved for any number of handle positions. All
 heavy steps run without the GIL: solvers in several threads proceed at the same time.
 
 O. Sorkine, M. Alexa, "As-rigid-as-possible surface modeling", 2007 (spokes);
@@ -95,6 +95,11 @@ class LocalGlobal:
         first can be negative where angles are obtuse.
     stiffness : (k,) float64, optional
         Of soft handles, see :attr:`sshade.Handles.stiffness`; by default inf, which is a hard one.
+    multigrid : bool
+        Global steps by a V-cycle, which is set up in each solve, in place of a factorisation: linear in
+        time and memory, and quicker to low energies where triangles soften. Such a plain iteration
+        does not end in the minimum for its rotations, but moves towards it: see
+        :mod:`sshade.solver.global_step`.
 
     Raises
     ------
@@ -110,8 +115,9 @@ class LocalGlobal:
         *,
         energy: Energy = "spokes_and_rims",
         stiffness: np.ndarray | None = None,
+        multigrid: bool = False,
     ) -> None:
-        self.system = ArapSystem(mesh, index, energy=energy, stiffness=stiffness)
+        self.system = ArapSystem(mesh, index, energy=energy, stiffness=stiffness, multigrid=multigrid)
         self.mesh, self.index = mesh, self.system.index
         self._components = Components(mesh, self.system.place)
 
@@ -134,8 +140,8 @@ class LocalGlobal:
         """Iterate local and global steps to a residual.
 
         The residual is the largest move of a vertex in one *plain* iteration
-        over the rest shape's diagonal, also under acceleration. The safeguard
-        compares energies after local steps: where an accelerated iterate has a
+        over the rest shape's diagonal, also under acceleration; with multigrid, of one
+        by a V-cycle. The safeguard compares energies after local steps: where an accelerated iterate has a
         higher one than the iterate before, or cannot be projected onto the exact
         constraints, half of its step is tried, and then the plain one takes its
         place. Deterministic, and safe to call from several threads at once.
@@ -204,7 +210,7 @@ class LocalGlobal:
             facts = iterate(
                 iteration,
                 u,
-                mixer=QuasiNewton(len(u), window, iteration.multiply) if accelerate else None,
+                mixer=QuasiNewton(len(u), window, iteration.gradient, team=team) if accelerate else None,
                 tolerance=tolerance,
                 max_iterations=max_iterations,
                 deadline=perf_counter() + max_seconds,
@@ -227,7 +233,7 @@ class LocalGlobal:
     def project(
         self, positions: np.ndarray, *, volume: float = 0.0, area: float = 0.0, workers: int = 1
     ) -> np.ndarray:
-        """Project positions onto the exact constraints, by what costs the energy least.
+        """Project positions onto the exact constraints, by what costs the energy least, multigrid nearly so.
 
         Parameters
         ----------

@@ -1,14 +1,20 @@
-"""Quasi-Newton steps between those of a local/global iteration: L-BFGS in the metric of its Laplacian.
+"""Quasi-Newton steps between those of a local/global iteration: L-BFGS in the metric of its global step.
 
-A plain iteration from u ends in ``g = u - L^-1 G`` with the energy's gradient G at u,
-up to a factor: a descent step in the metric L of the rest shape. L-BFGS corrects L^-1
-by the pairs (s, y) of the last steps and the gradient's changes along them. Under exact
-constraints u and g are both on the constraint surface, and the component of G tangential
-to it is that of the Lagrangian's gradient.
+A plain iteration from u ends in ``g = u - M G`` with the energy's gradient G at u, up to a
+factor: a descent step in the metric M^-1, the Laplacian L of the rest shape or close to it
+(:mod:`sshade.solver.global_step`). L-BFGS corrects M by the pairs (s, y) of the last steps and the
+gradient's changes along them. Under exact constraints u and g are both on the constraint
+surface, and the component of G tangential to it is that of the Lagrangian's gradient.
+
+The usual two loops run over scalars: of y only ``z = M y`` is stored, the difference of two plain
+moves, and what they ask for are products s.y, z.y, s.G and z.G, one new row of each at a step. So
+each stored array is read twice a step, by as many threads as there are. Sums are by blocks and then
+by chunks of a size of their own: the same bits with any number of threads.
 
 T. Liu, S. Bouaziz, L. Kavan, "Quasi-Newton methods for real-time simulation of
 hyperelastic materials", ACM TOG 36(3), 2017; J. Nocedal, "Updating quasi-Newton
-matrices with limited storage", Mathematics of Computation 35, 1980.
+matrices with limited storage", Mathematics of Computation 35, 1980; W. Chen, Z. Wang, J. Zhou,
+"Large-scale L-BFGS using MapReduce", NIPS 2014 (the loops over scalars).
 """
 
 from __future__ import annotations
@@ -22,6 +28,7 @@ from numba import njit
 
 from sshade.solver.arap import ArapIteration
 from sshade.task import Progress
+from sshade.threads import ThreadTeam
 
 #: A rise of the energy below this (x the rest shape's Dirichlet energy) is rounding, not a bad step.
 ENERGY_ROUNDING = 1e-14
@@ -29,8 +36,10 @@ ENERGY_ROUNDING = 1e-14
 REPORT_EVERY = 10
 #: Cosine between a step and the change of the gradient along it, up to which the pair is not stored.
 CURVED = 1e-10
-#: Numbers that are worked on at a time.
-BLOCK = 1024
+#: In place of a pair's number.
+NONE = -1
+#: Numbers that are worked on at a time, and by a thread.
+BLOCK, CHUNK = 1024, 96 * 1024
 
 
 class QuasiNewton:
@@ -43,60 +52,87 @@ class QuasiNewton:
     window : int
         How many steps are remembered.
     product : callable
-        ``product(F, out)`` writes L F to `out`, both (n, 3) float64.
-
-    Attributes
-    ----------
-    plain : (n, 3) float64
-        The last plain iterate.
+        ``product(F, out)`` writes M^-1 F to `out` for a plain move F, both (n, 3) float64.
+    team : ThreadTeam, optional
+        Threads that share the work.
     """
 
-    def __init__(self, n: int, window: int, product: Callable[[np.ndarray, np.ndarray], None]) -> None:
-        self._product, self._window = product, window
-        self.plain = np.empty((n, 3))
-        self._u, self._F, self._G, *self._spare = np.zeros((5, n, 3))
-        self._S, self._Y, self._Z = np.zeros((3, window, n, 3))
-        self._curvature = np.zeros(window)
-        self._step, self._q = np.empty((n, 3)), np.empty((n, 3))
+    def __init__(
+        self,
+        n: int,
+        window: int,
+        product: Callable[[np.ndarray, np.ndarray], None],
+        *,
+        team: ThreadTeam | None = None,
+    ) -> None:
+        self._product, self._window, self._team = product, window, team or ThreadTeam(1)
+        self._u, self._F, self._G, self._spare = np.empty((4, 3 * n))
+        self._S, self._Z = np.empty((2, window, 3 * n))
+        self._sy, self._zy = np.zeros((2, window, window))
+        self._along_z, self._along_s = np.empty((2, window))
         self._begun, self._steps = False, 0
 
     def advance(self, u: np.ndarray, g: np.ndarray) -> bool:
-        """Replace u (n, 3) by the next iterate, for g (n, 3), one plain iteration from u.
+        """Replace u (n, 3) by the next iterate, for g (n, 3), one plain iteration from u; g is overwritten.
 
         Returns
         -------
         bool
-            False where that is g: no pair is stored, or the step does not descend.
+            False where that is the plain one: no pair is stored, or the step does not descend.
         """
-        self.plain[:] = g
-        F, G = self._spare
-        np.subtract(g, u, out=F)
-        self._product(F, G)
-        if self._begun:
-            slot = self._steps % self._window
-            curvature = _curvature(u, self._u, G, self._G)
-            if curvature > 0.0:
-                np.subtract(u, self._u, out=self._S[slot])
-                np.subtract(self._G, G, out=self._Y[slot])
-                np.subtract(self._F, F, out=self._Z[slot])
-                self._curvature[slot] = curvature
-                self._steps += 1
+        g -= u
+        F, G, flat = g.reshape(-1), self._spare, u.reshape(-1)
+        self._product(g, G.reshape(g.shape))
+        descends = self._directed(flat, F, G)
         self._begun = True
-        self._u[:] = u
-        self._spare, self._F, self._G = [self._F, self._G], F, G
-        stored = min(self._steps, self._window)
-        newest_first = (self._steps - 1 - np.arange(stored)) % self._window
-        pairs = self._S, self._Y, self._Z, self._curvature
-        if stored and _direction(F, G, *pairs, newest_first, self._q, self._step):
-            u += self._step
-            return True
-        self._steps = 0
-        u[:] = g
-        return False
+        self._u[:], self._F[:] = flat, F
+        self._spare, self._G = self._G, G
+        if descends:
+            self._move(u, 1.0)
+        else:
+            self.fall_back(u)
+        return descends
 
     def halve(self, u: np.ndarray) -> None:
         """Replace u (n, 3) by the middle of the last quasi-Newton step."""
-        u[:] = self._u + 0.5 * self._step
+        self._move(u, 0.5)
+
+    def fall_back(self, u: np.ndarray) -> None:
+        """Replace u (n, 3) by the last plain iterate."""
+        np.add(self._u, self._F, out=u.reshape(-1))
+
+    def _directed(self, u: np.ndarray, F: np.ndarray, G: np.ndarray) -> bool:
+        """Store the new pair, if it curves upwards, and find the step; False where there is none."""
+        last, window, new = (self._u, self._F, self._G), self._window, NONE
+        if self._begun:
+            sums = self._sum(lambda own: _curvature(*own, u, last[0], G, last[2]))
+            if sums[0] > CURVED * np.sqrt(sums[1] * sums[2]):
+                new = self._steps % window
+                self._steps += 1
+        self._pairs = (self._steps - 1 - np.arange(min(self._steps, window))) % window
+        if len(self._pairs) == 0:
+            return False
+        rows = self._sum(lambda own: _products(*own, u, F, G, *last, self._S, self._Z, self._pairs, new))
+        if new != NONE:
+            self._sy[self._pairs, new] = rows[:-1, 0]
+            self._zy[self._pairs, new] = self._zy[new, self._pairs] = rows[:-1, 1]
+        shares = self._along_s, self._along_z
+        descends = _two_loops(self._sy, self._zy, rows[:, 2], rows[:, 3], self._pairs, *shares)
+        self._steps *= descends
+        return descends
+
+    def _move(self, u: np.ndarray, share: float) -> None:
+        """Write the last iterate and a share of the step to u."""
+        step = self._F, self._S, self._Z, self._pairs, self._along_s, self._along_z
+        flat = u.reshape(-1)
+        self._sum(lambda own: _add_step(*own, share, self._u, *step, flat))
+
+    def _sum(self, part: Callable[[tuple[int, int]], Any]) -> Any:
+        """The sum of what a kernel returns for each chunk of the numbers."""
+        size = len(self._F)
+        bounds = [*range(0, size, CHUNK), size]
+        parts = self._team(lambda number: part((bounds[number], bounds[number + 1])), len(bounds) - 1)
+        return sum(parts[1:], start=parts[0])
 
 
 def iterate(
@@ -145,7 +181,7 @@ def iterate(
             iteration.restore(u)
             energy = iteration.local_step(u)
             if not (energy <= energies[-1] + slack and iteration.restored):
-                u[:] = mixer.plain
+                mixer.fall_back(u)
                 energy = iteration.local_step(u)
         energies.append(energy)
         if residual < tolerance or iterations >= max_iterations or perf_counter() >= deadline:
@@ -192,56 +228,84 @@ def largest_move(A, B):
 
 
 @njit(cache=True, nogil=True)
-def _curvature(u, last_u, G, last_G):
-    """``s . y`` of the step s and the gradient's change y = last_G - G along it; 0 up to :data:`CURVED`.
+def _curvature(first, end, u, last_u, G, last_G):
+    """Products s.y, s.s, y.y of the step s and the gradient's change ``y = last_G - G`` along it.
 
-    G is ``L (g - u)``: the gradient, but for its sign.
+    G is minus the gradient.
     """
-    u, last_u, G, last_G = u.reshape(-1), last_u.reshape(-1), G.reshape(-1), last_G.reshape(-1)
-    dot = ss = yy = 0.0
-    for i in range(len(u)):
+    sums = np.zeros(3)
+    for i in range(first, end):
         s, y = u[i] - last_u[i], last_G[i] - G[i]
-        dot += s * y
-        ss += s * s
-        yy += y * y
-    return dot if dot > CURVED * np.sqrt(ss * yy) else 0.0
+        sums[0] += s * y
+        sums[1] += s * s
+        sums[2] += y * y
+    return sums
 
 
 @njit(cache=True, nogil=True)
-def _direction(F, G, S, Y, Z, curvature, newest_first, q, step):
-    """Write the quasi-Newton step to `step`; False where it does not descend.
+def _products(first, end, u, F, G, last_u, last_F, last_G, S, Z, pairs, new):
+    """Rows of s.y, z.y, s.G, z.G for each pair, with the `new` one's y, which is stored first.
 
-    The usual two loops, upwards in sign: q begins as G, minus the gradient, and
-    `step`, L^-1 q all along, as F. Block by block, so that what one pass leaves in
-    the cache the dot product for the next finds there.
+    A last row has F.G in the third place, where F takes that of s. y is left in `last_G`.
     """
-    F, G, q, step = F.reshape(-1), G.reshape(-1), q.reshape(-1), step.reshape(-1)
-    size, last = len(q), len(newest_first) - 1
-    share = np.empty(last + 1)
-    q[:] = G
-    step[:] = F
-    dot = _inner(S[newest_first[0]].reshape(-1), q)
-    for k in range(last + 1):
-        p = newest_first[k]
-        share[k] = dot / curvature[p]
-        y, z = Y[p].reshape(-1), Z[p].reshape(-1)
-        other = S[newest_first[k + 1]].reshape(-1) if k < last else y
-        dot = 0.0
-        for begin in range(0, size, BLOCK):
-            own = slice(begin, min(begin + BLOCK, size))
-            _add(-share[k], y[own], q[own])
-            _add(-share[k], z[own], step[own])
-            dot += _inner(other[own], q[own] if k < last else step[own])
-    for k in range(last, -1, -1):
-        p = newest_first[k]
-        change, s = share[k] - dot / curvature[p], S[p].reshape(-1)
-        other = Y[newest_first[k - 1]].reshape(-1) if k > 0 else G
-        dot = 0.0
-        for begin in range(0, size, BLOCK):
-            own = slice(begin, min(begin + BLOCK, size))
-            _add(change, s[own], step[own])
-            dot += _inner(other[own], step[own])
-    return dot > 0.0
+    count = len(pairs)
+    rows = np.zeros((count + 1, 4))
+    for begin in range(first, end, BLOCK):
+        stop = min(begin + BLOCK, end)
+        if new != NONE:
+            for i in range(begin, stop):
+                S[new, i] = u[i] - last_u[i]
+                Z[new, i] = last_F[i] - F[i]
+                last_G[i] -= G[i]
+        y, now = last_G[begin:stop], G[begin:stop]
+        for k in range(count):
+            s, z = S[pairs[k], begin:stop], Z[pairs[k], begin:stop]
+            if new != NONE:
+                rows[k, 0] += _inner(s, y)
+                rows[k, 1] += _inner(z, y)
+            rows[k, 2] += _inner(s, now)
+            rows[k, 3] += _inner(z, now)
+        rows[count, 2] += _inner(F[begin:stop], now)
+    return rows
+
+
+@njit(cache=True, nogil=True)
+def _two_loops(sy, zy, sG, zG, pairs, along_s, along_z):
+    """Write the step's shares of each s and z; False where it does not descend.
+
+    Upwards in sign: q begins as G, minus the gradient, and the step, M q all along, as F.
+    """
+    count = len(pairs)
+    for a in range(count):
+        k = pairs[a]
+        dot = sG[a]
+        for b in range(a):
+            dot += along_z[b] * sy[k, pairs[b]]
+        along_z[a] = -dot / sy[k, k]
+    descent = sG[count]
+    for a in range(count - 1, -1, -1):
+        k = pairs[a]
+        dot = zG[a]
+        for b in range(count):
+            dot += along_z[b] * zy[k, pairs[b]]
+        for b in range(a + 1, count):
+            dot += along_s[b] * sy[pairs[b], k]
+        along_s[a] = -along_z[a] - dot / sy[k, k]
+        descent += along_s[a] * sG[a] + along_z[a] * zG[a]
+    return descent > 0.0
+
+
+@njit(cache=True, nogil=True)
+def _add_step(first, end, share, last_u, F, S, Z, pairs, along_s, along_z, u):
+    """Write ``last_u + share (F + sum_k along_s s_k + along_z z_k)`` to u."""
+    for begin in range(first, end, BLOCK):
+        own = slice(begin, min(begin + BLOCK, end))
+        u[own] = last_u[own]
+        _add(share, F[own], u[own])
+        for k in range(len(pairs)):
+            _add(share * along_s[k], S[pairs[k]][own], u[own])
+            _add(share * along_z[k], Z[pairs[k]][own], u[own])
+    return 0
 
 
 @njit(cache=True, nogil=True)

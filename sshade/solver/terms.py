@@ -22,8 +22,8 @@ class Terms(NamedTuple):
 
     Attributes
     ----------
-    corners : (e, 2) or (e, 3) int32
-        Vertices of each.
+    corners : (e, 2) or (e, 3) uint32
+        Vertices of each; unsigned, as kernels then need no test for negative ones.
     Y : (e, 1, 3) or (e, 2, 3) float64
         y of all corners but the last, whose y is minus their sum.
     H : (e, 1) or (e, 3) float64

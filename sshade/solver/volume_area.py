@@ -33,7 +33,7 @@ class Equations(NamedTuple):
 
     Attributes
     ----------
-    F : (m, 3) int32
+    F : (m, 3) int32 or uint32
         Faces, component by component.
     start : (c + 1,) int64
         Where each component's faces begin.
@@ -64,7 +64,7 @@ def measure(F, start, P):
 
     Parameters
     ----------
-    F : (m, 3) int32
+    F : (m, 3) int32 or uint32
         Faces, component by component.
     start : (c + 1,) int64
         Where each component's faces begin.
@@ -192,7 +192,7 @@ def newton(equations, Z, slope, multiplier, P):
             multiplier[c] += step[c]
         if not np.any(step != 0.0):
             break
-        _shift(P, component, Z, step)
+        shift(P, component, Z, step)
     return error
 
 
@@ -316,7 +316,8 @@ def newton_step(J, active, compliance, r, x):
 
 
 @njit(cache=True, nogil=True)
-def _shift(P, component, Z, move):
+def shift(P, component, Z, move):
+    """Add to P (n, 3) Z (n, q, 3) times what its component moves along each, `move` (c, q)."""
     for i in range(len(P)):
         for q in range(Z.shape[1]):
             m = move[component[i], q]

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numba.core.registry import CPUDispatcher
-from scipy.sparse import csc_array
+from scipy.sparse import csc_array, csr_array
 
 from baselines.accelerated import accelerated_arap
 from baselines.arap import arap
@@ -28,6 +28,7 @@ from sshade.io.meshes import read_arrays, read_file, write_file, write_mesh
 from sshade.mesh.cutting import cut_to_manifold
 from sshade.sampling.remesh import remesh
 from sshade.solver.local_global import local_global
+from sshade.solver.multigrid import Multigrid
 from sshade.solver.substitution import Factors, divide, substitute, substitute_together
 from sshade.threads import ThreadTeam
 from tests.robustness.inputs import BODY, pose
@@ -131,6 +132,17 @@ def _written() -> np.ndarray:
     return np.sign(found) * np.log1p(np.abs(found))
 
 
+def _cycled() -> np.ndarray:
+    """Two levels, a row held and one without strong neighbours."""
+    rng = np.random.default_rng(0)
+    A = csr_array(np.diag(np.full(29, -1.0), 1) + np.diag(np.full(29, -1.0), -1) + np.diag(np.full(30, 2.1)))
+    A[[0, 1], [1, 0]] = -1e-3
+    held, X = np.arange(30) == 20, rng.normal(size=(30, 3))
+    with ThreadTeam(1) as team:
+        Multigrid(A, held, coarsest=5).apply(np.where(held[:, None], 0.0, X), X, team=team)
+    return X
+
+
 COARSE = partial(local_global, **FEW)
 WORK: dict[str, Callable[[], np.ndarray]] = {
     "the paper's": _of_method(partial(sshade, vertices=50, samplings=1, coarse=COARSE)),
@@ -152,6 +164,7 @@ WORK: dict[str, Callable[[], np.ndarray]] = {
     "points near needles": _on_needles,
     "substitution": _substituted,
     "files": _written,
+    "a multigrid cycle": _cycled,
 }
 
 

@@ -45,8 +45,10 @@ def test_steps_are_those_of_the_bfgs_formula_from_the_metric_on(window):
         for i in range(max(0, k - window), k):
             H = updated(H, (U[i + 1] - U[i]).ravel(), gradients[i + 1] - gradients[i])
         u, g = U[k].copy(), plain(U[k], L, A)
-        assert mixer.advance(u, g) == (k > 0)
-        assert np.array_equal(mixer.plain, g)
+        assert mixer.advance(u, g.copy()) == (k > 0)
+        back = np.empty_like(g)
+        mixer.fall_back(back)
+        assert back == pytest.approx(g, rel=0, abs=1e-14 * np.abs(g).max())
         expected = U[k] - (H @ gradients[k]).reshape(N, 3)
         assert np.abs(u - expected).max() < 1e-8 * np.abs(expected).max()
     mixer.halve(u)
@@ -72,7 +74,7 @@ def test_where_the_energy_curves_down_nothing_is_learnt():
     mixer = QuasiNewton(N, 3, product)
     for u in rng.normal(size=(5, N, 3)):
         g, now = plain(u, L, -A), u.copy()
-        assert not mixer.advance(now, g) and np.array_equal(now, g)
+        assert not mixer.advance(now, g.copy()) and now == pytest.approx(g, rel=1e-14, abs=1e-14)
 
 
 def test_largest_move():

@@ -1,0 +1,178 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_array, diags_array
+from scipy.spatial.transform import Rotation
+
+from sshade import DeformationTask, Handles, Mesh
+from sshade.solver.arap import ArapIteration, ArapSystem
+from sshade.solver.constraints import Components, VolumeArea
+from sshade.solver.global_step import SOFTEST, MultigridStep, _add_weighted
+from sshade.solver.local_global import LocalGlobal, Solution
+from sshade.solver.multigrid import Multigrid
+from sshade.solver.strain_softening import StrainSoftening
+from sshade.threads import ThreadTeam
+from tests.shapes import bumpy, double_torus, held_ends, jittered, tube
+
+#: A turn by 30 degrees about x.
+TILT = Rotation.from_rotvec([np.pi / 6, 0.0, 0.0]).as_matrix()
+BALL = held_ends(bumpy(4))
+#: Of several topologies; held by regions and by single vertices; one has faces without area.
+TASKS = {
+    "region": BALL,
+    "genus two": held_ends(double_torus(cells=5), axis=0, share=0.1, turn=np.eye(3)),
+    "boundary": held_ends(jittered(tube(50, 50), 0.02), axis=2, share=0.1, turn=TILT),
+}
+SOFT = {"stiffness": 0.1, "strain": 0.02}
+EXACT = {"volume": np.inf, "area": np.inf}
+
+
+@pytest.fixture(autouse=True)
+def _several_levels(monkeypatch):
+    """These meshes have a few thousand vertices."""
+    monkeypatch.setattr(
+        "sshade.solver.global_step.Multigrid", lambda A, held: Multigrid(A, held, coarsest=100)
+    )
+
+
+def pinned(task: DeformationTask, count: int = 9) -> DeformationTask:
+    """Held by single vertices only."""
+    chosen = np.linspace(0, len(task.handles) - 1, count).astype(int)
+    return DeformationTask(
+        "pinned", task.mesh, Handles(task.handles.index[chosen], task.handles.target[chosen])
+    )
+
+
+def flattened(task: DeformationTask, faces: int = 40) -> DeformationTask:
+    """Some faces' corners moved into one place, away from the handles."""
+    F = task.mesh.F[~np.isin(task.mesh.F, task.handles.index).any(axis=1)]
+    chosen, V = F[np.random.default_rng(0).choice(len(F), faces, replace=False)], task.mesh.V.copy()
+    V[chosen[:, 0]] = V[chosen[:, 1]]
+    return DeformationTask("flattened", Mesh(V, task.mesh.F), task.handles)
+
+
+def pulled(task: DeformationTask) -> DeformationTask:
+    """One end pulled softly, each vertex with a weight of its own."""
+    own, weight = task.handles, np.full(len(task.handles), np.inf)
+    weight[own.dynamic] = np.linspace(1.0, 10.0, own.dynamic.sum())
+    return DeformationTask("pulled", task.mesh, Handles(own.index, own.target, weight=weight))
+
+
+TASKS |= {
+    "pinned": pinned(BALL),
+    "faces without area": flattened(BALL),
+    "pulled": pulled(held_ends(BALL.mesh, turn=TILT)),
+}
+
+
+def solve(task: DeformationTask, *, multigrid: bool, energy="spokes_and_rims", **options) -> Solution:
+    own = task.handles
+    solver = LocalGlobal(task.mesh, own.index, energy=energy, stiffness=own.stiffness, multigrid=multigrid)
+    return solver.solve(task.handles.target, **options)
+
+
+@pytest.mark.parametrize("options", [{}, {"volume": np.inf}, EXACT, {**SOFT, "volume": np.inf, "area": 1.0}])
+@pytest.mark.parametrize("name", TASKS)
+def test_a_cycle_ends_in_the_minimum_that_a_factorisation_finds(name, options):
+    task, found = TASKS[name], []
+    for multigrid in (False, True):
+        limits = {"tolerance": 1e-7, "max_iterations": 3000}
+        found.append(solve(task, multigrid=multigrid, **limits, **options))
+    exact, cycle = found
+    assert exact.converged and cycle.converged
+    assert cycle.energy == pytest.approx(exact.energy, rel=1e-4)
+    assert np.abs(cycle.positions - exact.positions).max() < 2e-3 * task.mesh.diagonal
+    assert (cycle.volume_constraint, cycle.area_constraint) == (
+        exact.volume_constraint,
+        exact.area_constraint,
+    )
+    if options.get("area") == np.inf:
+        assert cycle.area_error < 1e-6
+    hard = task.handles.hard
+    assert np.array_equal(cycle.positions[task.handles.index[hard]], task.handles.target[hard])
+
+
+@pytest.mark.parametrize("energy", ["spokes", "spokes_and_rims"])
+def test_plain_steps_never_raise_the_energy(energy):
+    energies = [
+        solve(
+            BALL, multigrid=True, energy=energy, accelerate=False, tolerance=0, max_iterations=iterations
+        ).energy
+        for iterations in range(1, 30, 4)
+    ]
+    assert (np.diff(energies) < 0).all()
+
+
+def test_as_many_steps_reach_as_low_where_triangles_soften():
+    """The metric knows which triangles are soft."""
+    options = {**SOFT, **EXACT, "tolerance": 0, "max_iterations": 40}
+    exact, cycle = (solve(BALL, multigrid=multigrid, **options) for multigrid in (False, True))
+    assert exact.energy_initial - cycle.energy > 0.98 * (exact.energy_initial - exact.energy)
+
+
+def test_bits_do_not_depend_on_threads(monkeypatch):
+    for place in ("multigrid.CHUNK", "arap.CHUNK"):
+        monkeypatch.setattr(f"sshade.solver.{place}", 300)
+    options = {**SOFT, **EXACT, "tolerance": 0, "max_iterations": 12, "multigrid": True}
+    one, two, three = (solve(BALL, workers=workers, **options) for workers in (1, 2, 3))
+    assert np.array_equal(one.positions, two.positions) and np.array_equal(one.positions, three.positions)
+    assert one.energy == two.energy == three.energy
+
+
+@pytest.mark.parametrize("multigrid", [False, True])
+def test_the_gradient_is_what_the_metric_makes_the_step_of(multigrid):
+    """M applied to it gives the step, constraints included."""
+    task = BALL
+    system = ArapSystem(task.mesh, task.handles.index, energy="spokes_and_rims", multigrid=multigrid)
+    components = Components(task.mesh, system.place)
+    rng = np.random.default_rng(0)
+    u = task.mesh.V[system.vertex] + 0.01 * rng.normal(size=task.mesh.V.shape)
+    with ThreadTeam(1) as team:
+        held = components.held(VolumeArea(np.inf, np.inf), corners=3)
+        iteration = ArapIteration(system, u[system.held], team=team, constraints=held)
+        iteration.local_step(u)
+        g, G = u.copy(), np.empty_like(u)
+        iteration.global_step(u, g)
+        assert np.array_equal(g[system.held], u[system.held])
+        F = g - u
+        iteration.gradient(F, G)
+        again = np.empty_like(u)
+        if multigrid:
+            fixed = np.zeros(len(u), dtype=bool)
+            fixed[system.held] = True
+            Multigrid(system.laplacian, fixed, coarsest=100).apply(G, again, team=team)
+        else:
+            G[system.held] = 0.0
+            free = np.delete(np.arange(len(u)), system.held)
+            again = np.zeros_like(u)
+            again[free] = np.linalg.solve(system.laplacian[free][:, free].toarray(), G[free])
+    assert np.abs(F).max() > 1e-3
+    assert np.abs(again - F).max() < 1e-9 * np.abs(F).max()
+
+
+def test_the_metric_is_weighted_as_triangles_soften():
+    task, energy = TASKS["pulled"], "spokes_and_rims"
+    own = task.handles
+    system = ArapSystem(task.mesh, own.index, energy=energy, stiffness=own.stiffness, multigrid=True)
+    L, terms = system.laplacian, system.terms
+    softened = StrainSoftening(0.1, 0.02).of(terms, system.rest)
+    rng = np.random.default_rng(0)
+    softened.weight[:] = rng.uniform(0.1, 1.0, len(terms.corners))
+    u, v = rng.normal(size=(2, system.mesh.n, 3))
+    with ThreadTeam(1) as team:
+        step = MultigridStep(system, softened, team=team)
+        A = step._metric._levels[0]._matrix
+    value, soft = np.zeros(L.nnz), system.place[own.index[~own.hard]]
+    _add_weighted(L.indptr, L.indices, terms.corners, terms.H, np.ones(len(terms.corners)), value)
+    pull = np.zeros(system.mesh.n)
+    pull[soft] = own.stiffness[~own.hard]
+    alone = csr_array((value, L.indices, L.indptr), shape=L.shape) + diags_array(pull)
+    assert np.abs((alone - L).data).max() < 1e-12 * np.abs(L.data).max()
+    L.data[:] = A[2]
+    expected = (pull * (u * v).sum(axis=1)).sum()
+    for c in range(3):
+        i, j = terms.corners[:, c], terms.corners[:, (c + 1) % 3]
+        weight = np.maximum(softened.weight, SOFTEST) * terms.H[:, c]
+        expected += (weight * ((u[i] - u[j]) * (v[i] - v[j])).sum(axis=1)).sum()
+    assert (u * (L @ v)).sum() == pytest.approx(expected, rel=1e-9)

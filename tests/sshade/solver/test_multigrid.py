@@ -1,0 +1,155 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+from scipy.sparse import csr_array, diags_array
+from scipy.sparse.linalg import LinearOperator, cg, spsolve
+
+from sshade.mesh.mesh import Mesh
+from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
+from sshade.solver.multigrid import Multigrid, _aggregates
+from sshade.threads import ThreadTeam
+from tests.shapes import bumpy, double_torus, jittered, strip, tube
+
+
+def without_area(mesh: Mesh, faces: int) -> Mesh:
+    """Some faces' first corners moved onto their second ones, or to within 1e-7 of them."""
+    V = mesh.V.copy()
+    chosen = mesh.F[np.random.default_rng(0).choice(mesh.m, faces, replace=False)]
+    V[chosen[:, 0]] = V[chosen[:, 1]] + np.where(np.arange(faces) % 2, 1e-7, 0.0)[:, None]
+    return Mesh(V, mesh.F)
+
+
+def every(mesh: Mesh, step: int) -> np.ndarray:
+    return np.arange(mesh.n) % step == 0
+
+
+BALL, SHEET, TUBE = bumpy(4), jittered(strip(60, 40), 0.2), jittered(tube(60, 60), 0.02)
+SQUASHED = Mesh(SHEET.V * [1.0, 5.0, 1.0], SHEET.F)
+#: Meshes, what is held of each, and how much of an error a V-cycle may leave.
+CASES = {
+    "closed, few handles": (BALL, every(BALL, 500), 0.7),
+    "closed, one handle": (BALL, np.arange(BALL.n) == 7, 0.7),
+    "closed, a region": (BALL, BALL.V[:, 2] > 0.5, 0.7),
+    "boundary": (SHEET, every(SHEET, 900), 0.7),
+    "boundary, held ends": (TUBE, (TUBE.V[:, 2] < 0.5) | (TUBE.V[:, 2] > 5.5), 0.7),
+    "genus two": (double_torus(cells=6), None, 0.7),
+    "faces without area": (without_area(BALL, 100), every(BALL, 500), 0.7),
+    "long triangles": (SQUASHED, every(SQUASHED, 900), 0.95),
+}
+
+
+def matrix(name: str) -> tuple[csr_array, np.ndarray]:
+    mesh, held, _ = CASES[name]
+    held = every(mesh, 400) if held is None else held
+    return laplacian_matrix(mesh.n, *edge_weights(mesh, half_cotangents(mesh))), held
+
+
+def cycle(multigrid: Multigrid, held: np.ndarray, x: np.ndarray, *, workers: int = 1) -> np.ndarray:
+    """M x for x (f, 3) of free rows."""
+    B = np.zeros((len(held), 3))
+    B[~held] = x
+    with ThreadTeam(workers) as team:
+        multigrid.apply(B, B, team=team)
+    assert not B[held].any()
+    return B[~held]
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_cycle_is_linear_symmetric_and_positive(name):
+    A, held = matrix(name)
+    multigrid = Multigrid(A, held, coarsest=100)
+    assert len(multigrid.sizes) >= 3 and multigrid.sizes[-1] <= 100
+    x, y = np.random.default_rng(0).normal(size=(2, (~held).sum(), 3))
+    Mx, My = cycle(multigrid, held, x), cycle(multigrid, held, y)
+    scale = np.linalg.norm(Mx) * np.linalg.norm(y)
+    assert (x * My).sum() == pytest.approx((Mx * y).sum(), rel=0, abs=1e-13 * scale)
+    assert (x * Mx).sum() > 0 and (y * My).sum() > 0
+    both = cycle(multigrid, held, 2 * x - y)
+    assert np.abs(both - (2 * Mx - My)).max() < 1e-12 * np.abs(both).max()
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_what_a_cycle_leaves_of_an_error(name):
+    """The largest eigenvalue of I - M A by power iteration, in the energy norm, in which it is symmetric."""
+    A, held = matrix(name)
+    multigrid, A = Multigrid(A, held, coarsest=100), A[~held][:, ~held]
+    x = np.random.default_rng(0).normal(size=(A.shape[0], 3))
+    for _ in range(40):
+        x /= np.sqrt((x * (A @ x)).sum(axis=0))
+        x -= cycle(multigrid, held, A @ x)
+    left = np.sqrt((x * (A @ x)).sum(axis=0))
+    assert (left > 0.1).all() and (left < CASES[name][2]).all()
+
+
+@pytest.mark.parametrize("coarsest", [20, 200])
+def test_the_eigenvalues_lie_between_0_and_1(coarsest):
+    mesh = jittered(strip(24, 18), 0.25)
+    A = laplacian_matrix(mesh.n, *edge_weights(mesh, half_cotangents(mesh)))
+    held = every(mesh, 100)
+    multigrid, free = Multigrid(A, held, coarsest=coarsest), int((~held).sum())
+    unit = np.eye(free, free + 2)
+    M = np.hstack([cycle(multigrid, held, unit[:, c : c + 3]) for c in range(0, free, 3)])[:, :free]
+    values = eigh(M, np.linalg.inv(A[~held][:, ~held].toarray()), eigvals_only=True)
+    assert values[0] > 0.4 and values[-1] <= 1 + 1e-10
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_conjugate_gradients_with_a_cycle_solve_to_rounding(name):
+    A, held = matrix(name)
+    multigrid, A = Multigrid(A, held, coarsest=100), A[~held][:, ~held]
+
+    def preconditioned(x: np.ndarray) -> np.ndarray:
+        return cycle(multigrid, held, np.repeat(x[:, None], 3, axis=1))[:, 0]
+
+    b = np.random.default_rng(0).normal(size=A.shape[0])
+    steps: list[np.ndarray] = []
+    M = LinearOperator(A.shape, preconditioned, dtype=np.float64)
+    x, failed = cg(A, b, rtol=1e-12, atol=0, maxiter=80, M=M, callback=steps.append)
+    expected = spsolve(A.tocsc(), b)
+    assert failed == 0 and len(steps) < (25 if CASES[name][2] < 0.8 else 60)
+    close = 1e-8 if name == "faces without area" else 1e-10  # condition numbers of 1e8 and 1e4
+    assert np.abs(x - expected).max() < close * np.abs(expected).max()
+
+
+def test_bits_do_not_depend_on_threads(monkeypatch):
+    A, held = matrix("closed, few handles")
+    multigrid, x = Multigrid(A, held, coarsest=100), np.random.default_rng(0).normal(size=((~held).sum(), 3))
+    whole = cycle(multigrid, held, x)
+    monkeypatch.setattr("sshade.solver.multigrid.CHUNK", 100)
+    for workers in (1, 2, 3):
+        assert np.array_equal(cycle(multigrid, held, x, workers=workers), whole)
+
+
+def test_what_is_small_or_does_not_coarsen_is_factorised():
+    A, held = matrix("closed, few handles")
+    x = np.random.default_rng(0).normal(size=((~held).sum(), 3))
+    apart = csr_array(diags_array(np.linspace(1.0, 2.0, len(held))))
+    for Q, coarsest in ((A, len(held)), (apart, 10)):
+        multigrid = Multigrid(Q, held, coarsest=coarsest)
+        assert multigrid.sizes == [len(held)]
+        assert np.abs(Q[~held][:, ~held] @ cycle(multigrid, held, x) - x).max() < 1e-11
+
+
+def test_nothing_free():
+    A, held = matrix("closed, few handles")
+    held = np.ones_like(held)
+    assert cycle(Multigrid(A, held, coarsest=10), held, np.empty((0, 3))).shape == (0, 3)
+
+
+@pytest.mark.parametrize("name", ["boundary", "faces without area"])
+def test_aggregates_share_out_the_free_rows(name):
+    A, held = matrix(name)
+    least = np.sqrt(0.08 * A.diagonal())
+    aggregate, count = _aggregates(A.indptr, A.indices, A.data, held, least)
+    assert (aggregate[held] == -1).all()
+    assert np.array_equal(np.unique(aggregate[~held]), np.arange(count)) and count < 0.5 * len(held)
+
+
+def test_not_positive_definite():
+    A, held = matrix("closed, few handles")
+    with pytest.raises(FloatingPointError, match="not positive"):
+        Multigrid(csr_array(-A), held, coarsest=len(held))
+    with pytest.raises(FloatingPointError, match="not finite"):
+        Multigrid(csr_array(np.nan * A), held, coarsest=100)
