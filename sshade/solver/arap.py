@@ -220,7 +220,9 @@ class ArapIteration:
             self._step = MultigridStep(system, softening, team=team)
         else:
             self._step = FactorisedStep(system, system.factorised, targets[system.hard], team=team)
-        self._towards = targets[system.soft]
+        order = np.argsort(system.pulled)
+        self._pulled, self._pull = system.pulled[order], system.pull[order, None]
+        self._towards = targets[system.soft][order]
         self._Q, self.R, self._B = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), np.empty((n, 9)), np.empty((n, 3))
         self._forces = np.empty((n if constraints else 0, 3))
         vertex, rotations = known or (np.empty(0, dtype=np.int64), np.empty((0, 3, 3)))
@@ -248,8 +250,11 @@ class ArapIteration:
                 energy = covariances(s.terms.part(own), u, self.R, first, end)
             else:
                 energy = softening.covariances(own, u, self.R, first, end)
+            place, pull, towards = self._pulls(first, end)
+            pulls[number] = s.terms.corners.shape[1] * float((pull * (u[place] - towards) ** 2).sum())
             return energy - 2.0 * self._fit(first, end)
 
+        pulls = np.zeros(len(s.ranges))
         energy = sum(self._team(fit, len(s.ranges)))
         if softening is not None:
 
@@ -257,10 +262,13 @@ class ArapIteration:
                 return softening.energy(s.chunks[number], u, self.R)
 
             energy = sum(self._team(soften, len(s.chunks))) - s.rest_energy
-        if len(s.soft):
-            squares = ((u[s.pulled] - self._towards) ** 2).sum(axis=1)
-            energy += s.terms.corners.shape[1] * float(s.pull @ squares)
+        energy += float(pulls.sum())
         return energy + self._constraints.penalty(u) if self._constraints else energy
+
+    def _pulls(self, first: int, end: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Places (j,) of the soft handles in a range, their stiffness (j, 1), and targets (j, 3)."""
+        own = slice(*np.searchsorted(self._pulled, (first, end)))
+        return self._pulled[own], self._pull[own], self._towards[own]
 
     def _fit(self, first: int, end: int) -> float:
         """Replace covariances S of a range in R by rotations, fitted or known; return ``sum tr(R S)``."""
@@ -282,7 +290,6 @@ class ArapIteration:
         if constraints:
             work.insert(0, partial(constraints.forces, u, self._forces))  # the longest first
         self._team(lambda number: work[number](), len(work))
-        self._B[s.pulled] += s.pull[:, None] * self._towards
         if constraints:
             self._B += self._forces
         self._step.solve(u, self._B, g)
@@ -316,6 +323,8 @@ class ArapIteration:
             right_hand_side(self.system.terms.part(own), self.R, self._B, first, end)
         else:
             self._softening.right_hand_side(own, u, self.R, self._B, first, end)
+        place, pull, towards = self._pulls(first, end)
+        self._B[place] += pull * towards
 
 
 def _checked(mesh: Mesh, index: np.ndarray) -> np.ndarray:
