@@ -113,7 +113,7 @@ class Components:
         """(c,) bool: which components enclose a volume that can be held."""
         return self._lacking == ""
 
-    def held(self, asked: VolumeArea, *, corners: int) -> HeldConstraints | None:
+    def held(self, asked: VolumeArea, *, corners: int, volume_goal: float = 1.0) -> HeldConstraints | None:
         """The constraints of a solve; None where it holds nothing.
 
         Parameters
@@ -121,16 +121,20 @@ class Components:
         asked : VolumeArea
         corners : int
             How often the energy counts an edge.
+        volume_goal : float
+            What each volume is to be, over that of the rest shape; positive.
         """
         if asked.volume > 0 and not self.has_volume.all():
             log.warning("the volume constraint is %s", self._off())
         kinds = [VOLUME] * bool(asked.volume > 0 and self.has_volume.any()) + [AREA] * (asked.area > 0)
-        return HeldConstraints(self, asked, np.array(kinds), corners=corners) if kinds else None
+        if not kinds:
+            return None
+        return HeldConstraints(self, asked, np.array(kinds), corners=corners, volume_goal=volume_goal)
 
-    def errors(self, P: np.ndarray) -> Errors:
-        """How far the volumes and areas at positions P (n, 3), in the solver's order, are from rest."""
+    def errors(self, P: np.ndarray, *, volume_goal: float = 1.0) -> Errors:
+        """How far volumes and areas at positions P (n, 3), in the solver's order, are from their goals."""
         now, has = measure(self.faces, self.start, P), self.has_volume
-        volume = np.abs(now[VOLUME, has] / self.rest[VOLUME, has] - 1)
+        volume = np.abs(now[VOLUME, has] / self.rest[VOLUME, has] - volume_goal)
         has = self.rest[AREA] > 0
         area = np.abs(now[AREA, has] / self.rest[AREA, has] - 1)
         return Errors(*(float(error.max()) if len(error) else math.nan for error in (volume, area)))
@@ -165,8 +169,16 @@ class HeldConstraints:
     which weights the constraints are held at a step, :class:`InfeasibleAreas` decides.
     """
 
-    def __init__(self, components: Components, asked: VolumeArea, kinds: np.ndarray, *, corners: int) -> None:
-        rest, has = components.rest, components.has_volume
+    def __init__(
+        self,
+        components: Components,
+        asked: VolumeArea,
+        kinds: np.ndarray,
+        *,
+        corners: int,
+        volume_goal: float = 1.0,
+    ) -> None:
+        rest, has = components.rest * [[volume_goal], [1.0]], components.has_volume
         on = np.stack([has, rest[AREA] > 0])[kinds]
         weight = np.where(on, np.array([asked.volume, asked.area])[kinds, None], math.inf)
         # A component in a line or a point has no area; it holds nothing, and any number does.

@@ -133,6 +133,7 @@ class LocalGlobal:
         accelerate: bool = True,
         window: int = 5,
         max_seconds: float = inf,
+        volume_goal: float = 1.0,
         workers: int = 1,
         progress: Progress = silent,
         **energy: Unpack[EnergyOptions],
@@ -167,6 +168,8 @@ class LocalGlobal:
             Steps that they remember.
         max_seconds : float
             Another cutoff: no iteration begins later. The result then depends on the machine.
+        volume_goal : float
+            The volume to be held, where one is, over that of the rest shape; positive.
         workers : int
             Threads that share each iteration, from some 20,000 vertices on; no
             influence on the result.
@@ -184,7 +187,7 @@ class LocalGlobal:
         TypeError
             On an unknown option.
         InputError
-            On a wrong shape, a window or workers under 1, a negative weight,
+            On a wrong shape, a window or workers under 1, a negative weight, a goal of no volume,
             a stiffness out of (0, 1], one under 1 with spokes, or matrices that are no rotations.
         FloatingPointError
             When an iterate is not finite.
@@ -192,6 +195,8 @@ class LocalGlobal:
         targets, start = self._checked_positions(targets, start)
         if window < 1:
             raise InputError(f"the acceleration window must be at least 1, not {window}")
+        if not 0 < volume_goal < inf:
+            raise InputError(f"the volume to be held must be positive, not {volume_goal} times that at rest")
         options = complete(energy)
         held = VolumeArea(options["volume"], options["area"])
         softening = StrainSoftening(options["stiffness"], options["strain"])
@@ -201,7 +206,9 @@ class LocalGlobal:
                 system,
                 targets - self.mesh.origin,
                 team=team,
-                constraints=self._components.held(held, corners=system.terms.corners.shape[1]),
+                constraints=self._components.held(
+                    held, corners=system.terms.corners.shape[1], volume_goal=volume_goal
+                ),
                 softening=softening.of(system.terms, system.rest),
                 known=known,
             )
@@ -218,7 +225,7 @@ class LocalGlobal:
             )
         R = np.empty((self.mesh.n, 3, 3))
         R[system.vertex] = iteration.R.reshape(-1, 3, 3)
-        errors = self._components.errors(u)
+        errors = self._components.errors(u, volume_goal=volume_goal)
         states = self._components.status(held, errors)
         return Solution(
             positions=self._from_system(u, targets),
@@ -292,6 +299,7 @@ def local_global(
     *,
     energy: Energy = "spokes_and_rims",
     accelerate: bool = True,
+    volume_goal: float = 1.0,
     workers: int = 1,
     seed: int = 0,
     progress: Progress = silent,
@@ -305,6 +313,8 @@ def local_global(
     energy : {"spokes", "spokes_and_rims"}
     accelerate : bool
         Quasi-Newton steps (L-BFGS, window 5), to the same minimum in a fraction of the steps.
+    volume_goal : float
+        The volume to be held, where one is, over that of the rest shape; positive.
     workers : int
         Threads that share each iteration; no influence on the result.
     seed : int
@@ -339,6 +349,7 @@ def local_global(
         start=guess,
         known=task.handles.known,
         accelerate=accelerate,
+        volume_goal=volume_goal,
         workers=workers,
         progress=progress,
         tolerance=solver_options["tolerance"],

@@ -281,6 +281,25 @@ def test_what_is_held_exactly_is_exact_in_every_component(name, kind):
         assert worst <= CLOSE if state == "exact" else worst > 1e-4
 
 
+@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("goal", [0.9, 1.0, 1.2])
+def test_another_volume_than_that_at_rest_can_be_the_one_to_hold(name, goal):
+    task = SHAPES[name]
+    held = solve(task, (inf, 0.5), volume_goal=goal)
+    F, start = arrays(task.mesh)
+    volumes = measure(F, start, held.positions)[VOLUME] / measure(F, start, np.array(task.mesh.V))[VOLUME]
+    np.testing.assert_allclose(volumes, goal, rtol=1e-6)
+    assert held.volume_constraint == "exact" and held.volume_error <= CLOSE
+    pressed = solve(task, (100.0, 0), volume_goal=goal)
+    assert pressed.volume_constraint == "weighted" and pressed.volume_error < 0.01
+
+
+@pytest.mark.parametrize("goal", [0.0, -1.0, inf, np.nan])
+def test_a_goal_that_is_no_volume_is_refused(goal):
+    with pytest.raises(InputError, match="volume to be held must be positive"):
+        solve(BAR, (inf, 0), volume_goal=goal)
+
+
 @pytest.mark.parametrize("weights", [(inf, 0), (inf, inf), (0, inf), (inf, 0.5)])
 def test_every_iterate_is_led_back_accelerated_or_not(weights):
     for iterations in range(1, 12):
