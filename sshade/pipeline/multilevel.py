@@ -39,6 +39,7 @@ def multilevel(
     coarse: Callable[..., DeformationResult],
     lead: Callable[..., DeformationResult] | None = None,
     tolerance: float = 1e-5,
+    volume_goal: float = 1.0,
     seed: int = 0,
     progress: Progress = silent,
 ) -> DeformationResult:
@@ -52,11 +53,12 @@ def multilevel(
         cannot keep its topology.
     coarse : callable
         The solver, on both levels: ``coarse(task, tolerance=, seed=, progress=)``, which begins
-        at the task's guess where there is one.
+        at the task's guess where there is one; on the last level it is given ``volume_goal=``, too.
     lead : callable, optional
         A solver, as `coarse`: on the coarsest level `coarse` begins at its result, and once more at a
         start of its own, which wins where its energy is below :data:`CLEARLY_LOWER` times the other.
-    tolerance : float
+    tolerance, volume_goal : float
+        As of :func:`sshade.solver.local_global.local_global`; a coarser level holds its own volume.
     seed : int
         Of the sampling.
     progress : Progress
@@ -64,19 +66,23 @@ def multilevel(
     Returns
     -------
     DeformationResult
-        As of `coarse`, with the ``coarser_iterations`` in its `extra`, 0 without a coarser proxy, and
-        with a `lead` the ``basin`` that it is in: "lead" or "start".
+        As of `coarse`. Without a guess, ``extra`` has the ``coarser_iterations``, 0 without a coarser proxy,
+        and with a `lead` the ``basin`` that the result is in: "lead" or "start".
 
     Raises
     ------
     InputError
         Those of `coarse`.
     """
+    options: dict[str, Any] = {"tolerance": tolerance, "volume_goal": volume_goal}
+    options |= {"seed": seed, "progress": progress}
+    if task.guess is not None:
+        return coarse(task, **options)
     size, iterations = max(task.mesh.n // RATIO, ROOM * len(task.handles)), 0.0
     first, facts = coarse, dict[str, str]()
-    if lead and task.guess is None:
+    if lead:
         first = partial(_better, coarse=coarse, lead=lead, facts=facts)
-    if task.guess is None and task.mesh.n >= SMALLEST and size <= task.mesh.n // ROOM:
+    if task.mesh.n >= SMALLEST and size <= task.mesh.n // ROOM:
         rougher = partial(first, tolerance=ROUGH * tolerance)
         try:
             rough = sshade(
@@ -92,7 +98,7 @@ def multilevel(
             log.info("%s: solved without a coarser proxy of %d vertices: %s", task.name, size, error)
         else:
             task, iterations, first = replace(task, guess=rough.vertices), rough.iterations, coarse
-    result = first(task, tolerance=tolerance, seed=seed, progress=progress)
+    result = first(task, **options)
     return replace(result, extra={**result.extra, **facts, "coarser_iterations": iterations})
 
 
@@ -102,12 +108,9 @@ def _better(
     coarse: Callable[..., DeformationResult],
     lead: Callable[..., DeformationResult],
     facts: dict[str, str],
-    tolerance: float,
-    seed: int,
-    progress: Progress,
+    **options: Any,
 ) -> DeformationResult:
     """The result from the lead's, or from a start of its own; `facts` gets the ``basin``."""
-    options: dict[str, Any] = {"tolerance": tolerance, "seed": seed, "progress": progress}
     led = coarse(replace(task, guess=lead(task, **options).vertices), **options)
     own = coarse(task, **options)
     lower = own.extra["energy"] < CLEARLY_LOWER * led.extra["energy"]

@@ -10,11 +10,11 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from time import perf_counter
-from typing import Unpack
+from typing import NamedTuple, Unpack
 
 import numpy as np
 
-from sshade.carry.binding import bind_proxy
+from sshade.carry.binding import Binding, bind_proxy
 from sshade.carry.projection import Projector, project_to_fans
 from sshade.pipeline.components import each_component
 from sshade.pipeline.proxies import FACTS, VERTICES, Proxies, ProxyOptions
@@ -22,6 +22,9 @@ from sshade.pipeline.regions import HandleRegions, all_on_targets
 from sshade.sampling.remesh import Remesh, proxy_mesh
 from sshade.solver.local_global import local_global
 from sshade.task import DeformationResult, DeformationTask, Handles, Method, Progress, silent
+
+#: Share of the volume that proxies may miss before they are deformed again, and how often they are.
+VOLUME_ERROR, VOLUME_ROUNDS = 1e-3, 3
 
 #: Samples a task's mesh and gives the proxy its handles: of (task, regions, seed).
 Sampler = Callable[[DeformationTask, HandleRegions, tuple[int, int]], tuple[Remesh, Handles]]
@@ -71,7 +74,8 @@ def sshade(
         Solve the later proxies from the first one's M' instead of from the coarse method's
         own start: fewer iterations, and all in one basin.
     keep_volume : bool
-        Make up for the volume that the proxies miss where handles are regions; see
+        Make up for the volume that the proxies miss where handles are regions: by another one of
+        theirs, for which `coarse` takes the keyword ``volume_goal``, and then by
         :meth:`sshade.pipeline.regions.HandleRegions.keep_volume`.
     sample : callable
         V_N and the handles on it, by default with M's handle vertices among V_N.
@@ -117,35 +121,47 @@ def sshade(
             handles,
             guess=first.result()[remeshed.samples] if warm_start and number else None,
         )
-        with ThreadPoolExecutor(max_workers=1) as pool:
-            # 2. Project M onto N, and encode it in N's frames; that needs no N', and runs beside 3.
-            projected = pool.submit(
-                bind_proxy, task.mesh, remeshed, frames=proxies.frames, projection=projection
-            )
+        spent = {"solve": 0.0, "carry": 0.0}
+
+        def bound() -> Binding:
+            binding = bind_proxy(task.mesh, remeshed, frames=proxies.frames, projection=projection)
+            regions.prepare()
+            return binding
+
+        def solved_and_carried(start: DeformationTask, **goal: float) -> _Carried:
             # 3. Deform the proxy: N'.
-            begin_solve = perf_counter()
+            begin = perf_counter()
             solved = solve(
-                proxy_task,
+                start,
                 seed=proxies.seed,
                 progress=lambda _, done, total, note="": progress(
                     f"sampling {number + 1}", done, total, note
                 ),
+                **goal,
             )
-            end_solve = perf_counter()
-            binding = projected.result()
-        # 4. Carry M along: M' decoded in the frames of N'.
-        begin_carry = perf_counter()
-        V, degenerate = binding.carry(solved.vertices, rotations=solved.extra.get("rotations"))
+            spent["solve"] += perf_counter() - begin
+            binding = binds.result()
+            # 4. Carry M along: M' decoded in the frames of N'.
+            begin = perf_counter()
+            V, degenerate = binding.carry(solved.vertices, rotations=solved.extra.get("rotations"))
+            if keep_volume:
+                V = regions.on_targets(V, task.handles)
+            spent["carry"] += perf_counter() - begin
+            return _Carried(solved, V, degenerate)
+
+        with ThreadPoolExecutor(max_workers=1) as pool:
+            # 2. Project M onto N, and encode it in N's frames; that needs no N', and runs beside 3.
+            binds = pool.submit(bound)
+            carried = solved_and_carried(proxy_task)
+        if keep_volume:
+            carried = _keeping_volume(carried, solved_and_carried, proxy_task, regions)
+        solved, V, degenerate = carried
+        binding = binds.result()
         return DeformationResult(
             vertices=V,
             iterations=solved.iterations,
             converged=solved.converged,
-            seconds={
-                "remesh": sampled - begin,
-                **binding.seconds,
-                "solve": end_solve - begin_solve,
-                "carry": perf_counter() - begin_carry,
-            },
+            seconds={"remesh": sampled - begin, **binding.seconds, **spent},
             extra={
                 "proxy_vertices": binding.proxy.n,
                 "added_samples": remeshed.added,
@@ -168,5 +184,41 @@ def sshade(
 
     # 5. Average the M' of k samplings.
     mean = proxies.average(first_shared if warm_start else one_sampling)
-    V = regions.on_targets(mean.vertices, task.handles)
-    return replace(mean, vertices=regions.keep_volume(V) if keep_volume else V)
+    if keep_volume:  # each M' is on its targets
+        return replace(mean, vertices=regions.keep_volume(mean.vertices))
+    return replace(mean, vertices=regions.on_targets(mean.vertices, task.handles))
+
+
+class _Carried(NamedTuple):
+    """N' as solved, M' (n, 3) carried with it, and the number of frames that were degenerate."""
+
+    solved: DeformationResult
+    V: np.ndarray
+    degenerate: int
+
+
+def _keeping_volume(
+    carried: _Carried,
+    solved_and_carried: Callable[..., _Carried],
+    proxy_task: DeformationTask,
+    regions: HandleRegions,
+) -> _Carried:
+    """Solve on from N', which knows little of the inside of regions, to the volume with which M' has its own.
+
+    The iterations are those of all solves. A proxy that does not hold its volume exactly stays.
+    """
+    goal, lacking, iterations = 1.0, regions.lacking_volume(carried.V), carried.solved.iterations
+    for _ in range(VOLUME_ROUNDS):
+        if abs(lacking) <= VOLUME_ERROR * abs(regions.volume):
+            break
+        goal += lacking / proxy_task.mesh.volume
+        if carried.solved.extra.get("volume_constraint") != "exact" or goal <= 0:
+            break
+        again = solved_and_carried(replace(proxy_task, guess=carried.solved.vertices), volume_goal=goal)
+        iterations += again.solved.iterations
+        left = regions.lacking_volume(again.V)
+        if again.solved.extra["volume_constraint"] != "exact" or abs(left) >= abs(lacking):
+            break
+        facts = {**carried.solved.extra, **again.solved.extra}
+        carried, lacking = again._replace(solved=replace(again.solved, extra=facts)), left
+    return carried._replace(solved=replace(carried.solved, iterations=iterations))

@@ -6,7 +6,8 @@ a region keeps a sample for every nine of the free surface, which carry its moti
 at the edge, and its part of the volume. The samples that are handle vertices are the proxy's
 handles; the edges themselves are, up to a share of the samples. In the end every hard handle vertex
 goes to its target, and the surface beside an edge turns with its region, so that the one continues
-the other without the crease that a membrane has where it is clamped.
+the other without the crease that a membrane has where it is clamped. Handles without an inside, as many
+single vertices or lines, have no rotation: what they lack is spread over the surface beside them.
 """
 
 from __future__ import annotations
@@ -15,18 +16,21 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from sshade.carry.blended import nearest_rotations
 from sshade.carry.vertex_maps import VertexMaps
 from sshade.handles import Handles
 from sshade.mesh.adjacency import VertexGraph
+from sshade.mesh.harmonic import harmonic
 from sshade.mesh.mesh import Mesh
 from sshade.pipeline.proxies import proxy_vertices
 from sshade.sampling.fronts import Fronts, thinned
 from sshade.sampling.remesh import Remesh, remesh
 from sshade.solver.options import SolverOptions
-from sshade.solver.volume_area import VOLUME, gradients, measure
+from sshade.solver.volume_area import AREA as OF_AREA
+from sshade.solver.volume_area import ROUNDING, VOLUME, gradients, measure
 from sshade.task import DeformationResult, DeformationTask
 
 #: Length of an edge between handle vertices, to the sampling, over its own.
@@ -40,6 +44,14 @@ SHIFT, NEWTON_STEPS = 0.1, 4
 AREA = 0.1
 #: The solver's options by default there; a region is a part itself, and pulls none.
 OF_REGIONS = SolverOptions(area=AREA, parts=0.0)
+#: Handles that hang together have a rotation where at least this share of them has handles around it only.
+#: Among single vertices, some triples happen to be faces, whose turn says nothing.
+SURROUNDED = 0.1
+#: Turns of a region against the surface beside it, in radians: the smaller one is a crease, all of which is
+#: taken out of its edge, the larger one a bend, which is left: else one would be elsewhere, with stretch.
+CREASE, BEND = 0.3, 0.9
+#: Rings of neighbours along an edge over which that turn is a mean.
+RINGS = 4
 #: Width of the surface beside an edge that turns with its region, in distances between samples and, besides,
 #: between vertices.
 WIDTH = 3.0
@@ -94,6 +106,8 @@ class HandleRegions:
             owner = np.repeat(np.arange(mesh.n), np.diff(graph.indptr))
             inside = handle[owner] & handle[graph.indices]
             self.metric = replace(graph, lengths=np.where(inside, INSIDE, 1.0) * graph.lengths)
+            # A hard handle among soft ones is at no edge of all together, but moves them.
+            edge = np.concatenate([edge, np.setdiff1d(self._edge, edge)])
             edge = thinned(graph, edge, max(vertices // EDGE_SHARE, EDGE_SAMPLES))
             self.first = np.concatenate([edge, self._one_of_each(edge)])
 
@@ -136,21 +150,60 @@ class HandleRegions:
             ``(1 - phi) v' + phi (t_e + R_e (v - v_e))``, with v_e the vertex of an edge that is
             nearest to v, t_e its target, R_e the rotation of the region there, and phi from 1 at
             the edge, where its slope is 0, to 0. R_e is prescribed for the handle, or that of the faces
-            between handles; those without either have none: ``v' + phi (t_e - v_e')``.
+            between handles; where the surface bends beside these, phi is smaller. Beside handles without
+            either, v' moves by the harmonic function that is ``t_e - v_e'`` at them and 0 where phi ends;
+            soft handles there follow.
         """
         if not self.regional or len(self._index) == 0:
             return V
         moved = V.copy()
         moved[self._index] = handles.target[self._hard]
         own, nearest, phi = self._beside
-        R, turns = self._rotations(moved, handles)
-        offset = moved[nearest] - V[nearest]
-        own_turns = turns[nearest]
-        e, turning = nearest[own_turns], own[own_turns]
-        rest = self._mesh.V[turning] - self._mesh.V[e]
-        offset[own_turns] = np.einsum("ijk,ik->ij", R[e], rest) + moved[e] - V[turning]
-        moved[own] += phi[:, None] * offset
+        R = self._rotations(moved, handles)
+        turned = np.isfinite(R[:, 0, 0])
+        turns = turned[nearest]
+        v, e = own[turns], nearest[turns]
+        arm = self._mesh.V[v] - self._mesh.V[e]
+        offset = np.einsum("ijk,ik->ij", R[e], arm) + moved[e] - V[v]
+        share = self._shares(e, np.linalg.norm(offset, axis=1), np.linalg.norm(arm, axis=1))
+        if known := handles.known:
+            share[np.isin(e, known[0])] = 1.0
+        moved[v] += (phi[turns] * share)[:, None] * offset
+        free = own[~turns]
+        lacking = np.where((self._held & ~turned)[:, None], moved - V, 0.0)
+        if len(free) and lacking.any():
+            moved[free] += harmonic(self.graph, free, lacking)
         return moved
+
+    def _shares(self, e: np.ndarray, offset: np.ndarray, arm: np.ndarray) -> np.ndarray:
+        """(b,) which share of its `offset` (b,) a vertex takes, `arm` (b,) from the vertex e (b,) of an edge.
+
+        It falls from 1 at :data:`CREASE` to 0 at :data:`BEND` with the turn of the region against the
+        surface: the mean beside an edge's vertex and those near to it.
+        """
+        sums = np.stack([np.bincount(e, length, self._mesh.n)[self._edge] for length in (offset, arm)])
+        for _ in range(RINGS):
+            sums = sums + sums @ self._along
+        turn = sums[0] / np.where(sums[1] > 0, sums[1], 1.0)
+        share = np.ones(self._mesh.n)
+        share[self._edge] = _fall(np.maximum(turn - CREASE, 0.0) / (BEND - CREASE))
+        return share[e]
+
+    def prepare(self) -> None:
+        """Make what :meth:`on_targets` needs of the rest shape, for which another thread may have time."""
+        if self.regional and len(self._index):
+            self._beside, self._maps  # noqa: B018 - cached
+
+    @cached_property
+    def volume(self) -> float:
+        """The volume that M' is to have, in length^3; 0 without regions, or where M encloses none."""
+        if not (self.regional and self._mesh.is_closed and self._mesh.is_oriented):
+            return 0.0
+        return self._measured(self._mesh.V)[VOLUME]
+
+    def lacking_volume(self, V: np.ndarray) -> float:
+        """What :attr:`volume` is more than that of M' (n, 3), in length^3; 0 where that is 0."""
+        return self.volume - self._measured(V)[VOLUME] if self.volume else 0.0
 
     def keep_volume(self, V: np.ndarray) -> np.ndarray:
         """M' with the volume of M: free vertices move along their normals, those far from handles alike.
@@ -162,46 +215,74 @@ class HandleRegions:
         ----------
         V : (n, 3) float64
         """
-        mesh = self._mesh
-        if not (self.regional and mesh.is_closed and mesh.is_oriented):
+        lacking, mesh = self.lacking_volume(V), self._mesh
+        if lacking == 0.0:
             return V
-        F, start = mesh.F.astype(np.int32), np.array([0, mesh.m])
-        volume = measure(F, start, mesh.V - mesh.origin)[VOLUME, 0]
-        P, G = V - mesh.origin, np.empty((mesh.n, 1, 3))
-        gradients(F, start, np.array([VOLUME]), np.ones((1, 1)), P, G)
+        G = np.empty((mesh.n, 1, 3))
+        gradients(*self._faces, np.array([VOLUME]), np.ones((1, 1)), V - mesh.origin, G)
         length = np.linalg.norm(G, axis=2)
         Z = np.divide(G[:, 0], length, out=np.zeros((mesh.n, 3)), where=length > 0)
         own, _, phi = self._beside
         Z[own] *= 1 - phi[:, None]
         Z[self._held] = 0.0
-        slope, most, shift = float((G[:, 0] * Z).sum()), SHIFT * np.sqrt(mesh.area / self.vertices), 0.0
+        slope, shift = float((G[:, 0] * Z).sum()), 0.0
+        most = SHIFT * np.sqrt(self._measured(V)[OF_AREA] / self.vertices)
         for _ in range(NEWTON_STEPS if slope > 0 else 0):
-            lacking = volume - measure(F, start, P + shift * Z)[VOLUME, 0]
             shift = float(np.clip(shift + lacking / slope, -most, most))
+            lacking = self.lacking_volume(V + shift * Z)
+            if abs(lacking) <= ROUNDING * abs(self.volume):
+                break
         return V + shift * Z
 
-    def _rotations(self, moved: np.ndarray, handles: Handles) -> tuple[np.ndarray, np.ndarray]:
-        """(n, 3, 3) rotations of the regions at vertices of their edges, and (n,) bool which have one."""
-        R, turns = np.empty((self._mesh.n, 3, 3)), np.zeros(self._mesh.n, dtype=bool)
-        if len(self._inside):
+    def _measured(self, V: np.ndarray) -> np.ndarray:
+        """(2,) volume and area at positions V (n, 3)."""
+        return measure(*self._faces, V - self._mesh.origin)[:, 0]
+
+    @cached_property
+    def _faces(self) -> tuple[np.ndarray, np.ndarray]:
+        """F (m, 3) int32, and where the faces of the one component begin and end."""
+        return self._mesh.F.astype(np.int32), np.array([0, self._mesh.m])
+
+    def _rotations(self, moved: np.ndarray, handles: Handles) -> np.ndarray:
+        """(n, 3, 3) rotations of the regions at the vertices of their edges, NaN where there is none."""
+        R = np.full((self._mesh.n, 3, 3), np.nan)
+        if self._maps:
             vertex, maps = self._maps
-            R[vertex], turns[vertex] = nearest_rotations(maps(moved[vertex])[0]), True
+            R[vertex] = nearest_rotations(maps(moved[vertex])[0])
         if known := handles.known:
-            R[known[0]], turns[known[0]] = known[1], True
-        return R, turns
+            R[known[0]] = known[1]
+        return R
 
     @cached_property
-    def _inside(self) -> np.ndarray:
-        """(f, 3) faces between handle vertices that are at an edge."""
-        at_edge = np.zeros(self._mesh.n, dtype=bool)
+    def _along(self) -> csr_array:
+        """(e, e) 1 for neighbours among the vertices of edges."""
+        along = self.graph.matrix[self._edge][:, self._edge]
+        along.data[:] = 1.0
+        return along
+
+    @cached_property
+    def _region(self) -> np.ndarray:
+        """(n,) int32: for each handle vertex which set of them it hangs together with; others are in 0."""
+        handles = np.flatnonzero(self._held)
+        region = np.zeros(self._mesh.n, dtype=np.int32)
+        region[handles] = connected_components(self.graph.matrix[handles][:, handles], directed=False)[1]
+        return region
+
+    @cached_property
+    def _maps(self) -> tuple[np.ndarray, VertexMaps] | None:
+        """Vertices of faces between handles at the edges of regions, and the affine maps around them.
+
+        None where no region has enough of an inside for a rotation.
+        """
+        at_edge, region = np.zeros(self._mesh.n, dtype=bool), self._region
         at_edge[self._edge] = True
+        size, edge = (np.bincount(region[i], minlength=region.max() + 1) for i in (self._index, self._edge))
         F = self._mesh.F[at_edge[self._mesh.F].any(axis=1)]
-        return F[self._held[F].all(axis=1)]
-
-    @cached_property
-    def _maps(self) -> tuple[np.ndarray, VertexMaps]:
-        """The vertices of those faces, and the affine maps around them."""
-        vertex, F = np.unique(self._inside, return_inverse=True)
+        F = F[self._held[F].all(axis=1)]
+        F = F[(size - edge >= SURROUNDED * size)[region[F[:, 0]]]]
+        if len(F) == 0:
+            return None
+        vertex, F = np.unique(F, return_inverse=True)
         return vertex, VertexMaps.at_rest(Mesh(self._mesh.V[vertex], F.reshape(-1, 3)))
 
     @cached_property
@@ -209,7 +290,7 @@ class HandleRegions:
         """Free vertices beside the edges, for each the nearest vertex of an edge, and phi.
 
         Half-way between two regions phi falls to 0, as the nearest of them changes there, and
-        towards soft handles, which the solver has pulled to where they are.
+        towards soft handles, which the solver has pulled to where they are: none turns with a region.
         """
         graph, held = self.graph, self._held
         if len(self._edge) == 0:
@@ -219,10 +300,7 @@ class HandleRegions:
         width = WIDTH * np.sqrt(self._mesh.area) * (self.vertices**-0.5 + graph.n**-0.5)
         own = np.flatnonzero((distance < width) & ~held)
         phi = _fall(distance[own] / width)
-        handles = np.flatnonzero(held)
-        region = np.zeros(len(held), dtype=np.int32)
-        region[handles] = connected_components(graph.matrix[handles][:, handles], directed=False)[1]
-        nearest_region = region[nearest]
+        nearest_region = self._region[nearest]
         owner = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
         between = np.unique(owner[nearest_region[owner] != nearest_region[graph.indices]])
         between = np.union1d(between, self._handles.index[~self._hard])

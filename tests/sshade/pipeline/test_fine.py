@@ -19,10 +19,11 @@ def task() -> DeformationTask:
 
 
 def test_fast_keeps_volume_area_and_handles_nearly(task):
+    """The area is that of the proxy, which does not know all of the mesh's."""
     result = sshade_fast(task, vertices=600, area=np.inf)
     after = Mesh(result.vertices, task.mesh.F)
-    assert after.volume == pytest.approx(task.mesh.volume, rel=2e-3)
-    assert after.area == pytest.approx(task.mesh.area, rel=4e-3)
+    assert after.volume == pytest.approx(task.mesh.volume, rel=1e-6)
+    assert after.area == pytest.approx(task.mesh.area, rel=8e-3)
     gap = np.abs(result.vertices[task.handles.index] - task.handles.target).max()
     assert gap < 1e-12 * task.mesh.diagonal
     assert result.extra["proxy_volume_constraint"] == result.extra["proxy_area_constraint"] == "exact"

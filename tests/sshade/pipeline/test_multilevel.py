@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from sshade import DeformationResult, DeformationTask, Handles, InputError
+from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh
 from sshade.pipeline.fast import sshade_fast
 from sshade.pipeline.multilevel import RATIO, ROOM, multilevel
 from sshade.solver.local_global import local_global
@@ -53,12 +53,33 @@ def all_handles(task: DeformationTask) -> DeformationTask:
     return DeformationTask(task.name, task.mesh, Handles(index, bent(task.mesh.V)[index]))
 
 
-@pytest.mark.parametrize("change", [small, guessed, all_handles])
+@pytest.mark.parametrize("change", [small, all_handles])
 def test_where_there_is_no_coarser_proxy_it_is_the_solver_alone(task, monkeypatch, change):
     monkeypatch.setattr("sshade.pipeline.multilevel.SMALLEST", 10_000 if change is small else 100)
     task = change(task)
     found, alone = multilevel(task, coarse=SOLVER), SOLVER(task)
     assert np.array_equal(found.vertices, alone.vertices) and found.extra["coarser_iterations"] == 0.0
+
+
+def test_from_a_guess_it_is_the_solver_alone(task, always):
+    task = guessed(task)
+    found, alone = multilevel(task, coarse=SOLVER), SOLVER(task)
+    assert np.array_equal(found.vertices, alone.vertices) and found.extra.keys() == alone.extra.keys()
+
+
+@pytest.mark.parametrize("lead", [None, partial(SOLVER, stiffness=0.5)])
+@pytest.mark.parametrize("goal", [0.9, 1.1])
+def test_another_volume_is_that_of_the_last_level(task, always, lead, goal):
+    goals = []
+
+    def spy(given, **options):
+        goals.append((given.mesh.n == task.mesh.n, options.get("volume_goal", 1.0)))
+        return SOLVER(given, **options)
+
+    found = multilevel(task, coarse=spy, lead=lead, volume_goal=goal)
+    assert Mesh(found.vertices, task.mesh.F).volume == pytest.approx(goal * task.mesh.volume, rel=1e-6)
+    assert goals == [(False, 1.0)] * (2 if lead else 1) + [(True, goal)]
+    assert ("basin" in found.extra) == (lead is not None)
 
 
 def test_so_too_where_the_coarser_proxy_cannot_be_solved_and_the_log_says_why(task, always, caplog):

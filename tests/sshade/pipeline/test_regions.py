@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from baselines.deformation_graph.deformation_graph import deformation_graph
+from eval.metrics.deformation import angle, flips
 from eval.metrics.deformed import Deformed
 from sshade import (
     DeformationTask,
@@ -20,7 +22,8 @@ from sshade import (
 from sshade.mesh.adjacency import vertex_graph
 from sshade.pipeline.regions import HandleRegions, edge_vertices
 from sshade.sampling.remesh import remesh
-from tests.shapes import bumpy, end_handles, jittered, rotation, strip, tube
+from sshade.solver.local_global import local_global
+from tests.shapes import block, bumpy, end_handles, jittered, rotation, strip, tube
 
 VERTICES = 600
 METHODS = {
@@ -109,6 +112,22 @@ def test_a_region_that_grows_takes_its_volume_from_the_rest(task):
     assert free.volume > 1.005 * task.mesh.volume
 
 
+@pytest.mark.parametrize("factor", [0.8, 1.2])
+def test_a_volume_that_the_proxy_does_not_know_is_not_made_up_for_by_a_swollen_surface(task, factor):
+    """A third of the body shrinks or grows: angles change not much more than at full resolution."""
+    mesh = task.mesh
+    order = np.argsort(mesh.V[:, 2], kind="stable")
+    low, high = order[: int(0.4 * mesh.n)], order[-int(0.1 * mesh.n) :]
+    centre = mesh.V[low].mean(axis=0)
+    target = np.concatenate([(mesh.V[low] - centre) * factor + centre, mesh.V[high]])
+    sized = DeformationTask("sized", mesh, Handles(np.r_[low, high], target))
+    fast, fine = (METHODS[name](sized) for name in ("fast", "fine"))
+    assert Mesh(fast.vertices, mesh.F).volume == pytest.approx(mesh.volume, rel=1e-6)
+    assert angle(Deformed(sized, fast.vertices)) < 1.5 * angle(Deformed(sized, fine.vertices))
+    assert flips(Deformed(sized, fast.vertices)) == 0
+    assert fast.extra["proxy_volume_constraint"] == "exact" and fast.extra["proxy_volume_error"] < 1e-6
+
+
 @pytest.mark.parametrize("name", ["sshade", "fast", "fine"])
 def test_the_surface_beside_an_edge_bends_no_more_than_elsewhere(task, results, name):
     mesh, held = task.mesh, held_by(task)
@@ -121,6 +140,65 @@ def test_the_surface_beside_an_edge_bends_no_more_than_elsewhere(task, results, 
     beside = near[ends].any(axis=1)
     elsewhere = ~beside & ~held[ends].all(axis=1)
     assert np.percentile(change[beside], 99.9) < np.percentile(change[elsewhere], 99.9)
+
+
+@pytest.mark.parametrize(("degrees", "least", "most"), [(10, 9, 11), (35, 10, 30), (80, 0, 2)])
+def test_a_small_turn_is_taken_out_of_an_edge_and_a_bend_is_left(degrees, least, most):
+    """A plane whose half is turned about the edge: the slope of the other one there."""
+    mesh = jittered(strip(80, 40), 0.1)
+    held = np.flatnonzero(mesh.V[:, 0] < 39.5)
+    R = Rotation.from_euler("y", degrees, degrees=True).as_matrix()
+    targets = (mesh.V[held] - [39, 0, 0]) @ R.T + [39, 0, 0]
+    handles = Handles(held, targets)
+    regions = HandleRegions(mesh, handles, vertices=600, graph=vertex_graph(mesh))
+    V = regions.on_targets(mesh.V, handles)
+    np.testing.assert_array_equal(V[held], targets)
+    beside = (np.abs(mesh.V[:, 0] - 40) < 0.2) & (mesh.V[:, 1] > 8) & (mesh.V[:, 1] < 32)
+    end, begin = V[beside].mean(axis=0), V[held][np.abs(mesh.V[held, 0] - 39) < 0.2].mean(axis=0)
+    slope = np.degrees(np.arctan2(abs(end - begin)[2], (end - begin)[0]))
+    assert least <= slope <= most
+    far = mesh.V[:, 0] > 41 + 3 * np.sqrt(mesh.area) * (600**-0.5 + mesh.n**-0.5)
+    np.testing.assert_array_equal(V[far], mesh.V[far])
+
+
+@pytest.mark.parametrize("degrees", [10, 80])
+def test_a_prescribed_turn_is_that_of_the_surface_beside_an_edge_however_large(degrees):
+    """As above, but the half stays, and its handles have the rotation."""
+    mesh = jittered(strip(80, 40), 0.1)
+    held = np.flatnonzero(mesh.V[:, 0] < 39.5)
+    R = Rotation.from_euler("y", degrees, degrees=True).as_matrix()
+    handles = Handles(held, mesh.V[held], rotation=np.broadcast_to(R, (len(held), 3, 3)))
+    regions = HandleRegions(mesh, handles, vertices=600, graph=vertex_graph(mesh))
+    V = regions.on_targets(mesh.V, handles)
+    beside = (np.abs(mesh.V[:, 0] - 40) < 0.2) & (mesh.V[:, 1] > 8) & (mesh.V[:, 1] < 32)
+    begin = mesh.V[held][np.abs(mesh.V[held, 0] - 39) < 0.2].mean(axis=0)
+    along = V[beside].mean(axis=0) - begin
+    assert np.degrees(np.arctan2(-along[2], along[0])) == pytest.approx(degrees, rel=0.1)
+
+
+def test_the_facts_of_the_first_solve_stay_when_the_volume_takes_more(task):
+    """Which basin, and the coarser proxy's iterations, are known of the solve without a guess alone."""
+    index, target = task.handles.index, np.array(task.handles.target)
+    target[: int(0.3 * task.mesh.n)] *= 1.15
+    grown = DeformationTask("grown", task.mesh, Handles(index, target))
+    once, extra = (sshade_fast(grown, vertices=VERTICES, parts=0.1, volume=v) for v in (100.0, np.inf))
+    assert extra.iterations > once.iterations
+    assert extra.extra["proxy_basin"] in ("lead", "start") and "proxy_coarser_iterations" in extra.extra
+
+
+@pytest.mark.parametrize("name", ["fast", "fine"])
+def test_a_limb_that_bends_beside_its_region_changes_as_at_full_resolution(name):
+    """The end of a bar is turned by 70 degrees: what turns with it may not stretch the rest."""
+    mesh = jittered(block(np.ones((1, 1, 8)), cells=8), 0.01)
+    z = mesh.V[:, 2]
+    low, end = np.flatnonzero(z < 4), np.flatnonzero(z > 7)
+    turned = (mesh.V[end] - [0.5, 0.5, 7]) @ Rotation.from_euler("x", 70, degrees=True).as_matrix().T
+    target = np.concatenate([mesh.V[low], turned + [0.5, 0.5, 7]])
+    bent = DeformationTask("limb", mesh, Handles(np.r_[low, end], target))
+    ours = Deformed(bent, METHODS[name](bent).vertices)
+    free = Deformed(bent, local_global(bent, start="rigid").vertices)
+    assert edge_change(mesh, ours.shape.V) < 1.1 * edge_change(mesh, free.shape.V)
+    assert angle(ours) < 1.1 * angle(free)
 
 
 def test_a_region_that_moves_with_all_others_moves_everything(task):
