@@ -21,7 +21,7 @@ from sshade.task import DeformationResult, DeformationTask, Progress, silent
 from sshade.threads import available_cpus, number_of_workers
 
 #: By default; stiffer than the proxy alone, and less bound to parts, to stretch less in the end.
-POLISH = PROXY | SolverOptions(area=1.0, parts=0.03, stiffness=0.08)
+POLISH = PROXY | SolverOptions(area=1.0, parts=0.01, stiffness=0.08)
 
 
 @each_component(vertices=VERTICES)
