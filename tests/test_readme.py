@@ -43,7 +43,7 @@ def test_the_readme_is_what_the_committed_results_make_of_it():
 def test_numbers_stand_in_generated_blocks_alone():
     assert claims(README) == []
     blocks = {block["name"]: block["old"] for block in BLOCK.finditer(README)}
-    assert blocks["bodies_25k"].count("\n| ") > 10 and blocks[None].count("`") > 40
+    assert blocks["bodies_25k"].count("\n| ") > 5 and blocks[None].count("`") > 40
 
 
 @pytest.mark.parametrize(
