@@ -134,11 +134,18 @@ class Handles:
         return np.where(self.hard, np.inf, self.weight * self.share)
 
     @property
+    def turned(self) -> np.ndarray:
+        """(k,) bool: the handles whose rotations are prescribed."""
+        if self.rotation is None:
+            return np.zeros(len(self), dtype=bool)
+        return np.isfinite(self.rotation).all(axis=(1, 2))
+
+    @property
     def known(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Handle vertices (j,) whose rotations are prescribed, and these (j, 3, 3); None without any."""
         if self.rotation is None:
             return None
-        given = np.isfinite(self.rotation).all(axis=(1, 2))
+        given = self.turned
         return (self.index[given], self.rotation[given]) if given.any() else None
 
     def shared(self, mesh: Mesh) -> Handles:

@@ -193,6 +193,9 @@ class ArapIteration:
     softening : Softening, optional
     known : ((j,) int, (j, 3, 3) float64), optional
         Vertices of the mesh, each once, whose rotations are given and not fitted, and these.
+    share : (k,) float64, optional
+        Of the stiffness of soft handles, in [0, 1]; by default 1. As the Laplacian has all of it, the rest
+        pulls to the present positions: where softening does that, :mod:`sshade.solver.strain_softening` says why.
 
     Attributes
     ----------
@@ -211,6 +214,7 @@ class ArapIteration:
         constraints: Constraints | None = None,
         softening: Softening | None = None,
         known: tuple[np.ndarray, np.ndarray] | None = None,
+        share: np.ndarray | None = None,
     ) -> None:
         n = system.mesh.n
         self.system, self._team = system, team
@@ -223,6 +227,7 @@ class ArapIteration:
         order = np.argsort(system.pulled)
         self._pulled, self._pull = system.pulled[order], system.pull[order, None]
         self._towards = targets[system.soft][order]
+        self._share = np.ones(len(order)) if share is None else share[system.soft][order]
         self._Q, self.R, self._B = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), np.empty((n, 9)), np.empty((n, 3))
         self._forces = np.empty((n if constraints else 0, 3))
         vertex, rotations = known or (np.empty(0, dtype=np.int64), np.empty((0, 3, 3)))
@@ -250,8 +255,8 @@ class ArapIteration:
                 energy = covariances(s.terms.part(own), u, self.R, first, end)
             else:
                 energy = softening.covariances(own, u, self.R, first, end)
-            place, pull, towards = self._pulls(first, end)
-            pulls[number] = s.terms.corners.shape[1] * float((pull * (u[place] - towards) ** 2).sum())
+            place, pull, towards, share = self._pulls(first, end)
+            pulls[number] = s.terms.corners.shape[1] * float((share * pull * (u[place] - towards) ** 2).sum())
             return energy - 2.0 * self._fit(first, end)
 
         pulls = np.zeros(len(s.ranges))
@@ -265,10 +270,10 @@ class ArapIteration:
         energy += float(pulls.sum())
         return energy + self._constraints.penalty(u) if self._constraints else energy
 
-    def _pulls(self, first: int, end: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Places (j,) of the soft handles in a range, their stiffness (j, 1), and targets (j, 3)."""
+    def _pulls(self, first: int, end: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Places (j,) of the soft handles in a range, stiffness (j, 1), targets (j, 3), share (j, 1)."""
         own = slice(*np.searchsorted(self._pulled, (first, end)))
-        return self._pulled[own], self._pull[own], self._towards[own]
+        return self._pulled[own], self._pull[own], self._towards[own], self._share[own, None]
 
     def _fit(self, first: int, end: int) -> float:
         """Replace covariances S of a range in R by rotations, fitted or known; return ``sum tr(R S)``."""
@@ -323,8 +328,8 @@ class ArapIteration:
             right_hand_side(self.system.terms.part(own), self.R, self._B, first, end)
         else:
             self._softening.right_hand_side(own, u, self.R, self._B, first, end)
-        place, pull, towards = self._pulls(first, end)
-        self._B[place] += pull * towards
+        place, pull, towards, share = self._pulls(first, end)
+        self._B[place] += pull * (share * towards + (1.0 - share) * u[place])
 
 
 def _checked(mesh: Mesh, index: np.ndarray) -> np.ndarray:

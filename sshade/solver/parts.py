@@ -11,11 +11,14 @@ beside ``sum_ij w_ij |e'_ij - R_i e_ij|^2``: a_i is the area of vertex i, d_i it
 the group's own radius, r :data:`RADIUS` x the square root of the mesh's area. Neither the unit of length
 nor the resolution matters, and a group of the size of a part, such as a painted region, pulls nothing.
 The pulls are those of soft handles: see :class:`sshade.solver.arap.ArapSystem`.
+
+Which vertices are pulled, and at most how strongly, depends on the rest shape alone; targets say whereto.
+Targets that no rigid motion reaches, as half-way along straight lines between two poses, leave (R, t)
+uncertain. There the pull fades, from all to nothing, so that it never jumps while handles are dragged.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -36,8 +39,8 @@ LINK = 0.25
 REACH = 2.0
 #: Second singular value of a part's points over the first, at least: those in a line leave the rotation open.
 SPREAD = 0.1
-#: Rms distance of a part's points from their rigid motion over their rms distance from their centre, at most.
-RIGID = 0.3
+#: How far from rigid the move of a part's points is where its pull begins to fade, and where nothing is left.
+RIGID, LOOSE = 0.2, 0.4
 
 
 class Pulled(NamedTuple):
@@ -57,36 +60,118 @@ class Pulled(NamedTuple):
 
 
 def pulled_by_parts(mesh: Mesh, handles: Handles, weight: float) -> Pulled:
-    """The handles, and the vertices around them that their groups pull.
+    """The handles, and the vertices around them that their groups pull; see :class:`Parts`.
 
     Parameters
     ----------
     mesh : Mesh
     handles : Handles
-        Those of a group that are near to each other are a part. It pulls nothing where its points
-        leave its rotation open (they are in a line, or too few, and no rotation is prescribed) or are not
-        moved rigidly. Soft handles of weight w pull w / (1 + w) times as much as hard ones.
+    weight : float
+    """
+    parts = Parts(mesh, handles, weight)
+    target, share = parts.goals(handles)
+    there = share > 0
+    return Pulled(parts.vertex[there], (parts.stiffness * share)[there], target[there])
+
+
+class Parts:
+    """The parts that handles stand for, as they lie on the rest shape.
+
+    Those of a group that are near to each other are a part. It pulls nothing where its points
+    leave its rotation open: they are in a line, or too few, and no rotation is prescribed. Soft handles of
+    weight w pull w / (1 + w) times as much as hard ones.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    handles : Handles
+        Their targets do not matter, nor what rotations they have, but for which of them have one.
     weight : float
         Without unit; 0 pulls nothing.
+
+    Attributes
+    ----------
+    vertex : (p,) int64
+        The handles, in their order, and then the vertices around them that are pulled.
+    stiffness : (p,) float64
+        At most; inf where held, see :attr:`sshade.handles.Handles.stiffness`.
     """
-    own = Pulled(handles.index, handles.stiffness, handles.target)
-    if weight == 0:
-        return own
-    r = RADIUS * np.sqrt(mesh.area)
-    graph = vertex_graph(mesh)
-    fronts = Fronts(graph, handles.index)
-    part = _parts(graph, fronts, handles.group, LINK * r)
-    pull, goal = np.zeros(mesh.n), np.zeros((mesh.n, 3))
-    for number, radius, R, t in _motions(mesh, handles, part):
-        near = np.flatnonzero((part[fronts.region] == number) & (fronts.distance + radius < REACH * r))
-        w = handles.weight[part == number]
-        firmness = np.where(np.isinf(w), 1.0, 1 - 1 / (1 + w)).mean()
-        pull[near] = firmness * weight / r**2 * np.exp(-(((fronts.distance[near] + radius) / r) ** 2))
-        goal[near] = mesh.V[near] @ R.T + t
-    pull *= np.bincount(mesh.F.ravel(), np.repeat(mesh.face_areas / 3, 3), minlength=mesh.n)
-    pull[handles.index] = 0.0
-    near = np.flatnonzero(pull)
-    return Pulled(*(np.concatenate(pair) for pair in zip(own, (near, pull[near], goal[near]), strict=True)))
+
+    def __init__(self, mesh: Mesh, handles: Handles, weight: float) -> None:
+        self._P, turned = mesh.V[handles.index], handles.turned
+        self._members: list[np.ndarray] = []
+        pull, owner = np.zeros(mesh.n), np.zeros(mesh.n, dtype=np.int64)
+        if weight > 0:
+            r = RADIUS * np.sqrt(mesh.area)
+            graph = vertex_graph(mesh)
+            fronts = Fronts(graph, handles.index)
+            part = _parts(graph, fronts, handles.group, LINK * r)
+            for number in range(part.max() + 1):
+                own = np.flatnonzero(part == number)
+                if not (turned[own].any() or _spreads(self._P[own])):
+                    continue
+                away = fronts.distance + np.linalg.norm(_centred(self._P[own]), axis=1).max()
+                near = np.flatnonzero((part[fronts.region] == number) & (away < REACH * r))
+                w = handles.weight[own]
+                firmness = np.where(np.isinf(w), 1.0, 1 - 1 / (1 + w)).mean()
+                pull[near] = firmness * weight / r**2 * np.exp(-((away[near] / r) ** 2))
+                owner[near] = len(self._members)
+                self._members.append(own)
+            pull *= np.bincount(mesh.F.ravel(), np.repeat(mesh.face_areas / 3, 3), minlength=mesh.n)
+        pull[handles.index] = 0.0
+        near = np.flatnonzero(pull)
+        self._V, self._owner = mesh.V[near], owner[near]
+        self.vertex = np.concatenate([handles.index, near])
+        self.stiffness = np.concatenate([handles.stiffness, pull[near]])
+
+    def goals(self, handles: Handles) -> tuple[np.ndarray, np.ndarray]:
+        """Where vertices are pulled by the same handles with other targets and rotations.
+
+        Parameters
+        ----------
+        handles : Handles
+
+        Returns
+        -------
+        target : (p, 3) float64
+        share : (p,) float64
+            Of the stiffness, in [0, 1].
+        """
+        target, share = np.zeros((len(self._V), 3)), np.zeros(len(self._V))
+        for number, own in enumerate(self._members):
+            near, P, Q = self._owner == number, self._P[own], handles.target[own]
+            given = own[handles.turned[own]]
+            if len(given) and handles.rotation is not None:
+                R, share[near] = handles.rotation[given[0]], 1.0
+                t = Q.mean(axis=0) - R @ P.mean(axis=0)
+            elif _spreads(P):
+                R, t = rigid_motion(P, Q)
+                share[near] = _certainty(_centred(P), _centred(Q), R)
+            else:
+                continue
+            target[near] = self._V[near] @ R.T + t
+        return np.concatenate([handles.target, target]), np.concatenate([np.ones(len(handles)), share])
+
+
+def _centred(P: np.ndarray) -> np.ndarray:
+    return P - P.mean(axis=0)
+
+
+def _spreads(P: np.ndarray) -> bool:
+    """Whether points (k, 3) do not leave a rotation open."""
+    spread = np.linalg.svd(_centred(P), compute_uv=False)
+    return len(P) > 2 and bool(spread[1] > SPREAD * spread[0])
+
+
+def _certainty(P: np.ndarray, Q: np.ndarray, R: np.ndarray) -> float:
+    """How well centred points P (k, 3) that go to Q tell the best rotation R: from 1 down to 0.
+
+    Two things speak against it, both 1 - c where Q is c times a rotated P: how far Q is from R P, and how
+    much less than at rest the sum of squares grows with a turn away from R, about its softest axis.
+    """
+    misfit = np.linalg.norm(P @ R.T - Q) / np.linalg.norm(P)
+    now, rest = (np.linalg.eigvalsh(S + S.T)[:2].sum() for S in (P.T @ Q @ R, P.T @ P))
+    return float(np.clip((LOOSE - max(misfit, 1 - now / rest)) / (LOOSE - RIGID), 0.0, 1.0))
 
 
 def _parts(graph: VertexGraph, fronts: Fronts, group: np.ndarray, link: float) -> np.ndarray:
@@ -98,28 +183,3 @@ def _parts(graph: VertexGraph, fronts: Fronts, group: np.ndarray, link: float) -
     joins[joins] = group[a[joins]] == group[b[joins]]
     k = len(group)
     return connected_components(coo_array((np.ones(joins.sum()), (a[joins], b[joins])), shape=(k, k)))[1]
-
-
-def _motions(
-    mesh: Mesh, handles: Handles, part: np.ndarray
-) -> Iterator[tuple[int, float, np.ndarray, np.ndarray]]:
-    """Of each part that has one: its number, its radius, its rotation and its translation."""
-    prescribed = handles.rotation
-    for number in range(part.max() + 1):
-        own = np.flatnonzero(part == number)
-        P, Q = mesh.V[handles.index[own]], handles.target[own]
-        centre, goal = P.mean(axis=0), Q.mean(axis=0)
-        radius = float(np.linalg.norm(P - centre, axis=1).max())
-        given = np.empty(0) if prescribed is None else prescribed[own]
-        given = given[np.isfinite(given).all(axis=(1, 2))] if len(given) else given
-        if len(given):
-            yield number, radius, given[0], goal - given[0] @ centre
-            continue
-        if len(own) < 3:
-            continue
-        spread = np.linalg.svd(P - centre, compute_uv=False)
-        R, t = rigid_motion(P, Q)
-        if spread[1] > SPREAD * spread[0] and np.linalg.norm(P @ R.T + t - Q) < RIGID * np.linalg.norm(
-            spread
-        ):
-            yield number, radius, R, t
