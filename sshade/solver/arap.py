@@ -50,6 +50,9 @@ class Constraints(Protocol):
     #: Number of directions.
     count: int
 
+    def retry(self, volume_goal: float) -> None:
+        """Hold exactly again what could not be held, as targets have moved, and volumes at another goal."""
+
     @property
     def renews_directions(self) -> bool:
         """Whether the next global step is to renew the directions."""
@@ -219,17 +222,39 @@ class ArapIteration:
         n = system.mesh.n
         self.system, self._team = system, team
         self._constraints, self._softening, self.restored = constraints, softening, True
+        self._aim(targets, known, share)
+        self._Q, self.R, self._B = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), np.empty((n, 9)), np.empty((n, 3))
+        self._forces = np.empty((n if constraints else 0, 3))
+
+    def aim(
+        self,
+        targets: np.ndarray,
+        volume_goal: float,
+        *,
+        known: tuple[np.ndarray, np.ndarray] | None = None,
+        share: np.ndarray | None = None,
+    ) -> None:
+        """Take other targets, known rotations, shares, and another goal for volumes, over those at rest."""
+        if self._constraints:
+            self._constraints.retry(volume_goal)
+        self._aim(targets, known, share)
+
+    def _aim(
+        self,
+        targets: np.ndarray,
+        known: tuple[np.ndarray, np.ndarray] | None,
+        share: np.ndarray | None,
+    ) -> None:
+        system, step = self.system, self.system.factorised
         self._step: GlobalStep
-        if system.factorised is None:
-            self._step = MultigridStep(system, softening, team=team)
+        if step is None:
+            self._step = MultigridStep(system, self._softening, team=self._team)
         else:
-            self._step = FactorisedStep(system, system.factorised, targets[system.hard], team=team)
+            self._step = FactorisedStep(system, step, targets[system.hard], team=self._team)
         order = np.argsort(system.pulled)
         self._pulled, self._pull = system.pulled[order], system.pull[order, None]
         self._towards = targets[system.soft][order]
         self._share = np.ones(len(order)) if share is None else share[system.soft][order]
-        self._Q, self.R, self._B = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), np.empty((n, 9)), np.empty((n, 3))
-        self._forces = np.empty((n if constraints else 0, 3))
         vertex, rotations = known or (np.empty(0, dtype=np.int64), np.empty((0, 3, 3)))
         order = np.argsort(system.place[vertex])
         self._known = system.place[vertex][order], np.array(rotations, dtype=np.float64)[order]

@@ -178,7 +178,7 @@ class HeldConstraints:
         corners: int,
         volume_goal: float = 1.0,
     ) -> None:
-        rest, has = components.rest * [[volume_goal], [1.0]], components.has_volume
+        rest, has = components.rest, components.has_volume
         on = np.stack([has, rest[AREA] > 0])[kinds]
         weight = np.where(on, np.array([asked.volume, asked.area])[kinds, None], math.inf)
         # A component in a line or a point has no area; it holds nothing, and any number does.
@@ -188,11 +188,12 @@ class HeldConstraints:
             components.start,
             components.component,
             kinds,
-            scale=on / np.where(on, rest[kinds], 1.0),
+            scale=np.empty(on.shape),
             compliance=np.zeros(on.shape),
             active=on,
         )
-        self._policy, self._weight = InfeasibleAreas(kinds, weight), weight
+        self._asked, self._rest_scale = weight, on / np.where(on, rest[kinds], 1.0)
+        self.retry(volume_goal)
         self._G, self._Z = np.zeros((2, len(components.component), len(kinds), 3))
         self._slope = np.empty((on.shape[1], len(kinds), len(kinds)))
         self._violation = np.zeros(on.shape[1])
@@ -200,6 +201,13 @@ class HeldConstraints:
         self.count, self._steps = len(kinds), 0
         both = math.isinf(asked.volume) and math.isinf(asked.area)
         self._every = EVERY_OF_BOTH if both else EVERY
+
+    def retry(self, volume_goal: float) -> None:
+        """Hold exactly again what could not be held, as targets have moved, and volumes at another goal."""
+        goal = np.where(self._equations.kind == VOLUME, volume_goal, 1.0)
+        self._equations.scale[:] = self._rest_scale / goal[:, None]
+        self._policy = InfeasibleAreas(self._equations.kind, self._asked)
+        self._weight = self._asked
 
     @property
     def renews_directions(self) -> bool:

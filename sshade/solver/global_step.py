@@ -38,7 +38,7 @@ class GlobalStep(Protocol):
     """The global step of one solve. u, B, g, F and `out` are (n, 3) float64, in the system's order."""
 
     def solve(self, u: np.ndarray, B: np.ndarray, g: np.ndarray) -> None:
-        """Write ``u + M (B - L u)`` to g, whose held rows are those of u; B may be overwritten."""
+        """Write ``u + M (B - L u)`` to g, u with held vertices on their targets; B may be overwritten."""
 
     def renew_directions(self, constraints: Constraints, u: np.ndarray) -> None:
         """Give the constraints M times their gradients at u."""
@@ -101,7 +101,7 @@ class FactorisedStep:
         self, system: ArapSystem, factorised: FactorisedLaplacian, targets: np.ndarray, *, team: ThreadTeam
     ) -> None:
         self._laplacian, self._team = compressed_rows(system.laplacian), team
-        self._solve, self._held = factorised.factorisation.solve_ordered, system.held
+        self._solve, self._held, self._targets = factorised.factorisation.solve_ordered, system.held, targets
         self._free = system.place[factorised.free]
         self._fixed = -(factorised.to_handles @ targets)
         self._X = np.empty((len(self._free), 3))
@@ -111,7 +111,7 @@ class FactorisedStep:
         by_rows(self._team, len(free), lambda own: _gather(own, B, free, self._fixed, X))
         self._solve(X, team=self._team)
         by_rows(self._team, len(free), lambda own: _scatter(own, X, free, g))
-        g[self._held] = u[self._held]
+        g[self._held] = self._targets
 
     def renew_directions(self, constraints: Constraints, u: np.ndarray) -> None:
         X = np.empty((constraints.count, len(self._free), 3))

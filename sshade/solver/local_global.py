@@ -128,6 +128,7 @@ class LocalGlobal:
         start: np.ndarray | None = None,
         rotations: np.ndarray | None = None,
         known: tuple[np.ndarray, np.ndarray] | None = None,
+        share: np.ndarray | None = None,
         tolerance: float = 1e-5,
         max_iterations: int = 1000,
         accelerate: bool = True,
@@ -159,6 +160,9 @@ class LocalGlobal:
         known : ((j,) int, (j, 3, 3) float64), optional
             Vertices, each once, whose rotations are given: the local step leaves them as they are. As of
             :attr:`sshade.Handles.known`.
+        share : (k,) float64, optional
+            Of the stiffness of each soft handle, in [0, 1], by default 1. The system is the same, so that a
+            pull may vary from solve to solve.
         tolerance : float
             Residual under which iteration stops. 0 never stops early.
         max_iterations : int
@@ -192,25 +196,15 @@ class LocalGlobal:
         FloatingPointError
             When an iterate is not finite.
         """
-        targets, start = self._checked_positions(targets, start)
+        targets, start = self.checked_positions(targets, start)
         if window < 1:
             raise InputError(f"the acceleration window must be at least 1, not {window}")
         if not 0 < volume_goal < inf:
             raise InputError(f"the volume to be held must be positive, not {volume_goal} times that at rest")
-        options = complete(energy)
-        held = VolumeArea(options["volume"], options["area"])
-        softening = StrainSoftening(options["stiffness"], options["strain"])
-        system, u = self.system, self._to_system(start, targets)
+        u = self.to_system(start, targets)
         with ThreadTeam(workers) as team:
-            iteration = ArapIteration(
-                system,
-                targets - self.mesh.origin,
-                team=team,
-                constraints=self._components.held(
-                    held, corners=system.terms.corners.shape[1], volume_goal=volume_goal
-                ),
-                softening=softening.of(system.terms, system.rest),
-                known=known,
+            held, iteration = self.iteration(
+                targets, team=team, volume_goal=volume_goal, known=known, share=share, **energy
             )
             if rotations is not None:
                 iteration.begin_with(rotations)
@@ -223,12 +217,44 @@ class LocalGlobal:
                 deadline=perf_counter() + max_seconds,
                 progress=progress,
             )
+        return self.solution(iteration, u, targets, held, volume_goal, facts)
+
+    def iteration(
+        self, targets: np.ndarray, *, team: ThreadTeam, volume_goal: float, **options: Any
+    ) -> tuple[VolumeArea, ArapIteration]:
+        """What is held, and an iteration with these options of it and of the energy."""
+        given = {name: options.pop(name) for name in EnergyOptions.__annotations__ if name in options}
+        asked, system = complete(given), self.system
+        held = VolumeArea(asked["volume"], asked["area"])
+        softening = StrainSoftening(asked["stiffness"], asked["strain"])
+        iteration = ArapIteration(
+            system,
+            targets - self.mesh.origin,
+            team=team,
+            constraints=self._components.held(
+                held, corners=system.terms.corners.shape[1], volume_goal=volume_goal
+            ),
+            softening=softening.of(system.terms, system.rest),
+            **options,
+        )
+        return held, iteration
+
+    def solution(
+        self,
+        iteration: ArapIteration,
+        u: np.ndarray,
+        targets: np.ndarray,
+        held: VolumeArea,
+        volume_goal: float,
+        facts: dict[str, Any],
+    ) -> Solution:
+        """What an iteration has come to: its positions u, in the system's order, and the rest."""
         R = np.empty((self.mesh.n, 3, 3))
-        R[system.vertex] = iteration.R.reshape(-1, 3, 3)
+        R[self.system.vertex] = iteration.R.reshape(-1, 3, 3)
         errors = self._components.errors(u, volume_goal=volume_goal)
         states = self._components.status(held, errors)
         return Solution(
-            positions=self._from_system(u, targets),
+            positions=self.from_system(u, targets),
             rotations=R,
             volume_error=errors.volume,
             area_error=errors.area,
@@ -260,28 +286,31 @@ class LocalGlobal:
         InputError
             As :meth:`solve`.
         """
-        targets, positions = self._checked_positions(np.asarray(positions)[self.index], positions)
-        system, u = self.system, self._to_system(positions, targets)
+        targets, positions = self.checked_positions(np.asarray(positions)[self.index], positions)
+        system, u = self.system, self.to_system(positions, targets)
         held = self._components.held(VolumeArea(volume, area), corners=system.terms.corners.shape[1])
         with ThreadTeam(workers) as team:
             around = targets - self.mesh.origin
             ArapIteration(system, around, team=team, constraints=held).project(u)
-        return self._from_system(u, targets)
+        return self.from_system(u, targets)
 
-    def _to_system(self, positions: np.ndarray, targets: np.ndarray) -> np.ndarray:
+    def to_system(self, positions: np.ndarray, targets: np.ndarray) -> np.ndarray:
         """(n, 3) in the system's order, about the mesh's origin, hard handles on their targets."""
         u = positions[self.system.vertex] - self.mesh.origin
         u[self.system.held] = targets[self.system.hard] - self.mesh.origin
         return u
 
-    def _from_system(self, u: np.ndarray, targets: np.ndarray) -> np.ndarray:
+    def from_system(self, u: np.ndarray, targets: np.ndarray) -> np.ndarray:
         positions = np.empty_like(u)
         positions[self.system.vertex] = u + self.mesh.origin
         hard = self.system.hard
         positions[self.index[hard]] = targets[hard]
         return positions
 
-    def _checked_positions(self, targets, start) -> tuple[np.ndarray, np.ndarray]:
+    def checked_positions(
+        self, targets: np.ndarray, start: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Targets (k, 3) and a start (n, 3), by default the rest shape; InputError where they are no such."""
         k, n = len(self.index), self.mesh.n
         targets = np.asarray(targets, dtype=np.float64)
         start = self.mesh.V if start is None else np.asarray(start, dtype=np.float64)

@@ -69,7 +69,7 @@ def pulled_by_parts(mesh: Mesh, handles: Handles, weight: float) -> Pulled:
     weight : float
     """
     parts = Parts(mesh, handles, weight)
-    target, share = parts.goals(handles)
+    target, share = parts.goals(handles.target, handles.rotation)
     there = share > 0
     return Pulled(parts.vertex[there], (parts.stiffness * share)[there], target[there])
 
@@ -100,6 +100,7 @@ class Parts:
     def __init__(self, mesh: Mesh, handles: Handles, weight: float) -> None:
         self._P, turned = mesh.V[handles.index], handles.turned
         self._members: list[np.ndarray] = []
+        self._spreads: list[bool] = []
         pull, owner = np.zeros(mesh.n), np.zeros(mesh.n, dtype=np.int64)
         if weight > 0:
             r = RADIUS * np.sqrt(mesh.area)
@@ -108,7 +109,8 @@ class Parts:
             part = _parts(graph, fronts, handles.group, LINK * r)
             for number in range(part.max() + 1):
                 own = np.flatnonzero(part == number)
-                if not (turned[own].any() or _spreads(self._P[own])):
+                spreads = _spreads(self._P[own])
+                if not (turned[own].any() or spreads):
                     continue
                 away = fronts.distance + np.linalg.norm(_centred(self._P[own]), axis=1).max()
                 near = np.flatnonzero((part[fronts.region] == number) & (away < REACH * r))
@@ -117,6 +119,7 @@ class Parts:
                 pull[near] = firmness * weight / r**2 * np.exp(-((away[near] / r) ** 2))
                 owner[near] = len(self._members)
                 self._members.append(own)
+                self._spreads.append(spreads)
             pull *= np.bincount(mesh.F.ravel(), np.repeat(mesh.face_areas / 3, 3), minlength=mesh.n)
         pull[handles.index] = 0.0
         near = np.flatnonzero(pull)
@@ -124,12 +127,16 @@ class Parts:
         self.vertex = np.concatenate([handles.index, near])
         self.stiffness = np.concatenate([handles.stiffness, pull[near]])
 
-    def goals(self, handles: Handles) -> tuple[np.ndarray, np.ndarray]:
-        """Where vertices are pulled by the same handles with other targets and rotations.
+    def goals(
+        self, target: np.ndarray, rotation: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Where vertices are pulled by handles with these targets and rotations.
 
         Parameters
         ----------
-        handles : Handles
+        target : (k, 3) float64
+        rotation : (k, 3, 3) float64, optional
+            See :class:`sshade.Handles`.
 
         Returns
         -------
@@ -137,20 +144,20 @@ class Parts:
         share : (p,) float64
             Of the stiffness, in [0, 1].
         """
-        target, share = np.zeros((len(self._V), 3)), np.zeros(len(self._V))
-        for number, own in enumerate(self._members):
-            near, P, Q = self._owner == number, self._P[own], handles.target[own]
-            given = own[handles.turned[own]]
-            if len(given) and handles.rotation is not None:
-                R, share[near] = handles.rotation[given[0]], 1.0
+        goal, share = np.zeros((len(self._V), 3)), np.zeros(len(self._V))
+        for number, (own, spreads) in enumerate(zip(self._members, self._spreads, strict=True)):
+            near, P, Q = self._owner == number, self._P[own], target[own]
+            given = own[:0] if rotation is None else own[np.isfinite(rotation[own]).all(axis=(1, 2))]
+            if rotation is not None and len(given):
+                R, share[near] = rotation[given[0]], 1.0
                 t = Q.mean(axis=0) - R @ P.mean(axis=0)
-            elif _spreads(P):
+            elif spreads:
                 R, t = rigid_motion(P, Q)
                 share[near] = _certainty(_centred(P), _centred(Q), R)
             else:
                 continue
-            target[near] = self._V[near] @ R.T + t
-        return np.concatenate([handles.target, target]), np.concatenate([np.ones(len(handles)), share])
+            goal[near] = self._V[near] @ R.T + t
+        return np.concatenate([target, goal]), np.concatenate([np.ones(len(target)), share])
 
 
 def _centred(P: np.ndarray) -> np.ndarray:

@@ -93,6 +93,10 @@ class QuasiNewton:
             self.fall_back(u)
         return descends
 
+    def cut(self) -> None:
+        """Make no pair of the last iterate and the next: what they minimise is not the same."""
+        self._begun = False
+
     def halve(self, u: np.ndarray) -> None:
         """Replace u (n, 3) by the middle of the last quasi-Newton step."""
         self._move(u, 0.5)
