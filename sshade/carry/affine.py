@@ -17,10 +17,11 @@ from typing import ClassVar
 import numpy as np
 from numba import njit
 
-from sshade.carry.frames import ZERO_AREA
+from sshade.carry.frames import ZERO_AREA, in_rows
 from sshade.carry.neighbours import adjacent_triangles, fill_from_neighbours
 from sshade.carry.projection import Projection
 from sshade.mesh.mesh import Mesh
+from sshade.threads import ThreadTeam
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +43,14 @@ class AffineFrames:
         return V - self.proxy.V[self.proxy.F[on.face, 0]]
 
     def decode(
-        self, local: np.ndarray, NV: np.ndarray, *, on: Projection, rotations: np.ndarray | None = None
+        self,
+        local: np.ndarray,
+        NV: np.ndarray,
+        *,
+        on: Projection,
+        rotations: np.ndarray | None = None,
+        team: ThreadTeam | None = None,
+        out: np.ndarray | None = None,
     ) -> tuple[np.ndarray, int]:
         """Points a' + A (x - a); see :class:`sshade.carry.frames.Frames`.
 
@@ -52,7 +60,8 @@ class AffineFrames:
         A, known = affine_maps(self.proxy.V, NV, F=F)
         if not known.all():
             A = fill_from_neighbours(A, known, pairs=adjacent_triangles(F))
-        return _decode(local, on.face, A, NV, F), int((~known).sum())
+        V = in_rows(lambda own, V: _decode(own, local, on.face, A, NV, F, V), len(local), team, out)
+        return V, int((~known).sum())
 
 
 def affine_maps(rest: np.ndarray, deformed: np.ndarray, *, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -93,12 +102,10 @@ def _edges_and_normals(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 @njit(cache=True, nogil=True)
-def _decode(local, face, A, NV, F):
-    V = np.empty_like(local)
-    for i in range(len(local)):
+def _decode(own, local, face, A, NV, F, V):
+    for i in range(own[0], own[1]):
         t = face[i]
         a = F[t, 0]
         x, y, z = local[i, 0], local[i, 1], local[i, 2]
         for r in range(3):
             V[i, r] = NV[a, r] + A[t, r, 0] * x + A[t, r, 1] * y + A[t, r, 2] * z
-    return V

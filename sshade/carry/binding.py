@@ -13,6 +13,7 @@ from sshade.carry.projection import Projection, Projector, project_to_fans
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.sampling.remesh import Remesh, proxy_mesh
+from sshade.threads import ThreadTeam
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,14 @@ class Binding:
     local: np.ndarray
     seconds: Mapping[str, float]
 
-    def carry(self, NV: np.ndarray, *, rotations: np.ndarray | None = None) -> tuple[np.ndarray, int]:
+    def carry(
+        self,
+        NV: np.ndarray,
+        *,
+        rotations: np.ndarray | None = None,
+        team: ThreadTeam | None = None,
+        out: np.ndarray | None = None,
+    ) -> tuple[np.ndarray, int]:
         """M' for the vertices of N', and the number of frames that N or N' leaves undefined.
 
         Parameters
@@ -54,6 +62,10 @@ class Binding:
         rotations : (k, 3, 3) float64, optional
             Of N's vertices to those of N', for ``blended`` frames; by default fitted to the
             edges around each.
+        team : ThreadTeam, optional
+            Threads that share M's vertices.
+        out : (n, 3) float64, C-contiguous, optional
+            Where M' goes; by default to a new array.
 
         Returns
         -------
@@ -75,7 +87,7 @@ class Binding:
             raise InputError(
                 f"the proxy needs rotations of shape {(self.proxy.n, 3, 3)}, not {np.shape(rotations)}"
             )
-        return self.frames.decode(self.local, NV, on=self.projection, rotations=rotations)
+        return self.frames.decode(self.local, NV, on=self.projection, rotations=rotations, team=team, out=out)
 
 
 def bind_proxy(

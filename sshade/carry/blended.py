@@ -46,11 +46,13 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 
+from sshade.carry.frames import in_rows
 from sshade.carry.projection import Projection
 from sshade.carry.vertex_maps import VertexMaps
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.solver.rotations import fit_rotations, quaternions
+from sshade.threads import ThreadTeam
 
 #: How far R^T R of a given rotation may be from the identity.
 ORTHOGONAL = 1e-6
@@ -93,7 +95,14 @@ class BlendedFrames:
         return _offsets(V, on.face, on.barycentric, self.proxy.V, self.proxy.F)
 
     def decode(
-        self, local: np.ndarray, NV: np.ndarray, *, on: Projection, rotations: np.ndarray | None = None
+        self,
+        local: np.ndarray,
+        NV: np.ndarray,
+        *,
+        on: Projection,
+        rotations: np.ndarray | None = None,
+        team: ThreadTeam | None = None,
+        out: np.ndarray | None = None,
     ) -> tuple[np.ndarray, int]:
         """Points o(w) + R(w) (x - p), or o(w) + R(w) S(w) (x - p); see :class:`sshade.carry.frames.Frames`.
 
@@ -120,7 +129,11 @@ class BlendedFrames:
             S = np.ascontiguousarray(R.transpose(0, 2, 1) @ A)
             _add_stretch(triangles, F, self.proxy.V, Q, S)
             local = _stretched(local, on.face, on.barycentric, F, S)
-        return _decode(local, on.face, on.barycentric, triangles), missing
+
+        def decode(own: tuple[int, int], V: np.ndarray) -> None:
+            _decode(own, local, on.face, on.barycentric, triangles, V)
+
+        return in_rows(decode, len(local), team, out), missing
 
 
 def nearest_rotations(A: np.ndarray) -> np.ndarray:
@@ -234,9 +247,8 @@ def _stretched(local, face, barycentric, F, S):
 
 
 @njit(cache=True, nogil=True)
-def _decode(local, face, barycentric, T):
-    V = np.empty_like(local)
-    for i in range(len(local)):
+def _decode(own, local, face, barycentric, T, V):
+    for i in range(own[0], own[1]):
         t, a, b, c = face[i], barycentric[i, 0], barycentric[i, 1], barycentric[i, 2]
         bc, ca, ab = b * c, c * a, a * b
         q = QUATERNION
@@ -249,4 +261,3 @@ def _decode(local, face, barycentric, T):
             p, s = CORNER + r, BULGE + r
             o = a * T[t, p] + b * T[t, p + 3] + c * T[t, p + 6]
             V[i, r] = o + bc * T[t, s] + ca * T[t, s + 3] + ab * T[t, s + 6] + V[i, r]
-    return V

@@ -9,6 +9,8 @@ import numpy as np
 
 from sshade.carry.projection import Projection
 from sshade.mesh.mesh import Mesh
+from sshade.solver.multigrid import by_rows
+from sshade.threads import ThreadTeam
 
 #: A triangle whose doubled area is under this, times its longest edge squared, has no normal.
 ZERO_AREA = 1e-12
@@ -36,7 +38,14 @@ class Frames(Protocol):
         """
 
     def decode(
-        self, local: np.ndarray, NV: np.ndarray, *, on: Projection, rotations: np.ndarray | None = None
+        self,
+        local: np.ndarray,
+        NV: np.ndarray,
+        *,
+        on: Projection,
+        rotations: np.ndarray | None = None,
+        team: ThreadTeam | None = None,
+        out: np.ndarray | None = None,
     ) -> tuple[np.ndarray, int]:
         """Points with given coordinates in the frames of N'.
 
@@ -50,6 +59,10 @@ class Frames(Protocol):
             The one that `local` was encoded with.
         rotations : (k, 3, 3) float64, optional
             Those of the vertices of N', where its solver gives them; only blended frames use them.
+        team : ThreadTeam, optional
+            Threads that share the points.
+        out : (n, 3) float64, C-contiguous, optional
+            Where the points go; by default to a new array.
 
         Returns
         -------
@@ -59,6 +72,18 @@ class Frames(Protocol):
             triangles; in their place stands the mean of the neighbours' (see
             :func:`sshade.carry.neighbours.fill_from_neighbours`).
         """
+
+
+def in_rows(
+    work: Callable[[tuple[int, int], np.ndarray], None],
+    n: int,
+    team: ThreadTeam | None,
+    out: np.ndarray | None,
+) -> np.ndarray:
+    """Points (n, 3) that ``work((first, end), points)`` writes for ranges of rows, in `out` if there is one."""
+    V = np.empty((n, 3)) if out is None else out
+    by_rows(team or ThreadTeam(1), n, lambda own: work(own, V))
+    return V
 
 
 #: Makes the frames of a proxy: of N at rest, and (k,) int, the vertex of M that each of N's is.

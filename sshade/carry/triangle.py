@@ -19,11 +19,12 @@ from typing import ClassVar
 import numpy as np
 from numba import njit
 
-from sshade.carry.frames import ZERO_AREA, FrameMaker
+from sshade.carry.frames import ZERO_AREA, FrameMaker, in_rows
 from sshade.carry.neighbours import adjacent_triangles, fill_from_neighbours
 from sshade.carry.projection import Projection
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
+from sshade.threads import ThreadTeam
 
 #: Under this length of its tangential gradient, f is replaced on a triangle (coordinates are unitless).
 FLAT = 0.1
@@ -149,7 +150,14 @@ class TriangleFrames:
         return _encode(V, on.face, self.L, self.origin)
 
     def decode(
-        self, local: np.ndarray, NV: np.ndarray, *, on: Projection, rotations: np.ndarray | None = None
+        self,
+        local: np.ndarray,
+        NV: np.ndarray,
+        *,
+        on: Projection,
+        rotations: np.ndarray | None = None,
+        team: ThreadTeam | None = None,
+        out: np.ndarray | None = None,
     ) -> tuple[np.ndarray, int]:
         """Points L_t' v_t + b_t'; see :class:`sshade.carry.frames.Frames`.
 
@@ -166,7 +174,8 @@ class TriangleFrames:
                 onto=_nearest_rotations,
             )
             L[missing] = turns[missing] @ self.L[missing]
-        return _decode(local, on.face, L, origin), int(missing.sum())
+        V = in_rows(lambda own, V: _decode(own, local, on.face, L, origin, V), len(local), team, out)
+        return V, int(missing.sum())
 
 
 def _nearest_rotations(M: np.ndarray) -> np.ndarray:
@@ -229,11 +238,9 @@ def _encode(V, face, L, origin):
 
 
 @njit(cache=True, nogil=True)
-def _decode(local, face, L, origin):
-    V = np.empty((local.shape[0], 3), dtype=np.float64)
-    for i in range(local.shape[0]):
+def _decode(own, local, face, L, origin, V):
+    for i in range(own[0], own[1]):
         t = face[i]
         x, y, z = local[i, 0], local[i, 1], local[i, 2]
         for a in range(3):
             V[i, a] = L[t, a, 0] * x + L[t, a, 1] * y + L[t, a, 2] * z + origin[t, a]
-    return V

@@ -7,9 +7,10 @@ motion is blended over each of its triangles (:mod:`sshade.carry.blended`), so t
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from functools import partial
 from math import inf
-from typing import Any, Unpack
+from typing import Any, NamedTuple, Unpack
 
 from sshade.pipeline.components import each_component
 from sshade.pipeline.multilevel import multilevel
@@ -65,14 +66,50 @@ def sshade_fast(
     InputError
         Those of :func:`sshade.sshade` and :func:`sshade.solver.local_global.local_global`.
     """
-    given: dict[str, Any] = dict(options)
+    made = choices(task, options)
+    coarse = partial(multilevel, coarse=partial(local_global, **made.solver), lead=made.lead)
+    coarse = partial(coarse, tolerance=made.tolerance)
+    return sshade(task, coarse=coarse, keep_volume=made.keeps_volume, progress=progress, **made.proxies)
+
+
+class Choices(NamedTuple):
+    """What options of :func:`sshade_fast` come to.
+
+    Attributes
+    ----------
+    proxies : dict
+        Of the proxies.
+    solver : dict
+        Of their energy and its iteration, all but the tolerance.
+    tolerance : float
+    lead : callable, optional
+        See :func:`sshade.pipeline.multilevel.multilevel`.
+    """
+
+    proxies: dict[str, Any]
+    solver: dict[str, Any]
+    tolerance: float
+    lead: Callable[..., DeformationResult] | None
+
+    @property
+    def keeps_volume(self) -> bool:
+        """Whether what proxies miss of the volume is made up for."""
+        return self.solver["volume"] == inf
+
+
+def choices(task: DeformationTask, options: Mapping[str, Any]) -> Choices:
+    """The options of :func:`sshade_fast` for a task, with its defaults.
+
+    Raises
+    ------
+    InputError
+        See :func:`sshade.solver.options.complete`.
+    """
+    given = dict(options)
     of_solver = {name: given.pop(name) for name in SolverOptions.__annotations__ if name in given}
     given = {"vertices": VERTICES, "samplings": 1, "frames": "blended", **given}
     regional = has_regions(task, given["vertices"])
     solver = complete(of_solver, **(PROXY | OF_REGIONS if regional else PROXY))
     tolerance = solver.pop("tolerance")
     leading: dict[str, Any] = {**solver, **LEAD, "area": min(solver["area"], LEAD_AREA)}
-    lead = partial(local_global, **leading) if solver["parts"] else None
-    coarse = partial(multilevel, coarse=partial(local_global, **solver), lead=lead, tolerance=tolerance)
-    keep = solver["volume"] == inf
-    return sshade(task, coarse=coarse, keep_volume=keep, progress=progress, **given)
+    return Choices(given, solver, tolerance, partial(local_global, **leading) if solver["parts"] else None)
