@@ -80,7 +80,7 @@ def in_rows(
     team: ThreadTeam | None,
     out: np.ndarray | None,
 ) -> np.ndarray:
-    """Points (n, 3) that ``work((first, end), points)`` writes for ranges of rows, in `out` if there is one."""
+    """Points (n, 3) that ``work((first, end), points)`` writes, range by range, in `out` if there is one."""
     V = np.empty((n, 3)) if out is None else out
     by_rows(team or ThreadTeam(1), n, lambda own: work(own, V))
     return V

@@ -157,7 +157,8 @@ class Proxies:
             return replace(result, vertices=np.empty((0, 3)))
 
         results = in_threads(summed, self.samplings, workers=self.workers)
-        whole = joined(mean.total / self.samplings, results, FACTS)
+        total = mean.total / self.samplings if self.samplings > 1 else mean.total
+        whole = joined(total, results, FACTS)
         seconds = dict(whole.seconds)
         if "remesh" in seconds:
             seconds["remesh"] += self._shared

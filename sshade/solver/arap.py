@@ -198,7 +198,7 @@ class ArapIteration:
         Vertices of the mesh, each once, whose rotations are given and not fitted, and these.
     share : (k,) float64, optional
         Of the stiffness of soft handles, in [0, 1]; by default 1. As the Laplacian has all of it, the rest
-        pulls to the present positions: where softening does that, :mod:`sshade.solver.strain_softening` says why.
+        pulls to the present positions, as softening does: see :mod:`sshade.solver.strain_softening`.
 
     Attributes
     ----------

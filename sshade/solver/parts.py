@@ -127,9 +127,7 @@ class Parts:
         self.vertex = np.concatenate([handles.index, near])
         self.stiffness = np.concatenate([handles.stiffness, pull[near]])
 
-    def goals(
-        self, target: np.ndarray, rotation: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def goals(self, target: np.ndarray, rotation: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Where vertices are pulled by handles with these targets and rotations.
 
         Parameters

@@ -295,7 +295,7 @@ def test_regions_that_touch_each_keep_their_targets(task):
 
 
 def test_a_bound_mesh_takes_regions_as_the_method_does(task):
-    bound = Deformer(task.mesh, task.handles.index, vertices=VERTICES, samplings=2)
+    bound = Deformer(task.mesh, task.handles.index, method="paper", vertices=VERTICES, samplings=2)
     result = bound(task.handles.target)
     np.testing.assert_array_equal(result.vertices, METHODS["sshade"](task).vertices)
     back = bound(task.mesh.V[task.handles.index], tolerance=1e-8)
