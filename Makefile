@@ -49,7 +49,8 @@ ci-benchmark: $(READY) $(CI)/dataset.json
 bench: $(READY) $(FULL)/dataset.json $(BASES:%=%/dataset.json)
 	$(BIN)/sshade-eval bench speed --cases $(BODY) --extrapolate arap elastic --methods arap elastic \
 	  accelerated_arap accelerated_elastic deformation_graph sshade $(ONE) sshade_fast sshade_fine
-	$(BIN)/sshade-eval bench drag --cases $(BODY) --methods "sshade-1=sshade samplings=1 solver.start=rest"
+	$(BIN)/sshade-eval bench drag --cases $(BODY) --methods "sshade-1=sshade samplings=1 solver.start=rest" \
+	  sshade_fast "sshade_fast-6000=sshade_fast vertices=6000"
 	$(BIN)/sshade-eval bench scaling --cases $(BASES:%="defaust root=% subject=0 pose=1") \
 	  --methods $(ONE) sshade_fast
 	$(BIN)/sshade-eval bench startup --methods sshade sshade_fast

@@ -14,6 +14,7 @@ from eval.timing.cases import TimedMethod, task_facts
 from eval.timing.turns import Job, take_turns
 from sshade.errors import InputError
 from sshade.pipeline.deformer import Deformer
+from sshade.pipeline.fast import FastOptions, sshade_fast
 from sshade.pipeline.paper import sshade
 from sshade.pipeline.proxies import ProxyOptions
 from sshade.task import DeformationTask
@@ -44,10 +45,14 @@ def time_drags(
 
 def _job(method: TimedMethod, task: DeformationTask) -> Job:
     call = method.on(task)
-    if not isinstance(task, DeformationTask) or call.func is not sshade:
-        raise InputError(f"{method.label} on {task.name} cannot be bound: sshade.Deformer binds sshade alone")
-    options = {name: method.config[name] for name in ProxyOptions.__annotations__ if name in method.config}
-    bound = Deformer(task.mesh, task.handles.index, **options)(task.handles.target)
+    if not isinstance(task, DeformationTask) or call.func not in (sshade, sshade_fast):
+        raise InputError(
+            f"{method.label} on {task.name} cannot be bound: sshade.Deformer binds sshade and sshade_fast"
+        )
+    taken = FastOptions if call.func is sshade_fast else ProxyOptions
+    options = {name: method.config[name] for name in taken.__annotations__ if name in method.config}
+    options["method"] = "fast" if call.func is sshade_fast else "paper"
+    bound = _bound(task, options)(task.handles.target, rotations=task.handles.rotation)
     apart = np.linalg.norm(bound.vertices - call().vertices, axis=1).max() / task.mesh.diagonal
     if apart > SAME:
         raise InputError(
@@ -59,6 +64,11 @@ def _job(method: TimedMethod, task: DeformationTask) -> Job:
     return Job(facts, lambda: drag(task, options))
 
 
+def _bound(task: DeformationTask, options: dict[str, Any]) -> Deformer:
+    own = task.handles
+    return Deformer(task.mesh, own.index, group=own.group, weight=own.weight, **options)
+
+
 def drag(task: DeformationTask, options: dict[str, Any]) -> Row:
     """Bind, solve, and drag the handles from rest to their targets and back.
 
@@ -66,7 +76,7 @@ def drag(task: DeformationTask, options: dict[str, Any]) -> Row:
     ----------
     task : DeformationTask
     options : dict
-        Of :class:`sshade.Deformer`.
+        Of :class:`sshade.Deformer`, besides the handles.
 
     Returns
     -------
@@ -78,17 +88,17 @@ def drag(task: DeformationTask, options: dict[str, Any]) -> Row:
     """
     rest, target = task.mesh.V[task.handles.index], task.handles.target
     begin = perf_counter()
-    deformer = Deformer(task.mesh, task.handles.index, **options)
+    deformer = _bound(task, options)
     bound = perf_counter()
     first = deformer(target)
     solved = perf_counter()
     deformer.reset()
     before = deformer(rest, tolerance=TOLERANCE).vertices
-    seconds = []
+    seconds, after = [], np.empty_like(before)
     for step in [*range(1, STEPS + 1), *range(STEPS - 1, -1, -1)]:
         targets = rest + step / STEPS * (target - rest)
         start = perf_counter()
-        after = deformer(targets, tolerance=TOLERANCE).vertices
+        deformer(targets, tolerance=TOLERANCE, out=after)
         seconds.append(perf_counter() - start)
     there = seconds[:STEPS]
     apart = np.linalg.norm(after - before, axis=1).max() / task.mesh.diagonal

@@ -104,8 +104,8 @@ class Deformer:
         mesh.require_handles(self.index)
         if len(np.unique(self.index)) < len(self.index):
             raise InputError("a handle vertex is given twice")
-        grouped = {} if group is None else {"group": group}
-        handles = Handles(self.index, mesh.V[self.index], weight=np.asarray(weight), **grouped)
+        group = np.zeros(len(self.index), dtype=np.int64) if group is None else group
+        handles = Handles(self.index, mesh.V[self.index], group=group, weight=np.asarray(weight))
         task = DeformationTask("drag", mesh, handles)
         self._rest = task.handles
         if method not in ("fast", "paper"):

@@ -34,7 +34,7 @@ from sshade.solver.cotangents import (
 from sshade.solver.global_step import FactorisedLaplacian, FactorisedStep, GlobalStep, MultigridStep
 from sshade.solver.options import Energy
 from sshade.solver.rotations import fit_rotations, quaternions
-from sshade.solver.terms import Terms, covariances, right_hand_side
+from sshade.solver.terms import Terms, add_pulls, covariances, pulling_energy, right_hand_side
 from sshade.threads import ThreadTeam
 
 #: Vertices that a thread works on at a time, and half the terms.
@@ -252,7 +252,7 @@ class ArapIteration:
         else:
             self._step = FactorisedStep(system, step, targets[system.hard], team=self._team)
         order = np.argsort(system.pulled)
-        self._pulled, self._pull = system.pulled[order], system.pull[order, None]
+        self._pulled, self._pull = system.pulled[order], system.pull[order]
         self._towards = targets[system.soft][order]
         self._share = np.ones(len(order)) if share is None else share[system.soft][order]
         vertex, rotations = known or (np.empty(0, dtype=np.int64), np.empty((0, 3, 3)))
@@ -280,8 +280,7 @@ class ArapIteration:
                 energy = covariances(s.terms.part(own), u, self.R, first, end)
             else:
                 energy = softening.covariances(own, u, self.R, first, end)
-            place, pull, towards, share = self._pulls(first, end)
-            pulls[number] = s.terms.corners.shape[1] * float((share * pull * (u[place] - towards) ** 2).sum())
+            pulls[number] = s.terms.corners.shape[1] * pulling_energy(*self._pulls(first, end), u)
             return energy - 2.0 * self._fit(first, end)
 
         pulls = np.zeros(len(s.ranges))
@@ -296,9 +295,9 @@ class ArapIteration:
         return energy + self._constraints.penalty(u) if self._constraints else energy
 
     def _pulls(self, first: int, end: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Places (j,) of the soft handles in a range, stiffness (j, 1), targets (j, 3), share (j, 1)."""
+        """Places (j,) of the soft handles in a range, stiffness (j,), share of it (j,), targets (j, 3)."""
         own = slice(*np.searchsorted(self._pulled, (first, end)))
-        return self._pulled[own], self._pull[own], self._towards[own], self._share[own, None]
+        return self._pulled[own], self._pull[own], self._share[own], self._towards[own]
 
     def _fit(self, first: int, end: int) -> float:
         """Replace covariances S of a range in R by rotations, fitted or known; return ``sum tr(R S)``."""
@@ -353,8 +352,7 @@ class ArapIteration:
             right_hand_side(self.system.terms.part(own), self.R, self._B, first, end)
         else:
             self._softening.right_hand_side(own, u, self.R, self._B, first, end)
-        place, pull, towards, share = self._pulls(first, end)
-        self._B[place] += pull * (share * towards + (1.0 - share) * u[place])
+        add_pulls(*self._pulls(first, end), u, self._B)
 
 
 def _checked(mesh: Mesh, index: np.ndarray) -> np.ndarray:

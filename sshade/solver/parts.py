@@ -28,7 +28,6 @@ from scipy.sparse.csgraph import connected_components
 from sshade.handles import Handles
 from sshade.mesh.adjacency import VertexGraph, vertex_graph
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.rigid import rigid_motion
 from sshade.sampling.fronts import Fronts
 
 #: r, over the square root of the mesh's area: on a body the radius of a head with its neck.
@@ -98,32 +97,30 @@ class Parts:
     """
 
     def __init__(self, mesh: Mesh, handles: Handles, weight: float) -> None:
-        self._P, turned = mesh.V[handles.index], handles.turned
-        self._members: list[np.ndarray] = []
-        self._spreads: list[bool] = []
-        pull, owner = np.zeros(mesh.n), np.zeros(mesh.n, dtype=np.int64)
+        self._parts: list[_Part] = []
+        pull, owner = np.zeros(mesh.n), np.full(mesh.n, -1)
         if weight > 0:
             r = RADIUS * np.sqrt(mesh.area)
-            graph = vertex_graph(mesh)
+            graph, turned = vertex_graph(mesh), handles.turned
             fronts = Fronts(graph, handles.index)
-            part = _parts(graph, fronts, handles.group, LINK * r)
-            for number in range(part.max() + 1):
-                own = np.flatnonzero(part == number)
-                spreads = _spreads(self._P[own])
-                if not (turned[own].any() or spreads):
+            number = _parts(graph, fronts, handles.group, LINK * r)
+            for k in range(number.max() + 1):
+                own = np.flatnonzero(number == k)
+                part = _Part.at_rest(own, mesh.V[handles.index[own]])
+                if not (turned[own].any() or part.curvature):
                     continue
-                away = fronts.distance + np.linalg.norm(_centred(self._P[own]), axis=1).max()
-                near = np.flatnonzero((part[fronts.region] == number) & (away < REACH * r))
+                away = fronts.distance + np.linalg.norm(part.arm, axis=1).max()
+                near = np.flatnonzero((number[fronts.region] == k) & (away < REACH * r))
                 w = handles.weight[own]
                 firmness = np.where(np.isinf(w), 1.0, 1 - 1 / (1 + w)).mean()
                 pull[near] = firmness * weight / r**2 * np.exp(-((away[near] / r) ** 2))
-                owner[near] = len(self._members)
-                self._members.append(own)
-                self._spreads.append(spreads)
+                owner[near] = len(self._parts)
+                self._parts.append(part)
             pull *= np.bincount(mesh.F.ravel(), np.repeat(mesh.face_areas / 3, 3), minlength=mesh.n)
         pull[handles.index] = 0.0
         near = np.flatnonzero(pull)
-        self._V, self._owner = mesh.V[near], owner[near]
+        self._pulled = [np.flatnonzero(owner[near] == k) for k in range(len(self._parts))]
+        self._arms = [mesh.V[near[own]] - p.centre for own, p in zip(self._pulled, self._parts, strict=True)]
         self.vertex = np.concatenate([handles.index, near])
         self.stiffness = np.concatenate([handles.stiffness, pull[near]])
 
@@ -142,41 +139,56 @@ class Parts:
         share : (p,) float64
             Of the stiffness, in [0, 1].
         """
-        goal, share = np.zeros((len(self._V), 3)), np.zeros(len(self._V))
-        for number, (own, spreads) in enumerate(zip(self._members, self._spreads, strict=True)):
-            near, P, Q = self._owner == number, self._P[own], target[own]
-            given = own[:0] if rotation is None else own[np.isfinite(rotation[own]).all(axis=(1, 2))]
-            if rotation is not None and len(given):
-                R, share[near] = rotation[given[0]], 1.0
-                t = Q.mean(axis=0) - R @ P.mean(axis=0)
-            elif spreads:
-                R, t = rigid_motion(P, Q)
-                share[near] = _certainty(_centred(P), _centred(Q), R)
-            else:
-                continue
-            goal[near] = self._V[near] @ R.T + t
+        count = len(self.vertex) - len(target)
+        goal, share = np.zeros((count, 3)), np.zeros(count)
+        for part, pulled, arms in zip(self._parts, self._pulled, self._arms, strict=True):
+            R, centre, certainty = part.motion(target, rotation)
+            share[pulled] = certainty
+            goal[pulled] = arms @ R.T + centre
         return np.concatenate([target, goal]), np.concatenate([np.ones(len(target)), share])
 
 
-def _centred(P: np.ndarray) -> np.ndarray:
-    return P - P.mean(axis=0)
+class _Part(NamedTuple):
+    """Handles `own` (j,) of one part: `arm` (j, 3) from their centre at rest, and what tells a rotation.
 
-
-def _spreads(P: np.ndarray) -> bool:
-    """Whether points (k, 3) do not leave a rotation open."""
-    spread = np.linalg.svd(_centred(P), compute_uv=False)
-    return len(P) > 2 and bool(spread[1] > SPREAD * spread[0])
-
-
-def _certainty(P: np.ndarray, Q: np.ndarray, R: np.ndarray) -> float:
-    """How well centred points P (k, 3) that go to Q tell the best rotation R: from 1 down to 0.
-
-    Two things speak against it, both 1 - c where Q is c times a rotated P: how far Q is from R P, and how
-    much less than at rest the sum of squares grows with a turn away from R, about its softest axis.
+    That is how the sum of squares grows with a turn about the softest axis; 0 if they leave it open.
     """
-    misfit = np.linalg.norm(P @ R.T - Q) / np.linalg.norm(P)
-    now, rest = (np.linalg.eigvalsh(S + S.T)[:2].sum() for S in (P.T @ Q @ R, P.T @ P))
-    return float(np.clip((LOOSE - max(misfit, 1 - now / rest)) / (LOOSE - RIGID), 0.0, 1.0))
+
+    own: np.ndarray
+    centre: np.ndarray
+    arm: np.ndarray
+    curvature: float
+
+    @classmethod
+    def at_rest(cls, own: np.ndarray, P: np.ndarray) -> _Part:
+        centre = P.mean(axis=0)
+        spread = np.linalg.svd(P - centre, compute_uv=False)
+        told = len(own) > 2 and spread[1] > SPREAD * spread[0]
+        return cls(own, centre, P - centre, float((spread[1:] ** 2).sum()) if told else 0.0)
+
+    def motion(self, target: np.ndarray, rotation: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, float]:
+        """R, where the centre goes, and how well the targets of all handles tell R: from 1 down to 0.
+
+        Two things speak against the best rotation (Kabsch's), both 1 - c where targets are c times a turned
+        part: how far they are from it, and how much less than at rest the sum of squares grows
+        with a turn away from R. A prescribed one is certain.
+        """
+        Q = target[self.own]
+        centre = Q.mean(axis=0)
+        if rotation is not None:
+            given = rotation[self.own]
+            given = given[np.isfinite(given).all(axis=(1, 2))]
+            if len(given):
+                return given[0], centre, 1.0
+        if self.curvature == 0.0:
+            return np.eye(3), centre, 0.0
+        Q = Q - centre
+        U, s, Vt = np.linalg.svd(Q.T @ self.arm)
+        sign = 1.0 if np.linalg.det(U @ Vt) > 0 else -1.0
+        R = (U * [1.0, 1.0, sign]) @ Vt
+        misfit = np.linalg.norm(self.arm @ R.T - Q) / np.linalg.norm(self.arm)
+        off = max(misfit, 1.0 - (s[1] + sign * s[2]) / self.curvature)
+        return R, centre, float(np.clip((LOOSE - off) / (LOOSE - RIGID), 0.0, 1.0))
 
 
 def _parts(graph: VertexGraph, fronts: Fronts, group: np.ndarray, link: float) -> np.ndarray:

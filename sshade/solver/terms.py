@@ -151,3 +151,23 @@ def _edge_right_hand_side(corners, Y, R, B, first, end):
                 B[i, r] += at_i
             if first <= j < end:
                 B[j, r] -= at_i
+
+
+@njit(cache=True, nogil=True)
+def pulling_energy(place, pull, share, towards, P):
+    """Return ``sum share_i pull_i |P_i - towards_i|^2`` over the vertices at `place` (j,)."""
+    total = 0.0
+    for j in range(len(place)):
+        i = place[j]
+        x, y, z = P[i, 0] - towards[j, 0], P[i, 1] - towards[j, 1], P[i, 2] - towards[j, 2]
+        total += share[j] * pull[j] * (x * x + y * y + z * z)
+    return total
+
+
+@njit(cache=True, nogil=True)
+def add_pulls(place, pull, share, towards, P, B):
+    """Add to B (n, 3) ``pull_i (share_i towards_i + (1 - share_i) P_i)`` of the vertices at `place` (j,)."""
+    for j in range(len(place)):
+        i, w = place[j], share[j]
+        for c in range(3):
+            B[i, c] += pull[j] * (w * towards[j, c] + (1.0 - w) * P[i, c])
