@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from sshade import DeformationTask, Deformer, Handles, Mesh, sshade
-from tests.shapes import bumpy
+from sshade import DeformationTask, Deformer, Handles, InputError, Mesh, sshade, sshade_fast
+from tests.shapes import bumpy, tube
 
 
 @pytest.fixture(scope="module")
@@ -56,3 +56,90 @@ def test_a_cutoff_is_resumed_by_the_next_call(mesh, held):
 def test_targets_at_rest_give_the_rest_shape(mesh, held):
     result = Deformer(mesh, held, method="paper", vertices=150)(mesh.V[held])
     assert np.abs(result.vertices - mesh.V).max() < 1e-10 * mesh.diagonal
+
+
+def bound_and_task(name: str):
+    """Handles of a shape, at rest and at their targets: single patches, soft ones, whole regions."""
+    mesh = {"bumpy": bumpy(4), "soft": bumpy(4), "regions": bumpy(4), "bar": tube(30, 80, length=7.0)}[name]
+    order = np.argsort(mesh.V[:, 2])
+    count = {"bumpy": 12, "soft": 12, "regions": mesh.n // 4, "bar": 20}[name]
+    index = np.concatenate([order[:count], order[-count:]])
+    group = np.repeat([0, 1], count)
+    centre = mesh.V[order[-count:]].mean(axis=0)
+    c, s = np.cos(0.5), np.sin(0.5)
+    turn = np.array([[1.0, 0, 0], [0, c, -s], [0, s, c]])
+    moved = centre + (mesh.V[index] - centre) @ turn.T + [0.2, 0.1, 0.1]
+    target = np.where((group == 1)[:, None], moved, mesh.V[index])
+    weight = np.where(group == 1, 5.0, np.inf) if name == "soft" else np.inf
+    task = DeformationTask("t", mesh, Handles(index, target, group=group, weight=weight))
+    return Deformer(mesh, index, group=group, weight=weight, vertices=300), task
+
+
+@pytest.mark.parametrize("name", ["bumpy", "bar", "soft", "regions"])
+def test_a_drag_comes_to_rest_where_the_method_does_and_leads_back(name):
+    drag, task = bound_and_task(name)
+    mesh, handles = task.mesh, task.handles
+    rest = mesh.V[handles.index]
+    first, once = drag(handles.target).vertices, sshade_fast(task, vertices=300).vertices
+    # Only where the proxy has to make up for the volume inside of regions, the ways are not the same.
+    assert np.abs(first - once).max() <= (1e-5 * mesh.diagonal if name == "regions" else 0.0)
+    drag.reset()
+    before, out = drag(rest).vertices, np.empty_like(mesh.V)
+    for step in np.linspace(0, 1, 13)[1:]:
+        result = drag(rest + step * (handles.target - rest), tolerance=1e-4, out=out)
+        assert result.vertices is out
+    for _ in range(3):
+        there = drag(handles.target, tolerance=1e-8)
+    assert there.converged
+    once = sshade_fast(task, vertices=300, tolerance=1e-8)
+    assert np.linalg.norm(there.vertices - once.vertices, axis=1).max() < 1e-3 * mesh.diagonal
+    if name != "soft":
+        assert np.abs(there.vertices[handles.index] - handles.target).max() < 1e-12
+    for step in np.linspace(1, 0, 13)[1:]:
+        drag(rest + step * (handles.target - rest), tolerance=1e-4)
+    back = drag(rest, tolerance=1e-8).vertices
+    assert np.linalg.norm(back - before, axis=1).max() < 1e-3 * mesh.diagonal
+    assert np.abs(there.vertices - before).max() > 0.02 * mesh.diagonal
+
+
+def test_rotations_may_come_and_go_in_a_drag():
+    """A single turned handle is a part of its own: the system with its pull is made when it is turned."""
+    mesh = tube(30, 80, length=7.0)
+    z = mesh.V[:, 2]
+    index = np.array([*np.argsort(z)[:20], np.argmin(np.abs(z - z.max()) + np.abs(mesh.V[:, 0]))])
+    open_ = np.full((21, 3, 3), np.nan)
+    turned = open_.copy()
+    turned[-1] = [[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]]
+    group = np.repeat([0, 1], [20, 1])
+    drag = Deformer(mesh, index, group=group, vertices=400)
+    rest = mesh.V[index]
+    still = drag(rest, tolerance=1e-7).vertices
+    for _ in range(2):
+        there = drag(rest, rotations=turned, tolerance=1e-7).vertices
+    task = DeformationTask("turned", mesh, Handles(index, rest, group=group, rotation=turned))
+    once = sshade_fast(task, vertices=400, tolerance=1e-7).vertices
+    assert np.linalg.norm(there - once, axis=1).max() < 1e-3 * mesh.diagonal
+    for _ in range(2):
+        back = drag(rest, tolerance=1e-7).vertices
+    assert np.abs(there - still).max() > 0.02 * mesh.diagonal
+    assert np.linalg.norm(back - still, axis=1).max() < 1e-3 * mesh.diagonal
+
+
+def test_threads_that_carry_change_no_bit(mesh, held, monkeypatch):
+    shapes = []
+    for shared, cpus in ((0, 3), (10**9, 1)):
+        monkeypatch.setattr("sshade.pipeline.deformer.SHARED", shared)
+        monkeypatch.setattr("sshade.pipeline.deformer.available_cpus", lambda cpus=cpus: cpus)
+        monkeypatch.setattr("sshade.solver.multigrid.CHUNK", 100)
+        drag = Deformer(mesh, held, vertices=150)
+        shapes.append([drag(lifted(mesh, held, height)).vertices for height in (0.1, 0.2)])
+    np.testing.assert_array_equal(*shapes)
+
+
+def test_an_array_that_cannot_take_the_vertices_is_refused(mesh, held):
+    drag = Deformer(mesh, held, vertices=150)
+    for out in (np.empty((3, 3)), np.empty(mesh.V.shape, dtype=np.float32), np.empty((3, mesh.n)).T):
+        with pytest.raises(InputError, match="`out` must be"):
+            drag(mesh.V[held], out=out)
+    with pytest.raises(InputError, match="by the method 'fast' or 'paper'"):
+        Deformer(mesh, held, method="fine")

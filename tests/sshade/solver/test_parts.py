@@ -11,7 +11,7 @@ from sshade import DeformationTask, Handles, InputError, Mesh
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.rigid import rigid_motion
 from sshade.solver.local_global import local_global
-from sshade.solver.parts import LINK, RADIUS, REACH, pulled_by_parts
+from sshade.solver.parts import LINK, RADIUS, REACH, Parts, pulled_by_parts
 from tests.shapes import rotation, subdivided, tube
 
 BAR = tube(24, 90, length=9.0)
@@ -146,3 +146,35 @@ def test_what_is_near_a_turned_patch_turns_with_it():
 def test_a_weight_that_is_none_is_refused(parts):
     with pytest.raises(InputError, match="weight of parts"):
         local_global(DeformationTask("patch", BAR, two_patches(BAR)), parts=parts)
+
+
+@pytest.mark.parametrize("way", ["straight to a turn of 150 degrees", "flattened"])
+def test_a_pull_fades_on_the_way_and_never_jumps(way):
+    handles = two_patches(BAR, turn=np.eye(3), count=9)
+    parts, high = Parts(BAR, handles, 0.1), handles.group == 1
+    rest = BAR.V[handles.index[high]]
+    centre = rest.mean(axis=0)
+    if way == "flattened":  # into a line and out of it again, mirrored
+        u, _, vt = np.linalg.svd(rest - centre, full_matrices=False)
+        turned = centre + (rest - centre) @ (np.eye(3) - 2 * np.outer(vt[1], vt[1]))
+    else:
+        turned = centre + (rest - centre) @ Rotation.from_rotvec([0, 0, np.radians(150)]).as_matrix().T
+    shares, pulls = [], []
+    for step in np.linspace(0, 1, 401):
+        target = handles.target.copy()
+        target[high] = rest + step * (turned - rest)
+        goal, share = parts.goals(target)
+        own = share[len(handles) :], (goal - BAR.V[parts.vertex])[len(handles) :]
+        shares.append(own[0].min())
+        pulls.append(own[0][:, None] * own[1])
+    assert max(shares) == pytest.approx(1.0) and min(shares) == 0.0
+    jumps = [np.abs(b - a).max() for a, b in zip(pulls, pulls[1:], strict=False)]
+    assert max(jumps) < 0.1 * np.abs(pulls).max()
+    assert np.abs(np.diff(shares)).max() < 0.05
+
+
+def test_goals_of_moved_targets_are_those_of_a_task():
+    still, moved = two_patches(BAR, turn=np.eye(3)), two_patches(BAR)
+    goal, share = Parts(BAR, still, 0.1).goals(moved.target)
+    pulled = pulled_by_parts(BAR, moved, 0.1)
+    assert (share == 1.0).all() and np.allclose(goal, pulled.target, atol=1e-12)

@@ -1,0 +1,106 @@
+"""Solves that follow moving targets: the same minimum as anew, nothing from a wrong past."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sshade import Handles, InputError
+from sshade.solver.following import Following
+from sshade.solver.local_global import LocalGlobal
+from sshade.solver.parts import Parts
+from tests.shapes import tube
+from tests.sshade.solver.test_parts import patch
+
+BAR = tube(24, 60, length=6.0)
+ENERGY = {"volume": np.inf, "area": np.inf, "stiffness": 0.1, "strain": 0.02}
+
+
+def handles_at(angle: float) -> Handles:
+    """Both ends of the bar, one of them turned and moved."""
+    low, high = patch(BAR, [0, 1, BAR.V[:, 2].min()], 9), patch(BAR, [0, 1, BAR.V[:, 2].max()], 9)
+    c, s = np.cos(angle), np.sin(angle)
+    turn = np.array([[1.0, 0, 0], [0, c, -s], [0, s, c]])
+    target = np.concatenate([BAR.V[low], BAR.V[high] @ turn.T + [0.1 * angle, 0, 0]])
+    return Handles(np.concatenate([low, high]), target, group=np.repeat([0, 1], 9))
+
+
+@pytest.fixture(scope="module")
+def parts() -> Parts:
+    return Parts(BAR, handles_at(0.0), 0.1)
+
+
+@pytest.fixture(scope="module")
+def solver(parts) -> LocalGlobal:
+    return LocalGlobal(BAR, parts.vertex, stiffness=parts.stiffness)
+
+
+def at(parts: Parts, angle: float) -> dict:
+    target, share = parts.goals(handles_at(angle).target)
+    return {"targets": target, "share": share}
+
+
+def begun(solver: LocalGlobal, parts: Parts) -> Following:
+    still = np.broadcast_to(np.eye(3), (BAR.n, 3, 3))
+    return Following(solver, BAR.V, still, **at(parts, 0.0), **ENERGY)
+
+
+def test_steps_end_in_the_minimum_that_a_solve_from_there_finds(solver, parts):
+    following = begun(solver, parts)
+    for angle in np.linspace(0.02, 0.4, 20):
+        last = following.solve(**at(parts, angle), tolerance=1e-4)
+    end = following.solve(**at(parts, 0.4), tolerance=1e-9)
+    anew = solver.solve(**at(parts, 0.4), start=last.positions, tolerance=1e-9, **ENERGY)
+    assert end.converged and anew.converged and end.energy == pytest.approx(anew.energy, rel=1e-6)
+    assert np.abs(end.positions - anew.positions).max() < 1e-5 * BAR.diagonal
+    assert end.area_error < 1e-6 and end.area_constraint == "exact"
+    assert np.array_equal(end.positions[parts.vertex[:18]], handles_at(0.4).target)
+
+
+def test_steps_along_a_way_take_fewer_iterations_than_solves_from_the_last_shape(solver, parts):
+    following, ours, theirs = begun(solver, parts), [], []
+    last = solver.solve(**at(parts, 0.0), **ENERGY)
+    for angle in np.linspace(0.02, 0.4, 20):
+        ours.append(following.solve(**at(parts, angle), tolerance=1e-4).iterations)
+        last = solver.solve(
+            **at(parts, angle), start=last.positions, rotations=last.rotations, tolerance=1e-4, **ENERGY
+        )
+        theirs.append(last.iterations)
+    assert sum(ours) < 0.6 * sum(theirs)
+
+
+def test_targets_that_stop_are_not_overshot_and_those_that_turn_back_lead_back(solver, parts):
+    following = begun(solver, parts)
+    for angle in (0.1, 0.2):
+        following.solve(**at(parts, angle), tolerance=1e-7)
+    stopped = following.solve(**at(parts, 0.2), tolerance=1e-7)
+    assert stopped.iterations <= 3  # of those of which the last needed more
+    for angle in (0.1, 0.0):
+        back = following.solve(**at(parts, angle), tolerance=1e-8)
+    assert np.abs(back.positions - BAR.V).max() < 1e-5 * BAR.diagonal
+
+
+def test_a_share_of_a_pull_is_a_weaker_pull_in_the_same_system(solver, parts):
+    """The minimum is that of a system with the weaker pull itself."""
+    target, share = parts.goals(handles_at(0.5).target)
+    share = np.where(np.isinf(parts.stiffness), 1.0, 0.3)
+    with_share = solver.solve(target, share=share, tolerance=1e-10, max_iterations=3000)
+    weaker = LocalGlobal(BAR, parts.vertex, stiffness=parts.stiffness * share)
+    expected = weaker.solve(target, tolerance=1e-10, max_iterations=3000)
+    full = solver.solve(target, tolerance=1e-10, max_iterations=3000)
+    assert with_share.energy == pytest.approx(expected.energy, rel=1e-9)
+    assert np.abs(with_share.positions - expected.positions).max() < 1e-6 * BAR.diagonal
+    assert np.abs(with_share.positions - full.positions).max() > 1e-4 * BAR.diagonal
+
+
+def test_without_a_factorisation_nothing_follows(parts):
+    solver = LocalGlobal(BAR, parts.vertex, stiffness=parts.stiffness, multigrid=True)
+    with pytest.raises(InputError, match="needs a factorisation"):
+        begun(solver, parts)
+
+
+def test_no_iterations_leave_the_shape(solver, parts):
+    following = begun(solver, parts)
+    before = following.solve(**at(parts, 0.2), tolerance=1e-6)
+    after = following.solve(**at(parts, 0.2), max_iterations=0)
+    assert after.iterations == 0 and np.array_equal(after.positions, before.positions)
