@@ -34,8 +34,8 @@ class _Proxy:
     """A proxy that M is bound to, its solver, and where that is."""
 
     binding: Binding
-    #: Of the handles given, those that are vertices of the proxy, and these.
-    own: np.ndarray
+    #: Of the handles given, those that are vertices of the proxy, and these; None where they are snapped.
+    own: np.ndarray | None
     on: np.ndarray
     parts: Parts
     solver: LocalGlobal
@@ -100,14 +100,9 @@ class Deformer:
         progress: Progress = silent,
         **options: Unpack[FastOptions],
     ) -> None:
-        self.mesh, self.index = mesh, np.array(index, dtype=np.int64)
-        mesh.require_handles(self.index)
-        if len(np.unique(self.index)) < len(self.index):
-            raise InputError("a handle vertex is given twice")
-        group = np.zeros(len(self.index), dtype=np.int64) if group is None else group
-        handles = Handles(self.index, mesh.V[self.index], group=group, weight=np.asarray(weight))
-        task = DeformationTask("drag", mesh, handles)
-        self._rest = task.handles
+        self.mesh = mesh
+        self._take_handles(index, group, weight)
+        task = DeformationTask("drag", mesh, self._rest)
         if method not in ("fast", "paper"):
             raise InputError(f"a mesh is bound by the method 'fast' or 'paper', not {method!r}")
         self._fast = method == "fast"
@@ -140,16 +135,60 @@ class Deformer:
         return parts, LocalGlobal(proxy, parts.vertex, stiffness=parts.stiffness)
 
     def _make_solver(self, proxy: _Proxy, handles: Handles) -> None:
-        """Take handles of which others have rotations: these make parts of them. The shape stays."""
+        """Take other handles of a proxy, or others that have rotations, which makes parts of them."""
         proxy.parts, proxy.solver = self._system(proxy.binding.proxy, handles)
-        proxy.turned = handles.turned
-        if proxy.last is not None:
-            targets, share = proxy.parts.goals(handles.target, handles.rotation)
-            positions, rotations = proxy.last
-            energy = energy_options(self._choices.solver)
-            proxy.following = Following(
-                proxy.solver, positions, rotations, targets, known=handles.known, share=share, **energy
-            )
+        proxy.turned, proxy.following = handles.turned, None
+
+    def _take_handles(self, index: np.ndarray, group: np.ndarray | None, weight: np.ndarray | float) -> None:
+        self.index = np.array(index, dtype=np.int64)
+        self.mesh.require_handles(self.index)
+        if len(np.unique(self.index)) < len(self.index):
+            raise InputError("a handle vertex is given twice")
+        group = np.zeros(len(self.index), dtype=np.int64) if group is None else group
+        handles = Handles(self.index, self.mesh.V[self.index], group=group, weight=np.asarray(weight))
+        self._rest = DeformationTask("drag", self.mesh, handles).handles
+
+    def rebind_handles(
+        self, index: np.ndarray, *, group: np.ndarray | None = None, weight: np.ndarray | float = inf
+    ) -> None:
+        """Take other handles, without sampling and projecting anew; the shape stays where it is.
+
+        The vertices of the proxies that are nearest to them are held in their stead, at targets that are
+        corrected for the offset, as of :meth:`sshade.Handles.from_positions`. So handles that were not bound
+        from the beginning are met as nearly as the surface around them moves rigidly, not exactly, but for
+        regions. Those close to each other become one. The time is that of a factorisation of the proxy.
+
+        Parameters
+        ----------
+        index, group, weight
+            As for the class.
+
+        Raises
+        ------
+        InputError
+            On a vertex as for the class, or, then or in a call, where handles are too far from the samples,
+            or those of two groups are nearest to the same one and have different targets.
+        """
+        self._take_handles(index, group, weight)
+        self._regions = HandleRegions(
+            self.mesh, self._rest, vertices=self._proxies.vertices, graph=self._proxies.graph
+        )
+        for proxy in self._bound_proxies:
+            proxy.own = None
+            self._make_solver(proxy, self._on_proxy(proxy, self._rest))
+
+    def _on_proxy(self, proxy: _Proxy, handles: Handles) -> Handles:
+        """Handles of M as those of a proxy."""
+        if proxy.own is not None:
+            return self._sampled(handles, proxy.own, proxy.on)
+        return Handles.from_positions(
+            proxy.binding.proxy,
+            self.mesh.V[handles.index],
+            handles.target,
+            group=handles.group,
+            weight=handles.weight,
+            rotation=handles.rotation,
+        ).shared(proxy.binding.proxy)
 
     def _sampled(self, handles: Handles, own: np.ndarray, on: np.ndarray) -> Handles:
         return handles.sampled(own, on, self.mesh.V)
@@ -270,7 +309,7 @@ class Deformer:
         self, proxy: _Proxy, handles: Handles, *, tolerance: float, max_iterations: int
     ) -> DeformationResult:
         """N', from where the last call ended, or for the first one as the method does."""
-        on_proxy = self._sampled(handles, proxy.own, proxy.on)
+        on_proxy = self._on_proxy(proxy, handles)
         if handles.known and not on_proxy.known:
             raise InputError("no handle with a rotation is a vertex of the proxy; ask for more vertices")
         if (on_proxy.turned & ~proxy.turned).any():
@@ -279,6 +318,9 @@ class Deformer:
         energy = energy_options(self._choices.solver)
         pulls: dict[str, Any] = {"known": on_proxy.known, "share": share, "volume_goal": proxy.volume_goal}
         stop: dict[str, Any] = {"tolerance": tolerance, "max_iterations": max_iterations}
+        if proxy.following is None and proxy.last is not None:
+            at = proxy.last[0][proxy.solver.index]
+            proxy.following = Following(proxy.solver, *proxy.last, at, **energy)
         if proxy.following is not None:
             return _result(proxy.following.solve(targets, **pulls, **stop))
 

@@ -143,3 +143,26 @@ def test_an_array_that_cannot_take_the_vertices_is_refused(mesh, held):
             drag(mesh.V[held], out=out)
     with pytest.raises(InputError, match="by the method 'fast' or 'paper'"):
         Deformer(mesh, held, method="fine")
+
+
+@pytest.mark.parametrize("weight", [np.inf, 20.0])
+def test_other_handles_are_taken_without_binding_anew(weight):
+    mesh = tube(40, 120, length=7.0)
+    z = mesh.V[:, 2]
+    order, middle = np.argsort(z), np.argsort(np.abs(z - z.mean()))[:20]
+    ends, others = np.concatenate([order[:20], order[-20:]]), np.concatenate([order[:20], middle])
+    group = np.repeat([0, 1], 20)
+    drag = Deformer(mesh, ends, group=group, vertices=600)
+    drag(mesh.V[ends] + np.where(group == 1, 0.4, 0.0)[:, None] * [1, 0, 0])
+    drag.rebind_handles(others, group=group, weight=weight)
+    target = mesh.V[others] + np.where(group == 1, 0.5, 0.0)[:, None] * [1, 0, 0]
+    for _ in range(2):
+        moved = drag(target, tolerance=1e-7).vertices
+    anew = Deformer(mesh, others, group=group, weight=weight, vertices=600)(target, tolerance=1e-7).vertices
+    assert np.linalg.norm(moved - anew, axis=1).max() < 0.03 * mesh.diagonal
+    off = np.linalg.norm(moved[others] - target, axis=1).max()
+    assert off < (0.01 if weight == np.inf else 0.05) * mesh.diagonal
+    drag.rebind_handles(ends, group=group)
+    for _ in range(2):
+        still = drag(mesh.V[ends], tolerance=1e-7).vertices
+    assert np.abs(still - mesh.V).max() < 1e-4 * mesh.diagonal
