@@ -9,16 +9,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
 from scipy.sparse import csr_array
 
+from sshade.threads import available_cpus, in_threads
+
 if TYPE_CHECKING:
     from sshade.mesh.mesh import Mesh
 
 
+#: Vertices that a thread works on at a time.
+CHUNK = 65_536
 #: Length of an edge without any, over the mean: short, and above the rounding of any sum of lengths.
 SHORTEST = 1e-9
 
@@ -106,9 +111,8 @@ class VertexGraph:
     @cached_property
     def on_boundary(self) -> np.ndarray:
         """(n,) bool: which vertices have an edge on the boundary."""
-        owner = np.repeat(np.arange(self.n), np.diff(self.indptr))
         found = np.zeros(self.n, dtype=bool)
-        found[owner[self.boundary]] = True
+        found[np.searchsorted(self.indptr, np.flatnonzero(self.boundary), side="right") - 1] = True
         return found
 
     @property
@@ -129,26 +133,22 @@ def vertex_graph(mesh: Mesh) -> VertexGraph:
         Unless the mesh is manifold and consistently oriented.
     """
     mesh.require_manifold()
-    graph = VertexGraph(*_vertex_graph(mesh.V, mesh.F))
-    none = graph.lengths == 0.0
-    if none.any():
-        graph.lengths[none] = SHORTEST * graph.lengths.mean()
-    return graph
+    return edge_graph(mesh)
 
 
 def edge_graph(mesh: Mesh) -> VertexGraph:
     """The same graph of any mesh, manifold and oriented or not."""
-    if mesh.is_manifold and mesh.is_oriented:
-        return vertex_graph(mesh)
-    edges = sides_by_edge(mesh.F, mesh.n)
-    low, high = edges.ends.T
-    length = np.linalg.norm(mesh.V[low] - mesh.V[high], axis=1)
-    length[length == 0.0] = SHORTEST * length.mean()
-    row, column = np.concatenate([low, high]), np.concatenate([high, low])
-    order = np.lexsort([column, row])
-    indptr = np.append(0, np.cumsum(np.bincount(row, minlength=mesh.n))).astype(np.int32)
-    boundary = np.tile(edges.faces == 1, 2)[order]
-    return VertexGraph(indptr, column[order], np.tile(length, 2)[order], boundary)
+    near = mesh.connectivity.neighbours
+    lengths = np.empty(len(near.indices))
+    chunks = list(pairwise([*range(0, mesh.n, CHUNK), mesh.n]))
+    in_threads(
+        lambda c: _lengths(*chunks[c], mesh.V, near.indptr, near.indices, lengths),
+        len(chunks),
+        workers=available_cpus(),
+    )
+    if not lengths.all():
+        lengths[lengths == 0.0] = SHORTEST * lengths.mean()
+    return VertexGraph(near.indptr, near.indices, lengths, near.boundary)
 
 
 @njit(cache=True, nogil=True)
@@ -224,49 +224,9 @@ def faces_around_vertices(F, n):
 
 
 @njit(cache=True, nogil=True)
-def _transposed(start, column):
-    """Columns of the transposed matrix's rows, ascending, where its rows have the same lengths."""
-    fill = start[:-1].copy()
-    row = np.empty(column.shape[0], dtype=np.int32)
-    for i in range(start.shape[0] - 1):
-        for p in range(start[i], start[i + 1]):
-            row[fill[column[p]]] = i
-            fill[column[p]] += 1
-    return row
-
-
-@njit(cache=True, nogil=True)
-def _vertex_graph(V, F):
-    """The graph of an oriented manifold: row i joins the next corners at i with the previous ones.
-
-    Each face at i has one of each, so that the two lists are as long; an edge on the boundary is
-    in one of them only, and there is one such at most in each.
-    """
-    n, m = V.shape[0], F.shape[0]
-    start = _starts(F.ravel(), n)
-    fill, following = start[:-1].copy(), np.empty(3 * m, dtype=np.int32)
-    for f in range(m):
-        for c in range(3):
-            i = F[f, c]
-            following[fill[i]] = F[f, (c + 1) % 3]
-            fill[i] += 1
-    preceding = _transposed(start, following)
-    following = _transposed(start, preceding)
-    indptr, indices = np.zeros(n + 1, dtype=np.int32), np.empty(3 * m + n, dtype=np.int32)
-    lengths, boundary = np.empty(3 * m + n, dtype=np.float64), np.empty(3 * m + n, dtype=np.bool_)
-    size = 0
-    for i in range(n):
-        p = q = start[i]
-        end = start[i + 1]
-        while p < end or q < end:
-            a = following[p] if p < end else n
-            b = preceding[q] if q < end else n
-            j = min(a, b)
-            p += a == j
-            q += b == j
+def _lengths(first, end, V, indptr, indices, lengths):
+    for i in range(first, end):
+        for p in range(indptr[i], indptr[i + 1]):
+            j = indices[p]
             dx, dy, dz = V[i, 0] - V[j, 0], V[i, 1] - V[j, 1], V[i, 2] - V[j, 2]
-            indices[size], boundary[size] = j, a != b
-            lengths[size] = np.sqrt(dx * dx + dy * dy + dz * dz)
-            size += 1
-        indptr[i + 1] = size
-    return indptr, indices[:size], lengths[:size], boundary[:size]
+            lengths[p] = np.sqrt(dx * dx + dy * dy + dz * dz)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from sshade.mesh.adjacency import sides_by_edge
+from sshade.mesh.neighbours import Neighbours, neighbours
 
 
 class Connectivity(NamedTuple):
@@ -27,6 +27,8 @@ class Connectivity(NamedTuple):
         No two faces run through an edge in the same direction.
     split_vertex : int
         The first vertex whose faces form more than one fan; -1 if none.
+    neighbours : Neighbours
+        Of each vertex.
     """
 
     edges: int
@@ -37,6 +39,7 @@ class Connectivity(NamedTuple):
     crowded_edge: np.ndarray
     oriented: bool
     split_vertex: int
+    neighbours: Neighbours
 
 
 def connectivity(F: np.ndarray, n: int) -> Connectivity:
@@ -49,8 +52,10 @@ def connectivity(F: np.ndarray, n: int) -> Connectivity:
     n : int
         Number of vertices.
     """
-    facts = (*_connectivity(F, n, *sides_by_edge(F, n)), _split_vertex(F, n))
-    return Connectivity(*facts)
+    near, fans = neighbours(F, n)
+    component, components = _components(near.indptr, near.indices)
+    rim, loops = _boundary(near.indptr, near.indices, near.boundary)
+    return Connectivity(len(near.indices) // 2, rim, component, components, loops, *fans, near)
 
 
 @njit(cache=True, nogil=True)
@@ -69,70 +74,43 @@ def _unite(parent, i, j):
 
 
 @njit(cache=True, nogil=True)
-def _connectivity(F, n, ends, start, side):
-    """As of :class:`Connectivity`, but for the fans."""
-    corner = F.ravel()
-    component, loop = np.arange(n).astype(np.int32), np.arange(n).astype(np.int32)
-    on_boundary = np.zeros(n, dtype=np.bool_)
-    boundary_edges, crowded, oriented = 0, np.full(3, -1, dtype=np.int64), True
-    for e in range(ends.shape[0]):
-        i, j, faces = ends[e, 0], ends[e, 1], start[e + 1] - start[e]
-        _unite(component, i, j)
-        if faces == 1:
-            boundary_edges += 1
-            on_boundary[i] = on_boundary[j] = True
-            _unite(loop, i, j)
-        elif faces > max(2, crowded[2]):
-            crowded[0], crowded[1], crowded[2] = i, j, faces
-        forward = 0
-        for p in range(start[e], start[e + 1]):
-            forward += corner[side[p]] == i
-        oriented = oriented and forward < 2 and faces - forward < 2
-    number, components, loops = np.empty(n, dtype=np.int32), 0, 0
+def _components(indptr, indices):
+    """The component of each vertex, numbered by first vertex, and their number."""
+    n = indptr.shape[0] - 1
+    parent = np.arange(n).astype(np.int32)
     for i in range(n):
-        root = _root(component, i)
-        if root == i:
+        own = i
+        for p in range(indptr[i], indptr[i + 1]):
+            j = indices[p]
+            if j > i:
+                break
+            if parent[j] == own:
+                continue  # as of most: no need to look for the root
+            root = _root(parent, j)
+            parent[max(own, root)] = min(own, root)
+            own = min(own, root)
+    number, components = np.empty(n, dtype=np.int32), 0
+    for i in range(n):
+        if parent[i] == i:
             number[i] = components
             components += 1
         else:
-            number[i] = number[root]  # a root is the first of its set
-        loops += on_boundary[i] and loop[i] == i
-    return ends.shape[0], boundary_edges, number, components, loops, crowded, oriented
+            number[i] = number[parent[i]]  # which comes before, and has its number
+    return number, components
 
 
 @njit(cache=True, nogil=True)
-def _split_vertex(F, n):
-    """The first vertex whose neighbours are not all linked to each other by its faces; or -1."""
-    m = F.shape[0]
-    start = np.zeros(n + 1, dtype=np.int64)
-    for f in range(m):
-        for c in range(3):
-            start[F[f, c] + 1] += 2
-    widest = start.max()
+def _boundary(indptr, indices, boundary):
+    """The number of edges on the boundary, and of connected sets of them."""
+    n = indptr.shape[0] - 1
+    loop, rim, loops = np.arange(n).astype(np.int32), 0, 0
+    on_boundary = np.zeros(n, dtype=np.bool_)
     for i in range(n):
-        start[i + 1] += start[i]
-    fill, around = start[:-1].copy(), np.empty(6 * m, dtype=np.int32)  # two neighbours from each face
-    for f in range(m):
-        for c in range(3):
-            p = fill[F[f, c]]
-            around[p], around[p + 1] = F[f, (c + 1) % 3], F[f, (c + 2) % 3]
-            fill[F[f, c]] += 2
-    place, link = np.full(n, -1, dtype=np.int32), np.empty(widest, dtype=np.int32)
+        for p in range(indptr[i], indptr[i + 1]):
+            if boundary[p] and indices[p] > i:
+                rim += 1
+                on_boundary[i] = on_boundary[indices[p]] = True
+                _unite(loop, i, indices[p])
     for i in range(n):
-        begin, count, fans = start[i], start[i + 1] - start[i], 0
-        for p in range(count):
-            j = around[begin + p]
-            if place[j] == -1:
-                place[j] = p
-                fans += 1
-            link[p] = place[j]
-        for p in range(0, count, 2):
-            a, b = _root(link, p), _root(link, p + 1)
-            if a != b:
-                link[max(a, b)] = min(a, b)
-                fans -= 1
-        for p in range(count):
-            place[around[begin + p]] = -1
-        if fans > 1:
-            return i
-    return -1
+        loops += on_boundary[i] and loop[i] == i
+    return rim, loops

@@ -87,7 +87,8 @@ class Fronts:
             raise InputError("all vertices of the mesh coincide")
         self._samples = [first]
         self._state = _State(
-            *(ids.astype(np.int32, copy=False).view(np.uint32) for ids in (graph.indptr, graph.indices)),
+            indptr=_unsigned(graph.indptr),
+            indices=_unsigned(graph.indices),
             lengths=graph.lengths,
             width=_BAND_EDGES * float(graph.lengths.mean()),
             distance=np.full(graph.n, np.inf),
@@ -136,6 +137,10 @@ class Fronts:
         """
         among = np.arange(self.graph.n) if among is None else among
         self._samples.append(_insert_farthest(self._state, count, len(self), among))
+
+
+def _unsigned(ids: np.ndarray) -> np.ndarray:
+    return ids.astype(np.int32, copy=False).view(np.uint32)
 
 
 def thinned(graph: VertexGraph, vertices: np.ndarray, count: int) -> np.ndarray:
