@@ -11,6 +11,9 @@ from sshade.errors import InputError
 
 Result = TypeVar("Result")
 
+#: Rows of arrays that a thread works on at a time.
+CHUNK = 65_536
+
 
 def available_cpus() -> int:
     """Number of CPUs that this process may use: fewer than the machine's under Slurm or taskset."""
@@ -47,6 +50,15 @@ def in_threads(chunk: Callable[[int], Result], count: int, *, workers: int | Non
     workers = number_of_workers(workers, default=2 * available_cpus())
     with ThreadTeam(max(1, min(workers, count))) as team:
         return team(chunk, count)
+
+
+def in_ranges(work: Callable[[int, int], Result], n: int) -> list[Result]:
+    """``[work(first, end), ...]`` for ranges that cover n rows in order, in a thread for each CPU.
+
+    The ranges do not depend on the number of threads; few rows are one range, of the calling thread.
+    """
+    bounds = [*range(0, n, CHUNK), n]
+    return in_threads(lambda i: work(bounds[i], bounds[i + 1]), len(bounds) - 1, workers=available_cpus())
 
 
 class ThreadTeam:

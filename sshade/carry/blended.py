@@ -52,7 +52,7 @@ from sshade.carry.vertex_maps import VertexMaps
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.solver.rotations import fit_rotations, quaternions
-from sshade.threads import ThreadTeam
+from sshade.threads import ThreadTeam, in_ranges
 
 #: How far R^T R of a given rotation may be from the identity.
 ORTHOGONAL = 1e-6
@@ -92,7 +92,9 @@ class BlendedFrames:
 
     def encode(self, V: np.ndarray, on: Projection) -> np.ndarray:
         """Offsets x - p, p = sum_i w_i v_i; see :class:`sshade.carry.frames.Frames`."""
-        return _offsets(V, on.face, on.barycentric, self.proxy.V, self.proxy.F)
+        local, given = np.empty_like(V), (V, on.face, on.barycentric, self.proxy.V, self.proxy.F)
+        in_ranges(lambda first, end: _offsets(first, end, *given, local), len(V))
+        return local
 
     def decode(
         self,
@@ -144,14 +146,12 @@ def nearest_rotations(A: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True, nogil=True)
-def _offsets(V, face, barycentric, NV, F):
-    local = np.empty_like(V)
-    for i in range(len(V)):
+def _offsets(first, end, V, face, barycentric, NV, F, local):
+    for i in range(first, end):
         a, b, c = F[face[i], 0], F[face[i], 1], F[face[i], 2]
         for r in range(3):
             p = barycentric[i, 0] * NV[a, r] + barycentric[i, 1] * NV[b, r] + barycentric[i, 2] * NV[c, r]
             local[i, r] = V[i, r] - p
-    return local
 
 
 @njit(cache=True, nogil=True)

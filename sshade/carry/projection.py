@@ -15,6 +15,7 @@ from numba import njit
 from sshade.mesh.adjacency import faces_around_vertices
 from sshade.mesh.mesh import Mesh
 from sshade.sampling.remesh import Remesh
+from sshade.threads import in_ranges
 
 #: Distances closer than this, times the largest coordinate, count as equal when triangles compete.
 TIE = 1e-14
@@ -60,16 +61,15 @@ def project_to_fans(V: np.ndarray, proxy: Mesh, remeshed: Remesh) -> Projection:
     """
     start, fan = faces_around_vertices(proxy.F, proxy.n)
     tie = TIE * float(np.abs(proxy.V).max())
-    return Projection(*_project(V, remeshed.region, start, fan, proxy.V, proxy.F, tie))
+    n, given = len(V), (V, remeshed.region, start, fan, proxy.V, proxy.F, tie)
+    on = Projection(np.empty(n, dtype=np.int64), np.empty((n, 3)), np.empty(n))
+    in_ranges(lambda first, end: _project(first, end, *given, on.face, on.barycentric, on.distance), n)
+    return on
 
 
 @njit(cache=True, nogil=True)
-def _project(V, region, start, fan, NV, NF, tie):
-    n = V.shape[0]
-    face = np.empty(n, dtype=np.int64)
-    barycentric = np.empty((n, 3), dtype=np.float64)
-    distance = np.empty(n, dtype=np.float64)
-    for i in range(n):
+def _project(first, end, V, region, start, fan, NV, NF, tie, face, barycentric, distance):
+    for i in range(first, end):
         x, s = _row(V, i), region[i]
         best, best_v, best_w, best_face = np.inf, 0.0, 0.0, np.int64(-1)
         for p in range(start[s], start[s + 1]):
@@ -90,7 +90,6 @@ def _project(V, region, start, fan, NV, NF, tie):
         face[i] = best_face
         barycentric[i, 0], barycentric[i, 1], barycentric[i, 2] = 1.0 - best_v - best_w, best_v, best_w
         distance[i] = np.sqrt(best)
-    return face, barycentric, distance
 
 
 @njit(cache=True, nogil=True)

@@ -9,21 +9,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
 from scipy.sparse import csr_array
 
-from sshade.threads import available_cpus, in_threads
+from sshade.threads import in_ranges
 
 if TYPE_CHECKING:
     from sshade.mesh.mesh import Mesh
 
 
-#: Vertices that a thread works on at a time.
-CHUNK = 65_536
 #: Length of an edge without any, over the mean: short, and above the rounding of any sum of lengths.
 SHORTEST = 1e-9
 
@@ -140,12 +137,7 @@ def edge_graph(mesh: Mesh) -> VertexGraph:
     """The same graph of any mesh, manifold and oriented or not."""
     near = mesh.connectivity.neighbours
     lengths = np.empty(len(near.indices))
-    chunks = list(pairwise([*range(0, mesh.n, CHUNK), mesh.n]))
-    in_threads(
-        lambda c: _lengths(*chunks[c], mesh.V, near.indptr, near.indices, lengths),
-        len(chunks),
-        workers=available_cpus(),
-    )
+    in_ranges(lambda first, end: _lengths(first, end, mesh.V, near.indptr, near.indices, lengths), mesh.n)
     if not lengths.all():
         lengths[lengths == 0.0] = SHORTEST * lengths.mean()
     return VertexGraph(near.indptr, near.indices, lengths, near.boundary)

@@ -6,16 +6,13 @@ memory are linear in the number of faces, but for the sorting of single rows.
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from sshade.threads import available_cpus, in_threads
+from sshade.threads import available_cpus, in_ranges, in_threads
 
-#: Vertices that a thread works on at a time.
-CHUNK = 65_536
 #: Faces that are worth a thread to sort them by vertex, and threads at most: each counts every vertex.
 FACES, SORTERS = 100_000, 4
 #: Rows of up to so many are sorted by insertion.
@@ -77,14 +74,11 @@ def neighbours(F: np.ndarray, n: int) -> tuple[Neighbours, Fans]:
     in_threads(
         lambda part: _sort(F, faces[part], faces[part + 1], place[part], around), sorters, workers=workers
     )
-    chunks = list(pairwise([*range(0, n, CHUNK), n]))
     indptr = np.zeros(n + 1, dtype=np.int32)
-    facts = in_threads(lambda c: _rows(*chunks[c], start, around, indptr), len(chunks), workers=workers)
+    facts = in_ranges(lambda first, end: _rows(first, end, start, around, indptr), n)
     np.cumsum(indptr, out=indptr)
     indices, boundary = np.empty(indptr[-1], dtype=np.int32), np.empty(indptr[-1], dtype=np.bool_)
-    in_threads(
-        lambda c: _pack(*chunks[c], start, around, indptr, indices, boundary), len(chunks), workers=workers
-    )
+    in_ranges(lambda first, end: _pack(first, end, start, around, indptr, indices, boundary), n)
     crowded = max((crowded for crowded, _, _ in facts), key=lambda edge: edge[2])  # the first of several
     split = [vertex for _, _, vertex in facts if vertex >= 0]
     oriented = all(oriented for _, oriented, _ in facts)
