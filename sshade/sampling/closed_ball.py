@@ -33,6 +33,7 @@ import numpy as np
 from numba import njit
 
 from sshade.sampling.fronts import Fronts
+from sshade.threads import in_ranges
 
 
 class Unions(NamedTuple):
@@ -141,9 +142,14 @@ def count_unions(F: np.ndarray, fronts: Fronts) -> Unions:
     fronts : Fronts
     """
     graph, region, k = fronts.graph, fronts.region, len(fronts.samples)
-    chi, trace, edges, inner, joined = _count_edges(graph.indptr, graph.indices, graph.boundary, region, k)
+    rows = graph.indptr, graph.indices, graph.boundary
+    counts, *lists = zip(
+        *in_ranges(lambda first, end: _count_edges(first, end, *rows, region, k), graph.n), strict=True
+    )
+    (chi, trace), (edges, inner, joined) = np.sum(counts, axis=0), map(np.concatenate, lists)
     trace[np.bincount(region[graph.on_boundary], minlength=k) == 0] = 1
-    faces = _count_triangles(F, region, chi)
+    corners, faces = faces_of_three(F, region, k)
+    chi += corners
     three = np.sort(region[F[faces]], axis=1)
     pairs = np.concatenate([joined, three[:, :2], three[:, ::2], three[:, 1:]])
     first, pair = group_rows(pairs, k)
@@ -158,6 +164,27 @@ def count_unions(F: np.ndarray, fronts: Fronts) -> Unions:
     pair_chi = chi[pairs].sum(axis=1) - c
     triple_chi = chi[triples].sum(axis=1) - triple_c + np.bincount(triple, minlength=len(triples))
     return Unions(chi, pair_chi, triple_chi, trace, arcs, pairs, triples, edges, at_edge, faces, triple)
+
+
+def faces_of_three(F: np.ndarray, region: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Count the triangles that touch each of k regions, and find those that touch three.
+
+    Parameters
+    ----------
+    F : (m, 3) int
+    region : (n,) int32
+    k : int
+
+    Returns
+    -------
+    touching : (k,) int64
+    faces : (b,) int64
+        In ascending order.
+    """
+    touching, faces = zip(
+        *in_ranges(lambda first, end: _count_triangles(first, end, F, region, k), len(F)), strict=True
+    )
+    return np.sum(touching, axis=0), np.concatenate(faces)
 
 
 def _either(first: np.ndarray, second: np.ndarray) -> np.ndarray:
@@ -215,13 +242,17 @@ def group_rows(rows, n):
 
 
 @njit(cache=True, nogil=True)
-def _count_edges(indptr, indices, boundary, region, k):
-    """Count vertices and edges of regions; list the edges between two: ends, inner or not, both regions."""
-    chi, trace = np.zeros(k, dtype=np.int64), np.zeros(k, dtype=np.int64)
-    half = indices.shape[0] // 2
-    ends, joined = np.empty((half, 2), dtype=np.int32), np.empty((half, 2), dtype=np.int32)
-    inner, count = np.empty(half, dtype=np.bool_), 0
-    for u in range(indptr.shape[0] - 1):
+def _count_edges(first, end, indptr, indices, boundary, region, k):
+    """Count vertices and edges of regions; list the edges between two: ends, inner or not, both regions.
+
+    Of some vertices, and of their edges to those of larger ids.
+    """
+    counts = np.zeros((2, k), dtype=np.int64)
+    chi, trace = counts
+    most = indptr[end] - indptr[first]
+    ends, joined = np.empty((most, 2), dtype=np.int32), np.empty((most, 2), dtype=np.int32)
+    inner, count = np.empty(most, dtype=np.bool_), 0
+    for u in range(first, end):
         i, on_boundary = region[u], False
         for p in range(indptr[u], indptr[u + 1]):
             on_boundary = on_boundary or boundary[p]
@@ -241,19 +272,19 @@ def _count_edges(indptr, indices, boundary, region, k):
             trace[i] += 1
         else:
             chi[i] += 1
-    return chi, trace, ends[:count].copy(), inner[:count].copy(), joined[:count].copy()
+    return counts, ends[:count].copy(), inner[:count].copy(), joined[:count].copy()
 
 
 @njit(cache=True, nogil=True)
-def _count_triangles(F, region, chi):
-    """Add triangles to `chi`; return those that touch three regions."""
-    three, count = np.empty(F.shape[0], dtype=np.int64), 0
-    for f in range(F.shape[0]):
+def _count_triangles(first, end, F, region, k):
+    """As of :func:`faces_of_three`, of some triangles."""
+    touching, three, count = np.zeros(k, dtype=np.int64), np.empty(end - first, dtype=np.int64), 0
+    for f in range(first, end):
         i, j, h = region[F[f, 0]], region[F[f, 1]], region[F[f, 2]]
-        chi[i] += 1
-        chi[j] += j != i
-        chi[h] += h != i and h != j
+        touching[i] += 1
+        touching[j] += j != i
+        touching[h] += h != i and h != j
         if i != j and j != h and h != i:
             three[count] = f
             count += 1
-    return three[:count].copy()
+    return touching, three[:count].copy()

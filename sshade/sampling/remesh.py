@@ -15,7 +15,7 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.mesh.adjacency import VertexGraph, vertex_graph
 from sshade.mesh.mesh import Mesh
-from sshade.sampling.closed_ball import group_rows, refinements
+from sshade.sampling.closed_ball import faces_of_three, group_rows, refinements
 from sshade.sampling.fronts import farthest_point_sampling
 
 #: Rounds of closed-ball refinement after which remeshing gives up.
@@ -115,7 +115,7 @@ def remesh(
         rounds += 1
     result = Remesh(
         samples=fronts.samples,
-        faces=_dual_faces(mesh.F, fronts.region),
+        faces=_dual_faces(mesh.F, fronts.region, len(fronts)),
         region=fronts.region,
         distance=fronts.distance,
         rounds=rounds,
@@ -141,13 +141,12 @@ def _random_other_vertex(n: int, taken: np.ndarray, seed: int | Sequence[int]) -
     return vertex
 
 
-def _dual_faces(F: np.ndarray, region: np.ndarray) -> np.ndarray:
-    """(l, 3) triples of regions that meet in a triangle, oriented as it, smallest first, each once."""
-    a, b, c = (region[F[:, i]] for i in range(3))
-    corners = region[F[(a != b) & (b != c) & (c != a)]].astype(np.int64)
+def _dual_faces(F: np.ndarray, region: np.ndarray, k: int) -> np.ndarray:
+    """(l, 3) triples of k regions that meet in a triangle, oriented as it, smallest first, each once."""
+    corners = region[F[faces_of_three(F, region, k)[1]]].astype(np.int64)
     turn = corners.argmin(axis=1)[:, None] + np.arange(3)
     faces = np.take_along_axis(corners, turn % 3, axis=1)
-    first, _ = group_rows(faces, int(region.max()) + 1)
+    first, _ = group_rows(faces, k)
     return faces[np.sort(first)]
 
 
