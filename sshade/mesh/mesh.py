@@ -73,20 +73,18 @@ class Mesh:
                 f"the mesh has {len(V)} vertices and {len(F)} faces; it needs at least one triangle"
             )
         _check_numbers(V)
-        if F.min() < 0 or F.max() >= len(V):
-            bad = int(np.flatnonzero(((F < 0) | (len(V) <= F)).any(axis=1))[0])
+        used = np.zeros(len(V), dtype=bool)
+        outside, repeated, repeating = _check_faces(F, used)
+        if outside >= 0:
             raise InputError(
-                f"face {bad} refers to vertices {F[bad].tolist()}, but the ids go from 0 to {len(V) - 1}"
+                f"face {outside} refers to vertices {F[outside].tolist()}, "
+                f"but the ids go from 0 to {len(V) - 1}"
             )
-        repeated = repeats_vertex(F)
-        if repeated.any():
-            bad = int(np.flatnonzero(repeated)[0])
+        if repeated >= 0:
             raise InputError(
-                f"{int(repeated.sum())} faces repeat a vertex (the first is face {bad}: {F[bad].tolist()}); "
+                f"{repeating} faces repeat a vertex (the first is face {repeated}: {F[repeated].tolist()}); "
                 "remove them, or pass --repair"
             )
-        used = np.zeros(len(V), dtype=bool)
-        used[F] = True
         if not used.all():
             raise InputError(
                 f"{int((~used).sum())} vertices belong to no face (the first is {int(np.argmin(used))}); "
@@ -316,6 +314,24 @@ def _bounds(V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     # Along the axis of a three-column array NumPy takes twenty times as long.
     columns = [V[:, c] for c in range(3)]
     return np.array([x.min() for x in columns]), np.array([x.max() for x in columns])
+
+
+@njit(cache=True, nogil=True)
+def _check_faces(F, used):
+    """The first face out of range, where it ends, or -1; the first that repeats a vertex, and their number.
+
+    Marks the vertices that are used.
+    """
+    first, repeating = -1, 0
+    for f in range(len(F)):
+        i, j, k = F[f, 0], F[f, 1], F[f, 2]
+        if min(i, j, k) < 0 or max(i, j, k) >= len(used):
+            return f, -1, 0
+        if i == j or j == k or k == i:
+            first = f if repeating == 0 else first
+            repeating += 1
+        used[i] = used[j] = used[k] = True
+    return -1, first, repeating
 
 
 @njit(cache=True, nogil=True)

@@ -16,6 +16,7 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
+from numba import njit
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
@@ -314,11 +315,8 @@ def edge_vertices(mesh: Mesh, index: np.ndarray) -> np.ndarray:
     """Those of some handle vertices (h,) that have a free neighbour."""
     held = np.zeros(mesh.n, dtype=bool)
     held[index] = True
-    corners = held[mesh.F]
-    mixed = corners.any(axis=1) & ~corners.all(axis=1)
-    beside_free = np.zeros(mesh.n, dtype=bool)
-    beside_free[mesh.F[mixed]] = True
-    return index[beside_free[index]]
+    near = mesh.connectivity.neighbours
+    return index[_beside_free(index, held, near.indptr, near.indices)]
 
 
 def has_regions(task: DeformationTask, vertices: int) -> bool:
@@ -345,3 +343,12 @@ def all_on_targets(task: DeformationTask) -> DeformationResult:
     facts = {"samples": 0, "proxy_vertices": 0, "degenerate_frames": 0, "residual": 0.0}
     facts["faces_without_area"] = int(task.mesh.without_area.sum())
     return DeformationResult(V, 0, True, {}, facts)
+
+
+@njit(cache=True, nogil=True)
+def _beside_free(index, held, indptr, indices):
+    found = np.zeros(len(index), dtype=np.bool_)
+    for h in range(len(index)):
+        for p in range(indptr[index[h]], indptr[index[h] + 1]):
+            found[h] = found[h] or not held[indices[p]]
+    return found
