@@ -18,8 +18,9 @@ from numba import njit
 from sshade.errors import InputError
 from sshade.mesh.adjacency import VertexGraph
 
-#: Candidates for the next farthest vertex are gathered down to this fraction of the largest distance.
-_BAND = 0.85
+#: Candidates for the next farthest vertex are gathered down to the first fraction of the largest distance
+#: and, of these, queued down to the second: most are covered before their turn, and need no queue.
+_GATHERED, _QUEUED = 0.8, 0.97
 #: Width of the bands in which fronts advance, in mean edge lengths; any positive one gives the same result.
 _BAND_EDGES = 4.0
 
@@ -262,15 +263,22 @@ def _place(state, vertex, sample, position):
 
 
 @njit(cache=True, nogil=True)
-def _farthest_band(distance, among):
-    """A heap of (-distance, vertex) of the farthest of some vertices, and the least distance among them."""
+def _largest(distance, vertices):
     largest = 0.0
-    for v in among:
+    for v in vertices:
         largest = max(largest, distance[v])
-    low = _BAND * largest if np.isfinite(largest) else np.inf
-    heap = [(-distance[v], v) for v in among if distance[v] >= low]
-    heapify(heap)
-    return heap, low
+    return largest
+
+
+@njit(cache=True, nogil=True)
+def _from(distance, vertices, low):
+    """Those of some vertices whose distance is `low` or more."""
+    found, count = np.empty(len(vertices), dtype=np.int64), 0
+    for v in vertices:
+        if distance[v] >= low:
+            found[count] = v
+            count += 1
+    return found[:count].copy()
 
 
 @njit(cache=True, nogil=True)
@@ -278,13 +286,20 @@ def _insert_farthest(state, count, sample, among):
     distance = state.distance
     samples = np.empty(count, dtype=np.int64)
     # Distances only shrink, so an entry of the heap is an upper bound: it is brought up to date
-    # when it comes to the top. The heap holds the farthest band alone and is gathered anew when
-    # that is used up, a dozen times in all.
-    heap, low = _farthest_band(distance, among)
+    # when it comes to the top. The heap holds the farthest vertices alone, (-distance, vertex), and is
+    # filled anew when they are used up, from all those down to `lowest`, until they are.
+    gathered, lowest = among[:0], np.inf
+    heap, low = [(0.0, among[0]) for _ in range(0)], np.inf
     for i in range(count):
         while True:
             if len(heap) == 0:
-                heap, low = _farthest_band(distance, among)
+                gathered = _from(distance, gathered, lowest)
+                if len(gathered) == 0:
+                    lowest = _GATHERED * _largest(distance, among)
+                    gathered = _from(distance, among, lowest)
+                low = max(lowest, _QUEUED * _largest(distance, gathered))
+                heap = [(-distance[v], v) for v in _from(distance, gathered, low)]
+                heapify(heap)
             key, v = heap[0]
             d = distance[v]
             if d == -key:
