@@ -7,7 +7,6 @@ import pytest
 
 from sshade.carry.binding import bind_proxy
 from sshade.carry.blended import BlendedFrames
-from sshade.memory import empty
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.connectivity import connectivity
 from sshade.mesh.mesh import Mesh
@@ -82,10 +81,3 @@ def test_the_counts_of_regions_that_are_no_discs(many):
     one = counted()
     many()
     assert_same_bits(counted(), one)
-
-
-def test_an_array_on_ordinary_pages_is_one_of_its_own():
-    a, b = empty((5, 3)), empty(7, np.int32)
-    assert a.shape == (5, 3) and a.dtype == np.float64 and a.flags.c_contiguous and a.flags.writeable
-    assert b.shape == (7,) and b.dtype == np.int32 and not np.may_share_memory(a, b)
-    assert empty((0, 3)).shape == (0, 3)
