@@ -202,7 +202,8 @@ def _deform(arguments: argparse.Namespace) -> None:
 
     check_output(arguments.output, SUFFIXES)
     method = _method(arguments)
-    vertices = arguments.vertices or (VERTICES if arguments.method == "sshade" else BETTER)
+    default = VERTICES if arguments.method == "sshade" else BETTER
+    vertices = default if arguments.vertices is None else arguments.vertices
     file = _read(arguments.mesh, arguments.output)
     V = file.V
     try:
