@@ -11,8 +11,10 @@ from sshade.errors import InputError
 
 Result = TypeVar("Result")
 
-#: Rows of arrays that a thread works on at a time.
+#: Rows of arrays that a thread of :func:`in_ranges` works on at a time, each time with arrays of its own.
 CHUNK = 65_536
+#: As of :meth:`ThreadTeam.ranges`, which little work is done with, many times: they stay in the cache.
+ROWS = 16_384
 
 
 def available_cpus() -> int:
@@ -57,8 +59,8 @@ def in_ranges(work: Callable[[int, int], Result], n: int) -> list[Result]:
 
     The ranges do not depend on the number of threads; few rows are one range, of the calling thread.
     """
-    bounds = [*range(0, n, CHUNK), n]
-    return in_threads(lambda i: work(bounds[i], bounds[i + 1]), len(bounds) - 1, workers=available_cpus())
+    with ThreadTeam(available_cpus() if n > CHUNK else 1) as team:
+        return team.ranges(work, n, rows=CHUNK)
 
 
 class ThreadTeam:
@@ -114,3 +116,8 @@ class ThreadTeam:
         if errors:
             raise errors[min(errors)]
         return cast(list[Result], results)
+
+    def ranges(self, work: Callable[[int, int], Result], n: int, *, rows: int | None = None) -> list[Result]:
+        """``[work(first, end), ...]`` for ranges that cover n rows in order, :data:`ROWS` each by default."""
+        bounds = [*range(0, n, rows or ROWS), n]
+        return self(lambda i: work(bounds[i], bounds[i + 1]), len(bounds) - 1)

@@ -60,7 +60,8 @@ class AffineFrames:
         A, known = affine_maps(self.proxy.V, NV, F=F)
         if not known.all():
             A = fill_from_neighbours(A, known, pairs=adjacent_triangles(F))
-        V = in_rows(lambda own, V: _decode(own, local, on.face, A, NV, F, V), len(local), team, out)
+        given = local, on.face, A, NV, F
+        V = in_rows(lambda first, end, V: _decode(first, end, *given, V), len(local), team, out)
         return V, int((~known).sum())
 
 
@@ -102,8 +103,8 @@ def _edges_and_normals(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 @njit(cache=True, nogil=True)
-def _decode(own, local, face, A, NV, F, V):
-    for i in range(own[0], own[1]):
+def _decode(first, end, local, face, A, NV, F, V):
+    for i in range(first, end):
         t = face[i]
         a = F[t, 0]
         x, y, z = local[i, 0], local[i, 1], local[i, 2]

@@ -132,8 +132,8 @@ class BlendedFrames:
             _add_stretch(triangles, F, self.proxy.V, Q, S)
             local = _stretched(local, on.face, on.barycentric, F, S)
 
-        def decode(own: tuple[int, int], V: np.ndarray) -> None:
-            _decode(own, local, on.face, on.barycentric, triangles, V)
+        def decode(first: int, end: int, V: np.ndarray) -> None:
+            _decode(first, end, local, on.face, on.barycentric, triangles, V)
 
         return in_rows(decode, len(local), team, out), missing
 
@@ -247,8 +247,8 @@ def _stretched(local, face, barycentric, F, S):
 
 
 @njit(cache=True, nogil=True)
-def _decode(own, local, face, barycentric, T, V):
-    for i in range(own[0], own[1]):
+def _decode(first, end, local, face, barycentric, T, V):
+    for i in range(first, end):
         t, a, b, c = face[i], barycentric[i, 0], barycentric[i, 1], barycentric[i, 2]
         bc, ca, ab = b * c, c * a, a * b
         q = QUATERNION

@@ -9,7 +9,6 @@ import numpy as np
 
 from sshade.carry.projection import Projection
 from sshade.mesh.mesh import Mesh
-from sshade.solver.multigrid import by_rows
 from sshade.threads import ThreadTeam
 
 #: A triangle whose doubled area is under this, times its longest edge squared, has no normal.
@@ -75,14 +74,14 @@ class Frames(Protocol):
 
 
 def in_rows(
-    work: Callable[[tuple[int, int], np.ndarray], None],
+    work: Callable[[int, int, np.ndarray], None],
     n: int,
     team: ThreadTeam | None,
     out: np.ndarray | None,
 ) -> np.ndarray:
-    """Points (n, 3) that ``work((first, end), points)`` writes, range by range, in `out` if there is one."""
+    """Points (n, 3) that ``work(first, end, points)`` writes, range by range, in `out` if there is one."""
     V = np.empty((n, 3)) if out is None else out
-    by_rows(team or ThreadTeam(1), n, lambda own: work(own, V))
+    (team or ThreadTeam(1)).ranges(lambda first, end: work(first, end, V), n)
     return V
 
 

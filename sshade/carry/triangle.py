@@ -174,7 +174,8 @@ class TriangleFrames:
                 onto=_nearest_rotations,
             )
             L[missing] = turns[missing] @ self.L[missing]
-        V = in_rows(lambda own, V: _decode(own, local, on.face, L, origin, V), len(local), team, out)
+        given = local, on.face, L, origin
+        V = in_rows(lambda first, end, V: _decode(first, end, *given, V), len(local), team, out)
         return V, int(missing.sum())
 
 
@@ -238,8 +239,8 @@ def _encode(V, face, L, origin):
 
 
 @njit(cache=True, nogil=True)
-def _decode(own, local, face, L, origin, V):
-    for i in range(own[0], own[1]):
+def _decode(first, end, local, face, L, origin, V):
+    for i in range(first, end):
         t = face[i]
         x, y, z = local[i, 0], local[i, 1], local[i, 2]
         for a in range(3):

@@ -23,7 +23,7 @@ from scipy.sparse import csr_array
 
 from sshade.errors import InputError
 from sshade.solver.factorisation import Factorisation
-from sshade.solver.multigrid import Multigrid, by_rows, compressed_rows
+from sshade.solver.multigrid import Multigrid, compressed_rows, multiply
 from sshade.threads import ThreadTeam
 
 if TYPE_CHECKING:
@@ -108,9 +108,9 @@ class FactorisedStep:
 
     def solve(self, u: np.ndarray, B: np.ndarray, g: np.ndarray) -> None:
         free, X = self._free, self._X
-        by_rows(self._team, len(free), lambda own: _gather(own, B, free, self._fixed, X))
+        self._team.ranges(lambda *own: _gather(*own, B, free, self._fixed, X), len(free))
         self._solve(X, team=self._team)
-        by_rows(self._team, len(free), lambda own: _scatter(own, X, free, g))
+        self._team.ranges(lambda *own: _scatter(*own, X, free, g), len(free))
         g[self._held] = self._targets
 
     def renew_directions(self, constraints: Constraints, u: np.ndarray) -> None:
@@ -121,7 +121,7 @@ class FactorisedStep:
         constraints.take_directions(X, self._free)
 
     def gradient(self, constraints: Constraints | None, F: np.ndarray, out: np.ndarray) -> None:
-        by_rows(self._team, len(F), lambda own: _multiply(own, *self._laplacian, F, out))
+        self._team.ranges(lambda *own: multiply(*own, *self._laplacian, F, out), len(F))
 
 
 class MultigridStep:
@@ -163,10 +163,10 @@ class MultigridStep:
         return self._made
 
     def solve(self, u: np.ndarray, B: np.ndarray, g: np.ndarray) -> None:
-        by_rows(self._team, len(u), lambda own: _subtract(own, *self._matrix, u, B))
+        self._team.ranges(lambda *own: _subtract(*own, *self._matrix, u, B), len(u))
         self._G = B
         self._metric.apply(B, g, team=self._team)
-        by_rows(self._team, len(u), lambda own: _add(own, u, g))
+        self._team.ranges(lambda *own: _add(*own, u, g), len(u))
 
     def renew_directions(self, constraints: Constraints, u: np.ndarray) -> None:
         X, rows = np.empty((constraints.count, *u.shape)), np.arange(len(u))
@@ -198,22 +198,9 @@ def _add_weighted(start, column, corners, H, weight, value):
 
 
 @njit(cache=True, nogil=True)
-def _multiply(own, start, column, value, F, out):
-    """Write rows of a sparse matrix times F to `out`."""
-    for i in range(own[0], own[1]):
-        x = y = z = 0.0
-        for k in range(start[i], start[i + 1]):
-            j, v = column[k], value[k]
-            x += v * F[j, 0]
-            y += v * F[j, 1]
-            z += v * F[j, 2]
-        out[i, 0], out[i, 1], out[i, 2] = x, y, z
-
-
-@njit(cache=True, nogil=True)
-def _subtract(own, start, column, value, held, F, B):
+def _subtract(first, end, start, column, value, held, F, B):
     """Subtract rows of a sparse matrix times F from B; write 0 where held."""
-    for i in range(own[0], own[1]):
+    for i in range(first, end):
         x, y, z = B[i, 0], B[i, 1], B[i, 2]
         for k in range(start[i], start[i + 1]):
             j, v = column[k], value[k]
@@ -226,21 +213,21 @@ def _subtract(own, start, column, value, held, F, B):
 
 
 @njit(cache=True, nogil=True)
-def _add(own, A, B):
-    for i in range(own[0], own[1]):
+def _add(first, end, A, B):
+    for i in range(first, end):
         for c in range(3):
             B[i, c] += A[i, c]
 
 
 @njit(cache=True, nogil=True)
-def _gather(own, B, rows, fixed, X):
-    for i in range(own[0], own[1]):
+def _gather(first, end, B, rows, fixed, X):
+    for i in range(first, end):
         for c in range(3):
             X[i, c] = B[rows[i], c] + fixed[i, c]
 
 
 @njit(cache=True, nogil=True)
-def _scatter(own, X, rows, g):
-    for i in range(own[0], own[1]):
+def _scatter(first, end, X, rows, g):
+    for i in range(first, end):
         for c in range(3):
             g[rows[i], c] = X[i, c]

@@ -23,8 +23,6 @@ T. V. Kolev, U. M. Yang, "Multigrid smoothers for ultraparallel computing", SIAM
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numba import njit
 from scipy.sparse import csr_array
@@ -42,8 +40,6 @@ SMOOTHER = [(0.0, 4 / 3), (1 / 5, 12 / 5), (3 / 7, 20 / 7)]
 DAMPING = 4 / 3
 #: Rows i, j are weakly coupled by an entry up to this x sqrt(A_ii A_jj).
 WEAK = 0.08
-#: Rows that a thread works on at a time.
-CHUNK = 16_384
 
 
 class Multigrid:
@@ -131,23 +127,23 @@ class _Level:
         """The smoother's first step, from 0."""
         inverse = self._matrix[-1]
         b = SMOOTHER[0][1]
-        by_rows(team, len(B), lambda own: _begin(own, inverse, b, B, self._r, self._d, X))
+        team.ranges(lambda *own: _begin(*own, inverse, b, B, self._r, self._d, X), len(B))
 
     def step(self, a: float, b: float, X: np.ndarray, team: ThreadTeam) -> None:
         """``r -= A d``, ``d = a d + b D^-1 r``, ``X += d``."""
         r, d, e = self._r, self._d, self._e
-        by_rows(team, len(X), lambda own: _step(own, *self._matrix, a, b, r, d, e, X))
+        team.ranges(lambda *own: _step(*own, *self._matrix, a, b, r, d, e, X), len(X))
         self._d, self._e = e, d
 
     def restrict(self, team: ThreadTeam) -> None:
         """``r -= A d``, then ``coarse = P^T r``."""
         r, d = self._r, self._d
-        by_rows(team, len(r), lambda own: _subtract(own, *self._matrix, d, r))
-        by_rows(team, len(self.coarse), lambda own: _multiply(own, *self._down, r, self.coarse))
+        team.ranges(lambda *own: _subtract(*own, *self._matrix, d, r), len(r))
+        team.ranges(lambda *own: multiply(*own, *self._down, r, self.coarse), len(self.coarse))
 
     def prolong(self, X: np.ndarray, team: ThreadTeam) -> None:
         """``d = P coarse``, ``X += d``."""
-        by_rows(team, len(X), lambda own: _prolong(own, *self._up, self.coarse, self._d, X))
+        team.ranges(lambda *own: _prolong(*own, *self._up, self.coarse, self._d, X), len(X))
 
 
 def compressed_rows(A: csr_array) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -158,12 +154,6 @@ def compressed_rows(A: csr_array) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
     start, column = (array.astype(np.int32, copy=False).view(np.uint32) for array in (A.indptr, A.indices))
     return start, column, A.data
-
-
-def by_rows(team: ThreadTeam, n: int, work: Callable[[tuple[int, int]], None]) -> None:
-    """Call ``work((first, end))`` for ranges that cover n rows."""
-    bounds = [*range(0, n, CHUNK), n]
-    team(lambda number: work((bounds[number], bounds[number + 1])), len(bounds) - 1)
 
 
 @njit(cache=True, nogil=True)
@@ -219,8 +209,8 @@ def _aggregates(start, column, value, held, least):
 
 
 @njit(cache=True, nogil=True)
-def _begin(own, inverse, b, B, r, d, X):
-    for i in range(own[0], own[1]):
+def _begin(first, end, inverse, b, B, r, d, X):
+    for i in range(first, end):
         f = b * inverse[i]
         for c in range(3):
             r[i, c] = B[i, c]
@@ -229,8 +219,8 @@ def _begin(own, inverse, b, B, r, d, X):
 
 
 @njit(cache=True, nogil=True)
-def _step(own, start, column, value, inverse, a, b, r, d, e, X):
-    for i in range(own[0], own[1]):
+def _step(first, end, start, column, value, inverse, a, b, r, d, e, X):
+    for i in range(first, end):
         x, y, z = _less(start, column, value, d, r, i)
         r[i, 0], r[i, 1], r[i, 2] = x, y, z
         f = b * inverse[i]
@@ -242,20 +232,21 @@ def _step(own, start, column, value, inverse, a, b, r, d, e, X):
 
 
 @njit(cache=True, nogil=True)
-def _subtract(own, start, column, value, inverse, d, r):
-    for i in range(own[0], own[1]):
+def _subtract(first, end, start, column, value, inverse, d, r):
+    for i in range(first, end):
         r[i, 0], r[i, 1], r[i, 2] = _less(start, column, value, d, r, i)
 
 
 @njit(cache=True, nogil=True)
-def _multiply(own, start, column, value, F, out):
-    for i in range(own[0], own[1]):
+def multiply(first, end, start, column, value, F, out):
+    """Write rows of a sparse matrix times F to `out`."""
+    for i in range(first, end):
         out[i, 0], out[i, 1], out[i, 2] = _row(start, column, value, F, i)
 
 
 @njit(cache=True, nogil=True)
-def _prolong(own, start, column, value, F, d, X):
-    for i in range(own[0], own[1]):
+def _prolong(first, end, start, column, value, F, d, X):
+    for i in range(first, end):
         x, y, z = _row(start, column, value, F, i)
         d[i, 0], d[i, 1], d[i, 2] = x, y, z
         X[i, 0] += x

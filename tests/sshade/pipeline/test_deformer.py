@@ -130,7 +130,7 @@ def test_threads_that_carry_change_no_bit(mesh, held, monkeypatch):
     for shared, cpus in ((0, 3), (10**9, 1)):
         monkeypatch.setattr("sshade.pipeline.deformer.SHARED", shared)
         monkeypatch.setattr("sshade.pipeline.deformer.available_cpus", lambda cpus=cpus: cpus)
-        monkeypatch.setattr("sshade.solver.multigrid.CHUNK", 100)
+        monkeypatch.setattr("sshade.threads.ROWS", 100)
         drag = Deformer(mesh, held, vertices=150)
         shapes.append([drag(lifted(mesh, held, height)).vertices for height in (0.1, 0.2)])
     np.testing.assert_array_equal(*shapes)

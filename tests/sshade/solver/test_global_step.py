@@ -112,8 +112,8 @@ def test_as_many_steps_reach_as_low_where_triangles_soften():
 
 
 def test_bits_do_not_depend_on_threads(monkeypatch):
-    for place in ("multigrid.CHUNK", "arap.CHUNK"):
-        monkeypatch.setattr(f"sshade.solver.{place}", 300)
+    for place in ("threads.ROWS", "solver.arap.CHUNK"):
+        monkeypatch.setattr(f"sshade.{place}", 300)
     options = {**SOFT, **EXACT, "tolerance": 0, "max_iterations": 12, "multigrid": True}
     one, two, three = (solve(BALL, workers=workers, **options) for workers in (1, 2, 3))
     assert np.array_equal(one.positions, two.positions) and np.array_equal(one.positions, three.positions)

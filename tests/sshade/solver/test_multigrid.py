@@ -117,7 +117,7 @@ def test_bits_do_not_depend_on_threads(monkeypatch):
     A, held = matrix("closed, few handles")
     multigrid, x = Multigrid(A, held, coarsest=100), np.random.default_rng(0).normal(size=((~held).sum(), 3))
     whole = cycle(multigrid, held, x)
-    monkeypatch.setattr("sshade.solver.multigrid.CHUNK", 100)
+    monkeypatch.setattr("sshade.threads.ROWS", 100)
     for workers in (1, 2, 3):
         assert np.array_equal(cycle(multigrid, held, x, workers=workers), whole)
 
