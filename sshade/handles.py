@@ -153,7 +153,7 @@ class Handles:
         soft = np.flatnonzero(~self.hard)
         if self.share is not None or len(soft) == 0:
             return self
-        area = np.bincount(mesh.F.ravel(), np.repeat(mesh.face_areas / 3, 3), minlength=mesh.n)[self.index]
+        area = mesh.vertex_areas[self.index]
         area = np.maximum(area, LEAST_SHARE * mesh.area / mesh.n)
         _, group = np.unique(self.group[soft], return_inverse=True)
         group = group.ravel()

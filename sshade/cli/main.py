@@ -42,7 +42,8 @@ from sshade.mesh.surface import Surface, surface
 if TYPE_CHECKING:
     from sshade.task import DeformationResult
 
-#: Proxy vertices by default: the paper's number, and that of the better methods.
+#: Proxy vertices by default: those of :mod:`sshade.pipeline.proxies` and :mod:`sshade.pipeline.fast`,
+#: written out because these take long to import.
 VERTICES, BETTER = 6000, 12_000
 
 

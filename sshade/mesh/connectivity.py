@@ -114,3 +114,9 @@ def _boundary(indptr, indices, boundary):
     for i in range(n):
         loops += on_boundary[i] and loop[i] == i
     return rim, loops
+
+
+def members(labels: np.ndarray, count: int) -> list[np.ndarray]:
+    """For each label in [0, count) the places (p,) that have it, in ascending order."""
+    order = np.argsort(labels, kind="stable")
+    return np.split(order, np.cumsum(np.bincount(labels, minlength=count)))[:count]

@@ -136,6 +136,11 @@ class Mesh:
         return 0.5 * np.linalg.norm(self._cross, axis=1)
 
     @cached_property
+    def vertex_areas(self) -> np.ndarray:
+        """(n,) a third of the areas of the triangles around each vertex."""
+        return np.bincount(self.F.ravel(), np.repeat(self.face_areas / 3, 3), minlength=self.n)
+
+    @cached_property
     def without_area(self) -> np.ndarray:
         """(m,) bool: faces with no area to speak of, needles and those collapsed; see :data:`NO_AREA`."""
         return _without_area(self.V, self.F, NO_AREA)

@@ -20,6 +20,7 @@ from scipy.sparse import csr_array
 
 from sshade.errors import InputError
 from sshade.mesh.cleaning import without_duplicates
+from sshade.mesh.connectivity import members
 from sshade.mesh.cutting import Cut, cut_to_manifold
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
@@ -155,11 +156,11 @@ class _Components:
 
     def __init__(self, mesh: Mesh, cut: Cut, handles: Handles) -> None:
         self._cut, self._handles = cut, handles
-        self._component = cut.mesh.component
+        self._component, count = cut.mesh.component, cut.mesh.topology.components
         self._number = np.full(mesh.n, -1)
         self._number[handles.index] = np.arange(len(handles))
-        self._members = _groups(self._component)
-        self._faces = _groups(self._component[cut.mesh.F[:, 0]])
+        self._members = members(self._component, count)
+        self._faces = members(self._component[cut.mesh.F[:, 0]], count)
         self.area = np.bincount(self._component[cut.mesh.F[:, 0]], cut.mesh.face_areas)
         self.positions, self._done, self.gap = np.array(mesh.V), np.zeros(mesh.n, dtype=bool), 0.0
 
@@ -235,25 +236,19 @@ def _with_free(rotation: np.ndarray | None, number: np.ndarray, free: int) -> np
     return None if rotation is None else np.concatenate([rotation[number], np.full((free, 3, 3), np.nan)])
 
 
-def _groups(labels: np.ndarray) -> list[np.ndarray]:
-    """For each label from 0 the places that have it, in ascending order."""
-    order = np.argsort(labels, kind="stable")
-    return np.split(order, np.cumsum(np.bincount(labels))[:-1])
-
-
 def _carry_rigidly(mesh: Mesh, positions: np.ndarray, unconstrained: np.ndarray) -> None:
     """Move each unconstrained component as the vertices close to it of the nearest other one."""
     from scipy.spatial import cKDTree
 
-    members = _groups(mesh.component)
+    vertices = members(mesh.component, mesh.topology.components)
     others = np.flatnonzero(np.isin(mesh.component, unconstrained, invert=True))
     tree, trees = cKDTree(mesh.V[others]), {}
-    for own in (members[component] for component in unconstrained):
+    for own in (vertices[component] for component in unconstrained):
         distance, nearest = tree.query(mesh.V[own])
         leader = mesh.component[others[nearest[np.argmin(distance)]]]
         if leader not in trees:
-            trees[leader] = cKDTree(mesh.V[members[leader]])
-        _, near = trees[leader].query(mesh.V[own], k=min(NEAREST, len(members[leader])))
-        near = members[leader][np.unique(near)]
+            trees[leader] = cKDTree(mesh.V[vertices[leader]])
+        _, near = trees[leader].query(mesh.V[own], k=min(NEAREST, len(vertices[leader])))
+        near = vertices[leader][np.unique(near)]
         R, t = rigid_motion(mesh.V[near], positions[near])
         positions[own] = mesh.V[own] @ R.T + t

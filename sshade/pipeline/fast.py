@@ -67,8 +67,8 @@ def sshade_fast(
         Those of :func:`sshade.sshade` and :func:`sshade.solver.local_global.local_global`.
     """
     made = choices(task, options)
-    coarse = partial(multilevel, coarse=partial(local_global, **made.solver), lead=made.lead)
-    coarse = partial(coarse, tolerance=made.tolerance)
+    solver = partial(local_global, **made.solver)
+    coarse = partial(multilevel, coarse=solver, lead=made.lead, tolerance=made.tolerance)
     return sshade(task, coarse=coarse, keep_volume=made.keeps_volume, progress=progress, **made.proxies)
 
 

@@ -14,9 +14,10 @@ from sshade.pipeline.components import each_component
 from sshade.pipeline.fast import PARTS, PROXY, STIFFNESS, VERTICES, sshade_fast
 from sshade.pipeline.regions import OF_REGIONS, HandleRegions, all_on_targets, has_regions
 from sshade.sampling.fronts import Fronts
-from sshade.solver.local_global import LocalGlobal, Solution
+from sshade.solver.local_global import LocalGlobal
 from sshade.solver.options import SolverOptions, complete, energy_options
 from sshade.solver.parts import pulled_by_parts
+from sshade.solver.solution import Solution
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
 from sshade.threads import available_cpus, number_of_workers
 

@@ -5,7 +5,7 @@ each vertex; the global step solves ``L q = b(R)`` with the Laplacian of the res
 and the handle vertices eliminated: see :mod:`sshade.solver.global_step`. A soft handle of stiffness k
 stays in the system, with k on its diagonal entry of L and k times its target in b. Both energies are
 sums of terms: see :mod:`sshade.solver.terms`. Constraints and softening are given to an iteration as
-objects, see :class:`Constraints` and :class:`Softening`; the system knows of neither.
+objects, see :mod:`sshade.solver.interfaces`; the system knows of neither.
 
 O. Sorkine, M. Alexa, "As-rigid-as-possible surface modeling", 2007 (spokes);
 I. Chao, U. Pinkall, P. Sanan, P. Schroeder, "A simple geometric model for
@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import Protocol
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
@@ -32,6 +31,7 @@ from sshade.solver.cotangents import (
     rest_energies,
 )
 from sshade.solver.global_step import FactorisedLaplacian, FactorisedStep, GlobalStep, MultigridStep
+from sshade.solver.interfaces import Constraints, Softening
 from sshade.solver.options import Energy
 from sshade.solver.rotations import fit_rotations, quaternions
 from sshade.solver.terms import Terms, add_pulls, covariances, pulling_energy, right_hand_side
@@ -39,62 +39,6 @@ from sshade.threads import ThreadTeam
 
 #: Vertices that a thread works on at a time, and half the terms.
 CHUNK = 32_768
-
-
-class Constraints(Protocol):
-    """Quantities of the shape that an iteration holds, such as volumes.
-
-    P and B are (n, 3) float64, in the system's order of vertices.
-    """
-
-    #: Number of directions.
-    count: int
-
-    def retry(self, volume_goal: float) -> None:
-        """Hold exactly again what could not be held, as targets have moved, and volumes at another goal."""
-
-    @property
-    def renews_directions(self) -> bool:
-        """Whether the next global step is to renew the directions."""
-
-    def penalty(self, P: np.ndarray) -> float:
-        """Energy of what is held with a finite weight."""
-
-    def forces(self, P: np.ndarray, B: np.ndarray) -> None:
-        """Write to B ``sum_q lambda_q grad C_q(P)``, which the right-hand side gets."""
-
-    def write_gradients(self, P: np.ndarray, rows: np.ndarray, X: np.ndarray) -> None:
-        """Write ``grad C_q(P)`` of the vertices `rows` (f,) to X (count, f, 3)."""
-
-    def take_directions(self, X: np.ndarray, rows: np.ndarray) -> None:
-        """Take X (count, f, 3), ``L^-1 grad C_q``, for the directions of `project`."""
-
-    def add_moves(self, G: np.ndarray) -> None:
-        """Add to G (n, 3) the gradients that the last `project` moved along, as often as it did."""
-
-    def project(self, P: np.ndarray) -> None:
-        """Move P along the directions to where the constraints hold; the multipliers follow."""
-
-    def restore(self, P: np.ndarray) -> bool:
-        """Move P to where the exact constraints hold; False where they are missed by more than then."""
-
-
-class Softening(Protocol):
-    """An energy of each triangle in place of the quadratic one, majorised by weighted quadratics."""
-
-    #: Weight of each triangle at the last local step, (m,) float64 in [0, 1].
-    weight: np.ndarray
-
-    def covariances(self, own: slice, P: np.ndarray, S: np.ndarray, first: int, end: int) -> float:
-        """As :func:`covariances` of the triangles `own`, each with its weight; returns 0."""
-
-    def energy(self, own: slice, P: np.ndarray, R: np.ndarray) -> float:
-        """Energy of the triangles `own`, whose weights are renewed."""
-
-    def right_hand_side(
-        self, own: slice, P: np.ndarray, R: np.ndarray, B: np.ndarray, first: int, end: int
-    ) -> None:
-        """As :func:`right_hand_side` of the triangles `own`, each with its weight."""
 
 
 class ArapSystem:

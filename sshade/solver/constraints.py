@@ -163,7 +163,7 @@ class Components:
 
 
 class HeldConstraints:
-    """Multipliers and directions of one solve; a :class:`sshade.solver.arap.Constraints`.
+    """Multipliers and directions of one solve; a :class:`sshade.solver.interfaces.Constraints`.
 
     The multiplier of a constraint grows by each move along its direction. With
     which weights the constraints are held at a step, :class:`InfeasibleAreas` decides.

@@ -27,7 +27,8 @@ from sshade.solver.multigrid import Multigrid, compressed_rows, multiply
 from sshade.threads import ThreadTeam
 
 if TYPE_CHECKING:
-    from sshade.solver.arap import ArapSystem, Constraints, Softening
+    from sshade.solver.arap import ArapSystem
+    from sshade.solver.interfaces import Constraints, Softening
 
 #: Least weight of a triangle in the metric of a V-cycle. Weights rise where strain goes, and a step is
 #: safe while they are under twice the metric's; lower ones save little (tried: 0.1 to 0.5).

@@ -27,6 +27,7 @@ from scipy.sparse.csgraph import connected_components
 
 from sshade.handles import Handles
 from sshade.mesh.adjacency import VertexGraph, vertex_graph
+from sshade.mesh.connectivity import members
 from sshade.mesh.mesh import Mesh
 from sshade.sampling.fronts import Fronts
 
@@ -98,28 +99,30 @@ class Parts:
 
     def __init__(self, mesh: Mesh, handles: Handles, weight: float) -> None:
         self._parts: list[_Part] = []
-        pull, owner = np.zeros(mesh.n), np.full(mesh.n, -1)
+        pull, part_of = np.zeros(mesh.n), np.zeros(mesh.n, dtype=np.int64)
         if weight > 0:
             r = RADIUS * np.sqrt(mesh.area)
             graph, turned = vertex_graph(mesh), handles.turned
             fronts = Fronts(graph, handles.index)
             number = _parts(graph, fronts, handles.group, LINK * r)
-            for k in range(number.max() + 1):
-                own = np.flatnonzero(number == k)
+            firm = np.where(np.isinf(handles.weight), 1.0, 1 - 1 / (1 + handles.weight))
+            count = number.max() + 1
+            place, radius, strength = np.zeros(count, dtype=np.int64), np.full(count, np.inf), np.zeros(count)
+            for k, own in enumerate(members(number, count)):
                 part = _Part.at_rest(own, mesh.V[handles.index[own]])
-                if not (turned[own].any() or part.curvature):
-                    continue
-                away = fronts.distance + np.linalg.norm(part.arm, axis=1).max()
-                near = np.flatnonzero((number[fronts.region] == k) & (away < REACH * r))
-                w = handles.weight[own]
-                firmness = np.where(np.isinf(w), 1.0, 1 - 1 / (1 + w)).mean()
-                pull[near] = firmness * weight / r**2 * np.exp(-((away[near] / r) ** 2))
-                owner[near] = len(self._parts)
-                self._parts.append(part)
-            pull *= np.bincount(mesh.F.ravel(), np.repeat(mesh.face_areas / 3, 3), minlength=mesh.n)
+                if turned[own].any() or part.curvature:
+                    place[k] = len(self._parts)
+                    radius[k] = np.linalg.norm(part.arm, axis=1).max()
+                    strength[k] = firm[own].mean() * weight / r**2
+                    self._parts.append(part)
+            nearest = number[fronts.region]
+            away = fronts.distance + radius[nearest]
+            near = np.flatnonzero(away < REACH * r)
+            pull[near] = strength[nearest[near]] * np.exp(-((away[near] / r) ** 2)) * mesh.vertex_areas[near]
+            part_of[near] = place[nearest[near]]
         pull[handles.index] = 0.0
         near = np.flatnonzero(pull)
-        self._pulled = [np.flatnonzero(owner[near] == k) for k in range(len(self._parts))]
+        self._pulled = members(part_of[near], len(self._parts))
         self._arms = [mesh.V[near[own]] - p.centre for own, p in zip(self._pulled, self._parts, strict=True)]
         self.vertex = np.concatenate([handles.index, near])
         self.stiffness = np.concatenate([handles.stiffness, pull[near]])

@@ -166,7 +166,7 @@ def iterate(
     Returns
     -------
     dict
-        The fields of :class:`sshade.solver.local_global.Solution` that the iteration determines.
+        The fields of :class:`sshade.solver.solution.Solution` that the iteration determines.
 
     Raises
     ------

@@ -78,7 +78,7 @@ class StrainSoftening:
 
 
 class SoftenedTriangles:
-    """The triangles of one solve; a :class:`sshade.solver.arap.Softening`.
+    """The triangles of one solve; a :class:`sshade.solver.interfaces.Softening`.
 
     Attributes
     ----------

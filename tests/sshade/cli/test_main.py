@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 
 from sshade import DeformationTask, Handles, InputError, sshade
+from sshade.cli import main as cli
 from sshade.cli.console import progress_bar, run_command
 from sshade.cli.main import main
 from sshade.io.handles import read_handles, write_handles
 from sshade.io.meshes import read_arrays, read_mesh, write_mesh
+from sshade.pipeline import fast, proxies
 from sshade.pipeline.deform import METHODS as CALLS
 from sshade.pipeline.fast import sshade_fast
 from sshade.pipeline.fine import sshade_fine
@@ -71,6 +73,10 @@ def test_deform_takes_its_options_and_is_reproducible(folder, capsys):
     a, b, c = (read_arrays(f"{name}.ply")[0] for name in "abc")
     assert np.array_equal(a, b) and not np.array_equal(a, c)
     assert capsys.readouterr().err.count("2 proxies of") == 3
+
+
+def test_numbers_of_samples_are_those_of_the_methods():
+    assert (cli.VERTICES, cli.BETTER) == (proxies.VERTICES, fast.VERTICES)
 
 
 def test_raw_takes_targets_as_they_are(folder):

@@ -15,8 +15,9 @@ from scipy.spatial.transform import Rotation
 
 from sshade import DeformationTask, Handles, InputError, Mesh
 from sshade.solver.constraints import EVERY, EVERY_OF_BOTH
-from sshade.solver.local_global import LocalGlobal, Solution
+from sshade.solver.local_global import LocalGlobal
 from sshade.solver.quasi_newton import largest_move
+from sshade.solver.solution import Solution
 from sshade.solver.volume_area import (
     AREA,
     CLOSE,

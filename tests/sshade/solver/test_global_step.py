@@ -9,8 +9,9 @@ from sshade import DeformationTask, Handles, Mesh
 from sshade.solver.arap import ArapIteration, ArapSystem
 from sshade.solver.constraints import Components, VolumeArea
 from sshade.solver.global_step import SOFTEST, MultigridStep, _add_weighted
-from sshade.solver.local_global import LocalGlobal, Solution
+from sshade.solver.local_global import LocalGlobal
 from sshade.solver.multigrid import Multigrid
+from sshade.solver.solution import Solution
 from sshade.solver.strain_softening import StrainSoftening
 from sshade.threads import ThreadTeam
 from tests.shapes import bumpy, double_torus, held_ends, jittered, tube

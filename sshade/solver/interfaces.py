@@ -1,0 +1,67 @@
+"""What an iteration is given besides its system: what it holds, and what softens.
+
+:mod:`sshade.solver.constraints` and :mod:`sshade.solver.strain_softening` make them; the system and the
+steps of :mod:`sshade.solver.arap` and :mod:`sshade.solver.global_step` know no more of either than this.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+
+class Constraints(Protocol):
+    """Quantities of the shape that an iteration holds, such as volumes.
+
+    P and B are (n, 3) float64, in the system's order of vertices.
+    """
+
+    #: Number of directions.
+    count: int
+
+    def retry(self, volume_goal: float) -> None:
+        """Hold exactly again what could not be held, as targets have moved, and volumes at another goal."""
+
+    @property
+    def renews_directions(self) -> bool:
+        """Whether the next global step is to renew the directions."""
+
+    def penalty(self, P: np.ndarray) -> float:
+        """Energy of what is held with a finite weight."""
+
+    def forces(self, P: np.ndarray, B: np.ndarray) -> None:
+        """Write to B ``sum_q lambda_q grad C_q(P)``, which the right-hand side gets."""
+
+    def write_gradients(self, P: np.ndarray, rows: np.ndarray, X: np.ndarray) -> None:
+        """Write ``grad C_q(P)`` of the vertices `rows` (f,) to X (count, f, 3)."""
+
+    def take_directions(self, X: np.ndarray, rows: np.ndarray) -> None:
+        """Take X (count, f, 3), ``L^-1 grad C_q``, for the directions of `project`."""
+
+    def add_moves(self, G: np.ndarray) -> None:
+        """Add to G (n, 3) the gradients that the last `project` moved along, as often as it did."""
+
+    def project(self, P: np.ndarray) -> None:
+        """Move P along the directions to where the constraints hold; the multipliers follow."""
+
+    def restore(self, P: np.ndarray) -> bool:
+        """Move P to where the exact constraints hold; False where they are missed by more than then."""
+
+
+class Softening(Protocol):
+    """An energy of each triangle in place of the quadratic one, majorised by weighted quadratics."""
+
+    #: Weight of each triangle at the last local step, (m,) float64 in [0, 1].
+    weight: np.ndarray
+
+    def covariances(self, own: slice, P: np.ndarray, S: np.ndarray, first: int, end: int) -> float:
+        """As :func:`covariances` of the triangles `own`, each with its weight; returns 0."""
+
+    def energy(self, own: slice, P: np.ndarray, R: np.ndarray) -> float:
+        """Energy of the triangles `own`, whose weights are renewed."""
+
+    def right_hand_side(
+        self, own: slice, P: np.ndarray, R: np.ndarray, B: np.ndarray, first: int, end: int
+    ) -> None:
+        """As :func:`right_hand_side` of the triangles `own`, each with its weight."""

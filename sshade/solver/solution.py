@@ -1,0 +1,55 @@
+"""What a solve returns."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+
+class Solution(NamedTuple):
+    """A deformed shape and how the iteration went.
+
+    Attributes
+    ----------
+    positions : (n, 3) float64
+        Hard handles are on their targets exactly.
+    rotations : (n, 3, 3) float64
+        The local step at `positions`: det 1, from rest edges to deformed ones; those that are known as given.
+    iterations : int
+        Global steps.
+    residual : float
+        Largest move of a vertex in the last plain iteration / bounding-box diagonal.
+    residual_curve : (iterations,) float64
+        That of each iteration.
+    energy, energy_initial : float
+        After the local steps at `positions` and at the start, with the penalties
+        of weighted constraints and the pull of soft handles; unit length^2. The start fulfils no constraint,
+        so that its energy may be the lower one.
+    converged : bool
+    rejected : int
+        Accelerated iterates given up because the energy rose.
+    volume_error, area_error : float
+        Relative, of the worst component; NaN where none encloses a volume.
+    volume_constraint, area_constraint : str
+        See :meth:`sshade.solver.constraints.Components.status`.
+    """
+
+    positions: np.ndarray
+    rotations: np.ndarray
+    iterations: int
+    residual: float
+    residual_curve: np.ndarray
+    energy: float
+    energy_initial: float
+    converged: bool
+    rejected: int
+    volume_error: float
+    area_error: float
+    volume_constraint: str
+    area_constraint: str
+
+    def facts(self) -> dict[str, Any]:
+        """What belongs into the `extra` of a result."""
+        own = ("positions", "iterations", "converged")
+        return {name: value for name, value in self._asdict().items() if name not in own}
