@@ -25,8 +25,9 @@ from sshade.mesh.rigid import rigid_motion
 from sshade.pipeline.paper import sample_with_handles, sshade
 from sshade.pipeline.proxies import ProxyOptions
 from sshade.pipeline.regions import HandleRegions
+from sshade.progress import Progress, silent
 from sshade.sampling.remesh import Remesh, remesh
-from sshade.task import DeformationResult, DeformationTask, Handles, Method, Progress, silent
+from sshade.task import DeformationResult, DeformationTask, Handles, Method
 
 #: A projection crosses to another part beyond so many covering radii: samples whose regions
 #: touch lie nearer to each other, but for one edge of M.

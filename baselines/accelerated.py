@@ -10,9 +10,10 @@ from __future__ import annotations
 
 from typing import Unpack
 
+from sshade.progress import Progress, silent
 from sshade.solver.local_global import local_global
 from sshade.solver.options import SolverOptions
-from sshade.task import DeformationResult, DeformationTask, Progress, silent
+from sshade.task import DeformationResult, DeformationTask
 
 
 def accelerated_arap(

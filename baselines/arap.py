@@ -14,9 +14,10 @@ import numpy as np
 
 from baselines.global_step import iterate, last
 from sshade.errors import InputError
+from sshade.progress import Progress, silent
 from sshade.solver.options import Energy, IterationOptions, Start
 from sshade.solver.start import initial_guess
-from sshade.task import DeformationResult, DeformationTask, Progress, silent
+from sshade.task import DeformationResult, DeformationTask
 
 
 def arap(

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from scipy.sparse import csr_array
 
+from sshade.progress import Progress
 from sshade.solver.factorisation import Factorisation
 from sshade.solver.quasi_newton import largest_move
-from sshade.task import Progress
 
 #: Iterations between two calls of the progress callback, by default.
 REPORT_EVERY = 10

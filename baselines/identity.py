@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from sshade.progress import Progress, silent
 from sshade.solver.start import initial_guess
-from sshade.task import DeformationResult, DeformationTask, Progress, silent
+from sshade.task import DeformationResult, DeformationTask
 
 
 def identity(task: DeformationTask, *, seed: int = 0, progress: Progress = silent) -> DeformationResult:

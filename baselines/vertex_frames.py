@@ -23,7 +23,8 @@ from sshade.carry.triangle import FLAT
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.pipeline.transfer import TransferTask
-from sshade.task import DeformationResult, Progress, silent
+from sshade.progress import Progress, silent
+from sshade.task import DeformationResult
 
 log = logging.getLogger(__name__)
 

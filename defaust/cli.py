@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sshade import InputError
 from sshade.cli.console import CommandParser, progress_bar, run_command
+from sshade.errors import InputError
 
 if TYPE_CHECKING:
     from defaust.build.options import BuildOptions

@@ -1,20 +1,11 @@
 """The command ``sshade-eval``: one program with a sub-command for each step of an evaluation.
 
-The module of a sub-command gives its description (the module's docstring),
-``add_arguments(parser)`` and ``command(options) -> exit code``; it is imported
-only when it is asked for. ``run`` alone is a Hydra program, which reads its
-arguments itself.
+See :mod:`sshade.cli.programs`; ``run`` alone is a Hydra program, which reads its arguments itself.
 """
 
 from __future__ import annotations
 
-import argparse
-import sys
-from collections.abc import Sequence
-from importlib import import_module
-
-PROGRAM = "sshade-eval"
-
+from sshade.cli.programs import Program
 
 #: Sub-command -> the module that does it, and what it does in one line.
 COMMANDS = {
@@ -37,70 +28,18 @@ COMMANDS = {
     "topology": ("eval.studies.topology", "what remeshing keeps of a mesh's topology"),
 }
 
-HELP = f"""\
+HELP = """\
 Run deformation methods, and make tables, figures and pages of what they left.
 
-{{commands}}
+{commands}
 
-  {PROGRAM} run method=sshade dataset=defaust dataset.root=DIR subject=0 pose=1
-  {PROGRAM} run -m experiment=quick
-  {PROGRAM} collect quick && {PROGRAM} tables quick && {PROGRAM} report quick
+  sshade-eval run method=sshade dataset=defaust dataset.root=DIR subject=0 pose=1
+  sshade-eval run -m experiment=quick
+  sshade-eval collect quick && sshade-eval tables quick && sshade-eval report quick
 
-`{PROGRAM} COMMAND --help` tells more. Exit codes: 0; 1 where a run failed or a check did not
+`sshade-eval COMMAND --help` tells more. Exit codes: 0; 1 where a run failed or a check did not
 hold; 2 for a mistake in the arguments, told in one sentence.
 """
 
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; return the exit code."""
-    arguments = list(sys.argv[1:] if argv is None else argv)
-    if arguments and arguments[0] in ("-h", "--help"):
-        lines = (f"  {name:<10} {summary}" for name, (_, summary) in COMMANDS.items())
-        print(HELP.format(commands="\n".join(lines)), end="")  # noqa: T201
-        return 0
-    try:
-        from sshade.cli.console import run_command
-
-        return run_command(lambda: call(arguments[0] if arguments else "", arguments[1:]))
-    except KeyboardInterrupt:  # while the libraries are read
-        print("interrupted", file=sys.stderr)  # noqa: T201
-        return 130
-
-
-def call(name: str, arguments: Sequence[str]) -> int:
-    """Run a sub-command.
-
-    Parameters
-    ----------
-    name : str
-        A key of :data:`COMMANDS`.
-    arguments : sequence of str
-
-    Returns
-    -------
-    int
-        The exit code.
-
-    Raises
-    ------
-    InputError
-        On a mistake in the arguments or in what they name.
-    """
-    if name not in COMMANDS:
-        from sshade.errors import InputError
-
-        found = f"{name!r} is no command" if name else "a command is missing"
-        raise InputError(f"{found}; {PROGRAM} takes one of {', '.join(COMMANDS)}")
-    module = import_module(COMMANDS[name][0])
-    if name == "run":
-        sys.argv[:] = [f"{PROGRAM} run", *arguments]  # where Hydra reads them
-        return module.main()
-    from sshade.cli.console import CommandParser
-
-    parser = CommandParser(
-        prog=f"{PROGRAM} {name}",
-        description=module.__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    module.add_arguments(parser)
-    return module.command(parser.parse_args(arguments))
+PROGRAM = Program("sshade-eval", COMMANDS, HELP)
+main, call = PROGRAM.main, PROGRAM.call

@@ -2,23 +2,30 @@
 
 F. Maggioli, D. Baieri, Z. Laehner, S. Melzi, "SShaDe: scalable shape
 deformation via local representations".
+
+Names are imported at their first use, so that what needs few of them starts at once.
 """
 
-from importlib.metadata import version
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-from sshade.carry.binding import Binding
-from sshade.carry.binding_file import load_binding, save_binding
-from sshade.errors import InputError
-from sshade.io.arrays import read, write
-from sshade.mesh.mesh import Mesh
-from sshade.pipeline.deform import deform
-from sshade.pipeline.deformer import Deformer
-from sshade.pipeline.fast import sshade_fast
-from sshade.pipeline.fine import sshade_fine
-from sshade.pipeline.paper import sshade
-from sshade.pipeline.proxies import bind
-from sshade.pipeline.transfer import TransferTask, transfer_pose
-from sshade.task import DeformationResult, DeformationTask, Handles, Method
+if TYPE_CHECKING:
+    from sshade.carry.binding import Binding
+    from sshade.carry.binding_file import load_binding, save_binding
+    from sshade.errors import InputError
+    from sshade.handles import Handles
+    from sshade.io.arrays import read, write
+    from sshade.mesh.mesh import Mesh
+    from sshade.pipeline.deform import deform
+    from sshade.pipeline.deformer import Deformer
+    from sshade.pipeline.fast import sshade_fast
+    from sshade.pipeline.fine import sshade_fine
+    from sshade.pipeline.paper import sshade
+    from sshade.pipeline.proxies import bind
+    from sshade.pipeline.transfer import TransferTask, transfer_pose
+    from sshade.task import DeformationResult, DeformationTask, Method
+
+    __version__: str
 
 __all__ = [
     "Binding",
@@ -42,4 +49,37 @@ __all__ = [
     "write",
 ]
 
-__version__ = version("sshade")
+_MODULES = {
+    "carry.binding": ["Binding"],
+    "carry.binding_file": ["load_binding", "save_binding"],
+    "errors": ["InputError"],
+    "handles": ["Handles"],
+    "io.arrays": ["read", "write"],
+    "mesh.mesh": ["Mesh"],
+    "pipeline.deform": ["deform"],
+    "pipeline.deformer": ["Deformer"],
+    "pipeline.fast": ["sshade_fast"],
+    "pipeline.fine": ["sshade_fine"],
+    "pipeline.paper": ["sshade"],
+    "pipeline.proxies": ["bind"],
+    "pipeline.transfer": ["TransferTask", "transfer_pose"],
+    "task": ["DeformationResult", "DeformationTask", "Method"],
+}
+_HOME = {name: module for module, names in _MODULES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        value: Any = version("sshade")
+    elif name in _HOME:
+        value = getattr(import_module(f"sshade.{_HOME[name]}"), name)
+    else:
+        raise AttributeError(f"module 'sshade' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, "__version__"})

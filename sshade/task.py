@@ -10,16 +10,7 @@ import numpy as np
 
 from sshade.handles import Handles
 from sshade.mesh.mesh import Mesh
-
-
-class Progress(Protocol):
-    """Receives the advance of a long computation: stage, steps done, steps in all, a short note."""
-
-    def __call__(self, stage: str, done: int, total: int, note: str = "") -> None: ...
-
-
-def silent(stage: str, done: int, total: int, note: str = "") -> None:
-    """Show nothing: the default progress callback."""
+from sshade.progress import Progress, silent
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from sshade.mesh.mesh import Mesh
-from sshade.task import DeformationResult, DeformationTask, Progress, silent
+from sshade.progress import Progress, silent
+from sshade.task import DeformationResult, DeformationTask
 
 if TYPE_CHECKING:
     import torch

@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from baselines.implicit_arap.networks import Mlp, sdf_network
-from sshade.task import Progress
+from sshade.progress import Progress
 
 #: Voxels: the width of the Gaussian over the grid's gradient.
 SMOOTHING = 1.0

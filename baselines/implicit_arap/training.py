@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from baselines.implicit_arap.networks import moved
 from baselines.implicit_arap.patches import patches_at, project, random_pattern, zero_set
 from baselines.implicit_arap.sdf import Sdf, report
-from sshade.task import Progress
+from sshade.progress import Progress
 
 #: Of the surface patches, the part that lies anywhere on the surface even if handles would fill all.
 FREE = 0.25

@@ -31,7 +31,7 @@ from defaust.folder.record import FINISHED, read_dataset, read_json, read_record
 from defaust.sources.source import Source
 from sshade import InputError
 from sshade.io.files import make_folder
-from sshade.task import Progress, silent
+from sshade.progress import Progress, silent
 from sshade.threads import available_cpus, number_of_workers
 
 log = logging.getLogger(__name__)

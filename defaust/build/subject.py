@@ -28,7 +28,7 @@ from defaust.sources.source import FromFiles, Generator, Source, SourcePose
 from sshade import InputError, Mesh
 from sshade.io.files import make_folder
 from sshade.io.meshes import write_mesh
-from sshade.task import Progress, silent
+from sshade.progress import Progress, silent
 
 
 class UnusableError(InputError):

@@ -25,7 +25,7 @@ from defaust.folder.record import POSE, read_dataset, read_record
 from sshade import InputError, Mesh
 from sshade.io.meshes import read_mesh
 from sshade.io.regions import rigidly_moved, vertices_in
-from sshade.task import Progress, silent
+from sshade.progress import Progress, silent
 
 #: A listed displacement may differ from the recomputed one by this, x the diagonal x the number of handles.
 SAME = 1e-12

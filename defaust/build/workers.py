@@ -14,7 +14,7 @@ from defaust.build.options import BuildOptions
 from defaust.build.subject import UnusableError, build_subject
 from defaust.sources.source import Source
 from sshade.processes import end_with_parent
-from sshade.task import Progress
+from sshade.progress import Progress
 
 #: Seconds between two looks at what the workers report.
 POLL = 0.2

@@ -38,7 +38,8 @@ from eval.run.targets import instantiate, target_modules
 from sshade.cli.configuration import CONFIGURATION, PACKAGES, one_sentence, unreadable_override
 from sshade.cli.console import progress_bar
 from sshade.errors import InputError
-from sshade.task import DeformationTask, Progress, silent
+from sshade.progress import Progress, silent
+from sshade.task import DeformationTask
 from sshade.threads import available_cpus
 
 #: Launchers' packages, whose errors mean that a worker was lost; what a run raises is of our own kinds.

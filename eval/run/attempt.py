@@ -29,7 +29,8 @@ from eval.run.provenance import CodeChanged, loaded_code, process_memory, requir
 from eval.run.targets import instantiate, settings, target_modules
 from eval.run.warmup import warm_up
 from sshade.processes import end_with_parent
-from sshade.task import DeformationResult, Progress, silent
+from sshade.progress import Progress, silent
+from sshade.task import DeformationResult
 
 log = logging.getLogger(__name__)
 

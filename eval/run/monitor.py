@@ -10,7 +10,7 @@ from typing import Any
 
 from eval.run.record import SweepRecord, counts, run_line
 from sshade.cli.console import stage_bars, stage_progress
-from sshade.task import Progress, silent
+from sshade.progress import Progress, silent
 
 #: Seconds between two looks at the record, for runs of other processes.
 PERIOD = 1.0

@@ -25,7 +25,7 @@ from eval.rows.store import (
 from eval.run.provenance import METRICS, require_unchanged
 from eval.run.recall import load_task
 from sshade.cli.console import progress_bar
-from sshade.task import Progress, silent
+from sshade.progress import Progress, silent
 
 
 def remeasure(folder: Path, *, progress: Progress = silent) -> int:

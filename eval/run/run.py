@@ -28,7 +28,8 @@ from eval.run.provenance import (
 from eval.run.shared import take_along
 from eval.run.targets import flat, instantiate, require_kind, settings, target_modules
 from sshade.errors import InputError
-from sshade.task import DeformationTask, Progress, silent
+from sshade.progress import Progress, silent
+from sshade.task import DeformationTask
 
 #: Seconds, and share of a run's time, that the system's clock and a steady one may differ by.
 CLOCK_TOLERANCE = 1.0, 1e-3

@@ -7,12 +7,11 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from inspect import getdoc
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from sshade.errors import InputError
 from sshade.io.files import reason
-from sshade.task import Progress, silent
+from sshade.progress import Progress, silent
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bars
@@ -23,17 +22,6 @@ class CommandParser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         raise InputError(f"{message}; `{self.prog} --help` tells more")
-
-
-def add_command(
-    commands: Any, name: str, run: Callable[[argparse.Namespace], None], summary: str
-) -> argparse.ArgumentParser:
-    """Add a sub-command that calls `run`, whose docstring is its help, line by line as it stands."""
-    parser = commands.add_parser(
-        name, help=summary, description=getdoc(run), formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.set_defaults(run=run)
-    return parser
 
 
 def say(text: str) -> None:

@@ -1,4 +1,12 @@
-"""``sshade show``: a mesh, its handles and a deformed copy, in a window or as a picture."""
+"""Show a mesh; with HANDLES, where they are (blue: static, yellow: dynamic) and, paler, where the
+dynamic ones are to go; with --deformed, that shape beside it, coloured by how much the edges
+at a vertex changed their length. With -o into a picture, else into a window.
+
+example:
+  sshade show body.ply pose.json --deformed posed.ply -o posed.png
+
+Needs pyvista: pip install sshade[figures].
+"""
 
 from __future__ import annotations
 
@@ -9,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sshade.cli.console import add_command, say
+from sshade.cli.console import say
 from sshade.errors import InputError
 from sshade.figures import (
     TOWARDS,
@@ -35,16 +43,17 @@ PICTURES = (".png", ".jpg", ".jpeg")
 PANEL = 900
 
 
-def add_show(commands: argparse._SubParsersAction) -> None:
-    """Add the subcommand."""
-    show = add_command(commands, "show", _show, "look at a mesh, its handles and a result")
-    show.add_argument("mesh", type=Path, metavar="MESH", help=f"rest shape ({', '.join(SUFFIXES)})")
-    show.add_argument("handles", type=Path, nargs="?", metavar="HANDLES", help="handle file (.json, .yaml)")
-    show.add_argument("--deformed", type=Path, metavar="OUT", help="the same vertices, deformed")
-    show.add_argument("-o", "--output", type=Path, metavar="PICTURE", help=f"{', '.join(PICTURES)} to write")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("mesh", type=Path, metavar="MESH", help=f"rest shape ({', '.join(SUFFIXES)})")
+    parser.add_argument("handles", type=Path, nargs="?", metavar="HANDLES", help="handle file (.json, .yaml)")
+    parser.add_argument("--deformed", type=Path, metavar="OUT", help="the same vertices, deformed")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="PICTURE", help=f"{', '.join(PICTURES)} to write"
+    )
     for name, default, text in (("towards", TOWARDS, "direction to the camera"), ("up", UP, "upright")):
         shown = " ".join(f"{x:g}" for x in default)
-        show.add_argument(
+        parser.add_argument(
             f"--{name}",
             type=float,
             nargs=3,
@@ -54,41 +63,34 @@ def add_show(commands: argparse._SubParsersAction) -> None:
         )
 
 
-def _show(arguments: argparse.Namespace) -> None:
-    """Show a mesh; with HANDLES, where they are (blue: static, yellow: dynamic) and, paler, where the
-    dynamic ones are to go; with --deformed, that shape beside it, coloured by how much the edges
-    at a vertex changed their length. With -o into a picture, else into a window.
-
-    example:
-      sshade show body.ply pose.json --deformed posed.ply -o posed.png
-
-    Needs pyvista: pip install sshade[figures].
-    """
+def command(options: argparse.Namespace) -> int:
+    """Show it, or write the picture; return the exit code."""
     require_extra()
-    path = arguments.output
+    path = options.output
     if path is None and not has_display():
         raise InputError("there is no display for a window; name a picture to write, such as -o picture.png")
     if path is not None:
         check_output(path, PICTURES)
-    mesh = read_mesh(arguments.mesh)
+    mesh = read_mesh(options.mesh)
     handles = None
-    if arguments.handles is not None:
+    if options.handles is not None:
         from sshade.io.handles import read_handles
 
-        handles = read_handles(arguments.handles, mesh)
+        handles = read_handles(options.handles, mesh)
     deformed = None
-    if arguments.deformed is not None:
-        deformed = mesh.checked(read_arrays(arguments.deformed)[0], f"file {arguments.deformed}")
+    if options.deformed is not None:
+        deformed = mesh.checked(read_arrays(options.deformed)[0], f"file {options.deformed}")
     plotter = draw(
-        mesh, handles, deformed=deformed, towards=arguments.towards, up=arguments.up, window=path is None
+        mesh, handles, deformed=deformed, towards=options.towards, up=options.up, window=path is None
     )
     if path is None:
-        plotter.show(title=f"sshade show {arguments.mesh}")
-        return
+        plotter.show(title=f"sshade show {options.mesh}")
+        return 0
     with replacing(path) as temporary:
         plotter.screenshot(temporary)
     plotter.close()
     say(str(path))
+    return 0
 
 
 def has_display() -> bool:

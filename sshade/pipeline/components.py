@@ -26,7 +26,8 @@ from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 from sshade.pipeline.proxies import COARSER, joined, least_vertices, proxy_vertices
 from sshade.pipeline.regions import EDGE_SAMPLES
-from sshade.task import DeformationResult, DeformationTask, Handles, Progress, silent
+from sshade.progress import Progress, silent
+from sshade.task import DeformationResult, DeformationTask, Handles
 
 MethodT = TypeVar("MethodT", bound=Callable[..., DeformationResult])
 

@@ -17,13 +17,14 @@ from sshade.pipeline.multilevel import multilevel
 from sshade.pipeline.paper import VOLUME_ERROR, VOLUME_ROUNDS
 from sshade.pipeline.proxies import Proxies
 from sshade.pipeline.regions import HandleRegions, all_on_targets
+from sshade.progress import Progress, silent
 from sshade.solver.following import Following
 from sshade.solver.local_global import LocalGlobal, local_global
 from sshade.solver.options import SolverOptions, complete, energy_options
 from sshade.solver.parts import Parts
 from sshade.solver.solution import Solution
 from sshade.solver.start import initial_guess
-from sshade.task import DeformationResult, DeformationTask, Handles, Progress, silent
+from sshade.task import DeformationResult, DeformationTask, Handles
 from sshade.threads import ThreadTeam, available_cpus, in_threads
 
 #: Vertices from which on threads share those that are carried along.

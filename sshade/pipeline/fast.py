@@ -17,9 +17,10 @@ from sshade.pipeline.multilevel import multilevel
 from sshade.pipeline.paper import sshade
 from sshade.pipeline.proxies import ProxyOptions
 from sshade.pipeline.regions import OF_REGIONS, has_regions
+from sshade.progress import Progress, silent
 from sshade.solver.local_global import local_global
 from sshade.solver.options import SolverOptions, complete
-from sshade.task import DeformationResult, DeformationTask, Progress, silent
+from sshade.task import DeformationResult, DeformationTask
 
 #: Vertices of the proxy.
 VERTICES = 12_000

@@ -13,12 +13,13 @@ from sshade.mesh.adjacency import vertex_graph
 from sshade.pipeline.components import each_component
 from sshade.pipeline.fast import PARTS, PROXY, STIFFNESS, VERTICES, sshade_fast
 from sshade.pipeline.regions import OF_REGIONS, HandleRegions, all_on_targets, has_regions
+from sshade.progress import Progress, silent
 from sshade.sampling.fronts import Fronts
 from sshade.solver.local_global import LocalGlobal
 from sshade.solver.options import SolverOptions, complete, energy_options
 from sshade.solver.parts import pulled_by_parts
 from sshade.solver.solution import Solution
-from sshade.task import DeformationResult, DeformationTask, Progress, silent
+from sshade.task import DeformationResult, DeformationTask
 from sshade.threads import available_cpus, number_of_workers
 
 #: By default; stiffer than the proxy alone, and less bound to parts, to stretch less in the end.

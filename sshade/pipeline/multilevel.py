@@ -19,7 +19,8 @@ from typing import Any
 
 from sshade.errors import InputError
 from sshade.pipeline.paper import sshade
-from sshade.task import DeformationResult, DeformationTask, Progress, silent
+from sshade.progress import Progress, silent
+from sshade.task import DeformationResult, DeformationTask
 
 log = logging.getLogger(__name__)
 

@@ -19,9 +19,10 @@ from sshade.carry.projection import Projector, project_to_fans
 from sshade.pipeline.components import each_component
 from sshade.pipeline.proxies import FACTS, VERTICES, Proxies, ProxyOptions
 from sshade.pipeline.regions import HandleRegions, all_on_targets
+from sshade.progress import Progress, silent
 from sshade.sampling.remesh import Remesh, proxy_mesh
 from sshade.solver.local_global import local_global
-from sshade.task import DeformationResult, DeformationTask, Handles, Method, Progress, silent
+from sshade.task import DeformationResult, DeformationTask, Handles, Method
 
 #: Share of the volume that proxies may miss before they are deformed again, and how often they are.
 VOLUME_ERROR, VOLUME_ROUNDS = 1e-3, 3

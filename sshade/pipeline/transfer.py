@@ -12,7 +12,8 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.pipeline.proxies import Proxies, ProxyOptions
-from sshade.task import DeformationResult, Progress, silent
+from sshade.progress import Progress, silent
+from sshade.task import DeformationResult
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,11 +16,11 @@ from typing import Unpack
 import numpy as np
 
 from sshade.errors import InputError
+from sshade.progress import silent
 from sshade.solver.local_global import LocalGlobal
 from sshade.solver.options import EnergyOptions
 from sshade.solver.quasi_newton import QuasiNewton, iterate
 from sshade.solver.solution import Solution
-from sshade.task import silent
 from sshade.threads import ThreadTeam
 
 

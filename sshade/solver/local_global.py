@@ -19,6 +19,7 @@ import numpy as np
 
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
+from sshade.progress import Progress, silent
 from sshade.solver.arap import ArapIteration, ArapSystem
 from sshade.solver.constraints import Components, VolumeArea
 from sshade.solver.options import Energy, EnergyOptions, SolverOptions, complete, energy_options
@@ -27,7 +28,7 @@ from sshade.solver.quasi_newton import QuasiNewton, iterate
 from sshade.solver.solution import Solution
 from sshade.solver.start import initial_guess
 from sshade.solver.strain_softening import StrainSoftening
-from sshade.task import DeformationResult, DeformationTask, Progress, silent
+from sshade.task import DeformationResult, DeformationTask
 from sshade.threads import ThreadTeam
 
 

@@ -26,8 +26,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from sshade.progress import Progress
 from sshade.solver.arap import ArapIteration
-from sshade.task import Progress
 from sshade.threads import ThreadTeam
 
 #: A rise of the energy below this (x the rest shape's Dirichlet energy) is rounding, not a bad step.

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from baselines.global_step import REPORT_EVERY, GlobalStep, iterate
+from sshade.progress import silent
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
-from sshade.task import silent
 
 
 def run(advance, u, **changes):

@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.task import DeformationResult, DeformationTask, silent
+from sshade.progress import silent
+from sshade.task import DeformationResult, DeformationTask
 from tests.shapes import bumpy, end_handles
 
 _HERE = Path(__file__).parent

@@ -23,7 +23,8 @@ from eval.rows.store import read_curves, read_row, run_folders, write_run
 from eval.run import provenance
 from eval.run.run import run
 from sshade.errors import InputError
-from sshade.task import DeformationResult, silent
+from sshade.progress import silent
+from sshade.task import DeformationResult
 
 ARAP = {"_target_": "baselines.arap.arap", "max_iterations": 5, "warm_up": {"max_iterations": 1}}
 STRETCHING = {"_target_": "eval_cases.stretching", "factor": 2.0}

@@ -16,7 +16,7 @@ def test_help_names_every_command_and_imports_none():
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     *text, modules = done.stdout.splitlines()
     assert {line.split()[0] for line in text if line.startswith("  ")} >= set(COMMANDS)
-    assert not {"numpy", "pandas", "hydra", "matplotlib", "sshade"} & set(modules.split())
+    assert not {"numpy", "pandas", "hydra", "matplotlib"} & set(modules.split())
 
 
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name != "run"])

@@ -9,7 +9,8 @@ import signal
 import numpy as np
 
 from eval.run.provenance import process_memory
-from sshade.task import DeformationResult, DeformationTask, silent
+from sshade.progress import silent
+from sshade.task import DeformationResult, DeformationTask
 
 
 def hungry(task: DeformationTask, *, seed: int, progress=silent) -> DeformationResult:

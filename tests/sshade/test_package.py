@@ -20,6 +20,24 @@ def test_importing_the_package_loads_no_heavy_library():
     assert run.stdout.strip() == "[]"
 
 
+@pytest.mark.parametrize("program", ["sshade.cli.main", "defaust.cli", "eval.main"])
+def test_help_imports_no_library(program):
+    code = f"import sys, {program} as p\ntry: p.main(['--help'])\nfinally: print(*sys.modules)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    *text, modules = run.stdout.splitlines()
+    assert len(text) > 5
+    assert not {"numpy", "scipy", "numba", "yaml", *HEAVY} & set(modules.split())
+
+
+def test_names_of_the_package_are_found_when_they_are_asked_for():
+    assert set(sshade.__all__) == set(sshade._HOME) <= set(dir(sshade))
+    for name in sshade.__all__:
+        value = getattr(sshade, name)
+        assert value.__name__ == name
+    with pytest.raises(AttributeError, match="no attribute 'shade'"):
+        sshade.shade  # noqa: B018
+
+
 @pytest.mark.parametrize("name", [name for name in MODULES if not name.endswith("__main__")])
 def test_examples_in_docstrings_do_what_they_show(name):
     assert doctest.testmod(importlib.import_module(name)).failed == 0

@@ -20,7 +20,7 @@ from eval.rows.experiment import Experiment
 from eval.rows.frame import distinct, method_names, numbers, records, valid
 from sshade.errors import InputError
 from sshade.figures import COLOURS
-from sshade.task import Progress, silent
+from sshade.progress import Progress, silent
 
 #: Cases of an experiment in the 3D view, unless they are named.
 TURNABLE = 3

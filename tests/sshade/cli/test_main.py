@@ -11,12 +11,10 @@ import numpy as np
 import pytest
 
 from sshade import DeformationTask, Handles, InputError, sshade
-from sshade.cli import main as cli
 from sshade.cli.console import progress_bar, run_command
-from sshade.cli.main import main
+from sshade.cli.main import PROGRAM, main
 from sshade.io.handles import read_handles, write_handles
 from sshade.io.meshes import read_arrays, read_mesh, write_mesh
-from sshade.pipeline import fast, proxies
 from sshade.pipeline.deform import METHODS as CALLS
 from sshade.pipeline.fast import sshade_fast
 from sshade.pipeline.fine import sshade_fine
@@ -75,10 +73,6 @@ def test_deform_takes_its_options_and_is_reproducible(folder, capsys):
     assert capsys.readouterr().err.count("2 proxies of") == 3
 
 
-def test_numbers_of_samples_are_those_of_the_methods():
-    assert (cli.VERTICES, cli.BETTER) == (proxies.VERTICES, fast.VERTICES)
-
-
 def test_raw_takes_targets_as_they_are(folder):
     offset = [0.02, 0, 0]
     put_handles(
@@ -95,7 +89,7 @@ def test_raw_takes_targets_as_they_are(folder):
 def test_iterations_that_do_not_converge_are_said(folder, capsys, monkeypatch):
     short = partial(local_global, max_iterations=2)
     monkeypatch.setitem(CALLS, "fast", partial(sshade_fast, max_iterations=2))
-    monkeypatch.setattr("sshade.solver.local_global.local_global", short)
+    monkeypatch.setattr("sshade.cli.deform.local_global", short)
     assert main(["deform", "body.ply", "pose.json", "-o", "out.ply"]) == 0
     assert "note: the iterations stopped at 2" in capsys.readouterr().err
     assert main(["deform", "body.ply", "pose.json", "-o", "out.ply", "--method", "sshade"]) == 0
@@ -243,7 +237,7 @@ def test_an_output_that_cannot_be_written_is_refused_before_any_work(folder, cap
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], "required: COMMAND; `sshade --help` tells more"),
+        ([], "a command is missing"),
         (["bend"], "'bend'"),
         (["deform", "body.ply", "pose.json"], "-o/--output; `sshade deform --help` tells more"),
         (["remesh", "body.ply", "-o", "a.ply", "--map", "m.npz", "--vertices", "many"], "--vertices"),
@@ -253,7 +247,7 @@ def test_a_mistake_in_the_arguments_is_one_sentence(folder, capsys, arguments, w
     assert_refused(capsys, arguments, words)
 
 
-@pytest.mark.parametrize("command", ["deform", "remesh", "carry", "reconstruct", "transfer-pose", "show"])
+@pytest.mark.parametrize("command", PROGRAM.commands)
 def test_help_says_what_each_command_does(capsys, command):
     with pytest.raises(SystemExit) as caught:
         main([command, "--help"])

@@ -11,9 +11,9 @@ import pytest
 from sshade import DeformationResult, DeformationTask, Handles, Mesh, bind, sshade
 from sshade.carry.projection import project_to_fans
 from sshade.pipeline.proxies import Proxies
+from sshade.progress import silent
 from sshade.sampling.remesh import remesh
 from sshade.solver.local_global import local_global
-from sshade.task import silent
 from tests.shapes import bent, bumpy, family
 
 MESHES = family()

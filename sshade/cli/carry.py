@@ -1,0 +1,51 @@
+"""Carry an edited proxy of `sshade remesh` back to the mesh:
+
+sshade remesh body.ply -o proxy.ply --map map.npz
+... move vertices of proxy.ply, keeping their order ...
+sshade carry body.ply map.npz edited.ply -o posed.ply
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+
+from sshade.carry.binding_file import load_binding
+from sshade.cli.arguments import add_files, add_frames, read
+from sshade.cli.console import announced_compilation, say
+from sshade.errors import InputError
+from sshade.io.files import check_output
+from sshade.io.meshes import SUFFIXES, mesh_of, read_arrays, write_file
+from sshade.mesh.seams import join_seams
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    add_files(
+        parser,
+        output="OUT",
+        mesh="the mesh that was remeshed",
+        map="the .npz of `sshade remesh`",
+        edited="the proxy with vertices moved",
+    )
+    add_frames(parser)
+
+
+@announced_compilation()
+def command(options: argparse.Namespace) -> int:
+    """Write the output; return the exit code."""
+
+    check_output(options.output, SUFFIXES)
+    file = read(options.mesh, options.output)
+    mesh, vertex = join_seams(mesh_of(file, options.mesh))
+    binding = load_binding(options.map, mesh, frames=options.frames)
+    edited, _ = read_arrays(options.edited)
+    if not np.isfinite(edited).all():
+        raise InputError(f"{options.edited}: a vertex has a NaN or infinite coordinate")
+    V, degenerate = binding.carry(edited)
+    write_file(options.output, file, V[vertex])
+    say(f"{options.output}: {len(vertex)} vertices carried by {binding.proxy.n}")
+    if degenerate:
+        say(f"note: {degenerate} frames of the proxy stand on no area; they turn with their neighbours")
+    return 0

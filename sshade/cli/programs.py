@@ -1,0 +1,91 @@
+"""Programs with sub-commands, each a module that is imported only when it is asked for.
+
+The module of a sub-command gives its description (the module's docstring),
+``add_arguments(parser)`` and ``command(options) -> exit code``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from typing import NamedTuple
+
+
+class Program(NamedTuple):
+    """What a program is called, its sub-commands, and its help.
+
+    Attributes
+    ----------
+    name : str
+    commands : mapping
+        Sub-command -> the module that does it, and what it does in one line.
+    text : str
+        With ``{commands}`` where these lines are to stand.
+    """
+
+    name: str
+    commands: Mapping[str, tuple[str, str]]
+    text: str
+
+    def main(self, argv: Sequence[str] | None = None) -> int:
+        """Run the command line; return the exit code."""
+        arguments = list(sys.argv[1:] if argv is None else argv)
+        if arguments and arguments[0] in ("-h", "--help"):
+            print(self.help, end="")  # noqa: T201
+            return 0
+        try:
+            from sshade.cli.console import run_command
+
+            return run_command(lambda: self.call(arguments[0] if arguments else "", arguments[1:]))
+        except KeyboardInterrupt:  # while the libraries are read
+            print("interrupted", file=sys.stderr)  # noqa: T201
+            return 130
+
+    @property
+    def help(self) -> str:
+        """What ``--help`` prints."""
+        width = max(map(len, self.commands))
+        lines = (f"  {name:<{width}} {summary}" for name, (_, summary) in self.commands.items())
+        return self.text.format(commands="\n".join(lines))
+
+    def call(self, name: str, arguments: Sequence[str]) -> int:
+        """Run a sub-command.
+
+        Parameters
+        ----------
+        name : str
+        arguments : sequence of str
+
+        Returns
+        -------
+        int
+            The exit code.
+
+        Raises
+        ------
+        InputError
+            On a mistake in the arguments or in what they name.
+        """
+        if name not in self.commands:
+            from sshade.errors import InputError
+
+            found = f"{name!r} is no command" if name else "a command is missing"
+            raise InputError(
+                f"{found}; {self.name} takes one of {', '.join(self.commands)}; "
+                f"`{self.name} --help` tells more"
+            )
+        module = import_module(self.commands[name][0])
+        if not hasattr(module, "add_arguments"):  # a Hydra program, which reads them itself
+            sys.argv[:] = [f"{self.name} {name}", *arguments]
+            return module.main()
+        from sshade.cli.console import CommandParser
+
+        parser = CommandParser(
+            prog=f"{self.name} {name}",
+            description=module.__doc__,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        module.add_arguments(parser)
+        return module.command(parser.parse_args(arguments))

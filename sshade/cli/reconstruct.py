@@ -1,0 +1,25 @@
+"""Rebuild a pose that is known vertex by vertex from its samples, to see what the proxies lose:
+
+  sshade reconstruct rest.ply posed.ply -o rebuilt.ply
+
+Both files have the same number of vertices, in the same order.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+from sshade.cli.arguments import add_files
+from sshade.cli.transfer_pose import POSED, REST, add_sampling, carry_pose
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    add_files(parser, output="OUT", mesh=REST, posed=POSED)
+    add_sampling(parser)
+    parser.set_defaults(residual=False)
+
+
+def command(options: argparse.Namespace) -> int:
+    """Write OUT; return the exit code."""
+    return carry_pose(options)

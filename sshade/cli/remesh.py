@@ -1,0 +1,42 @@
+"""Write a proxy of a mesh to edit by hand or in any other program, and the map that
+carries the edit back:
+
+  sshade remesh body.ply -o proxy.ply --map map.npz
+  ... move vertices of proxy.ply, keeping their order ...
+  sshade carry body.ply map.npz edited.ply -o posed.ply
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from sshade.carry.binding_file import save_binding
+from sshade.cli.arguments import FORMATS, add_files, add_vertices
+from sshade.cli.console import announced_compilation, say
+from sshade.io.files import check_output, replacing
+from sshade.io.meshes import SUFFIXES, read_mesh, write_mesh
+from sshade.mesh.seams import join_seams
+from sshade.pipeline.proxies import bind
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    add_files(parser, output="N", mesh=f"mesh to sample ({FORMATS})")
+    parser.add_argument("--map", type=Path, required=True, metavar="MAP", help=".npz map to write")
+    add_vertices(parser)
+
+
+@announced_compilation()
+def command(options: argparse.Namespace) -> int:
+    """Write the output; return the exit code."""
+
+    check_output(options.output, SUFFIXES)
+    check_output(options.map, (".npz",))
+    mesh, _ = join_seams(read_mesh(options.mesh))
+    binding = bind(mesh, options.vertices, seed=options.seed)
+    with replacing(options.map) as temporary:
+        save_binding(temporary, binding)
+        write_mesh(options.output, binding.proxy.V, binding.proxy.F)  # without it there shall be no map
+    say(f"{options.output}: {binding.proxy.n} vertices, {binding.proxy.m} faces; map in {options.map}")
+    return 0

@@ -1,0 +1,79 @@
+"""Put an edited shape into a pose that is known vertex by vertex, through the proxies' samples:
+
+  sshade transfer-pose rest.ply posed.ply edited.ply -o edited_posed.ply
+
+puts an edited copy of rest.ply into the pose of posed.ply. All files have the same number of vertices,
+in the same order.
+"""
+
+from __future__ import annotations
+
+import argparse
+from time import perf_counter
+
+import numpy as np
+
+from sshade.cli.arguments import FORMATS, add_files, add_frames, add_samplings, add_vertices, read
+from sshade.cli.console import announced_compilation, progress_bar, say
+from sshade.io.files import check_output
+from sshade.io.meshes import SUFFIXES, mesh_of, read_arrays, write_file
+from sshade.pipeline.transfer import transfer_pose
+
+REST, POSED = f"rest shape ({FORMATS})", "the same vertices in a pose"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    add_files(parser, output="OUT", mesh=REST, posed=POSED, edited="the rest shape with vertices moved")
+    parser.add_argument(
+        "--residual",
+        action="store_true",
+        help="carry the edit alone: what was not edited ends exactly on POSED",
+    )
+    add_sampling(parser)
+
+
+def add_sampling(parser: argparse.ArgumentParser) -> None:
+    """Declare how the rest shape is sampled, and what carries it along."""
+    add_vertices(parser)
+    add_samplings(parser, default=10)
+    add_frames(parser)
+
+
+def command(options: argparse.Namespace) -> int:
+    """Write OUT; return the exit code."""
+    return carry_pose(options)
+
+
+@announced_compilation()
+def carry_pose(options: argparse.Namespace) -> int:
+    """Do it; `options` has no edited shape for the rest shape itself."""
+    check_output(options.output, SUFFIXES)
+    file = read(options.mesh, options.output)
+    mesh = mesh_of(file, options.mesh)
+    posed, _ = read_arrays(options.posed)
+    edited = read_arrays(options.edited)[0] if "edited" in options else mesh.V
+    begin = perf_counter()
+    with progress_bar() as progress:
+        result = transfer_pose(
+            mesh,
+            posed,
+            edited,
+            vertices=options.vertices,
+            samplings=options.samplings,
+            frames=options.frames,
+            residual=options.residual,
+            workers=options.workers,
+            seed=options.seed,
+            progress=progress,
+        )
+    seconds = perf_counter() - begin
+    write_file(options.output, file, result.vertices)
+    say(f"{options.output}: {mesh.n} vertices, {options.samplings} proxies, {seconds:.2f} s")
+    if edited is mesh.V:
+        error = np.linalg.norm(result.vertices - posed, axis=1) / mesh.diagonal
+        say(
+            f"distance to {options.posed}: {100 * error.mean():.2g} % of the diagonal in the mean, "
+            f"{100 * error.max():.2g} % at most"
+        )
+    return 0
