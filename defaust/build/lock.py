@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import fcntl
 import logging
 import os
 import platform
@@ -14,6 +13,11 @@ from typing import IO
 
 from sshade import InputError
 from sshade.io.files import make_folder
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
 
 log = logging.getLogger(__name__)
 
@@ -44,6 +48,8 @@ def sole_builder(out: Path) -> Iterator[None]:
         file.flush()
         yield
     finally:
+        if fcntl is None:
+            file.close()  # such systems keep files that are open
         # Others that wait see that it is gone, and begin with a file of their own.
         path.unlink(missing_ok=True)
         file.close()
@@ -55,6 +61,9 @@ def sole_builder(out: Path) -> Iterator[None]:
 def _locked(path: Path) -> IO[str]:
     while True:
         file = path.open("a+", encoding="utf-8")
+        if fcntl is None:
+            log.warning("%s: this system has no such locks; start no second build there", path)
+            return file
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:

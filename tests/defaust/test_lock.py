@@ -77,3 +77,11 @@ def test_a_build_killed_before_its_recipe_is_taken_up(tmp_path):
     (out / LOCK).write_text("process 1 on mars")
     document = build(Balls(subjects=(0,)), out, options=OPTIONS, workers=1)
     assert len(document["subjects"]) == 1 and not (out / LOCK).exists()
+
+
+def test_a_system_without_such_locks_is_told_about(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(module, "fcntl", None)
+    with module.sole_builder(tmp_path / "out"):
+        assert (tmp_path / "out" / module.LOCK).exists()
+    assert "start no second build there" in caplog.text
+    assert not (tmp_path / "out").exists()
