@@ -4,6 +4,7 @@
 # make robustness   bad inputs, kills, fuzzing, the same bits, coverage, at full strength (an hour)
 # make ablations   one change at a time on two small bodies (a quarter of an hour)
 # make transfers   poses rebuilt and transferred, at 20k and at 170k vertices (half an hour)
+# make docs     the documentation as a site, out/site; every example of it is run (five minutes)
 # The first use of any makes .venv and installs; PYTHON=... picks another interpreter.
 
 PYTHON ?= python3
@@ -24,7 +25,7 @@ ABLATIONS := $(addprefix ablation_,samplings vertices projection touching handle
 CURVES    := --metric volume area edge angle
 TRANSFERS := isometric_quick pose_transfer_quick isometric pose_transfer
 
-.PHONY: tables test ci-benchmark bench robustness ablations transfers clean
+.PHONY: tables test ci-benchmark bench robustness ablations transfers docs clean
 
 tables: $(READY) $(QUICK)/dataset.json
 	$(BIN)/sshade-eval run -m experiment=quick dataset.root=$(QUICK)
@@ -82,6 +83,11 @@ transfers: $(READY) $(QUICK)/dataset.json $(FULL)/dataset.json
 	$(BIN)/sshade-eval figures isometric --worst hausdorff \
 	  --methods triangle-1 triangle-10 blended_affine-1 blended_affine-10
 	$(BIN)/sshade-eval figures pose_transfer --worst chamfer
+
+docs: $(READY) $(QUICK)/dataset.json
+	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	$(BIN)/python -m mkdocs build
+	@echo "the site is in out/site"
 
 $(FULL)/dataset.json: $(READY)
 	$(BIN)/defaust build source=synthetic out=$(FULL) subjects=[0]

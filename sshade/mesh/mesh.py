@@ -36,17 +36,17 @@ class Topology(NamedTuple):
 class Mesh:
     """A triangle mesh.
 
+    Arrays are copied where needed and made read-only. Every vertex is used by a
+    triangle, and no triangle repeats a vertex. Manifoldness, orientation and
+    the number of components are properties here, not requirements: whoever
+    needs them calls :meth:`require_manifold` or :meth:`require_one_component`.
+
     Parameters
     ----------
     V : (n, 3) float64
         Vertex positions, in the unit of length of the file they come from.
     F : (m, 3) int
         Corner ids of each triangle, counter-clockwise seen from outside.
-
-    Both are copied where needed and made read-only. Every vertex is used by a
-    triangle, and no triangle repeats a vertex. Manifoldness, orientation and
-    the number of components are properties here, not requirements: whoever
-    needs them calls :meth:`require_manifold` or :meth:`require_one_component`.
 
     Raises
     ------

@@ -1,0 +1,35 @@
+"""What the examples of the pages use: a body of the project's, and pictures of it.
+
+``make docs`` builds the body into ``data/defaust_20k``.
+"""
+
+from __future__ import annotations
+
+import base64
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from defaust.tasks import load_task
+from sshade import Handles, Mesh
+from sshade.cli.show import draw
+from sshade.figures import TOWARDS, UP
+
+DATA = Path(__file__).parents[1] / "data" / "defaust_20k"
+
+
+def body(*, pose: int) -> tuple[Mesh, Handles]:
+    """The first body, of 20,000 vertices, and its handles for a pose."""
+    task = load_task(DATA, subject=0, pose=pose)
+    return task.mesh, task.handles
+
+
+def picture(mesh: Mesh, V: np.ndarray, handles: Handles) -> str:
+    """A picture as HTML: the rest shape with its handles, and the deformed one with its errors."""
+    plotter = draw(mesh, handles, deformed=V, towards=np.array(TOWARDS), up=np.array(UP), window=False)
+    with tempfile.NamedTemporaryFile(suffix=".png") as file:
+        plotter.screenshot(file.name)
+        data = base64.b64encode(Path(file.name).read_bytes()).decode()
+    plotter.close()
+    return f'<img alt="Rest shape with handles, and the deformed one" src="data:image/png;base64,{data}">'

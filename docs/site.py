@@ -1,0 +1,79 @@
+"""What the build of the documentation does besides: files of the repository that pages link to, and formulas.
+
+A link from a page of ``docs`` to a file elsewhere in the repository (``../results/tables/quick.md``) holds in a
+clone as it stands; on the site that file stands under ``files/``, a Markdown file as a page, any other as it is.
+``$...$`` and ``$$...$$`` become MathML, which browsers draw without a script.
+"""
+
+from __future__ import annotations
+
+import posixpath
+import re
+from pathlib import Path
+
+from latex2mathml.converter import convert
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+ROOT = Path(__file__).parents[1]
+
+LINK = re.compile(r"(\]\()([^)#\s]+)(#[^)\s]*)?(\))")
+FENCE = re.compile(r"(^ *```.*?^ *```|`[^`\n]+`)", re.M | re.S)
+DISPLAY, INLINE = re.compile(r"\$\$(.+?)\$\$", re.S), re.compile(r"(?<![\\$\w])\$([^$\n]+?)\$(?![\w$])")
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add what pages link to outside the folder of pages, and what these files link to."""
+    todo = [("", file) for file in files.documentation_pages()]
+    while todo:
+        _, file = todo.pop()
+        for target in _outside(file):
+            name = f"files/{target}"
+            if files.get_file_from_path(name) is None:
+                new = File.generated(config, name, abs_src_path=str(ROOT / target))
+                files.append(new)
+                if name.endswith(".md"):
+                    todo.append((target, new))
+    return files
+
+
+def _outside(file: File) -> list[str]:
+    """Files of the repository outside ``docs`` that a page links to."""
+    targets = (_target(file.src_uri, link) for _, link, *_ in LINK.findall(_text(file)))
+    return [target for target in targets if target and not target.startswith("docs/")]
+
+
+def _text(file: File) -> str:
+    return Path(file.abs_src_path).read_text(encoding="utf-8")
+
+
+def _place(uri: str) -> str:
+    """Where a page stands in the repository."""
+    return uri.removeprefix("files/") if uri.startswith("files/") else f"docs/{uri}"
+
+
+def _target(uri: str, link: str) -> str | None:
+    """The file of the repository that a page's link names; None where there is none."""
+    path = posixpath.normpath(posixpath.join(posixpath.dirname(_place(uri)), link))
+    return path if "://" not in link and (ROOT / path).is_file() else None
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Links to files elsewhere, and formulas, outside code."""
+    here = page.file.src_uri
+
+    def relink(found: re.Match[str]) -> str:
+        start, link, anchor, end = found.groups()
+        target = _target(here, link)
+        if target is None:
+            return found[0]
+        there = target.removeprefix("docs/") if target.startswith("docs/") else f"files/{target}"
+        return f"{start}{posixpath.relpath(there, posixpath.dirname(here) or '.')}{anchor or ''}{end}"
+
+    parts = FENCE.split(markdown)
+    for k in range(0, len(parts), 2):
+        text = LINK.sub(relink, parts[k])
+        text = DISPLAY.sub(lambda m: convert(m[1].strip(), display="block"), text)
+        parts[k] = INLINE.sub(lambda m: convert(m[1].strip()), text)
+    return "".join(parts)
