@@ -1,7 +1,7 @@
-"""What the build of the documentation does besides: files of the repository that pages link to, and formulas.
+"""What the build of the documentation does besides: files elsewhere in the repository, and formulas.
 
-A link from a page of ``docs`` to a file elsewhere in the repository (``../results/tables/quick.md``) holds in a
-clone as it stands; on the site that file stands under ``files/``, a Markdown file as a page, any other as it is.
+A link from a page of ``docs`` to a file elsewhere (``../results/tables/quick.md``) holds in a clone as it
+stands; on the site that file stands under ``files/``, a Markdown file as a page, any other as it is.
 ``$...$`` and ``$$...$$`` become MathML, which browsers draw without a script.
 """
 
@@ -20,7 +20,10 @@ ROOT = Path(__file__).parents[1]
 
 LINK = re.compile(r"(\]\()([^)#\s]+)(#[^)\s]*)?(\))")
 FENCE = re.compile(r"(^ *```.*?^ *```|`[^`\n]+`)", re.M | re.S)
-DISPLAY, INLINE = re.compile(r"\$\$(.+?)\$\$", re.S), re.compile(r"(?<![\\$\w])\$([^$\n]+?)\$(?![\w$])")
+DISPLAY, INLINE = (
+    re.compile(r"\$\$(.+?)\$\$", re.S),
+    re.compile(r"(?<![\\$\w])\$((?:[^$\n]|\n(?!\n))+?)\$(?![\w$])"),
+)
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -75,5 +78,5 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     for k in range(0, len(parts), 2):
         text = LINK.sub(relink, parts[k])
         text = DISPLAY.sub(lambda m: convert(m[1].strip(), display="block"), text)
-        parts[k] = INLINE.sub(lambda m: convert(m[1].strip()), text)
+        parts[k] = INLINE.sub(lambda m: f"<span>{convert(m[1].strip())}</span>", text)
     return "".join(parts)

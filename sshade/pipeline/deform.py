@@ -46,13 +46,9 @@ def deform(
 ) -> Any:
     """Deform a surface so that some of its vertices, the handles, reach given positions.
 
-    ======================================  ==========================
-    call                                    gives
-    ======================================  ==========================
-    ``deform(V, F, b, bc)``                 (n, 3) float64
-    ``deform(mesh, b, bc)``                 another of the mesh's kind
-    ``deform(task)``                        DeformationResult
-    ======================================  ==========================
+    - ``deform(V, F, b, bc)`` gives positions (n, 3) float64,
+    - ``deform(mesh, b, bc)`` another of the mesh's kind,
+    - ``deform(task)`` a DeformationResult.
 
     The surface may have several components, each with a handle, a boundary, edges of more than two
     faces, faces twice, and faces without area. Unless it is a task's, it may also have vertices that
