@@ -22,9 +22,6 @@ LINK = re.compile(r"(\]\()([^)#\s]+)(#[^)\s]*)?(\))")
 FENCE = re.compile(r"(^ *```.*?^ *```|`[^`\n]+`)", re.M | re.S)
 DISPLAY = re.compile(r"\$\$(.+?)\$\$", re.S)
 INLINE = re.compile(r"(?<![\\$\w])\$((?:[^$\n]|\n(?!\n))+?)\$(?![\w$])")
-    re.compile(r"\$\$(.+?)\$\$", re.S),
-    re.compile(r"(?<![\\$\w])\$((?:[^$\n]|\n(?!\n))+?)\$(?![\w$])"),
-)
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
