@@ -19,6 +19,8 @@ COMMANDS = {
     "front": ("eval.publish.front", "volume against stretch"),
     "report": ("eval.publish.report.command", "one HTML page with all of it and a 3D view"),
     "publish": ("eval.publish.publish", "an experiment's rows, tables and figures into results/"),
+    "site": ("eval.site.command", "the leaderboard: static pages of all tracks and methods"),
+    "submit": ("eval.site.submit", "check results that someone hands in, and put them there"),
     "remeasure": ("eval.run.remeasure", "metrics of finished runs, from their stored vertices"),
     "compare": ("eval.rows.compare", "whether two sets of rows say the same"),
     "check": ("eval.rows.bands", "hold rows against committed bands of quality"),

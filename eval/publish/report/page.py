@@ -12,29 +12,17 @@ import pandas as pd
 
 from eval.publish.charts import convergence, distributions
 from eval.publish.columns import SUCCESS, Column, begun
-from eval.publish.plotting import to_svg
+from eval.publish.html import charts, configuration, environment, facts, style, views
 from eval.publish.report.cases import Case, show_case
-from eval.publish.summary import Table, make_table
-from eval.publish.tables import cells
+from eval.publish.summary import make_table
 from eval.rows.experiment import Experiment
-from eval.rows.frame import distinct, method_names, numbers, records, valid
+from eval.rows.frame import method_names, numbers, records, valid
 from sshade.errors import InputError
 from sshade.figures import COLOURS
 from sshade.progress import Progress, silent
 
 #: Cases of an experiment in the 3D view, unless they are named.
 TURNABLE = 3
-
-#: Facts about runs that the page tells, and their headings.
-FACTS = {
-    "env.machine": "machine",
-    "env.python": "Python",
-    "env.commit": "commit",
-    "env.modified": "with changes to it",
-    "env.numba_threads": "threads of numba",
-    "env.omp_num_threads": "threads of OpenMP",
-    "env.jobs": "runs at once",
-}
 
 
 def write_page(
@@ -86,7 +74,7 @@ def write_page(
         data=[view["data"] for view in views],
         camera={"towards": list(towards), "up": list(up)},
         ramp=_ramp(),
-        style=_text("style.css"),
+        style=style(),
         script=_text("viewer.js"),
         three=_text("three.min.js"),
         valid=len(valid(every)),
@@ -120,41 +108,19 @@ def _section(
     return {
         "name": experiment.name,
         "slug": slug,
-        "views": _views(table),
+        "views": views(table),
         "notes": table.notes,
-        "parts": [{"title": part.title, "views": _views(part), "notes": part.notes} for part in table.parts],
-        "charts": _charts(distributions(rows)),
-        "curves": _charts(convergence(experiment)),
+        "parts": [{"title": part.title, "views": views(part), "notes": part.notes} for part in table.parts],
+        "charts": charts(distributions(rows)),
+        "curves": charts(convergence(experiment)),
         "convergence": _convergence(experiment),
         "cases": shown,
         "numbers": [_numbers(case, measured) for case in shown],
         "measures": [column.label for column in measured],
         "failures": records(rows.drop(valid(rows).index)),
-        "configurations": [(method, _configuration(made, method)) for method in method_names(made)],
-        "facts": _facts(made),
+        "configurations": [(method, configuration(made, method)) for method in method_names(made)],
+        "facts": facts(made),
     }
-
-
-def _views(table: Table) -> list[dict[str, Any]]:
-    """The tables of a :class:`Table` as headings and cells of HTML."""
-    from markupsafe import escape
-
-    marks = {0: "{}", 1: '<b title="best">{}</b>', 2: '<u title="second best">{}</u>'}
-    form = {"not_available": "n/a", "escape": lambda text: str(escape(text))}
-    return [
-        {
-            "title": title,
-            "labels": ["method", "runs", *(column.label for column in columns)],
-            "body": cells(table, columns, marks, **form),
-        }
-        for title, columns in table.views
-    ]
-
-
-def _charts(figures: dict[str, Any]) -> dict[str, str]:
-    """Figures as data URIs, by name."""
-    packed = {name: base64.b64encode(to_svg(figure).encode()) for name, figure in figures.items()}
-    return {name: f"data:image/svg+xml;base64,{data.decode('ascii')}" for name, data in packed.items()}
 
 
 def _numbers(case: Case, columns: list[Column]) -> list[list[str]]:
@@ -190,59 +156,6 @@ def _range(values: pd.Series, form: str) -> str:
     return " / ".join(map(form.format, values.quantile([0, 0.5, 1]))) if values.notna().any() else "-"
 
 
-def _configuration(rows: pd.DataFrame, method: str) -> str:
-    """A method's settings as YAML, nested as in its configuration."""
-    import yaml
-
-    row = records(rows[rows["method.name"] == method])[0]
-    nested: dict[str, Any] = {}
-    for column, value in row.items():
-        group, _, name = column.partition(".")
-        if group != "method" or name in ("name", "hash", "note", "sources"):
-            continue
-        *parents, last = name.split(".")
-        place = nested
-        for parent in parents:
-            place = place.setdefault(parent, {})
-        # A column that only other methods fill is none of this one's settings.
-        place["_target_" if last == "target" else last] = value
-    text = yaml.safe_dump(_pruned(nested), sort_keys=False, default_flow_style=False)
-    return f"# configuration {row['method.hash']}, sources {row['method.sources']}\n{text}"
-
-
-def _pruned(settings: dict[str, Any]) -> dict[str, Any]:
-    """Settings without empty ones, the function first."""
-    kept = {
-        name: _pruned(value) if isinstance(value, dict) else value
-        for name, value in settings.items()
-        if value is not None
-    }
-    return dict(sorted(((n, v) for n, v in kept.items() if v != {}), key=lambda pair: pair[0] != "_target_"))
-
-
-def _facts(rows: pd.DataFrame) -> list[tuple[str, str]]:
-    """Where and when the rows were made; several values are listed."""
-    facts = []
-    for column, heading in FACTS.items():
-        values = distinct(rows, column)
-        if len(values) > 4 and all(isinstance(value, (int, float)) for value in values):
-            facts.append((heading, f"{values[0]:g} to {values[-1]:g}"))
-        elif values:
-            facts.append((heading, ", ".join(map(_word, values))))
-    for column in sorted(name for name in rows if name.startswith("env.version.")):
-        facts.append((column.removeprefix("env.version."), ", ".join(distinct(rows, column))))
-    days = sorted({date[:10] for date in distinct(rows, "date")})
-    return [("dates", " to ".join(dict.fromkeys(days[:1] + days[-1:]))), *facts]
-
-
-def _word(value: Any) -> str:
-    """A fact as text: a bool in words, a commit by its beginning."""
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    text = str(value)
-    return text[:12] if re.fullmatch("[0-9a-f]{40}", text) else text
-
-
 def _ramp() -> str:
     """256 colours of errors, three bytes each, as base64."""
     import matplotlib
@@ -256,9 +169,4 @@ def _text(name: str) -> str:
 
 
 def _template() -> Any:
-    from jinja2 import Environment, StrictUndefined
-
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    return environment.from_string(_text("page.html"))
+    return environment().from_string(_text("page.html"))

@@ -169,7 +169,7 @@ def test_the_same_rows_and_runs_give_the_same_page(tiny, text, tmp_path, tiny_ru
 @pytest.fixture
 def without_charts(monkeypatch):
     """Charts take most of a small report's time."""
-    monkeypatch.setattr("eval.publish.report.page._charts", lambda figures: [])
+    monkeypatch.setattr("eval.publish.report.page.charts", lambda figures: [])
 
 
 @pytest.mark.usefixtures("without_charts")

@@ -1,0 +1,42 @@
+"""The leaderboard as static pages: ``sshade-eval site`` from published rows and submissions.
+
+A page of all tracks (conf/tracks.yaml), one a track with both tables, quality against time and its rows to
+download, one a method with its configuration, cases, failures and provenance. No method is run.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from eval.rows.frame import records
+from eval.site.pages import contest, write_site
+from eval.site.submission import Submission, check, read_facts
+from eval.site.submit import SUBMISSIONS
+from eval.site.tracks import published, read_tracks
+from sshade.errors import InputError
+from sshade.figures import require_extra
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("-o", "--out", type=Path, default=Path("out/leaderboard"), help="folder to write")
+
+
+def command(options: argparse.Namespace) -> int:
+    """Run the sub-command; return its exit code."""
+    require_extra("matplotlib", "jinja2")
+    tracks = read_tracks()
+    rows = {track.name: published(track) for track in tracks.values()}
+    submissions: dict[str, Submission] = {}
+    for folder in sorted(path.parent for path in SUBMISSIONS.glob("*/submission.yaml")):
+        name = read_facts(folder)["track"]
+        if name not in tracks:
+            raise InputError(f"{folder}: {name!r} is no track; they are {', '.join(tracks)}")
+        found = check(folder, tracks[name], records(rows[name]))
+        if submissions.setdefault(found.facts["name"], found) is not found:
+            raise InputError(f"{folder}: another submission is called {found.facts['name']}")
+    contests = [contest(track, rows[track.name], submissions) for track in tracks.values()]
+    written = write_site(options.out, contests, submissions)
+    print(f"{options.out}: {len(written)} pages; open {written[0]} in a browser")  # noqa: T201
+    return 0

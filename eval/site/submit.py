@@ -1,0 +1,59 @@
+"""Hand in results for the leaderboard: ``sshade-eval submit FOLDER``.
+
+The folder holds submission.yaml (name, track, authors, code), method.yaml, rows.csv and, if you like, runs
+with the vertices, which are measured again here. It is read as a stranger's: one configuration and
+version, a clean commit, every held-out case of the track once a seed, the track's own tasks, measures that
+are numbers and those of the vertices. With --check that is all; without, a copy but for
+the vertices goes to submissions/NAME, for a pull request. See CONTRIBUTING.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+from pathlib import Path
+
+from eval.site.submission import check, read_facts
+from eval.site.tracks import published, read_tracks
+from sshade.cli.console import progress_bar
+from sshade.errors import InputError
+from sshade.io.files import make_folder, replacing
+
+#: Where submissions are committed.
+SUBMISSIONS = Path("submissions")
+FILES = ("submission.yaml", "method.yaml", "rows.csv")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="the submission")
+    parser.add_argument("--check", action="store_true", help="check it, and write nothing")
+
+
+def command(options: argparse.Namespace) -> int:
+    """Run the sub-command; return its exit code."""
+    tracks, facts = read_tracks(), read_facts(options.folder)
+    if facts["track"] not in tracks:
+        raise InputError(f"{facts['track']!r} is no track; they are {', '.join(tracks)}")
+    track = tracks[facts["track"]]
+    rows = published(track).to_dict("records")
+    with progress_bar() as progress:
+        found = check(options.folder, track, rows, progress=progress)
+    seeds = len({row["seed"] for row in found.rows})
+    measured = (
+        f"{found.remeasured} of them measured again from their vertices"
+        if found.remeasured
+        else ("none of them with vertices, so that their measures stand as reported")
+    )
+    print(  # noqa: T201
+        f"{facts['name']} on {track.name}: {len(found.rows)} runs, "
+        f"{seeds} seed{'s' * (seeds > 1)}, {measured}"
+    )
+    if not options.check:
+        target = SUBMISSIONS / facts["name"]
+        make_folder(target)
+        for name in FILES:
+            with replacing(target / name) as temporary:
+                shutil.copyfile(options.folder / name, temporary)
+        print(f"copied to {target}; commit it, and open a pull request")  # noqa: T201
+    return 0

@@ -1,0 +1,170 @@
+"""Results that someone hands in: what is taken, and each way in which they are refused."""
+
+from __future__ import annotations
+
+import shutil
+
+import numpy as np
+import pytest
+import yaml
+
+from eval.main import main
+from eval.rows.frame import to_frame, write_csv
+from eval.rows.store import read_row, read_vertices, run_folders, write_row, write_run
+from eval.site import submission as module
+from eval.site import submit
+from eval.site.submission import check, read_facts
+from eval.site.tracks import Track
+from sshade.errors import InputError
+
+TRACK = Track("tiny", "Tiny", "Two bumpy spheres.", None)
+CLEAN = {"env.modified": False, "env.commit": "a" * 40}
+FACTS = {"name": "stretching", "track": "tiny", "authors": "A. N. Other", "code": "https://example.org/code"}
+
+
+@pytest.fixture
+def published(tiny_runs):
+    return [read_row(folder) for folder in run_folders(tiny_runs / "arap")]
+
+
+@pytest.fixture
+def folder(tiny_runs, tmp_path, monkeypatch):
+    """A submission that is as it should be."""
+    monkeypatch.setattr(module, "split_of", lambda task: "held_out")
+    folder = tmp_path / "handed_in"
+    shutil.copytree(tiny_runs / "stretching", folder / "runs" / "stretching")
+    for run in run_folders(folder / "runs"):
+        write_row(run, read_row(run) | CLEAN)
+    (folder / "submission.yaml").write_text(yaml.safe_dump(FACTS))
+    (folder / "method.yaml").write_text("_target_: eval_cases.stretching\n_partial_: true\nfactor: 1.5\n")
+    put_rows(folder)
+    return folder
+
+
+def put_rows(folder, change=lambda row: row):
+    """Write rows.csv from the runs, each changed, or left out where that gives None."""
+    rows = [change(read_row(run)) for run in run_folders(folder / "runs")]
+    write_csv(folder / "rows.csv", to_frame([row for row in rows if row]))
+
+
+def test_what_is_right_is_taken_and_measured_again(folder, published):
+    found = check(folder, TRACK, published)
+    assert (len(found.rows), found.remeasured, found.facts) == (2, 2, FACTS)
+    shutil.rmtree(folder / "runs")
+    assert check(folder, TRACK, published).remeasured == 0
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"name": None}, "has no 'name'"),
+        ({"name": "../up"}, "small letters"),
+        ({"code": "javascript:alert(1)"}, "begins with https://"),
+        ({"code": 'https://x"onclick='}, "begins with https://"),
+        ({"paper": "http://x"}, "begins with https://"),
+        ({"authors": ["a"]}, "must be text"),
+        ({"note": "x" * 501}, "at most 500 letters"),
+        ({"prize": "first"}, "no fact of a submission"),
+    ],
+)
+def test_facts_that_are_none_are_refused(folder, changes, message):
+    facts = {name: value for name, value in {**FACTS, **changes}.items() if value is not None}
+    (folder / "submission.yaml").write_text(yaml.safe_dump(facts))
+    with pytest.raises(InputError, match=message):
+        read_facts(folder)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a: [", "not YAML"),
+        ("- a", "not a mapping"),
+        ("!!python/object:os.system {}", "not YAML"),
+        (None, "no such"),
+    ],
+)
+def test_yaml_that_is_none_is_refused(folder, text, message):
+    path = folder / "submission.yaml"
+    path.unlink() if text is None else path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_facts(folder)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"method.name": "other"}, "has rows of other"),
+        ({"method.target": "eval_cases.other"}, "method.yaml names eval_cases.stretching"),
+        ({"env.version.metrics": "older"}, "other metrics"),
+        ({"env.modified": True}, "modified tree"),
+        ({"env.commit": None}, "no commit"),
+        ({"env.machine_id": None}, "which machine"),
+        ({"task.checksum": "0123"}, "another task of this name"),
+        ({"task.vertices": 7}, "another task of this name"),
+        ({"task.name": "elsewhere"}, "no case of the track"),
+        ({"metric.edge": None}, "metric.edge of None"),
+        ({"metric.edge": -1.0}, "metric.edge of -1.0"),
+        ({"status": "failed", "reason": None}, "gives no reason"),
+        ({"seconds.total": None}, "how long it took"),
+    ],
+)
+def test_rows_that_are_not_the_tracks_are_refused(folder, published, changes, message):
+    put_rows(folder, lambda row: row | changes)
+    with pytest.raises(InputError, match=message):
+        check(folder, TRACK, published)
+
+
+@pytest.mark.parametrize("column", ["method.hash", "env.version.code", "env.version.metrics"])
+def test_rows_of_several_versions_are_refused(folder, published, column):
+    put_rows(folder, lambda row: row | {column: row["task.name"]})
+    with pytest.raises(InputError, match="several"):
+        check(folder, TRACK, published)
+
+
+def test_a_case_that_is_missing_or_there_twice_is_refused(folder, published):
+    put_rows(folder, lambda row: row if row["task.name"] == "bumpy_10" else None)
+    with pytest.raises(InputError, match="lacks 1 of the track's 2 held-out cases, such as bumpy_40"):
+        check(folder, TRACK, published)
+    rows = [read_row(run) for run in run_folders(folder / "runs")]
+    write_csv(folder / "rows.csv", to_frame([*rows, rows[0]]))
+    with pytest.raises(InputError, match="has 2 rows of bumpy_10, seed 0"):
+        check(folder, TRACK, published)
+
+
+def test_a_failed_run_counts_with_its_reason(folder, published):
+    lost = {"status": "failed", "reason": "ValueError: no"}
+    put_rows(folder, lambda row: row | (lost if row["task.name"] == "bumpy_40" else {}))
+    assert check(folder, TRACK, published).remeasured == 1
+
+
+def test_a_measure_that_is_not_that_of_the_vertices_is_refused(folder, published):
+    put_rows(folder, lambda row: row | {"metric.edge": 0.9 * row["metric.edge"]})
+    with pytest.raises(InputError, match="its vertices have a edge of"):
+        check(folder, TRACK, published)
+
+
+def test_vertices_of_something_else_are_refused(folder, published):
+    run = run_folders(folder / "runs")[0]
+    row = read_row(run)
+    write_run(run, row, vertices=read_vertices(run, n=row["task.vertices"]) * np.array([1, 1, 1.1]))
+    with pytest.raises(InputError, match="its vertices have"):
+        check(folder, TRACK, published)
+
+
+def test_the_name_of_a_method_of_the_project_is_refused(folder, published):
+    with pytest.raises(InputError, match="choose another"):
+        check(folder, TRACK, [*published, published[0] | {"method.name": "stretching"}])
+
+
+def test_the_command_checks_and_copies(folder, published, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(submit, "read_tracks", lambda: {"tiny": TRACK})
+    monkeypatch.setattr(submit, "published", lambda track: to_frame(published))
+    assert main(["submit", str(folder), "--check"]) == 0
+    assert "stretching on tiny: 2 runs, 1 seed, 2 of them measured again" in capsys.readouterr().out
+    assert not (tmp_path / "submissions").exists()
+    assert main(["submit", str(folder)]) == 0
+    assert {path.name for path in (tmp_path / "submissions/stretching").iterdir()} == set(submit.FILES)
+    (folder / "submission.yaml").write_text(yaml.safe_dump({**FACTS, "track": "nowhere"}))
+    assert main(["submit", str(folder), "--check"]) == 2
+    assert "'nowhere' is no track; they are tiny" in capsys.readouterr().err
