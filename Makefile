@@ -87,6 +87,7 @@ transfers: $(READY) $(QUICK)/dataset.json $(FULL)/dataset.json
 docs: $(READY) $(QUICK)/dataset.json
 	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[docs]'
 	$(BIN)/python -m mkdocs build
+	$(BIN)/sshade-eval site -o out/site/leaderboard
 	@echo "the site is in out/site"
 
 $(FULL)/dataset.json: $(READY)
