@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import ModuleType
 
 import numpy as np
 
@@ -113,8 +114,7 @@ def subdivide(mesh: Mesh, *, steps: int) -> Mesh:
     """LS3 Loop subdivision of all edges; the mesh itself where `steps` is 0."""
     if steps == 0:
         return mesh
-    import pymeshlab
-
+    pymeshlab = load_pymeshlab()
     meshes = _mesh_set(mesh)
     # The default threshold, 1 % of the diagonal, would leave short edges alone.
     meshes.meshing_surface_subdivision_ls3_loop(
@@ -125,8 +125,7 @@ def subdivide(mesh: Mesh, *, steps: int) -> Mesh:
 
 def remesh(mesh: Mesh, *, edge_length: float, iterations: int) -> tuple[np.ndarray, np.ndarray]:
     """Vertices and faces of an isotropic remeshing, not yet checked."""
-    import pymeshlab
-
+    pymeshlab = load_pymeshlab()
     meshes = _mesh_set(mesh)
     meshes.meshing_isotropic_explicit_remeshing(
         iterations=iterations, targetlen=pymeshlab.PureValue(edge_length), selectedonly=False
@@ -165,9 +164,26 @@ def _checked(V: np.ndarray, F: np.ndarray, *, original: Mesh) -> Mesh:
     return mesh
 
 
-def _mesh_set(mesh: Mesh):
-    import pymeshlab
+def load_pymeshlab() -> ModuleType:
+    """pymeshlab, which needs a library of the system's that others do without.
 
+    Raises
+    ------
+    InputError
+        Where it cannot be loaded.
+    """
+    try:
+        import pymeshlab
+    except ImportError as error:
+        raise InputError(
+            f"pymeshlab, which refines meshes, cannot be loaded ({error}); Debian and Ubuntu have the library "
+            "that it mostly lacks as libgl1"
+        ) from error
+    return pymeshlab
+
+
+def _mesh_set(mesh: Mesh):
+    pymeshlab = load_pymeshlab()
     meshes = pymeshlab.MeshSet()
     meshes.add_mesh(pymeshlab.Mesh(mesh.V, mesh.F))
     return meshes

@@ -1,5 +1,7 @@
 """Subdivision and remeshing keep what they must keep."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -70,3 +72,10 @@ def test_bad_remeshings_are_refused(ball, monkeypatch):
         monkeypatch.setattr(module, "remesh", lambda mesh, found=(V, F), **options: found)
         with pytest.raises(InputError, match=message):
             upsample(ball, target_vertices=len(V))
+
+
+def test_a_library_that_is_missing_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pymeshlab", None)
+    assert subdivide(torus(), steps=0).n == torus().n
+    with pytest.raises(InputError, match="pymeshlab, which refines meshes, cannot be loaded .* libgl1"):
+        subdivide(torus(), steps=1)
