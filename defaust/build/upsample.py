@@ -176,8 +176,8 @@ def load_pymeshlab() -> ModuleType:
         import pymeshlab
     except ImportError as error:
         raise InputError(
-            f"pymeshlab, which refines meshes, cannot be loaded ({error}); Debian and Ubuntu have the library "
-            "that it mostly lacks as libgl1"
+            f"pymeshlab, which refines meshes, cannot be loaded ({error}); what it mostly lacks, Debian and "
+            "Ubuntu have as libgl1"
         ) from error
     return pymeshlab
 
