@@ -1,6 +1,6 @@
-"""SShaDe with one of its choices undone, for the ablations.
+"""SShaDe and `sshade_fast` with one of their choices undone, for the ablations.
 
-Two choices: where handles go on the proxy, and where vertices go on it. ReMatching's map U takes
+Two choices of SShaDe: where handles go on the proxy, and where vertices go on it. ReMatching's map U takes
 the nearest point of the whole proxy, in place of P (:mod:`sshade.carry.projection`); where parts
 of the surface nearly touch it takes vertices across to the wrong part.
 
@@ -10,8 +10,10 @@ scalable shape correspondence", 2024.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Literal, Unpack
+from types import MappingProxyType
+from typing import Any, Literal, Unpack
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -22,6 +24,8 @@ from sshade.errors import InputError
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
+from sshade.pipeline.components import each_component
+from sshade.pipeline.fast import VERTICES, FastOptions, choices, with_choices
 from sshade.pipeline.paper import sample_with_handles, sshade
 from sshade.pipeline.proxies import ProxyOptions
 from sshade.pipeline.regions import HandleRegions
@@ -32,6 +36,19 @@ from sshade.task import DeformationResult, DeformationTask, Handles, Method
 #: A projection crosses to another part beyond so many covering radii: samples whose regions
 #: touch lie nearer to each other, but for one edge of M.
 FAR = 2.0
+
+#: What :func:`sshade_fast_without` may leave out, and the options that do; the lead is no option.
+LEFT_OUT: Mapping[str, Mapping[str, Any]] = MappingProxyType(
+    {
+        "nothing": {},
+        "blended_frames": {"frames": "triangle", "samplings": 5},
+        "held_volume": {"volume": 0.0, "area": 0.0},
+        "softening": {"stiffness": 1.0},
+        "parts": {"parts": 0.0},
+        "lead": {},
+        "parts_and_lead": {"parts": 0.0},
+    }
+)
 
 
 def sshade_ablated(
@@ -90,6 +107,40 @@ def sshade_ablated(
     far = float(np.mean(counts))
     facts = {"far_vertices": far, "far_share": 100 * far / task.mesh.n}
     return replace(result, extra={**result.extra, **facts})
+
+
+@each_component(vertices=VERTICES)
+def sshade_fast_without(
+    task: DeformationTask,
+    *,
+    without: str = "nothing",
+    progress: Progress = silent,
+    **options: Unpack[FastOptions],
+) -> DeformationResult:
+    """:func:`sshade.sshade_fast` with one thing left out.
+
+    Parameters
+    ----------
+    task : DeformationTask
+    without : str
+        A key of :data:`LEFT_OUT`. Without blended frames the paper's take their place, averaged over as many
+        samplings as it has. The leading energy is one of parts, and is left where these are left out alone.
+    progress, **options
+        See :func:`sshade.sshade_fast`.
+
+    Raises
+    ------
+    InputError
+        On an unknown choice, and those of :func:`sshade.sshade_fast`.
+    """
+    if without not in LEFT_OUT:
+        raise InputError(f"cannot leave out {without!r}; use one of {', '.join(LEFT_OUT)}")
+    made = choices(task, {**options, **LEFT_OUT[without]})
+    if without == "parts":
+        made = made._replace(lead=choices(task, options).lead)
+    elif without == "lead":
+        made = made._replace(lead=None)
+    return with_choices(task, made, progress=progress)
 
 
 def project_to_surface(V: np.ndarray, proxy: Mesh, remeshed: Remesh) -> Projection:

@@ -67,10 +67,7 @@ def sshade_fast(
     InputError
         Those of :func:`sshade.sshade` and :func:`sshade.solver.local_global.local_global`.
     """
-    made = choices(task, options)
-    solver = partial(local_global, **made.solver)
-    coarse = partial(multilevel, coarse=solver, lead=made.lead, tolerance=made.tolerance)
-    return sshade(task, coarse=coarse, keep_volume=made.keeps_volume, progress=progress, **made.proxies)
+    return with_choices(task, choices(task, options), progress=progress)
 
 
 class Choices(NamedTuple):
@@ -114,3 +111,10 @@ def choices(task: DeformationTask, options: Mapping[str, Any]) -> Choices:
     tolerance = solver.pop("tolerance")
     leading: dict[str, Any] = {**solver, **LEAD, "area": min(solver["area"], LEAD_AREA)}
     return Choices(given, solver, tolerance, partial(local_global, **leading) if solver["parts"] else None)
+
+
+def with_choices(task: DeformationTask, made: Choices, *, progress: Progress) -> DeformationResult:
+    """:func:`sshade_fast` of one component, with these choices."""
+    solver = partial(local_global, **made.solver)
+    coarse = partial(multilevel, coarse=solver, lead=made.lead, tolerance=made.tolerance)
+    return sshade(task, coarse=coarse, keep_volume=made.keeps_volume, progress=progress, **made.proxies)

@@ -8,8 +8,16 @@ import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from baselines.ablations import FAR, cross_part, project_to_surface, sample_nearest_to_handles, sshade_ablated
-from sshade import DeformationTask, Handles, InputError, Mesh, sshade
+from baselines.ablations import (
+    FAR,
+    LEFT_OUT,
+    cross_part,
+    project_to_surface,
+    sample_nearest_to_handles,
+    sshade_ablated,
+    sshade_fast_without,
+)
+from sshade import DeformationTask, Handles, InputError, Mesh, sshade, sshade_fast
 from sshade.carry.projection import project_to_fans
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.rigid import rigid_motion
@@ -123,3 +131,22 @@ def test_with_nearest_samples_too_rigid_handles_move_the_mesh_rigidly():
 
     result = sshade_ablated(task, vertices=100, samplings=2, handle_mode="nearest", coarse=coarse)
     assert np.abs(result.vertices - (mesh.V @ turn.T + shift)).max() <= 1e-5 * mesh.diagonal
+
+
+def test_nothing_left_out_is_sshade_fast_and_each_other_choice_differs_from_all_others():
+    task = held_ends(bumpy(4), share=0.02)  # few handles: no regions, which have no parts
+    options = {"vertices": 500, "seed": 3}
+    found = {name: sshade_fast_without(task, without=name, **options) for name in LEFT_OUT}
+    assert np.array_equal(found["nothing"].vertices, sshade_fast(task, **options).vertices)
+    plain = {"blended_frames": {"frames": "triangle", "samplings": 5}, "softening": {"stiffness": 1.0}}
+    plain["parts_and_lead"] = {"parts": 0.0}
+    for name, left_out in plain.items():
+        assert np.array_equal(found[name].vertices, sshade_fast(task, **left_out, **options).vertices)
+    shapes = [np.round(result.vertices, 9).tobytes() for result in found.values()]
+    assert len(set(shapes)) == len(LEFT_OUT)
+    basin = {name for name, result in found.items() if "proxy_basin" in result.extra}
+    assert basin == set(LEFT_OUT) - {"lead", "parts_and_lead"}
+    error = {name: result.extra["proxy_volume_error"] for name, result in found.items()}
+    assert error.pop("held_volume") > 1e-4 > 10 * max(error.values())
+    with pytest.raises(InputError, match="cannot leave out 'lid'; use one of nothing, "):
+        sshade_fast_without(task, without="lid")
