@@ -57,7 +57,7 @@ bench: $(READY) $(FULL)/dataset.json $(BASES:%=%/dataset.json)
 	$(BIN)/sshade-eval bench startup --methods sshade sshade_fast
 	$(BIN)/sshade-eval timings speed drag scaling startup
 
-# results/robustness.md says what came of it, and when.
+# docs/robustness.md says what came of it, and when.
 robustness: $(READY)
 	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[fuzz]'
 	$(BIN)/coverage erase

@@ -1,9 +1,10 @@
-"""Put the committed numbers into README.md: ``python docs/readme.py``, after rows or times were published.
+"""Put the committed numbers into the pages: ``python docs/pages.py``, after rows or times were published.
 
-README.md holds measured numbers in blocks alone, which this writes and a test compares:
+README.md and docs/beyond.md hold measured numbers in blocks alone, which this writes and a test compares:
 
 - ``<!-- table NAME: HEADING, ... -->`` to ``<!-- end -->``: these columns of the tables before the notes of
-  ``results/tables/NAME.md``, with the notes that say what they are of. Nothing before it is published.
+  ``results/tables/NAME.md``, with the notes that say what they are of. Nothing before it is published. With
+  ``; METHOD, ...`` after the headings, its lines of these methods, without marks: those are of the whole.
 - ``<!-- rows -->`` to ``<!-- end -->``: a table whose lines begin with the name of an experiment; its last
   cell tells of ``results/rows/NAME.csv``.
 """
@@ -17,32 +18,46 @@ from pathlib import Path
 from eval.rows.frame import numbers, read_csv, valid
 
 ROOT = Path(__file__).parents[1]
+PAGES = (ROOT / "README.md", ROOT / "docs" / "beyond.md")
 BLOCK = re.compile(
-    r"(<!-- (table (?P<name>\w+): (?P<columns>[^\n]+)|rows) -->\n)(?P<old>.*?)(<!-- end -->)", re.DOTALL
+    r"(?P<begin><!-- (table (?P<name>\w+): (?P<columns>[^\n;]+)(; (?P<lines>[^\n]+))?|rows) -->\n)"
+    r"(?P<old>.*?)(?P<end><!-- end -->)",
+    re.DOTALL,
 )
 
-#: Beginnings of the notes of a table that README repeats: what rows it is of.
+#: Beginnings of the notes of a table that pages repeat: what rows it is of.
 NOTES = ("Version", "Warning", "Held-out", "Tuning", "Machine", "Code", "Times faster", "Extrapolated")
 
 #: Lines of tables that are no method.
 REFERENCES = ("identity",)
 
 
-def filled(text: str, results: Path = ROOT / "results") -> str:
-    """The README's text with its blocks as the committed results have them."""
+def filled(text: str, results: Path = ROOT / "results", *, link: str = "results") -> str:
+    """A page's text with its blocks as the committed results have them; `link` leads from it to them."""
 
     def new(block: re.Match[str]) -> str:
         if block["name"]:
-            body = table(results / "tables" / f"{block['name']}.md", block["columns"].split(", "))
+            chosen = block["lines"].split(", ") if block["lines"] else None
+            path = results / "tables" / f"{block['name']}.md"
+            body = table(path, block["columns"].split(", "), chosen=chosen, link=link)
         else:
             body = "".join(line_of_rows(line, results / "rows") for line in block["old"].splitlines())
-        return f"{block[1]}{body}{block[6]}"
+        return f"{block['begin']}{body}{block['end']}"
 
     return BLOCK.sub(new, text)
 
 
-def table(path: Path, headings: list[str]) -> str:
-    """Columns of the tables of a file, its place and notes before them; nothing where there is no file."""
+def filled_page(page: Path) -> str:
+    """The text of one of :data:`PAGES`, anew."""
+    link = "results" if page.parent == ROOT else "../results"
+    return filled(page.read_text(encoding="utf-8"), link=link)
+
+
+def table(path: Path, headings: list[str], *, chosen: list[str] | None = None, link: str) -> str:
+    """Columns of the tables of a file, its place and notes before them; nothing where there is no file.
+
+    `chosen` are the methods to take, in this order, by default all.
+    """
     if not path.is_file():
         return ""
     paragraphs = path.read_text(encoding="utf-8").split("\n\n")
@@ -55,11 +70,16 @@ def table(path: Path, headings: list[str]) -> str:
     head, _, *body = [sum(parts, []) for parts in zip(*grids, strict=True)]
     places = [head.index(heading) for heading in ["method", *headings]]
     cells = [[line[place] for place in places] for line in body if line[0] not in REFERENCES]
+    if chosen:
+        if missing := {*chosen} - {line[0] for line in cells}:
+            raise ValueError(f"{path} has no method {', '.join(sorted(missing))}")
+        plain = [[re.sub(r"\*\*|</?u>", "", cell) for cell in line] for line in cells]
+        cells = [line for name in chosen for line in plain if line[0] == name]
     rule = ["---", *["---:"] * len(headings)]
     said = [note.removeprefix("- ") for note in paragraphs[end].splitlines()]
     said = [note for note in said if note.startswith(NOTES) or re.match(r"\d+ cases? of", note)]
     said = [re.sub(r" \(.*", ".", note) if note.startswith("Warning") else note for note in said]
-    caption = f"[{path.stem}](results/tables/{path.name}): {' '.join(said)}\n\n"
+    caption = f"[{path.stem}]({link}/tables/{path.name}): {' '.join(said)}\n\n"
     return caption + "".join(f"| {' | '.join(line)} |\n" for line in [["method", *headings], rule, *cells])
 
 
@@ -85,9 +105,9 @@ def rows_text(path: Path) -> str:
 
 
 def main() -> int:
-    """Write README.md anew."""
-    readme = ROOT / "README.md"
-    readme.write_text(filled(readme.read_text(encoding="utf-8")), encoding="utf-8")
+    """Write the pages anew."""
+    for page in PAGES:
+        page.write_text(filled_page(page), encoding="utf-8")
     return 0
 
 
