@@ -6,6 +6,7 @@ import pytest
 from eval_cases import run_eval
 
 from defaust.cli import main as defaust
+from eval.publish.notes import REBUILT_NOTE, TRANSFERRED_NOTE
 from eval.publish.summary import make_table
 from eval.publish.tables import to_markdown
 from eval.rows.collect import collect
@@ -43,6 +44,7 @@ def test_isometric(sequence):
     assert (rows["task.meta.posed_by"] == "registration").all()
     table = make_table(rows, title="isometric")
     assert table.means.at["blended_affine-1", "d_C"] < table.means.at["triangle-1", "d_C"]
+    assert REBUILT_NOTE in table.notes and TRANSFERRED_NOTE not in table.notes
     assert [part.title for part in table.parts] == ["pose: blob1", "pose: blob2"]
     by_pose = {part.title: part.means["distance"].iloc[0] for part in table.parts}
     assert by_pose["pose: blob1"] < by_pose["pose: blob2"]
@@ -60,4 +62,5 @@ def test_pose_transfer_without_a_truth(sequence):
     text = to_markdown(make_table(rows, title="pose_transfer"))
     assert "| volume (%) | area (%) | EL (%) | FA (deg) |" in text
     assert "#### edit: inflate" in text and "reads the pose at every vertex" in text
+    assert TRANSFERRED_NOTE in text and REBUILT_NOTE not in text
     assert rows["metric.volume"].notna().all()
