@@ -1,6 +1,6 @@
 """Put the committed numbers into the pages: ``python docs/pages.py``, after rows or times were published.
 
-README.md and docs/beyond.md hold measured numbers in blocks alone, which this writes and a test compares:
+Pages hold measured numbers in blocks alone, which this writes and a test compares:
 
 - ``<!-- table NAME: HEADING, ... -->`` to ``<!-- end -->``: these columns of the tables before the notes of
   ``results/tables/NAME.md``, with the notes that say what they are of. Nothing before it is published. With
@@ -18,7 +18,7 @@ from pathlib import Path
 from eval.rows.frame import numbers, read_csv, valid
 
 ROOT = Path(__file__).parents[1]
-PAGES = (ROOT / "README.md", ROOT / "docs" / "beyond.md")
+PAGES = (ROOT / "README.md", ROOT / "docs" / "beyond.md", ROOT / "docs" / "benchmark.md")
 BLOCK = re.compile(
     r"(?P<begin><!-- (table (?P<name>\w+): (?P<columns>[^\n;]+)(; (?P<lines>[^\n]+))?|rows) -->\n)"
     r"(?P<old>.*?)(?P<end><!-- end -->)",
