@@ -18,7 +18,7 @@ from pathlib import Path
 from eval.rows.frame import numbers, read_csv, valid
 
 ROOT = Path(__file__).parents[1]
-PAGES = (ROOT / "README.md", ROOT / "docs" / "beyond.md", ROOT / "docs" / "benchmark.md")
+PAGES = (ROOT / "README.md", *(ROOT / "docs" / f"{name}.md" for name in ("results", "benchmark", "beyond")))
 BLOCK = re.compile(
     r"(?P<begin><!-- (table (?P<name>\w+): (?P<columns>[^\n;]+)(; (?P<lines>[^\n]+))?|rows) -->\n)"
     r"(?P<old>.*?)(?P<end><!-- end -->)",
