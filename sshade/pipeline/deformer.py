@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import inf
 from time import perf_counter
 from typing import Any, Literal, Unpack
@@ -12,41 +12,20 @@ import numpy as np
 from sshade.carry.binding import Binding, bind_proxy
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
+from sshade.pipeline.bound_proxy import BoundProxy
 from sshade.pipeline.fast import Choices, FastOptions, choices
-from sshade.pipeline.multilevel import multilevel
 from sshade.pipeline.paper import VOLUME_ERROR, VOLUME_ROUNDS
 from sshade.pipeline.proxies import Proxies
 from sshade.pipeline.regions import HandleRegions, all_on_targets
 from sshade.progress import Progress, silent
-from sshade.solver.following import Following
-from sshade.solver.local_global import LocalGlobal, local_global
-from sshade.solver.options import SolverOptions, complete, energy_options
-from sshade.solver.parts import Parts
-from sshade.solver.solution import Solution
-from sshade.solver.start import initial_guess
+from sshade.solver.options import EnergyOptions, SolverOptions, complete
 from sshade.task import DeformationResult, DeformationTask, Handles
 from sshade.threads import ThreadTeam, available_cpus, in_threads
 
 #: Vertices from which on threads share those that are carried along.
 SHARED = 50_000
-
-
-@dataclass
-class _Proxy:
-    """A proxy that M is bound to, its solver, and where that is."""
-
-    binding: Binding
-    #: Of the handles given, those that are vertices of the proxy, and these; None where they are snapped.
-    own: np.ndarray | None
-    on: np.ndarray
-    parts: Parts
-    solver: LocalGlobal
-    turned: np.ndarray
-    #: The volume that it is to hold, over its own at rest.
-    volume_goal: float = 1.0
-    following: Following | None = None
-    #: Positions and rotations that the last call ended with.
-    last: tuple[np.ndarray, np.ndarray] | None = None
+#: Tolerance at which a drag has settled, over the method's.
+SETTLED = 0.01
 
 
 class Deformer:
@@ -55,8 +34,9 @@ class Deformer:
     Remeshes, projections, frames and factorisations are made once. The first call with given targets gives
     what the method of a task does. Each later one goes on from where the last one ended (see
     :mod:`sshade.solver.following`), so that small moves of the handles take a few iterations: a drag.
-    Called again with the same targets and a smaller tolerance, it comes to the same minimum, unless the way
-    there has led into another one.
+    :meth:`settle` ends it in the minimum, which is that of the method, unless the way there has led into
+    another one: :meth:`reset` forgets the way. Handles come and go by :meth:`rebind_handles`, constraints by
+    :meth:`change_energy`; :meth:`preview` leaves the mesh out and gives the proxy.
 
     Parameters
     ----------
@@ -87,8 +67,15 @@ class Deformer:
     >>> V = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0.1], [0, 1, 0]], dtype=float)
     >>> mesh = Mesh(V, np.array([[0, 1, 2], [0, 2, 3]]))
     >>> drag = Deformer(mesh, [0, 2], vertices=4, area=0)
-    >>> drag(V[[0, 2]] + [0, 0, 1]).vertices.shape
-    (4, 3)
+    >>> for height in (0.5, 1.0):
+    ...     shape = drag(V[[0, 2]] + [0, 0, height], tolerance=1e-4).vertices
+    >>> shape.shape, drag.preview(V[[0, 2]]).vertices.shape
+    ((4, 3), (4, 3))
+    >>> drag.rebind_handles([0, 1, 2])
+    >>> drag.change_energy(area=1.0)
+    >>> raised = drag(V[:3] + [0, 0, 1])
+    >>> bool(abs(drag.settle().vertices - V - [0, 0, 1]).max() < 1e-6)
+    True
     """
 
     def __init__(
@@ -104,23 +91,32 @@ class Deformer:
     ) -> None:
         self.mesh = mesh
         self._take_handles(index, group, weight)
-        task = DeformationTask("drag", mesh, self._rest)
         if method not in ("fast", "paper"):
             raise InputError(f"a mesh is bound by the method 'fast' or 'paper', not {method!r}")
-        self._fast = method == "fast"
-        self._choices = choices(task, options) if self._fast else _published(dict(options))
-        self._proxies = proxies = Proxies(mesh, handles=len(self.index), **self._choices.proxies)
-        self._regions = regions = HandleRegions(
-            mesh, self._rest, vertices=proxies.vertices, graph=proxies.graph
-        )
+        self._fast, self._options = method == "fast", dict(options)
+        self._choices = chosen = self._chosen()
+        self._proxies = proxies = Proxies(mesh, handles=len(self.index), **chosen.proxies)
+        self._regions = regions = self._new_regions()
+        # Threads that stay from call to call: to start one takes as long as its share of the work.
+        alone = proxies.samplings == 1 and mesh.n >= SHARED
+        self._team = ThreadTeam(available_cpus() if alone else 1)
+        self._at: Handles | None = None
 
-        def make(number: int) -> _Proxy:
+        def make(number: int) -> BoundProxy:
             remeshed, handle = regions.sample((proxies.seed, number))
             binding = bind_proxy(mesh, remeshed, frames=proxies.frames)
             on = np.flatnonzero(handle >= 0)
-            parts, solver = self._system(binding.proxy, self._sampled(self._rest, handle[on], on))
+            bound = BoundProxy(
+                binding,
+                own=handle[on],
+                on=on,
+                rest=self._rest,
+                choices=chosen,
+                first="multilevel" if self._fast else "plain",
+                seed=proxies.seed,
+            )
             progress("binding", number + 1, proxies.samplings)
-            return _Proxy(binding, handle[on], on, parts, solver, np.zeros(len(on), dtype=bool))
+            return bound
 
         made = [] if regions.covered else in_threads(make, proxies.samplings, workers=proxies.workers)
         self._bound_proxies = made
@@ -131,15 +127,14 @@ class Deformer:
         """To each proxy."""
         return [proxy.binding for proxy in self._bound_proxies]
 
-    def _system(self, proxy: Mesh, handles: Handles) -> tuple[Parts, LocalGlobal]:
-        """What pulls a proxy, and its factorised system."""
-        parts = Parts(proxy, handles, self._choices.solver["parts"])
-        return parts, LocalGlobal(proxy, parts.vertex, stiffness=parts.stiffness)
+    def _chosen(self) -> Choices:
+        task = DeformationTask("drag", self.mesh, self._rest)
+        return choices(task, self._options) if self._fast else _published(dict(self._options))
 
-    def _make_solver(self, proxy: _Proxy, handles: Handles) -> None:
-        """Take other handles of a proxy, or others that have rotations, which makes parts of them."""
-        proxy.parts, proxy.solver = self._system(proxy.binding.proxy, handles)
-        proxy.turned, proxy.following = handles.turned, None
+    def _new_regions(self) -> HandleRegions:
+        return HandleRegions(
+            self.mesh, self._rest, vertices=self._proxies.vertices, graph=self._proxies.graph
+        )
 
     def _take_handles(self, index: np.ndarray, group: np.ndarray | None, weight: np.ndarray | float) -> None:
         self.index = np.array(index, dtype=np.int64)
@@ -153,7 +148,7 @@ class Deformer:
     def rebind_handles(
         self, index: np.ndarray, *, group: np.ndarray | None = None, weight: np.ndarray | float = inf
     ) -> None:
-        """Take other handles, without sampling and projecting anew; the shape stays where it is.
+        """Take other handles, more or fewer, without sampling and projecting anew; the shape stays.
 
         The vertices of the proxies that are nearest to them are held in their stead, at targets that are
         corrected for the offset, as of :meth:`sshade.Handles.from_positions`. So handles that were not bound
@@ -172,33 +167,40 @@ class Deformer:
             or those of two groups are nearest to the same one and have different targets.
         """
         self._take_handles(index, group, weight)
-        self._regions = HandleRegions(
-            self.mesh, self._rest, vertices=self._proxies.vertices, graph=self._proxies.graph
-        )
+        self._regions, self._at = self._new_regions(), None
         for proxy in self._bound_proxies:
-            proxy.own = None
-            self._make_solver(proxy, self._on_proxy(proxy, self._rest))
+            proxy.take(self._rest)
 
-    def _on_proxy(self, proxy: _Proxy, handles: Handles) -> Handles:
-        """Handles of M as those of a proxy."""
-        if proxy.own is not None:
-            return self._sampled(handles, proxy.own, proxy.on)
-        return Handles.from_positions(
-            proxy.binding.proxy,
-            self.mesh.V[handles.index],
-            handles.target,
-            group=handles.group,
-            weight=handles.weight,
-            rotation=handles.rotation,
-        ).shared(proxy.binding.proxy)
+    def change_energy(self, **energy: Unpack[EnergyOptions]) -> None:
+        """Take other constraints or another softening from the next call on; the shape stays where it is.
 
-    def _sampled(self, handles: Handles, own: np.ndarray, on: np.ndarray) -> Handles:
-        return handles.sampled(own, on, self.mesh.V)
+        Parameters
+        ----------
+        **energy
+            Those that change, None for the method's own: see :class:`sshade.solver.options.EnergyOptions`.
+
+        Raises
+        ------
+        TypeError
+            On another option.
+        InputError
+            On a value as there.
+        """
+        if unknown := set(energy) - set(EnergyOptions.__annotations__):
+            raise TypeError(f"unexpected keyword argument {min(unknown)!r}: it is none of the energy")
+        before, self._options = self._options, {**self._options, **energy}
+        try:
+            self._choices = self._chosen()
+        except InputError:
+            self._options = before
+            raise
+        for proxy in self._bound_proxies:
+            proxy.change(self._choices)
 
     def reset(self) -> None:
         """Forget the last shape: the next call begins as the method does."""
         for proxy in self._bound_proxies:
-            proxy.following, proxy.last, proxy.volume_goal = None, None, 1.0
+            proxy.reset()
 
     def __call__(
         self,
@@ -233,28 +235,100 @@ class Deformer:
             As of the method; ``seconds`` has the ``solve`` and the ``carry``, and ``extra`` the largest
             ``residual`` and the proxies' ``energy``.
         """
-        begin = perf_counter()
+        return self._deformed(self._aimed(targets, rotations), tolerance, max_iterations, out)
+
+    def settle(self, *, tolerance: float | None = None, out: np.ndarray | None = None) -> DeformationResult:
+        """Go on to the minimum for the last call's targets: the end of a drag.
+
+        A residual is one step, and a drag lags some hundred of them behind: at the method's tolerance
+        up to some thousandths of the diagonal, as the method's own result is, and at a hundredth of it less
+        than one.
+
+        Parameters
+        ----------
+        tolerance : float, optional
+            By default :data:`SETTLED` times the method's.
+        out : (n, 3) float64, C-contiguous, optional
+
+        Raises
+        ------
+        InputError
+            Where no call has been made with these handles.
+        """
+        if self._at is None:
+            raise InputError(
+                "there is nothing to settle: no targets were given since these handles were taken"
+            )
+        tolerance = SETTLED * self._choices.tolerance if tolerance is None else tolerance
+        return self._deformed(self._at, tolerance, None, out, rounds=1 + VOLUME_ROUNDS)
+
+    def preview(
+        self,
+        targets: np.ndarray,
+        *,
+        rotations: np.ndarray | None = None,
+        tolerance: float | None = None,
+        max_iterations: int | None = None,
+    ) -> DeformationResult:
+        """The first proxy alone, as a call would carry the mesh along with it: for displays, or slow ones.
+
+        ``bindings[0].proxy`` has its triangles, ``bindings[0].remesh.samples`` the vertices of M that its own
+        are. A later call goes on from here.
+
+        Parameters
+        ----------
+        targets, rotations, tolerance, max_iterations
+            As of a call.
+
+        Returns
+        -------
+        DeformationResult
+            ``vertices`` (k, 3), ``seconds`` with the ``solve``.
+
+        Raises
+        ------
+        InputError
+            As of a call, and where all vertices are handles.
+        """
+        begin, handles = perf_counter(), self._aimed(targets, rotations)
+        if self._regions.covered:
+            raise InputError("all vertices are handles: there is no proxy")
+        solved = self._bound_proxies[0].solve(handles, **self._stop(tolerance, max_iterations))
+        return replace(solved, seconds={"solve": perf_counter() - begin})
+
+    def _aimed(self, targets: np.ndarray, rotations: np.ndarray | None) -> Handles:
         targets = np.asarray(targets, dtype=np.float64)
         if targets.shape != (len(self.index), 3):
             raise InputError(
                 f"{len(self.index)} handles need targets of shape ({len(self.index)}, 3), not {targets.shape}"
             )
+        self._at = replace(self._rest, target=targets, rotation=rotations)
+        return self._at
+
+    def _stop(self, tolerance: float | None, max_iterations: int | None) -> dict[str, Any]:
+        given, own = max_iterations, self._choices
+        return {
+            "tolerance": own.tolerance if tolerance is None else tolerance,
+            "max_iterations": own.solver["max_iterations"] if given is None else given,
+        }
+
+    def _deformed(
+        self,
+        handles: Handles,
+        tolerance: float | None,
+        max_iterations: int | None,
+        out: np.ndarray | None,
+        rounds: int = 1,
+    ) -> DeformationResult:
+        begin = perf_counter()
         if out is not None and not (
             out.shape == self.mesh.V.shape and out.dtype == np.float64 and out.flags.c_contiguous
         ):
             raise InputError(f"`out` must be a contiguous float64 array of shape {self.mesh.V.shape}")
-        rest = self._rest
-        handles = replace(rest, target=targets, rotation=rotations)
         if self._regions.covered:
             return all_on_targets(DeformationTask("drag", self.mesh, handles))
-        stop = {
-            "tolerance": self._choices.tolerance if tolerance is None else tolerance,
-            "max_iterations": self._choices.solver["max_iterations"]
-            if max_iterations is None
-            else max_iterations,
-        }
-        into = out if self._proxies.samplings == 1 else None
-        result = self._proxies.average(lambda number: self._one(number, handles, into, **stop))
+        into, stop = out if self._proxies.samplings == 1 else None, self._stop(tolerance, max_iterations)
+        result = self._proxies.average(lambda number: self._one(number, handles, into, rounds, **stop))
         V = result.vertices
         if not self._keeps_volume:
             V = self._regions.on_targets(V, handles)
@@ -269,25 +343,28 @@ class Deformer:
     def _keeps_volume(self) -> bool:
         return self._fast and self._choices.keeps_volume
 
-    def _one(self, number: int, handles: Handles, out: np.ndarray | None, **stop: Any) -> DeformationResult:
+    def _one(
+        self, number: int, handles: Handles, out: np.ndarray | None, rounds: int, **stop: Any
+    ) -> DeformationResult:
         """M' by one proxy."""
         proxy, regions = self._bound_proxies[number], self._regions
-        seconds, iterations = {"solve": 0.0, "carry": 0.0}, 0.0
+        binding, seconds, iterations = proxy.binding, {"solve": 0.0, "carry": 0.0}, 0.0
         # Proxies know little of the inside of regions. What they lack of the volume a first call makes up for
         # at once, and a drag with its next step.
-        for _ in range(1 + VOLUME_ROUNDS if proxy.following is None else 1):
+        for _ in range(rounds if proxy.begun else 1 + VOLUME_ROUNDS):
             begin = perf_counter()
-            solved = self._solved(proxy, handles, **stop)
-            proxy.last = solved.vertices, solved.extra["rotations"]
+            solved = proxy.solve(handles, **stop)
             end = perf_counter()
-            V, degenerate = self._carried(proxy, solved, out)
+            rotations = solved.extra["rotations"]
+            V, degenerate = binding.carry(solved.vertices, rotations=rotations, team=self._team, out=out)
+            seconds["carry"] += perf_counter() - end
+            seconds["solve"] += end - begin
             lacking = 0.0
             if self._keeps_volume:
                 V = regions.on_targets(V, handles)
                 lacking = regions.lacking_volume(V)
-            seconds = {"solve": seconds["solve"] + end - begin, "carry": perf_counter() - end}
             iterations += solved.iterations
-            goal = proxy.volume_goal + lacking / proxy.binding.proxy.volume if lacking else 1.0
+            goal = proxy.volume_goal + lacking / binding.proxy.volume if lacking else 1.0
             exact = solved.extra["volume_constraint"] == "exact"
             if abs(lacking) <= VOLUME_ERROR * abs(regions.volume) or goal <= 0 or not exact:
                 break
@@ -296,62 +373,9 @@ class Deformer:
             "residual": solved.extra["residual"],
             "energy": solved.extra["energy"],
             "degenerate_frames": degenerate,
-            "proxy_vertices": proxy.binding.proxy.n,
+            "proxy_vertices": binding.proxy.n,
         }
         return DeformationResult(V, iterations, solved.converged, seconds, facts)
-
-    def _carried(
-        self, proxy: _Proxy, solved: DeformationResult, out: np.ndarray | None
-    ) -> tuple[np.ndarray, int]:
-        rotations, shared = solved.extra["rotations"], self.mesh.n >= SHARED
-        with ThreadTeam(available_cpus() if shared and self._proxies.samplings == 1 else 1) as team:
-            return proxy.binding.carry(solved.vertices, rotations=rotations, team=team, out=out)
-
-    def _solved(
-        self, proxy: _Proxy, handles: Handles, *, tolerance: float, max_iterations: int
-    ) -> DeformationResult:
-        """N', from where the last call ended, or for the first one as the method does."""
-        on_proxy = self._on_proxy(proxy, handles)
-        if handles.known and not on_proxy.known:
-            raise InputError("no handle with a rotation is a vertex of the proxy; ask for more vertices")
-        if (on_proxy.turned & ~proxy.turned).any():
-            self._make_solver(proxy, on_proxy)
-        targets, share = proxy.parts.goals(on_proxy.target, on_proxy.rotation)
-        energy = energy_options(self._choices.solver)
-        pulls: dict[str, Any] = {"known": on_proxy.known, "share": share, "volume_goal": proxy.volume_goal}
-        stop: dict[str, Any] = {"tolerance": tolerance, "max_iterations": max_iterations}
-        if proxy.following is None and proxy.last is not None:
-            at = proxy.last[0][proxy.solver.index]
-            proxy.following = Following(proxy.solver, *proxy.last, at, **energy)
-        if proxy.following is not None:
-            return _result(proxy.following.solve(targets, **pulls, **stop))
-
-        def solve(task: DeformationTask, **options: Any) -> DeformationResult:
-            if task.mesh is not proxy.binding.proxy:
-                given = {**self._choices.solver, "max_iterations": max_iterations, **options}
-                return local_global(task, **given)
-            guess = initial_guess(task, self._choices.solver["start"])
-            pulls["volume_goal"] = options.get("volume_goal", 1.0)
-            rough = {**stop, "tolerance": options["tolerance"]}
-            return _result(proxy.solver.solve(targets, start=guess, **pulls, **rough, **energy))
-
-        task = DeformationTask("drag", proxy.binding.proxy, on_proxy)
-        if self._fast:
-            lead = self._choices.lead
-            result = multilevel(task, coarse=solve, lead=lead, tolerance=tolerance, seed=self._proxies.seed)
-        else:
-            result = solve(task, tolerance=tolerance)
-        rotations = result.extra["rotations"]
-        proxy.following = Following(
-            proxy.solver, result.vertices, rotations, targets, **{**pulls, "volume_goal": 1.0}, **energy
-        )
-        return result
-
-
-def _result(solution: Solution) -> DeformationResult:
-    return DeformationResult(
-        solution.positions, solution.iterations, solution.converged, extra=solution.facts()
-    )
 
 
 def _published(options: dict[str, Any]) -> Choices:

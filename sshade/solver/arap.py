@@ -15,6 +15,7 @@ elastic deformations", 2010 (spokes and rims: the paper's "Elastic").
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from copy import copy
 from functools import partial
 
 import numpy as np
@@ -86,28 +87,49 @@ class ArapSystem:
     ) -> None:
         if energy not in ("spokes", "spokes_and_rims"):
             raise InputError(f"unknown energy {energy!r}; use 'spokes' or 'spokes_and_rims'")
-        self.mesh, self.index = mesh, _checked(mesh, index)
+        self.mesh = mesh
         h = half_cotangents(mesh)
         edges, weights = edge_weights(mesh, h)
         laplacian = laplacian_matrix(mesh.n, edges, weights)
-        stiffness = _checked_stiffness(stiffness, len(self.index))
-        self.hard, self.soft = np.flatnonzero(np.isinf(stiffness)), np.flatnonzero(np.isfinite(stiffness))
-        self.pull = stiffness[self.soft]
-        if len(self.soft):
-            soft = self.index[self.soft]
-            laplacian = csr_array(laplacian + coo_array((self.pull, (soft, soft)), shape=laplacian.shape))
-        hard = self.index[self.hard]
+        self._diagonal = laplacian.diagonal()
+        laplacian = self._take_handles(index, stiffness, laplacian)
         with ThreadPoolExecutor(max_workers=1) as pool:
             # Meanwhile, as it takes the longest.
-            factorised = None if multigrid else pool.submit(FactorisedLaplacian, laplacian, hard)
+            factorised = None if multigrid else pool.submit(FactorisedLaplacian, laplacian, self._held_index)
             self.vertex = reverse_cuthill_mckee(laplacian, symmetric_mode=True)
             self.place = np.empty(mesh.n, dtype=np.int32)
             self.place[self.vertex] = np.arange(mesh.n)
-            self.held, self.pulled = self.place[hard], self.place[self.index[self.soft]]
-            self.laplacian = laplacian[self.vertex][:, self.vertex]
-            self.laplacian.sort_indices()
+            self._place_handles(laplacian)
             self._list_terms(h, edges, weights, energy=energy)
             self.factorised = factorised.result() if factorised else None
+
+    def with_handles(self, index: np.ndarray, *, stiffness: np.ndarray | None = None) -> ArapSystem:
+        """The factorised system of the same mesh with other handles; what these do not change is shared."""
+        other, laplacian = copy(self), self.laplacian[self.place][:, self.place]
+        laplacian.sort_indices()
+        laplacian.setdiag(self._diagonal)
+        laplacian = other._take_handles(index, stiffness, laplacian)
+        other._place_handles(laplacian)
+        other.factorised = FactorisedLaplacian(laplacian, other._held_index)
+        return other
+
+    def _take_handles(
+        self, index: np.ndarray, stiffness: np.ndarray | None, laplacian: csr_array
+    ) -> csr_array:
+        """The Laplacian, in the order of the mesh, with the pull of soft handles added."""
+        self.index = _checked(self.mesh, index)
+        stiffness = _checked_stiffness(stiffness, len(self.index))
+        self.hard, self.soft = np.flatnonzero(np.isinf(stiffness)), np.flatnonzero(np.isfinite(stiffness))
+        self.pull, self._held_index = stiffness[self.soft], self.index[self.hard]
+        if len(self.soft):
+            soft = self.index[self.soft]
+            laplacian = csr_array(laplacian + coo_array((self.pull, (soft, soft)), shape=laplacian.shape))
+        return laplacian
+
+    def _place_handles(self, laplacian: csr_array) -> None:
+        self.held, self.pulled = self.place[self._held_index], self.place[self.index[self.soft]]
+        self.laplacian = laplacian[self.vertex][:, self.vertex]
+        self.laplacian.sort_indices()
 
     def _list_terms(self, h: np.ndarray, edges: np.ndarray, weights: np.ndarray, *, energy: Energy) -> None:
         mesh = self.mesh
@@ -166,6 +188,13 @@ class ArapIteration:
         n = system.mesh.n
         self.system, self._team = system, team
         self._constraints, self._softening, self.restored = constraints, softening, True
+        self._step: GlobalStep
+        if system.factorised is None:
+            self._step = MultigridStep(system, softening, team=team)
+        else:
+            self._step = FactorisedStep(system, system.factorised, team=team)
+        order = np.argsort(system.pulled)
+        self._soft, self._pulled, self._pull = system.soft[order], system.pulled[order], system.pull[order]
         self._aim(targets, known, share)
         self._Q, self.R, self._B = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), np.empty((n, 9)), np.empty((n, 3))
         self._forces = np.empty((n if constraints else 0, 3))
@@ -189,16 +218,10 @@ class ArapIteration:
         known: tuple[np.ndarray, np.ndarray] | None,
         share: np.ndarray | None,
     ) -> None:
-        system, step = self.system, self.system.factorised
-        self._step: GlobalStep
-        if step is None:
-            self._step = MultigridStep(system, self._softening, team=self._team)
-        else:
-            self._step = FactorisedStep(system, step, targets[system.hard], team=self._team)
-        order = np.argsort(system.pulled)
-        self._pulled, self._pull = system.pulled[order], system.pull[order]
-        self._towards = targets[system.soft][order]
-        self._share = np.ones(len(order)) if share is None else share[system.soft][order]
+        system = self.system
+        self._step.aim(targets[system.hard])
+        self._towards = targets[self._soft]
+        self._share = np.ones(len(self._soft)) if share is None else share[self._soft]
         vertex, rotations = known or (np.empty(0, dtype=np.int64), np.empty((0, 3, 3)))
         order = np.argsort(system.place[vertex])
         self._known = system.place[vertex][order], np.array(rotations, dtype=np.float64)[order]

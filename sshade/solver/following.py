@@ -2,8 +2,8 @@
 
 A solve begins at the shape, the rotations, the weights of softened triangles and the multipliers of
 constraints that the last one ended with, and goes on as that one did as far as this brings the targets
-nearer: where they stop, or turn, so does the shape. Its first step is a global one. Handles are taken
-to their targets by that step only, as alone they would tear the rotations around them along. The later
+nearer: where they stop, or turn, so does the shape. Its first step is a plain one. Handles are taken
+to their targets by its global step only, as alone they would tear the rotations around them along. The later
 ones are quasi-Newton steps, which begin with the pairs of earlier solves, for the energy's curvature
 hardly changes from one to the next.
 """
@@ -72,7 +72,7 @@ class Following:
         self._iteration.begin_with(rotations)
         self._u = solver.to_system(positions, targets)
         self._iteration.local_step(self._u)
-        self._last_u, self._g = self._u.copy(), np.empty_like(self._u)
+        self._last_u, self._move = self._u.copy(), np.empty_like(self._u)
         self._targets = self._last_targets = targets
         self._mixer = QuasiNewton(len(self._u), window, self._iteration.gradient, team=team)
 
@@ -91,29 +91,24 @@ class Following:
         Parameters
         ----------
         targets : (k, 3) float64
-        known, share, volume_goal, tolerance
-        max_iterations : int
-            The first step is one of them.
+        known, share, volume_goal, tolerance, max_iterations
         """
-        solver, iteration, u, g = self.solver, self._iteration, self._u, self._g
+        solver, iteration, u = self.solver, self._iteration, self._u
         targets, _ = solver.checked_positions(targets, None)
         iteration.aim(targets - solver.mesh.origin, volume_goal, known=known, share=share)
-        first = max_iterations > 0
-        if first:
+        if max_iterations > 0:
             self._go_on(targets)
-            iteration.global_step(u, g)
-            u[:] = g
-            self._mixer.cut()
+        self._mixer.cut()
         facts = iterate(
             iteration,
             u,
             mixer=self._mixer,
             tolerance=tolerance,
-            max_iterations=max_iterations - first,
+            max_iterations=max_iterations,
             deadline=inf,
             progress=silent,
+            plain=1,
         )
-        facts["iterations"] += first
         return solver.solution(iteration, u, targets, self._held, volume_goal, facts)
 
     def _go_on(self, targets: np.ndarray) -> None:
@@ -121,10 +116,9 @@ class Following:
         u, last = self._u, self._targets - self._last_targets
         move, square = targets - self._targets, float((last * last).sum())
         share = float(np.clip((move * last).sum() / square, -1.0, 1.0)) if square > 0 else 0.0
-        np.subtract(u, self._last_u, out=self._g)
+        np.subtract(u, self._last_u, out=self._move)
         self._last_u[:] = u
         self._last_targets, self._targets = self._targets, targets
         if share:
-            self._g *= share
-            u += self._g
-            self._iteration.local_step(u)
+            self._move *= share
+            u += self._move

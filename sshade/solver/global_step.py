@@ -38,6 +38,9 @@ SOFTEST = 0.25
 class GlobalStep(Protocol):
     """The global step of one solve. u, B, g, F and `out` are (n, 3) float64, in the system's order."""
 
+    def aim(self, targets: np.ndarray) -> None:
+        """Take the positions (k, 3) of held vertices from here on."""
+
     def solve(self, u: np.ndarray, B: np.ndarray, g: np.ndarray) -> None:
         """Write ``u + M (B - L u)`` to g, u with held vertices on their targets; B may be overwritten."""
 
@@ -93,19 +96,17 @@ class FactorisedStep:
     ----------
     system : ArapSystem
     factorised : FactorisedLaplacian
-    targets : (k, 3) float64
-        Positions of the held vertices.
     team : ThreadTeam
     """
 
-    def __init__(
-        self, system: ArapSystem, factorised: FactorisedLaplacian, targets: np.ndarray, *, team: ThreadTeam
-    ) -> None:
+    def __init__(self, system: ArapSystem, factorised: FactorisedLaplacian, *, team: ThreadTeam) -> None:
         self._laplacian, self._team = compressed_rows(system.laplacian), team
-        self._solve, self._held, self._targets = factorised.factorisation.solve_ordered, system.held, targets
-        self._free = system.place[factorised.free]
-        self._fixed = -(factorised.to_handles @ targets)
+        self._solve, self._held = factorised.factorisation.solve_ordered, system.held
+        self._free, self._to_handles = system.place[factorised.free], factorised.to_handles
         self._X = np.empty((len(self._free), 3))
+
+    def aim(self, targets: np.ndarray) -> None:
+        self._targets, self._fixed = targets, -(self._to_handles @ targets)
 
     def solve(self, u: np.ndarray, B: np.ndarray, g: np.ndarray) -> None:
         free, X = self._free, self._X
@@ -162,6 +163,9 @@ class MultigridStep:
             except FloatingPointError as error:
                 raise not_positive_definite() from error
         return self._made
+
+    def aim(self, targets: np.ndarray) -> None:
+        """Held vertices are where u has them."""
 
     def solve(self, u: np.ndarray, B: np.ndarray, g: np.ndarray) -> None:
         self._team.ranges(lambda *own: _subtract(*own, *self._matrix, u, B), len(u))

@@ -11,6 +11,7 @@ elastic deformations", 2010 (spokes and rims: the paper's "Elastic").
 
 from __future__ import annotations
 
+from copy import copy
 from math import inf
 from time import perf_counter
 from typing import Any, Unpack
@@ -74,6 +75,26 @@ class LocalGlobal:
         self.system = ArapSystem(mesh, index, energy=energy, stiffness=stiffness, multigrid=multigrid)
         self.mesh, self.index = mesh, self.system.index
         self._components = Components(mesh, self.system.place)
+
+    def with_handles(self, index: np.ndarray, *, stiffness: np.ndarray | None = None) -> LocalGlobal:
+        """The solver of the same mesh and energy with other handles, by a new factorisation.
+
+        What does not depend on handles is shared: both may be used.
+
+        Parameters
+        ----------
+        index, stiffness
+            As for the class.
+
+        Raises
+        ------
+        InputError
+            As for the class, but of the energy.
+        """
+        other = copy(self)
+        other.system = self.system.with_handles(index, stiffness=stiffness)
+        other.index = other.system.index
+        return other
 
     def solve(
         self,

@@ -148,6 +148,7 @@ def iterate(
     max_iterations: int,
     deadline: float,
     progress: Progress,
+    plain: int = 0,
 ) -> dict[str, Any]:
     """Repeat a plain iteration, accelerated by a mixer, until its residual is below a tolerance.
 
@@ -162,6 +163,8 @@ def iterate(
     deadline : float
         Value of `perf_counter` after which no iteration begins.
     progress : Progress
+    plain : int
+        How many first steps are not accelerated: held vertices may not be on their targets before.
 
     Returns
     -------
@@ -197,7 +200,7 @@ def iterate(
         if not np.isfinite(residual):
             raise FloatingPointError(f"the positions are not finite after {iterations} iterations")
         mixed = False
-        if mixer and residual >= tolerance and iterations < max_iterations:
+        if mixer and plain < iterations < max_iterations and residual >= tolerance:
             mixed = mixer.advance(u, g)
             if mixed:
                 iteration.restore(u)

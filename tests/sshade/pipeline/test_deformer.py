@@ -82,7 +82,7 @@ def test_a_drag_comes_to_rest_where_the_method_does_and_leads_back(name):
     rest = mesh.V[handles.index]
     first, once = drag(handles.target).vertices, sshade_fast(task, vertices=300).vertices
     # Only where the proxy has to make up for the volume inside of regions, the ways are not the same.
-    assert np.abs(first - once).max() <= (1e-5 * mesh.diagonal if name == "regions" else 0.0)
+    assert np.abs(first - once).max() <= (1e-4 * mesh.diagonal if name == "regions" else 0.0)
     drag.reset()
     before, out = drag(rest).vertices, np.empty_like(mesh.V)
     for step in np.linspace(0, 1, 13)[1:]:

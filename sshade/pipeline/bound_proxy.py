@@ -1,0 +1,158 @@
+"""A proxy that a mesh is bound to, and its factorised system: solved for targets that follow each other."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import numpy as np
+
+from sshade.carry.binding import Binding
+from sshade.errors import InputError
+from sshade.pipeline.fast import Choices
+from sshade.pipeline.multilevel import multilevel
+from sshade.solver.following import Following
+from sshade.solver.local_global import LocalGlobal, local_global
+from sshade.solver.options import energy_options
+from sshade.solver.parts import Parts
+from sshade.solver.solution import Solution
+from sshade.solver.start import initial_guess
+from sshade.task import DeformationResult, DeformationTask, Handles
+
+
+class BoundProxy:
+    """A binding of M, the handles of M as those of the proxy N, and what is solved for them.
+
+    Parameters
+    ----------
+    binding : Binding
+    own : (k,) int64
+        Of the handles of M those that are vertices of N.
+    on : (k,) int64
+        These vertices.
+    rest : Handles
+        Those of M, at rest.
+    choices : Choices
+    first : {"multilevel", "plain"}
+        How a first solve goes about it.
+    seed : int
+        Of the coarser level's sampling.
+
+    Attributes
+    ----------
+    volume_goal : float
+        The volume that N is to hold, over its own at rest.
+    """
+
+    def __init__(
+        self,
+        binding: Binding,
+        *,
+        own: np.ndarray,
+        on: np.ndarray,
+        rest: Handles,
+        choices: Choices,
+        first: Literal["multilevel", "plain"],
+        seed: int,
+    ) -> None:
+        self.binding, self._choices, self._first, self._seed = binding, choices, first, seed
+        self._own: np.ndarray | None = own
+        self._on, self._mesh, self._proxy = on, binding.mesh, binding.proxy
+        handles = self._handles(rest)
+        self._parts = Parts(self._proxy, handles, choices.solver["parts"])
+        self._solver = LocalGlobal(self._proxy, self._parts.vertex, stiffness=self._parts.stiffness)
+        self._turned = np.zeros(len(handles), dtype=bool)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last solve: the next one begins as the method does."""
+        self._following: Following | None = None
+        self._last: tuple[np.ndarray, np.ndarray] | None = None
+        self.volume_goal = 1.0
+
+    @property
+    def begun(self) -> bool:
+        """Whether the next solve goes on from an earlier one of the same system."""
+        return self._following is not None
+
+    def take(self, rest: Handles) -> None:
+        """Take other handles of M, given at rest, by the vertices of N that are nearest; the shape stays."""
+        self._own = None
+        self._take(self._handles(rest))
+
+    def change(self, choices: Choices) -> None:
+        """Take another energy; the shape stays."""
+        self._choices, self._following, self.volume_goal = choices, None, 1.0
+
+    def _take(self, handles: Handles) -> None:
+        """Take handles of N, or others of them that have rotations, which makes parts of them."""
+        self._parts = Parts(self._proxy, handles, self._choices.solver["parts"])
+        self._solver = self._solver.with_handles(self._parts.vertex, stiffness=self._parts.stiffness)
+        self._turned, self._following = handles.turned, None
+
+    def _handles(self, handles: Handles) -> Handles:
+        """Handles of M as those of N."""
+        if self._own is not None:
+            return handles.sampled(self._own, self._on, self._mesh.V)
+        return Handles.from_positions(
+            self._proxy,
+            self._mesh.V[handles.index],
+            handles.target,
+            group=handles.group,
+            weight=handles.weight,
+            rotation=handles.rotation,
+        ).shared(self._proxy)
+
+    def solve(self, handles: Handles, *, tolerance: float, max_iterations: int) -> DeformationResult:
+        """N' for handles of M at their targets, from where the last solve ended, or else as the method does.
+
+        Raises
+        ------
+        InputError
+            Where handles cannot be those of N: see :meth:`sshade.Handles.from_positions`.
+        """
+        solved = self._solved(handles, {"tolerance": tolerance, "max_iterations": max_iterations})
+        self._last = solved.vertices, solved.extra["rotations"]
+        return solved
+
+    def _solved(self, handles: Handles, stop: Mapping[str, Any]) -> DeformationResult:
+        on_proxy = self._handles(handles)
+        if handles.known and not on_proxy.known:
+            raise InputError("no handle with a rotation is a vertex of the proxy; ask for more vertices")
+        if (on_proxy.turned & ~self._turned).any():
+            self._take(on_proxy)
+        targets, share = self._parts.goals(on_proxy.target, on_proxy.rotation)
+        energy = energy_options(self._choices.solver)
+        pulls: dict[str, Any] = {"known": on_proxy.known, "share": share, "volume_goal": self.volume_goal}
+        if self._following is None and self._last is not None:
+            at = self._last[0][self._solver.index]
+            self._following = Following(self._solver, *self._last, at, **energy)
+        if self._following is not None:
+            return _result(self._following.solve(targets, **pulls, **stop))
+
+        def solve(task: DeformationTask, **options: Any) -> DeformationResult:
+            if task.mesh is not self._proxy:
+                given = {**self._choices.solver, "max_iterations": stop["max_iterations"], **options}
+                return local_global(task, **given)
+            guess = initial_guess(task, self._choices.solver["start"])
+            pulls["volume_goal"] = options.get("volume_goal", 1.0)
+            rough = {**stop, "tolerance": options["tolerance"]}
+            return _result(self._solver.solve(targets, start=guess, **pulls, **rough, **energy))
+
+        task, tolerance = DeformationTask("drag", self._proxy, on_proxy), stop["tolerance"]
+        if self._first == "multilevel":
+            lead = self._choices.lead
+            result = multilevel(task, coarse=solve, lead=lead, tolerance=tolerance, seed=self._seed)
+        else:
+            result = solve(task, tolerance=tolerance)
+        rotations = result.extra["rotations"]
+        self._following = Following(
+            self._solver, result.vertices, rotations, targets, **{**pulls, "volume_goal": 1.0}, **energy
+        )
+        return result
+
+
+def _result(solution: Solution) -> DeformationResult:
+    return DeformationResult(
+        solution.positions, solution.iterations, solution.converged, extra=solution.facts()
+    )
