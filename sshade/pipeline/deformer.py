@@ -320,7 +320,6 @@ class Deformer:
         out: np.ndarray | None,
         rounds: int = 1,
     ) -> DeformationResult:
-        begin = perf_counter()
         if out is not None and not (
             out.shape == self.mesh.V.shape and out.dtype == np.float64 and out.flags.c_contiguous
         ):
@@ -337,7 +336,7 @@ class Deformer:
         if out is not None and V is not out:
             out[:] = V
             V = out
-        return replace(result, vertices=V, seconds={**result.seconds, "total": perf_counter() - begin})
+        return result if V is result.vertices else replace(result, vertices=V)
 
     @property
     def _keeps_volume(self) -> bool:

@@ -128,6 +128,7 @@ class Proxies:
         begin = perf_counter()
         self.mesh, self.graph = mesh, vertex_graph(mesh)
         self._shared = perf_counter() - begin
+        self._without_area = int(mesh.without_area.sum())
         self.vertices = proxy_vertices(vertices, mesh.n, handles, coarser=coarser)
         self.samplings, self.workers, self.seed = samplings, workers, seed
 
@@ -158,16 +159,15 @@ class Proxies:
 
         results = in_threads(summed, self.samplings, workers=self.workers)
         total = mean.total / self.samplings if self.samplings > 1 else mean.total
-        whole = joined(total, results, FACTS)
-        seconds = dict(whole.seconds)
-        if "remesh" in seconds:
-            seconds["remesh"] += self._shared
         facts = {
             "samplings": self.samplings,
             "samples": self.vertices,
-            "faces_without_area": int(self.mesh.without_area.sum()),
+            "faces_without_area": self._without_area,
         }
-        return replace(whole, seconds=seconds, extra={**facts, **whole.extra})
+        first = results[0].seconds
+        if "remesh" in first:
+            results[0] = replace(results[0], seconds={**first, "remesh": first["remesh"] + self._shared})
+        return joined(total, results, FACTS, extra=facts)
 
 
 def bind(
@@ -254,7 +254,11 @@ FACTS: Mapping[str, Callable[[Any], Any]] = {
 
 
 def joined(
-    vertices: np.ndarray, results: Sequence[DeformationResult], facts: Mapping[str, Callable[[Any], Any]]
+    vertices: np.ndarray,
+    results: Sequence[DeformationResult],
+    facts: Mapping[str, Callable[[Any], Any]],
+    *,
+    extra: Mapping[str, Any] | None = None,
 ) -> DeformationResult:
     """One result for several: mean iterations, converged if all are, seconds summed, facts by their rules.
 
@@ -264,6 +268,8 @@ def joined(
     results : sequence of DeformationResult
     facts : mapping
         For names in ``extra`` what makes one value of those of the results that have it.
+    extra : mapping, optional
+        Further facts.
     """
     converged = [result.converged for result in results]
     stages = dict.fromkeys(stage for result in results for stage in result.seconds)
@@ -273,5 +279,5 @@ def joined(
         iterations=_mean([result.iterations for result in results]),
         converged=None if None in converged else all(converged),
         seconds={stage: sum(r.seconds.get(stage, 0.0) for r in results) for stage in stages},
-        extra={name: facts[name](values) for name, values in found.items() if values},
+        extra={**(extra or {}), **{name: facts[name](values) for name, values in found.items() if values}},
     )

@@ -98,7 +98,7 @@ class Parts:
     """
 
     def __init__(self, mesh: Mesh, handles: Handles, weight: float) -> None:
-        self._parts: list[_Part] = []
+        parts: list[_Part] = []
         pull, part_of = np.zeros(mesh.n), np.zeros(mesh.n, dtype=np.int64)
         if weight > 0:
             r = RADIUS * np.sqrt(mesh.area)
@@ -111,10 +111,10 @@ class Parts:
             for k, own in enumerate(members(number, count)):
                 part = _Part.at_rest(own, mesh.V[handles.index[own]])
                 if turned[own].any() or part.curvature:
-                    place[k] = len(self._parts)
+                    place[k] = len(parts)
                     radius[k] = np.linalg.norm(part.arm, axis=1).max()
                     strength[k] = firm[own].mean() * weight / r**2
-                    self._parts.append(part)
+                    parts.append(part)
             nearest = number[fronts.region]
             away = fronts.distance + radius[nearest]
             near = np.flatnonzero(away < REACH * r)
@@ -122,8 +122,9 @@ class Parts:
             part_of[near] = place[nearest[near]]
         pull[handles.index] = 0.0
         near = np.flatnonzero(pull)
-        self._pulled = members(part_of[near], len(self._parts))
-        self._arms = [mesh.V[near[own]] - p.centre for own, p in zip(self._pulled, self._parts, strict=True)]
+        self._parts = _Parts.of(parts) if parts else None
+        self._pulled = members(part_of[near], len(parts))
+        self._arms = [mesh.V[near[own]] - p.centre for own, p in zip(self._pulled, parts, strict=True)]
         self.vertex = np.concatenate([handles.index, near])
         self.stiffness = np.concatenate([handles.stiffness, pull[near]])
 
@@ -144,10 +145,11 @@ class Parts:
         """
         count = len(self.vertex) - len(target)
         goal, share = np.zeros((count, 3)), np.zeros(count)
-        for part, pulled, arms in zip(self._parts, self._pulled, self._arms, strict=True):
-            R, centre, certainty = part.motion(target, rotation)
-            share[pulled] = certainty
-            goal[pulled] = arms @ R.T + centre
+        if self._parts is not None:
+            R, centre, certainty = self._parts.motions(target, rotation)
+            for k, (pulled, arms) in enumerate(zip(self._pulled, self._arms, strict=True)):
+                share[pulled] = certainty[k]
+                goal[pulled] = arms @ R[k].T + centre[k]
         return np.concatenate([target, goal]), np.concatenate([np.ones(len(target)), share])
 
 
@@ -169,29 +171,57 @@ class _Part(NamedTuple):
         told = len(own) > 2 and spread[1] > SPREAD * spread[0]
         return cls(own, centre, P - centre, float((spread[1:] ** 2).sum()) if told else 0.0)
 
-    def motion(self, target: np.ndarray, rotation: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, float]:
-        """R, where the centre goes, and how well the targets of all handles tell R: from 1 down to 0.
+
+class _Parts(NamedTuple):
+    """Parts beside each other: the handles of part k are ``own[start[k] : start[k + 1]]``.
+
+    `part` (h,) is k for each of them, `arm` (h, 3) as of :class:`_Part`, `square` (p,) the sum of their
+    squares, or 1 where the curvature (p,) is 0.
+    """
+
+    own: np.ndarray
+    start: np.ndarray
+    part: np.ndarray
+    arm: np.ndarray
+    square: np.ndarray
+    curvature: np.ndarray
+
+    @classmethod
+    def of(cls, parts: list[_Part]) -> _Parts:
+        size, arm = [len(part.own) for part in parts], np.concatenate([part.arm for part in parts])
+        curvature = np.array([part.curvature for part in parts])
+        square = np.array([(part.arm**2).sum() if part.curvature else 1.0 for part in parts])
+        own, start = np.concatenate([part.own for part in parts]), np.cumsum([0, *size])
+        return cls(own, start, np.repeat(np.arange(len(parts)), size), arm, square, curvature)
+
+    def motions(
+        self, target: np.ndarray, rotation: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """R (p, 3, 3), where centres go, and how well the targets of all handles tell R: from 1 down to 0.
 
         Two things speak against the best rotation (Kabsch's), both 1 - c where targets are c times a turned
         part: how far they are from it, and how much less than at rest the sum of squares grows
         with a turn away from R. A prescribed one is certain.
         """
+        first, told = self.start[:-1], self.curvature > 0
         Q = target[self.own]
-        centre = Q.mean(axis=0)
+        centre = np.add.reduceat(Q, first) / np.diff(self.start)[:, None]
+        Q -= centre[self.part]
+        U, s, Vt = np.linalg.svd(np.add.reduceat(Q[:, :, None] * self.arm[:, None], first))
+        sign = np.where(np.linalg.det(U @ Vt) > 0, 1.0, -1.0)
+        U[:, :, 2] *= sign[:, None]
+        R = np.where(told[:, None, None], U @ Vt, np.eye(3))
+        turned = np.einsum("hij,hj->hi", R[self.part], self.arm)
+        misfit = np.sqrt(np.add.reduceat(((turned - Q) ** 2).sum(axis=1), first) / self.square)
+        off = np.maximum(misfit, 1.0 - (s[:, 1] + sign * s[:, 2]) / np.where(told, self.curvature, 1.0))
+        certainty = np.where(told, np.clip((LOOSE - off) / (LOOSE - RIGID), 0.0, 1.0), 0.0)
         if rotation is not None:
-            given = rotation[self.own]
-            given = given[np.isfinite(given).all(axis=(1, 2))]
-            if len(given):
-                return given[0], centre, 1.0
-        if self.curvature == 0.0:
-            return np.eye(3), centre, 0.0
-        Q = Q - centre
-        U, s, Vt = np.linalg.svd(Q.T @ self.arm)
-        sign = 1.0 if np.linalg.det(U @ Vt) > 0 else -1.0
-        R = (U * [1.0, 1.0, sign]) @ Vt
-        misfit = np.linalg.norm(self.arm @ R.T - Q) / np.linalg.norm(self.arm)
-        off = max(misfit, 1.0 - (s[1] + sign * s[2]) / self.curvature)
-        return R, centre, float(np.clip((LOOSE - off) / (LOOSE - RIGID), 0.0, 1.0))
+            for k, end in enumerate(self.start[1:]):
+                given = rotation[self.own[first[k] : end]]
+                given = given[np.isfinite(given).all(axis=(1, 2))]
+                if len(given):
+                    R[k], certainty[k] = given[0], 1.0
+        return R, centre, certainty
 
 
 def _parts(graph: VertexGraph, fronts: Fronts, group: np.ndarray, link: float) -> np.ndarray:
