@@ -70,7 +70,7 @@ def _bound(task: DeformationTask, options: dict[str, Any]) -> Deformer:
 
 
 def drag(task: DeformationTask, options: dict[str, Any]) -> Row:
-    """Bind, solve, and drag the handles from rest to their targets and back.
+    """Bind, solve, drag the handles from rest to their targets and back, and change them.
 
     Parameters
     ----------
@@ -83,31 +83,69 @@ def drag(task: DeformationTask, options: dict[str, Any]) -> Row:
     dict
         ``seconds.bind``, ``seconds.first`` (from rest to the targets at once, to the default
         tolerance), ``seconds.step`` and ``seconds.step_95``, the median and the 95th percentile of the
-        steps to the targets; ``drag.return``, the largest distance of a vertex after the way back from
-        where it was before, % of the diagonal.
+        steps to the targets, of which ``seconds.step_solve`` the proxy takes, ``seconds.step_carry`` the
+        mesh and ``seconds.step_output`` the rest, medians too; ``seconds.settle``, from the last step to the
+        minimum; ``seconds.rebind``, the mean of leaving the last group of handles out and of taking it again.
+        Distances of the farthest vertex, % of the diagonal: ``drag.first``, of the first solve from the
+        minimum that it leads to; ``drag.last``, of the last step from the first solve; ``drag.settled``, of
+        where the drag settles from where the first solve does; ``drag.return``, of the way back from before.
     """
     rest, target = task.mesh.V[task.handles.index], task.handles.target
+
+    def apart(one: np.ndarray, other: np.ndarray) -> float:
+        return 100 * float(np.linalg.norm(one - other, axis=1).max()) / task.mesh.diagonal
+
     begin = perf_counter()
     deformer = _bound(task, options)
     bound = perf_counter()
     first = deformer(target)
     solved = perf_counter()
+    minimum = deformer.settle().vertices
     deformer.reset()
     before = deformer(rest, tolerance=TOLERANCE).vertices
-    seconds, after = [], np.empty_like(before)
-    for step in [*range(1, STEPS + 1), *range(STEPS - 1, -1, -1)]:
-        targets = rest + step / STEPS * (target - rest)
+    steps, out = [], np.empty_like(before)
+
+    def step(number: int) -> None:
         start = perf_counter()
-        deformer(targets, tolerance=TOLERANCE, out=after)
-        seconds.append(perf_counter() - start)
-    there = seconds[:STEPS]
-    apart = np.linalg.norm(after - before, axis=1).max() / task.mesh.diagonal
+        result = deformer(rest + number / STEPS * (target - rest), tolerance=TOLERANCE, out=out)
+        steps.append((perf_counter() - start, result.seconds["solve"], result.seconds["carry"]))
+
+    for number in range(1, STEPS + 1):
+        step(number)
+    last, there = out.copy(), np.array(steps)
+    start = perf_counter()
+    settled = deformer.settle(out=out).vertices
+    settling = perf_counter() - start
+    facts = {
+        "drag.first": apart(first.vertices, minimum),
+        "drag.last": apart(last, first.vertices),
+        "drag.settled": apart(settled, minimum),
+    }
+    for number in range(STEPS - 1, -1, -1):
+        step(number)
+    whole, solve, carry = np.median(there, axis=0)
     return {
         "seconds.bind": bound - begin,
         "seconds.first": solved - bound,
-        "seconds.step": float(np.median(there)),
-        "seconds.step_95": float(np.percentile(there, 95)),
+        "seconds.step": float(whole),
+        "seconds.step_95": float(np.percentile(there[:, 0], 95)),
+        "seconds.step_solve": float(solve),
+        "seconds.step_carry": float(carry),
+        "seconds.step_output": float(np.median(there[:, 0] - there[:, 1] - there[:, 2])),
+        "seconds.settle": settling,
+        "seconds.rebind": _rebinding(deformer, task),
         "seconds.total": perf_counter() - begin,
         "iterations": float(first.iterations),
-        "drag.return": 100 * float(apart),
+        **facts,
+        "drag.return": apart(out, before),
     }
+
+
+def _rebinding(deformer: Deformer, task: DeformationTask) -> float:
+    """Seconds of a change of handles: the last group is left out, where there are others, and comes back."""
+    own = task.handles
+    fewer = own.group != own.group.max()
+    begin = perf_counter()
+    for taken in (fewer if fewer.any() else ~fewer, np.ones(len(own), dtype=bool)):
+        deformer.rebind_handles(own.index[taken], group=own.group[taken], weight=own.weight[taken])
+    return (perf_counter() - begin) / 2

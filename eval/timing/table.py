@@ -23,6 +23,7 @@ from eval.timing.drag import STEPS, TOLERANCE
 from eval.timing.scaling import FIT_FROM, draw_scaling, is_scaling, slopes
 from sshade.errors import InputError
 from sshade.io.files import make_folder, replacing
+from sshade.pipeline.deformer import SETTLED
 
 #: Where the rows of times lie: one CSV a name.
 TIMING = Path("out/timing")
@@ -72,6 +73,14 @@ _COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "seconds.bind": ("bind (s)", _seconds),
     "seconds.first": ("first solve (s)", _seconds),
     "seconds.step_95": ("step, 95th percentile (s)", _seconds),
+    "seconds.step_solve": ("of it solve (s)", _seconds),
+    "seconds.step_carry": ("carry (s)", _seconds),
+    "seconds.step_output": ("output (s)", _seconds),
+    "seconds.settle": ("settle (s)", _seconds),
+    "seconds.rebind": ("other handles (s)", _seconds),
+    "drag.first": ("first solve from its minimum (%)", "{:.2g}".format),
+    "drag.last": ("last step from first solve (%)", "{:.2g}".format),
+    "drag.settled": ("settled from that minimum (%)", "{:.2g}".format),
     "drag.return": ("there and back (%)", "{:.2g}".format),
     "iterations": ("iterations", _count),
     "extrapolated": ("extrapolated", str),
@@ -152,7 +161,7 @@ def _line(own: pd.DataFrame) -> dict[str, Any]:
         "cores_used": numbers(own, "env.cores_used").median(),
         "iterations": iterations,
         "extrapolated": None,
-        "drag.return": numbers(own, "drag.return").max(),
+        **{name: numbers(own, name).max() for name in own if name.startswith("drag.")},
         "peak_mib": peak,
         "bytes_per_vertex": peak * 2**20 / first["task.vertices"],
     }
@@ -187,8 +196,10 @@ def _notes(rows: pd.DataFrame, lines: pd.DataFrame, reference: str) -> list[str]
     if "seconds.step" in lines:
         notes.append(
             f"Step: one of a drag of {STEPS} from rest to the targets, each to a residual of {TOLERANCE:g}; "
-            "first solve: from rest to the targets at once. There and back: the largest distance of a vertex "
-            "after the way back from where it was before, of the bounding-box diagonal."
+            "first solve: from rest to the targets at once. Settle: from the last step to the minimum; other "
+            "handles: a group less, or again. Distances are the farthest vertex's, of the bounding-box "
+            f"diagonal; a minimum is at {SETTLED:g} of the method's tolerance. There and back: after the "
+            "way back from before."
         )
     if "seconds.remesh" in lines:
         notes.append("Stages of samplings that run beside each other are added up.")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
+from time import perf_counter
 from typing import Any, Literal
 
 import numpy as np
@@ -11,6 +13,9 @@ from sshade.carry.binding import Binding
 from sshade.errors import InputError
 from sshade.pipeline.fast import Choices
 from sshade.pipeline.multilevel import multilevel
+from sshade.pipeline.paper import VOLUME_ERROR, VOLUME_ROUNDS
+from sshade.pipeline.regions import HandleRegions
+from sshade.snapping import nearest_vertices
 from sshade.solver.following import Following
 from sshade.solver.local_global import LocalGlobal, local_global
 from sshade.solver.options import energy_options
@@ -18,6 +23,11 @@ from sshade.solver.parts import Parts
 from sshade.solver.solution import Solution
 from sshade.solver.start import initial_guess
 from sshade.task import DeformationResult, DeformationTask, Handles
+from sshade.threads import ThreadTeam
+
+#: How far handles that are no vertices of a proxy may be from their targets, over the diagonal, where they
+#: are made up for.
+MET = 1e-5
 
 
 class BoundProxy:
@@ -37,11 +47,6 @@ class BoundProxy:
         How a first solve goes about it.
     seed : int
         Of the coarser level's sampling.
-
-    Attributes
-    ----------
-    volume_goal : float
-        The volume that N is to hold, over its own at rest.
     """
 
     def __init__(
@@ -68,21 +73,42 @@ class BoundProxy:
         """Forget the last solve: the next one begins as the method does."""
         self._following: Following | None = None
         self._last: tuple[np.ndarray, np.ndarray] | None = None
-        self.volume_goal = 1.0
-
-    @property
-    def begun(self) -> bool:
-        """Whether the next solve goes on from an earlier one of the same system."""
-        return self._following is not None
+        self._volume_goal = 1.0  # what N is to hold, over its own at rest
 
     def take(self, rest: Handles) -> None:
         """Take other handles of M, given at rest, by the vertices of N that are nearest; the shape stays."""
-        self._own = None
-        self._take(self._handles(rest))
+        snapped = self._snapped(rest)
+        _, nearest = nearest_vertices(self._proxy, self._mesh.V[rest.index], rest.group)
+        number = np.full(self._proxy.n, -1)
+        number[snapped.index] = np.arange(len(snapped))
+        self._own, self._stands_for, self._shift = None, number[nearest], np.zeros((len(snapped), 3))
+        self._farthest = 2 * snapped.snap_distance
+        self._take(snapped)
+
+    def _learn(self, handles: Handles, V: np.ndarray) -> float:
+        """Have vertices that stand for hard handles make up for how far M' (n, 3) is off their targets.
+
+        At most as far as a turn can be the reason.
+
+        Returns
+        -------
+        float
+            The largest distance from a target, 0 where handles are vertices of N, in the unit of length.
+        """
+        if self._own is not None:
+            return 0.0
+        missed, number = handles.target - V[handles.index], self._stands_for
+        missed[~handles.hard] = 0.0
+        count = np.bincount(number)
+        for c in range(3):
+            self._shift[:, c] += np.bincount(number, missed[:, c]) / count
+        length = np.linalg.norm(self._shift, axis=1)
+        self._shift *= (np.minimum(length, self._farthest) / np.where(length > 0, length, 1.0))[:, None]
+        return float(np.linalg.norm(missed, axis=1).max())
 
     def change(self, choices: Choices) -> None:
         """Take another energy; the shape stays."""
-        self._choices, self._following, self.volume_goal = choices, None, 1.0
+        self._choices, self._following, self._volume_goal = choices, None, 1.0
 
     def _take(self, handles: Handles) -> None:
         """Take handles of N, or others of them that have rotations, which makes parts of them."""
@@ -94,6 +120,10 @@ class BoundProxy:
         """Handles of M as those of N."""
         if self._own is not None:
             return handles.sampled(self._own, self._on, self._mesh.V)
+        snapped = self._snapped(handles)
+        return replace(snapped, target=snapped.target + self._shift)
+
+    def _snapped(self, handles: Handles) -> Handles:
         return Handles.from_positions(
             self._proxy,
             self._mesh.V[handles.index],
@@ -102,6 +132,66 @@ class BoundProxy:
             weight=handles.weight,
             rotation=handles.rotation,
         ).shared(self._proxy)
+
+    def deform(
+        self,
+        handles: Handles,
+        regions: HandleRegions,
+        *,
+        keep_volume: bool,
+        settle: bool,
+        team: ThreadTeam,
+        out: np.ndarray | None,
+        **stop: Any,
+    ) -> DeformationResult:
+        """M' for handles at their targets.
+
+        Proxies know little of the inside of regions, and of handles that are not among their vertices. What
+        they lack there a first call makes up for at once, and one that settles, a drag with its next step.
+
+        Parameters
+        ----------
+        handles : Handles
+            Of M.
+        regions : HandleRegions
+        keep_volume : bool
+            Whether M' is on its targets and has its volume before samplings are averaged.
+        settle : bool
+        team : ThreadTeam
+            Threads that carry M.
+        out : (n, 3) float64, C-contiguous, optional
+            Takes what is carried.
+        **stop
+            As of :meth:`solve`.
+        """
+        binding, seconds, iterations = self.binding, {"solve": 0.0, "carry": 0.0}, 0.0
+        for _ in range(1 + VOLUME_ROUNDS if settle or self._following is None else 1):
+            begin = perf_counter()
+            solved = self.solve(handles, **stop)
+            end = perf_counter()
+            rotations = solved.extra["rotations"]
+            V, degenerate = binding.carry(solved.vertices, rotations=rotations, team=team, out=out)
+            seconds["carry"] += perf_counter() - end
+            seconds["solve"] += end - begin
+            iterations += solved.iterations
+            lacking = 0.0
+            if keep_volume:
+                V = regions.on_targets(V, handles)
+                lacking = regions.lacking_volume(V)
+            goal = self._volume_goal + lacking / binding.proxy.volume if lacking else 1.0
+            exact = solved.extra["volume_constraint"] == "exact"
+            held = abs(lacking) <= VOLUME_ERROR * abs(regions.volume) or goal <= 0 or not exact
+            if not held:
+                self._volume_goal = goal
+            if self._learn(handles, V) <= MET * self._mesh.diagonal and held:
+                break
+        facts = {
+            "residual": solved.extra["residual"],
+            "energy": solved.extra["energy"],
+            "degenerate_frames": degenerate,
+            "proxy_vertices": binding.proxy.n,
+        }
+        return DeformationResult(V, iterations, solved.converged, seconds, facts)
 
     def solve(self, handles: Handles, *, tolerance: float, max_iterations: int) -> DeformationResult:
         """N' for handles of M at their targets, from where the last solve ended, or else as the method does.
@@ -123,7 +213,7 @@ class BoundProxy:
             self._take(on_proxy)
         targets, share = self._parts.goals(on_proxy.target, on_proxy.rotation)
         energy = energy_options(self._choices.solver)
-        pulls: dict[str, Any] = {"known": on_proxy.known, "share": share, "volume_goal": self.volume_goal}
+        pulls: dict[str, Any] = {"known": on_proxy.known, "share": share, "volume_goal": self._volume_goal}
         if self._following is None and self._last is not None:
             at = self._last[0][self._solver.index]
             self._following = Following(self._solver, *self._last, at, **energy)

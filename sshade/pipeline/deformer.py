@@ -13,12 +13,11 @@ from sshade.carry.binding import Binding, bind_proxy
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.pipeline.bound_proxy import BoundProxy
-from sshade.pipeline.fast import Choices, FastOptions, choices
-from sshade.pipeline.paper import VOLUME_ERROR, VOLUME_ROUNDS
+from sshade.pipeline.fast import Choices, FastOptions, choices, published
 from sshade.pipeline.proxies import Proxies
 from sshade.pipeline.regions import HandleRegions, all_on_targets
 from sshade.progress import Progress, silent
-from sshade.solver.options import EnergyOptions, SolverOptions, complete
+from sshade.solver.options import EnergyOptions
 from sshade.task import DeformationResult, DeformationTask, Handles
 from sshade.threads import ThreadTeam, available_cpus, in_threads
 
@@ -129,7 +128,7 @@ class Deformer:
 
     def _chosen(self) -> Choices:
         task = DeformationTask("drag", self.mesh, self._rest)
-        return choices(task, self._options) if self._fast else _published(dict(self._options))
+        return choices(task, self._options) if self._fast else published(self._options)
 
     def _new_regions(self) -> HandleRegions:
         return HandleRegions(
@@ -151,9 +150,10 @@ class Deformer:
         """Take other handles, more or fewer, without sampling and projecting anew; the shape stays.
 
         The vertices of the proxies that are nearest to them are held in their stead, at targets that are
-        corrected for the offset, as of :meth:`sshade.Handles.from_positions`. So handles that were not bound
-        from the beginning are met as nearly as the surface around them moves rigidly, not exactly, but for
-        regions. Those close to each other become one. The time is that of a factorisation of the proxy.
+        corrected for the offset, as of :meth:`sshade.Handles.from_positions`, and for what hard handles
+        missed in the call before. So one that was not bound from the beginning lags a little in a drag
+        and is met when it settles, but for those so close to each other that they become one, which are
+        met in the mean. The time is that of a factorisation of the proxy.
 
         Parameters
         ----------
@@ -260,7 +260,7 @@ class Deformer:
                 "there is nothing to settle: no targets were given since these handles were taken"
             )
         tolerance = SETTLED * self._choices.tolerance if tolerance is None else tolerance
-        return self._deformed(self._at, tolerance, None, out, rounds=1 + VOLUME_ROUNDS)
+        return self._deformed(self._at, tolerance, None, out, settle=True)
 
     def preview(
         self,
@@ -318,7 +318,7 @@ class Deformer:
         tolerance: float | None,
         max_iterations: int | None,
         out: np.ndarray | None,
-        rounds: int = 1,
+        settle: bool = False,
     ) -> DeformationResult:
         if out is not None and not (
             out.shape == self.mesh.V.shape and out.dtype == np.float64 and out.flags.c_contiguous
@@ -327,7 +327,14 @@ class Deformer:
         if self._regions.covered:
             return all_on_targets(DeformationTask("drag", self.mesh, handles))
         into, stop = out if self._proxies.samplings == 1 else None, self._stop(tolerance, max_iterations)
-        result = self._proxies.average(lambda number: self._one(number, handles, into, rounds, **stop))
+
+        def one(number: int) -> DeformationResult:
+            proxy, keep = self._bound_proxies[number], self._keeps_volume
+            return proxy.deform(
+                handles, self._regions, keep_volume=keep, settle=settle, team=self._team, out=into, **stop
+            )
+
+        result = self._proxies.average(one)
         V = result.vertices
         if not self._keeps_volume:
             V = self._regions.on_targets(V, handles)
@@ -341,44 +348,3 @@ class Deformer:
     @property
     def _keeps_volume(self) -> bool:
         return self._fast and self._choices.keeps_volume
-
-    def _one(
-        self, number: int, handles: Handles, out: np.ndarray | None, rounds: int, **stop: Any
-    ) -> DeformationResult:
-        """M' by one proxy."""
-        proxy, regions = self._bound_proxies[number], self._regions
-        binding, seconds, iterations = proxy.binding, {"solve": 0.0, "carry": 0.0}, 0.0
-        # Proxies know little of the inside of regions. What they lack of the volume a first call makes up for
-        # at once, and a drag with its next step.
-        for _ in range(rounds if proxy.begun else 1 + VOLUME_ROUNDS):
-            begin = perf_counter()
-            solved = proxy.solve(handles, **stop)
-            end = perf_counter()
-            rotations = solved.extra["rotations"]
-            V, degenerate = binding.carry(solved.vertices, rotations=rotations, team=self._team, out=out)
-            seconds["carry"] += perf_counter() - end
-            seconds["solve"] += end - begin
-            lacking = 0.0
-            if self._keeps_volume:
-                V = regions.on_targets(V, handles)
-                lacking = regions.lacking_volume(V)
-            iterations += solved.iterations
-            goal = proxy.volume_goal + lacking / binding.proxy.volume if lacking else 1.0
-            exact = solved.extra["volume_constraint"] == "exact"
-            if abs(lacking) <= VOLUME_ERROR * abs(regions.volume) or goal <= 0 or not exact:
-                break
-            proxy.volume_goal = goal
-        facts = {
-            "residual": solved.extra["residual"],
-            "energy": solved.extra["energy"],
-            "degenerate_frames": degenerate,
-            "proxy_vertices": binding.proxy.n,
-        }
-        return DeformationResult(V, iterations, solved.converged, seconds, facts)
-
-
-def _published(options: dict[str, Any]) -> Choices:
-    """The choices of the paper, but for one sampling."""
-    of_solver = {name: options.pop(name) for name in SolverOptions.__annotations__ if name in options}
-    solver = complete(of_solver)
-    return Choices({"samplings": 1, **options}, solver, solver.pop("tolerance"), lead=None)

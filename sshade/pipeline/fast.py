@@ -118,3 +118,10 @@ def with_choices(task: DeformationTask, made: Choices, *, progress: Progress) ->
     solver = partial(local_global, **made.solver)
     coarse = partial(multilevel, coarse=solver, lead=made.lead, tolerance=made.tolerance)
     return sshade(task, coarse=coarse, keep_volume=made.keeps_volume, progress=progress, **made.proxies)
+
+
+def published(options: Mapping[str, Any]) -> Choices:
+    """The choices of the paper, but for one sampling; errors as of :func:`choices`."""
+    given = dict(options)
+    solver = complete({name: given.pop(name) for name in SolverOptions.__annotations__ if name in given})
+    return Choices({"samplings": 1, **given}, solver, solver.pop("tolerance"), lead=None)
