@@ -145,6 +145,115 @@ def test_an_array_that_cannot_take_the_vertices_is_refused(mesh, held):
         Deformer(mesh, held, method="fine")
 
 
+@pytest.mark.parametrize("name", ["bumpy", "bar", "soft", "regions"])
+def test_a_drag_settles_in_the_minimum_that_the_method_leads_to(name):
+    drag, task = bound_and_task(name)
+    mesh, handles = task.mesh, task.handles
+    rest = mesh.V[handles.index]
+    drag(handles.target)
+    minimum = drag.settle().vertices
+    drag.reset()
+    for step in np.linspace(0, 1, 13):
+        last = drag(rest + step * (handles.target - rest), tolerance=1e-4)
+    out = np.empty_like(mesh.V)
+    settled = drag.settle(out=out)
+    assert settled.vertices is out and settled.converged
+    assert (
+        settled.extra["energy"][0] <= last.extra["energy"][0] or name == "regions"
+    )  # of another volume goal
+    assert np.linalg.norm(out - minimum, axis=1).max() < 3e-4 * mesh.diagonal
+    # There, the method's own solver does not move it any more.
+    again = drag(handles.target, tolerance=1e-9).vertices
+    assert np.linalg.norm(out - again, axis=1).max() < 1e-4 * mesh.diagonal
+    if name == "regions":
+        lost = 1 - Mesh(again, mesh.F).volume / mesh.volume
+        assert abs(lost) < 1e-3
+
+
+def test_a_frame_that_moves_nothing_is_one_plain_step(mesh, held):
+    drag = Deformer(mesh, held, vertices=150)
+    drag(lifted(mesh, held, 0.3))
+    drag.settle()
+    assert drag(lifted(mesh, held, 0.3)).iterations == 1
+
+
+def test_there_is_nothing_to_settle_before_a_call_or_after_other_handles(mesh, held):
+    drag = Deformer(mesh, held, vertices=150)
+    with pytest.raises(InputError, match="nothing to settle"):
+        drag.settle()
+    drag(mesh.V[held])
+    drag.settle()
+    drag.rebind_handles(held[:8])
+    with pytest.raises(InputError, match="nothing to settle"):
+        drag.settle()
+
+
+def test_a_preview_is_the_proxy_that_carries_the_mesh(mesh, held):
+    one, other = (Deformer(mesh, held, vertices=150) for _ in range(2))
+    for height in (0.2, 0.25):
+        seen = one.preview(lifted(mesh, held, height), tolerance=1e-4)
+        shape = other(lifted(mesh, held, height), tolerance=1e-4)
+        assert seen.vertices.shape == one.bindings[0].proxy.V.shape and "carry" not in seen.seconds
+        samples = one.bindings[0].remesh.samples
+        # A mesh goes through its samples.
+        assert np.abs(seen.vertices - shape.vertices[samples]).max() < 1e-12 * mesh.diagonal
+        assert seen.iterations == shape.iterations
+    np.testing.assert_array_equal(one.settle().vertices, other.settle().vertices)
+    with pytest.raises(InputError, match="there is no proxy"):
+        Deformer(mesh, np.arange(mesh.n)).preview(mesh.V)
+
+
+def test_constraints_are_switched_as_if_bound_with_them(mesh, held):
+    targets = lifted(mesh, held, 0.8)
+    volume = {}
+    drag = Deformer(mesh, held, vertices=150)
+    drag(targets)
+    for name, energy in (("held", {}), ("free", {"volume": 0.0, "area": 0.0}), ("again", {"volume": None})):
+        drag.change_energy(**energy)
+        drag(targets)
+        shape = drag.settle().vertices
+        proxy = drag.bindings[0].proxy
+        volume[name] = Mesh(drag.preview(targets).vertices, proxy.F).volume / proxy.volume
+        options = {"area": 0.0} if name == "again" else energy
+        anew = Deformer(mesh, held, vertices=150, **options)
+        anew(targets)
+        assert np.linalg.norm(shape - anew.settle().vertices, axis=1).max() < 3e-4 * mesh.diagonal
+    assert abs(volume["held"] - 1) < 1e-5 and abs(volume["again"] - 1) < 1e-5
+    assert abs(volume["free"] - 1) > 1e-3
+
+
+def test_an_energy_that_is_none_is_refused_and_changes_nothing(mesh, held):
+    drag = Deformer(mesh, held, vertices=150)
+    before = drag(lifted(mesh, held, 0.3)).vertices
+    with pytest.raises(InputError, match="the volume weight"):
+        drag.change_energy(volume=-1.0)
+    with pytest.raises(TypeError, match="'parts'"):
+        drag.change_energy(parts=0.0)
+    drag.reset()
+    np.testing.assert_array_equal(drag(lifted(mesh, held, 0.3)).vertices, before)
+
+
+def test_a_single_handle_that_is_no_sample_is_met():
+    """Sharply turned, where the nearest sample's target alone would leave it off."""
+    mesh = tube(40, 120, length=7.0)
+    order = np.argsort(mesh.V[:, 2])
+    drag = Deformer(mesh, order[:20], vertices=600)
+    samples = drag.bindings[0].remesh.samples
+    top = mesh.V[:, 2] > 0.8 * mesh.V[:, 2].max()
+    new = np.flatnonzero(top & ~np.isin(np.arange(mesh.n), samples))[7]
+    index = np.array([*order[:20], new])
+    drag.rebind_handles(index, group=np.repeat([0, 1], [20, 1]))
+    target = mesh.V[index].copy()
+    target[-1] += [2.0, 0.0, -1.5]
+    off = [np.linalg.norm(drag(target).vertices[new] - target[-1])]
+    settled = drag.settle().vertices
+    assert np.linalg.norm(settled[new] - target[-1]) < 1e-4 * mesh.diagonal
+    for share in np.linspace(1, 0.5, 11):
+        aim = mesh.V[index] + share * (target - mesh.V[index])
+        off.append(np.linalg.norm(drag(aim, tolerance=1e-4).vertices[new] - aim[-1]))
+    assert max(off) < 2e-3 * mesh.diagonal
+
+
 @pytest.mark.parametrize("weight", [np.inf, 20.0])
 def test_other_handles_are_taken_without_binding_anew(weight):
     mesh = tube(40, 120, length=7.0)
