@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -93,9 +94,7 @@ class Handles:
         target = np.asarray(self.target, dtype=np.float64)
         if target.shape != (k, 3):
             raise InputError(f"{k} handles need targets of shape ({k}, 3), not {target.shape}")
-        if not np.isfinite(target).all():
-            bad = int(np.flatnonzero(~np.isfinite(target).all(axis=1))[0])
-            raise InputError(f"the target of handle {bad} (vertex {index[bad]}) is NaN or infinite")
+        _require_finite(target, index)
         if index.min() < 0:
             raise InputError(f"handle id {index.min()} is negative")
         fields = {
@@ -160,6 +159,26 @@ class Handles:
         share = np.ones(len(self))
         share[soft] = area[soft] / np.bincount(group, area[soft])[group]
         return replace(self, share=share)
+
+    def at(self, target: np.ndarray, rotation: np.ndarray | None = None) -> Handles:
+        """The same handles with other targets (k, 3) and rotations (k, 3, 3); nothing else is checked again.
+
+        Raises
+        ------
+        InputError
+            On another shape, targets that are not finite, or matrices that are no rotations.
+        """
+        k, target = len(self), np.array(target, dtype=np.float64)
+        if target.shape != (k, 3):
+            raise InputError(f"{k} handles need targets of shape ({k}, 3), not {target.shape}")
+        _require_finite(target, self.index)
+        rotation = None if rotation is None else _checked_rotation(rotation, k)
+        other = copy(self)
+        for name, values in (("target", target), ("rotation", rotation)):
+            if values is not None:
+                values.setflags(write=False)
+            object.__setattr__(other, name, values)
+        return other
 
     def sampled(self, number: np.ndarray, index: np.ndarray, V: np.ndarray) -> Handles:
         """Some handles as those of a proxy; what the others pull, the nearest of these of their group do.
@@ -300,6 +319,12 @@ class Handles:
             rotation=None if rotation is None else _checked_rotation(rotation, k)[first],
             merged=k - len(pairs),
         )
+
+
+def _require_finite(target: np.ndarray, index: np.ndarray) -> None:
+    if not np.isfinite(target).all():
+        bad = int(np.flatnonzero(~np.isfinite(target).all(axis=1))[0])
+        raise InputError(f"the target of handle {bad} (vertex {index[bad]}) is NaN or infinite")
 
 
 def _per_handle(values: Any, default: Any, dtype: Any, k: int, name: str) -> np.ndarray:

@@ -297,12 +297,7 @@ class Deformer:
         return replace(solved, seconds={"solve": perf_counter() - begin})
 
     def _aimed(self, targets: np.ndarray, rotations: np.ndarray | None) -> Handles:
-        targets = np.asarray(targets, dtype=np.float64)
-        if targets.shape != (len(self.index), 3):
-            raise InputError(
-                f"{len(self.index)} handles need targets of shape ({len(self.index)}, 3), not {targets.shape}"
-            )
-        self._at = replace(self._rest, target=targets, rotation=rotations)
+        self._at = self._rest.at(targets, rotations)
         return self._at
 
     def _stop(self, tolerance: float | None, max_iterations: int | None) -> dict[str, Any]:

@@ -30,9 +30,9 @@ from sshade.pipeline.proxies import proxy_vertices
 from sshade.sampling.fronts import Fronts, thinned
 from sshade.sampling.remesh import Remesh, remesh
 from sshade.solver.options import SolverOptions
-from sshade.solver.volume_area import AREA as OF_AREA
-from sshade.solver.volume_area import ROUNDING, VOLUME, gradients, measure
+from sshade.solver.volume_area import ROUNDING, VOLUME, gradients, volume_and_area
 from sshade.task import DeformationResult, DeformationTask
+from sshade.threads import in_ranges
 
 #: Length of an edge between handle vertices, to the sampling, over its own.
 INSIDE = 1 / 3
@@ -200,11 +200,11 @@ class HandleRegions:
         """The volume that M' is to have, in length^3; 0 without regions, or where M encloses none."""
         if not (self.regional and self._mesh.is_closed and self._mesh.is_oriented):
             return 0.0
-        return self._measured(self._mesh.V)[VOLUME]
+        return float(self._measured(self._mesh.V)[0])
 
     def lacking_volume(self, V: np.ndarray) -> float:
         """What :attr:`volume` is more than that of M' (n, 3), in length^3; 0 where that is 0."""
-        return self.volume - self._measured(V)[VOLUME] if self.volume else 0.0
+        return self.volume - self._measured(V)[0] if self.volume else 0.0
 
     def keep_volume(self, V: np.ndarray) -> np.ndarray:
         """M' with the volume of M: free vertices move along their normals, those far from handles alike.
@@ -216,18 +216,19 @@ class HandleRegions:
         ----------
         V : (n, 3) float64
         """
-        lacking, mesh = self.lacking_volume(V), self._mesh
+        mesh, (volume, area) = self._mesh, self._measured(V) if self.volume else (0.0, 0.0)
+        lacking = self.volume - volume
         if lacking == 0.0:
             return V
         G = np.empty((mesh.n, 1, 3))
-        gradients(*self._faces, np.array([VOLUME]), np.ones((1, 1)), V - mesh.origin, G)
+        gradients(*self._faces, np.array([VOLUME]), np.ones((1, 1)), V, G)
         length = np.linalg.norm(G, axis=2)
         Z = np.divide(G[:, 0], length, out=np.zeros((mesh.n, 3)), where=length > 0)
         own, _, phi = self._beside
         Z[own] *= 1 - phi[:, None]
         Z[self._held] = 0.0
         slope, shift = float((G[:, 0] * Z).sum()), 0.0
-        most = SHIFT * np.sqrt(self._measured(V)[OF_AREA] / self.vertices)
+        most = SHIFT * np.sqrt(area / self.vertices)
         for _ in range(NEWTON_STEPS if slope > 0 else 0):
             shift = float(np.clip(shift + lacking / slope, -most, most))
             lacking = self.lacking_volume(V + shift * Z)
@@ -237,7 +238,8 @@ class HandleRegions:
 
     def _measured(self, V: np.ndarray) -> np.ndarray:
         """(2,) volume and area at positions V (n, 3)."""
-        return measure(*self._faces, V - self._mesh.origin)[:, 0]
+        F, origin = self._faces[0], V[self._faces[0][0, 0]]
+        return sum(in_ranges(lambda first, end: volume_and_area(first, end, F, V, origin), len(F)))
 
     @cached_property
     def _faces(self) -> tuple[np.ndarray, np.ndarray]:

@@ -89,6 +89,21 @@ def measure(F, start, P):
 
 
 @njit(cache=True, nogil=True)
+def volume_and_area(first, end, F, P, origin):
+    """(2,) what a range of faces adds to the volume, by its cones from an origin, and to the area."""
+    x, y, z = origin[0], origin[1], origin[2]
+    volume = area = 0.0
+    for t in range(first, end):
+        i, j, k = F[t, 0], F[t, 1], F[t, 2]
+        ax, ay, az = P[j, 0] - P[i, 0], P[j, 1] - P[i, 1], P[j, 2] - P[i, 2]
+        bx, by, bz = P[k, 0] - P[i, 0], P[k, 1] - P[i, 1], P[k, 2] - P[i, 2]
+        nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        volume += (P[i, 0] - x) * nx + (P[i, 1] - y) * ny + (P[i, 2] - z) * nz
+        area += np.sqrt(nx * nx + ny * ny + nz * nz)
+    return np.array([volume / 6.0, 0.5 * area])
+
+
+@njit(cache=True, nogil=True)
 def gradients(F, start, kind, scale, P, G):
     """Derivatives of each quantity with respect to the vertices.
 

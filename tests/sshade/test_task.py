@@ -193,3 +193,26 @@ def test_handles_snap_within_a_few_per_cent_of_the_diagonal(body):
                 Handles.from_positions(body, source, source)
     # On a coarse mesh a point of a face may be farther from its corners.
     assert Handles.from_positions(icosphere(0), [[0.4, 0.4, 0.4]], [[0, 0, 0]]).index.shape == (1,)
+
+
+def test_handles_at_other_targets_are_those_made_with_them():
+    index, group = np.array([4, 2, 9]), np.array([0, 1, 1])
+    turn = np.full((3, 3, 3), np.nan)
+    turn[1] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
+    rest = Handles(index, np.zeros((3, 3)), group=group, weight=np.array([np.inf, 2.0, 3.0]))
+    target = np.arange(9.0).reshape(3, 3)
+    moved, made = (
+        rest.at(target, turn),
+        Handles(index, target, group=group, weight=rest.weight, rotation=turn),
+    )
+    for name in ("index", "target", "dynamic", "group", "weight", "rotation"):
+        np.testing.assert_array_equal(getattr(moved, name), getattr(made, name))
+        assert not getattr(moved, name).flags.writeable
+    assert not rest.target.any() and moved.at(target).rotation is None
+    target[0] = 7.0  # a copy was taken
+    np.testing.assert_array_equal(moved.target, made.target)
+    for wrong, words in ((np.zeros((2, 3)), "need targets"), (np.full((3, 3), np.nan), "NaN or infinite")):
+        with pytest.raises(InputError, match=words):
+            rest.at(wrong)
+    with pytest.raises(InputError, match="rotation"):
+        rest.at(target, np.full((3, 3, 3), 2.0))

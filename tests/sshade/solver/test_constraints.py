@@ -29,6 +29,7 @@ from sshade.solver.volume_area import (
     newton,
     newton_step,
 )
+from sshade.solver.volume_area import volume_and_area as of_faces
 from tests.shapes import bent, bumpy, double_torus, icosphere, jittered, rotation, strip, torus
 from tests.sshade.naive import TASKS, Naive
 
@@ -95,6 +96,10 @@ def test_volume_and_area_are_those_of_other_libraries(name):
     assert (volume, area) == pytest.approx(tuple(volume_and_area(V, mesh.F)), rel=1e-12)
     assert area == pytest.approx(igl.doublearea(V, np.array(mesh.F)).sum() / 2, rel=1e-12)
     assert volume == pytest.approx(Mesh(V, mesh.F).volume, rel=1e-12)
+    # In ranges of faces, by their cones from any point.
+    F, middle = mesh.F.astype(np.int32), mesh.m // 3
+    parts = [of_faces(*own, F, V, np.array([1.0, 2.0, 9.0])) for own in ((0, middle), (middle, mesh.m))]
+    assert sum(parts) == pytest.approx([volume, area], rel=1e-12)
 
 
 def test_far_from_the_origin_only_the_positions_are_rounded():
