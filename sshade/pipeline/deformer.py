@@ -96,9 +96,6 @@ class Deformer:
         self._choices = chosen = self._chosen()
         self._proxies = proxies = Proxies(mesh, handles=len(self.index), **chosen.proxies)
         self._regions = regions = self._new_regions()
-        # Threads that stay from call to call: to start one takes as long as its share of the work.
-        alone = proxies.samplings == 1 and mesh.n >= SHARED
-        self._team = ThreadTeam(available_cpus() if alone else 1)
         self._at: Handles | None = None
 
         def make(number: int) -> BoundProxy:
@@ -322,14 +319,16 @@ class Deformer:
         if self._regions.covered:
             return all_on_targets(DeformationTask("drag", self.mesh, handles))
         into, stop = out if self._proxies.samplings == 1 else None, self._stop(tolerance, max_iterations)
+        alone = self._proxies.samplings == 1 and self.mesh.n >= SHARED
+        with ThreadTeam(available_cpus() if alone else 1) as team:
 
-        def one(number: int) -> DeformationResult:
-            proxy, keep = self._bound_proxies[number], self._keeps_volume
-            return proxy.deform(
-                handles, self._regions, keep_volume=keep, settle=settle, team=self._team, out=into, **stop
-            )
+            def one(number: int) -> DeformationResult:
+                proxy, keep = self._bound_proxies[number], self._keeps_volume
+                return proxy.deform(
+                    handles, self._regions, keep_volume=keep, settle=settle, team=team, out=into, **stop
+                )
 
-        result = self._proxies.average(one)
+            result = self._proxies.average(one)
         V = result.vertices
         if not self._keeps_volume:
             V = self._regions.on_targets(V, handles)
