@@ -67,7 +67,7 @@ def test_a_drag(machine, case, method):
     assert 0 <= row["drag.return"] < 1
     parts = [row[f"seconds.step_{name}"] for name in ("solve", "carry", "output")]
     assert min(parts) > 0 and max(parts) < row["seconds.step_95"]
-    assert 0 < row["seconds.rebind"] < row["seconds.bind"] and row["seconds.settle"] > 0
+    assert row["seconds.rebind"] > 0 and row["seconds.settle"] > 0
     # A ball with four handles folds in more than one way: only the published energy has one minimum here.
     assert 0 <= row["drag.settled"] < (0.1 if "rest" in method else 10)
     assert 0 < row["drag.first"] < 1 and 0 < row["drag.last"] < 10
