@@ -234,7 +234,9 @@ class Mesh:
         outside = index[(index < 0) | (index >= self.n)]
         if len(outside):
             raise InputError(f"handle id {outside[0]} is out of range: the mesh has {self.n} vertices")
-        free = np.setdiff1d(self.component, self.component[index])
+        handled = np.zeros(self.connectivity.components, dtype=bool)
+        handled[self.component[index]] = True
+        free = np.flatnonzero(~handled)
         if everywhere and len(free):
             sizes, first = np.bincount(self.component), np.argmax(self.component == free[0])
             raise InputError(

@@ -305,12 +305,13 @@ class ArapIteration:
             self._step.renew_directions(self._constraints, u)
             self.restore(u)
 
-    def gradient(self, F: np.ndarray, out: np.ndarray) -> None:
-        """Write the metric times F (n, 3), the move of the last :meth:`global_step`, to `out` (n, 3).
+    def gradient(self, F: np.ndarray) -> np.ndarray:
+        """(n, 3) the metric times F (n, 3), the move of the last :meth:`global_step`; for reading, till the next.
 
         That is the energy's gradient there, but for its sign and what the constraints take of it.
         """
-        self._step.gradient(self._constraints, F, out)
+        self._step.gradient(self._constraints, F, self._B)
+        return self._B
 
     def _right_hand_side(self, u: np.ndarray, number: int) -> None:
         """Write the rows of one range, without what constraints and held vertices add, to B."""

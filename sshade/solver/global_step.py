@@ -36,7 +36,7 @@ SOFTEST = 0.25
 
 
 class GlobalStep(Protocol):
-    """The global step of one solve. u, B, g, F and `out` are (n, 3) float64, in the system's order."""
+    """The global step of one solve. u, B, g and F are (n, 3) float64, in the system's order."""
 
     def aim(self, targets: np.ndarray) -> None:
         """Take the positions (k, 3) of held vertices from here on."""
@@ -47,8 +47,8 @@ class GlobalStep(Protocol):
     def renew_directions(self, constraints: Constraints, u: np.ndarray) -> None:
         """Give the constraints M times their gradients at u."""
 
-    def gradient(self, constraints: Constraints | None, F: np.ndarray, out: np.ndarray) -> None:
-        """Write ``M^-1 F`` to `out`, F the last step as constraints left it, B still as `solve` left it."""
+    def gradient(self, constraints: Constraints | None, F: np.ndarray, B: np.ndarray) -> None:
+        """Write ``M^-1 F`` to B, F the last step as constraints left it, B as `solve` left it."""
 
 
 class FactorisedLaplacian:
@@ -122,8 +122,8 @@ class FactorisedStep:
             self._solve(right, team=self._team)
         constraints.take_directions(X, self._free)
 
-    def gradient(self, constraints: Constraints | None, F: np.ndarray, out: np.ndarray) -> None:
-        self._team.ranges(lambda *own: multiply(*own, *self._laplacian, F, out), len(F))
+    def gradient(self, constraints: Constraints | None, F: np.ndarray, B: np.ndarray) -> None:
+        self._team.ranges(lambda *own: multiply(*own, *self._laplacian, F, B), len(F))
 
 
 class MultigridStep:
@@ -142,7 +142,6 @@ class MultigridStep:
         self._held = np.zeros(system.mesh.n, dtype=bool)
         self._held[system.held] = True
         self._matrix = *compressed_rows(system.laplacian), self._held
-        self._G = np.empty((0, 3))
         self._made: Multigrid | None = None
 
     @property
@@ -169,7 +168,6 @@ class MultigridStep:
 
     def solve(self, u: np.ndarray, B: np.ndarray, g: np.ndarray) -> None:
         self._team.ranges(lambda *own: _subtract(*own, *self._matrix, u, B), len(u))
-        self._G = B
         self._metric.apply(B, g, team=self._team)
         self._team.ranges(lambda *own: _add(*own, u, g), len(u))
 
@@ -181,11 +179,10 @@ class MultigridStep:
             self._metric.apply(right, right, team=self._team)
         constraints.take_directions(X, rows)
 
-    def gradient(self, constraints: Constraints | None, F: np.ndarray, out: np.ndarray) -> None:
-        out[:] = self._G
+    def gradient(self, constraints: Constraints | None, F: np.ndarray, B: np.ndarray) -> None:
         if constraints:
-            constraints.add_moves(out)
-            out[self._held] = 0.0
+            constraints.add_moves(B)
+            B[self._held] = 0.0
 
 
 @njit(cache=True, nogil=True)

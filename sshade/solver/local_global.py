@@ -183,10 +183,11 @@ class LocalGlobal:
             )
             if rotations is not None:
                 iteration.begin_with(rotations)
+            gradient, unit = iteration.gradient, self.mesh.diagonal
             facts = iterate(
                 iteration,
                 u,
-                mixer=QuasiNewton(len(u), window, iteration.gradient, team=team) if accelerate else None,
+                mixer=QuasiNewton(len(u), window, gradient, unit=unit, team=team) if accelerate else None,
                 tolerance=tolerance,
                 max_iterations=max_iterations,
                 deadline=perf_counter() + max_seconds,

@@ -14,6 +14,9 @@ raises it. Triangles without area cost nothing, as rows are only joined where th
 coupled; on meshes of long ones (1 : 5) 0.9 is left. Threads share rows, which do not depend on each
 other: bits do not depend on the number of threads.
 
+Levels are made in double precision, one after the other, and kept in single precision: half of the memory
+and of its traffic. What is said of M holds to rounding then, some 1e-6.
+
 P. Vanek, J. Mandel, M. Brezina, "Algebraic multigrid by smoothed aggregation for second and fourth
 order elliptic problems", Computing 56, 1996; J. Lottes, "Optimal polynomial smoothers for multigrid
 V-cycles", Numerical Linear Algebra with Applications 30, 2023; A. H. Baker, R. D. Falgout,
@@ -69,81 +72,99 @@ class Multigrid:
     def __init__(self, A: csr_array, held: np.ndarray, *, coarsest: int = COARSEST) -> None:
         self._levels: list[_Level] = []
         while A.shape[0] > coarsest:
-            level = _Level(A, held)
-            if level.P.shape[1] > LITTLE * A.shape[0]:
+            inverse, P = _prolongation(A, held)
+            if P.shape[1] > LITTLE * A.shape[0]:
                 break
-            self._levels.append(level)
-            A = csr_array(level.R @ (A @ level.P))
+            R = csr_array(P.T)
+            self._levels.append(_Level(A, P, R, inverse))
+            A = csr_array(R @ (A @ P))
             held = np.zeros(A.shape[0], dtype=bool)
         self._free = np.flatnonzero(~held)
         self._coarsest = Factorisation(A[self._free][:, self._free])
-        self.sizes = [*(level.P.shape[0] for level in self._levels), A.shape[0]]
+        self.sizes = [*(len(level.x) for level in self._levels), A.shape[0]]
 
     def apply(self, B: np.ndarray, X: np.ndarray, *, team: ThreadTeam) -> None:
-        """Write M B to X, both (n, 3) float64 and zero in rows that are held; X may be B."""
-        self._cycle(0, B, X, team)
+        """Write M B to X, both (n, 3) and zero in rows that are held; X may be B.
 
-    def _cycle(self, depth: int, B: np.ndarray, X: np.ndarray, team: ThreadTeam) -> None:
-        if depth == len(self._levels):
+        B may have any size that a float64 has: it is worked on over its largest entry.
+        """
+        if not self._levels:
             solution = self._coarsest.solve(B[self._free])
             X[:] = 0.0
             X[self._free] = solution
             return
+        size = max(team.ranges(lambda *own: _largest(*own, B), len(B))) or 1.0
+        x = self._cycle(0, B, 1.0 / size, team)
+        team.ranges(lambda *own: _scale(*own, size, x, X), len(B))
+
+    def _cycle(self, depth: int, B: np.ndarray, scale: float, team: ThreadTeam) -> np.ndarray:
+        if depth == len(self._levels):
+            X = np.zeros(B.shape, dtype=np.float32)
+            X[self._free] = self._coarsest.solve(B[self._free])
+            return X
         level = self._levels[depth]
-        level.begin(B, X, team)
+        level.begin(B, scale, team)
         for a, b in SMOOTHER[1:]:
-            level.step(a, b, X, team)
-        level.restrict(team)
-        self._cycle(depth + 1, level.coarse, level.coarse, team)
-        level.prolong(X, team)
+            level.step(a, b, team)
+        level.prolong(self._cycle(depth + 1, level.restrict(team), 1.0, team), team)
         for a, b in SMOOTHER:
-            level.step(a, b, X, team)
+            level.step(a, b, team)
+        return level.x
+
+
+def _prolongation(A: csr_array, held: np.ndarray) -> tuple[np.ndarray, csr_array]:
+    """The inverse (n,) of the smoother's diagonal, 0 where held, and P (n, c)."""
+    n = A.shape[0]
+    inverse, diagonal = np.empty((2, n))
+    _diagonals(A.indptr, A.indices, A.data, held, inverse, diagonal)
+    aggregate, count = _aggregates(A.indptr, A.indices, A.data, held, WEAK * np.sqrt(diagonal))
+    start = np.concatenate([[0], np.cumsum(~held)]).astype(np.int32)
+    T = csr_array((np.ones(start[-1]), aggregate[~held], start), shape=(n, count))
+    smooth = csr_array(A @ T)
+    smooth.data *= np.repeat(-DAMPING * inverse, np.diff(smooth.indptr))
+    P = csr_array(T + smooth)
+    P.eliminate_zeros()
+    return inverse, P
 
 
 class _Level:
     """A matrix A (n, n), its smoother and its prolongation P (n, c), with work arrays.
 
-    Between calls r is what is left of the right-hand side without A d, d the last move.
+    Between calls r is what is left of the right-hand side without A d, d the last move, x their sum.
     """
 
-    def __init__(self, A: csr_array, held: np.ndarray) -> None:
-        n = A.shape[0]
-        inverse, diagonal = np.empty((2, n))
-        _diagonals(A.indptr, A.indices, A.data, held, inverse, diagonal)
-        aggregate, count = _aggregates(A.indptr, A.indices, A.data, held, WEAK * np.sqrt(diagonal))
-        start = np.concatenate([[0], np.cumsum(~held)]).astype(np.int32)
-        T = csr_array((np.ones(start[-1]), aggregate[~held], start), shape=(n, count))
-        smooth = csr_array(A @ T)
-        smooth.data *= np.repeat(-DAMPING * inverse, np.diff(smooth.indptr))
-        self.P = csr_array(T + smooth)
-        self.P.eliminate_zeros()
-        self.R = csr_array(self.P.T)
-        self._matrix = *compressed_rows(A), inverse
-        self._down, self._up = compressed_rows(self.R), compressed_rows(self.P)
-        self._r, self._d, self._e = np.empty((3, n, 3))
-        self.coarse = np.empty((count, 3))
+    def __init__(self, A: csr_array, P: csr_array, R: csr_array, inverse: np.ndarray) -> None:
+        self._matrix = *_single(A), inverse.astype(np.float32)
+        self._down, self._up = _single(R), _single(P)
+        self._r, self._d, self._e, self.x = np.empty((4, A.shape[0], 3), dtype=np.float32)
+        self._coarse = np.empty((P.shape[1], 3), dtype=np.float32)
 
-    def begin(self, B: np.ndarray, X: np.ndarray, team: ThreadTeam) -> None:
-        """The smoother's first step, from 0."""
-        inverse = self._matrix[-1]
-        b = SMOOTHER[0][1]
-        team.ranges(lambda *own: _begin(*own, inverse, b, B, self._r, self._d, X), len(B))
+    def begin(self, B: np.ndarray, scale: float, team: ThreadTeam) -> None:
+        """The smoother's first step, from 0, for `scale` times B (n, 3)."""
+        inverse, b = self._matrix[-1], np.float32(SMOOTHER[0][1])
+        team.ranges(lambda *own: _begin(*own, inverse, b, scale, B, self._r, self._d, self.x), len(B))
 
-    def step(self, a: float, b: float, X: np.ndarray, team: ThreadTeam) -> None:
-        """``r -= A d``, ``d = a d + b D^-1 r``, ``X += d``."""
-        r, d, e = self._r, self._d, self._e
-        team.ranges(lambda *own: _step(*own, *self._matrix, a, b, r, d, e, X), len(X))
+    def step(self, a: float, b: float, team: ThreadTeam) -> None:
+        """``r -= A d``, ``d = a d + b D^-1 r``, ``x += d``."""
+        r, d, e, factors = self._r, self._d, self._e, (np.float32(a), np.float32(b))
+        team.ranges(lambda *own: _step(*own, *self._matrix, *factors, r, d, e, self.x), len(r))
         self._d, self._e = e, d
 
-    def restrict(self, team: ThreadTeam) -> None:
-        """``r -= A d``, then ``coarse = P^T r``."""
+    def restrict(self, team: ThreadTeam) -> np.ndarray:
+        """``r -= A d``, and (c, 3) ``P^T r``."""
         r, d = self._r, self._d
         team.ranges(lambda *own: _subtract(*own, *self._matrix, d, r), len(r))
-        team.ranges(lambda *own: multiply(*own, *self._down, r, self.coarse), len(self.coarse))
+        team.ranges(lambda *own: multiply(*own, *self._down, r, self._coarse), len(self._coarse))
+        return self._coarse
 
     def prolong(self, X: np.ndarray, team: ThreadTeam) -> None:
-        """``d = P coarse``, ``X += d``."""
-        team.ranges(lambda *own: _prolong(*own, *self._up, self.coarse, self._d, X), len(X))
+        """``d = P X``, ``x += d``."""
+        team.ranges(lambda *own: _prolong(*own, *self._up, X, self._d, self.x), len(self.x))
+
+
+def _single(A: csr_array) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    start, column, value = compressed_rows(A)
+    return start, column, value.astype(np.float32)
 
 
 def compressed_rows(A: csr_array) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -209,11 +230,27 @@ def _aggregates(start, column, value, held, least):
 
 
 @njit(cache=True, nogil=True)
-def _begin(first, end, inverse, b, B, r, d, X):
+def _largest(first, end, B):
+    largest = 0.0
+    for i in range(first, end):
+        for c in range(3):
+            largest = max(largest, abs(B[i, c]))
+    return largest
+
+
+@njit(cache=True, nogil=True)
+def _scale(first, end, size, x, X):
+    for i in range(first, end):
+        for c in range(3):
+            X[i, c] = size * x[i, c]
+
+
+@njit(cache=True, nogil=True)
+def _begin(first, end, inverse, b, scale, B, r, d, X):
     for i in range(first, end):
         f = b * inverse[i]
         for c in range(3):
-            r[i, c] = B[i, c]
+            r[i, c] = scale * B[i, c]
             d[i, c] = f * r[i, c]
             X[i, c] = d[i, c]
 
@@ -269,7 +306,7 @@ def _less(start, column, value, d, r, i):
 @njit(cache=True, nogil=True)
 def _row(start, column, value, F, i):
     """Row i of A F."""
-    x = y = z = 0.0
+    x = y = z = F.dtype.type(0.0)
     for k in range(start[i], start[i + 1]):
         j, v = column[k], value[k]
         x += v * F[j, 0]

@@ -9,7 +9,9 @@ surface, and the component of G tangential to it is that of the Lagrangian's gra
 The usual two loops run over scalars: of y only ``z = M y`` is stored, the difference of two plain
 moves, and what they ask for are products s.y, z.y, s.G and z.G, one new row of each at a step. So
 each stored array is read twice a step, by as many threads as there are. Sums are by blocks and then
-by chunks of a size of their own: the same bits with any number of threads.
+by chunks of a size of their own: the same bits with any number of threads. Pairs and gradients have single
+precision, which halves memory and its traffic: they only say where to go, and how far it went down
+is for the energy to say; sums of their products have double.
 
 T. Liu, S. Bouaziz, L. Kavan, "Quasi-Newton methods for real-time simulation of
 hyperelastic materials", ACM TOG 36(3), 2017; J. Nocedal, "Updating quasi-Newton
@@ -52,7 +54,9 @@ class QuasiNewton:
     window : int
         How many steps are remembered.
     product : callable
-        ``product(F, out)`` writes M^-1 F to `out` for a plain move F, both (n, 3) float64.
+        ``product(F)`` gives M^-1 F for a plain move F, both (n, 3) float64, in an array that may be reused.
+    unit : float
+        About the size of positions: what has single precision is stored in it.
     team : ThreadTeam, optional
         Threads that share the work.
     """
@@ -61,13 +65,16 @@ class QuasiNewton:
         self,
         n: int,
         window: int,
-        product: Callable[[np.ndarray, np.ndarray], None],
+        product: Callable[[np.ndarray], np.ndarray],
         *,
+        unit: float = 1.0,
         team: ThreadTeam | None = None,
     ) -> None:
         self._product, self._window, self._team = product, window, team or ThreadTeam(1)
-        self._u, self._F, self._G, self._spare = np.empty((4, 3 * n))
-        self._S, self._Z = np.empty((2, window, 3 * n))
+        self._per_unit = 1.0 / unit
+        self._u, self._F = np.empty((2, 3 * n))
+        self._G, self._spare = np.empty((2, 3 * n), dtype=np.float32)
+        self._S, self._Z = np.empty((2, window, 3 * n), dtype=np.float32)
         self._sy, self._zy = np.zeros((2, window, window))
         self._along_z, self._along_s = np.empty((2, window))
         self._begun, self._steps = False, 0
@@ -80,12 +87,13 @@ class QuasiNewton:
         bool
             False where that is the plain one: no pair is stored, or the step does not descend.
         """
-        g -= u
         F, G, flat = g.reshape(-1), self._spare, u.reshape(-1)
-        self._product(g, G.reshape(g.shape))
+        self._sum(lambda own: _subtract(*own, flat, F))
+        product = self._product(g).reshape(-1)
+        self._sum(lambda own: _scale(*own, self._per_unit, product, G))
         descends = self._directed(flat, F, G)
         self._begun = True
-        self._u[:], self._F[:] = flat, F
+        self._sum(lambda own: _copy(*own, flat, F, self._u, self._F))
         self._spare, self._G = self._G, G
         if descends:
             self._move(u, 1.0)
@@ -109,14 +117,15 @@ class QuasiNewton:
         """Store the new pair, if it curves upwards, and find the step; False where there is none."""
         last, window, new = (self._u, self._F, self._G), self._window, NONE
         if self._begun:
-            sums = self._sum(lambda own: _curvature(*own, u, last[0], G, last[2]))
+            sums = self._sum(lambda own: _curvature(*own, self._per_unit, u, last[0], G, last[2]))
             if sums[0] > CURVED * np.sqrt(sums[1] * sums[2]):
                 new = self._steps % window
                 self._steps += 1
         self._pairs = (self._steps - 1 - np.arange(min(self._steps, window))) % window
         if len(self._pairs) == 0:
             return False
-        rows = self._sum(lambda own: _products(*own, u, F, G, *last, self._S, self._Z, self._pairs, new))
+        stored = self._S, self._Z, self._pairs, new
+        rows = self._sum(lambda own: _products(*own, self._per_unit, u, F, G, *last, *stored))
         if new != NONE:
             self._sy[self._pairs, new] = rows[:-1, 0]
             self._zy[self._pairs, new] = self._zy[new, self._pairs] = rows[:-1, 1]
@@ -129,7 +138,7 @@ class QuasiNewton:
         """Write the last iterate and a share of the step to u."""
         step = self._F, self._S, self._Z, self._pairs, self._along_s, self._along_z
         flat = u.reshape(-1)
-        self._sum(lambda own: _add_step(*own, share, self._u, *step, flat))
+        self._sum(lambda own: _add_step(*own, share, self._per_unit, self._u, *step, flat))
 
     def _sum(self, part: Callable[[tuple[int, int]], Any]) -> Any:
         """The sum of what a kernel returns for each chunk of the numbers."""
@@ -235,14 +244,35 @@ def largest_move(A, B):
 
 
 @njit(cache=True, nogil=True)
-def _curvature(first, end, u, last_u, G, last_G):
+def _subtract(first, end, u, g):
+    for i in range(first, end):
+        g[i] -= u[i]
+    return 0
+
+
+@njit(cache=True, nogil=True)
+def _scale(first, end, factor, A, B):
+    for i in range(first, end):
+        B[i] = factor * A[i]
+    return 0
+
+
+@njit(cache=True, nogil=True)
+def _copy(first, end, u, F, last_u, last_F):
+    for i in range(first, end):
+        last_u[i], last_F[i] = u[i], F[i]
+    return 0
+
+
+@njit(cache=True, nogil=True)
+def _curvature(first, end, per_unit, u, last_u, G, last_G):
     """Products s.y, s.s, y.y of the step s and the gradient's change ``y = last_G - G`` along it.
 
-    G is minus the gradient.
+    G is minus the gradient, in units as what is stored; u and F are not.
     """
     sums = np.zeros(3)
     for i in range(first, end):
-        s, y = u[i] - last_u[i], last_G[i] - G[i]
+        s, y = per_unit * (u[i] - last_u[i]), np.float64(last_G[i]) - G[i]
         sums[0] += s * y
         sums[1] += s * s
         sums[2] += y * y
@@ -250,7 +280,7 @@ def _curvature(first, end, u, last_u, G, last_G):
 
 
 @njit(cache=True, nogil=True)
-def _products(first, end, u, F, G, last_u, last_F, last_G, S, Z, pairs, new):
+def _products(first, end, per_unit, u, F, G, last_u, last_F, last_G, S, Z, pairs, new):
     """Rows of s.y, z.y, s.G, z.G for each pair, with the `new` one's y, which is stored first.
 
     A last row has F.G in the third place, where F takes that of s. y is left in `last_G`.
@@ -261,8 +291,8 @@ def _products(first, end, u, F, G, last_u, last_F, last_G, S, Z, pairs, new):
         stop = min(begin + BLOCK, end)
         if new != NONE:
             for i in range(begin, stop):
-                S[new, i] = u[i] - last_u[i]
-                Z[new, i] = last_F[i] - F[i]
+                S[new, i] = per_unit * (u[i] - last_u[i])
+                Z[new, i] = per_unit * (last_F[i] - F[i])
                 last_G[i] -= G[i]
         y, now = last_G[begin:stop], G[begin:stop]
         for k in range(count):
@@ -272,7 +302,7 @@ def _products(first, end, u, F, G, last_u, last_F, last_G, S, Z, pairs, new):
                 rows[k, 1] += _inner(z, y)
             rows[k, 2] += _inner(s, now)
             rows[k, 3] += _inner(z, now)
-        rows[count, 2] += _inner(F[begin:stop], now)
+        rows[count, 2] += per_unit * _inner(F[begin:stop], now)
     return rows
 
 
@@ -303,15 +333,15 @@ def _two_loops(sy, zy, sG, zG, pairs, along_s, along_z):
 
 
 @njit(cache=True, nogil=True)
-def _add_step(first, end, share, last_u, F, S, Z, pairs, along_s, along_z, u):
+def _add_step(first, end, share, per_unit, last_u, F, S, Z, pairs, along_s, along_z, u):
     """Write ``last_u + share (F + sum_k along_s s_k + along_z z_k)`` to u."""
     for begin in range(first, end, BLOCK):
         own = slice(begin, min(begin + BLOCK, end))
         u[own] = last_u[own]
         _add(share, F[own], u[own])
         for k in range(len(pairs)):
-            _add(share * along_s[k], S[pairs[k]][own], u[own])
-            _add(share * along_z[k], Z[pairs[k]][own], u[own])
+            _add(share * along_s[k] / per_unit, S[pairs[k]][own], u[own])
+            _add(share * along_z[k] / per_unit, Z[pairs[k]][own], u[own])
     return 0
 
 
@@ -328,10 +358,10 @@ def _inner(a, b):
     n = len(a)
     end = n - n % 4
     for i in range(0, end, 4):
-        s0 += a[i] * b[i]
-        s1 += a[i + 1] * b[i + 1]
-        s2 += a[i + 2] * b[i + 2]
-        s3 += a[i + 3] * b[i + 3]
+        s0 += np.float64(a[i]) * b[i]
+        s1 += np.float64(a[i + 1]) * b[i + 1]
+        s2 += np.float64(a[i + 2]) * b[i + 2]
+        s3 += np.float64(a[i + 3]) * b[i + 3]
     for i in range(end, n):
-        s0 += a[i] * b[i]
+        s0 += np.float64(a[i]) * b[i]
     return (s0 + s1) + (s2 + s3)

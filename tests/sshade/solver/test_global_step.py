@@ -133,11 +133,11 @@ def test_the_gradient_is_what_the_metric_makes_the_step_of(multigrid):
         held = components.held(VolumeArea(np.inf, np.inf), corners=3)
         iteration = ArapIteration(system, u[system.held], team=team, constraints=held)
         iteration.local_step(u)
-        g, G = u.copy(), np.empty_like(u)
+        g = u.copy()
         iteration.global_step(u, g)
         assert np.array_equal(g[system.held], u[system.held])
         F = g - u
-        iteration.gradient(F, G)
+        G = iteration.gradient(F)
         again = np.empty_like(u)
         if multigrid:
             fixed = np.zeros(len(u), dtype=bool)
@@ -149,7 +149,7 @@ def test_the_gradient_is_what_the_metric_makes_the_step_of(multigrid):
             again = np.zeros_like(u)
             again[free] = np.linalg.solve(system.laplacian[free][:, free].toarray(), G[free])
     assert np.abs(F).max() > 1e-3
-    assert np.abs(again - F).max() < 1e-9 * np.abs(F).max()
+    assert np.abs(again - F).max() < (1e-5 if multigrid else 1e-9) * np.abs(F).max()
 
 
 def test_the_metric_is_weighted_as_triangles_soften():
@@ -176,4 +176,4 @@ def test_the_metric_is_weighted_as_triangles_soften():
         i, j = terms.corners[:, c], terms.corners[:, (c + 1) % 3]
         weight = np.maximum(softened.weight, SOFTEST) * terms.H[:, c]
         expected += (weight * ((u[i] - u[j]) * (v[i] - v[j])).sum(axis=1)).sum()
-    assert (u * (L @ v)).sum() == pytest.approx(expected, rel=1e-9)
+    assert (u * (L @ v)).sum() == pytest.approx(expected, rel=1e-6)

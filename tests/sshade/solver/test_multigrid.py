@@ -64,10 +64,12 @@ def test_a_cycle_is_linear_symmetric_and_positive(name):
     x, y = np.random.default_rng(0).normal(size=(2, (~held).sum(), 3))
     Mx, My = cycle(multigrid, held, x), cycle(multigrid, held, y)
     scale = np.linalg.norm(Mx) * np.linalg.norm(y)
-    assert (x * My).sum() == pytest.approx((Mx * y).sum(), rel=0, abs=1e-13 * scale)
+    assert (x * My).sum() == pytest.approx((Mx * y).sum(), rel=0, abs=1e-7 * scale)
     assert (x * Mx).sum() > 0 and (y * My).sum() > 0
     both = cycle(multigrid, held, 2 * x - y)
-    assert np.abs(both - (2 * Mx - My)).max() < 1e-12 * np.abs(both).max()
+    assert np.abs(both - (2 * Mx - My)).max() < 1e-5 * np.abs(both).max()
+    assert np.array_equal(cycle(multigrid, held, 2.0**600 * x), 2.0**600 * Mx)
+    assert np.array_equal(cycle(multigrid, held, 2.0**-600 * x), 2.0**-600 * Mx)
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -92,7 +94,7 @@ def test_the_eigenvalues_lie_between_0_and_1(coarsest):
     unit = np.eye(free, free + 2)
     M = np.hstack([cycle(multigrid, held, unit[:, c : c + 3]) for c in range(0, free, 3)])[:, :free]
     values = eigh(M, np.linalg.inv(A[~held][:, ~held].toarray()), eigvals_only=True)
-    assert values[0] > 0.4 and values[-1] <= 1 + 1e-10
+    assert values[0] > 0.4 and values[-1] <= 1 + 1e-6
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -18,8 +18,8 @@ def problem(seed: int, n: int = N):
     rng = np.random.default_rng(seed)
     L, A = positive(rng, n), positive(rng, 3 * n)
 
-    def product(F: np.ndarray, out: np.ndarray) -> None:
-        out[:] = L @ F
+    def product(F: np.ndarray) -> np.ndarray:
+        return L @ F
 
     return rng, L, A, product
 
@@ -50,9 +50,21 @@ def test_steps_are_those_of_the_bfgs_formula_from_the_metric_on(window):
         mixer.fall_back(back)
         assert back == pytest.approx(g, rel=0, abs=1e-14 * np.abs(g).max())
         expected = U[k] - (H @ gradients[k]).reshape(N, 3)
-        assert np.abs(u - expected).max() < 1e-8 * np.abs(expected).max()
+        assert np.abs(u - expected).max() < 1e-4 * np.abs(expected).max()  # pairs have single precision
     mixer.halve(u)
-    assert u == pytest.approx((U[-1] + expected) / 2, rel=1e-8, abs=1e-8)
+    assert u == pytest.approx((U[-1] + expected) / 2, rel=1e-4, abs=1e-4)
+
+
+@pytest.mark.parametrize("size", [1e-60, 1.0, 1e60])
+def test_positions_of_any_size(size):
+    rng, L, A, product = problem(3)
+    steps = []
+    for scale in (1.0, size):
+        u, mixer = np.random.default_rng(0).normal(size=(N, 3)) * scale, QuasiNewton(N, 5, product, unit=scale)
+        for _ in range(6):
+            mixer.advance(u, plain(u, L, A))
+        steps.append(u / scale)
+    assert np.abs(steps[0] - steps[1]).max() < 1e-3 * np.abs(steps[0]).max()
 
 
 def test_a_large_problem_goes_block_by_block():
@@ -60,8 +72,8 @@ def test_a_large_problem_goes_block_by_block():
     rng = np.random.default_rng(0)
     weight, stiff = rng.uniform(1, 2, n), rng.uniform(1, 3, (n, 3))
 
-    def product(F: np.ndarray, out: np.ndarray) -> None:
-        out[:] = weight[:, None] * F
+    def product(F: np.ndarray) -> np.ndarray:
+        return weight[:, None] * F
 
     u, mixer = rng.normal(size=(n, 3)), QuasiNewton(n, 5, product)
     for _ in range(40):
