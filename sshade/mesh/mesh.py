@@ -11,14 +11,11 @@ from numba import njit
 
 from sshade.errors import InputError
 from sshade.mesh.adjacency import sides_by_edge
+from sshade.mesh.areas import face_areas, vertex_areas, without_area
 from sshade.mesh.connectivity import Connectivity, connectivity
 
 #: Largest coordinate, and one over the smallest extent, with which areas can be squared.
 LARGEST = 1e60
-
-#: A face whose doubled area is at most this, times its longest edge squared, has none: its cotangents
-#: would be 10^8 and more, and rounding, not the shape, would decide on them.
-NO_AREA = 1e-8
 
 #: Largest coordinate over half the extent.
 FARTHEST = 1e12
@@ -133,17 +130,17 @@ class Mesh:
     @cached_property
     def face_areas(self) -> np.ndarray:
         """(m,) triangle areas."""
-        return 0.5 * np.linalg.norm(self._cross, axis=1)
+        return face_areas(self.V, self.F)
 
     @cached_property
     def vertex_areas(self) -> np.ndarray:
         """(n,) a third of the areas of the triangles around each vertex."""
-        return np.bincount(self.F.ravel(), np.repeat(self.face_areas / 3, 3), minlength=self.n)
+        return vertex_areas(self.F, self.face_areas, self.n)
 
     @cached_property
     def without_area(self) -> np.ndarray:
-        """(m,) bool: faces with no area to speak of, needles and those collapsed; see :data:`NO_AREA`."""
-        return _without_area(self.V, self.F, NO_AREA)
+        """(m,) bool: faces with no area to speak of; see :data:`sshade.mesh.areas.NO_AREA`."""
+        return without_area(self.V, self.F)
 
     @property
     def area(self) -> float:
@@ -339,17 +336,3 @@ def _check_faces(F, used):
             repeating += 1
         used[i] = used[j] = used[k] = True
     return -1, first, repeating
-
-
-@njit(cache=True, nogil=True)
-def _without_area(V, F, no_area):
-    found = np.empty(len(F), dtype=np.bool_)
-    for t in range(len(F)):
-        i, j, k = F[t, 0], F[t, 1], F[t, 2]
-        ax, ay, az = V[j, 0] - V[i, 0], V[j, 1] - V[i, 1], V[j, 2] - V[i, 2]
-        bx, by, bz = V[k, 0] - V[i, 0], V[k, 1] - V[i, 1], V[k, 2] - V[i, 2]
-        cx, cy, cz = bx - ax, by - ay, bz - az
-        longest = max(ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz, cx * cx + cy * cy + cz * cz)
-        x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-        found[t] = not np.sqrt(x * x + y * y + z * z) > no_area * longest
-    return found

@@ -20,22 +20,22 @@ from functools import partial
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.solver.cotangents import (
-    corner_vectors,
-    edge_weights,
-    half_cotangents,
-    laplacian_matrix,
-    rest_energies,
+from sshade.solver.assembly import (
+    band_order,
+    dirichlet_energy,
+    faces_in_order,
+    pattern_in_order,
+    weighted_laplacian,
 )
+from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix, rest_energies
 from sshade.solver.global_step import FactorisedLaplacian, FactorisedStep, GlobalStep, MultigridStep
 from sshade.solver.interfaces import Constraints, Softening
 from sshade.solver.options import Energy
 from sshade.solver.rotations import fit_rotations, quaternions
-from sshade.solver.terms import Terms, add_pulls, covariances, pulling_energy, right_hand_side
+from sshade.solver.terms import Terms, Triangles, add_pulls, covariances, pulling_energy, right_hand_side
 from sshade.threads import ThreadTeam
 
 #: Vertices that a thread works on at a time, and half the terms.
@@ -64,11 +64,12 @@ class ArapSystem:
         Places of these.
     pull : (s,) float64
         Stiffness of those that are pulled.
-    laplacian : csr_array
-        (n, n), held vertices included, with the pull of soft handles, in this order.
+    laplacian : csr_array or None
+        (n, n), held vertices included, with the pull of soft handles, in this order. None where the global
+        step goes by multigrid: see :meth:`metric`.
     factorised : FactorisedLaplacian or None
-        None where the global step goes by multigrid.
-    terms : Terms
+        None there, too.
+    terms : Terms or Triangles
         In the order of their lowest vertices.
     rest : (e,) float64
         6 A of each triangle, the energy of one shrunk to a point; positive; of edges nothing.
@@ -88,63 +89,92 @@ class ArapSystem:
         if energy not in ("spokes", "spokes_and_rims"):
             raise InputError(f"unknown energy {energy!r}; use 'spokes' or 'spokes_and_rims'")
         self.mesh = mesh
+        self._take_handles(index, stiffness)
+        self._order_vertices()
+        self._place_handles()
         h = half_cotangents(mesh)
-        edges, weights = edge_weights(mesh, h)
-        laplacian = laplacian_matrix(mesh.n, edges, weights)
-        self._diagonal = laplacian.diagonal()
-        laplacian = self._take_handles(index, stiffness, laplacian)
-        with ThreadPoolExecutor(max_workers=1) as pool:
-            # Meanwhile, as it takes the longest.
-            factorised = None if multigrid else pool.submit(FactorisedLaplacian, laplacian, self._held_index)
-            self.vertex = reverse_cuthill_mckee(laplacian, symmetric_mode=True)
-            self.place = np.empty(mesh.n, dtype=np.int32)
-            self.place[self.vertex] = np.arange(mesh.n)
-            self._place_handles(laplacian)
-            self._list_terms(h, edges, weights, energy=energy)
-            self.factorised = factorised.result() if factorised else None
+        if multigrid:
+            self.laplacian, self.factorised = None, None
+            self._list_terms(h, energy=energy)
+        else:
+            laplacian = laplacian_matrix(mesh.n, *edge_weights(mesh, h))
+            self._diagonal = laplacian.diagonal()
+            laplacian = self._with_pull(laplacian)
+            with ThreadPoolExecutor(max_workers=1) as pool:
+                # Meanwhile, as it takes the longest.
+                factorised = pool.submit(FactorisedLaplacian, laplacian, self._held_index)
+                self._keep(laplacian)
+                self._list_terms(h, energy=energy)
+                self.factorised = factorised.result()
 
     def with_handles(self, index: np.ndarray, *, stiffness: np.ndarray | None = None) -> ArapSystem:
         """The factorised system of the same mesh with other handles; what these do not change is shared."""
         other, laplacian = copy(self), self.laplacian[self.place][:, self.place]
         laplacian.sort_indices()
         laplacian.setdiag(self._diagonal)
-        laplacian = other._take_handles(index, stiffness, laplacian)
-        other._place_handles(laplacian)
+        other._take_handles(index, stiffness)
+        other._place_handles()
+        laplacian = other._with_pull(laplacian)
+        other._keep(laplacian)
         other.factorised = FactorisedLaplacian(laplacian, other._held_index)
         return other
 
-    def _take_handles(
-        self, index: np.ndarray, stiffness: np.ndarray | None, laplacian: csr_array
-    ) -> csr_array:
-        """The Laplacian, in the order of the mesh, with the pull of soft handles added."""
+    def _take_handles(self, index: np.ndarray, stiffness: np.ndarray | None) -> None:
         self.index = _checked(self.mesh, index)
         stiffness = _checked_stiffness(stiffness, len(self.index))
         self.hard, self.soft = np.flatnonzero(np.isinf(stiffness)), np.flatnonzero(np.isfinite(stiffness))
         self.pull, self._held_index = stiffness[self.soft], self.index[self.hard]
-        if len(self.soft):
-            soft = self.index[self.soft]
-            laplacian = csr_array(laplacian + coo_array((self.pull, (soft, soft)), shape=laplacian.shape))
-        return laplacian
 
-    def _place_handles(self, laplacian: csr_array) -> None:
+    def _order_vertices(self) -> None:
+        mesh = self.mesh
+        self.vertex = band_order(mesh)
+        self.place = np.empty(mesh.n, dtype=np.int32)
+        self.place[self.vertex] = np.arange(mesh.n, dtype=np.int32)
+
+    def _place_handles(self) -> None:
         self.held, self.pulled = self.place[self._held_index], self.place[self.index[self.soft]]
+
+    def _with_pull(self, laplacian: csr_array) -> csr_array:
+        """A Laplacian in the order of the mesh's vertices with the pull of soft handles."""
+        if not len(self.soft):
+            return laplacian
+        soft = self.index[self.soft]
+        return csr_array(laplacian + coo_array((self.pull, (soft, soft)), shape=laplacian.shape))
+
+    def _keep(self, laplacian: csr_array) -> None:
         self.laplacian = laplacian[self.vertex][:, self.vertex]
         self.laplacian.sort_indices()
 
-    def _list_terms(self, h: np.ndarray, edges: np.ndarray, weights: np.ndarray, *, energy: Energy) -> None:
+    def _list_terms(self, h: np.ndarray, *, energy: Energy) -> None:
         mesh = self.mesh
-        lengths = mesh.V[edges[:, 0]] - mesh.V[edges[:, 1]]
+        V = mesh.V[self.vertex]
+        self.terms: Terms | Triangles
         if energy == "spokes":
-            corners, Y, H = edges, (weights[:, None] * lengths)[:, None], weights[:, None]
+            self.terms, self.rest = self._edges(h), np.empty(0)
         else:
-            corners, Y, H = mesh.F, corner_vectors(mesh, h), h
-        near = np.argsort(self.place[corners].min(axis=1), kind="stable")
-        lists = self.place[corners[near]].astype(np.uint32), Y[near], H[near]
-        self.terms = Terms(*(np.ascontiguousarray(array) for array in lists))
-        self.rest = rest_energies(mesh, h)[near] if energy == "spokes_and_rims" else np.empty(0)
-        self.rest_energy = float(corners.shape[1] * (weights @ (lengths**2).sum(axis=1)))
-        self.ranges = _ranges(self.terms.corners, mesh.n)
+            corners, face = faces_in_order(mesh.F, self.place)
+            self.terms, self.rest = Triangles(corners, V, h[face]), rest_energies(mesh, h)[face]
+        corners = self.terms.corners
+        self.rest_energy = corners.shape[1] * float(dirichlet_energy(corners, V, self.terms.H))
+        self.ranges = _ranges(corners, mesh.n)
         self.chunks = [slice(first, first + 2 * CHUNK) for first in range(0, len(corners), 2 * CHUNK)]
+
+    def _edges(self, h: np.ndarray) -> Terms:
+        edges, weights = edge_weights(self.mesh, h)
+        near = np.argsort(self.place[edges].min(axis=1), kind="stable")
+        edges, H = edges[near], weights[near, None]
+        Y = H * (self.mesh.V[edges[:, 0]] - self.mesh.V[edges[:, 1]])
+        return Terms(self.place[edges].astype(np.uint32), Y[:, None], H)
+
+    def metric(self, weight: np.ndarray | None = None) -> csr_array:
+        """The Laplacian of triangles with weights (m,), or of all terms; and the pull of soft handles."""
+        pattern = pattern_in_order(self.mesh, self.vertex, self.place)
+        L = weighted_laplacian(*pattern, self.terms.corners, self.terms.H, weight)
+        if len(self.pulled):
+            pulls = L.diagonal()
+            pulls[self.pulled] += self.pull
+            L.setdiag(pulls)
+        return L
 
 
 class ArapIteration:
@@ -306,7 +336,7 @@ class ArapIteration:
             self.restore(u)
 
     def gradient(self, F: np.ndarray) -> np.ndarray:
-        """(n, 3) the metric times F (n, 3), the move of the last :meth:`global_step`; for reading, till the next.
+        """(n, 3) the metric times F (n, 3), the move of the last :meth:`global_step`; valid till the next.
 
         That is the energy's gradient there, but for its sign and what the constraints take of it.
         """
@@ -316,11 +346,13 @@ class ArapIteration:
     def _right_hand_side(self, u: np.ndarray, number: int) -> None:
         """Write the rows of one range, without what constraints and held vertices add, to B."""
         own, first, end = self.system.ranges[number]
+        kept = self._step.kept
         if self._softening is None:
-            right_hand_side(self.system.terms.part(own), self.R, self._B, first, end)
+            right_hand_side(self.system.terms.part(own), self.R, self._B, first, end, P=u, kept=kept)
         else:
-            self._softening.right_hand_side(own, u, self.R, self._B, first, end)
-        add_pulls(*self._pulls(first, end), u, self._B)
+            self._softening.right_hand_side(own, u, self.R, self._B, first, end, kept=kept)
+        place, pull, share, towards = self._pulls(first, end)
+        add_pulls(place, pull, share, towards, kept, u, self._B)
 
 
 def _checked(mesh: Mesh, index: np.ndarray) -> np.ndarray:

@@ -22,6 +22,7 @@ import numpy as np
 
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
+from sshade.solver.assembly import faces_in_order
 from sshade.solver.volume_area import (
     AREA,
     ROUNDING,
@@ -92,15 +93,22 @@ class Components:
     mesh : Mesh
         Rest shape. Components that are not closed and consistently oriented, or
         are flat, have no volume to hold.
-    place : (n,) int
+    place : (n,) int32
         Place of each vertex in the order of the solver's arrays.
+    faces : (m, 3) uint32, optional
+        The faces by their lowest places, if the solver has them: to be shared.
     """
 
-    def __init__(self, mesh: Mesh, place: np.ndarray) -> None:
-        owner = mesh.component[mesh.F[:, 0]]
-        near = np.lexsort((place[mesh.F].min(axis=1), owner))
-        self.faces = np.ascontiguousarray(place[mesh.F[near]], dtype=np.uint32)
-        self.start = np.searchsorted(owner[near], np.arange(mesh.component.max() + 2))
+    def __init__(self, mesh: Mesh, place: np.ndarray, faces: np.ndarray | None = None) -> None:
+        self.faces = faces_in_order(mesh.F, place)[0] if faces is None else faces
+        self.start = np.array([0, mesh.m])
+        if mesh.connectivity.components > 1:
+            owner = np.empty(mesh.n, dtype=np.int32)
+            owner[place] = mesh.component
+            owner = owner[self.faces[:, 0]]
+            near = np.argsort(owner, kind="stable")
+            self.faces = self.faces[near]
+            self.start = np.searchsorted(owner[near], np.arange(mesh.connectivity.components + 1))
         self.component = np.empty(mesh.n, dtype=np.int32)
         self.component[place] = mesh.component
         rest = np.empty((mesh.n, 3))

@@ -7,10 +7,12 @@ conjugates", 1993.
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from scipy.sparse import coo_array, csr_array
 
 from sshade.mesh.adjacency import sides_by_edge
 from sshade.mesh.mesh import Mesh
+from sshade.threads import in_ranges
 
 #: Slack of a triangle without area in the triangle inequality, over the longer of the mesh's mean edge
 #: and its own longest: what its edges are lengthened to have.
@@ -39,14 +41,8 @@ def half_cotangents(mesh: Mesh) -> np.ndarray:
     N. Sharp, K. Crane, "A Laplacian for nonmanifold triangle meshes", SGP 2020: intrinsic
     mollification, there of all triangles by one length.
     """
-    flat = mesh.without_area
-    double_area = 2.0 * mesh.face_areas
-    A, B, C = (mesh.V[mesh.F[:, c]] for c in range(3))
-    dots = np.stack(
-        [((p - r) * (q - r)).sum(axis=1) for p, q, r in ((A, B, C), (B, C, A), (C, A, B))], axis=1
-    )
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        h = 0.5 * dots / double_area[:, None]
+    flat, h = mesh.without_area, np.empty((mesh.m, 3))
+    in_ranges(lambda first, end: _half_cotangents(first, end, mesh.V, mesh.F, mesh.face_areas, h), mesh.m)
     if flat.any():
         h[flat] = _mollified(np.linalg.norm(_sides(mesh, flat), axis=2), mesh.mean_edge)
     return h
@@ -113,20 +109,6 @@ def edge_weights(mesh: Mesh, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return sides.ends, np.add.reduceat(h.ravel()[sides.side], sides.start[:-1])
 
 
-def corner_vectors(mesh: Mesh, h: np.ndarray) -> np.ndarray:
-    """Sum h_kl (p_k - p_l) over the two edges kl at each corner k of each triangle.
-
-    Returns
-    -------
-    (m, 2, 3) float64
-        For the first two corners; the third is minus their sum.
-    """
-    A, B, C = (mesh.V[mesh.F[:, c]] for c in range(3))
-    first = h[:, :1] * (A - B) + h[:, 2:] * (A - C)
-    second = h[:, :1] * (B - A) + h[:, 1:2] * (B - C)
-    return np.stack([first, second], axis=1)
-
-
 def laplacian_matrix(n: int, edges: np.ndarray, weights: np.ndarray) -> csr_array:
     """Positive semi-definite Laplacian: ``L_ij = -w_ij``, ``L_ii = sum_j w_ij``.
 
@@ -145,3 +127,16 @@ def laplacian_matrix(n: int, edges: np.ndarray, weights: np.ndarray) -> csr_arra
     rows, columns = np.concatenate([i, j, i, j]), np.concatenate([j, i, i, j])
     values = np.concatenate([-weights, -weights, weights, weights])
     return coo_array((values, (rows, columns)), shape=(n, n)).tocsr()
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _half_cotangents(first, end, V, F, area, h):
+    for t in range(first, end):
+        for c in range(3):
+            i, j, k = F[t, c], F[t, (c + 1) % 3], F[t, (c + 2) % 3]
+            dot = (
+                (V[i, 0] - V[k, 0]) * (V[j, 0] - V[k, 0])
+                + (V[i, 1] - V[k, 1]) * (V[j, 1] - V[k, 1])
+                + (V[i, 2] - V[k, 2]) * (V[j, 2] - V[k, 2])
+            )
+            h[t, c] = 0.25 * dot / area[t]

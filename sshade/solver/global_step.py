@@ -38,11 +38,14 @@ SOFTEST = 0.25
 class GlobalStep(Protocol):
     """The global step of one solve. u, B, g and F are (n, 3) float64, in the system's order."""
 
+    #: Share of ``L u`` that B has in it: 1 of a right-hand side, 0 of what is left of it at u.
+    kept: float
+
     def aim(self, targets: np.ndarray) -> None:
         """Take the positions (k, 3) of held vertices from here on."""
 
     def solve(self, u: np.ndarray, B: np.ndarray, g: np.ndarray) -> None:
-        """Write ``u + M (B - L u)`` to g, u with held vertices on their targets; B may be overwritten."""
+        """Write ``u + M (B - kept L u)`` to g, held vertices of u on their targets; B may be overwritten."""
 
     def renew_directions(self, constraints: Constraints, u: np.ndarray) -> None:
         """Give the constraints M times their gradients at u."""
@@ -90,7 +93,7 @@ def not_positive_definite() -> InputError:
 
 
 class FactorisedStep:
-    """The exact :class:`GlobalStep`.
+    """The exact :class:`GlobalStep`, by a right-hand side.
 
     Parameters
     ----------
@@ -100,7 +103,7 @@ class FactorisedStep:
     """
 
     def __init__(self, system: ArapSystem, factorised: FactorisedLaplacian, *, team: ThreadTeam) -> None:
-        self._laplacian, self._team = compressed_rows(system.laplacian), team
+        self.kept, self._laplacian, self._team = 1.0, compressed_rows(system.laplacian), team
         self._solve, self._held = factorised.factorisation.solve_ordered, system.held
         self._free, self._to_handles = system.place[factorised.free], factorised.to_handles
         self._X = np.empty((len(self._free), 3))
@@ -127,7 +130,7 @@ class FactorisedStep:
 
 
 class MultigridStep:
-    """A :class:`GlobalStep` by one V-cycle.
+    """A :class:`GlobalStep` by one V-cycle, of what is left of a right-hand side: no Laplacian is stored.
 
     Parameters
     ----------
@@ -138,27 +141,19 @@ class MultigridStep:
     """
 
     def __init__(self, system: ArapSystem, softening: Softening | None, *, team: ThreadTeam) -> None:
-        self._system, self._softening, self._team = system, softening, team
+        self.kept, self._system, self._softening, self._team = 0.0, system, softening, team
         self._held = np.zeros(system.mesh.n, dtype=bool)
         self._held[system.held] = True
-        self._matrix = *compressed_rows(system.laplacian), self._held
         self._made: Multigrid | None = None
 
     @property
     def _metric(self) -> Multigrid:
         """Made when the weights are known."""
         if self._made is None:
-            L = self._system.laplacian
-            if self._softening is not None:
-                terms, value = self._system.terms, np.zeros(L.nnz)
-                weight = np.maximum(self._softening.weight, SOFTEST)
-                _add_weighted(L.indptr, L.indices, terms.corners, terms.H, weight, value)
-                pulls = np.zeros(len(self._held))
-                pulls[self._system.pulled] = self._system.pull
-                L = csr_array((value, L.indices, L.indptr), shape=L.shape)
-                L.setdiag(L.diagonal() + pulls)
+            softening = self._softening
+            weight = None if softening is None else np.maximum(softening.weight, SOFTEST)
             try:
-                self._made = Multigrid(L, self._held)
+                self._made = Multigrid(self._system.metric(weight), self._held)
             except FloatingPointError as error:
                 raise not_positive_definite() from error
         return self._made
@@ -167,7 +162,7 @@ class MultigridStep:
         """Held vertices are where u has them."""
 
     def solve(self, u: np.ndarray, B: np.ndarray, g: np.ndarray) -> None:
-        self._team.ranges(lambda *own: _subtract(*own, *self._matrix, u, B), len(u))
+        B[self._system.held] = 0.0
         self._metric.apply(B, g, team=self._team)
         self._team.ranges(lambda *own: _add(*own, u, g), len(u))
 
@@ -183,35 +178,6 @@ class MultigridStep:
         if constraints:
             constraints.add_moves(B)
             B[self._held] = 0.0
-
-
-@njit(cache=True, nogil=True)
-def _add_weighted(start, column, corners, H, weight, value):
-    """Add to the `value` of a sparse matrix the Laplacian of triangles of weights (m,)."""
-    for t in range(len(corners)):
-        for c in range(3):
-            i, j, w = corners[t, c], corners[t, (c + 1) % 3], weight[t] * H[t, c]
-            for p, q in ((i, j), (j, i)):
-                for k in range(start[p], start[p + 1]):
-                    if column[k] == q:
-                        value[k] -= w
-                    elif column[k] == p:
-                        value[k] += w
-
-
-@njit(cache=True, nogil=True)
-def _subtract(first, end, start, column, value, held, F, B):
-    """Subtract rows of a sparse matrix times F from B; write 0 where held."""
-    for i in range(first, end):
-        x, y, z = B[i, 0], B[i, 1], B[i, 2]
-        for k in range(start[i], start[i + 1]):
-            j, v = column[k], value[k]
-            x -= v * F[j, 0]
-            y -= v * F[j, 1]
-            z -= v * F[j, 2]
-        if held[i]:
-            x = y = z = 0.0
-        B[i, 0], B[i, 1], B[i, 2] = x, y, z
 
 
 @njit(cache=True, nogil=True)

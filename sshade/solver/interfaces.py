@@ -62,6 +62,6 @@ class Softening(Protocol):
         """Energy of the triangles `own`, whose weights are renewed."""
 
     def right_hand_side(
-        self, own: slice, P: np.ndarray, R: np.ndarray, B: np.ndarray, first: int, end: int
+        self, own: slice, P: np.ndarray, R: np.ndarray, B: np.ndarray, first: int, end: int, *, kept: float
     ) -> None:
         """As :func:`right_hand_side` of the triangles `own`, each with its weight."""

@@ -29,6 +29,7 @@ from sshade.solver.quasi_newton import QuasiNewton, iterate
 from sshade.solver.solution import Solution
 from sshade.solver.start import initial_guess
 from sshade.solver.strain_softening import StrainSoftening
+from sshade.solver.terms import Triangles
 from sshade.task import DeformationResult, DeformationTask
 from sshade.threads import ThreadTeam
 
@@ -74,7 +75,9 @@ class LocalGlobal:
     ) -> None:
         self.system = ArapSystem(mesh, index, energy=energy, stiffness=stiffness, multigrid=multigrid)
         self.mesh, self.index = mesh, self.system.index
-        self._components = Components(mesh, self.system.place)
+        terms = self.system.terms
+        shared = terms.corners if isinstance(terms, Triangles) else None
+        self._components = Components(mesh, self.system.place, shared)
 
     def with_handles(self, index: np.ndarray, *, stiffness: np.ndarray | None = None) -> LocalGlobal:
         """The solver of the same mesh and energy with other handles, by a new factorisation.

@@ -26,7 +26,7 @@ import numpy as np
 from numba import njit
 
 from sshade.errors import InputError
-from sshade.solver.terms import Terms
+from sshade.solver.terms import Terms, Triangles, covariances, right_hand_side
 
 
 @dataclass(frozen=True)
@@ -56,12 +56,12 @@ class StrainSoftening:
         if not 0 < self.strain < np.inf:
             raise InputError(f"the strain at which triangles soften must be positive, not {self.strain}")
 
-    def of(self, terms: Terms, rest: np.ndarray) -> SoftenedTriangles | None:
+    def of(self, terms: Terms | Triangles, rest: np.ndarray) -> SoftenedTriangles | None:
         """The softening of a solve; None where the energy is quadratic.
 
         Parameters
         ----------
-        terms : Terms
+        terms : Terms or Triangles
         rest : (m,) float64
             6 A of each triangle.
 
@@ -72,7 +72,7 @@ class StrainSoftening:
         """
         if self.stiffness == 1.0:
             return None
-        if terms.corners.shape[1] == 2:
+        if not isinstance(terms, Triangles):
             raise InputError("only triangles soften: take the energy spokes_and_rims, or a stiffness of 1")
         return SoftenedTriangles(self, terms, rest)
 
@@ -86,13 +86,12 @@ class SoftenedTriangles:
         w of each triangle at the last local step.
     """
 
-    def __init__(self, softening: StrainSoftening, terms: Terms, rest: np.ndarray) -> None:
+    def __init__(self, softening: StrainSoftening, terms: Triangles, rest: np.ndarray) -> None:
         self._softening, self._terms, self._rest = softening, terms, rest
         self.weight = np.ones(len(rest))
 
     def covariances(self, own: slice, P: np.ndarray, S: np.ndarray, first: int, end: int) -> float:
-        corners, Y, _ = self._terms.part(own)
-        _weighted_covariances(corners, Y, self.weight[own], P, S, first, end)
+        covariances(self._terms.part(own), P, S, first, end, weight=self.weight[own])
         return 0.0
 
     def energy(self, own: slice, P: np.ndarray, R: np.ndarray) -> float:
@@ -100,29 +99,14 @@ class SoftenedTriangles:
         return _weigh(*self._terms.part(own), self._rest[own], P, R, c, e, self.weight[own])
 
     def right_hand_side(
-        self, own: slice, P: np.ndarray, R: np.ndarray, B: np.ndarray, first: int, end: int
+        self, own: slice, P: np.ndarray, R: np.ndarray, B: np.ndarray, first: int, end: int, *, kept: float
     ) -> None:
-        _weighted_right_hand_side(*self._terms.part(own), self.weight[own], P, R, B, first, end)
+        triangles, weight = self._terms.part(own), self.weight[own]
+        right_hand_side(triangles, R, B, first, end, P=P, kept=kept, weight=weight)
 
 
 @njit(cache=True, nogil=True)
-def _weighted_covariances(corners, Y, weight, P, S, first, end):
-    S[first:end] = 0.0
-    for t in range(len(corners)):
-        i, j, k = corners[t, 0], corners[t, 1], corners[t, 2]
-        ax, ay, az = P[i, 0] - P[k, 0], P[i, 1] - P[k, 1], P[i, 2] - P[k, 2]
-        bx, by, bz = P[j, 0] - P[k, 0], P[j, 1] - P[k, 1], P[j, 2] - P[k, 2]
-        for c in (i, j, k):
-            if first <= c < end:
-                for r in range(3):
-                    y, z = weight[t] * Y[t, 0, r], weight[t] * Y[t, 1, r]
-                    S[c, 3 * r] += y * ax + z * bx
-                    S[c, 3 * r + 1] += y * ay + z * by
-                    S[c, 3 * r + 2] += y * az + z * bz
-
-
-@njit(cache=True, nogil=True)
-def _weigh(corners, Y, H, rest, P, R, stiffness, strain, weight):
+def _weigh(corners, V, H, rest, P, R, stiffness, strain, weight):
     """Write phi'(s^2) of each triangle to `weight`; return the energy of all, ``sum rest phi(s^2)``."""
     energy = 0.0
     scale = 1.0 / (strain * strain)
@@ -137,7 +121,8 @@ def _weigh(corners, Y, H, rest, P, R, stiffness, strain, weight):
             + H[t, 2] * (ax * ax + ay * ay + az * az)
         )
         for r in range(3):
-            y, z = Y[t, 0, r], Y[t, 1, r]
+            side = H[t, 0] * (V[i, r] - V[j, r])
+            y, z = side + H[t, 2] * (V[i, r] - V[k, r]), H[t, 1] * (V[j, r] - V[k, r]) - side
             quadratic -= 2.0 * (
                 (R[i, r] + R[j, r] + R[k, r]) * (y * ax + z * bx)
                 + (R[i, 3 + r] + R[j, 3 + r] + R[k, 3 + r]) * (y * ay + z * by)
@@ -149,27 +134,3 @@ def _weigh(corners, Y, H, rest, P, R, stiffness, strain, weight):
         # root - 1 without cancellation, for strains far below `strain`.
         energy += rest[t] * x * (stiffness + 2.0 * (1.0 - stiffness) / (1.0 + root))
     return energy
-
-
-@njit(cache=True, nogil=True)
-def _weighted_right_hand_side(corners, Y, H, weight, P, R, B, first, end):
-    third = 1.0 / 3.0
-    B[first:end] = 0.0
-    for t in range(len(corners)):
-        i, j, k = corners[t, 0], corners[t, 1], corners[t, 2]
-        w, stay = third * weight[t], 1.0 - weight[t]
-        for r in range(3):
-            a = w * (R[i, 3 * r] + R[j, 3 * r] + R[k, 3 * r])
-            b = w * (R[i, 3 * r + 1] + R[j, 3 * r + 1] + R[k, 3 * r + 1])
-            c = w * (R[i, 3 * r + 2] + R[j, 3 * r + 2] + R[k, 3 * r + 2])
-            ij, jk, ki = P[i, r] - P[j, r], P[j, r] - P[k, r], P[k, r] - P[i, r]
-            at_i = a * Y[t, 0, 0] + b * Y[t, 0, 1] + c * Y[t, 0, 2]
-            at_i += stay * (H[t, 0] * ij - H[t, 2] * ki)
-            at_j = a * Y[t, 1, 0] + b * Y[t, 1, 1] + c * Y[t, 1, 2]
-            at_j += stay * (H[t, 1] * jk - H[t, 0] * ij)
-            if first <= i < end:
-                B[i, r] += at_i
-            if first <= j < end:
-                B[j, r] += at_j
-            if first <= k < end:
-                B[k, r] -= at_i + at_j

@@ -60,7 +60,10 @@ def test_positions_of_any_size(size):
     rng, L, A, product = problem(3)
     steps = []
     for scale in (1.0, size):
-        u, mixer = np.random.default_rng(0).normal(size=(N, 3)) * scale, QuasiNewton(N, 5, product, unit=scale)
+        u, mixer = (
+            np.random.default_rng(0).normal(size=(N, 3)) * scale,
+            QuasiNewton(N, 5, product, unit=scale),
+        )
         for _ in range(6):
             mixer.advance(u, plain(u, L, A))
         steps.append(u / scale)

@@ -1,0 +1,138 @@
+"""Triangles and matrices of a mesh in an order of vertices of its own, made in little memory.
+
+Nothing here is larger than what it makes: where SciPy builds a Laplacian from its entries, or
+NumPy permutes it, ten times the memory is in use meanwhile.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+from sshade.mesh.mesh import Mesh
+from sshade.threads import in_ranges
+
+
+def band_order(mesh: Mesh) -> np.ndarray:
+    """(n,) int32 the vertices in an order in which neighbours are near, reverse Cuthill-McKee's."""
+    near = mesh.connectivity.neighbours
+    pattern = np.ones(len(near.indices), dtype=np.int8)
+    graph = csr_array((pattern, near.indices, near.indptr), shape=(mesh.n, mesh.n))
+    return reverse_cuthill_mckee(graph, symmetric_mode=True)
+
+
+def faces_in_order(F: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Faces by their lowest places, those of one in their own order.
+
+    Parameters
+    ----------
+    F : (m, 3) int
+    place : (n,) int32
+        Of each vertex.
+
+    Returns
+    -------
+    corners : (m, 3) uint32
+        Places of the vertices of each.
+    face : (m,) int32
+        Which each is.
+    """
+    corners, face = np.empty(F.shape, dtype=np.uint32), np.empty(len(F), dtype=np.int32)
+    _order_faces(F, place, corners, face)
+    return corners, face
+
+
+def pattern_in_order(mesh: Mesh, vertex: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Starts (n + 1,) and columns (2e + n,) int32 of a matrix of the mesh's edges, in an order of vertices.
+
+    Each row has its diagonal; columns ascend.
+    """
+    near = mesh.connectivity.neighbours
+    start = np.zeros(mesh.n + 1, dtype=np.int32)
+    np.cumsum(np.diff(near.indptr)[vertex] + 1, out=start[1:])
+    column = np.empty(start[-1], dtype=np.int32)
+    arrays = near.indptr, near.indices, vertex, place, start, column
+    in_ranges(lambda first, end: _rows_in_order(first, end, *arrays), mesh.n)
+    return start, column
+
+
+def weighted_laplacian(
+    start: np.ndarray,
+    column: np.ndarray,
+    corners: np.ndarray,
+    H: np.ndarray,
+    weight: np.ndarray | None = None,
+) -> csr_array:
+    """The Laplacian of edges or triangles, each times a weight.
+
+    Parameters
+    ----------
+    start, column
+        From :func:`pattern_in_order`.
+    corners, H
+        As of :class:`sshade.solver.terms.Terms`.
+    weight : (m,) float64, optional
+    """
+    value, n = np.zeros(len(column)), len(start) - 1
+    _add_weighted(start, column, corners, H, np.ones(len(corners)) if weight is None else weight, value)
+    return csr_array((value, column, start), shape=(n, n))
+
+
+@njit(cache=True, nogil=True)
+def dirichlet_energy(corners, V, H):
+    """Return ``sum h |e|^2`` over the sides of edges or triangles, of positions V."""
+    energy = 0.0
+    for t in range(len(corners)):
+        for c in range(H.shape[1]):
+            i, j = corners[t, c], corners[t, (c + 1) % corners.shape[1]]
+            x, y, z = V[i, 0] - V[j, 0], V[i, 1] - V[j, 1], V[i, 2] - V[j, 2]
+            energy += H[t, c] * (x * x + y * y + z * z)
+    return energy
+
+
+@njit(cache=True, nogil=True)
+def _order_faces(F, place, corners, face):
+    """By counting sort."""
+    start = np.zeros(len(place) + 1, dtype=np.int32)
+    for f in range(len(F)):
+        start[min(place[F[f, 0]], place[F[f, 1]], place[F[f, 2]]) + 1] += 1
+    for i in range(len(place)):
+        start[i + 1] += start[i]
+    for f in range(len(F)):
+        low = min(place[F[f, 0]], place[F[f, 1]], place[F[f, 2]])
+        t = start[low]
+        face[t] = f
+        for c in range(3):
+            corners[t, c] = place[F[f, c]]
+        start[low] += 1
+
+
+@njit(cache=True, nogil=True)
+def _rows_in_order(first, end, indptr, indices, vertex, place, start, column):
+    for i in range(first, end):
+        p = begin = start[i]
+        column[p] = i
+        for k in range(indptr[vertex[i]], indptr[vertex[i] + 1]):
+            j = place[indices[k]]
+            p += 1
+            q = p
+            while q > begin and column[q - 1] > j:
+                column[q] = column[q - 1]
+                q -= 1
+            column[q] = j
+
+
+@njit(cache=True, nogil=True)
+def _add_weighted(start, column, corners, H, weight, value):
+    """Add to the `value` of a sparse matrix the Laplacian of edges or triangles of weights (m,)."""
+    for t in range(len(corners)):
+        for c in range(H.shape[1]):
+            i, j, w = corners[t, c], corners[t, (c + 1) % corners.shape[1]], weight[t] * H[t, c]
+            for p, q in ((i, j), (j, i)):
+                for k in range(start[p], start[p + 1]):
+                    if column[k] == q:
+                        value[k] -= w
+                    elif column[k] == p:
+                        value[k] += w
