@@ -30,11 +30,9 @@ from sshade.solver.volume_area import (
     Equations,
     add_gradients,
     along,
-    gather,
     gradients,
     measure,
     newton,
-    scatter,
     shift,
 )
 
@@ -202,7 +200,8 @@ class HeldConstraints:
         )
         self._asked, self._rest_scale = weight, on / np.where(on, rest[kinds], 1.0)
         self.retry(volume_goal)
-        self._G, self._Z = np.zeros((2, len(components.component), len(kinds), 3))
+        self._columns = np.zeros((2, len(kinds), len(components.component), 3))
+        self._G, self._Z = self._columns.transpose(0, 2, 1, 3)
         self._slope = np.empty((on.shape[1], len(kinds), len(kinds)))
         self._violation = np.zeros(on.shape[1])
         self._multiplier, self._grown = np.zeros((2, on.shape[1], len(kinds)))
@@ -235,13 +234,12 @@ class HeldConstraints:
         B[:] = 0.0
         add_gradients(F, start, kinds, scale * self._multiplier.T, P, B)
 
-    def write_gradients(self, P: np.ndarray, rows: np.ndarray, X: np.ndarray) -> None:
+    def gradients(self, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         F, start, _, kinds, scale, *_ = self._equations
         gradients(F, start, kinds, scale, P, self._G)
-        gather(self._G, rows, X)
+        return self._columns[0], self._columns[1]
 
-    def take_directions(self, X: np.ndarray, rows: np.ndarray) -> None:
-        scatter(X, rows, self._Z)
+    def take_directions(self) -> None:
         along(self._G, self._equations.component, self._Z, self._slope)
 
     def add_moves(self, G: np.ndarray) -> None:

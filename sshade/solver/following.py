@@ -74,8 +74,7 @@ class Following:
         self._iteration.local_step(self._u)
         self._last_u, self._move = self._u.copy(), np.empty_like(self._u)
         self._targets = self._last_targets = targets
-        gradient, unit = self._iteration.gradient, solver.mesh.diagonal
-        self._mixer = QuasiNewton(len(self._u), window, gradient, unit=unit, team=team)
+        self._mixer = QuasiNewton(len(self._u), window, self._iteration.gradient, team=team)
 
     def solve(
         self,

@@ -119,11 +119,11 @@ class FactorisedStep:
         g[self._held] = self._targets
 
     def renew_directions(self, constraints: Constraints, u: np.ndarray) -> None:
-        X = np.empty((constraints.count, len(self._free), 3))
-        constraints.write_gradients(u, self._free, X)
-        for right in X:
-            self._solve(right, team=self._team)
-        constraints.take_directions(X, self._free)
+        for right, direction in zip(*constraints.gradients(u), strict=True):
+            X = right[self._free]
+            self._solve(X, team=self._team)
+            direction[self._free] = X
+        constraints.take_directions()
 
     def gradient(self, constraints: Constraints | None, F: np.ndarray, B: np.ndarray) -> None:
         self._team.ranges(lambda *own: multiply(*own, *self._laplacian, F, B), len(F))
@@ -142,8 +142,6 @@ class MultigridStep:
 
     def __init__(self, system: ArapSystem, softening: Softening | None, *, team: ThreadTeam) -> None:
         self.kept, self._system, self._softening, self._team = 0.0, system, softening, team
-        self._held = np.zeros(system.mesh.n, dtype=bool)
-        self._held[system.held] = True
         self._made: Multigrid | None = None
 
     @property
@@ -152,8 +150,10 @@ class MultigridStep:
         if self._made is None:
             softening = self._softening
             weight = None if softening is None else np.maximum(softening.weight, SOFTEST)
+            held = np.zeros(self._system.mesh.n, dtype=bool)
+            held[self._system.held] = True
             try:
-                self._made = Multigrid(self._system.metric(weight), self._held)
+                self._made = Multigrid(self._system.metric(weight), held)
             except FloatingPointError as error:
                 raise not_positive_definite() from error
         return self._made
@@ -167,17 +167,15 @@ class MultigridStep:
         self._team.ranges(lambda *own: _add(*own, u, g), len(u))
 
     def renew_directions(self, constraints: Constraints, u: np.ndarray) -> None:
-        X, rows = np.empty((constraints.count, *u.shape)), np.arange(len(u))
-        constraints.write_gradients(u, rows, X)
-        for right in X:
-            right[self._held] = 0.0
-            self._metric.apply(right, right, team=self._team)
-        constraints.take_directions(X, rows)
+        for right, direction in zip(*constraints.gradients(u), strict=True):
+            right[self._system.held] = 0.0
+            self._metric.apply(right, direction, team=self._team)
+        constraints.take_directions()
 
     def gradient(self, constraints: Constraints | None, F: np.ndarray, B: np.ndarray) -> None:
         if constraints:
             constraints.add_moves(B)
-            B[self._held] = 0.0
+            B[self._system.held] = 0.0
 
 
 @njit(cache=True, nogil=True)

@@ -33,11 +33,14 @@ class Constraints(Protocol):
     def forces(self, P: np.ndarray, B: np.ndarray) -> None:
         """Write to B ``sum_q lambda_q grad C_q(P)``, which the right-hand side gets."""
 
-    def write_gradients(self, P: np.ndarray, rows: np.ndarray, X: np.ndarray) -> None:
-        """Write ``grad C_q(P)`` of the vertices `rows` (f,) to X (count, f, 3)."""
+    def gradients(self, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """``grad C_q(P)`` and the directions of `project`, (count, n, 3) each, which the caller replaces.
 
-    def take_directions(self, X: np.ndarray, rows: np.ndarray) -> None:
-        """Take X (count, f, 3), ``L^-1 grad C_q``, for the directions of `project`."""
+        Gradients may be set to 0 where directions are.
+        """
+
+    def take_directions(self) -> None:
+        """Take ``L^-1 grad C_q``, now in the second array of :meth:`gradients`."""
 
     def add_moves(self, G: np.ndarray) -> None:
         """Add to G (n, 3) the gradients that the last `project` moved along, as often as it did."""

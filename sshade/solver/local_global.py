@@ -186,17 +186,20 @@ class LocalGlobal:
             )
             if rotations is not None:
                 iteration.begin_with(rotations)
-            gradient, unit = iteration.gradient, self.mesh.diagonal
             facts = iterate(
                 iteration,
                 u,
-                mixer=QuasiNewton(len(u), window, gradient, unit=unit, team=team) if accelerate else None,
+                mixer=self._mixer(iteration, window, team) if accelerate else None,
                 tolerance=tolerance,
                 max_iterations=max_iterations,
                 deadline=perf_counter() + max_seconds,
                 progress=progress,
             )
         return self.solution(iteration, u, targets, held, volume_goal, facts)
+
+    def _mixer(self, iteration: ArapIteration, window: int, team: ThreadTeam) -> QuasiNewton:
+        unit, single = self.mesh.diagonal, self.system.factorised is None
+        return QuasiNewton(self.mesh.n, window, iteration.gradient, unit=unit, single=single, team=team)
 
     def iteration(
         self, targets: np.ndarray, *, team: ThreadTeam, volume_goal: float, **options: Any

@@ -9,9 +9,9 @@ surface, and the component of G tangential to it is that of the Lagrangian's gra
 The usual two loops run over scalars: of y only ``z = M y`` is stored, the difference of two plain
 moves, and what they ask for are products s.y, z.y, s.G and z.G, one new row of each at a step. So
 each stored array is read twice a step, by as many threads as there are. Sums are by blocks and then
-by chunks of a size of their own: the same bits with any number of threads. Pairs and gradients have single
-precision, which halves memory and its traffic: they only say where to go, and how far it went down
-is for the energy to say; sums of their products have double.
+by chunks of a size of their own: the same bits with any number of threads. Pairs and gradients may have
+single precision, which halves memory and its traffic: they only say where to go, and how far it went
+down is for the energy to say; sums of their products have double.
 
 T. Liu, S. Bouaziz, L. Kavan, "Quasi-Newton methods for real-time simulation of
 hyperelastic materials", ACM TOG 36(3), 2017; J. Nocedal, "Updating quasi-Newton
@@ -56,7 +56,9 @@ class QuasiNewton:
     product : callable
         ``product(F)`` gives M^-1 F for a plain move F, both (n, 3) float64, in an array that may be reused.
     unit : float
-        About the size of positions: what has single precision is stored in it.
+        About the size of positions: what is stored is over it.
+    single : bool
+        Store in single precision.
     team : ThreadTeam, optional
         Threads that share the work.
     """
@@ -68,13 +70,15 @@ class QuasiNewton:
         product: Callable[[np.ndarray], np.ndarray],
         *,
         unit: float = 1.0,
+        single: bool = False,
         team: ThreadTeam | None = None,
     ) -> None:
         self._product, self._window, self._team = product, window, team or ThreadTeam(1)
         self._per_unit = 1.0 / unit
         self._u, self._F = np.empty((2, 3 * n))
-        self._G, self._spare = np.empty((2, 3 * n), dtype=np.float32)
-        self._S, self._Z = np.empty((2, window, 3 * n), dtype=np.float32)
+        precision = np.float32 if single else np.float64
+        self._G, self._spare = np.empty((2, 3 * n), dtype=precision)
+        self._S, self._Z = np.empty((2, window, 3 * n), dtype=precision)
         self._sy, self._zy = np.zeros((2, window, window))
         self._along_z, self._along_s = np.empty((2, window))
         self._begun, self._steps = False, 0

@@ -226,24 +226,6 @@ def _evaluate(equations, multiplier, P, residual):
 
 
 @njit(cache=True, nogil=True)
-def gather(G, rows, X):
-    """Write G (n, q, 3) of the vertices `rows` (f,) to X (q, f, 3)."""
-    for r in range(len(rows)):
-        for q in range(len(X)):
-            for d in range(3):
-                X[q, r, d] = G[rows[r], q, d]
-
-
-@njit(cache=True, nogil=True)
-def scatter(X, rows, Z):
-    """Write X (q, f, 3) to the vertices `rows` (f,) of Z (n, q, 3)."""
-    for r in range(len(rows)):
-        for q in range(len(X)):
-            for d in range(3):
-                Z[rows[r], q, d] = X[q, r, d]
-
-
-@njit(cache=True, nogil=True)
 def _cross(P, i, j, k):
     """Twice the vector area of a triangle."""
     ax, ay, az = P[j, 0] - P[i, 0], P[j, 1] - P[i, 1], P[j, 2] - P[i, 2]
