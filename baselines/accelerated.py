@@ -20,21 +20,32 @@ def accelerated_arap(
     task: DeformationTask,
     *,
     accelerate: bool = True,
+    factorised: bool | None = None,
     seed: int = 0,
     progress: Progress = silent,
     **options: Unpack[SolverOptions],
 ) -> DeformationResult:
     """Minimise the spokes energy; see :func:`sshade.solver.local_global.local_global`."""
-    return local_global(task, energy="spokes", accelerate=accelerate, progress=progress, **options)
+    return local_global(
+        task, energy="spokes", accelerate=accelerate, factorised=factorised, progress=progress, **options
+    )
 
 
 def accelerated_elastic(
     task: DeformationTask,
     *,
     accelerate: bool = True,
+    factorised: bool | None = None,
     seed: int = 0,
     progress: Progress = silent,
     **options: Unpack[SolverOptions],
 ) -> DeformationResult:
     """Minimise the spokes-and-rims energy; see :func:`sshade.solver.local_global.local_global`."""
-    return local_global(task, energy="spokes_and_rims", accelerate=accelerate, progress=progress, **options)
+    return local_global(
+        task,
+        energy="spokes_and_rims",
+        accelerate=accelerate,
+        factorised=factorised,
+        progress=progress,
+        **options,
+    )

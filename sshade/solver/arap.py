@@ -69,6 +69,8 @@ class ArapSystem:
         step goes by multigrid: see :meth:`metric`.
     factorised : FactorisedLaplacian or None
         None there, too.
+    exact_steps : int
+        See :class:`sshade.solver.global_step.MultigridStep`.
     terms : Terms or Triangles
         In the order of their lowest vertices.
     rest : (e,) float64
@@ -85,10 +87,11 @@ class ArapSystem:
         energy: Energy,
         stiffness: np.ndarray | None = None,
         multigrid: bool = False,
+        exact_steps: int = 0,
     ) -> None:
         if energy not in ("spokes", "spokes_and_rims"):
             raise InputError(f"unknown energy {energy!r}; use 'spokes' or 'spokes_and_rims'")
-        self.mesh = mesh
+        self.mesh, self.exact_steps = mesh, exact_steps
         self._take_handles(index, stiffness)
         self._order_vertices()
         self._place_handles()
@@ -323,6 +326,15 @@ class ArapIteration:
             if constraints.renews_directions:
                 self._step.renew_directions(constraints, u)
             constraints.project(g)
+
+    @property
+    def rough(self) -> bool:
+        """Whether the next :meth:`global_step` is too rough to say how near the minimum is."""
+        return self._step.rough
+
+    def refine(self) -> None:
+        """Let the next :meth:`global_step` not be rough."""
+        self._step.refine()
 
     def restore(self, u: np.ndarray) -> None:
         """Project positions u (n, 3) onto the exact constraints, along the present directions."""

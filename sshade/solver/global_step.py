@@ -22,6 +22,7 @@ from numba import njit
 from scipy.sparse import csr_array
 
 from sshade.errors import InputError
+from sshade.solver.conjugate_gradients import conjugate_gradients
 from sshade.solver.factorisation import Factorisation
 from sshade.solver.multigrid import Multigrid, compressed_rows, multiply
 from sshade.threads import ThreadTeam
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
     from sshade.solver.arap import ArapSystem
     from sshade.solver.interfaces import Constraints, Softening
 
+#: What conjugate gradients leave of the error of an exact step.
+NEARLY = 1e-2
 #: Least weight of a triangle in the metric of a V-cycle. Weights rise where strain goes, and a step is
 #: safe while they are under twice the metric's; lower ones save little (tried: 0.1 to 0.5).
 SOFTEST = 0.25
@@ -37,6 +40,13 @@ SOFTEST = 0.25
 
 class GlobalStep(Protocol):
     """The global step of one solve. u, B, g and F are (n, 3) float64, in the system's order."""
+
+    @property
+    def rough(self) -> bool:
+        """Whether the next step is too rough for its length to say how near the minimum is."""
+
+    def refine(self) -> None:
+        """Let the next step not be rough."""
 
     #: Share of ``L u`` that B has in it: 1 of a right-hand side, 0 of what is left of it at u.
     kept: float
@@ -111,6 +121,13 @@ class FactorisedStep:
     def aim(self, targets: np.ndarray) -> None:
         self._targets, self._fixed = targets, -(self._to_handles @ targets)
 
+    @property
+    def rough(self) -> bool:
+        return False
+
+    def refine(self) -> None:
+        pass
+
     def solve(self, u: np.ndarray, B: np.ndarray, g: np.ndarray) -> None:
         free, X = self._free, self._X
         self._team.ranges(lambda *own: _gather(*own, B, free, self._fixed, X), len(free))
@@ -132,16 +149,23 @@ class FactorisedStep:
 class MultigridStep:
     """A :class:`GlobalStep` by one V-cycle, of what is left of a right-hand side: no Laplacian is stored.
 
+    Far from a minimum such steps lead to other ones than exact steps do, with torn handles often to
+    higher ones. So the first ones may be all but exact, and so is then the step that says that
+    the minimum is reached.
+
     Parameters
     ----------
     system : ArapSystem
+        Its `exact_steps` are how many of the first are: solved to :data:`NEARLY` by conjugate gradients.
     softening : Softening, optional
-        Its weights at the first step make the metric.
+        Its weights at the first step make the metric, but with exact steps.
     team : ThreadTeam
     """
 
     def __init__(self, system: ArapSystem, softening: Softening | None, *, team: ThreadTeam) -> None:
-        self.kept, self._system, self._softening, self._team = 0.0, system, softening, team
+        self.kept, self._system, self._team = 0.0, system, team
+        self._softening = None if system.exact_steps else softening
+        self._confirms, self._left, self._exact = system.exact_steps > 0, system.exact_steps, False
         self._made: Multigrid | None = None
 
     @property
@@ -161,16 +185,31 @@ class MultigridStep:
     def aim(self, targets: np.ndarray) -> None:
         """Held vertices are where u has them."""
 
+    @property
+    def rough(self) -> bool:
+        return self._confirms and self._left == 0
+
+    def refine(self) -> None:
+        self._left = max(self._left, 1)
+
     def solve(self, u: np.ndarray, B: np.ndarray, g: np.ndarray) -> None:
+        self._exact, self._left = self._left > 0, max(self._left - 1, 0)
         B[self._system.held] = 0.0
-        self._metric.apply(B, g, team=self._team)
+        self._apply(B, g)
         self._team.ranges(lambda *own: _add(*own, u, g), len(u))
 
     def renew_directions(self, constraints: Constraints, u: np.ndarray) -> None:
         for right, direction in zip(*constraints.gradients(u), strict=True):
             right[self._system.held] = 0.0
-            self._metric.apply(right, direction, team=self._team)
+            self._apply(right, direction)
         constraints.take_directions()
+
+    def _apply(self, B: np.ndarray, X: np.ndarray) -> None:
+        if self._exact:
+            held, team = self._system.held, self._team
+            conjugate_gradients(self._metric, B, X, held=held, tolerance=NEARLY, team=team)
+        else:
+            self._metric.apply(B, X, team=self._team)
 
     def gradient(self, constraints: Constraints | None, F: np.ndarray, B: np.ndarray) -> None:
         if constraints:

@@ -33,6 +33,12 @@ from sshade.solver.terms import Triangles
 from sshade.task import DeformationResult, DeformationTask
 from sshade.threads import ThreadTeam
 
+#: Vertices up to which :func:`local_global` factorises by default: beyond, that takes longer than V-cycles.
+FACTORISED = 100_000
+#: Of a solve without a factorisation: so many decide which minimum it ends in. With 5, some bodies whose
+#: handles were torn far away ended in higher ones.
+EXACT_STEPS = 20
+
 
 class LocalGlobal:
     """Minimises an as-rigid-as-possible energy under prescribed vertex positions.
@@ -56,6 +62,9 @@ class LocalGlobal:
         time and memory, and quicker to low energies where triangles soften. Such a plain iteration
         does not end in the minimum for its rotations, but moves towards it: see
         :mod:`sshade.solver.global_step`.
+    exact_steps : int
+        With multigrid, so many first steps are all but exact, for a start far from the minimum; and so is the
+        one whose residual ends a solve, which therefore is that of a factorisation.
 
     Raises
     ------
@@ -72,8 +81,11 @@ class LocalGlobal:
         energy: Energy = "spokes_and_rims",
         stiffness: np.ndarray | None = None,
         multigrid: bool = False,
+        exact_steps: int = 0,
     ) -> None:
-        self.system = ArapSystem(mesh, index, energy=energy, stiffness=stiffness, multigrid=multigrid)
+        self.system = ArapSystem(
+            mesh, index, energy=energy, stiffness=stiffness, multigrid=multigrid, exact_steps=exact_steps
+        )
         self.mesh, self.index = mesh, self.system.index
         terms = self.system.terms
         shared = terms.corners if isinstance(terms, Triangles) else None
@@ -120,7 +132,7 @@ class LocalGlobal:
         """Iterate local and global steps to a residual.
 
         The residual is the largest move of a vertex in one *plain* iteration
-        over the rest shape's diagonal, also under acceleration; with multigrid, of one
+        over the rest shape's diagonal, also under acceleration; with multigrid and no exact steps, of one
         by a V-cycle. The safeguard compares energies after local steps: where an accelerated iterate has a
         higher one than the iterate before, or cannot be projected onto the exact
         constraints, half of its step is tried, and then the plain one takes its
@@ -310,6 +322,7 @@ def local_global(
     *,
     energy: Energy = "spokes_and_rims",
     accelerate: bool = True,
+    factorised: bool | None = None,
     volume_goal: float = 1.0,
     workers: int = 1,
     seed: int = 0,
@@ -324,6 +337,10 @@ def local_global(
     energy : {"spokes", "spokes_and_rims"}
     accelerate : bool
         Quasi-Newton steps (L-BFGS, window 5), to the same minimum in a fraction of the steps.
+    factorised : bool, optional
+        Global steps by a factorisation of the Laplacian; else by V-cycles, after :data:`EXACT_STEPS` steps
+        that are all but exact, in memory that grows like the mesh, to the same minimum but for what the
+        tolerance leaves open. By default up to :data:`FACTORISED` vertices.
     volume_goal : float
         The volume to be held, where one is, over that of the rest shape; positive.
     workers : int
@@ -353,7 +370,14 @@ def local_global(
     solver_options = complete(options)
     guess = initial_guess(task, solver_options["start"])
     pulled = pulled_by_parts(task.mesh, task.handles, solver_options["parts"])
-    solver = LocalGlobal(task.mesh, pulled.vertex, energy=energy, stiffness=pulled.stiffness)
+    solver = LocalGlobal(
+        task.mesh,
+        pulled.vertex,
+        energy=energy,
+        stiffness=pulled.stiffness,
+        multigrid=task.mesh.n > FACTORISED if factorised is None else not factorised,
+        exact_steps=EXACT_STEPS,
+    )
     precomputed = perf_counter()
     solution = solver.solve(
         pulled.target,

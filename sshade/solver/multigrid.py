@@ -97,6 +97,11 @@ class Multigrid:
         x = self._cycle(0, B, 1.0 / size, team)
         team.ranges(lambda *own: _scale(*own, size, x, X), len(B))
 
+    @property
+    def finest(self) -> tuple[np.ndarray, ...] | None:
+        """A as cycles have it: starts, columns and values of its rows; None where it is factorised itself."""
+        return self._levels[0].matrix[:3] if self._levels else None
+
     def _cycle(self, depth: int, B: np.ndarray, scale: float, team: ThreadTeam) -> np.ndarray:
         if depth == len(self._levels):
             X = np.zeros(B.shape, dtype=np.float32)
@@ -134,26 +139,26 @@ class _Level:
     """
 
     def __init__(self, A: csr_array, P: csr_array, R: csr_array, inverse: np.ndarray) -> None:
-        self._matrix = *_single(A), inverse.astype(np.float32)
+        self.matrix = *_single(A), inverse.astype(np.float32)
         self._down, self._up = _single(R), _single(P)
         self._r, self._d, self._e, self.x = np.empty((4, A.shape[0], 3), dtype=np.float32)
         self._coarse = np.empty((P.shape[1], 3), dtype=np.float32)
 
     def begin(self, B: np.ndarray, scale: float, team: ThreadTeam) -> None:
         """The smoother's first step, from 0, for `scale` times B (n, 3)."""
-        inverse, b = self._matrix[-1], np.float32(SMOOTHER[0][1])
+        inverse, b = self.matrix[-1], np.float32(SMOOTHER[0][1])
         team.ranges(lambda *own: _begin(*own, inverse, b, scale, B, self._r, self._d, self.x), len(B))
 
     def step(self, a: float, b: float, team: ThreadTeam) -> None:
         """``r -= A d``, ``d = a d + b D^-1 r``, ``x += d``."""
         r, d, e, factors = self._r, self._d, self._e, (np.float32(a), np.float32(b))
-        team.ranges(lambda *own: _step(*own, *self._matrix, *factors, r, d, e, self.x), len(r))
+        team.ranges(lambda *own: _step(*own, *self.matrix, *factors, r, d, e, self.x), len(r))
         self._d, self._e = e, d
 
     def restrict(self, team: ThreadTeam) -> np.ndarray:
         """``r -= A d``, and (c, 3) ``P^T r``."""
         r, d = self._r, self._d
-        team.ranges(lambda *own: _subtract(*own, *self._matrix, d, r), len(r))
+        team.ranges(lambda *own: _subtract(*own, *self.matrix, d, r), len(r))
         team.ranges(lambda *own: multiply(*own, *self._down, r, self._coarse), len(self._coarse))
         return self._coarse
 

@@ -191,7 +191,7 @@ def iterate(
     """
     rest_energy, diagonal = iteration.system.rest_energy, iteration.system.mesh.diagonal
     g, slack = u.copy(), ENERGY_ROUNDING * abs(rest_energy)
-    iterations, rejected, residual, mixed = 0, 0, np.inf, False
+    iterations, rejected, residual, mixed, converged = 0, 0, np.inf, False, False
     energies, residuals = [np.inf], []
     while True:
         energy = iteration.local_step(u)
@@ -204,16 +204,19 @@ def iterate(
                 mixer.fall_back(u)
                 energy = iteration.local_step(u)
         energies.append(energy)
-        if residual < tolerance or iterations >= max_iterations or perf_counter() >= deadline:
+        if converged or iterations >= max_iterations or perf_counter() >= deadline:
             break
+        rough = iteration.rough
         iteration.global_step(u, g)
         residual = float(largest_move(g, u)) / diagonal
         residuals.append(residual)
         iterations += 1
         if not np.isfinite(residual):
             raise FloatingPointError(f"the positions are not finite after {iterations} iterations")
-        mixed = False
-        if mixer and plain < iterations < max_iterations and residual >= tolerance:
+        mixed, converged = False, residual < tolerance and not rough
+        if residual < tolerance and rough:
+            iteration.refine()
+        if mixer and not converged and plain < iterations < max_iterations:
             mixed = mixer.advance(u, g)
             if mixed:
                 iteration.restore(u)
@@ -228,7 +231,7 @@ def iterate(
         "residual_curve": np.array(residuals),
         "energy": rest_energy + energies[-1],
         "energy_initial": rest_energy + energies[1],
-        "converged": residual < tolerance,
+        "converged": converged,
         "rejected": rejected,
     }
 

@@ -8,7 +8,7 @@ from sshade import DeformationTask, Handles, Mesh
 from sshade.solver.arap import ArapIteration, ArapSystem
 from sshade.solver.constraints import Components, VolumeArea
 from sshade.solver.global_step import SOFTEST, MultigridStep
-from sshade.solver.local_global import LocalGlobal
+from sshade.solver.local_global import LocalGlobal, local_global
 from sshade.solver.multigrid import Multigrid
 from sshade.solver.solution import Solution
 from sshade.solver.strain_softening import StrainSoftening
@@ -111,6 +111,36 @@ def test_as_many_steps_reach_as_low_where_triangles_soften():
     assert exact.energy_initial - cycle.energy > 0.98 * (exact.energy_initial - exact.energy)
 
 
+@pytest.mark.parametrize(
+    ("name", "energy"),  # that of spokes is far below 0 where faces have no area
+    [(name, "spokes_and_rims") for name in TASKS] + [("region", "spokes"), ("pulled", "spokes")],
+)
+def test_without_a_factorisation_the_minimum_and_the_test_that_ends_are_the_same(name, energy):
+    task, found = TASKS[name], []
+    for factorised in (True, False):
+        result = local_global(task, energy=energy, factorised=factorised, tolerance=1e-6, max_iterations=3000)
+        assert result.converged
+        found.append(result)
+    exact, cycles = found
+    assert cycles.extra["energy"] == pytest.approx(exact.extra["energy"], rel=1e-4)
+    assert np.abs(cycles.vertices - exact.vertices).max() < 3e-3 * task.mesh.diagonal
+    # One exact step from there is as short as the last residual says, to what conjugate gradients leave.
+    own = task.handles
+    solver = LocalGlobal(task.mesh, own.index, energy=energy, stiffness=own.stiffness)
+    options = {"tolerance": 0, "max_iterations": 1, "accelerate": False}
+    step = solver.solve(own.target, start=cycles.vertices, rotations=cycles.extra["rotations"], **options)
+    assert step.residual < 1.1e-6
+
+
+def test_large_meshes_are_not_factorised_by_default(monkeypatch):
+    def energy(**options) -> float:
+        return local_global(BALL, tolerance=0, max_iterations=30, **options).extra["energy"]
+
+    assert energy() == energy(factorised=True) != energy(factorised=False)
+    monkeypatch.setattr("sshade.solver.local_global.FACTORISED", BALL.mesh.n - 1)
+    assert energy() == energy(factorised=False)
+
+
 def test_bits_do_not_depend_on_threads(monkeypatch):
     for place in ("threads.ROWS", "solver.arap.CHUNK"):
         monkeypatch.setattr(f"sshade.{place}", 300)
@@ -162,7 +192,7 @@ def test_the_metric_is_weighted_as_triangles_soften():
     u, v = rng.normal(size=(2, system.mesh.n, 3))
     with ThreadTeam(1) as team:
         step = MultigridStep(system, softened, team=team)
-        A = step._metric._levels[0]._matrix
+        A = step._metric.finest
     pull, soft = np.zeros(system.mesh.n), system.place[own.index[~own.hard]]
     pull[soft] = own.stiffness[~own.hard]
     exact = ArapSystem(task.mesh, own.index, energy=energy, stiffness=own.stiffness)
