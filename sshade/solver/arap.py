@@ -230,7 +230,6 @@ class ArapIteration:
         self._soft, self._pulled, self._pull = system.soft[order], system.pulled[order], system.pull[order]
         self._aim(targets, known, share)
         self._Q, self.R, self._B = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), np.empty((n, 9)), np.empty((n, 3))
-        self._forces = np.empty((n if constraints else 0, 3))
 
     def aim(
         self,
@@ -317,10 +316,11 @@ class ArapIteration:
         s, constraints = self.system, self._constraints
         work = [partial(self._right_hand_side, u, number) for number in range(len(s.ranges))]
         if constraints:
-            work.insert(0, partial(constraints.forces, u, self._forces))  # the longest first
+            work.insert(0, partial(constraints.forces, u, g))  # the longest first
         self._team(lambda number: work[number](), len(work))
         if constraints:
-            self._B += self._forces
+            B, add = self._B, np.add
+            self._team.ranges(lambda *own: add(B[slice(*own)], g[slice(*own)], out=B[slice(*own)]), len(g))
         self._step.solve(u, self._B, g)
         if constraints:
             if constraints.renews_directions:
