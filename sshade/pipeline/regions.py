@@ -220,14 +220,14 @@ class HandleRegions:
         lacking = self.volume - volume
         if lacking == 0.0:
             return V
-        G = np.empty((mesh.n, 1, 3))
-        gradients(*self._faces, np.array([VOLUME]), np.ones((1, 1)), V, G)
-        length = np.linalg.norm(G, axis=2)
-        Z = np.divide(G[:, 0], length, out=np.zeros((mesh.n, 3)), where=length > 0)
+        G = np.empty((1, mesh.n, 3))
+        gradients(*self._faces, np.array([VOLUME]), np.ones((1, 1)), V - mesh.origin, G)
+        length = np.linalg.norm(G[0], axis=1, keepdims=True)
+        Z = np.divide(G[0], length, out=np.zeros((mesh.n, 3)), where=length > 0)
         own, _, phi = self._beside
         Z[own] *= 1 - phi[:, None]
         Z[self._held] = 0.0
-        slope, shift = float((G[:, 0] * Z).sum()), 0.0
+        slope, shift = float((G[0] * Z).sum()), 0.0
         most = SHIFT * np.sqrt(area / self.vertices)
         for _ in range(NEWTON_STEPS if slope > 0 else 0):
             shift = float(np.clip(shift + lacking / slope, -most, most))

@@ -371,9 +371,9 @@ def _checked(mesh: Mesh, index: np.ndarray) -> np.ndarray:
     index = np.array(index, dtype=np.int64)
     if index.ndim != 1 or len(index) == 0:
         raise InputError("at least one vertex needs a prescribed position")
-    if len(np.unique(index)) < len(index):
-        raise InputError("a handle vertex is given twice")
     mesh.require_handles(index)
+    if np.bincount(index).max() > 1:
+        raise InputError("a handle vertex is given twice")
     return index
 
 

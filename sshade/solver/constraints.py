@@ -200,8 +200,7 @@ class HeldConstraints:
         )
         self._asked, self._rest_scale = weight, on / np.where(on, rest[kinds], 1.0)
         self.retry(volume_goal)
-        self._columns = np.zeros((2, len(kinds), len(components.component), 3))
-        self._G, self._Z = self._columns.transpose(0, 2, 1, 3)
+        self._G, self._Z = np.zeros((2, len(kinds), len(components.component), 3))
         self._slope = np.empty((on.shape[1], len(kinds), len(kinds)))
         self._violation = np.zeros(on.shape[1])
         self._multiplier, self._grown = np.zeros((2, on.shape[1], len(kinds)))
@@ -237,7 +236,7 @@ class HeldConstraints:
     def gradients(self, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         F, start, _, kinds, scale, *_ = self._equations
         gradients(F, start, kinds, scale, P, self._G)
-        return self._columns[0], self._columns[1]
+        return self._G, self._Z
 
     def take_directions(self) -> None:
         along(self._G, self._equations.component, self._Z, self._slope)

@@ -115,7 +115,7 @@ def gradients(F, start, kind, scale, P, G):
         VOLUME or AREA.
     scale : (q, c) float64
         Factor on a quantity's gradient in a component; 0 leaves it out.
-    G : (n, q, 3) float64
+    G : (q, n, 3) float64
         Overwritten.
     """
     G[:] = 0.0
@@ -125,7 +125,7 @@ def gradients(F, start, kind, scale, P, G):
 @njit(cache=True, nogil=True)
 def add_gradients(F, start, kind, scale, P, B):
     """Add to B (n, 3) the :func:`gradients` summed over the quantities; other parameters as there."""
-    _add_gradients(F, start, kind, scale, P, B.reshape((len(B), 1, 3)), 0)
+    _add_gradients(F, start, kind, scale, P, B.reshape((1, len(B), 3)), 0)
 
 
 @njit(cache=True, nogil=True)
@@ -134,7 +134,7 @@ def along(G, component, Z, slope):
 
     Parameters
     ----------
-    G, Z : (n, q, 3) float64
+    G, Z : (q, n, 3) float64
         Gradients, from :func:`gradients`, and directions.
     component : (n,) int32
         Of each vertex.
@@ -142,10 +142,10 @@ def along(G, component, Z, slope):
         Overwritten.
     """
     slope[:] = 0.0
-    for i in range(len(G)):
-        for q in range(G.shape[1]):
-            for p in range(G.shape[1]):
-                dot = G[i, q, 0] * Z[i, p, 0] + G[i, q, 1] * Z[i, p, 1] + G[i, q, 2] * Z[i, p, 2]
+    for q in range(len(G)):
+        for p in range(len(G)):
+            for i in range(G.shape[1]):
+                dot = G[q, i, 0] * Z[p, i, 0] + G[q, i, 1] * Z[p, i, 1] + G[q, i, 2] * Z[p, i, 2]
                 slope[component[i], q, p] += dot
 
 
@@ -160,7 +160,7 @@ def newton(equations, Z, slope, multiplier, P):
     Parameters
     ----------
     equations : Equations
-    Z : (n, q, 3) float64
+    Z : (q, n, 3) float64
         Directions.
     slope : (c, q, q) float64
         Derivatives of ``scale C`` along Z somewhere near P. Overwritten with better ones.
@@ -176,14 +176,14 @@ def newton(equations, Z, slope, multiplier, P):
     """
     F, start, component, kind, scale, compliance, active = equations
     count, held = len(start) - 1, len(kind)
-    G = np.empty((0, held, 3))
+    G = np.empty((held, 0, 3))
     residual, step, last = np.zeros((3, count, held))
     error, done = np.full(count, np.inf), np.zeros(count, dtype=np.bool_)
     for left in range(MOST_EVALUATIONS - 1, -1, -1):
         now = _evaluate(equations, multiplier, P, residual)
         slow = np.any((SLOW * error < now) & (now <= error))
         if slow:
-            G = np.empty(Z.shape) if len(G) == 0 else G
+            G = np.empty(Z.shape) if G.shape[1] == 0 else G
             gradients(F, start, kind, scale, P, G)
             along(G, component, Z, slope)
         for c in range(count):
@@ -258,9 +258,9 @@ def _add_component(F, first, end, volume, area, P, G, to_volume, to_area):
         if volume != 0.0:
             vx, vy, vz = volume * x, volume * y, volume * z
             for corner in (i, j, k):
-                G[corner, to_volume, 0] += vx
-                G[corner, to_volume, 1] += vy
-                G[corner, to_volume, 2] += vz
+                G[to_volume, corner, 0] += vx
+                G[to_volume, corner, 1] += vy
+                G[to_volume, corner, 2] += vz
         length = np.sqrt(x * x + y * y + z * z)
         if area != 0.0 and length > 0.0:  # without a normal, no direction is better than another
             factor = area / length
@@ -268,15 +268,15 @@ def _add_component(F, first, end, volume, area, P, G, to_volume, to_area):
             # Each corner: the unit normal times the edge opposite. The three add up to nothing.
             jx, jy, jz = z * by - y * bz, x * bz - z * bx, y * bx - x * by
             kx, ky, kz = y * az - z * ay, z * ax - x * az, x * ay - y * ax
-            G[i, to_area, 0] -= jx + kx
-            G[i, to_area, 1] -= jy + ky
-            G[i, to_area, 2] -= jz + kz
-            G[j, to_area, 0] += jx
-            G[j, to_area, 1] += jy
-            G[j, to_area, 2] += jz
-            G[k, to_area, 0] += kx
-            G[k, to_area, 1] += ky
-            G[k, to_area, 2] += kz
+            G[to_area, i, 0] -= jx + kx
+            G[to_area, i, 1] -= jy + ky
+            G[to_area, i, 2] -= jz + kz
+            G[to_area, j, 0] += jx
+            G[to_area, j, 1] += jy
+            G[to_area, j, 2] += jz
+            G[to_area, k, 0] += kx
+            G[to_area, k, 1] += ky
+            G[to_area, k, 2] += kz
 
 
 @njit(cache=True, nogil=True)
@@ -314,9 +314,9 @@ def newton_step(J, active, compliance, r, x):
 
 @njit(cache=True, nogil=True)
 def shift(P, component, Z, move):
-    """Add to P (n, 3) Z (n, q, 3) times what its component moves along each, `move` (c, q)."""
-    for i in range(len(P)):
-        for q in range(Z.shape[1]):
+    """Add to P (n, 3) Z (q, n, 3) times what its component moves along each, `move` (c, q)."""
+    for q in range(len(Z)):
+        for i in range(len(P)):
             m = move[component[i], q]
             for d in range(3):
-                P[i, d] += m * Z[i, q, d]
+                P[i, d] += m * Z[q, i, d]

@@ -111,7 +111,7 @@ def test_far_from_the_origin_only_the_positions_are_rounded():
 
 def gradients_of(mesh: Mesh, V: np.ndarray, scale: np.ndarray | None = None) -> np.ndarray:
     F, start = arrays(mesh)
-    G = np.full((mesh.n, 2, 3), np.nan)
+    G = np.full((2, mesh.n, 3), np.nan)
     gradients(F, start, BOTH, np.ones((2, len(start) - 1)) if scale is None else scale, V, G)
     return G
 
@@ -120,10 +120,10 @@ def gradients_of(mesh: Mesh, V: np.ndarray, scale: np.ndarray | None = None) -> 
 def test_gradients_are_the_differences(name):
     mesh, step = CLOSED[name], 1e-6
     V = bent(mesh.V)
-    Z = np.random.default_rng(0).normal(size=(mesh.n, 2, 3))
+    Z = np.random.default_rng(0).normal(size=(2, mesh.n, 3))
     differences = np.stack(
         [
-            volume_and_area(V + step * Z[:, p], mesh.F) - volume_and_area(V - step * Z[:, p], mesh.F)
+            volume_and_area(V + step * Z[p], mesh.F) - volume_and_area(V - step * Z[p], mesh.F)
             for p in range(2)
         ],
         axis=1,
@@ -137,17 +137,17 @@ def test_gradients_know_that_volume_and_area_do_not_move_and_how_they_grow(small
     V, F = bent(small_body.V) + 3.0, small_body.F
     G, size = gradients_of(small_body, V), volume_and_area(V, F)
     for q, degree in ((0, 3), (1, 2)):
-        assert np.abs(G[:, q].sum(axis=0)).max() < 1e-12 * size[q]
-        assert np.abs(np.cross(V, G[:, q]).sum(axis=0)).max() < 1e-11 * size[q]
-        assert (V * G[:, q]).sum() == pytest.approx(degree * size[q], rel=1e-12)  # Euler, homogeneous
+        assert np.abs(G[q].sum(axis=0)).max() < 1e-12 * size[q]
+        assert np.abs(np.cross(V, G[q]).sum(axis=0)).max() < 1e-11 * size[q]
+        assert (V * G[q]).sum() == pytest.approx(degree * size[q], rel=1e-12)  # Euler, homogeneous
 
 
 def test_gradients_by_component_are_scaled_or_left_out():
     mesh = joined(bumpy(1), torus(8, 6))
     scale, first = np.array([[2.0, 0.0], [0.0, 0.5]]), bumpy(1).n
     G, whole = gradients_of(mesh, mesh.V, scale), gradients_of(mesh, mesh.V)
-    assert np.array_equal(G[:first, 0], 2 * whole[:first, 0]) and not G[:first, 1].any()
-    assert np.array_equal(G[first:, 1], 0.5 * whole[first:, 1]) and not G[first:, 0].any()
+    assert np.array_equal(G[0, :first], 2 * whole[0, :first]) and not G[1, :first].any()
+    assert np.array_equal(G[1, first:], 0.5 * whole[1, first:]) and not G[0, first:].any()
 
 
 def test_a_triangle_of_no_area_pulls_at_nothing():
@@ -177,7 +177,7 @@ def test_newton_renews_the_slopes_of_equations_that_it_leaves_out():
     F, start = arrays(mesh)
     scale = 1.0 / measure(F, start, mesh.V)
     V = bent(mesh.V)
-    G, component = np.empty((mesh.n, 2, 3)), np.zeros(mesh.n, dtype=np.int32)
+    G, component = np.empty((2, mesh.n, 3)), np.zeros(mesh.n, dtype=np.int32)
     gradients(F, start, BOTH, scale, V, G)
     Z = np.random.default_rng(2).normal(size=G.shape) * 0.01 + G
     P, slope, multiplier = V.copy(), np.full((1, 2, 2), 1e3), np.zeros((1, 2))  # far too steep: slow
@@ -207,7 +207,7 @@ def constrained_iterations(task: DeformationTask, U: np.ndarray, energy: str, we
     U = U.copy()
     U[task.handles.index] = task.handles.target
     for step in count():
-        gradient = gradients_of(mesh, U)[:, held] / rest[held][None, :, None]
+        gradient = gradients_of(mesh, U).swapaxes(0, 1)[:, held] / rest[held][None, :, None]
         fresh = np.zeros_like(gradient)
         for q in range(len(held)):
             fresh[naive.free, q] = naive.lu.solve(gradient[naive.free, q])
@@ -248,7 +248,7 @@ def test_the_solution_balances_forces_and_pressure(energy, weights):
     force = naive.laplacian @ (U - step)[naive.free]
     rest, now = volume_and_area(mesh.V, mesh.F), volume_and_area(U, mesh.F)
     held = [q for q in range(2) if weights[q] > 0]
-    gradient = gradients_of(mesh, U)[naive.free][:, held] / rest[held][None, :, None]
+    gradient = gradients_of(mesh, U).swapaxes(0, 1)[naive.free][:, held] / rest[held][None, :, None]
     columns = gradient.transpose(1, 0, 2).reshape(len(held), -1).T
     multipliers = np.linalg.lstsq(columns, force.ravel(), rcond=None)[0]
     assert np.abs(columns @ multipliers - force.ravel()).max() < 1e-7 * np.abs(force).max()
