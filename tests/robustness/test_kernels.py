@@ -27,6 +27,7 @@ from sshade.carry.projection import _closest_in_triangle
 from sshade.io.meshes import read_arrays, read_file, write_file, write_mesh
 from sshade.mesh.cutting import cut_to_manifold
 from sshade.sampling.remesh import remesh
+from sshade.solver.conjugate_gradients import conjugate_gradients
 from sshade.solver.local_global import local_global
 from sshade.solver.multigrid import Multigrid
 from sshade.solver.substitution import Factors, divide, substitute, substitute_together
@@ -133,14 +134,17 @@ def _written() -> np.ndarray:
 
 
 def _cycled() -> np.ndarray:
-    """Two levels, a row held and one without strong neighbours."""
+    """Two levels, a row held and one without strong neighbours; one cycle, and steps with cycles."""
     rng = np.random.default_rng(0)
     A = csr_array(np.diag(np.full(29, -1.0), 1) + np.diag(np.full(29, -1.0), -1) + np.diag(np.full(30, 2.1)))
     A[[0, 1], [1, 0]] = -1e-3
-    held, X = np.arange(30) == 20, rng.normal(size=(30, 3))
+    held = np.arange(30) == 20
+    B, X, Y = np.where(held[:, None], 0.0, rng.normal(size=(30, 3))), *np.empty((2, 30, 3))
+    multigrid = Multigrid(A, held, coarsest=5)
     with ThreadTeam(1) as team:
-        Multigrid(A, held, coarsest=5).apply(np.where(held[:, None], 0.0, X), X, team=team)
-    return X
+        multigrid.apply(B, X, team=team)
+        conjugate_gradients(multigrid, B, Y, held=np.flatnonzero(held), tolerance=1e-3, team=team)
+    return np.concatenate([X, Y])
 
 
 COARSE = partial(local_global, **FEW)
@@ -164,7 +168,7 @@ WORK: dict[str, Callable[[], np.ndarray]] = {
     "points near needles": _on_needles,
     "substitution": _substituted,
     "files": _written,
-    "a multigrid cycle": _cycled,
+    "multigrid cycles": _cycled,
 }
 
 
