@@ -33,8 +33,8 @@ from sshade.solver.terms import Triangles
 from sshade.task import DeformationResult, DeformationTask
 from sshade.threads import ThreadTeam
 
-#: Vertices up to which :func:`local_global` factorises by default. At 170,000 V-cycles take as long, in a sixth
-#: of the memory, at 680,000 half as long.
+#: Vertices up to which :func:`local_global` factorises by default. At 170,000 V-cycles take as long, in a
+#: sixth of the memory, at 680,000 half as long.
 FACTORISED = 100_000
 #: Of a solve without a factorisation: so many decide which minimum it ends in. With 5, some bodies whose
 #: handles were torn far away ended in higher ones.
