@@ -62,7 +62,7 @@ def test_yaml_names_every_parameter_of_its_method(name):
 def test_the_coarse_solver_of_the_yaml_is_the_default_one():
     """Named in the YAML so that the shared stopping rule reaches it and the row tells its parameters."""
     named = instantiate(method_of(composed("method=sshade", "solver.start=rest"))).keywords["coarse"]
-    assert named.keywords == {**DEFAULTS, "accelerate": True}
+    assert named.keywords == {**DEFAULTS, "accelerate": True, "factorised": None}
     task = bumpy_task()
     np.testing.assert_array_equal(named(task, seed=0).vertices, local_global(task).vertices)
 
