@@ -16,7 +16,7 @@ COMMANDS = {
     "charts": ("eval.publish.charts", "distributions, convergence"),
     "figures": ("eval.publish.figures", "the comparison picture: rest shapes and results"),
     "curves": ("eval.publish.curves", "metrics against a size or a parameter"),
-    "front": ("eval.publish.front", "volume against stretch"),
+    "front": ("eval.publish.front", "what a setting costs: measures against each other"),
     "report": ("eval.publish.report.command", "one HTML page with all of it and a 3D view"),
     "publish": ("eval.publish.publish", "an experiment's rows, tables and figures into results/"),
     "site": ("eval.site.command", "the leaderboard: static pages of all tracks and methods"),

@@ -1,8 +1,9 @@
-"""Volume against stretch: ``sshade-eval front ROWS [ROWS ...]``, needs the extra ``figures``.
+"""What a knob costs: ``sshade-eval front ROWS [ROWS ...]``, needs the extra ``figures``.
 
-A method labelled by its weight of the volume, such as ``sshade_fine-0.1``, is a
-curve from the free volume to the exact one; any other is a point. Means over
-the cases that all of them have. Made from rows; no method is run.
+Measures of methods against each other, by default stretch against volume. A method labelled by the value of
+a setting, such as ``sshade_fine-0.1``, is a curve along it; any other is a point. Means over
+the cases that all of them have, a line of panels for tuning cases and one for held-out ones. Made from rows;
+no method is run.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from eval.metrics import METRICS
 from eval.publish.plotting import FIGURES, axis_label, look, new_figure, plot_points, save, style
 from eval.rows.experiment import rows_file
 from eval.rows.frame import read_csv, split_label, valid
+from eval.rows.splits import split_of
 from eval.rows.store import ROWS_HELP
 from sshade.errors import InputError
 from sshade.figures import require_extra
@@ -24,43 +26,56 @@ from sshade.figures import require_extra
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: What volume is drawn against.
-AGAINST = ("edge", "angle")
+#: The setting and the measures by default; the first measure is what the others are drawn against.
+KNOB, MEASURES = "volume", ("volume", "edge", "angle")
+#: Titles of lines of panels.
+HALVES = {"tuning": "tuning cases", "held_out": "held-out cases", None: "cases"}
 
-#: A point of the figure: the means of volume and of each metric in AGAINST.
+#: A point of the figure: the mean of each measure.
 Point = tuple[float, ...]
 
 
-def front(rows: pd.DataFrame, *, leave_out: tuple[str, ...] = ("identity",)) -> dict[str, list[Point]]:
-    """Mean volume and stretch of each method, curves by falling volume.
+def front(
+    rows: pd.DataFrame,
+    *,
+    knob: str = KNOB,
+    measures: tuple[str, ...] = MEASURES,
+    leave_out: tuple[str, ...] = ("identity",),
+) -> dict[str, list[Point]]:
+    """Means of each method, curves by the values of a setting, from the largest mean of the first measure.
 
     Parameters
     ----------
     rows : DataFrame
-        A method's curve: those named ``<method>-<weight>`` with the weight in ``method.volume``,
+        A method's curve: those named ``<method>-<value>`` with the value in ``method.<knob>``,
         and the one named ``<method>``, of another experiment perhaps.
+    knob : str
+    measures : names of metrics
     leave_out : names of methods
 
     Returns
     -------
     dict
-        Method -> points (volume, edge, angle); several make a curve.
+        Method -> points, a number for each measure; several make a curve.
 
     Raises
     ------
     InputError
         When no case has a valid row of every method.
     """
-    columns = ["metric.volume", *(f"metric.{name}" for name in AGAINST)]
-    rows = valid(rows).reindex(columns=["method.name", "method.volume", "task.checksum", "seed", *columns])
-    pairs = zip(rows["method.name"], rows["method.volume"], strict=True)
-    rows = rows.assign(family=[_family(name, weight) for name, weight in pairs])
-    rows = rows[~rows["family"].isin(leave_out) & rows["metric.volume"].notna()]
+    columns = [f"metric.{name}" for name in measures]
+    setting = f"method.{knob}"
+    rows = valid(rows).reindex(columns=["method.name", setting, "task.checksum", "seed", *columns])
+    pairs = zip(rows["method.name"], rows[setting], strict=True)
+    rows = rows.assign(family=[_family(name, value) for name, value in pairs])
+    rows = rows[~rows["family"].isin(leave_out) & rows[columns].notna().all(axis=1)]
     run = ["task.checksum", "seed", "family", "method.name"]
     values = rows.drop_duplicates(run, keep="last").set_index(run)[columns].astype(float)
     common = values.unstack(["family", "method.name"]).dropna()
     if common.empty:
-        raise InputError("the methods of these rows have no case in common that all have a volume for")
+        raise InputError(
+            f"the methods of these rows have no case in common that all have a {' and a '.join(measures)} for"
+        )
     means = common.mean().unstack(0)[columns]
     return {
         family: sorted(own.itertuples(index=False, name=None), reverse=True)
@@ -68,34 +83,48 @@ def front(rows: pd.DataFrame, *, leave_out: tuple[str, ...] = ("identity",)) -> 
     }
 
 
-def _family(name: str, weight: Any) -> str:
-    """A row's method: its name without the weight of the volume, where the name ends with that."""
+def _family(name: str, value: Any) -> str:
+    """A row's method: its name without the setting's value, where the name ends with that."""
     family, number = split_label(name)
     try:
-        return family if weight is not None and number == float(weight) else name
+        return family if value is not None and number == float(value) else name
     except ValueError:
         return name
 
 
 @style()
-def draw(points: dict[str, list[Point]]) -> Figure:
-    """A panel for each metric in :data:`AGAINST`."""
-    figure = new_figure(7.0, 3.4)
-    panels = figure.subplots(1, len(AGAINST))
-    for i, (name, axes) in enumerate(zip(AGAINST, panels, strict=True), start=1):
-        curves = {method: [(point[0], point[i]) for point in own] for method, own in points.items()}
-        plot_points(axes, curves, look(points))
-        axes.set_xlabel(axis_label("volume", METRICS["volume"].unit))
-        axes.set_ylabel(axis_label(name, METRICS[name].unit))
-        axes.set_xlim(left=-0.3)
-        axes.set_ylim(bottom=0)
-    panels[-1].legend()
+def draw(points: dict[str | None, dict[str, list[Point]]], measures: tuple[str, ...] = MEASURES) -> Figure:
+    """A line of panels for each half of the cases, and in it one for each measure but the first."""
+    first, *others = measures
+    figure = new_figure(3.5 * len(others), 3.4 * len(points))
+    lines = figure.subplots(len(points), len(others), squeeze=False)
+    looks = look(dict.fromkeys(method for own in points.values() for method in own))
+    for panels, (half, methods) in zip(lines, points.items(), strict=True):
+        for i, (name, axes) in enumerate(zip(others, panels, strict=True), start=1):
+            curves = {method: [(point[0], point[i]) for point in own] for method, own in methods.items()}
+            plot_points(axes, curves, looks)
+            axes.set_xlabel(axis_label(first, METRICS[first].unit))
+            axes.set_ylabel(axis_label(name, METRICS[name].unit))
+            axes.set_xlim(left=-0.02 * axes.get_xlim()[1])
+            axes.set_ylim(bottom=0)
+            if len(points) > 1:
+                axes.set_title(HALVES[half])
+        panels[-1].legend()
     return figure
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("rows", nargs="+", type=rows_file, help=ROWS_HELP)
+    parser.add_argument("--knob", default=KNOB, metavar="SETTING", help=f"default: {KNOB}")
+    parser.add_argument(
+        "--measures",
+        nargs="+",
+        choices=METRICS,
+        default=MEASURES,
+        metavar="METRIC",
+        help=f"the first is what the others are drawn against; default: {' '.join(MEASURES)}",
+    )
     parser.add_argument(
         "--leave-out", nargs="*", default=["identity"], metavar="METHOD", help="default: identity"
     )
@@ -104,8 +133,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
+    measures = tuple(options.measures)
+    if len(measures) < 2:
+        raise InputError(f"one measure is drawn against another; there is but {measures[0]}")
     require_extra("matplotlib")
     rows = pd.concat([read_csv(path) for path in options.rows], ignore_index=True)
-    points = front(rows, leave_out=tuple(options.leave_out))
-    save(draw(points), options.out or FIGURES / f"{options.rows[0].stem}.png")
+    halves = rows["task.name"].map(split_of)
+    points = {
+        half: front(own, knob=options.knob, measures=measures, leave_out=tuple(options.leave_out))
+        for half in HALVES
+        if len(own := rows[halves.isna() if half is None else halves == half])
+    }
+    save(draw(points, measures), options.out or FIGURES / f"{options.rows[0].stem}.png")
     return 0

@@ -55,7 +55,7 @@ class Constraints(Protocol):
 class Softening(Protocol):
     """An energy of each triangle in place of the quadratic one, majorised by weighted quadratics."""
 
-    #: Weight of each triangle at the last local step, (m,) float64 in [0, 1].
+    #: Weight of each triangle at the last local step, (m,) float64 above 0, little above 1 at most.
     weight: np.ndarray
 
     def covariances(self, own: slice, P: np.ndarray, S: np.ndarray, first: int, end: int) -> float:

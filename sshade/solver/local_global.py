@@ -221,7 +221,7 @@ class LocalGlobal:
         given = {name: options.pop(name) for name in EnergyOptions.__annotations__ if name in options}
         asked, system = complete(given), self.system
         held = VolumeArea(asked["volume"], asked["area"])
-        softening = StrainSoftening(asked["stiffness"], asked["strain"])
+        softening = StrainSoftening(asked["stiffness"], asked["strain"], asked["limit"])
         iteration = ArapIteration(
             system,
             targets - self.mesh.origin,

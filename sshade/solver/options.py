@@ -28,16 +28,17 @@ class EnergyOptions(TypedDict, total=False):
         its area, without unit: 0 leaves it free, inf holds it exactly; see
         :class:`sshade.solver.constraints.VolumeArea`. Components with a boundary keep a
         free volume, with a warning.
-    stiffness, strain : float
-        Residual stiffness of strongly strained triangles, in (0, 1], and the strain about
-        which they soften, of spokes and rims only; see :mod:`sshade.solver.strain_softening`.
-        A stiffness of 1 is the energy as published.
+    stiffness, strain, limit : float
+        Residual stiffness of strongly strained triangles, in (0, 1], the strain about
+        which they soften, and the one about which they are stiff again, inf for none; of spokes and
+        rims only; see :mod:`sshade.solver.strain_softening`. A stiffness of 1 is the energy as published.
     """
 
     volume: float
     area: float | None
     stiffness: float
     strain: float
+    limit: float
 
 
 class IterationOptions(TypedDict, total=False):
@@ -78,6 +79,7 @@ DEFAULTS: SolverOptions = {
     "area": 0.0,
     "stiffness": 1.0,
     "strain": 0.02,
+    "limit": inf,
     "parts": 0.0,
     "tolerance": 1e-5,
     "max_iterations": 1000,
@@ -93,8 +95,8 @@ def complete(given: Mapping[str, Any], **defaults: Unpack[SolverOptions]) -> dic
     TypeError
         On a name that is no option.
     InputError
-        On a negative weight, an infinite one of parts, a stiffness out of (0, 1], or a strain that is
-        not positive.
+        On a negative weight, an infinite one of parts, a stiffness out of (0, 1], or a strain or a
+        limit that is not positive.
     """
     unknown = [name for name in given if name not in DEFAULTS]
     if unknown:
@@ -102,7 +104,7 @@ def complete(given: Mapping[str, Any], **defaults: Unpack[SolverOptions]) -> dic
     own = {name: value for name, value in given.items() if value is not None}
     options: dict[str, Any] = {**DEFAULTS, **defaults, **own}
     VolumeArea(options["volume"], options["area"])
-    StrainSoftening(options["stiffness"], options["strain"])
+    StrainSoftening(options["stiffness"], options["strain"], options["limit"])
     if not 0 <= options["parts"] < inf:
         raise InputError(f"the weight of parts is a number from 0 (none), not {options['parts']}")
     return options

@@ -1,4 +1,4 @@
-"""Volume against stretch: curves of weights, points of methods, over the cases that all have."""
+"""What a knob costs: curves of values, points of methods, over the cases that all have."""
 
 from __future__ import annotations
 
@@ -41,6 +41,41 @@ def test_means_are_over_the_cases_that_all_have():
         front(frame(*rows, weighted("other", "z")))
     with pytest.raises(InputError, match="no case in common"):
         front(frame(lost("a")))
+
+
+def test_another_setting_and_other_measures():
+    def limited(limit, **measured):
+        means = {f"metric__{name}": value for name, value in measured.items()}
+        return row(f"fine-{limit}", method__limit=limit, method__volume=0.0, **means)
+
+    rows = frame(limited(0.1, edge=3.0, bend_tail=20.0), limited(0.3, edge=2.0, bend_tail=30.0))
+    points = front(rows, knob="limit", measures=("edge", "bend_tail"))
+    assert points == {"fine": [(3.0, 20.0), (2.0, 30.0)]}
+    assert set(front(rows, measures=("edge", "bend_tail"))) == {"fine-0.1", "fine-0.3"}
+
+
+def test_a_method_lacking_a_measure_has_no_case():
+    rows = [weighted("fine-1", weight=1), weighted("arap", metric__angle=None)]
+    assert set(front(frame(*rows))) == {"fine"}
+
+
+def test_tuning_and_held_out_cases_are_apart(tmp_path):
+    pytest.importorskip("matplotlib")
+    cases = {f"defaust-synthetic/subject_0{s}/pose_7": float(s + 1) for s in (0, 7)}
+    rows = [weighted("fine-1", case, weight=1, volume=volume) for case, volume in cases.items()]
+    write_csv(tmp_path / "rows.csv", frame(*rows))
+    picture = tmp_path / "f.svg"
+    options = ["--measures", "volume", "edge", "--knob", "volume", "-o", str(picture)]
+    assert call("front", [str(tmp_path / "rows.csv"), *options]) == 0
+    text = picture.read_text()
+    assert text.count("<!-- tuning cases -->") == text.count("<!-- held-out cases -->") == 1
+    assert text.count("<!-- fine-1 -->") + text.count("<!-- fine -->") == 2
+
+
+def test_one_measure_alone_is_refused(tmp_path):
+    write_csv(tmp_path / "rows.csv", frame(weighted("fine-1", weight=1)))
+    with pytest.raises(InputError, match="one measure is drawn against another"):
+        call("front", [str(tmp_path / "rows.csv"), "--measures", "edge"])
 
 
 def test_command_draws_rows_of_several_files(tmp_path, capsys):

@@ -2,9 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from sshade import DeformationTask, InputError, Mesh
-from sshade.solver.arap import ArapIteration, ArapSystem
+from sshade.solver.arap import ArapIteration
 from sshade.solver.cotangents import half_cotangents
 from sshade.solver.local_global import LocalGlobal, local_global
 from sshade.solver.strain_softening import StrainSoftening
@@ -13,6 +14,12 @@ from tests.shapes import bumpy, end_handles
 from tests.sshade.naive import TASKS
 
 SOFT = {"stiffness": 0.2, "strain": 0.03}
+LIMITED = {**SOFT, "limit": 0.12}
+
+
+@pytest.fixture(params=[SOFT, LIMITED], ids=["soft", "limited"])
+def soft(request) -> dict[str, float]:
+    return request.param
 
 
 @pytest.fixture(params=list(TASKS))
@@ -32,51 +39,55 @@ def triangle_energies(mesh: Mesh, U: np.ndarray, R: np.ndarray) -> np.ndarray:
     return total
 
 
-def softened_energy(mesh: Mesh, U: np.ndarray, R: np.ndarray, *, stiffness: float, strain: float) -> float:
+def penalty(x: np.ndarray, *, stiffness: float, strain: float, limit: float = np.inf) -> np.ndarray:
+    huber = 2 * strain**2 * (np.sqrt(1 + x / strain**2) - 1)
+    return stiffness * x + (1 - stiffness) * (huber + x * (1 - 1 / np.sqrt(1 + x**2 / limit**4)))
+
+
+def softened_energy(mesh: Mesh, U: np.ndarray, R: np.ndarray, **soft: float) -> float:
     rest = 6 * mesh.face_areas
-    x = triangle_energies(mesh, U, R) / rest
-    phi = stiffness * x + 2 * (1 - stiffness) * strain**2 * (np.sqrt(1 + x / strain**2) - 1)
-    return float((rest * phi).sum())
+    return float((rest * penalty(triangle_energies(mesh, U, R) / rest, **soft)).sum())
 
 
 def solver_of(task: DeformationTask) -> LocalGlobal:
     return LocalGlobal(task.mesh, task.handles.index)
 
 
-def test_the_energy_is_that_of_the_definition(task):
-    solution = solver_of(task).solve(task.handles.target, max_iterations=7, tolerance=0, **SOFT)
-    expected = softened_energy(task.mesh, solution.positions, solution.rotations, **SOFT)
+def test_the_energy_is_that_of_the_definition(task, soft):
+    solution = solver_of(task).solve(task.handles.target, max_iterations=7, tolerance=0, **soft)
+    expected = softened_energy(task.mesh, solution.positions, solution.rotations, **soft)
     assert solution.energy == pytest.approx(expected, rel=1e-9)
 
 
-def test_weights_are_the_derivative_of_the_penalty(task):
-    system = ArapSystem(task.mesh, task.handles.index, energy="spokes_and_rims")
-    softening = StrainSoftening(**SOFT).of(system.terms, system.rest)
+def test_weights_are_the_derivative_of_the_penalty(task, soft):
+    solver = solver_of(task)
+    shape = solver.solve(task.handles.target, max_iterations=7, tolerance=0, **soft).positions
+    system = solver.system
+    softening = StrainSoftening(**soft).of(system.terms, system.rest)
     with ThreadTeam(1) as team:
         iteration = ArapIteration(system, task.handles.target, team=team, softening=softening)
-        u = task.mesh.V[system.vertex].copy()
-        u[system.held] = task.handles.target
+        u = shape[system.vertex]
         iteration.local_step(u)
     U, R = np.empty_like(u), np.empty((len(u), 3, 3))
     U[system.vertex], R[system.vertex] = u, iteration.R.reshape(-1, 3, 3)
     x = triangle_energies(task.mesh, U, R) / (6 * task.mesh.face_areas)
-    c, e = SOFT["stiffness"], SOFT["strain"]
-    expected = np.sort(c + (1 - c) / np.sqrt(1 + x / e**2))
-    np.testing.assert_allclose(np.sort(softening.weight), expected, rtol=1e-9)
-    assert softening.weight.min() < 0.9 and softening.weight.max() <= 1
+    step = 1e-4 * x + 1e-8
+    expected = (penalty(x + step, **soft) - penalty(x - step, **soft)) / (2 * step)
+    np.testing.assert_allclose(np.sort(softening.weight), np.sort(expected), rtol=1e-6)
+    assert softening.weight.min() < 0.9 and softening.weight.max() <= 1 + soft["strain"] / 0.12
 
 
-def test_plain_iterations_lower_the_energy(task):
-    solver, options = solver_of(task), {"tolerance": 0, "accelerate": False, **SOFT}
+def test_plain_iterations_lower_the_energy(task, soft):
+    solver, options = solver_of(task), {"tolerance": 0, "accelerate": False, **soft}
     energies = [solver.solve(task.handles.target, max_iterations=k, **options).energy for k in range(12)]
     assert (np.diff(energies) <= 1e-12 * abs(energies[0])).all()
     assert energies[-1] < 0.9 * energies[0]
 
 
-def test_it_ends_where_the_energy_is_stationary(task):
+def test_it_ends_where_the_energy_is_stationary(task, soft):
     """With the best rotations for each shape, no direction of the free vertices lowers the energy."""
     solver = solver_of(task)
-    ended = solver.solve(task.handles.target, tolerance=1e-10, max_iterations=20_000, **SOFT)
+    ended = solver.solve(task.handles.target, tolerance=1e-10, max_iterations=20_000, **soft)
     assert ended.converged
     rng, free = np.random.default_rng(0), np.ones(task.mesh.n, dtype=bool)
     free[task.handles.index] = False
@@ -84,7 +95,7 @@ def test_it_ends_where_the_energy_is_stationary(task):
     for _ in range(3):
         d = rng.normal(size=task.mesh.V.shape) * free[:, None]
         around = (ended.positions + s * step * d for s in (1, -1))
-        sides = [softened_energy(task.mesh, U, ended.rotations, **SOFT) for U in around]
+        sides = [softened_energy(task.mesh, U, ended.rotations, **soft) for U in around]
         slope = abs(sides[0] - sides[1])
         curvature = sides[0] + sides[1] - 2 * ended.energy
         assert curvature > 0 and slope < 1e-3 * curvature
@@ -96,6 +107,40 @@ def test_fine_strains_cost_what_they_do_without(task):
     stiff = solver_of(task).solve(task.handles.target, tolerance=1e-7, stiffness=0.2, strain=1e4)
     assert np.abs(plain.positions - stiff.positions).max() < 1e-4 * task.mesh.diagonal
     assert stiff.energy == pytest.approx(plain.energy, rel=1e-6)
+
+
+def test_limited_triangles_are_stiff_again_and_a_far_limit_is_none(task):
+    """The largest strain is between that of triangles that stay soft and that of those that never are."""
+    solver, names = solver_of(task), ("soft", "limited", "far", "plain")
+    ways = dict(zip(names, (SOFT, LIMITED, {**SOFT, "limit": 1e3}, {}), strict=True))
+    shape = {
+        name: solver.solve(task.handles.target, tolerance=1e-7, max_iterations=5000, **way).positions
+        for name, way in ways.items()
+    }
+    assert np.abs(shape["far"] - shape["soft"]).max() < 1e-4 * task.mesh.diagonal
+    assert np.abs(shape["limited"] - shape["soft"]).max() > 1e-3 * task.mesh.diagonal
+    assert np.abs(shape["limited"] - shape["plain"]).max() > 1e-4 * task.mesh.diagonal
+
+
+def test_a_turned_and_scaled_task_has_the_same_strains():
+    mesh = bumpy(2)
+    task = DeformationTask("one", mesh, end_handles(mesh.V, shift=[0.3, 0, 0.1]))
+    turn = Rotation.from_rotvec([0.4, -0.9, 0.3]).as_matrix()
+    moved = Mesh(7 * mesh.V @ turn.T + [3, 1, -2], mesh.F)
+    targets = 7 * task.handles.target @ turn.T + [3, 1, -2]
+    one = solver_of(task).solve(task.handles.target, tolerance=1e-8, **LIMITED)
+    other = LocalGlobal(moved, task.handles.index).solve(targets, tolerance=1e-8, **LIMITED)
+    assert other.energy == pytest.approx(49 * one.energy, rel=1e-6)
+    error = other.positions - (7 * one.positions @ turn.T + [3, 1, -2])
+    assert np.abs(error).max() < 1e-5 * moved.diagonal
+
+
+def test_a_rigid_motion_costs_nothing(soft):
+    mesh = bumpy(2)
+    turn = Rotation.from_rotvec([0.4, -0.9, 0.3]).as_matrix()
+    there = mesh.V @ turn.T + [1, 2, 3]
+    solution = LocalGlobal(mesh, np.arange(5)).solve(there[:5], start=there, max_iterations=0, **soft)
+    assert abs(solution.energy) < 1e-12 * mesh.area
 
 
 def test_volume_and_area_are_held_too():
@@ -116,5 +161,7 @@ def test_a_stiffness_goes_up_to_one(task, change):
 def test_wrong_strain_and_energy(task):
     with pytest.raises(InputError, match="strain at which triangles soften must be positive"):
         local_global(task, stiffness=0.5, strain=0.0)
+    with pytest.raises(InputError, match="stiff again must be positive"):
+        local_global(task, stiffness=0.5, limit=-0.1)
     with pytest.raises(InputError, match="only triangles soften"):
         local_global(task, stiffness=0.5, energy="spokes")
