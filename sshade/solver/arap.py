@@ -96,8 +96,9 @@ class ArapSystem:
         self._order_vertices()
         self._place_handles()
         h = half_cotangents(mesh)
+        self.laplacian: csr_array | None = None
+        self.factorised: FactorisedLaplacian | None = None
         if multigrid:
-            self.laplacian, self.factorised = None, None
             self._list_terms(h, energy=energy)
         else:
             laplacian = laplacian_matrix(mesh.n, *edge_weights(mesh, h))
@@ -112,6 +113,8 @@ class ArapSystem:
 
     def with_handles(self, index: np.ndarray, *, stiffness: np.ndarray | None = None) -> ArapSystem:
         """The factorised system of the same mesh with other handles; what these do not change is shared."""
+        if self.laplacian is None:
+            raise InputError("a system without a factorisation takes no other handles: bind it anew")
         other, laplacian = copy(self), self.laplacian[self.place][:, self.place]
         laplacian.sort_indices()
         laplacian.setdiag(self._diagonal)
@@ -145,8 +148,9 @@ class ArapSystem:
         return csr_array(laplacian + coo_array((self.pull, (soft, soft)), shape=laplacian.shape))
 
     def _keep(self, laplacian: csr_array) -> None:
-        self.laplacian = laplacian[self.vertex][:, self.vertex]
-        self.laplacian.sort_indices()
+        laplacian = laplacian[self.vertex][:, self.vertex]
+        laplacian.sort_indices()
+        self.laplacian = laplacian
 
     def _list_terms(self, h: np.ndarray, *, energy: Energy) -> None:
         mesh = self.mesh
