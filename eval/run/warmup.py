@@ -13,9 +13,10 @@ from scipy.spatial import ConvexHull
 from eval.metrics import Task
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
+from sshade.pipeline.deform import METHODS
 from sshade.pipeline.fine import sshade_fine
 from sshade.pipeline.transfer import TransferTask
-from sshade.sampling.fronts import farthest_point_sampling
+from sshade.sampling.coarse import sample_coarsely
 from sshade.solver.substitution import Factors, divide, substitute_together
 from sshade.task import DeformationResult, DeformationTask, Handles
 from sshade.threads import ThreadTeam
@@ -28,7 +29,8 @@ def warm_up(
 ) -> None:
     """Run a method once on a tiny task of a kind, unless this process has done so for `key`.
 
-    For :func:`sshade.sshade_fine` :func:`compile_rare_kernels`, too.
+    For the methods of :func:`sshade.deform` :func:`compile_sampling`, too, and :func:`compile_rare_kernels`
+    for :func:`sshade.sshade_fine`.
 
     Parameters
     ----------
@@ -43,7 +45,10 @@ def warm_up(
     if key in _done:
         return
     method(tiny_transfer() if kind is TransferTask else tiny_task(), seed=0, **overrides)
-    if getattr(method, "func", method) is sshade_fine:
+    function = getattr(method, "func", method)
+    if function in METHODS.values():
+        compile_sampling()
+    if function is sshade_fine:
         compile_rare_kernels()
     _done.add(key)
 
@@ -54,10 +59,12 @@ def compile_rare_kernels() -> None:
     _, factors, branches = divide(chain, chunks=2)
     with ThreadTeam(1) as team:
         substitute_together(factors, branches, np.zeros((3, 3)), team=team)
-    V = np.concatenate([np.eye(3), -np.eye(3)])
-    F = [[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]]
-    octahedron = Mesh(V, np.array(F))
-    farthest_point_sampling(vertex_graph(octahedron), 2, first=np.array([0])).insert(np.array([1]))
+
+
+def compile_sampling() -> None:
+    """Compile the kernels that sample large meshes and that refine samplings, on something small."""
+    mesh, first = tiny_task().mesh, np.array([0])
+    sample_coarsely(mesh, vertex_graph(mesh), 20, first=first).insert(np.array([1]))
 
 
 @cache

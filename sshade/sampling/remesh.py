@@ -16,7 +16,7 @@ from sshade.errors import InputError
 from sshade.mesh.adjacency import VertexGraph, vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.sampling.closed_ball import faces_of_three, group_rows, refinements
-from sshade.sampling.fronts import farthest_point_sampling
+from sshade.sampling.coarse import sample
 
 #: Rounds of closed-ball refinement after which remeshing gives up.
 MAX_ROUNDS = 50
@@ -100,7 +100,7 @@ def remesh(
         )
     if vertices > len(start):
         start = np.append(start, _random_other_vertex(mesh.n, start, seed))
-    fronts = farthest_point_sampling(graph or vertex_graph(mesh), vertices, first=start)
+    fronts = sample(mesh, graph or vertex_graph(mesh), vertices, first=start)
     rounds, sampled = 0, len(fronts)
     while True:
         new, failed = refinements(mesh.F, fronts)

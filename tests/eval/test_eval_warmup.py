@@ -7,11 +7,18 @@ from functools import partial
 import numpy as np
 import pytest
 
-from eval.run.warmup import compile_rare_kernels, icosphere, tiny_task, tiny_transfer, warm_up
+from eval.run.warmup import (
+    compile_rare_kernels,
+    compile_sampling,
+    icosphere,
+    tiny_task,
+    tiny_transfer,
+    warm_up,
+)
 from sshade.pipeline.fast import sshade_fast
 from sshade.pipeline.fine import sshade_fine
 from sshade.pipeline.transfer import TransferTask
-from sshade.sampling.fronts import _insert
+from sshade.sampling.advance import cover, insert
 from sshade.solver.substitution import _rows
 from sshade.task import DeformationResult, DeformationTask
 
@@ -53,7 +60,8 @@ def test_the_tiny_task_has_handles_of_both_kinds_and_the_tiny_transfer_is_edited
 
 def test_kernels_that_a_tiny_task_does_not_need_are_compiled():
     compile_rare_kernels()
-    assert all(kernel.signatures for kernel in (_insert, _rows))
+    compile_sampling()
+    assert all(kernel.signatures for kernel in (cover, insert, _rows))
 
 
 @pytest.mark.parametrize(("method", "times"), [(sshade_fine, 1), (sshade_fast, 0)])

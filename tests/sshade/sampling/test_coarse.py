@@ -1,0 +1,163 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.sparse.csgraph import dijkstra
+
+from sshade import Mesh
+from sshade.mesh.adjacency import VertexGraph, vertex_graph
+from sshade.sampling import coarse
+from sshade.sampling.fronts import Fronts, farthest_point_sampling
+from sshade.sampling.remesh import remesh
+from sshade.threads import ThreadTeam
+from tests.shapes import bumpy, double_torus, icosphere, strip, torus, tube
+from tests.sshade.sampling.test_remesh import assert_valid_proxy
+
+
+def shuffled(mesh: Mesh, seed: int = 0) -> Mesh:
+    """The same surface with its vertices in no order."""
+    number = np.random.default_rng(seed).permutation(mesh.n)
+    V = np.empty_like(mesh.V)
+    V[number] = mesh.V
+    return Mesh(V, number[mesh.F])
+
+
+def needle() -> Mesh:
+    """A thin tube: all of it is near to its axis, and its slabs are rings."""
+    return tube(5, 900)
+
+
+def two_ends() -> Mesh:
+    """A tube whose vertices are at its two ends but for a few: most slabs are empty."""
+    mesh = tube(40, 60)
+    x = np.array(mesh.V)
+    axis = int(np.argmax(np.ptp(x, axis=0)))
+    low, high = x[:, axis].min(), x[:, axis].max()
+    middle = 0.5 * (low + high)
+    end = np.where(x[:, axis] < middle, low, high)
+    x[:, axis] = end + 1e-3 * (x[:, axis] - end)
+    return Mesh(x, mesh.F)
+
+
+SURFACES = {
+    "sphere": icosphere(4),
+    "bumpy": bumpy(4),
+    "shuffled": shuffled(bumpy(4)),
+    "strip, ties everywhere": strip(90, 30),
+    "torus": torus(120, 40),
+    "double torus": double_torus(cells=6),
+    "tube": tube(40, 60),
+    "needle": needle(),
+    "all in two slabs": two_ends(),
+}
+
+
+@pytest.mark.parametrize("name", SURFACES)
+@pytest.mark.parametrize("count", [24, 150])
+def test_regions_are_exact_and_the_second_half_is_farthest(name, count):
+    mesh = SURFACES[name]
+    graph = vertex_graph(mesh)
+    first = np.random.default_rng(1).permutation(mesh.n)[:5]
+    found = coarse.sample_coarsely(mesh, graph, count, first=first)
+    samples = found.samples
+    assert len(np.unique(samples)) == count and np.array_equal(samples[:5], first)
+    all_at_once = Fronts(graph, samples)
+    assert np.array_equal(found.distance, all_at_once.distance)
+    assert np.array_equal(found.region, all_at_once.region)
+    again = Fronts(graph, samples[: count // 2])
+    again.insert_farthest(count - count // 2)
+    assert np.array_equal(again.samples, samples)
+    # As dense as farthest points are; they themselves vary so much with the one that they begin with.
+    exact = farthest_point_sampling(graph, count, first=first)
+    assert found.distance.max() <= 1.25 * exact.distance.max()
+    assert found.distance.mean() <= 1.08 * exact.distance.mean()
+
+
+@pytest.mark.parametrize("name", ["bumpy", "strip, ties everywhere", "double torus"])
+def test_any_number_of_threads_gives_the_same_bits(name, monkeypatch):
+    mesh, found = SURFACES[name], []
+    for workers in (1, 2, 7):
+        monkeypatch.setattr(coarse, "available_cpus", lambda workers=workers: workers)
+        fronts = coarse.sample_coarsely(mesh, vertex_graph(mesh), 60, first=np.array([3]))
+        found.append((fronts.samples.tobytes(), fronts.distance.tobytes(), fronts.region.tobytes()))
+    assert found[0] == found[1] == found[2]
+
+
+@pytest.mark.parametrize("name", ["bumpy", "shuffled", "torus", "needle"])
+def test_the_coarse_graph_joins_the_regions_of_a_net_by_the_shortest_ways(name):
+    mesh = SURFACES[name]
+    graph, slabs = vertex_graph(mesh), coarse._Slabs(mesh.V)
+    radius = 3 * float(graph.lengths.mean())
+    first = np.array([7, int(graph.indices[graph.indptr[7]])])
+    with ThreadTeam(2) as team:
+        net, state = coarse._net(graph, slabs, team, first, radius=radius, least=1)
+        confined = confine(graph, slabs.slab)
+        joined, borders = coarse._coarse_graph(graph, slabs, team, state, net)
+    centres = np.concatenate(net)
+    assert set(first) <= set(centres.tolist())
+    # Regions are those of fronts that stay in slabs, and cover all within the radius.
+    nearest = dijkstra(confined.matrix, directed=False, indices=centres)
+    assert np.array_equal(state.distance, nearest.min(axis=0)) and state.distance.max() < radius
+    assert np.array_equal(nearest[state.region, np.arange(mesh.n)], state.distance)
+    apart = nearest[:, centres] + np.where(np.eye(len(centres), dtype=bool), np.inf, 0)
+    chosen = ~np.isin(centres, first)
+    assert apart[np.ix_(chosen, chosen)].min() >= radius
+    # Every edge between two regions, by the definition.
+    owner = np.repeat(np.arange(mesh.n), np.diff(graph.indptr))
+    ways = dict[tuple[int, int], float]()
+    for u, v, length in zip(owner, graph.indices, graph.lengths, strict=True):
+        key = int(state.region[u]), int(state.region[v])
+        if key[0] != key[1]:
+            way = state.distance[u] + state.distance[v] + length
+            ways[key] = min(ways.get(key, np.inf), way)
+    rows = np.repeat(np.arange(joined.n), np.diff(joined.indptr))
+    found = dict(zip(zip(rows.tolist(), joined.indices.tolist(), strict=True), joined.lengths, strict=True))
+    assert found == ways
+    assert np.array_equal(np.lexsort((joined.indices, rows)), np.arange(len(rows)))
+    crossing = slabs.slab[owner] != slabs.slab[graph.indices]
+    assert np.array_equal(np.sort(np.concatenate(borders)), np.unique(owner[crossing]))
+
+
+def confine(graph: VertexGraph, slab: np.ndarray) -> VertexGraph:
+    """The graph without its edges between slabs."""
+    owner = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+    kept = slab[owner] == slab[graph.indices]
+    indptr = np.concatenate([[0], np.cumsum(np.bincount(owner[kept], minlength=graph.n))]).astype(np.int32)
+    return VertexGraph(indptr, graph.indices[kept], graph.lengths[kept], graph.boundary[kept])
+
+
+def test_a_net_that_is_too_coarse_is_made_finer():
+    mesh = SURFACES["bumpy"]
+    graph, slabs = vertex_graph(mesh), coarse._Slabs(mesh.V)
+    with ThreadTeam(1) as team:
+        net, state = coarse._net(graph, slabs, team, np.array([0]), radius=1e3, least=500)
+    assert sum(map(len, net)) >= 500 and state.width < 1e3
+
+
+def test_lengths_need_not_be_those_of_the_mesh():
+    mesh = SURFACES["bumpy"]
+    graph = vertex_graph(mesh)
+    owner = np.repeat(np.arange(mesh.n), np.diff(graph.indptr))
+    above = (mesh.V[owner, 2] > 0) & (mesh.V[graph.indices, 2] > 0)
+    graph = replace(graph, lengths=np.where(above, 7.0, 1.0) * graph.lengths)
+    found = coarse.sample_coarsely(mesh, graph, 80, first=np.array([0]))
+    exact = Fronts(graph, found.samples)
+    assert np.array_equal(found.distance, exact.distance) and np.array_equal(found.region, exact.region)
+
+
+def test_small_meshes_are_sampled_exactly():
+    mesh = SURFACES["bumpy"]
+    graph = vertex_graph(mesh)
+    found = coarse.sample(mesh, graph, 30, first=np.array([4]))
+    assert np.array_equal(found.samples, farthest_point_sampling(graph, 30, first=np.array([4])).samples)
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_proxies_of_large_meshes_keep_the_topology(name, monkeypatch):
+    monkeypatch.setattr(coarse, "LARGE", 0)
+    monkeypatch.setattr(coarse, "FINER", 0)
+    mesh = SURFACES[name]
+    for count in (5, 60, 300):
+        assert_valid_proxy(mesh, remesh(mesh, count, first=np.array([2, 9]), seed=3))
