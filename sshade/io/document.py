@@ -37,6 +37,10 @@ class MeshFile:
     suffixes: tuple[str, ...]
     content: Callable[[np.ndarray, Path], bytes]
 
+    def __post_init__(self) -> None:
+        for array in (self.V, self.F):  # so that a mesh of them needs no copies
+            array.setflags(write=False)
+
     def lost(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
         """What a file at `path` cannot take over, as its name ends otherwise."""
         return () if Path(path).suffix.lower() in self.suffixes else self.holds
@@ -64,6 +68,8 @@ def fanned(polygons: list[np.ndarray], which: list[np.ndarray]) -> tuple[np.ndar
     face : (m,) int64
         The polygon of each.
     """
+    if len(polygons) == 1 and polygons[0].shape[1] == 3:
+        return polygons[0], which[0]
     F, face = [np.zeros((0, 3), dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
     for ids, numbers in zip(polygons, which, strict=True):
         k = ids.shape[1]

@@ -59,7 +59,7 @@ def mesh_of(file: MeshFile, path: str | os.PathLike[str]) -> Mesh:
 def read_arrays(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
     """Vertices and faces of a mesh file as they stand there, without validation."""
     file = read_file(path)
-    return file.V, file.F
+    return np.array(file.V), np.array(file.F)
 
 
 def read_file(path: str | os.PathLike[str]) -> MeshFile:

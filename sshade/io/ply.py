@@ -93,7 +93,7 @@ def _triangles(faces: Element) -> tuple[np.ndarray, np.ndarray]:
     if faces.size and len(corners) != 1:
         raise ValueError("its faces have no list vertex_indices")
     polygons = [_vertex_ids(rows.values[f"p{corners[0]}"]) for rows in faces.rows]
-    return fanned(polygons, [rows.which for rows in faces.rows])
+    return fanned(polygons, [rows.numbers for rows in faces.rows])
 
 
 #: What properties of vertices and faces are, by name.
@@ -157,6 +157,10 @@ def _patched(ply: _Ply, changes: list[Change]) -> bytes:
             kind = np.dtype(ply.order + element.properties[i].kind.char)
             for rows in element.rows:
                 # What is unchanged gets the bits that it had.
+                if rows.which is None:
+                    end = rows.begin + rows.values.nbytes
+                    every[rows.begin : end].view(rows.values.dtype)[f"p{i}"] = new[:, column]
+                    continue
                 values = new[rows.which, column].astype(kind).view(np.uint8).reshape(-1, kind.itemsize)
                 every[rows.places(i)[:, None] + np.arange(kind.itemsize)] = values
     return every[ply.body :].tobytes()
@@ -169,7 +173,7 @@ def _patched_text(ply: _Ply, changes: list[Change]) -> bytes:
         for column, i in enumerate(properties):
             for rows in element.rows:
                 word = rows.places(i) // 8
-                values = old[rows.which, column], new[rows.which, column]
+                values = old[rows.picked, column], new[rows.picked, column]
                 edits.append(numbers_edited(begin[word], end[word], *values))
     return edited(array_of(ply.data)[ply.body :], edits)
 
@@ -208,9 +212,10 @@ def _vertex_ids(polygons: np.ndarray) -> np.ndarray:
     """(m, k) int64 of polygons of any type."""
     if polygons.shape[1] < 3:
         raise ValueError(f"a face has {polygons.shape[1]} corners")
-    if polygons.dtype.kind == "f" and not (np.abs(polygons) < 2**53).all():
+    whole = polygons.dtype.kind != "f"
+    if not whole and not (np.abs(polygons) < 2**53).all():
         raise ValueError("a corner of a face is no vertex id")
     ids = polygons.astype(np.int64)
-    if (ids != polygons).any():
+    if not whole and (ids != polygons).any():
         raise ValueError("a corner of a face is no whole number")
     return ids

@@ -25,17 +25,36 @@ class Property(NamedTuple):
 class Rows(NamedTuple):
     """Rows of an element whose lists have the same lengths.
 
-    Their numbers in it, the byte where each begins, and a structured array of them with fields
-    p0, p1, ... for the properties.
+    Attributes
+    ----------
+    which : (r,) int64, optional
+        Their numbers in it; None where they are all.
+    begin : (r,) int64 or int
+        The byte where each begins; of all rows that where the first one does: they follow each other.
+    values : (r,) structured
+        With fields p0, p1, ... for the properties.
     """
 
-    which: np.ndarray
-    begin: np.ndarray
+    which: np.ndarray | None
+    begin: np.ndarray | int
     values: np.ndarray
 
+    @property
+    def numbers(self) -> np.ndarray:
+        """(r,) int64 their numbers in the element."""
+        return np.arange(len(self.values)) if self.which is None else self.which
+
+    @property
+    def picked(self) -> np.ndarray | slice:
+        """What picks their values from those of all rows."""
+        return slice(None) if self.which is None else self.which
+
     def places(self, number: int) -> np.ndarray:
-        """Bytes where the values of a property begin."""
-        return self.begin + self.values.dtype.fields[f"p{number}"][1]  # type: ignore[index]
+        """(r,) int64 bytes where the values of a property begin."""
+        begin = np.asarray(self.begin)
+        if self.which is None:
+            begin = begin + np.arange(len(self.values)) * self.values.dtype.itemsize
+        return begin + self.values.dtype.fields[f"p{number}"][1]  # type: ignore[index]
 
 
 @dataclass
@@ -56,7 +75,8 @@ class Element:
         """(rows, k) float64 of some properties that are no lists."""
         values = np.empty((self.size, len(properties)))
         for rows in self.rows:
-            values[rows.which] = np.stack([rows.values[f"p{i}"] for i in properties], axis=1)
+            for column, i in enumerate(properties):
+                values[rows.picked, column] = rows.values[f"p{i}"]
         return values
 
 
@@ -106,8 +126,7 @@ def take(data: bytes, at: int, element: Element, order: str) -> tuple[list[Rows]
     if end <= len(data):  # all rows may be as the first one
         values = np.frombuffer(data, layout, element.size, at)
         if all((values[f"n{i}"] == n).all() for i, n in enumerate(lengths) if n is not None):
-            numbers = np.arange(element.size)
-            return [Rows(numbers, at + numbers * layout.itemsize, values)], end
+            return [Rows(None, at, values)], end
     layouts: dict[tuple[int | None, ...], np.dtype] = {}
     places: dict[tuple[int | None, ...], list[tuple[int, int]]] = {}
     for row in range(element.size):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.mesh.mesh import Mesh, repeats_vertex
+from sshade.mesh.mesh import Mesh, check_faces, repeats_vertex
 
 
 class Cleaned(NamedTuple):
@@ -48,7 +48,12 @@ def cleaned(V: np.ndarray, F: np.ndarray) -> Cleaned:
     V, F = np.asarray(V), np.asarray(F)
     everywhere = np.arange(len(V))
     indices = F.ndim == 2 and F.shape[1] == 3 and len(F) > 0 and np.issubdtype(F.dtype, np.integer)
-    if not indices or F.min() < 0 or F.max() >= len(V):
+    sound = False
+    if indices:
+        used = np.zeros(len(V), dtype=bool)
+        outside, _, repeating = check_faces(np.ascontiguousarray(F, dtype=np.int64), used)
+        sound = outside < 0 and repeating == 0 and bool(used.all())
+    if sound or not indices or outside >= 0:
         return Cleaned(Mesh(V, F), everywhere, 0, 0)  # which tells what is wrong
     collapsed = repeats_vertex(F)
     if collapsed.all():

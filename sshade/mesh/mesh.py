@@ -71,7 +71,7 @@ class Mesh:
             )
         _check_numbers(V)
         used = np.zeros(len(V), dtype=bool)
-        outside, repeated, repeating = _check_faces(F, used)
+        outside, repeated, repeating = check_faces(F, used)
         if outside >= 0:
             raise InputError(
                 f"face {outside} refers to vertices {F[outside].tolist()}, "
@@ -321,10 +321,10 @@ def _bounds(V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @njit(cache=True, nogil=True)
-def _check_faces(F, used):
+def check_faces(F, used):
     """The first face out of range, where it ends, or -1; the first that repeats a vertex, and their number.
 
-    Marks the vertices that are used.
+    Marks the vertices that are used: `F` is (m, 3) int64, `used` (n,) bool.
     """
     first, repeating = -1, 0
     for f in range(len(F)):

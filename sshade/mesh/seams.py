@@ -63,9 +63,16 @@ def join_seams(mesh: Mesh) -> tuple[Mesh, np.ndarray]:
     vertex : (n,) int64
         For each vertex of `mesh` its vertex in `joined`.
     """
-    edges = sides_by_edge(mesh.F, mesh.n)
+    if mesh.is_closed:
+        return mesh, np.arange(mesh.n)
+    # Faces with two corners on the boundary: all that lie at edges which may be on it.
+    near = mesh.connectivity.neighbours
+    on_boundary = np.zeros(mesh.n, dtype=bool)
+    on_boundary[near.indices[near.boundary]] = True
+    F = mesh.F[on_boundary[mesh.F].sum(axis=1) >= 2]
+    edges = sides_by_edge(F, mesh.n)
     side = edges.side[edges.start[:-1][edges.faces == 1]].astype(np.int64)
-    begin, end = mesh.F.ravel()[side], mesh.F[side // 3, (side + 1) % 3]
+    begin, end = F.ravel()[side], F[side // 3, (side + 1) % 3]
     place = np.full(mesh.n, -1)
     rim = np.unique(begin)
     place[rim] = same_rows(mesh.V[rim]) if len(rim) else 0
