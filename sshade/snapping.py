@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.mesh.mesh import Mesh
+from sshade.mesh.mesh import Mesh, bounds
+from sshade.threads import in_ranges
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -18,6 +19,11 @@ FARTHEST_SNAP = 0.05
 
 #: Units of length over others that files are written in: millimetres, centimetres, inches, feet.
 UNITS = (1000.0, 100.0, 1000.0 / 25.4, 1.0 / 0.3048, 25.4, 12.0, 10.0)
+
+
+#: Vertices from which on a tree is made of those around positions only, every how many-th tells how far
+#: these go, and cells along the mesh.
+LARGE, STRIDE, CELLS = 100_000, 64, 64
 
 
 def nearest_vertices(mesh: Mesh, source: np.ndarray, group: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -37,11 +43,38 @@ def nearest_vertices(mesh: Mesh, source: np.ndarray, group: np.ndarray) -> tuple
     """
     from scipy.spatial import cKDTree
 
-    tree = cKDTree(mesh.V)
-    distance, index = tree.query(source)
+    if mesh.n < LARGE:
+        distance, index = cKDTree(mesh.V).query(source)
+    else:
+        near = _around(mesh.V, source)
+        distance, index = cKDTree(mesh.V[near]).query(source)
+        index = near[index]
     if distance.max() > FARTHEST_SNAP * mesh.diagonal:
-        _refuse_far(source, distance, group, mesh, tree)
+        _refuse_far(source, distance, group, mesh, cKDTree(mesh.V))
     return distance, index
+
+
+def _around(V: np.ndarray, source: np.ndarray) -> np.ndarray:
+    """Vertices, in ascending order, among which are the nearest ones of positions.
+
+    No nearest vertex is farther away than the nearest of a few; so it lies in the cell of its position or in
+    one beside that, of a grid of cells that are as wide. A tree of all would take many times as long.
+    """
+    from scipy.spatial import cKDTree
+
+    few = V[::STRIDE]
+    reach = float(cKDTree(few).query(source)[0].max())
+    low, high = bounds(V)
+    cell = max(reach * (1 + 1e-9), float((high - low).max()) / CELLS) or 1.0
+    flag = np.zeros(((high - low) / cell).astype(int) + 1, dtype=bool)
+    for x, y, z in np.unique(np.floor((source - low) / cell).astype(int), axis=0):
+        flag[max(x - 1, 0) : x + 2, max(y - 1, 0) : y + 2, max(z - 1, 0) : z + 2] = True
+
+    def flagged(first: int, end: int) -> np.ndarray:
+        x, y, z = ((V[first:end] - low) / cell).astype(int).T
+        return first + np.flatnonzero(flag[x, y, z])
+
+    return np.concatenate(in_ranges(flagged, len(V)))
 
 
 def _refuse_far(

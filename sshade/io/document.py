@@ -35,7 +35,7 @@ class MeshFile:
     F: np.ndarray
     holds: tuple[str, ...]
     suffixes: tuple[str, ...]
-    content: Callable[[np.ndarray, Path], bytes]
+    content: Callable[[np.ndarray, Path], bytes | bytearray]
 
     def __post_init__(self) -> None:
         for array in (self.V, self.F):  # so that a mesh of them needs no copies

@@ -129,7 +129,7 @@ def _holds(ply: _Ply, triangles: int) -> tuple[str, ...]:
 
 def _content(
     ply: _Ply, rest: np.ndarray, F: np.ndarray, face: np.ndarray, source: Path, V: np.ndarray, path: Path
-) -> bytes:
+) -> bytes | bytearray:
     vertices = ply.elements["vertex"]
     changes = [(vertices, vertices.numbers("x y z"), rest, V)]
     normals = vertices.numbers(" ".join(_NORMAL))
@@ -143,27 +143,29 @@ def _content(
         Q = turns(np.repeat(face[:, None], 3, axis=1), F, rest, V)  # every face has a triangle
         changes.append((faces, normals, N, np.einsum("kij,kj->ki", Q, N)))
     header = _header_at(ply.data[: ply.body], source, path)
-    return header + (_patched if ply.order else _patched_text)(ply, changes)
+    return _patched(ply, changes, header) if ply.order else header + _patched_text(ply, changes)
 
 
 #: An element, its properties that change, and their values (rows, k) before and after.
 Change = tuple[Element, list[int], np.ndarray, np.ndarray]
 
 
-def _patched(ply: _Ply, changes: list[Change]) -> bytes:
-    every = np.frombuffer(ply.data, np.uint8).copy()
+def _patched(ply: _Ply, changes: list[Change], header: bytes) -> bytearray:
+    content = bytearray(len(header) + len(ply.data) - ply.body)
+    content[: len(header)], content[len(header) :] = header, memoryview(ply.data)[ply.body :]
+    every = np.frombuffer(content, np.uint8)[len(header) :]
     for element, properties, _, new in changes:
         for column, i in enumerate(properties):
             kind = np.dtype(ply.order + element.properties[i].kind.char)
             for rows in element.rows:
                 # What is unchanged gets the bits that it had.
                 if rows.which is None:
-                    end = rows.begin + rows.values.nbytes
-                    every[rows.begin : end].view(rows.values.dtype)[f"p{i}"] = new[:, column]
+                    own = every[rows.begin - ply.body :][: rows.values.nbytes].view(rows.values.dtype)
+                    own[f"p{i}"] = new[:, column]
                     continue
                 values = new[rows.which, column].astype(kind).view(np.uint8).reshape(-1, kind.itemsize)
-                every[rows.places(i)[:, None] + np.arange(kind.itemsize)] = values
-    return every[ply.body :].tobytes()
+                every[rows.places(i)[:, None] - ply.body + np.arange(kind.itemsize)] = values
+    return content
 
 
 def _patched_text(ply: _Ply, changes: list[Change]) -> bytes:

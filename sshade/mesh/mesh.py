@@ -103,7 +103,7 @@ class Mesh:
     @cached_property
     def diagonal(self) -> float:
         """Length of the bounding box's diagonal: the scale of every relative tolerance."""
-        low, high = _bounds(self.V)
+        low, high = bounds(self.V)
         return float(np.linalg.norm(high - low))
 
     @cached_property
@@ -113,7 +113,7 @@ class Mesh:
         A coordinate 10^9 extents from zero has seven digits of its place on the mesh. Taken from
         there it keeps them, while sums and products of it as it stands would lose them.
         """
-        low, high = _bounds(self.V)
+        low, high = bounds(self.V)
         extent = float((high - low).max())
         if extent == 0.0:
             return np.zeros(3)
@@ -282,7 +282,7 @@ class Mesh:
 
 def _check_numbers(V: np.ndarray, name: str = "mesh") -> None:
     """Raise InputError where positions are no numbers, or have too few digits or a size to compute with."""
-    low, high = _bounds(V)
+    low, high = bounds(V)
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
         bad = int(np.flatnonzero(~np.isfinite(V).all(axis=1))[0])
         raise InputError(f"vertex {bad} has a NaN or infinite coordinate in the {name}")
@@ -313,7 +313,7 @@ def repeats_vertex(F: np.ndarray) -> np.ndarray:
     return (F[:, 0] == F[:, 1]) | (F[:, 1] == F[:, 2]) | (F[:, 2] == F[:, 0])
 
 
-def _bounds(V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def bounds(V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Least and greatest coordinates (3,) of positions (n, 3); NaN where there is one."""
     # Along the axis of a three-column array NumPy takes twenty times as long.
     columns = [V[:, c] for c in range(3)]
