@@ -17,6 +17,9 @@ from sshade.mesh.connectivity import Connectivity, connectivity
 #: Largest coordinate, and one over the smallest extent, with which areas can be squared.
 LARGEST = 1e60
 
+#: Faces at most: ids of their sides have 32 bits.
+MOST_FACES = (2**31 - 1) // 3
+
 #: Largest coordinate over half the extent.
 FARTHEST = 1e12
 
@@ -49,7 +52,7 @@ class Mesh:
     ------
     InputError
         On a wrong shape, no faces, NaN or infinite positions, or such as cannot be
-        computed with (too large, too small, too far from the origin), faces out
+        computed with (too large, too small, too far from the origin), too many faces, faces out
         of range, repeated-index faces, or unreferenced vertices.
     """
 
@@ -64,6 +67,10 @@ class Mesh:
             raise InputError(f"faces must be an (m, 3) array of triangles, not one of shape {F.shape}")
         if not np.issubdtype(F.dtype, np.integer):
             raise InputError(f"faces must be integers, not {F.dtype}")
+        if len(F) > MOST_FACES:
+            raise InputError(
+                f"the mesh has {len(F):,} faces, and at most {MOST_FACES:,} are supported; split it"
+            )
         F = np.ascontiguousarray(F, dtype=np.int64)
         if len(V) == 0 or len(F) == 0:
             raise InputError(

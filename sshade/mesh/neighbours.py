@@ -11,10 +11,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from sshade.errors import InputError
 from sshade.threads import available_cpus, in_ranges, in_threads
 
 #: Faces that are worth a thread to sort them by vertex, and threads at most: each counts every vertex.
 FACES, SORTERS = 100_000, 4
+#: Entries of a table at most: where they begin has 32 bits.
+MOST = 2**31 - 1
 #: Rows of up to so many are sorted by insertion.
 SHORT = 32
 
@@ -62,6 +65,11 @@ def neighbours(F: np.ndarray, n: int) -> tuple[Neighbours, Fans]:
         No repeated index within a face; otherwise any.
     n : int
         Number of vertices.
+
+    Raises
+    ------
+    InputError
+        On more than :data:`MOST` entries, two for an edge.
     """
     # Large arrays are NumPy's, which asks for huge pages: numba's own take six times as long to touch.
     m, workers = len(F), available_cpus()
@@ -76,6 +84,10 @@ def neighbours(F: np.ndarray, n: int) -> tuple[Neighbours, Fans]:
     )
     indptr = np.zeros(n + 1, dtype=np.int32)
     facts = in_ranges(lambda first, end: _rows(first, end, start, around, indptr), n)
+    if (entries := int(indptr.sum(dtype=np.int64))) > MOST:
+        raise InputError(
+            f"the mesh has {entries // 2:,} edges, and at most {MOST // 2:,} are supported; split it"
+        )
     np.cumsum(indptr, out=indptr)
     indices, boundary = np.empty(indptr[-1], dtype=np.int32), np.empty(indptr[-1], dtype=np.bool_)
     in_ranges(lambda first, end: _pack(first, end, start, around, indptr, indices, boundary), n)

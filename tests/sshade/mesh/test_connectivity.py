@@ -6,6 +6,8 @@ import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from sshade import InputError
+from sshade.mesh import neighbours
 from sshade.mesh.adjacency import sides_by_edge
 from sshade.mesh.connectivity import connectivity
 from tests import shapes
@@ -68,3 +70,12 @@ def test_facts_equal_those_of_sets_scipy_and_libigl(case):
         assert facts.crowded_edge.tolist() == [-1, -1, -1]
         split = ~np.asarray(igl.is_vertex_manifold(F)).ravel()
         assert facts.split_vertex == (int(np.argmax(split)) if split.any() else -1)
+
+
+def test_tables_of_more_entries_than_ids_have_bits_are_refused(monkeypatch):
+    mesh = shapes.tetrahedron()
+    monkeypatch.setattr(neighbours, "MOST", 11)
+    with pytest.raises(InputError, match="6 edges, and at most 5 are supported"):
+        connectivity(mesh.F, mesh.n)
+    monkeypatch.setattr(neighbours, "MOST", 12)
+    assert connectivity(mesh.F, mesh.n).edges == 6

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sshade import InputError, Mesh
-from sshade.mesh.mesh import Topology
+from sshade.mesh.mesh import MOST_FACES, Topology
 from tests.shapes import block, double_torus, icosphere, jittered, rotation, strip, tetrahedron, torus, tube
 
 TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
@@ -113,3 +113,9 @@ def test_the_origin_of_a_far_mesh_is_near_and_leaves_no_rest(shift, factor):
     assert np.abs(relative).max() <= 8 * np.ptp(far.V, axis=0).max()
     assert far.origin[1] == 0 and np.array_equal(relative + far.origin, far.V)
     assert np.array_equal(np.diff(relative, axis=0), np.diff(far.V, axis=0))
+
+
+def test_more_faces_than_ids_have_bits_are_refused_before_anything_is_copied():
+    faces = np.broadcast_to(np.arange(3), (MOST_FACES + 1, 3))  # one row in memory
+    with pytest.raises(InputError, match="715,827,883 faces, and at most 715,827,882 are supported"):
+        Mesh(np.zeros((3, 3)), faces)
