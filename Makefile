@@ -1,6 +1,7 @@
 # make tables   the main job: builds a small DeFAUST, runs the methods, writes out/
 # make test     lint, architecture rules, tests, the small benchmark
 # make bench    times at full size, of a drag, up to 5 million vertices; needs a quiet machine (a quarter of an hour)
+# make scaling  the cost model of docs/scaling.md; the same (a quarter of an hour)
 # make robustness   bad inputs, kills, fuzzing, the same bits, coverage, at full strength (an hour)
 # make ablations   one change at a time on two small bodies (a quarter of an hour)
 # make transfers   poses rebuilt and transferred, at 20k and at 170k vertices (half an hour)
@@ -25,7 +26,7 @@ ABLATIONS := $(addprefix ablation_,samplings vertices projection touching handle
 CURVES    := --metric volume area edge angle
 TRANSFERS := isometric_quick pose_transfer_quick isometric pose_transfer
 
-.PHONY: tables test ci-benchmark bench robustness ablations transfers docs clean
+.PHONY: tables test ci-benchmark bench scaling robustness ablations transfers docs clean
 
 tables: $(READY) $(QUICK)/dataset.json
 	$(BIN)/sshade-eval run -m experiment=quick dataset.root=$(QUICK)
@@ -56,6 +57,10 @@ bench: $(READY) $(FULL)/dataset.json $(BASES:%=%/dataset.json)
 	  --methods $(ONE) sshade_fast
 	$(BIN)/sshade-eval bench startup --methods sshade sshade_fast
 	$(BIN)/sshade-eval timings speed drag scaling startup
+
+# LARGEST=--largest: with a mesh of 44 million vertices, in 16 GiB.
+scaling: $(READY) $(FULL)/dataset.json data/bench/10000/dataset.json
+	$(BIN)/python docs/scaling.py --measure $(LARGEST)
 
 # docs/robustness.md says what came of it, and when.
 robustness: $(READY)

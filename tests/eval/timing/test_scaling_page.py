@@ -1,0 +1,77 @@
+"""docs/scaling.md: its tables are those of its rows, and the model finds what the rows were made by."""
+
+from __future__ import annotations
+
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+DOCS = Path(__file__).parents[3] / "docs"
+SCRIPT = runpy.run_path(str(DOCS / "scaling.py"))
+ROWS = pd.read_csv(DOCS / "scaling.csv")
+
+
+def test_the_tables_are_those_of_the_rows():
+    page = (DOCS / "scaling.md").read_text()
+    assert SCRIPT["filled"](page, ROWS) == page, "run: python docs/scaling.py"
+
+
+def planted(noise: float) -> pd.DataFrame:
+    rng = np.random.default_rng(0)
+    rows = pd.DataFrame(
+        {
+            "vertices": rng.integers(1_000_000, 20_000_000, 40),
+            "samples": rng.integers(1_000, 50_000, 40),
+            "handles": rng.integers(100, 6_000, 40),
+            "threads": 2,
+        }
+    )
+    cost = 0.1 + 0.7 * rows["vertices"] / 1e6 + 0.02 * rows["samples"] / 1e3
+    for column in ("seconds", "cpu", "peak_mib"):
+        rows[column] = cost * (1 + noise * rng.uniform(-1, 1, 40))
+    return rows
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_the_model_finds_the_coefficients(noise):
+    for found, error in SCRIPT["models"](planted(noise)).values():
+        assert found["vertices"] == pytest.approx(0.7, rel=1e-6 + 2 * noise)
+        assert found["samples"] == pytest.approx(0.02, rel=1e-6 + 3 * noise)
+        assert min(found.values()) >= 0 and error <= 1e-6 + 3 * noise
+
+
+def test_small_meshes_and_fewer_threads_are_left_out_of_the_fits():
+    rows = planted(0.0)
+    small, one = rows.copy(), rows.copy()
+    small["vertices"] = 10_000
+    one["threads"], one["seconds"], one["cpu"], one["peak_mib"] = 1, 99.0, 99.0, 99.0
+    found = SCRIPT["models"](pd.concat([rows, small, one]))
+    assert found == SCRIPT["models"](rows)
+
+
+def test_a_run_is_measured(tmp_path, monkeypatch):
+    from multiprocessing import get_context
+
+    del monkeypatch  # affinity is of the process: another one runs it
+    with get_context("spawn").Pool(1) as pool:
+        row = pool.apply(measured_small, (str(tmp_path),))
+    assert row["samples"] == 200 and row["handles"] == 30 and row["threads"] == 1
+    assert row["vertices"] == 2562 and row["seconds"] > 0 and row["peak_mib"] > 0
+    assert row["seconds"] >= row["remesh"] > 0
+
+
+def measured_small(folder: str) -> dict:
+    """A run on a subdivided sphere, which stands for the body."""
+    from eval.run.warmup import icosphere
+    from sshade import DeformationTask, Handles
+
+    script = runpy.run_path(str(DOCS / "scaling.py"))
+    mesh = icosphere(3)
+    script["measured"].__globals__["load_task"] = lambda root, *, subject, pose: DeformationTask(
+        root, mesh, Handles([0], mesh.V[:1])
+    )
+    run = script["Run"](level=1, samples=200, handles=30, threads=1, base=folder)
+    return script["measured"](run, 1)
