@@ -25,7 +25,9 @@ from baselines.deformation_graph.deformation_graph import deformation_graph
 from sshade import DeformationTask, Deformer, Mesh, bind, sshade, sshade_fast, sshade_fine, transfer_pose
 from sshade.carry.projection import _closest_in_triangle
 from sshade.io.meshes import read_arrays, read_file, write_file, write_mesh
+from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.cutting import cut_to_manifold
+from sshade.sampling.coarse import sample_coarsely
 from sshade.sampling.remesh import remesh
 from sshade.solver.conjugate_gradients import conjugate_gradients
 from sshade.solver.local_global import local_global
@@ -65,6 +67,12 @@ def _remeshed(mesh: Mesh, vertices: int) -> np.ndarray:
     """With few, closed balls are mended where regions touch in too little."""
     found = remesh(mesh, vertices, seed=1)
     return np.concatenate([found.samples, found.faces.ravel(), found.region])
+
+
+def _sampled_coarsely() -> np.ndarray:
+    mesh = jittered(torus(24, 12), 0.05)
+    found = sample_coarsely(mesh, vertex_graph(mesh), 20, first=np.array([5, 6]))
+    return np.concatenate([found.samples, found.region, found.distance])
 
 
 def _cut() -> np.ndarray:
@@ -163,6 +171,7 @@ WORK: dict[str, Callable[[], np.ndarray]] = {
     "reconstruction": lambda: transfer_pose(BODY, bent(BODY.V), vertices=50, samplings=1).vertices,
     "dragging": _dragged,
     "remeshing a torus": partial(_remeshed, jittered(torus(12, 6), 0.05), 20),
+    "sampling from coarse to fine": _sampled_coarsely,
     "cutting": _cut,
     "remeshing with few samples": partial(_remeshed, double_torus(cells=2), 4),
     "points near needles": _on_needles,
