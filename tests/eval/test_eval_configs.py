@@ -29,7 +29,9 @@ def names(group):
 
 #: Experiments that make their own data.
 MAKING_DATA = ("resolution", "ablation_touching", "shapes")
-METHODS = names("method") + [f"transfer/{name}" for name in names("method/transfer")]
+METHODS = names("method") + [
+    f"{folder}/{name}" for folder in ("peer", "transfer") for name in names(f"method/{folder}")
+]
 
 
 def method_of(config):
