@@ -16,12 +16,11 @@ A. Jacobson, E. Tosun, O. Sorkine, D. Zorin, "Mixed finite elements for variatio
 from __future__ import annotations
 
 from time import perf_counter
-from typing import get_args
 
 import numpy as np
 
+from baselines.start_motion import start_motion
 from sshade.errors import InputError
-from sshade.mesh.rigid import rigid_motion
 from sshade.solver.options import Start
 from sshade.task import DeformationResult, DeformationTask, Progress, silent
 
@@ -70,7 +69,8 @@ def deformation_field(
     if flat:
         raise InputError(f"{flat} triangles of the rest mesh have no area, of which libigl makes NaN")
     begin = perf_counter()
-    base, index = rest_or_rigid(task, start), handles.index
+    R, t = start_motion(task, start)
+    base, index = mesh.V @ R.T + t, handles.index
     values = handles.target - base[index]
     field = igl.harmonic(np.array(mesh.V), np.array(mesh.F), np.array(index), values, order)
     vertices = base + field
@@ -78,14 +78,3 @@ def deformation_field(
     return DeformationResult(
         vertices=vertices, iterations=1, converged=None, seconds={"solve": perf_counter() - begin}
     )
-
-
-def rest_or_rigid(task: DeformationTask, start: Start) -> np.ndarray:
-    """(n, 3) the rest shape, or its best rigid motion to the targets, handles included."""
-    if start not in get_args(Start):
-        raise InputError(f"unknown start {start!r}; use 'rest' or 'rigid'")
-    V, handles = task.mesh.V, task.handles
-    if start == "rest":
-        return np.array(V)
-    R, t = rigid_motion(V[handles.index], handles.target)
-    return V @ R.T + t
