@@ -1,0 +1,132 @@
+"""A lattice of cubes around a surface, which carries it by trilinear interpolation."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import connected_components
+
+from sshade.mesh.mesh import Mesh
+
+#: Corners of a cube, in units of its side.
+CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+#: Distance of the points of a triangle that tell which cubes it passes through, in sides of a cube.
+SPACING = 0.5
+
+
+class Lattice(NamedTuple):
+    """Cubes that a surface passes through, and those inside of it.
+
+    Attributes
+    ----------
+    V : (p, 3) float64
+        Nodes.
+    cubes : (c, 8) int64
+        Nodes of each.
+    edges : (e, 2) int64
+        Of the cubes, each once.
+    sharing : (e,) int64
+        How many cubes have each edge.
+    carry : (n, p) sparse float64
+        Trilinear weights of the mesh's vertices, eight a row: ``carry @ V`` are its vertices.
+    component : (p,) int
+        Which nodes hang together.
+    """
+
+    V: np.ndarray
+    cubes: np.ndarray
+    edges: np.ndarray
+    sharing: np.ndarray
+    carry: csr_array
+    component: np.ndarray
+
+
+def lattice(mesh: Mesh, *, cells: int, filled: bool) -> Lattice:
+    """Lay a lattice around a mesh, along the axes and about the middle of its bounding box.
+
+    A surface of any kind will do: with a boundary, not manifold, or one that intersects itself.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    cells : int
+        Sides of a cube in the bounding box's diagonal.
+    filled : bool
+        Cubes inside are those whose centre has a winding number above a half.
+    """
+    side = mesh.diagonal / cells
+    low, high = mesh.V.min(axis=0), mesh.V.max(axis=0)
+    count = np.floor((high - low) / side).astype(np.int64) + 2
+    origin = 0.5 * (low + high) - 0.5 * side * count
+    touched = np.unique(_cells_of(_points(mesh, SPACING * side), origin, side), axis=0)
+    if filled:
+        touched = np.concatenate([touched, _inside(mesh, origin, side, count)])
+    own = _cells_of(mesh.V, origin, side)
+    cubes = np.unique(np.concatenate([touched, own]), axis=0)
+    node, corners = np.unique((cubes[:, None] + CORNERS).reshape(-1, 3), axis=0, return_inverse=True)
+    corners = corners.reshape(-1, 8)
+    along = [(a, b) for a in range(8) for b in range(a + 1, 8) if np.abs(CORNERS[a] - CORNERS[b]).sum() == 1]
+    ends = np.concatenate([corners[:, pair] for pair in along])
+    edges, sharing = np.unique(np.sort(ends, axis=1), axis=0, return_counts=True)
+    shape = (len(node), len(node))
+    graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=shape)
+    return Lattice(
+        V=origin + side * node,
+        cubes=corners,
+        edges=edges,
+        sharing=sharing,
+        carry=_trilinear(mesh.V, own, cubes, corners, origin, side, len(node)),
+        component=connected_components(graph, directed=False)[1],
+    )
+
+
+def _cells_of(points: np.ndarray, origin: np.ndarray, side: float) -> np.ndarray:
+    """(q, 3) int64"""
+    return np.floor((points - origin) / side).astype(np.int64)
+
+
+def _points(mesh: Mesh, spacing: float) -> np.ndarray:
+    """Points on the triangles, corners included, no farther apart than `spacing` along their sides."""
+    corners = mesh.V[mesh.F]
+    longest = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1)
+    parts = np.maximum(np.ceil(longest / spacing).astype(np.int64), 1)
+    points = [mesh.V]
+    for n in np.unique(parts[parts > 1]):
+        i, j = (index.ravel() for index in np.meshgrid(np.arange(n + 1), np.arange(n + 1), indexing="ij"))
+        i, j = i[i + j <= n], j[i + j <= n]
+        weights = np.stack([i, j, n - i - j], axis=1) / n
+        points.append(np.einsum("qc,fcd->fqd", weights, corners[parts == n]).reshape(-1, 3))
+    return np.concatenate(points)
+
+
+def _inside(mesh: Mesh, origin: np.ndarray, side: float, count: np.ndarray) -> np.ndarray:
+    """(q, 3) int64 cells around which the surface winds."""
+    import igl
+
+    cells = np.stack(np.meshgrid(*(np.arange(c) for c in count), indexing="ij"), axis=-1).reshape(-1, 3)
+    # About the origin: far from it, the tree of the winding numbers loses digits.
+    middle = origin + 0.5 * side * count
+    centres = (cells + 0.5) * side + (origin - middle)
+    winding = igl.fast_winding_number(mesh.V - middle, np.array(mesh.F), np.ascontiguousarray(centres))
+    return cells[winding > 0.5]
+
+
+def _trilinear(
+    V: np.ndarray,
+    own: np.ndarray,
+    cubes: np.ndarray,
+    corners: np.ndarray,
+    origin: np.ndarray,
+    side: float,
+    nodes: int,
+) -> csr_array:
+    """(n, p) the trilinear weights of vertices in the cubes that they lie in."""
+    size = cubes.max(axis=0) + 1
+    number = np.searchsorted(np.ravel_multi_index(cubes.T, size), np.ravel_multi_index(own.T, size))
+    inside = (V - origin) / side - own
+    along = np.where(CORNERS[None] == 1, inside[:, None], 1 - inside[:, None])
+    rows = np.repeat(np.arange(len(V)), 8)
+    entries = (along.prod(axis=2).ravel(), (rows, corners[number].ravel()))
+    return coo_array(entries, shape=(len(V), nodes)).tocsr()
