@@ -1,0 +1,385 @@
+"""Coarse tetrahedra and lattices, handles on them, and the methods that deform them."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
+
+from baselines.volumetric import coarse_tetrahedra as tetrahedra_module
+from baselines.volumetric.coarse_tetrahedra import barycentric_coordinates, coarse_tetrahedra
+from baselines.volumetric.lattice import lattice
+from baselines.volumetric.lattice_arap import lattice_arap
+from baselines.volumetric.neo_hookean import Elasticity, _energies, lame, neo_hookean, newton
+from baselines.volumetric.node_handles import node_handles, rigid_parts
+from baselines.volumetric.skinning import biharmonic_coordinates, bounded_biharmonic_weights
+from baselines.volumetric.slim import slim
+from baselines.volumetric.tetrahedral_arap import tetrahedral_arap
+from sshade.errors import InputError
+from sshade.mesh.mesh import Mesh
+from sshade.task import DeformationTask, Handles
+from tests.shapes import bent, block, bumpy, folded, held_ends, icosphere, jittered, rotation, strip, tube
+
+COARSE = {"samples": 300, "edge": 0.12}
+VOLUMETRIC = (tetrahedral_arap, bounded_biharmonic_weights, biharmonic_coordinates, slim, neo_hookean)
+
+#: Nearest node's offset, and simkit's floor of eigenvalues.
+CLOSE = 1e-6
+
+
+@pytest.fixture(autouse=True)
+def installed(request):
+    if "without_extra" not in request.fixturenames and "lattice" not in request.node.name:
+        pytest.importorskip("pytetwild", reason="the extra tet is not installed")
+
+
+@pytest.fixture
+def without_extra():
+    """A test that needs none of the extras."""
+
+
+def two_spheres() -> Mesh:
+    ball = icosphere(2)
+    return Mesh(np.concatenate([ball.V, ball.V + [5, 0, 0]]), np.concatenate([ball.F, ball.F + ball.n]))
+
+
+def test_tetrahedra_are_positive_and_carry_every_vertex():
+    mesh = bumpy(3)
+    made = coarse_tetrahedra(mesh, **COARSE)
+    assert made.volumes.min() > 0
+    assert made.volumes.sum() == pytest.approx(mesh.volume, rel=0.05)
+    np.testing.assert_allclose(made.carry @ made.V, mesh.V, atol=1e-13 * mesh.diagonal)
+    assert np.abs(made.carry.sum(axis=1) - 1).max() < 1e-12
+    # Affine maps are carried exactly, whatever the tetrahedra.
+    A = rotation(1) * [1.0, 2.0, 0.5]
+    np.testing.assert_allclose(made.carry @ (made.V @ A.T + 3), mesh.V @ A.T + 3, atol=1e-12 * mesh.diagonal)
+    # No coordinate is far outside: the surface lies in the tetrahedra or just beside them.
+    assert made.carry.data.min() > -1
+
+
+def test_points_inside_a_tetrahedron_have_its_coordinates():
+    rng = np.random.default_rng(0)
+    made = coarse_tetrahedra(bumpy(2), **COARSE)
+    t = rng.integers(len(made.T), size=50)
+    own = rng.dirichlet(np.ones(4), size=50)
+    points = np.einsum("qc,qcd->qd", own, made.V[made.T[t]])
+    found = barycentric_coordinates(made.V, made.T, points)
+    for row, (corners, weights) in enumerate(zip(made.T[t], own, strict=True)):
+        np.testing.assert_allclose(found[[row]].toarray()[0, corners], weights, atol=1e-9)
+
+
+def test_the_mesh_moved_and_scaled_has_the_same_tetrahedra():
+    mesh = bumpy(2)
+    made = coarse_tetrahedra(mesh, **COARSE)
+    for factor, shift in ((64.0, 0.0), (1.0, 0.75), (4.0, [1.5, -2, 0])):
+        moved = coarse_tetrahedra(Mesh(factor * mesh.V + shift, mesh.F), **COARSE)
+        np.testing.assert_array_equal(moved.T, made.T)
+        np.testing.assert_allclose(moved.V, factor * made.V + shift, atol=1e-12 * factor * mesh.diagonal)
+        assert moved.seconds == made.seconds
+
+
+def test_only_the_last_meshes_are_kept(monkeypatch):
+    monkeypatch.setattr(tetrahedra_module, "KEPT", 1)
+    first, second = icosphere(1), bumpy(1)
+    made = coarse_tetrahedra(first, **COARSE)
+    coarse_tetrahedra(second, **COARSE)
+    assert len(tetrahedra_module._kept) == 1
+    assert coarse_tetrahedra(first, **COARSE).seconds != made.seconds
+
+
+def test_components_and_self_intersections_are_filled():
+    apart = coarse_tetrahedra(two_spheres(), samples=200, edge=0.15)
+    assert apart.component.max() == 1
+    balls = two_spheres()
+    crossing = Mesh(balls.V - np.repeat([[0, 0, 0], [4, 0, 0]], balls.n // 2, axis=0), balls.F)
+    together = coarse_tetrahedra(crossing, samples=10**6, edge=0.15)
+    assert together.component.max() == 0
+    # Two unit balls at distance 1: 4/3 pi (2 - 5/16).
+    assert together.volumes.sum() == pytest.approx(4 / 3 * np.pi * (2 - 5 / 16), rel=0.1)
+
+
+@pytest.mark.parametrize("method", VOLUMETRIC)
+def test_an_open_surface_is_refused(method, without_extra):
+    with pytest.raises(InputError, match="boundary edges; close its holes"):
+        method(held_ends(tube()))
+
+
+@pytest.mark.parametrize("method", VOLUMETRIC)
+def test_an_extra_that_is_missing_is_named(method, without_extra, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pytetwild", None)
+    monkeypatch.setitem(sys.modules, "simkit.deformation_jacobian", None)
+    with pytest.raises(ImportError, match=r"sshade\[(tet|neo_hookean)\]"):
+        method(held_ends(bumpy(1)), samples=12, edge=0.31)
+
+
+@pytest.mark.parametrize("method", VOLUMETRIC)
+def test_tetrahedra_without_a_handle_are_refused(method):
+    if method is neo_hookean:
+        pytest.importorskip("simkit", reason="the extra neo_hookean is not installed")
+    balls = two_spheres()
+    handles = Handles(np.arange(3), balls.V[:3] + [0, 0, 1])
+    task = DeformationTask("one", balls, handles, carry_unconstrained=True)
+    with pytest.raises(InputError, match="1 of the 2 components of the coarse volume have no handle"):
+        method(task, samples=200, edge=0.15)
+
+
+@pytest.mark.parametrize("method", VOLUMETRIC)
+@pytest.mark.parametrize("handles", ["regions", "landmarks"])
+def test_a_rigid_motion_is_reproduced(method, handles):
+    if method is neo_hookean:
+        pytest.importorskip("simkit", reason="the extra neo_hookean is not installed")
+    mesh = bumpy(2)
+    z = mesh.V[:, 2]
+    index = np.argsort(z)[[0, 1, 2, 3, 9, -9, -3, -2, -1]]
+    if handles == "regions":
+        index = np.flatnonzero((z < np.quantile(z, 0.2)) | (z > np.quantile(z, 0.9)))
+    expected = mesh.V @ rotation(3).T + [1.0, -2, 0.5]
+    group = (z[index] > 0).astype(int)
+    task = DeformationTask("rigid", mesh, Handles(index, expected[index], group=group))
+    options = {} if method in (bounded_biharmonic_weights, biharmonic_coordinates) else {"start": "rigid"}
+    result = method(task, **COARSE, **options)
+    assert np.abs(result.vertices - expected).max() < CLOSE * mesh.diagonal
+
+
+def test_handles_that_move_rigidly_apart_become_parts():
+    mesh = bumpy(3)
+    z = mesh.V[:, 2]
+    low, high = z < np.quantile(z, 0.2), z > np.quantile(z, 0.9)
+    turn = Rotation.from_rotvec([0.2, 0.4, 0.1]).as_matrix()
+    target = np.where(high[:, None], mesh.V @ turn.T + [0.1, 0, 0.3], mesh.V)
+    index = np.flatnonzero(low | high)
+    parts = rigid_parts(mesh, Handles(index, target[index]))
+    assert len(parts.t) == 2
+    for motion, own in ((np.eye(3), low), (turn, high)):
+        number = np.unique(parts.part[own[index]])
+        assert len(number) == 1
+        np.testing.assert_allclose(parts.R[number[0]], motion, atol=1e-9)
+    np.testing.assert_allclose(parts.moved(parts.part, mesh.V[index]), target[index], atol=1e-9)
+
+
+def test_groups_stay_parts_and_what_shares_no_motion_is_one():
+    mesh = bumpy(2)
+    index = np.argsort(mesh.V[:, 2])[:6]
+    apart = Handles(index, mesh.V[index] + [0, 0, 1], group=[0, 0, 0, 1, 1, 1])
+    assert rigid_parts(mesh, apart).part.tolist() == [0, 0, 0, 1, 1, 1]
+    rng = np.random.default_rng(0)
+    wild = Handles(index, mesh.V[index] + rng.normal(size=(6, 3)))
+    assert rigid_parts(mesh, wild).part.tolist() == [0] * 6
+
+
+def test_nodes_move_as_the_parts_beside_them():
+    mesh = bumpy(3)
+    made = coarse_tetrahedra(mesh, **COARSE)
+    task = held_ends(mesh)
+    parts = rigid_parts(mesh, task.handles)
+    held = node_handles(made, mesh, task.handles, parts)
+    expected = parts.moved(held.part, made.V[held.index])
+    np.testing.assert_allclose(held.target, expected, atol=1e-9)
+    assert len(np.unique(held.index)) == len(held.index)
+
+
+def test_tetrahedral_arap_comes_to_one_minimum_from_both_starts():
+    task = held_ends(bumpy(2))
+    # libigl fits rotations in float32, which the residual does not fall far below.
+    options = {**COARSE, "tolerance": 1e-6, "max_iterations": 4000}
+    result, again = (tetrahedral_arap(task, **options, start=start) for start in ("rigid", "rest"))
+    assert result.converged and again.converged
+    assert np.abs(result.vertices - again.vertices).max() < 1e-3 * task.mesh.diagonal
+    assert result.extra["handle_before"] < 1e-2
+    np.testing.assert_array_equal(result.vertices[task.handles.index], task.handles.target)
+
+
+def test_bounded_biharmonic_weights_blend_two_bones():
+    """Between a bone that stays and one that is shifted, every vertex goes a share of the way."""
+    mesh = bumpy(3)
+    z = mesh.V[:, 2]
+    low, high = np.flatnonzero(z < np.quantile(z, 0.1)), np.flatnonzero(z > np.quantile(z, 0.9))
+    index = np.concatenate([low, high])
+    group = np.repeat([0, 1], [len(low), len(high)])
+    shift = np.array([0.0, 0.0, 1.0])
+    handles = Handles(index, mesh.V[index] + group[:, None] * shift, group=group)
+    result = bounded_biharmonic_weights(DeformationTask("shift", mesh, handles), **COARSE)
+    moved = result.vertices - mesh.V
+    assert np.abs(moved[:, :2]).max() < 1e-9
+    assert moved[:, 2].min() > -1e-9 and moved[:, 2].max() < 1 + 1e-9
+    middle = moved[np.abs(z - np.median(z)) < 0.2, 2]
+    assert middle.min() > 0.05 and middle.max() < 0.95
+    order = np.corrcoef(moved[:, 2], z)[0, 1]
+    assert order > 0.9
+
+
+def test_biharmonic_coordinates_reproduce_affine_maps_of_points():
+    """Handles that are single vertices far from each other, in general position, under an affine map."""
+    mesh = bumpy(3)
+    index = np.array([int(np.argmax(mesh.V @ d)) for d in np.concatenate([np.eye(3), -np.eye(3)])])
+    expected = mesh.V @ np.array([[1.0, 0.2, 0], [0, 1.1, 0], [0.1, 0, 0.9]]).T
+    handles = Handles(index, expected[index], group=np.arange(6))
+    result = biharmonic_coordinates(DeformationTask("affine", mesh, handles), **COARSE)
+    free = np.setdiff1d(np.arange(mesh.n), index)
+    # A node next to a handle is moved by its translation alone: off by the offset's change.
+    gap = np.linalg.norm(result.vertices - expected, axis=1)[free]
+    assert np.median(gap) < 0.02 * mesh.diagonal
+
+
+@pytest.mark.parametrize("method", [slim, neo_hookean])
+def test_soft_handles_come_nearer_with_their_weight(method):
+    if method is neo_hookean:
+        pytest.importorskip("simkit", reason="the extra neo_hookean is not installed")
+    task = held_ends(bumpy(2))
+    options = {**COARSE, "start": "rigid"}
+    errors = [
+        method(task, **options, handle_weight=weight).extra["handle_error"] for weight in (10.0, 1e3, 1e5)
+    ]
+    assert errors[0] > 2 * errors[1] > 4 * errors[2]
+    for weight in (0.0, -1.0, np.inf):
+        with pytest.raises(InputError, match="handle_weight"):
+            method(task, handle_weight=weight)
+
+
+def test_slim_inverts_nothing_where_arap_would_not_mind():
+    task = held_ends(bumpy(2), turn=Rotation.from_euler("z", 170, degrees=True).as_matrix())
+    result = slim(task, **COARSE, start="rigid", max_iterations=60)
+    assert result.extra["inverted"] == 0
+
+
+def elasticity():
+    pytest.importorskip("simkit", reason="the extra neo_hookean is not installed")
+    mesh = bumpy(1)
+    made = coarse_tetrahedra(mesh, samples=10**6, edge=0.3)
+    carry = made.carry[held_ends(mesh).handles.index]
+    problem = Elasticity(
+        made, carry, _energies(), centre=np.zeros(3), scale=mesh.diagonal, poisson=0.4, weight=100.0
+    )
+    return problem, made.V / mesh.diagonal
+
+
+def test_the_elastic_derivatives_are_those_of_the_energy():
+    problem, X = elasticity()
+    rng = np.random.default_rng(0)
+    x, d = bent(X) + 0.005 * rng.normal(size=X.shape), rng.normal(size=X.shape)
+    h = 1e-6
+    slope = (problem.energy(x + h * d) - problem.energy(x - h * d)) / (2 * h)
+    assert (problem.gradient(x) * d).sum() == pytest.approx(slope, rel=1e-6)
+    # At rest, where simkit's projection has nothing to do, the Hessian is that of the energy.
+    change = (problem.gradient(X + h * d) - problem.gradient(X - h * d)) / (2 * h)
+    found = (problem.hessian(X) @ d.ravel()).reshape(-1, 3)
+    assert np.abs(found - change).max() < 1e-4 * np.abs(change).max()
+
+
+def test_newton_finds_the_minimum_that_another_minimiser_finds():
+    problem, X = elasticity()
+    problem.target = problem.target @ Rotation.from_rotvec([0, 0, 0.3]).as_matrix().T * [1, 1, 1.1]
+    x, moves = newton(problem, X, tolerance=1e-10, max_iterations=50)
+    assert moves[-1] < 1e-10
+    other = minimize(
+        lambda p: problem.energy(p.reshape(-1, 3)),
+        X.ravel(),
+        jac=lambda p: problem.gradient(p.reshape(-1, 3)).ravel(),
+        method="L-BFGS-B",
+        options={"maxiter": 5000, "maxfun": 20000, "ftol": 1e-15, "gtol": 1e-9},
+    )
+    assert problem.energy(x) <= other.fun + 1e-9 * abs(other.fun)
+    assert np.abs(x - other.x.reshape(-1, 3)).max() < 1e-4
+
+
+@pytest.mark.parametrize("poisson", [0.1, 0.3, 0.45])
+def test_a_stretched_body_thins_by_poissons_ratio(poisson):
+    pytest.importorskip("simkit", reason="the extra neo_hookean is not installed")
+    from simkit.energies.stable_neo_hookean import (
+        stable_neo_hookean_gradient_element_F,
+        stable_neo_hookean_hessian_element_F,
+    )
+
+    mu, lam = (np.full((1, 1), value) for value in lame(poisson))
+    H = stable_neo_hookean_hessian_element_F(np.eye(3)[None], mu, lam)[0]
+    assert np.abs(stable_neo_hookean_gradient_element_F(np.eye(3)[None], mu, lam)).max() < 1e-12
+    diagonal = H[np.ix_([0, 4, 8], [0, 4, 8])]
+    thinner = np.linalg.solve(diagonal[1:, 1:], -diagonal[1:, 0])
+    np.testing.assert_allclose(thinner, -poisson, atol=1e-9)
+    shear = np.zeros(9)
+    shear[[1, 3]] = 0.5
+    assert shear @ H @ shear == pytest.approx(1.0)  # the modulus
+
+
+@pytest.mark.parametrize("options", [{"poisson": 0.5}, {"poisson": 0.0}, {"load_steps": 0}])
+def test_elastic_options_out_of_range_are_refused(options, without_extra):
+    with pytest.raises(InputError, match="poisson"):
+        neo_hookean(held_ends(bumpy(1)), **options)
+
+
+def test_the_active_set_needs_a_step(without_extra):
+    with pytest.raises(InputError, match="active set"):
+        bounded_biharmonic_weights(held_ends(bumpy(1)), qp_iterations=0)
+
+
+def surfaces_for_a_lattice():
+    return {
+        "closed": bumpy(2),
+        "open": tube(),
+        "sheet": jittered(strip(12, 6), 0.1),
+        "folded": folded(40, 8),
+        "not manifold": block(np.array([[[1], [0]], [[0], [1]]]), cells=3),
+    }
+
+
+@pytest.mark.parametrize("name", surfaces_for_a_lattice())
+@pytest.mark.parametrize("filled", [True, False])
+def test_a_lattice_carries_every_vertex(name, filled):
+    mesh = surfaces_for_a_lattice()[name]
+    grid = lattice(mesh, cells=14, filled=filled)
+    np.testing.assert_allclose(grid.carry @ grid.V, mesh.V, atol=1e-12 * mesh.diagonal)
+    assert grid.carry.data.min() >= 0
+    side = mesh.diagonal / 14
+    lengths = np.linalg.norm(grid.V[grid.edges[:, 0]] - grid.V[grid.edges[:, 1]], axis=1)
+    np.testing.assert_allclose(lengths, side, rtol=1e-9)
+    assert len(np.unique(grid.cubes, axis=0)) == len(grid.cubes)
+    assert grid.sharing.sum() == 12 * len(grid.cubes)
+    # Every face's middle lies in a cube: what the surface connects, the lattice does.
+    middles = mesh.V[mesh.F].mean(axis=1)
+    corner = grid.V[grid.cubes].min(axis=1)
+    inside = (middles[:, None] >= corner - 1e-9) & (middles[:, None] <= corner + side + 1e-9)
+    assert inside.all(axis=2).any(axis=1).all()
+
+
+def test_a_filled_lattice_has_the_volume_of_the_shape():
+    mesh = icosphere(3)
+    side = mesh.diagonal / 30
+    shell, full = (len(lattice(mesh, cells=30, filled=filled).cubes) for filled in (False, True))
+    assert shell * side**3 < 0.8 * mesh.volume < mesh.volume < full * side**3 < 1.5 * mesh.volume
+
+
+@pytest.mark.parametrize("name", surfaces_for_a_lattice())
+@pytest.mark.parametrize("carry", ["motions", "trilinear"])
+def test_lattice_arap_reproduces_rigid_motions_of_any_surface(name, carry):
+    mesh = surfaces_for_a_lattice()[name]
+    index = np.argsort(mesh.V[:, 0] + 0.1 * mesh.V[:, 1])[[0, 1, 2, 3, -4, -3, -2, -1]]
+    expected = mesh.V @ rotation(2).T + [3.0, 0, -1]
+    task = DeformationTask("rigid", mesh, Handles(index, expected[index]))
+    result = lattice_arap(task, cells=14, carry=carry, start="rigid")
+    assert result.converged
+    assert np.abs(result.vertices - expected).max() < 1e-9 * mesh.diagonal
+
+
+def test_lattice_arap_is_stationary_where_it_stops():
+    task = held_ends(bumpy(2))
+    options = {"cells": 10, "tolerance": 1e-10, "max_iterations": 5000}
+    first = lattice_arap(task, **options, start="rest")
+    second = lattice_arap(task, **options, start="rigid")
+    assert first.converged and second.converged
+    assert np.abs(first.vertices - second.vertices).max() < 1e-6 * task.mesh.diagonal
+    assert first.extra["handle_before"] < 5e-3
+
+
+def test_lattice_components_need_handles_and_options_are_checked():
+    balls = two_spheres()
+    task = DeformationTask(
+        "one", balls, Handles(np.arange(3), balls.V[:3] + [0, 0, 1]), carry_unconstrained=True
+    )
+    with pytest.raises(InputError, match="1 of the 2 components of the coarse volume have no handle"):
+        lattice_arap(task, cells=30)
+    for options in ({"cells": 1}, {"handle_weight": 0.0}, {"carry": "frames"}, {"start": "guess"}):
+        with pytest.raises(InputError, match="cells|start"):
+            lattice_arap(held_ends(bumpy(1)), **options)
