@@ -29,6 +29,9 @@ CLOSE = 1e-6
 #: libigl fits rotations in float32: targets at rest already move vertices by 1.2e-5 of this mesh's diagonal.
 CLOSE_LIBIGL = 5e-5
 
+#: Of the tetrahedra or cubes that some methods deform.
+COARSE = {"edge": 0.1, "cells": 16}
+
 #: Soft handles and few steps: a learned method is only near.
 LEARNED = {"implicit_arap_cpu": 2e-2, "implicit_arap_paper": 2e-2}
 
@@ -40,6 +43,17 @@ AXIS_DEPENDENT = {
     "sshade_paper": 3e-3,
     "implicit_arap_cpu": 6e-2,
     "implicit_arap_paper": 6e-2,
+    "peer/lattice_arap": 1e-2,
+}
+
+#: fTetWild makes other tetrahedra of a turned mesh, and would of the same one again; three times what was
+#: seen with tetrahedra as coarse as here.
+OTHER_TETRAHEDRA = {
+    "peer/bbw": 4e-3,
+    "peer/biharmonic_coordinates": 4e-2,
+    "peer/tetrahedral_arap": 1e-2,
+    "peer/slim": 1e-2,
+    "peer/neo_hookean": 1e-2,
 }
 
 #: A transfer's vertex that is as near to two triangles of the proxy goes with one or the other by rounding.
@@ -68,6 +82,7 @@ def method(request):
     if request.param in LEARNED:
         pytest.importorskip("torch", reason="the extra torch is not installed")
         plain |= plain["warm_up"]
+    plain |= {name: size for name, size in COARSE.items() if name in plain}
     transfers = request.param.startswith("transfer/")
     task = transfer_task() if transfers else ends_task()
     call = instantiate({**plain, "_partial_": True})
@@ -159,6 +174,8 @@ def test_moving_everything_together_moves_the_result(method, turn):
     if method.transfers:
         assert np.median(gap) <= (0.1 * TRANSFER if turn != "no turn" else close(method))
         assert gap.max() <= TRANSFER
+    elif method.name in OTHER_TETRAHEDRA and turn != "no turn":
+        assert gap.max() <= OTHER_TETRAHEDRA[method.name]
     elif turn == "any turn":
         assert gap.max() <= AXIS_DEPENDENT.get(method.name, close(method))
     else:

@@ -26,8 +26,13 @@ METHODS = [
     if path.stem != "identity"
 ]
 
+#: Of the tetrahedra or cubes that some methods deform.
+COARSE = {"edge": 0.1, "cells": 16}
+
 #: Soft handles, and few steps of training: only near.
 LEARNED = {"implicit_arap_cpu", "implicit_arap_paper"}
+#: Handles as soft as the methods' own weight has them: mean distance over the diagonal.
+SOFT = {"peer/slim": 1e-2, "peer/neo_hookean": 2e-2}
 NEAR = 5e-2
 #: Linear fields move with their handles but do not turn with them: faces between two regions may flip.
 LINEAR = {"peer/harmonic", "peer/biharmonic"}
@@ -105,6 +110,7 @@ def method(request):
     if request.param in LEARNED:
         pytest.importorskip("torch", reason="the extra torch is not installed")
         plain |= plain["warm_up"]
+    plain |= {name: size for name, size in COARSE.items() if name in plain}
     return SimpleNamespace(name=request.param, call=instantiate({**plain, "_partial_": True}))
 
 
@@ -118,13 +124,19 @@ def arap(name: str) -> Deformed:
 def test_regions_are_taken(method, name):
     case = task(name)
     before = [array.copy() for array in (case.mesh.V, case.handles.index, case.handles.target)]
-    V = method.call(case, seed=1).vertices
+    try:
+        V = method.call(case, seed=1).vertices
+    except ImportError as error:
+        pytest.skip(str(error))
     assert V.shape == case.mesh.V.shape and np.isfinite(V).all()
     for array, copy in zip((case.mesh.V, case.handles.index, case.handles.target), before, strict=True):
         np.testing.assert_array_equal(array, copy)
     gap = np.linalg.norm(V[case.handles.index] - case.handles.target, axis=1) / case.mesh.diagonal
     if method.name in LEARNED:
         assert np.median(gap) < NEAR
+        return
+    if method.name in SOFT:
+        assert gap.mean() < SOFT[method.name]
         return
     assert gap.max() <= 1e-12
     if method.name in LINEAR:
