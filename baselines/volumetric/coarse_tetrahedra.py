@@ -12,8 +12,14 @@ Y. Hu, T. Schneider, B. Wang, D. Zorin, D. Panozzo, "Fast tetrahedral meshing in
 from __future__ import annotations
 
 import hashlib
+import signal
+import subprocess
+import sys
 from collections import OrderedDict
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import TypedDict
 
@@ -33,6 +39,24 @@ NEAR = 32
 KEPT = 8
 #: Energy and number of steps at which fTetWild stops improving the tetrahedra; its own are 10 and 80.
 STOP_ENERGY, STEPS = 20.0, 20
+
+#: Seconds of a core after which it is stopped.
+LIMIT = 600
+
+#: fTetWild in a process of its own: it writes files where it runs, ends where it fails, and knows no limit.
+FILL = """
+import resource, sys
+import numpy as np
+from pytetwild import tetrahedralize
+edge, envelope, energy, steps, limit = map(float, sys.argv[1:])
+resource.setrlimit(resource.RLIMIT_CPU, (int(limit), int(limit)))
+surface = np.load("surface.npz")
+nodes, T = tetrahedralize(
+    surface["V"], surface["F"], edge_length_fac=edge, epsilon=envelope,
+    stop_energy=energy, num_opt_iter=int(steps), num_threads=1,
+)[:2]
+np.savez("filled.npz", nodes=nodes, T=T)
+"""
 
 _kept: OrderedDict[tuple[object, ...], CoarseTetrahedra] = OrderedDict()
 
@@ -168,30 +192,32 @@ def _sampled(mesh: Mesh, samples: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _filled(V: np.ndarray, F: np.ndarray, *, edge: float, envelope: float) -> tuple[np.ndarray, np.ndarray]:
     """Nodes and positive tetrahedra of fTetWild."""
-    try:
-        from pytetwild import tetrahedralize
-    except ImportError as error:
-        raise ImportError("tetrahedra need pytetwild; pip install 'sshade[tet]'") from error
-    try:
-        nodes, T = tetrahedralize(
-            V,
-            F.astype(np.int32),
-            edge_length_fac=edge,
-            epsilon=envelope,
-            stop_energy=STOP_ENERGY,
-            num_opt_iter=STEPS,
-            num_threads=1,
-        )[:2]
-    except RuntimeError as error:
-        raise InputError(f"fTetWild could not fill the surface: {error}") from error
+    if find_spec("pytetwild") is None:
+        raise ImportError("tetrahedra need pytetwild; pip install 'sshade[tet]'")
+    with TemporaryDirectory() as folder:
+        np.savez(Path(folder, "surface.npz"), V=V, F=F.astype(np.int32))
+        sizes = (edge, envelope, STOP_ENERGY, STEPS, LIMIT)
+        done = subprocess.run(
+            [sys.executable, "-c", FILL, *map(str, sizes)], cwd=folder, capture_output=True, text=True
+        )
+        if done.returncode:
+            raise InputError(f"fTetWild could not fill the surface: {_why(done)}")
+        with np.load(Path(folder, "filled.npz")) as filled:
+            nodes, T = filled["nodes"], filled["T"]
     T = np.asarray(T, dtype=np.int64).reshape(-1, 4)
-    nodes = np.asarray(nodes, dtype=np.float64)
     volumes = np.linalg.det(nodes[T[:, 1:]] - nodes[T[:, :1]])
     T = np.where((volumes < 0)[:, None], T[:, [0, 2, 1, 3]], T)[volumes != 0]
     if len(T) == 0:
         raise InputError("fTetWild found nothing to fill: the surface encloses no volume")
     used, T = np.unique(T, return_inverse=True)
     return nodes[used], T.reshape(-1, 4)
+
+
+def _why(done: subprocess.CompletedProcess[str]) -> str:
+    if done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
+        return f"it was stopped, as after {LIMIT} s of a core or where memory runs out"
+    said = done.stderr.strip().splitlines()
+    return said[-1] if said else f"its process ended with {done.returncode}"
 
 
 def barycentric_coordinates(V: np.ndarray, T: np.ndarray, points: np.ndarray) -> csr_array:

@@ -109,10 +109,24 @@ def test_an_open_surface_is_refused(method, without_extra):
 
 @pytest.mark.parametrize("method", VOLUMETRIC)
 def test_an_extra_that_is_missing_is_named(method, without_extra, monkeypatch):
-    monkeypatch.setitem(sys.modules, "pytetwild", None)
+    monkeypatch.setattr(tetrahedra_module, "find_spec", lambda name: None)
     monkeypatch.setitem(sys.modules, "simkit.deformation_jacobian", None)
     with pytest.raises(ImportError, match=r"sshade\[(tet|neo_hookean)\]"):
         method(held_ends(bumpy(1)), samples=12, edge=0.31)
+
+
+def test_filling_has_a_limit_and_leaves_nothing_behind(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(tetrahedra_module, "LIMIT", 1)
+    with pytest.raises(InputError, match="could not fill the surface: it was stopped, as after 1 s"):
+        coarse_tetrahedra(bumpy(4), samples=10**6, edge=0.01)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_ftetwild_says_is_passed_on(monkeypatch):
+    monkeypatch.setattr(tetrahedra_module, "FILL", "raise RuntimeError('no room')")
+    with pytest.raises(InputError, match="could not fill the surface: RuntimeError: no room"):
+        coarse_tetrahedra(icosphere(1), samples=30, edge=0.21)
 
 
 @pytest.mark.parametrize("method", VOLUMETRIC)

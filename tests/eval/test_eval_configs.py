@@ -28,7 +28,7 @@ def names(group):
 
 
 #: Experiments that make their own data.
-MAKING_DATA = ("resolution", "ablation_touching", "shapes")
+MAKING_DATA = ("resolution", "ablation_touching", "shapes", "peers_shapes")
 METHODS = names("method") + [
     f"{folder}/{name}" for folder in ("peer", "transfer") for name in names(f"method/{folder}")
 ]
@@ -113,7 +113,8 @@ def test_experiment_takes_other_data_by_its_name_and_folder(name, data):
     assert config.dataset.root == "there" and f"source={data}" in config.dataset.build
     assert config.dataset.build.endswith("out=there")
     assert config.hydra.sweep.dir.endswith(f"out/runs/{name}_{data}")
-    if name not in ("quick", "all_methods", "full", "ci", "bodies_25k", "bodies_170k"):  # for certain bodies
+    certain = ("quick", "all_methods", "full", "ci", "bodies_25k", "bodies_170k", "peers")
+    if name not in certain:  # for certain bodies
         assert config.hydra.sweeper.params.subject == "all"
         assert config.hydra.sweeper.params.pose in ("all", "1,2,3,4")
 
