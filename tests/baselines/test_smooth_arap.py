@@ -38,12 +38,11 @@ def energy_of(mesh, P, R, smoothness):
     for (i, j), weight in zip(edges, w, strict=True):
         rest, now = mesh.V[i] - mesh.V[j], P[i] - P[j]
         for k in (i, j):
-            total += (1 - smoothness) * weight * np.sum((now - R[k] @ rest) ** 2)
+            total += (1 - smoothness) / 2 * weight * np.sum((now - R[k] @ rest) ** 2)
         mean = 0.5 * (R[i] + R[j]) @ rest
         b[i] += weight * mean
         b[j] -= weight * mean
-    # Edges count from both ends, so that a Laplacian vector counts twice, too.
-    return total + 2 * smoothness * np.sum((L @ P - b) ** 2 / a[:, None])
+    return total + smoothness * np.sum((L @ P - b) ** 2 / a[:, None])
 
 
 @pytest.mark.parametrize("smoothness", [0.3, 0.97])

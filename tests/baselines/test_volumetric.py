@@ -14,8 +14,12 @@ from baselines.volumetric.coarse_tetrahedra import barycentric_coordinates, coar
 from baselines.volumetric.lattice import lattice
 from baselines.volumetric.lattice_arap import lattice_arap
 from baselines.volumetric.neo_hookean import Elasticity, _energies, lame, neo_hookean, newton
-from baselines.volumetric.node_handles import node_handles, rigid_parts
-from baselines.volumetric.skinning import biharmonic_coordinates, bounded_biharmonic_weights
+from baselines.volumetric.node_handles import NodeHandles, node_handles, rigid_parts
+from baselines.volumetric.skinning import (
+    _bounded_weights,
+    biharmonic_coordinates,
+    bounded_biharmonic_weights,
+)
 from baselines.volumetric.slim import slim
 from baselines.volumetric.tetrahedral_arap import tetrahedral_arap
 from sshade.errors import InputError
@@ -223,6 +227,36 @@ def test_bounded_biharmonic_weights_blend_two_bones():
     assert middle.min() > 0.05 and middle.max() < 0.95
     order = np.corrcoef(moved[:, 2], z)[0, 1]
     assert order > 0.9
+
+
+def test_bounded_biharmonic_weights_are_those_of_another_minimiser():
+    made = coarse_tetrahedra(bumpy(1), samples=10**6, edge=0.25)
+    z = made.V[:, 2]
+    index = np.argsort(z)[[*range(6), *range(-6, 0)]]
+    part = (z[index] > 0).astype(np.int64)
+    W = _bounded_weights(made, NodeHandles(np.sort(index), made.V, part[np.argsort(index)]), 2, 50)
+    assert W.min() >= 0 and np.abs(W.sum(axis=1) - 1).max() < 1e-12
+    # The Laplacian of linear elements and lumped volumes, element by element.
+    n = len(made.V)
+    L, M = np.zeros((n, n)), np.zeros(n)
+    for own, volume in zip(made.T, made.volumes, strict=True):
+        slopes = np.linalg.inv(np.column_stack([made.V[own], np.ones(4)]))[:3]
+        L[np.ix_(own, own)] += volume * slopes.T @ slopes
+        M[own] += volume / 4
+    A = L @ (L / M[:, None])
+    bounds = np.tile([0.0, 1.0], (n, 1))
+    bounds[index] = part[:, None]
+    other = minimize(
+        lambda w: w @ A @ w,
+        np.clip(z - z.min(), 0, 1),
+        jac=lambda w: 2 * A @ w,
+        bounds=bounds,
+        method="L-BFGS-B",
+        options={"maxiter": 50000, "maxfun": 10**6, "ftol": 1e-16, "gtol": 1e-10},
+    )
+    # Both weights add up to 1 in libigl only after the fact, by which they change a little.
+    assert np.abs(W[:, 1] - other.x).max() < 0.03
+    assert W[:, 1] @ A @ W[:, 1] < 1.05 * other.fun
 
 
 def test_biharmonic_coordinates_reproduce_affine_maps_of_points():
