@@ -33,7 +33,7 @@ def open3d_arap(
     Parameters
     ----------
     task : DeformationTask
-        Its mesh must be manifold, without triangles without area.
+        Open3D asks nothing of its mesh, and says nothing where the result is poor.
     energy : {"spokes", "smoothed"}
     smoothed_alpha : float
         Open3D's weight of "smoothed".

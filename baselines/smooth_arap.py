@@ -2,8 +2,9 @@
 
     E = (1 - l) / 2 sum_i sum_j w_ij |e'_ij - R_i e_ij|^2 + l sum_i (1 / a_i) |(L p)_i - b_i(R)|^2
 
-over the neighbours j of i, with 0 <= l < 1, L the cotangent Laplacian, b(R) the right-hand side of ARAP's global step and a_i the vertex
-areas over their mean. The rotations are fitted to the edges alone, as in ARAP; the global step solves
+over the neighbours j of i, with 0 <= l < 1, L the cotangent Laplacian, b(R) the right-hand side of ARAP's
+global step and a_i the vertex areas over their mean. The rotations are fitted to the edges alone, as
+in ARAP; the global step solves
 
     [l L A^-1 L + (1 - l) L] p = l L A^-1 b(R) + (1 - l) b(R),   A = diag(a),
 

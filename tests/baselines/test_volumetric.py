@@ -1,4 +1,4 @@
-"""Coarse tetrahedra and lattices, handles on them, and the methods that deform them."""
+"""Coarse tetrahedra, handles on them, and the methods that deform them."""
 
 from __future__ import annotations
 
@@ -11,9 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from baselines.volumetric import coarse_tetrahedra as tetrahedra_module
 from baselines.volumetric.coarse_tetrahedra import barycentric_coordinates, coarse_tetrahedra
-from baselines.volumetric.lattice import lattice
-from baselines.volumetric.lattice_arap import lattice_arap
-from baselines.volumetric.neo_hookean import Elasticity, _energies, lame, neo_hookean, newton
+from baselines.volumetric.neo_hookean import neo_hookean
 from baselines.volumetric.node_handles import NodeHandles, node_handles, rigid_parts
 from baselines.volumetric.skinning import (
     _bounded_weights,
@@ -25,7 +23,7 @@ from baselines.volumetric.tetrahedral_arap import tetrahedral_arap
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.task import DeformationTask, Handles
-from tests.shapes import bent, block, bumpy, folded, held_ends, icosphere, jittered, rotation, strip, tube
+from tests.shapes import bumpy, held_ends, icosphere, rotation, tube
 
 COARSE = {"samples": 300, "edge": 0.12}
 VOLUMETRIC = (tetrahedral_arap, bounded_biharmonic_weights, biharmonic_coordinates, slim, neo_hookean)
@@ -36,7 +34,7 @@ CLOSE = 1e-6
 
 @pytest.fixture(autouse=True)
 def installed(request):
-    if "without_extra" not in request.fixturenames and "lattice" not in request.node.name:
+    if "without_extra" not in request.fixturenames:
         pytest.importorskip("pytetwild", reason="the extra tet is not installed")
 
 
@@ -293,141 +291,6 @@ def test_slim_inverts_nothing_where_arap_would_not_mind():
     assert result.extra["inverted"] == 0
 
 
-def elasticity():
-    pytest.importorskip("simkit", reason="the extra neo_hookean is not installed")
-    mesh = bumpy(1)
-    made = coarse_tetrahedra(mesh, samples=10**6, edge=0.3)
-    carry = made.carry[held_ends(mesh).handles.index]
-    problem = Elasticity(
-        made, carry, _energies(), centre=np.zeros(3), scale=mesh.diagonal, poisson=0.4, weight=100.0
-    )
-    return problem, made.V / mesh.diagonal
-
-
-def test_the_elastic_derivatives_are_those_of_the_energy():
-    problem, X = elasticity()
-    rng = np.random.default_rng(0)
-    x, d = bent(X) + 0.005 * rng.normal(size=X.shape), rng.normal(size=X.shape)
-    h = 1e-6
-    slope = (problem.energy(x + h * d) - problem.energy(x - h * d)) / (2 * h)
-    assert (problem.gradient(x) * d).sum() == pytest.approx(slope, rel=1e-6)
-    # At rest, where simkit's projection has nothing to do, the Hessian is that of the energy.
-    change = (problem.gradient(X + h * d) - problem.gradient(X - h * d)) / (2 * h)
-    found = (problem.hessian(X) @ d.ravel()).reshape(-1, 3)
-    assert np.abs(found - change).max() < 1e-4 * np.abs(change).max()
-
-
-def test_newton_finds_the_minimum_that_another_minimiser_finds():
-    problem, X = elasticity()
-    problem.target = problem.target @ Rotation.from_rotvec([0, 0, 0.3]).as_matrix().T * [1, 1, 1.1]
-    x, moves = newton(problem, X, tolerance=1e-10, max_iterations=50)
-    assert moves[-1] < 1e-10
-    other = minimize(
-        lambda p: problem.energy(p.reshape(-1, 3)),
-        X.ravel(),
-        jac=lambda p: problem.gradient(p.reshape(-1, 3)).ravel(),
-        method="L-BFGS-B",
-        options={"maxiter": 5000, "maxfun": 20000, "ftol": 1e-15, "gtol": 1e-9},
-    )
-    assert problem.energy(x) <= other.fun + 1e-9 * abs(other.fun)
-    assert np.abs(x - other.x.reshape(-1, 3)).max() < 1e-4
-
-
-@pytest.mark.parametrize("poisson", [0.1, 0.3, 0.45])
-def test_a_stretched_body_thins_by_poissons_ratio(poisson):
-    pytest.importorskip("simkit", reason="the extra neo_hookean is not installed")
-    from simkit.energies.stable_neo_hookean import (
-        stable_neo_hookean_gradient_element_F,
-        stable_neo_hookean_hessian_element_F,
-    )
-
-    mu, lam = (np.full((1, 1), value) for value in lame(poisson))
-    H = stable_neo_hookean_hessian_element_F(np.eye(3)[None], mu, lam)[0]
-    assert np.abs(stable_neo_hookean_gradient_element_F(np.eye(3)[None], mu, lam)).max() < 1e-12
-    diagonal = H[np.ix_([0, 4, 8], [0, 4, 8])]
-    thinner = np.linalg.solve(diagonal[1:, 1:], -diagonal[1:, 0])
-    np.testing.assert_allclose(thinner, -poisson, atol=1e-9)
-    shear = np.zeros(9)
-    shear[[1, 3]] = 0.5
-    assert shear @ H @ shear == pytest.approx(1.0)  # the modulus
-
-
-@pytest.mark.parametrize("options", [{"poisson": 0.5}, {"poisson": 0.0}, {"load_steps": 0}])
-def test_elastic_options_out_of_range_are_refused(options, without_extra):
-    with pytest.raises(InputError, match="poisson"):
-        neo_hookean(held_ends(bumpy(1)), **options)
-
-
 def test_the_active_set_needs_a_step(without_extra):
     with pytest.raises(InputError, match="active set"):
         bounded_biharmonic_weights(held_ends(bumpy(1)), qp_iterations=0)
-
-
-def surfaces_for_a_lattice():
-    return {
-        "closed": bumpy(2),
-        "open": tube(),
-        "sheet": jittered(strip(12, 6), 0.1),
-        "folded": folded(40, 8),
-        "not manifold": block(np.array([[[1], [0]], [[0], [1]]]), cells=3),
-    }
-
-
-@pytest.mark.parametrize("name", surfaces_for_a_lattice())
-@pytest.mark.parametrize("filled", [True, False])
-def test_a_lattice_carries_every_vertex(name, filled):
-    mesh = surfaces_for_a_lattice()[name]
-    grid = lattice(mesh, cells=14, filled=filled)
-    np.testing.assert_allclose(grid.carry @ grid.V, mesh.V, atol=1e-12 * mesh.diagonal)
-    assert grid.carry.data.min() >= 0
-    side = mesh.diagonal / 14
-    lengths = np.linalg.norm(grid.V[grid.edges[:, 0]] - grid.V[grid.edges[:, 1]], axis=1)
-    np.testing.assert_allclose(lengths, side, rtol=1e-9)
-    assert len(np.unique(grid.cubes, axis=0)) == len(grid.cubes)
-    assert grid.sharing.sum() == 12 * len(grid.cubes)
-    # Every face's middle lies in a cube: what the surface connects, the lattice does.
-    middles = mesh.V[mesh.F].mean(axis=1)
-    corner = grid.V[grid.cubes].min(axis=1)
-    inside = (middles[:, None] >= corner - 1e-9) & (middles[:, None] <= corner + side + 1e-9)
-    assert inside.all(axis=2).any(axis=1).all()
-
-
-def test_a_filled_lattice_has_the_volume_of_the_shape():
-    mesh = icosphere(3)
-    side = mesh.diagonal / 30
-    shell, full = (len(lattice(mesh, cells=30, filled=filled).cubes) for filled in (False, True))
-    assert shell * side**3 < 0.8 * mesh.volume < mesh.volume < full * side**3 < 1.5 * mesh.volume
-
-
-@pytest.mark.parametrize("name", surfaces_for_a_lattice())
-@pytest.mark.parametrize("carry", ["motions", "trilinear"])
-def test_lattice_arap_reproduces_rigid_motions_of_any_surface(name, carry):
-    mesh = surfaces_for_a_lattice()[name]
-    index = np.argsort(mesh.V[:, 0] + 0.1 * mesh.V[:, 1])[[0, 1, 2, 3, -4, -3, -2, -1]]
-    expected = mesh.V @ rotation(2).T + [3.0, 0, -1]
-    task = DeformationTask("rigid", mesh, Handles(index, expected[index]))
-    result = lattice_arap(task, cells=14, carry=carry, start="rigid")
-    assert result.converged
-    assert np.abs(result.vertices - expected).max() < 1e-9 * mesh.diagonal
-
-
-def test_lattice_arap_is_stationary_where_it_stops():
-    task = held_ends(bumpy(2))
-    options = {"cells": 10, "tolerance": 1e-10, "max_iterations": 5000}
-    first = lattice_arap(task, **options, start="rest")
-    second = lattice_arap(task, **options, start="rigid")
-    assert first.converged and second.converged
-    assert np.abs(first.vertices - second.vertices).max() < 1e-6 * task.mesh.diagonal
-    assert first.extra["handle_before"] < 5e-3
-
-
-def test_lattice_components_need_handles_and_options_are_checked():
-    balls = two_spheres()
-    task = DeformationTask(
-        "one", balls, Handles(np.arange(3), balls.V[:3] + [0, 0, 1]), carry_unconstrained=True
-    )
-    with pytest.raises(InputError, match="1 of the 2 components of the coarse volume have no handle"):
-        lattice_arap(task, cells=30)
-    for options in ({"cells": 1}, {"handle_weight": 0.0}, {"carry": "frames"}, {"start": "guess"}):
-        with pytest.raises(InputError, match="cells|start"):
-            lattice_arap(held_ends(bumpy(1)), **options)

@@ -1,0 +1,88 @@
+"""Lattices around surfaces of any kind, and ARAP on them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from baselines.volumetric.lattice import lattice
+from baselines.volumetric.lattice_arap import lattice_arap
+from sshade.errors import InputError
+from sshade.mesh.mesh import Mesh
+from sshade.task import DeformationTask, Handles
+from tests.shapes import block, bumpy, folded, held_ends, icosphere, jittered, rotation, strip, tube
+
+
+def two_spheres() -> Mesh:
+    ball = icosphere(2)
+    return Mesh(np.concatenate([ball.V, ball.V + [5, 0, 0]]), np.concatenate([ball.F, ball.F + ball.n]))
+
+
+def surfaces_for_a_lattice():
+    return {
+        "closed": bumpy(2),
+        "open": tube(),
+        "sheet": jittered(strip(12, 6), 0.1),
+        "folded": folded(40, 8),
+        "not manifold": block(np.array([[[1], [0]], [[0], [1]]]), cells=3),
+    }
+
+
+@pytest.mark.parametrize("name", surfaces_for_a_lattice())
+@pytest.mark.parametrize("filled", [True, False])
+def test_a_lattice_carries_every_vertex(name, filled):
+    mesh = surfaces_for_a_lattice()[name]
+    grid = lattice(mesh, cells=14, filled=filled)
+    np.testing.assert_allclose(grid.carry @ grid.V, mesh.V, atol=1e-12 * mesh.diagonal)
+    assert grid.carry.data.min() >= 0
+    side = mesh.diagonal / 14
+    lengths = np.linalg.norm(grid.V[grid.edges[:, 0]] - grid.V[grid.edges[:, 1]], axis=1)
+    np.testing.assert_allclose(lengths, side, rtol=1e-9)
+    assert len(np.unique(grid.cubes, axis=0)) == len(grid.cubes)
+    assert grid.sharing.sum() == 12 * len(grid.cubes)
+    # Every face's middle lies in a cube: what the surface connects, the lattice does.
+    middles = mesh.V[mesh.F].mean(axis=1)
+    corner = grid.V[grid.cubes].min(axis=1)
+    inside = (middles[:, None] >= corner - 1e-9) & (middles[:, None] <= corner + side + 1e-9)
+    assert inside.all(axis=2).any(axis=1).all()
+
+
+def test_a_filled_lattice_has_the_volume_of_the_shape():
+    mesh = icosphere(3)
+    side = mesh.diagonal / 30
+    shell, full = (len(lattice(mesh, cells=30, filled=filled).cubes) for filled in (False, True))
+    assert shell * side**3 < 0.8 * mesh.volume < mesh.volume < full * side**3 < 1.5 * mesh.volume
+
+
+@pytest.mark.parametrize("name", surfaces_for_a_lattice())
+@pytest.mark.parametrize("carry", ["motions", "trilinear"])
+def test_lattice_arap_reproduces_rigid_motions_of_any_surface(name, carry):
+    mesh = surfaces_for_a_lattice()[name]
+    index = np.argsort(mesh.V[:, 0] + 0.1 * mesh.V[:, 1])[[0, 1, 2, 3, -4, -3, -2, -1]]
+    expected = mesh.V @ rotation(2).T + [3.0, 0, -1]
+    task = DeformationTask("rigid", mesh, Handles(index, expected[index]))
+    result = lattice_arap(task, cells=14, carry=carry, start="rigid")
+    assert result.converged
+    assert np.abs(result.vertices - expected).max() < 1e-9 * mesh.diagonal
+
+
+def test_lattice_arap_is_stationary_where_it_stops():
+    task = held_ends(bumpy(2))
+    options = {"cells": 10, "tolerance": 1e-10, "max_iterations": 5000}
+    first = lattice_arap(task, **options, start="rest")
+    second = lattice_arap(task, **options, start="rigid")
+    assert first.converged and second.converged
+    assert np.abs(first.vertices - second.vertices).max() < 1e-6 * task.mesh.diagonal
+    assert first.extra["handle_before"] < 5e-3
+
+
+def test_lattice_components_need_handles_and_options_are_checked():
+    balls = two_spheres()
+    task = DeformationTask(
+        "one", balls, Handles(np.arange(3), balls.V[:3] + [0, 0, 1]), carry_unconstrained=True
+    )
+    with pytest.raises(InputError, match="1 of the 2 components of the coarse volume have no handle"):
+        lattice_arap(task, cells=30)
+    for options in ({"cells": 1}, {"handle_weight": 0.0}, {"carry": "frames"}, {"start": "guess"}):
+        with pytest.raises(InputError, match="cells|start"):
+            lattice_arap(held_ends(bumpy(1)), **options)

@@ -1,0 +1,79 @@
+"""The elastic energy, its derivatives and Newton's method on coarse tetrahedra."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
+
+from baselines.volumetric.coarse_tetrahedra import coarse_tetrahedra
+from baselines.volumetric.neo_hookean import Elasticity, _energies, lame, neo_hookean, newton
+from sshade.errors import InputError
+from tests.shapes import bent, bumpy, held_ends
+
+
+def elasticity():
+    for name in ("pytetwild", "simkit"):
+        pytest.importorskip(name, reason="the extra neo_hookean is not installed")
+    mesh = bumpy(1)
+    made = coarse_tetrahedra(mesh, samples=10**6, edge=0.3)
+    carry = made.carry[held_ends(mesh).handles.index]
+    problem = Elasticity(
+        made, carry, _energies(), centre=np.zeros(3), scale=mesh.diagonal, poisson=0.4, weight=100.0
+    )
+    return problem, made.V / mesh.diagonal
+
+
+def test_the_elastic_derivatives_are_those_of_the_energy():
+    problem, X = elasticity()
+    rng = np.random.default_rng(0)
+    x, d = bent(X) + 0.005 * rng.normal(size=X.shape), rng.normal(size=X.shape)
+    h = 1e-6
+    slope = (problem.energy(x + h * d) - problem.energy(x - h * d)) / (2 * h)
+    assert (problem.gradient(x) * d).sum() == pytest.approx(slope, rel=1e-6)
+    # At rest, where simkit's projection has nothing to do, the Hessian is that of the energy.
+    change = (problem.gradient(X + h * d) - problem.gradient(X - h * d)) / (2 * h)
+    found = (problem.hessian(X) @ d.ravel()).reshape(-1, 3)
+    assert np.abs(found - change).max() < 1e-4 * np.abs(change).max()
+
+
+def test_newton_finds_the_minimum_that_another_minimiser_finds():
+    problem, X = elasticity()
+    problem.target = problem.target @ Rotation.from_rotvec([0, 0, 0.3]).as_matrix().T * [1, 1, 1.1]
+    x, moves = newton(problem, X, tolerance=1e-10, max_iterations=50)
+    assert moves[-1] < 1e-10
+    other = minimize(
+        lambda p: problem.energy(p.reshape(-1, 3)),
+        X.ravel(),
+        jac=lambda p: problem.gradient(p.reshape(-1, 3)).ravel(),
+        method="L-BFGS-B",
+        options={"maxiter": 5000, "maxfun": 20000, "ftol": 1e-15, "gtol": 1e-9},
+    )
+    assert problem.energy(x) <= other.fun + 1e-9 * abs(other.fun)
+    assert np.abs(x - other.x.reshape(-1, 3)).max() < 1e-4
+
+
+@pytest.mark.parametrize("poisson", [0.1, 0.3, 0.45])
+def test_a_stretched_body_thins_by_poissons_ratio(poisson):
+    pytest.importorskip("simkit", reason="the extra neo_hookean is not installed")
+    from simkit.energies.stable_neo_hookean import (
+        stable_neo_hookean_gradient_element_F,
+        stable_neo_hookean_hessian_element_F,
+    )
+
+    mu, lam = (np.full((1, 1), value) for value in lame(poisson))
+    H = stable_neo_hookean_hessian_element_F(np.eye(3)[None], mu, lam)[0]
+    assert np.abs(stable_neo_hookean_gradient_element_F(np.eye(3)[None], mu, lam)).max() < 1e-12
+    diagonal = H[np.ix_([0, 4, 8], [0, 4, 8])]
+    thinner = np.linalg.solve(diagonal[1:, 1:], -diagonal[1:, 0])
+    np.testing.assert_allclose(thinner, -poisson, atol=1e-9)
+    shear = np.zeros(9)
+    shear[[1, 3]] = 0.5
+    assert shear @ H @ shear == pytest.approx(1.0)  # the modulus
+
+
+@pytest.mark.parametrize("options", [{"poisson": 0.5}, {"poisson": 0.0}, {"load_steps": 0}])
+def test_elastic_options_out_of_range_are_refused(options):
+    with pytest.raises(InputError, match="poisson"):
+        neo_hookean(held_ends(bumpy(1)), **options)
