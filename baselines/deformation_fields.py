@@ -21,8 +21,9 @@ import numpy as np
 
 from baselines.start_motion import start_motion
 from sshade.errors import InputError
+from sshade.progress import Progress, silent
 from sshade.solver.options import Start
-from sshade.task import DeformationResult, DeformationTask, Progress, silent
+from sshade.task import DeformationResult, DeformationTask
 
 
 def deformation_field(

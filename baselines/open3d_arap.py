@@ -14,7 +14,8 @@ from typing import Literal, get_args
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.task import DeformationResult, DeformationTask, Progress, silent
+from sshade.progress import Progress, silent
+from sshade.task import DeformationResult, DeformationTask
 
 Kind = Literal["spokes", "smoothed"]
 

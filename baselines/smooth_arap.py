@@ -32,12 +32,13 @@ from scipy.sparse import csr_array, diags_array
 from baselines.global_step import GlobalStep, iterate, last
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.solver.cotangents import corner_vectors, edge_weights, half_cotangents, laplacian_matrix
+from sshade.progress import Progress, silent
+from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
 from sshade.solver.options import Energy, Start
 from sshade.solver.rotations import fit_rotations
 from sshade.solver.start import initial_guess
-from sshade.solver.terms import Terms, covariances, right_hand_side
-from sshade.task import DeformationResult, DeformationTask, Progress, silent
+from sshade.solver.terms import Terms, Triangles, covariances, right_hand_side
+from sshade.task import DeformationResult, DeformationTask
 
 #: Least area of a vertex over the mean, where triangles have none: it is divided by.
 LEAST_AREA = 1e-3
@@ -102,9 +103,11 @@ def smooth_arap(
     global_step = GlobalStep(csr_array(blend @ laplacian), handles.index, targets=handles.target)
     if energy == "spokes":
         i, j = edges.T
-        terms = Terms(edges, (weights[:, None] * (mesh.V[i] - mesh.V[j]))[:, None], weights[:, None])
+        terms: Terms | Triangles = Terms(
+            edges, (weights[:, None] * (mesh.V[i] - mesh.V[j]))[:, None], weights[:, None]
+        )
     else:
-        terms = Terms(mesh.F.astype(np.uint32), corner_vectors(mesh, h), h)
+        terms = Triangles(mesh.F.astype(np.uint32), mesh.V, h)
     precomputed = perf_counter()
 
     R, B = np.empty((mesh.n, 9)), np.empty((mesh.n, 3))
@@ -139,7 +142,7 @@ def smooth_arap(
 
 def blending_matrix(mesh: Mesh, laplacian: csr_array, smoothness: float) -> csr_array:
     """(n, n) ``l L A^-1 + (1 - l) I``, which both sides of ARAP's global step are multiplied by."""
-    area = np.bincount(mesh.F.ravel(), np.repeat(mesh.face_areas / 3, 3), minlength=mesh.n)
+    area = mesh.vertex_areas
     share = np.maximum(area / area.mean(), LEAST_AREA)
     identity = diags_array(np.full(mesh.n, 1 - smoothness), format="csr")
     return csr_array(laplacian @ diags_array(smoothness / share, format="csr") + identity)

@@ -26,12 +26,13 @@ from baselines.start_motion import start_motion
 from baselines.volumetric.lattice import lattice
 from baselines.volumetric.node_handles import on_targets, require_handles
 from sshade.errors import InputError
+from sshade.progress import Progress, silent
 from sshade.solver.cotangents import laplacian_matrix
 from sshade.solver.factorisation import Factorisation
 from sshade.solver.options import Start
 from sshade.solver.rotations import fit_rotations
 from sshade.solver.terms import Terms, covariances, right_hand_side
-from sshade.task import DeformationResult, DeformationTask, Progress, silent
+from sshade.task import DeformationResult, DeformationTask
 
 Carry = Literal["trilinear", "motions"]
 

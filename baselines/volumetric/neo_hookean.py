@@ -25,9 +25,10 @@ from baselines.start_motion import start_motion
 from baselines.volumetric.coarse_tetrahedra import CoarseTetrahedra, TetrahedraOptions, coarse_tetrahedra
 from baselines.volumetric.node_handles import handle_error, require_handles
 from sshade.errors import InputError
+from sshade.progress import Progress, silent
 from sshade.solver.factorisation import Factorisation
 from sshade.solver.options import Start
-from sshade.task import DeformationResult, DeformationTask, Progress, silent
+from sshade.task import DeformationResult, DeformationTask
 
 #: Share of the decrease that the slope promises with which a step of the line search is taken, and halvings.
 DECREASE, HALVINGS = 1e-4, 30

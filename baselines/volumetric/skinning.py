@@ -24,7 +24,8 @@ import numpy as np
 from baselines.volumetric.coarse_tetrahedra import CoarseTetrahedra, TetrahedraOptions, coarse_tetrahedra
 from baselines.volumetric.node_handles import NodeHandles, RigidParts, node_handles, on_targets, rigid_parts
 from sshade.errors import InputError
-from sshade.task import DeformationResult, DeformationTask, Progress, silent
+from sshade.progress import Progress, silent
+from sshade.task import DeformationResult, DeformationTask
 
 #: Smallest singular value of a region's nodes, over the largest, with which they fix an affine map.
 GENERAL_POSITION = 1e-3

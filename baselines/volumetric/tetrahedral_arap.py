@@ -19,8 +19,9 @@ from baselines.global_step import iterate, last
 from baselines.start_motion import start_motion
 from baselines.volumetric.coarse_tetrahedra import TetrahedraOptions, coarse_tetrahedra
 from baselines.volumetric.node_handles import node_handles, on_targets, rigid_parts
+from sshade.progress import Progress, silent
 from sshade.solver.options import Start
-from sshade.task import DeformationResult, DeformationTask, Progress, silent
+from sshade.task import DeformationResult, DeformationTask
 
 
 def tetrahedral_arap(
