@@ -15,13 +15,10 @@ from sshade.cli.configuration import CONFIGURATION
 from sshade.mesh.mesh import Mesh
 from sshade.pipeline.transfer import TransferTask
 from sshade.task import DeformationTask, Handles
+from tests.methods import methods
 from tests.shapes import bumpy, end_handles
 
-METHODS = [
-    str(path.relative_to(CONFIGURATION / "method").with_suffix(""))
-    for folder in ("method", "method/peer", "method/transfer")
-    for path in sorted((CONFIGURATION / folder).glob("*.yaml"))
-]
+METHODS = methods("", "peer", "transfer")
 
 #: Relative to the bounding-box diagonal.
 CLOSE = 1e-6

@@ -17,14 +17,10 @@ from eval.run.targets import instantiate
 from sshade import DeformationTask, Handles, Mesh
 from sshade.cli.configuration import CONFIGURATION
 from sshade.solver.local_global import local_global
+from tests.methods import methods
 from tests.shapes import block, bumpy, jittered
 
-METHODS = [
-    str(path.relative_to(CONFIGURATION / "method").with_suffix(""))
-    for folder in ("method", "method/peer")
-    for path in sorted((CONFIGURATION / folder).glob("*.yaml"))
-    if path.stem != "identity"
-]
+METHODS = [name for name in methods("", "peer") if name != "identity"]
 
 #: Of the tetrahedra or cubes that some methods deform.
 COARSE = {"edge": 0.1, "cells": 16}

@@ -20,6 +20,7 @@ from sshade.cli.configuration import CONFIGURATION
 from sshade.solver.local_global import local_global
 from sshade.solver.options import DEFAULTS
 from sshade.task import Method
+from tests.methods import methods
 
 
 def names(group):
@@ -29,9 +30,7 @@ def names(group):
 
 #: Experiments that make their own data.
 MAKING_DATA = ("resolution", "ablation_touching", "shapes", "peers_shapes")
-METHODS = names("method") + [
-    f"{folder}/{name}" for folder in ("peer", "transfer") for name in names(f"method/{folder}")
-]
+METHODS = methods("", "peer", "transfer")
 
 
 def method_of(config):
