@@ -50,7 +50,7 @@ import numpy as np
 from pytetwild import tetrahedralize
 edge, envelope, energy, steps, limit = map(float, sys.argv[1:])
 resource.setrlimit(resource.RLIMIT_CPU, (int(limit), int(limit)))
-surface = np.load("surface.npz")
+surface = np.load("surface.npz", allow_pickle=False)
 nodes, T = tetrahedralize(
     surface["V"], surface["F"], edge_length_fac=edge, epsilon=envelope,
     stop_energy=energy, num_opt_iter=int(steps), num_threads=1,
@@ -202,7 +202,7 @@ def _filled(V: np.ndarray, F: np.ndarray, *, edge: float, envelope: float) -> tu
         )
         if done.returncode:
             raise InputError(f"fTetWild could not fill the surface: {_why(done)}")
-        with np.load(Path(folder, "filled.npz")) as filled:
+        with np.load(Path(folder, "filled.npz"), allow_pickle=False) as filled:
             nodes, T = filled["nodes"], filled["T"]
     T = np.asarray(T, dtype=np.int64).reshape(-1, 4)
     volumes = np.linalg.det(nodes[T[:, 1:]] - nodes[T[:, :1]])

@@ -105,6 +105,8 @@ def test_components_and_self_intersections_are_filled():
 
 @pytest.mark.parametrize("method", VOLUMETRIC)
 def test_an_open_surface_is_refused(method, without_extra):
+    if method is neo_hookean:
+        pytest.importorskip("simkit")
     with pytest.raises(InputError, match="boundary edges; close its holes"):
         method(held_ends(tube()))
 

@@ -22,7 +22,17 @@ from baselines.accelerated import accelerated_arap
 from baselines.arap import arap
 from baselines.arap_sr.arap_sr import arap_sr
 from baselines.deformation_graph.deformation_graph import deformation_graph
-from sshade import DeformationTask, Deformer, Mesh, bind, sshade, sshade_fast, sshade_fine, transfer_pose
+from sshade import (
+    DeformationTask,
+    Deformer,
+    Handles,
+    Mesh,
+    bind,
+    sshade,
+    sshade_fast,
+    sshade_fine,
+    transfer_pose,
+)
 from sshade.carry.projection import _closest_in_triangle
 from sshade.io.meshes import read_arrays, read_file, write_file, write_mesh
 from sshade.mesh.adjacency import vertex_graph
@@ -61,6 +71,13 @@ def _bound(frames: str) -> np.ndarray:
 def _dragged() -> np.ndarray:
     handles = pose(BODY.V)
     return Deformer(BODY, handles.index, vertices=50)(handles.target, max_iterations=4).vertices
+
+
+def _with_regions() -> np.ndarray:
+    low, high = (np.flatnonzero(sign * BODY.V[:, 2] > 0.3) for sign in (-1, 1))
+    target = np.concatenate([BODY.V[low], BODY.V[high] + [0.1, 0, 0.1]])
+    handles = Handles(np.concatenate([low, high]), target, group=np.repeat([0, 1], [len(low), len(high)]))
+    return sshade_fast(DeformationTask("caps", BODY, handles), vertices=50, seed=0, **FEW).vertices
 
 
 def _remeshed(mesh: Mesh, vertices: int) -> np.ndarray:
@@ -169,6 +186,7 @@ WORK: dict[str, Callable[[], np.ndarray]] = {
     "blended frames": partial(_bound, "blended"),
     "blended affine frames": partial(_bound, "blended_affine"),
     "reconstruction": lambda: transfer_pose(BODY, bent(BODY.V), vertices=50, samplings=1).vertices,
+    "regions": _with_regions,
     "dragging": _dragged,
     "remeshing a torus": partial(_remeshed, jittered(torus(12, 6), 0.05), 20),
     "sampling from coarse to fine": _sampled_coarsely,
