@@ -8,6 +8,7 @@ PROGRAM = Program(
     name="sshade",
     commands={
         "deform": ("sshade.cli.deform", "move handles, and the mesh with them"),
+        "edit": ("sshade.cli.edit", "pick and drag regions in a browser"),
         "show": ("sshade.cli.show", "look at a mesh, its handles and a result"),
         "remesh": ("sshade.cli.remesh", "write a proxy and its map"),
         "carry": ("sshade.cli.carry", "carry an edited proxy back to the mesh"),

@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -123,19 +124,43 @@ def read_task(
     return DeformationTask(name, rest.mesh, own, meta={"raw": raw}, carry_unconstrained=carry_unconstrained)
 
 
-def write_handles(path: str | os.PathLike[str], handles: Handles) -> None:
-    """Write handles by vertex id as this project's JSON."""
+def write_handles(
+    path: str | os.PathLike[str],
+    handles: Handles,
+    *,
+    names: Mapping[int, str] | None = None,
+    about: Mapping[str, Any] | None = None,
+) -> None:
+    """Write handles by vertex id as this project's JSON.
+
+    Parameters
+    ----------
+    path : path
+    handles : Handles
+    names : mapping, optional
+        What groups are called; the others are called by their number.
+    about : mapping, optional
+        Further facts, which readers leave alone.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written.
+    """
     groups = []
     turn = np.zeros((len(handles), 9)) if handles.rotation is None else handles.rotation.reshape(-1, 9)
     facts = np.column_stack([handles.group, handles.dynamic, handles.weight, np.nan_to_num(turn)])
     for row in np.unique(facts, axis=0):
         own = (facts == row).all(axis=1)
-        entry: dict[str, Any] = {"landmark": int(row[0]), "kind": "dynamic" if row[1] else "static"}
+        landmark = (names or {}).get(int(row[0]), int(row[0]))
+        entry: dict[str, Any] = {"landmark": landmark, "kind": "dynamic" if row[1] else "static"}
         entry |= {"vertices": handles.index[own].tolist(), "target": handles.target[own].tolist()}
         entry |= {"weight": row[2]} if np.isfinite(row[2]) else {}
         groups.append(entry | ({"rotation": row[3:].reshape(3, 3).tolist()} if row[3:].any() else {}))
     with replacing(path) as temporary:
-        temporary.write_text(json.dumps({"handles": groups}, indent=1) + "\n", encoding="utf-8")
+        temporary.write_text(
+            json.dumps({**(about or {}), "handles": groups}, indent=1) + "\n", encoding="utf-8"
+        )
 
 
 def _from_json(data: Any, mesh: Mesh, *, raw: bool, vertex: np.ndarray) -> Handles:

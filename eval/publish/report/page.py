@@ -18,6 +18,7 @@ from eval.publish.summary import make_table
 from eval.rows.experiment import Experiment
 from eval.rows.frame import method_names, numbers, records, valid
 from sshade.errors import InputError
+from sshade import threejs
 from sshade.figures import COLOURS
 from sshade.progress import Progress, silent
 
@@ -76,7 +77,7 @@ def write_page(
         ramp=_ramp(),
         style=style(),
         script=_text("viewer.js"),
-        three=_text("three.min.js"),
+        three=threejs.source(),
         valid=len(valid(every)),
         runs=len(every),
     )

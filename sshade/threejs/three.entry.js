@@ -1,4 +1,4 @@
-// What the report's 3D view takes from three.js. three.min.js is made of it, in an empty folder, by:
+// What the report's 3D view and the editor take from three.js. three.min.js is made of it, in an empty folder, by:
 //   npm install three@0.187.0 esbuild@0.28.2
 //   npx esbuild three.entry.js --bundle --minify --format=iife --global-name=THREE --legal-comments=eof --outfile=three.min.js
 export {
@@ -11,11 +11,16 @@ export {
   Matrix4,
   Mesh,
   MeshLambertMaterial,
+  Object3D,
   PerspectiveCamera,
+  Quaternion,
   SRGBColorSpace,
   Scene,
+  ShaderMaterial,
   SphereGeometry,
   Vector3,
+  WebGLRenderTarget,
   WebGLRenderer,
 } from "three";
 export { OrbitControls } from "three/addons/controls/OrbitControls.js";
+export { TransformControls } from "three/addons/controls/TransformControls.js";

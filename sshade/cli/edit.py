@@ -1,0 +1,87 @@
+"""Edit a mesh in the browser: pick regions, hold some, drag and turn others, and the mesh follows.
+
+The page opens at an address of this machine that nobody else knows; with --no-browser it is printed
+alone. HANDLES are groups to begin with, as `sshade deform` takes them. What is saved, handles and
+deformed mesh, lies beside MESH or where -o and --handles-out say, and
+
+  sshade deform MESH SAVED_HANDLES -o OUT
+
+makes the same shape of it. The program ends when the page is closed, by its button, or by Ctrl-C.
+
+examples:
+  sshade edit body.ply
+  sshade edit body.ply pose.json -o posed.ply --handles-out pose_2.json
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import webbrowser
+from pathlib import Path
+from typing import get_args
+
+from sshade.cli.arguments import FORMATS
+from sshade.cli.console import announced_compilation, say
+from sshade.edit.server import Server
+from sshade.edit.session import Session
+from sshade.edit.state import MethodName, Settings
+from sshade.errors import InputError
+from sshade.io.files import reason
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("mesh", type=Path, metavar="MESH", help=f"rest shape ({FORMATS})")
+    parser.add_argument("handles", type=Path, nargs="?", metavar="HANDLES", help="handle file (.json, .yaml)")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="OUT", help="deformed mesh (default: MESH's name, _deformed)"
+    )
+    parser.add_argument(
+        "--handles-out", type=Path, metavar="JSON", help="handles (default: MESH's name, _handles.json)"
+    )
+    parser.add_argument(
+        "--method",
+        choices=get_args(MethodName),
+        default="sshade_fast",
+        help="how the mesh follows at rest; the page can change it (default: sshade_fast)",
+    )
+    parser.add_argument(
+        "--carry-unconstrained",
+        action="store_true",
+        help="move components without handles rigidly with the nearest one, as eyes with a head",
+    )
+    parser.add_argument("--port", type=int, default=0, metavar="P", help="port (default: one that is free)")
+    parser.add_argument("--no-browser", action="store_true", help="open no browser, print the address alone")
+
+
+def command(options: argparse.Namespace) -> int:
+    """Serve the editor until it is closed; return the exit code."""
+    with announced_compilation():
+        session = Session(
+            options.mesh,
+            handles=options.handles,
+            output=options.output,
+            handles_output=options.handles_out,
+            settings=Settings(options.method),
+            carry_unconstrained=options.carry_unconstrained,
+        )
+    if not 0 <= options.port < 65536:
+        raise InputError(f"a port is a number up to 65535, not {options.port}")
+    try:
+        server = Server(session, port=options.port)
+    except OSError as error:
+        raise InputError(f"port {options.port} of this machine cannot be used ({reason(error)})") from error
+    with server:
+        print(server.address, flush=True)  # noqa: T201
+        if not options.no_browser and not webbrowser.open(server.address):
+            say("note: no browser could be opened; open the address in one")
+        try:
+            server.serve_forever(poll_interval=0.1)
+        except KeyboardInterrupt:
+            say("")
+        server.close()
+    if session.is_unsaved:
+        say("note: the handles were not saved")
+    sys.stdout.flush()
+    return 0

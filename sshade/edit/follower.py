@@ -1,0 +1,180 @@
+"""The shape for handles: at once while they are dragged, and as the methods have it when they rest."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sshade.edit.state import Settings
+from sshade.errors import InputError
+from sshade.handles import Handles
+from sshade.mesh.mesh import Mesh
+from sshade.pipeline.deformer import Deformer
+from sshade.pipeline.fast import sshade_fast
+from sshade.pipeline.fine import sshade_fine
+from sshade.pipeline.paper import sshade
+from sshade.progress import Progress, silent
+from sshade.solver.local_global import local_global
+from sshade.task import DeformationResult, DeformationTask
+
+#: Proxy vertices while the mouse moves: half of those at rest.
+VERTICES = 6000
+#: Residual and iterations of a step of a drag; the next one goes on.
+TOLERANCE, ITERATIONS = 1e-4, 20
+#: The weight of the volume during a drag: it holds it to a thousandth or so. An exact volume is
+#: made up for on the whole mesh, where handles are regions, which takes longer than all the rest.
+VOLUME = 1e3
+#: Vertices from which on other handles of a bound mesh take the nearest samples, instead of binding it anew,
+#: which takes that long there, while the steps of smaller meshes become faster by it.
+REBOUND = 500_000
+
+
+def settled(task: DeformationTask, settings: Settings, *, progress: Progress = silent) -> DeformationResult:
+    """The shape at rest, as ``sshade deform`` makes it.
+
+    Raises
+    ------
+    InputError
+        Where the method refuses the task.
+    """
+    if settings.method == "sshade":
+        return sshade(task, coarse=partial(local_global, start="rigid"), progress=progress)
+    method = sshade_fine if settings.method == "sshade_fine" else sshade_fast
+    options: Any = settings.constraints
+    return method(task, progress=progress, **options)
+
+
+class _Bound(NamedTuple):
+    """A component, its Deformer, and what that was made for."""
+
+    component: int
+    settings: Settings
+    deformer: Deformer
+    handles: tuple[bytes, ...]
+    #: Whether it was bound with other handles, so that these are not on samples of their own.
+    rebound: bool = False
+
+
+class Follower:
+    """The mesh while a group is dragged.
+
+    Of a mesh with several components the one follows that the group lies on. It must be an oriented manifold;
+    others, and other components, show what is new when the mouse rests.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    """
+
+    def __init__(self, mesh: Mesh) -> None:
+        self._mesh = mesh
+        self._bound: _Bound | None = None
+        self._whole = mesh.topology.components == 1
+        self._part: tuple[int, np.ndarray, Mesh | None] | None = None
+
+    def prepare(self, handles: Handles, on: int, settings: Settings) -> None:
+        """Bind the component of vertex `on` with its handles, so that the first step need not.
+
+        Raises
+        ------
+        InputError
+            When the component cannot be bound with these handles.
+        """
+        _, _, part = self._component(on)
+        if part is not None:
+            self._bind(on, handles, settings)
+
+    def follow(self, handles: Handles, on: int, settings: Settings, shape: np.ndarray) -> None:
+        """Move what follows the handles in `shape`, from where the last call left it.
+
+        Parameters
+        ----------
+        handles : Handles
+            All of the mesh, at their new targets.
+        on : int
+            A vertex of the group that is dragged.
+        settings : Settings
+        shape : (n, 3) float64, C-contiguous
+            Takes the positions.
+
+        Raises
+        ------
+        InputError
+            As for :meth:`prepare`.
+        """
+        component, own, part = self._component(on)
+        there = self._there(handles, component)
+        if part is None:
+            shape[handles.index[there]] = handles.target[there]
+            return
+        rotations = None if handles.rotation is None else handles.rotation[there]
+        out = shape if self._whole else None
+        while True:
+            bound = self._bind(on, handles, settings)
+            try:
+                result = bound.deformer(
+                    handles.target[there],
+                    rotations=rotations,
+                    tolerance=TOLERANCE,
+                    max_iterations=ITERATIONS,
+                    out=out,
+                )
+                break
+            except InputError:
+                if not bound.rebound:
+                    raise
+                self._bound = None  # one sample was the nearest of two groups: bound anew, each has its own
+        if not self._whole:
+            shape[own] = result.vertices
+
+    def forget(self) -> None:
+        """Let the next step begin as the method does: handles are to be elsewhere than they were."""
+        if self._bound is not None:
+            self._bound.deformer.reset()
+
+    def _component(self, on: int) -> tuple[int, np.ndarray, Mesh | None]:
+        """The component of a vertex, its vertices, and a mesh of it unless that cannot be bound."""
+        component = int(self._mesh.component[on])
+        if self._part is None or self._part[0] != component:
+            if self._whole:
+                own, part = np.arange(self._mesh.n), self._mesh
+            else:
+                own = np.flatnonzero(self._mesh.component == component)
+                F = self._mesh.F[self._mesh.component[self._mesh.F[:, 0]] == component]
+                part = Mesh(self._mesh.V[own], np.searchsorted(own, F))
+            sound = part.is_manifold and part.is_oriented
+            self._part = component, own, part if sound else None
+        return self._part
+
+    def _there(self, handles: Handles, component: int) -> np.ndarray:
+        """Numbers of the handles on a component."""
+        return np.flatnonzero(self._mesh.component[handles.index] == component)
+
+    def _bind(self, on: int, handles: Handles, settings: Settings) -> _Bound:
+        """What is bound with these handles."""
+        component, own, part = self._component(on)
+        assert part is not None
+        there = self._there(handles, component)
+        index = np.searchsorted(own, handles.index[there])
+        given: dict[str, Any] = {"group": handles.group[there], "weight": handles.weight[there]}
+        key = index.tobytes(), given["group"].tobytes(), given["weight"].tobytes()
+        bound, self._bound = self._bound, None
+        if bound is not None and (bound.component, bound.settings) == (component, settings):
+            if bound.handles != key and part.n >= REBOUND:
+                try:
+                    bound.deformer.rebind_handles(index, **given)
+                    bound = bound._replace(handles=key, rebound=True)
+                except InputError:  # too far from the samples, or two groups on one
+                    bound = None
+            if bound is not None and bound.handles == key:
+                self._bound = bound
+                return bound
+        if settings.method == "sshade":
+            deformer = Deformer(part, index, method="paper", vertices=VERTICES, start="rigid", **given)
+        else:
+            options: Any = {"volume": VOLUME, **settings.constraints}
+            deformer = Deformer(part, index, vertices=VERTICES, **options, **given)
+        self._bound = _Bound(component, settings, deformer, key)
+        return self._bound

@@ -1,0 +1,340 @@
+// What happens: pointers and buttons become commands, answers become what is shown.
+/* global THREE */
+import { Panel, byId, checked, say } from "./panel.js";
+import { Picking } from "./picking.js";
+import { View } from "./view.js";
+
+const TYPES = { float32: Float32Array, uint32: Uint32Array, uint16: Uint16Array, uint8: Uint8Array };
+const HINTS = {
+  view: "Drag to turn, right button to shift, wheel to zoom.",
+  click: "Click on a vertex. Right button turns the view.",
+  brush: "Paint over vertices. Shift adds, Ctrl removes, the right button turns the view.",
+  rectangle: "Draw a rectangle. Shift adds, Ctrl removes, the right button turns the view.",
+  lasso: "Draw around vertices. Shift adds, Ctrl removes, the right button turns the view.",
+};
+const stage = byId("stage");
+
+// Colours are linear to three.js.
+const linear = (css) => new THREE.Color(css).toArray();
+const BODY = linear("#d9d5cf"), PICKED = linear("#1a9850");
+const KINDS = { static: linear("#2166ac"), moving: linear("#f2c200") };
+const STOPS = ["rgb(252,253,191)", "rgb(254,159,109)", "rgb(222,73,104)", "rgb(140,41,129)", "rgb(59,15,112)", "rgb(0,0,4)"];
+const RAMP = Array.from({ length: 256 }, (_, i) => {
+  const at = (i / 255) * (STOPS.length - 1), k = Math.min(Math.floor(at), STOPS.length - 2);
+  return new THREE.Color(STOPS[k]).lerp(new THREE.Color(STOPS[k + 1]), at - k).toArray();
+});
+
+let facts = null; // what the session said last
+const arrays = {}; // and the arrays it sent
+let active = null; // number of the group with the gizmo
+let painted = null; // vertices under the brush, and what it does to them
+let settling = null; // the order of what is being computed
+let order = 0; // of requests that change the shape: a shape that was overtaken is not shown
+let queue = Promise.resolve();
+
+let view;
+try {
+  view = new View(stage, byId("canvas"), byId("overlay"));
+} catch {
+  say("This browser draws no WebGL, which the editor needs.");
+  throw new Error("no WebGL");
+}
+const panel = new Panel(ask, choose);
+const picking = new Picking(view, byId("overlay"), {
+  tool: () => checked("tool"),
+  how: () => checked("how"),
+  through: () => byId("through").checked,
+  radius: () => Number(byId("radius").value),
+  picked: (vertices, how) => send(`select?how=${how}`, vertices).finally(() => paint(null)),
+  painting: paint,
+});
+
+// One request after the other.
+function send(path, body) {
+  const answer = queue.then(() => request(path, body));
+  queue = answer.then(() => {}, () => {});
+  return answer.then(take).catch(complain);
+}
+
+function ask(command, given = {}) {
+  order += 1;
+  say(null);
+  return send(command, JSON.stringify(given));
+}
+
+async function request(path, body) {
+  let response;
+  try {
+    response = await fetch(path, body === undefined ? {} : { method: "POST", body });
+  } catch {
+    throw Object.assign(new Error("The editor does not answer; has it been ended?"), { gone: true });
+  }
+  if (!response.ok) {
+    const refused = await response.json().catch(() => ({ error: `the editor answers ${response.status}` }));
+    throw Object.assign(new Error(refused.error), refused);
+  }
+  return unpack(await response.arrayBuffer());
+}
+
+function unpack(buffer) {
+  const size = new DataView(buffer).getUint32(0, true);
+  const said = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size)));
+  let at = 4 + size;
+  said.sent = {};
+  for (const [name, type, count] of said.arrays) {
+    said.sent[name] = new TYPES[type](buffer, at, count);
+    at += 4 * Math.ceil((count * TYPES[type].BYTES_PER_ELEMENT) / 4);
+  }
+  return said;
+}
+
+function complain(error) {
+  if (error.superseded) return null;
+  const text = error.message;
+  say(`${text[0].toUpperCase()}${text.slice(1)}${/[.?!]$/.test(text) ? "" : "."}`);
+  return null;
+}
+
+// Show an answer.
+function take(said) {
+  facts = { ...facts, ...said };
+  const { sent } = said;
+  Object.assign(arrays, sent);
+  if (!sent.change && (sent.positions || !facts.settled)) arrays.change = null;
+  if (sent.positions && !view.gizmo.dragging) view.setPositions(sent.positions);
+  if ("marked" in said && facts.groups.some((group) => group.number === said.marked && group.kind === "moving")) {
+    active = said.marked;
+    byId("tools").querySelector("[value=view]").click();
+  }
+  refresh();
+  if (!facts.settled) settle();
+  else if (!arrays.change && byId("errors").checked) settle();
+  return said;
+}
+
+function refresh() {
+  const group = facts.groups.find(({ number }) => number === active);
+  if (!group || group.kind !== "moving") active = null;
+  if (active === null) view.detach();
+  else if (!view.gizmo.dragging) view.attach(group.pivot);
+  byId("gizmo-bar").hidden = active === null;
+  panel.show(facts, active);
+  colour();
+  stage.dataset.state = facts.settled ? "settled" : "unsettled";
+  stage.dataset.picked = facts.picked;
+}
+
+function choose(number) {
+  active = number;
+  byId("tools").querySelector("[value=view]").click();
+  refresh();
+}
+
+// The shape that the method makes of the handles; a later change makes it worthless.
+async function settle() {
+  const mine = order;
+  if (settling === mine) return;
+  settling = mine;
+  byId("busy").hidden = false;
+  byId("stage-text").textContent = "solving";
+  try {
+    const said = await request("settle", "{}");
+    if (mine === order) take(said);
+  } catch (error) {
+    if (mine === order) complain(error);
+  } finally {
+    if (settling === mine) settling = null;
+    if (mine === order) byId("busy").hidden = true;
+  }
+}
+
+function paint(found, how) {
+  painted = found && { found, how };
+  colour();
+}
+
+// Colours of all vertices: picked, in a group, by the change of their edges, or plain.
+let toColour = false;
+function colour() {
+  if (toColour || !arrays.labels) return;
+  toColour = true;
+  requestAnimationFrame(() => {
+    toColour = false;
+    const { labels, selection, change } = arrays, { found, how } = painted ?? {};
+    const shows = byId("errors").checked && change;
+    const kinds = [BODY, ...facts.groups.map(({ kind }) => KINDS[kind])];
+    byId("legend").hidden = !shows;
+    byId("top").textContent = shows ? Number(facts.top.toPrecision(2)) : "";
+    view.setColours((colours) => {
+      for (let v = 0, i = 0; v < labels.length; v += 1, i += 3) {
+        let picked = selection[v] && !(found && how === "replace");
+        if (found && found[v]) picked = how !== "remove";
+        const own = picked ? PICKED : labels[v] || !shows ? kinds[labels[v]] : RAMP[change[v]];
+        colours[i] = own[0];
+        colours[i + 1] = own[1];
+        colours[i + 2] = own[2];
+      }
+    });
+  });
+}
+
+// A drag: the latest place of the gizmo is asked for as soon as the one before has been answered.
+const drag = { wanted: null, busy: null, steps: 0, since: 0 };
+
+function motion() {
+  const { position, quaternion } = view.pivot, { pivot } = drag;
+  return { pivot, move: position.toArray().map((x, c) => x - pivot[c]), quaternion: quaternion.toArray() };
+}
+
+async function follow() {
+  while (drag.wanted) {
+    const given = { group: active, ...drag.wanted };
+    drag.wanted = null;
+    try {
+      const { sent } = await request("drag", JSON.stringify(given));
+      arrays.positions = sent.positions;
+      view.setPositions(sent.positions);
+      drag.steps += 1;
+    } catch (error) {
+      complain(error);
+    }
+  }
+  drag.busy = null;
+}
+
+view.gizmo.addEventListener("dragging-changed", ({ value }) => {
+  if (value) {
+    say(null);
+    order += 1;
+    byId("busy").hidden = true;
+    Object.assign(drag, { pivot: view.pivot.position.toArray(), steps: 0, since: performance.now(), end: null });
+    stage.dataset.state = "dragging";
+  } else {
+    drag.wanted = null;
+    const given = { group: active, ...motion() };
+    const rate = (1000 * drag.steps) / (performance.now() - drag.since);
+    stage.dataset.rate = rate.toFixed(1);
+    byId("hint").textContent = `${rate.toFixed(0)} steps a second`;
+    (drag.busy ?? Promise.resolve()).then(() => ask("release", given));
+  }
+});
+view.gizmo.addEventListener("objectChange", () => {
+  if (!view.gizmo.dragging) return;
+  drag.wanted = motion();
+  drag.busy ??= follow();
+});
+
+for (const input of document.querySelectorAll("input[name=tool]")) {
+  input.addEventListener("change", () => {
+    picking.use(input.value);
+    byId("hint").textContent = HINTS[input.value];
+  });
+}
+for (const input of document.querySelectorAll("input[name=gizmo]")) {
+  input.addEventListener("change", () => view.gizmo.setMode(input.value));
+}
+for (const button of byId("sets").children) {
+  button.addEventListener("click", () => send(`select?how=${button.value}`, new Uint32Array(0)));
+}
+byId("home").addEventListener("click", () => view.home());
+byId("errors").addEventListener("change", () => (arrays.change ? colour() : settle()));
+
+for (const what of ["handles", "mesh"]) {
+  const form = byId(`save-${what}`), { name } = form.elements;
+  name.addEventListener("input", () => {
+    name.dataset.edited = "yes";
+  });
+  form.addEventListener("submit", async (event) => {
+    event.preventDefault();
+    const given = { what, name: name.value };
+    say(null);
+    byId("saved").textContent = "";
+    try {
+      await queue;
+      const said = await save(given);
+      delete name.dataset.edited;
+      if (!said) return;
+      take(said);
+      const lost = said.lost.length ? `, without ${said.lost.join(" and ")}, which its format does not hold` : "";
+      byId("saved").textContent = `Saved ${said.saved}${lost}.`;
+      byId("command").textContent = said.command;
+      byId("command").hidden = !facts.groups.length;
+    } catch (error) {
+      complain(error);
+    }
+  });
+}
+
+async function save(given) {
+  try {
+    return await request("save", JSON.stringify(given));
+  } catch (error) {
+    if (!error.exists) throw error;
+    if (!window.confirm(`${error.message}. Replace it?`)) return null;
+    return request("save", JSON.stringify({ ...given, over: true }));
+  }
+}
+
+byId("open").addEventListener("change", async ({ target }) => {
+  const [file] = target.files;
+  if (!file) return;
+  order += 1;
+  say(null);
+  await send(`open?name=${encodeURIComponent(file.name)}`, await file.arrayBuffer());
+  target.value = "";
+});
+
+const KEYS = {
+  1: "[value=view]", 2: "[value=click]", 3: "[value=brush]", 4: "[value=rectangle]", 5: "[value=lasso]",
+  g: "[value=translate]", r: "[value=rotate]", h: "#home", s: "#static", m: "#moving",
+};
+window.addEventListener("keydown", (event) => {
+  if (event.target.matches("input[type=text], input[type=number], select")) return;
+  const key = event.key.toLowerCase();
+  if ((event.ctrlKey || event.metaKey) && (key === "z" || key === "y")) {
+    event.preventDefault();
+    byId(key === "y" || event.shiftKey ? "redo" : "undo").click();
+  } else if (!event.ctrlKey && !event.metaKey && !event.altKey && KEYS[key]) {
+    document.querySelector(KEYS[key]).click();
+  } else if (key === "escape") picking.cancel();
+});
+
+byId("quit").addEventListener("click", async () => {
+  if (facts?.unsaved && !window.confirm("The handles are not saved. End all the same?")) return;
+  await request("quit", "").catch(() => {});
+  ended("The editor has ended; this page can be closed.");
+});
+window.addEventListener("beforeunload", (event) => {
+  if (facts?.unsaved && !document.body.classList.contains("ended")) event.preventDefault();
+});
+
+function ended(sentence) {
+  document.body.classList.add("ended");
+  say(sentence);
+}
+
+// An answer without an end: how far the computation is, until the editor ends.
+async function listen() {
+  const reader = (await fetch("alive")).body.pipeThrough(new TextDecoderStream()).getReader();
+  for (let text = "", part; !(part = await reader.read()).done; ) {
+    text += part.value;
+    const lines = text.split("\n");
+    text = lines.pop();
+    for (const line of lines.filter(Boolean)) {
+      const said = JSON.parse(line);
+      if (said) byId("stage-text").textContent = `${said.stage} ${said.done}/${said.total} ${said.note}`;
+    }
+  }
+}
+
+picking.use("view");
+byId("hint").textContent = HINTS.view;
+request("whole")
+  .then((said) => {
+    view.setMesh(said.sent.faces, said.sent.positions);
+    take(said);
+  })
+  .catch(complain);
+listen()
+  .catch(() => {})
+  .then(() => document.body.classList.contains("ended") || ended("The editor has ended; this page can be closed."));

@@ -1,0 +1,221 @@
+// The mesh on the canvas: positions, colours, the camera, the gizmo, and where its vertices are on the screen.
+/* global THREE */
+
+const FAR = 50;
+const UP = new THREE.Vector3(0, 1, 0);
+const TOWARDS = new THREE.Vector3(0.5, 0.25, 1);
+
+// 24 bits of the distance to the camera, over FAR; alpha tells the surface from nothing.
+const DEPTH = {
+  side: 2,
+  vertexShader: `
+    varying float distance_;
+    void main() {
+      vec4 at = modelViewMatrix * vec4(position, 1.0);
+      distance_ = -at.z / ${FAR.toFixed(1)};
+      gl_Position = projectionMatrix * at;
+    }`,
+  fragmentShader: `
+    varying float distance_;
+    void main() {
+      vec3 digits = fract(distance_ * vec3(1.0, 255.0, 65025.0));
+      gl_FragColor = vec4(digits - digits.yzz * vec3(1.0 / 255.0, 1.0 / 255.0, 0.0), 1.0);
+    }`,
+};
+
+// Sums of the normals of the faces around each vertex, by their areas.
+function addNormals(faces, P, N) {
+  N.fill(0);
+  for (let i = 0; i < faces.length; i += 3) {
+    const a = 3 * faces[i], b = 3 * faces[i + 1], c = 3 * faces[i + 2];
+    const x = P[a], y = P[a + 1], z = P[a + 2];
+    const ux = P[b] - x, uy = P[b + 1] - y, uz = P[b + 2] - z;
+    const vx = P[c] - x, vy = P[c + 1] - y, vz = P[c + 2] - z;
+    const nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
+    N[a] += nx; N[a + 1] += ny; N[a + 2] += nz;
+    N[b] += nx; N[b + 1] += ny; N[b + 2] += nz;
+    N[c] += nx; N[c + 1] += ny; N[c + 2] += nz;
+  }
+}
+
+export class View {
+  // `surface` is the element that takes the mouse.
+  constructor(stage, canvas, surface) {
+    this.stage = stage;
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true });
+    this.renderer.setClearColor(0xffffff);
+    this.scene = new THREE.Scene();
+    this.camera = new THREE.PerspectiveCamera(30, 1, 0.005, FAR);
+    this.camera.up.copy(UP);
+    this.scene.add(new THREE.HemisphereLight(0xffffff, 0x9a9690, 2.0));
+    this.lamp = new THREE.DirectionalLight(0xffffff, 1.5);
+    this.scene.add(this.lamp, this.lamp.target);
+    this.controls = new THREE.OrbitControls(this.camera, surface);
+    this.controls.addEventListener("change", () => this.draw());
+    this.pivot = new THREE.Object3D();
+    this.scene.add(this.pivot);
+    this.gizmo = new THREE.TransformControls(this.camera, surface);
+    this.gizmo.setSize(0.8);
+    this.gizmo.addEventListener("change", () => this.draw());
+    this.gizmo.addEventListener("dragging-changed", ({ value }) => {
+      this.controls.enabled = !value;
+    });
+    this.handle = this.gizmo.getHelper();
+    this.scene.add(this.handle);
+    this.depthScene = new THREE.Scene();
+    this.target = new THREE.WebGLRenderTarget(1, 1);
+    this.waiting = false;
+    new ResizeObserver(() => {
+      this.resize();
+      this.render();
+    }).observe(stage);
+  }
+
+  setMesh(faces, positions) {
+    this.faces = faces;
+    const geometry = new THREE.BufferGeometry();
+    geometry.setIndex(new THREE.BufferAttribute(faces, 1));
+    for (const name of ["position", "normal", "color"]) {
+      geometry.setAttribute(name, new THREE.BufferAttribute(new Float32Array(positions.length), 3));
+    }
+    this.attributes = geometry.attributes;
+    const solid = new THREE.Mesh(geometry, new THREE.MeshLambertMaterial({ vertexColors: true, side: 2 }));
+    const depth = new THREE.Mesh(geometry, new THREE.ShaderMaterial(DEPTH));
+    solid.frustumCulled = depth.frustumCulled = false;
+    this.scene.add(solid);
+    this.depthScene.add(depth);
+    this.setPositions(positions);
+    this.home();
+  }
+
+  setPositions(positions) {
+    const { position, normal } = this.attributes;
+    position.array.set(positions);
+    addNormals(this.faces, position.array, normal.array);
+    position.needsUpdate = normal.needsUpdate = true;
+    this.draw();
+  }
+
+  // `paint` fills linear colours, three a vertex.
+  setColours(paint) {
+    paint(this.attributes.color.array);
+    this.attributes.color.needsUpdate = true;
+    this.draw();
+  }
+
+  // The whole shape in sight.
+  home() {
+    this.resize();
+    const low = new THREE.Vector3(Infinity, Infinity, Infinity), high = low.clone().negate();
+    const P = this.attributes.position.array, at = new THREE.Vector3();
+    for (let i = 0; i < P.length; i += 3) {
+      at.fromArray(P, i);
+      low.min(at);
+      high.max(at);
+    }
+    const towards = TOWARDS.clone().normalize();
+    const right = new THREE.Vector3().crossVectors(UP, towards).normalize();
+    const upright = new THREE.Vector3().crossVectors(towards, right);
+    const tall = Math.tan((this.camera.fov * Math.PI) / 360), wide = tall * this.camera.aspect;
+    const centre = low.clone().add(high).multiplyScalar(0.5);
+    let distance = 0;
+    for (let corner = 0; corner < 8; corner += 1) {
+      at.set(corner & 1 ? low.x : high.x, corner & 2 ? low.y : high.y, corner & 4 ? low.z : high.z).sub(centre);
+      const need = Math.max(Math.abs(at.dot(upright)) / tall, Math.abs(at.dot(right)) / wide);
+      distance = Math.max(distance, at.dot(towards) + 1.15 * need);
+    }
+    this.controls.target.copy(centre);
+    this.camera.position.copy(centre).addScaledVector(towards, distance);
+    this.controls.update();
+    this.draw();
+  }
+
+  attach(pivot) {
+    this.pivot.position.fromArray(pivot);
+    this.pivot.quaternion.identity();
+    this.gizmo.attach(this.pivot);
+    this.draw();
+  }
+
+  detach() {
+    this.gizmo.detach();
+    this.draw();
+  }
+
+  resize() {
+    const { clientWidth: width, clientHeight: height } = this.stage;
+    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+    this.renderer.setSize(width, height, false);
+    this.camera.aspect = width / Math.max(height, 1);
+    this.camera.updateProjectionMatrix();
+  }
+
+  // Many changes, one picture.
+  draw() {
+    if (this.waiting) return;
+    this.waiting = true;
+    requestAnimationFrame(() => this.render());
+  }
+
+  render() {
+    this.waiting = false;
+    this.lamp.position.copy(this.camera.position);
+    this.lamp.target.position.copy(this.controls.target);
+    this.lamp.target.updateMatrixWorld();
+    this.renderer.render(this.scene, this.camera);
+  }
+
+  // Pixels x, y of every vertex, and whether it is in sight: on the screen, and not behind the surface.
+  project(through) {
+    const { clientWidth: width, clientHeight: height } = this.stage;
+    const P = this.attributes.position.array, n = P.length / 3;
+    this.camera.updateMatrixWorld();
+    const world = this.camera.matrixWorldInverse.elements;
+    const tall = height / (2 * Math.tan((this.camera.fov * Math.PI) / 360));
+    const depth = through ? null : this.readDepth(width, height);
+    const x = new Float32Array(n), y = new Float32Array(n), seen = new Uint8Array(n);
+    for (let v = 0, i = 0; v < n; v += 1, i += 3) {
+      const px = P[i], py = P[i + 1], pz = P[i + 2];
+      const z = -(world[2] * px + world[6] * py + world[10] * pz + world[14]);
+      x[v] = width / 2 + (tall * (world[0] * px + world[4] * py + world[8] * pz + world[12])) / z;
+      y[v] = height / 2 - (tall * (world[1] * px + world[5] * py + world[9] * pz + world[13])) / z;
+      if (z <= 0 || x[v] < 0 || x[v] >= width || y[v] < 0 || y[v] >= height) continue;
+      seen[v] = !depth || z <= farthest(depth, width, height, x[v] | 0, y[v] | 0) + 1e-3;
+    }
+    return { x, y, seen };
+  }
+
+  // Distances to the surface, a pixel each, from the top; 0 where there is none.
+  readDepth(width, height) {
+    this.target.setSize(width, height);
+    const alpha = this.renderer.getClearAlpha();
+    this.renderer.setClearAlpha(0);
+    this.renderer.setRenderTarget(this.target);
+    this.renderer.clear();
+    this.renderer.render(this.depthScene, this.camera);
+    const bytes = new Uint8Array(4 * width * height);
+    this.renderer.readRenderTargetPixels(this.target, 0, 0, width, height, bytes);
+    this.renderer.setRenderTarget(null);
+    this.renderer.setClearAlpha(alpha);
+    const depth = new Float32Array(width * height);
+    for (let row = 0, i = 0; row < height; row += 1) {
+      const line = (height - 1 - row) * width;
+      for (let column = 0; column < width; column += 1, i += 4) {
+        if (!bytes[i + 3]) continue;
+        depth[line + column] = FAR * (bytes[i] / 255 + bytes[i + 1] / 65025 + bytes[i + 2] / 16581375);
+      }
+    }
+    return depth;
+  }
+}
+
+// Of the surface in the pixels around one: steep surfaces are deeper at a vertex than in the middle of its pixel.
+function farthest(depth, width, height, column, row) {
+  let found = 0;
+  for (let r = Math.max(row - 1, 0); r <= Math.min(row + 1, height - 1); r += 1) {
+    for (let c = Math.max(column - 1, 0); c <= Math.min(column + 1, width - 1); c += 1) {
+      found = Math.max(found, depth[r * width + c]);
+    }
+  }
+  return found;
+}
