@@ -17,8 +17,8 @@ from eval.publish.report.cases import Case, show_case
 from eval.publish.summary import make_table
 from eval.rows.experiment import Experiment
 from eval.rows.frame import method_names, numbers, records, valid
-from sshade.errors import InputError
 from sshade import threejs
+from sshade.errors import InputError
 from sshade.figures import COLOURS
 from sshade.progress import Progress, silent
 
