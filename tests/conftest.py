@@ -8,6 +8,7 @@ import pytest
 from hypothesis import settings
 
 from sshade.mesh.mesh import Mesh
+from tests.browser import browser as browser
 from tests.shapes import bumpy
 
 # Functions of the tests' own that configurations and rows name; processes inherit it.

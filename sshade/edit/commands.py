@@ -129,8 +129,10 @@ class Commands:
         lost: tuple[str, ...] = ()
         if what == "mesh":
             path, lost = self._session.save_mesh(name, over=over, progress=progress)
-        else:
+        elif what == "handles":
             path = self._session.save_handles(name, over=over)
+        else:
+            raise InputError(f"{what!r} cannot be saved: the handles can, and the mesh")
         return self._answer("positions", "change", saved=str(path), lost=list(lost))
 
     def _motion(self, given: Mapping[str, Any]) -> Motion:

@@ -68,10 +68,8 @@ class Outputs:
         FileExists
             Where there is one that may not.
         """
-        if what not in FORMATS:
-            raise InputError(f"{what!r} cannot be saved; there are {' and '.join(FORMATS)}")
         plain = Path(name).name == name and "\\" not in name and ":" not in name and name.isprintable()
-        if not plain or name.startswith(".") or len(name) > LONGEST:
+        if not (name and plain) or name.startswith(".") or len(name) > LONGEST:
             raise InputError(f"{name!r}: give the name of a file alone, without a folder")
         path = self.path[what].with_name(name)
         self._check(what, path)

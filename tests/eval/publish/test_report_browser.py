@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import os
-import shutil
-
 import numpy as np
 import pytest
 
@@ -14,26 +10,8 @@ pytest.importorskip("pyvista")
 pytest.importorskip("jinja2")
 pytest.importorskip("playwright")
 
-from playwright.sync_api import sync_playwright
-
 from eval.main import call
-
-NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-
-#: WebGL in software, as a machine without a screen has no other; the sandbox is not for root.
-FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-
-
-@pytest.fixture(scope="module")
-def browser():
-    path = next(filter(None, map(shutil.which, NAMES)), None)
-    with sync_playwright() as running:
-        if path is None and not os.path.exists(running.chromium.executable_path):
-            pytest.skip(f"there is no browser: none of {', '.join(NAMES)}, nor playwright's own")
-        flags = FLAGS + (["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else [])
-        opened = running.chromium.launch(executable_path=path, args=flags)
-        yield opened
-        opened.close()
+from tests.browser import changed, pixels
 
 
 @pytest.fixture(scope="module")
@@ -59,12 +37,6 @@ def page(request, browser, report):
     opened.close()
 
 
-def pixels(locator) -> np.ndarray:
-    from PIL import Image
-
-    return np.asarray(Image.open(io.BytesIO(locator.screenshot())).convert("RGB")).astype(int)
-
-
 def stage(page) -> np.ndarray:
     """The 3D view as it is on the screen, without its frame."""
     return pixels(page.locator("#turn-stage"))[4:-4, 4:-4]
@@ -85,11 +57,6 @@ def drag(page, dx: int) -> None:
         page.mouse.move(x + dx, y, steps=4)
         page.mouse.up()
     page.wait_for_timeout(50)
-
-
-def changed(before: np.ndarray, after: np.ndarray) -> float:
-    """Share of the pixels that changed visibly."""
-    return float((np.abs(before - after).max(axis=2) > 30).mean())
 
 
 def test_it_opens_without_errors_and_fits_the_window(page):

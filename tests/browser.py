@@ -1,0 +1,41 @@
+"""A browser for tests, where there is one, and what of its pictures they look at."""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+
+import numpy as np
+import pytest
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+
+#: WebGL in software, as a machine without a screen has no other; the sandbox is not for root.
+FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """Chromium without a window."""
+    playwright = pytest.importorskip("playwright.sync_api")
+    path = next(filter(None, map(shutil.which, NAMES)), None)
+    with playwright.sync_playwright() as running:
+        if path is None and not os.path.exists(running.chromium.executable_path):
+            pytest.skip(f"there is no browser: none of {', '.join(NAMES)}, nor playwright's own")
+        flags = FLAGS + (["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else [])
+        opened = running.chromium.launch(executable_path=path, args=flags)
+        yield opened
+        opened.close()
+
+
+def pixels(locator) -> np.ndarray:
+    """(height, width, 3) colours of an element as it is on the screen."""
+    from PIL import Image
+
+    return np.asarray(Image.open(io.BytesIO(locator.screenshot())).convert("RGB")).astype(int)
+
+
+def changed(before: np.ndarray, after: np.ndarray) -> float:
+    """Share of the pixels that changed visibly."""
+    return float((np.abs(before - after).max(axis=2) > 30).mean())

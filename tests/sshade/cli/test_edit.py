@@ -1,0 +1,111 @@
+"""`sshade edit` as a process: its address, how it ends, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import urllib.request
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from sshade.cli.main import main
+from sshade.io.handles import write_handles
+from sshade.io.meshes import write_mesh
+from tests.shapes import bumpy, end_handles
+
+BODY = bumpy(2)
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    write_mesh("body.ply", BODY.V, BODY.F)
+    write_handles("pose.json", end_handles(BODY.V, shift=(0.3, 0, 0.2)))
+    return tmp_path
+
+
+@contextmanager
+def running(*arguments: str):
+    """The command, and the address that it prints."""
+    line = [sys.executable, "-m", "sshade", "edit", *arguments]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    process = subprocess.Popen(line, text=True, env={**os.environ, "PYTHONPATH": str(ROOT)}, **pipes)
+    try:
+        yield process, process.stdout.readline().strip()
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def get(address: str, body: bytes | None = None) -> bytes:
+    with urllib.request.urlopen(address, body, timeout=20) as answer:
+        return answer.read()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there is no SIGINT for another process")
+def test_it_prints_its_address_alone_and_ends_by_an_interrupt():
+    with running("body.ply", "pose.json", "--no-browser") as (process, address):
+        assert address.startswith("http://127.0.0.1:") and address.endswith("/")
+        assert b"<title>sshade edit</title>" in get(address)
+        size = int.from_bytes((content := get(f"{address}whole"))[:4], "little")
+        facts = json.loads(content[4 : 4 + size])
+        assert facts["mesh"]["vertices"] == BODY.n and [g["kind"] for g in facts["groups"]] == [
+            "static",
+            "moving",
+        ]
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=20)
+    assert process.returncode == 0 and out == "" and "Traceback" not in err and "not saved" not in err
+
+
+def test_it_ends_by_the_page_s_button_and_says_what_was_not_saved():
+    with running("body.ply", "--no-browser") as (process, address):
+        get(f"{address}select?how=replace", b"\0\0\0\0")
+        get(f"{address}mark", b'{"kind": "static"}')
+        get(f"{address}quit", b"")
+        out, err = process.communicate(timeout=20)
+    assert process.returncode == 0 and out == "" and "handles were not saved" in err
+    assert sorted(path.name for path in Path().iterdir()) == ["body.ply", "pose.json"]
+
+
+def test_a_browser_is_opened_at_the_address(monkeypatch, capsys):
+    opened = []
+
+    monkeypatch.setattr("sshade.cli.edit.webbrowser.open", lambda address: opened.append(address) or False)
+    monkeypatch.setattr("sshade.cli.edit.Server.serve_forever", lambda self, **_: None)
+    monkeypatch.setattr("sshade.cli.edit.Server.close", lambda self: None)
+    assert main(["edit", "body.ply"]) == 0
+    out, err = capsys.readouterr()
+    assert opened == [out.strip()] and "no browser could be opened" in err
+    assert main(["edit", "body.ply", "--no-browser"]) == 0
+    assert len(opened) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["no.ply"], "no such file"),
+        (["body.ply", "no.json"], "no such file"),
+        (["pose.json"], "unknown format"),
+        (["body.ply", "-o", "body.ply"], "is the mesh"),
+        (["body.ply", "-o", "no/out.ply"], "does not exist"),
+        (["body.ply", "--handles-out", "x.txt"], "unknown format"),
+        (["body.ply", "--port", "70000"], "port"),
+        (["body.ply", "--port", "{taken}"], "cannot be used"),
+    ],
+)
+def test_a_mistake_is_one_sentence(capsys, arguments, words):
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        taken = other.getsockname()[1]
+        assert main(["edit", *(text.format(taken=taken) for text in arguments), "--no-browser"]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.startswith("error: ") and err.count("\n") == 1 and words in err

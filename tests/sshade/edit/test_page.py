@@ -1,0 +1,253 @@
+"""The page in a browser: pick, mark, drag, undo and save, and the command line makes the same shape."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sshade.cli.main import main
+from sshade.edit.session import Session
+from sshade.io.meshes import read_arrays, write_mesh
+from tests.browser import changed, pixels
+from tests.shapes import bumpy
+from tests.sshade.edit.lent import lent
+
+BODY = bumpy(4)
+
+
+@pytest.fixture
+def session(tmp_path, monkeypatch) -> Session:
+    monkeypatch.chdir(tmp_path)
+    # Upright, as the page looks at it.
+    write_mesh("body.ply", BODY.V[:, [1, 2, 0]], BODY.F)
+    return Session(Path("body.ply"))
+
+
+@pytest.fixture(params=[1280, 400])
+def page(request, browser, session):
+    with lent(session) as server:
+        opened = browser.new_page(viewport={"width": request.param, "height": 900})
+        opened.said, opened.asked = [], []
+        opened.on("console", lambda message: opened.said.append(message.text))
+        opened.on("pageerror", lambda error: opened.said.append(str(error)))
+        opened.on("request", lambda asked: opened.asked.append(asked.url))
+        opened.goto(server.address)
+        opened.wait_for_selector("#stage[data-state=settled]")
+        yield opened
+        assert all(url.startswith((server.address, "data:")) for url in opened.asked)
+        opened.close()
+
+
+def where(page, V: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(k, 2) pixels of points in the first view of a mesh, as style.css and view.js say."""
+    box = page.locator("#stage").bounding_box()
+    centre, scale = 0.5 * (V.min(axis=0) + V.max(axis=0)), np.linalg.norm(np.ptp(V, axis=0))
+    half, P = 0.5 * np.ptp(V, axis=0) / scale, (np.atleast_2d(points) - centre) / scale
+    towards = np.array([0.5, 0.25, 1]) / np.linalg.norm([0.5, 0.25, 1])
+    right = np.cross([0, 1, 0], towards)
+    right /= np.linalg.norm(right)
+    up, tall = np.cross(towards, right), np.tan(np.radians(15))
+    wide = tall * box["width"] / box["height"]
+    corners = half * np.stack(np.meshgrid(*3 * [[-1, 1]]), axis=-1).reshape(-1, 3)
+    need = np.maximum(np.abs(corners @ up) / tall, np.abs(corners @ right) / wide)
+    distance = (corners @ towards + 1.15 * need).max()
+    per = box["height"] / (2 * tall * (distance - P @ towards))
+    x, y = box["x"] + box["width"] / 2 + per * (P @ right), box["y"] + box["height"] / 2 - per * (P @ up)
+    return np.stack([x, y], axis=1)
+
+
+def tool(page, name: str) -> None:
+    page.locator("#tools label", has_text=name).click()
+
+
+def stroke(page, *points, steps: int = 4) -> None:
+    """Press at the first point, go to the others, let go; wait until that is picked."""
+    page.mouse.move(*points[0])
+    page.mouse.down()
+    for point in points[1:]:
+        page.mouse.move(*point, steps=steps)
+    with page.expect_response(re.compile("/select")):
+        page.mouse.up()
+    page.wait_for_timeout(50)
+
+
+def corners(xy: np.ndarray) -> tuple:
+    """Opposite ones of a rectangle that leaves room around pixels."""
+    return tuple(xy.min(axis=0) - 3), tuple(xy.max(axis=0) + 3)
+
+
+def asked(page, name: str, action) -> None:
+    with page.expect_response(re.compile(f"/{name}$")):
+        action()
+
+
+def mark(page, session, shown: np.ndarray) -> np.ndarray:
+    """Hold the lower end and make the upper one movable, by rectangles; the pixels of all vertices."""
+    V = session.mesh.V
+    height = (V[:, 1] - V[:, 1].min()) / np.ptp(V[:, 1])
+    page.locator("#through").check()
+    tool(page, "Rectangle")
+    for keep, button in (height < 0.12, "Hold"), (height > 0.88, "Make movable"):
+        stroke(page, *corners(shown[keep]))
+        asked(page, "mark", page.get_by_role("button", name=button).click)
+    page.wait_for_selector("#groups li.moving.active")
+    return height
+
+
+def test_every_tool_picks_what_it_goes_over_and_is_in_sight(page, session):
+    V = session.mesh.V
+    shown = where(page, V, V)
+    # By the eye: a vertex of a star-shaped body is in sight where the body turns to the camera.
+    towards = np.array([0.5, 0.25, 1]) / np.linalg.norm([0.5, 0.25, 1])
+    normals = np.zeros_like(V)
+    for corner in session.mesh.F.T:
+        np.add.at(normals, corner, session.mesh.face_normals)
+    facing = normals @ towards / np.linalg.norm(normals, axis=1)
+    middle = shown.mean(axis=0)
+    near = np.linalg.norm(shown - middle, axis=1)
+
+    tool(page, "Click")
+    front = np.flatnonzero(facing > 0.8)
+    wanted = front[np.argmin(near[front])]
+    stroke(page, shown[wanted] + 0.3)
+    assert session.state.selection.tolist() == [wanted]
+
+    tool(page, "Rectangle")
+    radius = 60
+    stroke(page, middle - radius, middle + radius)
+    inside = (np.abs(shown - middle) < radius).all(axis=1)
+    picked = np.isin(np.arange(len(V)), session.state.selection)
+    assert not picked[~inside].any() and picked[inside & (facing > 0.4)].all()
+    assert not picked[facing < -0.4].any() and picked.sum() > 20
+
+    page.locator("#through").check()
+    stroke(page, middle - radius, middle + radius)
+    picked = np.isin(np.arange(len(V)), session.state.selection)
+    assert picked.sum() == inside.sum() and np.array_equal(picked, inside)
+
+    tool(page, "Lasso")
+    across, down = np.array([radius, 0]), np.array([0, radius])
+    stroke(page, middle - across, middle - down, middle + across, middle + down, middle - across, steps=20)
+    picked = np.isin(np.arange(len(V)), session.state.selection)
+    edge = np.abs(shown - middle).sum(axis=1) - radius
+    assert picked[edge < -3].all() and not picked[edge > 3].any() and picked.sum() < inside.sum()
+
+    tool(page, "Brush")
+    page.locator("#radius").fill("20")
+    page.keyboard.down("Shift")
+    before = picked
+    stroke(page, middle - 2 * down, middle + 2 * down, steps=30)
+    page.keyboard.up("Shift")
+    picked = np.isin(np.arange(len(V)), session.state.selection)
+    stretch = np.clip(shown[:, 1] - middle[1], -2 * radius, 2 * radius)
+    away = np.linalg.norm(shown - middle - np.stack([0 * stretch, stretch], axis=1), axis=1)
+    assert picked[before].all() and picked[away < 19].all() and not picked[(away > 21) & ~before].any()
+
+    page.keyboard.down("Control")
+    stroke(page, middle - 2 * down, middle + 2 * down, steps=30)
+    page.keyboard.up("Control")
+    assert not np.isin(np.flatnonzero(away < 19), session.state.selection).any()
+    assert page.locator("#picked").inner_text().replace(",", "") == str(len(session.state.selection))
+    assert page.said == []
+
+
+def test_a_region_is_dragged_and_what_is_saved_deforms_to_the_same_on_the_command_line(page, session):
+    V = session.mesh.V
+    shown = where(page, V, V)
+    height = mark(page, session, shown)
+    low, high = np.flatnonzero(height < 0.1), np.flatnonzero(height > 0.9)
+    assert {
+        g.kind: np.isin(own, g.vertices).all()
+        for g, own in zip(session.state.groups, (low, high), strict=True)
+    }
+    resting = pixels(page.locator("#stage"))
+    pivot = session.state.groups[1].target.mean(axis=0)
+    x, y = where(page, V, pivot)[0]
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 10, y, steps=2)
+    page.wait_for_selector("#stage[data-state=dragging]")
+    page.mouse.move(x + 50, y - 30, steps=8)
+    with page.expect_response(re.compile("/drag$")):
+        page.mouse.move(x + 60, y - 30)
+    with page.expect_response(re.compile("/settle$")):
+        page.mouse.up()
+    page.wait_for_selector("#stage[data-state=settled]")
+    page.wait_for_timeout(100)
+    group = session.state.groups[1]
+    move = (group.target - group.start).mean(axis=0)
+    there = where(page, V, pivot + move)[0] - where(page, V, pivot)[0]
+    assert np.abs(there - [60, -30]).max() < 8  # the group is where the mouse went
+    assert np.array_equal(session.shown[group.vertices], group.target)
+    posed = session.shown
+    moved = pixels(page.locator("#stage"))
+    assert changed(resting, moved) > 0.01
+
+    page.keyboard.press("Control+z")
+    page.wait_for_selector("#redo:enabled")
+    page.wait_for_timeout(100)
+    assert np.array_equal(session.shown, V)
+    assert changed(resting, pixels(page.locator("#stage"))) < 0.005
+    page.keyboard.press("Control+Shift+z")
+    page.wait_for_selector("#redo:disabled")
+    assert session.shown is posed
+
+    page.locator("#errors").check()
+    page.wait_for_selector("#legend:visible")
+    page.wait_for_timeout(150)
+    assert changed(moved, pixels(page.locator("#stage"))) > 0.01
+    asked(page, "save", page.get_by_role("button", name="Save handles").click)
+    page.get_by_label("file for the mesh").fill("posed.obj")
+    asked(page, "save", page.get_by_role("button", name="Save mesh").click)
+    page.wait_for_selector("#saved:has-text('posed.obj')")
+    words = page.locator("#command").inner_text().split()
+    assert words[:2] == ["sshade", "deform"]
+    assert main([*words[1:-1], "again.obj"]) == 0
+    again = read_arrays("again.obj")[0]
+    assert np.array_equal(again, read_arrays("posed.obj")[0])
+    assert np.abs(again - posed).max() < 1e-9 * session.mesh.diagonal
+    assert len(json.loads(Path("body_handles.json").read_text())["handles"]) == 2
+    assert page.said == []
+
+
+def test_a_gizmo_turns_a_group_and_a_mistake_is_told_on_the_page(page, session):
+    V = session.mesh.V
+    mark(page, session, where(page, V, V))
+    page.locator("#gizmo-bar label", has_text="Turn").click()
+    x, y = where(page, V, session.state.groups[1].target.mean(axis=0))[0]
+    page.mouse.move(x + 3, y)  # the ball in the middle turns freely
+    page.mouse.down()
+    page.mouse.move(x + 40, y + 5, steps=6)
+    with page.expect_response(re.compile("/settle$")):
+        page.mouse.up()
+    page.wait_for_selector("#stage[data-state=settled]")
+    group = session.state.groups[1]
+    assert np.arccos((np.trace(group.motion.R) - 1) / 2) > 0.1
+    assert np.abs((group.target - group.start).mean(axis=0)).max() < 1e-6 * session.mesh.diagonal
+
+    page.get_by_label("file for the handles").fill("../stolen.json")
+    asked(page, "save", page.get_by_role("button", name="Save handles").click)
+    page.wait_for_selector("#message:has-text('without a folder')")
+    assert not Path("../stolen.json").exists()
+    page.locator("#message button").click()
+    Path("bad.json").write_text('{"handles": []}')
+    page.locator("#open").set_input_files("bad.json")
+    page.wait_for_selector("#message:has-text('bad.json: there are no handles')")
+    assert len(session.state.groups) == 2
+    # What the browser itself notes of an answer that refuses is all that it says.
+    assert all("400" in text for text in page.said)
+
+
+def test_it_fits_the_window_and_ends_by_its_button(page, session):
+    width = page.viewport_size["width"]
+    assert page.evaluate("document.documentElement.scrollWidth") == width
+    stage = pixels(page.locator("#stage"))
+    assert 0.02 < (stage < 235).any(axis=2).mean() < 0.9
+    page.get_by_role("button", name="End").click()
+    page.wait_for_selector("body.ended")
+    assert "has ended" in page.locator("#message").inner_text()
+    assert page.said == []

@@ -1,0 +1,306 @@
+"""Who is answered, what commands do, and how a server ends."""
+
+from __future__ import annotations
+
+import json
+import logging
+import socket
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sshade import Mesh
+from sshade.edit import server as serving
+from sshade.edit.server import PAGE, Server
+from sshade.edit.session import Session
+from sshade.io.meshes import write_mesh
+from tests.shapes import bumpy
+from tests.sshade.edit.lent import ask, command, lent, unpacked
+
+BODY = bumpy(3)
+LOW, HIGH = (np.flatnonzero(keep) for keep in (BODY.V[:, 2] < -1.2, BODY.V[:, 2] > 1.2))
+
+
+def session_of(folder: Path, mesh: Mesh = BODY) -> Session:
+    write_mesh(folder / "body.ply", mesh.V, mesh.F)
+    return Session(folder / "body.ply")
+
+
+@pytest.fixture
+def server(tmp_path):
+    with lent(session_of(tmp_path)) as running:
+        yield running
+
+
+def pick(server: Server, vertices: np.ndarray, how: str = "replace") -> dict:
+    body = vertices.astype("<u4").tobytes()
+    status, _, content = ask(server, "POST", f"/{server.token}/select?how={how}", body)
+    assert status == 200
+    return unpacked(content)
+
+
+def mark(server: Server) -> int:
+    pick(server, LOW)
+    command(server, "mark", {"kind": "static"})
+    pick(server, HIGH)
+    return command(server, "mark", {"kind": "moving"})["marked"]
+
+
+def test_the_page_is_sent_whole_and_takes_nothing_from_elsewhere(server):
+    for name, (_, kind) in {**PAGE, "three.js": ("", "text/javascript")}.items():
+        status, headers, content = ask(server, "GET", f"/{server.token}/{name}", Origin=None)
+        assert status == 200 and len(content) > 500 and headers["Content-Type"].startswith(kind)
+        assert headers["Content-Security-Policy"].startswith("default-src 'none'")
+        assert headers["X-Content-Type-Options"] == "nosniff" and headers["Referrer-Policy"] == "no-referrer"
+        assert headers["Cache-Control"] == "no-store"
+        assert "Access-Control-Allow-Origin" not in headers and "Set-Cookie" not in headers
+        if name != "three.js":
+            assert b"http://" not in content and b"https://" not in content
+    assert server.server_address[0] == "127.0.0.1"
+    with Server(server.commands._session) as other:
+        assert other.token != server.token and len(server.token) >= 32
+
+
+FOREIGN = [
+    {"Origin": "http://evil.example"},
+    {"Origin": "null"},
+    {"Origin": "https://127.0.0.1:{port}"},
+    {"Origin": "http://127.0.0.1"},
+    {"Origin": "http://127.0.0.1:1"},
+    {"Host": "evil.example:{port}"},
+    {"Host": "evil.example"},
+    {"Host": "127.0.0.1.evil.example:{port}"},
+    {"Host": "127.0.0.1"},
+    {"Host": None},
+    {"Host": "evil.example:{port}", "Origin": "http://evil.example:{port}"},
+    {"Sec_Fetch_Site": "cross-site"},
+    {"Sec_Fetch_Site": "same-site", "Origin": None},
+]
+
+
+@pytest.mark.parametrize("headers", FOREIGN)
+def test_other_origins_and_names_are_refused(server, headers):
+    own = {name: value and value.format(port=server.server_port) for name, value in headers.items()}
+    before = server.commands._session.state
+    for method, path, body in (
+        ("GET", "", None),
+        ("GET", "whole", None),
+        ("POST", "select?how=all", b""),
+        ("POST", "quit", b""),
+        ("POST", "save", b'{"what": "handles", "name": "x.json"}'),
+    ):
+        status, _, content = ask(server, method, f"/{server.token}/{path}", body, **own)
+        assert status == 403 and BODY.V.astype("<f4").tobytes()[:12] not in content
+        assert server.token.encode() not in content
+    assert server.commands._session.state is before
+    assert ask(server, "GET", f"/{server.token}/")[0] == 200  # it still runs
+
+
+def test_this_machine_s_other_name_and_a_link_to_the_page_are_let_in(server):
+    name = f"localhost:{server.server_port}"
+    assert ask(server, "GET", f"/{server.token}/", Host=name, Origin=f"http://{name}")[0] == 200
+    link = {"Sec_Fetch_Site": "cross-site", "Sec_Fetch_Dest": "document", "Origin": None}
+    assert ask(server, "GET", f"/{server.token}/", **link)[0] == 200
+    assert ask(server, "POST", f"/{server.token}/undo", b"{}", **link)[0] == 403
+
+
+@pytest.mark.parametrize(
+    "path", ["/", "", "/wrong/", "/{short}/", "/{token}x/", "//", "/?{token}", "/../{token}/", "/ü/"]
+)
+def test_without_the_token_nothing_is_answered(server, path):
+    path = path.format(token=server.token, short=server.token[:-1]).encode("utf-8").decode("latin-1")
+    for method, body in ("GET", None), ("POST", b"{}"):
+        request = f"{method} {path or '/'} HTTP/1.1\r\nHost: 127.0.0.1:{server.server_port}\r\n"
+        request += f"Content-Length: {len(body or b'')}\r\nConnection: close\r\n\r\n"
+        with socket.create_connection(("127.0.0.1", server.server_port), timeout=10) as connection:
+            connection.sendall(request.encode("latin-1") + (body or b""))
+            answer = b"".join(iter(lambda: connection.recv(65536), b""))
+        assert answer.split()[1] == b"403", answer[:200]
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "../server.py",
+        "..%2fserver.py",
+        "page/../../session.py",
+        "/etc/passwd",
+        "%2e%2e/x",
+        "index.html",
+        "body.ply",
+    ],
+)
+def test_no_file_but_the_page_s_is_sent(server, path):
+    assert ask(server, "GET", f"/{server.token}/{path}")[0] == 404
+
+
+def test_a_request_says_how_long_it_is_and_is_not_too_long(server, monkeypatch):
+    path = f"/{server.token}/undo"
+    assert ask(server, "POST", path)[0] == 411
+    assert ask(server, "POST", path, b"{}", Content_Length="two")[0] == 411
+    assert ask(server, "POST", path, b"{}", Content_Length="-2")[0] == 411
+    assert ask(server, "POST", path, b"{}", Transfer_Encoding="chunked")[0] == 411
+    assert ask(server, "POST", path, b"", Content_Length="9" * 30)[0] == 413
+    assert ask(server, "POST", path, b"", Content_Length=str(serving.LARGEST + 4 * BODY.n + 1))[0] == 413
+    monkeypatch.setattr(serving, "LARGEST", 10)
+    assert ask(server, "POST", path, b" " * (10 + 4 * BODY.n))[0] == 400  # taken, and no JSON
+    assert ask(server, "POST", path, b" " * (11 + 4 * BODY.n))[0] == 413
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "words"),
+    [
+        ("explode", {}, "no command"),
+        ("__init__", {}, "no command"),
+        ("mark", [], "an object"),
+        ("mark", {}, '"kind"'),
+        ("mark", {"kind": "moving"}, "nothing is picked"),
+        ("remove", {"group": 5}, "no group 5"),
+        ("remove", {"group": "5"}, "whole number"),
+        ("remove", {"group": True}, "whole number"),
+        ("drag", {"group": 1, "pivot": [0, 0], "move": [0, 0, 0], "quaternion": [0, 0, 0, 1]}, '"pivot"'),
+        ("drag", {"group": 1, "pivot": [0, 0, 0], "move": "far", "quaternion": [0, 0, 0, 1]}, '"move"'),
+        (
+            "drag",
+            {"group": 1, "pivot": [0, 0, 0], "move": [0, 0, 0], "quaternion": [0, 0, 0, 0]},
+            "quaternion",
+        ),
+        ("set_up", {"method": "os.system"}, "no method"),
+        ("save", {"what": "handles", "name": "../x.json"}, "without a folder"),
+        ("save", {"what": "handles", "name": "x.json"}, "no handles"),
+        ("save", {"what": "secrets", "name": "x.json"}, "cannot be saved"),
+        ("alter", {"group": 1, "weight": "NaN"}, '"weight"'),
+    ],
+)
+def test_a_mistaken_command_is_told_in_a_sentence_and_changes_nothing(server, name, given, words):
+    before = server.commands._session.state
+    answer = command(server, name, given)
+    assert answer["status"] == 400 and words in answer["error"] and "\n" not in answer["error"]
+    assert server.commands._session.state is before
+    assert not list(Path(server.commands._session.document.outputs.path["mesh"]).parent.glob("x.json"))
+
+
+def test_bytes_that_are_no_command_are_told(server):
+    for body in b"{", b"\xff\xfe", b"[" * 100_000, b"":
+        assert ask(server, "POST", f"/{server.token}/mark", body)[0] == 400
+    assert ask(server, "POST", f"/{server.token}/select?how=add", b"123")[0] == 400
+    assert (
+        ask(server, "POST", f"/{server.token}/select?how=add", np.array([BODY.n], "<u4").tobytes())[0] == 400
+    )
+    assert ask(server, "POST", f"/{server.token}/select", b"")[0] == 400
+    status, _, content = ask(server, "POST", f"/{server.token}/open?name=mine.json", b'{"handles": 3}')
+    assert status == 400 and "mine.json" in json.loads(content)["error"]
+
+
+def test_an_error_of_the_program_is_told_without_its_traceback(server, monkeypatch, caplog):
+    def broken(*_):
+        raise ZeroDivisionError("inside")
+
+    monkeypatch.setattr(server.commands._session, "undo", broken)
+    with caplog.at_level(logging.ERROR):
+        answer = command(server, "undo")
+    assert answer == {"status": 500, "error": "the editor failed; the terminal tells why"}
+    assert "ZeroDivisionError" in caplog.text
+
+
+def test_commands_do_what_the_session_does(server, tmp_path):
+    session, whole = server.commands._session, unpacked(ask(server, "GET", f"/{server.token}/whole")[2])
+    assert np.array_equal(whole["faces"].reshape(-1, 3), BODY.F)
+    centre = 0.5 * (BODY.V.min(axis=0) + BODY.V.max(axis=0))
+    P = whole["positions"].reshape(-1, 3)
+    assert np.allclose(P, (BODY.V - centre) / BODY.diagonal, atol=1e-7)
+    number = mark(server)
+    answer = command(server, "alter", {"group": number, "name": "tip", "weight": None})
+    assert np.array_equal(
+        answer["labels"], 1 * np.isin(range(BODY.n), LOW) + 2 * np.isin(range(BODY.n), HIGH)
+    )
+    (tip,) = [group for group in answer["groups"] if group["name"] == "tip"]
+    assert np.allclose(tip["pivot"], P[HIGH].mean(axis=0))
+    move = {"group": number, "pivot": tip["pivot"], "move": [0.05, 0, 0.05], "quaternion": [0, 0.3, 0, 1]}
+    dragged = command(server, "drag", move)["positions"].reshape(-1, 3)
+    assert np.allclose(dragged, (session.shown - centre) / BODY.diagonal, atol=1e-7)
+    assert np.abs(dragged[HIGH].mean(axis=0) - P[HIGH].mean(axis=0) - [0.05, 0, 0.05]).max() < 0.01
+    assert not command(server, "release", move)["settled"]
+    answer = command(server, "settle")
+    assert answer["settled"] and answer["change"].max() == 255 and answer["top"] > 0.1
+    target = session.state.group(number).target
+    assert np.allclose(answer["positions"].reshape(-1, 3)[HIGH], (target - centre) / BODY.diagonal, atol=1e-6)
+    command(server, "pick", {"group": number})
+    assert np.array_equal(session.state.selection, HIGH)
+    saved = command(server, "save", {"what": "handles", "name": "pose.json"})
+    assert Path(saved["saved"]) == tmp_path / "pose.json" and "sshade deform" in saved["command"]
+    (tmp_path / "there.ply").write_text("mine")
+    answer = command(server, "save", {"what": "mesh", "name": "there.ply"})
+    assert answer["status"] == 409 and answer["exists"] and (tmp_path / "there.ply").read_text() == "mine"
+    assert "saved" in command(server, "save", {"what": "mesh", "name": "there.ply", "over": True})
+    content = (tmp_path / "pose.json").read_bytes()
+    answer = unpacked(ask(server, "POST", f"/{server.token}/open?name=pose.json", content)[2])
+    assert [group["name"] for group in answer["groups"]] == ["group 1", "tip"]
+    for name in "undo", "redo", "restore", "remove":
+        answer = command(server, name, {"group": answer["groups"][-1]["number"]})
+    assert len(answer["groups"]) == 1
+    answer = command(server, "set_up", {"method": "sshade_fine", "volume": False, "area": True})
+    assert answer["settings"] == {"method": "sshade_fine", "volume": False, "area": True}
+
+
+@pytest.mark.parametrize(("scale", "shift"), [(1e-3, 0.0), (1e3, 1e7), (1.0, -1e5)])
+def test_a_page_sees_the_same_wherever_and_how_large_the_mesh_is(tmp_path, scale, shift):
+    seen = []
+    for number, mesh in enumerate((BODY, Mesh(scale * BODY.V + shift, BODY.F))):
+        (tmp_path / str(number)).mkdir()
+        with lent(session_of(tmp_path / str(number), mesh)) as server:
+            group = mark(server)
+            move = {
+                "group": group,
+                "pivot": [0, 0, 0.3],
+                "move": [0.1, 0.05, 0],
+                "quaternion": [0.2, 0, 0, 1],
+            }
+            command(server, "drag", move)
+            command(server, "release", move)
+            seen.append(command(server, "settle")["positions"])
+    assert np.abs(seen[0] - seen[1]).max() < 1e-5
+
+
+def beat(server: Server) -> socket.socket:
+    """An open page: its connection, once it has heard something."""
+    connection = socket.create_connection(("127.0.0.1", server.server_port), timeout=10)
+    host = f"127.0.0.1:{server.server_port}"
+    connection.sendall(f"GET /{server.token}/alive HTTP/1.1\r\nHost: {host}\r\n\r\n".encode())
+    while b"\r\n\r\n" not in connection.recv(65536):
+        pass
+    return connection
+
+
+def test_it_ends_when_its_last_page_is_closed_and_not_when_one_is_loaded_anew(tmp_path, monkeypatch):
+    monkeypatch.setattr(serving, "BEAT", 0.05)
+    monkeypatch.setattr(serving, "GRACE", 0.6)
+    with lent(session_of(tmp_path)) as server:
+        first = beat(server)
+        server.progress("binding", 1, 3)
+        heard = b""
+        while b"binding" not in heard:
+            heard += first.recv(4096)
+        first.close()
+        time.sleep(0.2)
+        second = beat(server)  # the same page again, within the time that is granted
+        time.sleep(1.0)
+        assert not server._closed
+        second.close()
+        for _ in range(100):
+            if server._closed:
+                break
+            time.sleep(0.05)
+        assert server._closed
+
+
+def test_it_ends_when_the_page_says_so(tmp_path):
+    with lent(session_of(tmp_path)) as server:
+        page = beat(server)
+        assert ask(server, "POST", f"/{server.token}/quit", b"")[0] == 200
+        while page.recv(4096):  # and so does what it listens to
+            pass
+        page.close()
+        assert server._closed

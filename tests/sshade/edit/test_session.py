@@ -1,0 +1,465 @@
+"""A session without a browser: what is picked, marked, dragged, undone and saved."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sshade import InputError, Mesh
+from sshade.cli.main import main
+from sshade.edit import follower, history
+from sshade.edit.session import Session, Superseded
+from sshade.edit.state import Motion, Settings
+from sshade.io.handles import read_handles
+from sshade.io.meshes import read_arrays, write_mesh
+from tests.shapes import bumpy, rotation, strip, torus, tube
+from tests.sshade.mesh.test_cutting import t_fin
+
+BODY = bumpy(3)
+LIFT = Motion(np.eye(3), np.array([0.0, 0.0, 0.4]))
+
+
+def two() -> Mesh:
+    """Two bodies beside each other."""
+    V = np.concatenate([BODY.V, BODY.V + [4, 0, 0]])
+    return Mesh(V, np.concatenate([BODY.F, BODY.F + BODY.n]))
+
+
+SHAPES = {
+    "a closed body": BODY,
+    "two rings": tube(24, 40),
+    "a torus": torus(40, 20),
+    "a sheet": strip(30, 12),
+}
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def begun(mesh: Mesh = BODY, name: str = "body.ply", **given) -> Session:
+    write_mesh(name, mesh.V, mesh.F)
+    return Session(Path(name), **given)
+
+
+def ends(V: np.ndarray, share: float = 0.15) -> tuple[np.ndarray, np.ndarray]:
+    """The vertices at both ends of the longest extent."""
+    x = V[:, np.argmax(np.ptp(V, axis=0))]
+    low, high = x.min() + share * np.ptp(x), x.max() - share * np.ptp(x)
+    return np.flatnonzero(x < low), np.flatnonzero(x > high)
+
+
+def marked(session: Session) -> int:
+    """One end held, and the other movable; the number of that."""
+    held, free = ends(session.mesh.V)
+    session.select(held, "replace")
+    session.mark("static")
+    session.select(free, "replace")
+    return session.mark("moving")
+
+
+def turned(V: np.ndarray, amount: float) -> Motion:
+    """A turn of an end about its middle, and a shift, both by a share."""
+    _, free = ends(V)
+    quaternion = np.array([0.1, 0.2, 0.3, 1 / max(amount, 1e-3)])
+    return Motion.about(V[free].mean(axis=0), quaternion, amount * np.array([0.2, 0.3, -0.1]))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_ways_to_pick_are_those_of_sets(seed):
+    session, rng = begun(), np.random.default_rng(seed)
+    a, b = (set(rng.choice(BODY.n, 90, replace=False).tolist()) for _ in range(2))
+    beside = [set() for _ in range(BODY.n)]
+    for i, j in BODY.edges.tolist():
+        beside[i].add(j)
+        beside[j].add(i)
+    steps = [
+        ("replace", a, a),
+        ("add", b, a | b),
+        ("grow", (), {v for v in range(BODY.n) if v in a | b or beside[v] & (a | b)}),
+        ("replace", b, b),
+        ("shrink", (), {v for v in b if beside[v] <= b}),
+        ("replace", a, a),
+        ("remove", b, a - b),
+        ("invert", (), set(range(BODY.n)) - (a - b)),
+        ("all", (), set(range(BODY.n))),
+        ("none", (), set()),
+    ]
+    for how, given, expected in steps:
+        session.select(np.array(list(given), dtype=np.int64), how)
+        assert session.state.selection.tolist() == sorted(expected), how
+
+
+def test_what_cannot_be_picked_or_marked_is_told():
+    session = begun()
+    for vertices, how in ([BODY.n], "add"), ([-1], "add"), ([0], "nearly"):
+        with pytest.raises(InputError):
+            session.select(np.array(vertices), how)
+    with pytest.raises(InputError, match="nothing is picked"):
+        session.mark("moving")
+    session.select(np.array([0]), "add")
+    with pytest.raises(InputError, match="static or moving"):
+        session.mark("loose")
+    number = session.mark("static")
+    with pytest.raises(InputError, match="is static"):
+        session.drag(number, LIFT)
+    for call in (session.remove, session.restore, lambda n: session.drag(n, LIFT)):
+        with pytest.raises(InputError, match="no group 7"):
+            call(7)
+    for wrong in {"weight": 0.0}, {"weight": np.nan}, {"name": ""}, {"kind": "soft"}:
+        with pytest.raises(InputError):
+            session.alter(number, **wrong)
+    assert len(session.state.groups) == 1
+
+
+def test_a_vertex_is_in_the_group_that_took_it_last():
+    session = begun()
+    session.select(np.arange(10), "replace")
+    first = session.mark("static")
+    session.select(np.arange(5, 20), "replace")
+    second = session.mark("moving")
+    assert {g.number: g.vertices.tolist() for g in session.state.groups} == {
+        first: list(range(5)),
+        second: list(range(5, 20)),
+    }
+    session.select(np.arange(5), "replace")
+    third = session.mark("moving")
+    assert [g.number for g in session.state.groups] == [second, third]
+    session.remove(second)
+    session.alter(third, name="tip", weight=3.0, kind="static")
+    (left,) = session.state.groups
+    assert (left.name, left.weight, left.kind) == ("tip", 3.0, "static")
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("method", ["sshade_fast", "sshade_fine", "sshade"])
+def test_what_is_saved_deforms_to_the_same_file_on_the_command_line(shape, method):
+    session = begun(SHAPES[shape], settings=Settings(method))
+    number = marked(session)
+    motion = turned(session.mesh.V, 0.5)
+    session.drag(number, turned(session.mesh.V, 0.2))
+    session.drag(number, motion)
+    session.release(number, motion)
+    assert not session.is_settled and session.is_unsaved
+    session.settle()
+    assert session.is_settled
+    assert session.save_handles("pose.json").name == "pose.json" and not session.is_unsaved
+    path, lost = session.save_mesh("posed.ply")
+    assert (
+        lost == () and main(["deform", "body.ply", "pose.json", "-o", "again.ply", "--method", method]) == 0
+    )
+    assert Path("again.ply").read_bytes() == path.read_bytes()
+    handles = session.state.handles(session.mesh)
+    assert np.array_equal(read_arrays(path)[0][handles.index], handles.target)
+    assert np.abs(read_arrays(path)[0] - session.mesh.V).max() > 0.05 * session.mesh.diagonal
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_drag_follows_the_group_and_comes_near_the_shape_at_rest(shape):
+    session = begun(SHAPES[shape])
+    number, V = marked(session), session.mesh.V
+    for step in np.linspace(0.05, 0.4, 8):
+        shown = session.drag(number, turned(V, step))
+        handles = session.state.moved(number, turned(V, step)).handles(session.mesh)
+        assert shown is session.shown
+        assert np.abs(shown[handles.index] - handles.target).max() < 0.01 * session.mesh.diagonal
+    session.release(number, turned(V, 0.4))
+    dragged = session.shown
+    session.settle()
+    mean = np.linalg.norm(session.shown - dragged, axis=1).mean()
+    assert mean < 0.01 * session.mesh.diagonal
+    assert mean < 0.1 * np.linalg.norm(session.shown - V, axis=1).mean()
+
+
+def test_a_group_alone_takes_the_mesh_along_rigidly():
+    session = begun()
+    session.select(ends(BODY.V)[1], "replace")
+    number = session.mark("moving")
+    motion = Motion(rotation(3), np.array([0.3, -0.2, 0.1]))
+    session.drag(number, Motion(np.eye(3), np.array([0.1, 0.0, 0.0])))
+    session.release(number, motion)
+    session.settle()
+    assert np.abs(session.shown - (BODY.V @ motion.R.T + motion.t)).max() < 1e-4 * BODY.diagonal
+
+
+def test_undo_and_redo_bring_back_what_was_and_its_shape():
+    session = begun()
+    seen = [(session.state, session.shown)]
+    number = marked(session)
+    for amount in 0.2, 0.3:
+        session.release(number, turned(BODY.V, amount))
+        session.settle()
+        seen.append((session.state, session.shown))
+    session.select(np.arange(3), "replace")
+    assert session.is_settled and session.state.shape is seen[-1][1]
+    session.undo()
+    session.undo()
+    assert session.state is seen[1][0] and session.shown is seen[1][1] and session.is_settled
+    session.redo()
+    assert session.state is seen[2][0] and session.shown is seen[2][1]
+    while session.can_undo:
+        session.undo()
+    assert session.state is seen[0][0] and np.array_equal(session.shown, BODY.V)
+    session.undo()  # there is nothing before
+    session.select(np.arange(4), "replace")
+    assert not session.can_redo
+
+
+def test_a_drag_goes_on_from_where_the_group_was_released_and_from_where_undo_brought_it():
+    session = begun()
+    number = marked(session)
+    _, free = ends(BODY.V)
+    session.release(number, LIFT)
+    session.release(number, LIFT)
+    session.settle()
+    assert np.allclose(session.shown[free], BODY.V[free] + 2 * LIFT.t)
+    session.drag(number, LIFT)
+    session.undo()
+    session.settle()
+    shown = session.drag(number, LIFT)
+    assert np.abs(shown[free] - BODY.V[free] - 2 * LIFT.t).max() < 0.01 * BODY.diagonal
+
+
+def test_shapes_that_were_dropped_for_want_of_memory_are_computed_again(monkeypatch):
+    monkeypatch.setattr(history, "BYTES", 3 * BODY.V.nbytes)
+    session = begun()
+    number = marked(session)
+    shapes = []
+    for _ in range(5):
+        session.release(number, Motion(np.eye(3), np.array([0, 0, 0.05])))
+        session.settle()
+        shapes.append(session.shown)
+    for shape in reversed(shapes[:-1]):
+        session.undo()
+        session.settle()
+        assert np.array_equal(session.shown, shape)
+    assert sum(state.shape is None for state in session._history._states) >= 1
+
+
+def test_what_is_overtaken_while_it_is_computed_is_not_shown():
+    session = begun()
+    number = marked(session)
+    session.release(number, LIFT)
+
+    def impatient(stage: str, done: int, total: int, note: str = "") -> None:
+        if session.can_undo:
+            session.drag(number, LIFT)
+
+    with pytest.raises(Superseded):
+        session.settle(impatient)
+    assert not session.is_settled
+    session.settle()
+    assert session.is_settled
+
+
+def test_groups_marked_on_a_deformed_shape_stay_where_they_are():
+    session = begun()
+    number = marked(session)
+    session.release(number, LIFT)
+    session.settle()
+    before = session.shown
+    middle = np.flatnonzero(np.abs(BODY.V[:, 2]) < 0.1)
+    session.select(middle, "replace")
+    session.mark("static")
+    session.settle()
+    assert np.array_equal(session.shown[middle], before[middle])
+    assert np.abs(session.shown - before).max() < 0.05 * BODY.diagonal
+    own = session.state.handles(session.mesh)
+    assert own.dynamic[np.isin(own.index, middle)].all()  # a file's static ones would go back to rest
+    session.restore(session.state.groups[-1].number)
+    assert np.array_equal(session.state.groups[-1].target, BODY.V[middle])
+    session.restore(number)
+    assert session.is_settled and np.array_equal(session.shown, BODY.V)
+
+
+def test_saved_groups_are_opened_as_they_were():
+    session = begun()
+    number = marked(session)
+    session.alter(number, name="top", weight=7.5)
+    session.select(np.array([300]), "replace")
+    tip = session.mark("moving")
+    session.release(tip, Motion(rotation(1), np.zeros(3)))
+    session.release(number, LIFT)
+    session.save_handles("pose.json")
+    again = Session(Path("body.ply"), handles=Path("pose.json"))
+    assert not again.can_undo and not again.is_unsaved and not again.is_settled
+    session.open(Path("pose.json").read_bytes(), "pose.json")
+    for other in again, session:
+        for group, new in zip(session.state.groups, other.state.groups, strict=True):
+            assert (group.name, group.kind, group.weight) == (new.name, new.kind, new.weight)
+            assert np.array_equal(group.vertices, new.vertices)
+            assert np.array_equal(group.target, new.target)
+    assert session.state.groups[1].name == "top"
+    # Where a vertex goes does not say how it turns; where a region goes does.
+    assert [group.rotation is not None for group in again.state.groups] == [False, False, True]
+    assert np.allclose(again.state.groups[2].rotation, rotation(1))
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"{", "mine.json: not readable"),
+        (b'{"handles": []}', "mine.json: there are no handles"),
+        (b"\xff", "mine"),
+    ],
+)
+def test_a_file_that_holds_no_handles_changes_nothing(content, words):
+    session = begun()
+    marked(session)
+    before = session.state
+    with pytest.raises(InputError, match=words):
+        session.open(content, "mine.json")
+    assert session.state is before
+
+
+def test_free_constraints_change_the_shape_and_are_written_down():
+    session = begun()
+    number = marked(session)
+    session.release(number, turned(BODY.V, 0.8))
+    session.settle()
+    kept, shape = Mesh(session.shown, BODY.F).volume, session.shown
+    session.set_up(Settings(volume=False))
+    session.settle()
+    assert abs(kept / BODY.volume - 1) < 1e-3 < abs(Mesh(session.shown, BODY.F).volume / BODY.volume - 1)
+    made = json.loads(session.save_handles("free.json").read_text())["made"]
+    assert made == {"method": "sshade_fast", "volume": 0.0}
+    session.undo()
+    assert session.shown is shape
+
+
+def test_of_two_components_the_one_that_is_dragged_follows_at_once():
+    mesh = two()
+    session = begun(mesh, carry_unconstrained=True)
+    left = np.flatnonzero(mesh.V[:, 0] < 2)
+    session.select(left[mesh.V[left, 2] < -0.6], "replace")
+    session.mark("static")
+    session.select(left[mesh.V[left, 2] > 0.6], "replace")
+    number = session.mark("moving")
+    shown = session.drag(number, LIFT)
+    moved = np.abs(shown - mesh.V).max(axis=1)
+    free = np.setdiff1d(left, np.concatenate([group.vertices for group in session.state.groups]))
+    assert (moved[free] > 1e-4).mean() > 0.9 and moved[BODY.n :].max() == 0
+    session.release(number, LIFT)
+    session.settle()
+    assert np.abs(session.shown - mesh.V)[BODY.n :].max() > 1e-3
+    assert session.save_handles("pose.json") and session.save_mesh("posed.ply")
+    arguments = ["deform", "body.ply", "pose.json", "-o", "again.ply", "--carry-unconstrained"]
+    assert main(arguments) == 0 and Path("again.ply").read_bytes() == Path("posed.ply").read_bytes()
+
+
+def test_a_component_without_handles_is_told_when_the_mouse_rests():
+    session = begun(two())
+    session.select(np.arange(40), "replace")
+    number = session.mark("moving")
+    session.drag(number, LIFT)
+    session.release(number, LIFT)
+    with pytest.raises(InputError, match="component"):
+        session.settle()
+
+
+def test_a_mesh_that_is_no_manifold_follows_when_the_mouse_rests():
+    mesh = t_fin(4)
+    session = begun(mesh)
+    x = mesh.V[:, 0]
+    session.select(np.flatnonzero(x <= x.min() + 1), "replace")
+    session.mark("static")
+    session.select(np.flatnonzero(x >= x.max() - 1), "replace")
+    number = session.mark("moving")
+    own = session.state.group(number).vertices
+    shown = session.drag(number, LIFT)
+    assert np.flatnonzero(np.abs(shown - mesh.V).max(axis=1)).tolist() == own.tolist()
+    session.release(number, LIFT)
+    session.settle()
+    assert np.count_nonzero(np.abs(session.shown - mesh.V).max(axis=1) > 1e-6) > 2 * len(own)
+
+
+def test_large_meshes_take_other_handles_without_being_bound_anew(monkeypatch):
+    bound = []
+    deformer = follower.Deformer
+    monkeypatch.setattr(follower, "Deformer", lambda *a, **k: bound.append(1) or deformer(*a, **k))
+    body = bumpy(5)
+    for limit, count in (0, 1), (body.n + 1, 2):
+        monkeypatch.setattr(follower, "REBOUND", limit)
+        session = begun(body)
+        session._prepare = lambda group: None
+        bound.clear()
+        number = marked(session)
+        session.drag(number, LIFT)
+        session.select(np.flatnonzero(np.abs(body.V[:, 2]) < 0.1), "replace")
+        session.mark("static")
+        shown = session.drag(number, LIFT)
+        target = session.state.moved(number, LIFT).group(number)
+        assert np.abs(shown[target.vertices] - target.target).max() < 0.01 * body.diagonal
+        assert len(bound) == count
+
+
+def test_texture_coordinates_and_doubled_vertices_stay_in_the_saved_file():
+    mesh = strip(20, 8)
+    lines = [f"v {x:g} {y:g} {z:g}" for x, y, z in mesh.V]
+    lines += [f"v {x:g} {y:g} {z:g}" for x, y, z in mesh.V[mesh.V[:, 0] == 10]]  # the seam, twice
+    second = {int(v): mesh.n + k for k, v in enumerate(np.flatnonzero(mesh.V[:, 0] == 10))}
+    right = mesh.V[mesh.F].mean(axis=1)[:, 0] > 10
+    F = [[second.get(v, v) if side else v for v in f] for f, side in zip(mesh.F.tolist(), right, strict=True)]
+    lines += ["v 100 100 100", "vt 0.25 0.75", "usemtl cloth"]
+    lines += ["f " + " ".join(f"{v + 1}/1" for v in f) for f in F]
+    Path("sheet.obj").write_text("\n".join(lines) + "\n")
+    session = Session(Path("sheet.obj"))
+    assert session.mesh.n == mesh.n
+    number = marked(session)
+    session.release(number, Motion(np.eye(3), np.array([0, 0, 3.0])))
+    path, _ = session.save_mesh("lifted.obj")
+    text = path.read_text()
+    assert text.count("usemtl cloth") == 1 and text.count("vt 0.25 0.75") == 1
+    V, faces = read_arrays(path)
+    assert faces.tolist() == F and V[-1].tolist() == [100, 100, 100]
+    seam = np.array(list(second.items()))
+    assert np.array_equal(V[seam[:, 0]], V[seam[:, 1]])
+    session.save_handles("pose.json")
+    assert main(["deform", "sheet.obj", "pose.json", "-o", "again.obj"]) == 0
+    assert Path("again.obj").read_bytes() == path.read_bytes()
+    assert session.save_mesh("plain.ply")[1] != ()  # what PLY does not hold is told
+
+
+def test_only_files_beside_the_mesh_or_named_in_advance_are_written(folder):
+    (folder / "out").mkdir()
+    (folder / "other.json").write_text("mine")
+    session = begun(output=folder / "out" / "posed.obj", handles_output=Path("pose.json"))
+    marked(session)
+    names = [
+        "../pose.json",
+        "/tmp/pose.json",
+        "a/b.json",
+        "a\\b.json",
+        "c:x.json",
+        ".hidden.json",
+        "",
+        "..",
+        ".",
+    ]
+    for name in [*names, "x.txt", "pose", "a\0.json", "a\n.json", "x" * 200 + ".json"]:
+        with pytest.raises(InputError):
+            session.save_handles(name, over=True)
+    with pytest.raises(InputError, match="exists already"):
+        session.save_handles("other.json")
+    assert (folder / "other.json").read_text() == "mine"
+    session.save_handles("other.json", over=True)
+    session.save_handles("other.json")  # it is the editor's own now
+    assert read_handles("other.json", BODY).index.size
+    assert session.save_mesh("posed.obj")[0] == folder / "out" / "posed.obj"
+    command = session.document.outputs.command(Settings(), carry_unconstrained=False)
+    assert "out/posed.obj" in command and "other.json" in command
+    plain = begun()
+    with pytest.raises(InputError, match="is the mesh"):
+        plain.save_mesh("body.ply", over=True)
+    for wrong in (
+        {"output": Path("body.ply")},
+        {"output": Path("no/out.ply")},
+        {"handles_output": Path("a.ply")},
+    ):
+        with pytest.raises(InputError):
+            begun(**wrong)
