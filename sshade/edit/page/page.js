@@ -179,7 +179,9 @@ function colour() {
 }
 
 // A drag: the latest place of the gizmo is asked for as soon as the one before has been answered.
-const drag = { wanted: null, busy: null, steps: 0, since: 0 };
+// While the mouse rests, some steps more let the mesh come to rest too.
+const drag = { wanted: null, last: null, idle: 0, busy: null, steps: 0, since: 0 };
+const IDLE = 8;
 
 function motion() {
   const { position, quaternion } = view.pivot, { pivot } = drag;
@@ -187,9 +189,11 @@ function motion() {
 }
 
 async function follow() {
-  while (drag.wanted) {
-    const given = { group: active, ...drag.wanted };
+  while (drag.wanted || (drag.last && drag.idle < IDLE)) {
+    drag.idle = drag.wanted ? 0 : drag.idle + 1;
+    drag.last = drag.wanted ?? drag.last;
     drag.wanted = null;
+    const given = { group: active, ...drag.last };
     try {
       const { sent } = await request("drag", JSON.stringify(given));
       arrays.positions = sent.positions;
@@ -197,6 +201,7 @@ async function follow() {
       drag.steps += 1;
     } catch (error) {
       complain(error);
+      drag.last = null;
     }
   }
   drag.busy = null;
@@ -207,10 +212,10 @@ view.gizmo.addEventListener("dragging-changed", ({ value }) => {
     say(null);
     order += 1;
     byId("busy").hidden = true;
-    Object.assign(drag, { pivot: view.pivot.position.toArray(), steps: 0, since: performance.now(), end: null });
+    Object.assign(drag, { pivot: view.pivot.position.toArray(), steps: 0, since: performance.now() });
     stage.dataset.state = "dragging";
   } else {
-    drag.wanted = null;
+    drag.wanted = drag.last = null;
     const given = { group: active, ...motion() };
     const rate = (1000 * drag.steps) / (performance.now() - drag.since);
     stage.dataset.rate = rate.toFixed(1);
