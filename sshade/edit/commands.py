@@ -12,6 +12,7 @@ from sshade.edit.packet import packet
 from sshade.edit.session import Session
 from sshade.edit.state import MethodName, Motion, Settings
 from sshade.errors import InputError
+from sshade.figures import colour_range, edge_error
 from sshade.progress import Progress
 
 #: Names of arrays of vertices that a change of groups, or of what is picked, changes.
@@ -156,14 +157,15 @@ class Commands:
             elif name == "faces":
                 made[name] = session.mesh.F.astype(np.uint32).ravel()
             elif name == "labels":
-                made[name] = np.zeros(session.mesh.n, dtype=np.uint16)
+                made[name] = np.zeros(session.mesh.n, dtype=np.uint32)
                 for number, group in enumerate(state.groups, start=1):
                     made[name][group.vertices] = number
             elif name == "selection":
                 made[name] = np.zeros(session.mesh.n, dtype=np.uint8)
                 made[name][state.selection] = 1
             elif session.is_settled:
-                change, facts["top"] = session.edge_change()
+                change = edge_error(session.mesh, session.shown)
+                facts["top"] = colour_range([change])
                 made[name] = np.minimum(255 * change / facts["top"], 255).astype(np.uint8)
         return packet({**self._facts(), **facts}, made)
 
@@ -189,8 +191,8 @@ class Commands:
             "settings": state.settings._asdict(),
             "settled": session.is_settled,
             "unsaved": session.is_unsaved,
-            "undo": session.can_undo,
-            "redo": session.can_redo,
+            "undo": session.history.can_undo,
+            "redo": session.history.can_redo,
             "outputs": {what: path.name for what, path in outputs.path.items()},
             "command": outputs.command(state.settings, carry_unconstrained=carry),
         }

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 #: Types of arrays that a page can look at as they lie there.
-TYPES = ("float32", "uint32", "uint16", "uint8")
+TYPES = ("float32", "uint32", "uint8")
 
 
 def packet(facts: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:

@@ -16,7 +16,6 @@ from sshade.edit.saving import Outputs
 from sshade.edit.selecting import selected
 from sshade.edit.state import Group, Kind, Motion, Settings, State
 from sshade.errors import InputError
-from sshade.figures import colour_range, edge_error
 from sshade.progress import Progress, silent
 
 #: Where all of a new static group is this near to rest, over the diagonal, it is at rest.
@@ -48,6 +47,7 @@ class Session:
     Attributes
     ----------
     document : Document
+    history : History
     mesh : Mesh
         What can be deformed of the file.
     shown : (n, 3) float64
@@ -73,7 +73,7 @@ class Session:
         self.document = Document(path, outputs, carry_unconstrained=carry_unconstrained)
         self.mesh = mesh = self.document.mesh
         self.shown = mesh.V
-        self._history = History(State(settings=settings, shape=mesh.V))
+        self.history = History(State(settings=settings, shape=mesh.V))
         self._revision, self._number = 0, 1
         self._saved: tuple[Group, ...] = ()
         self._lock, self._following = RLock(), RLock()
@@ -82,22 +82,12 @@ class Session:
         self._jumped = False
         if handles is not None:
             self._take(self.document.read_groups(handles, first=1))
-            self._history = History(self.state)
+            self.history = History(self.state)
 
     @property
     def state(self) -> State:
         """The present one."""
-        return self._history.state
-
-    @property
-    def can_undo(self) -> bool:
-        """Whether there is an earlier one."""
-        return self._history.can_undo
-
-    @property
-    def can_redo(self) -> bool:
-        """Whether :meth:`undo` was called last."""
-        return self._history.can_redo
+        return self.history.state
 
     @property
     def is_settled(self) -> bool:
@@ -186,7 +176,11 @@ class Session:
             raise InputError("a name has 1 to 80 characters")
         with self._lock:
             fields = {key: value for key, value in given.items() if value is not None}
+            before, shape = self.shown, self.state.shape
             self._push(self.state.changed(number, **fields))
+            if set(fields) == {"name"} and shape is not None:  # it is the same shape by another name
+                self.history.settle(self.state, shape)
+                self.shown = before
 
     def set_up(self, settings: Settings) -> None:
         """Follow by another method, or with other constraints."""
@@ -298,13 +292,8 @@ class Session:
         with self._lock:
             if self._revision != revision:
                 raise Superseded
-            self._history.settle(state, V)
+            self.history.settle(state, V)
             self.shown = V
-
-    def edge_change(self) -> tuple[np.ndarray, float]:
-        """(n,) how much the edges at each vertex changed, in percent, and the end of a scale."""
-        error = edge_error(self.mesh, self.shown)
-        return error, colour_range([error])
 
     # Files.
 
@@ -354,12 +343,12 @@ class Session:
             self._advance()
             if state.shape is not None:
                 self.shown = state.shape
-        self._history.push(state)
+        self.history.push(state)
 
     def _go(self, step: int) -> None:
         with self._lock:
             before = self.state
-            self._history.go(step)
+            self.history.go(step)
             if self.state.same_shape(before):
                 return
             self._advance()

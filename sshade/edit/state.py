@@ -59,6 +59,8 @@ class Motion(NamedTuple):
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
         """(k, 3) points where they go."""
+        if (self.R == np.eye(3)).all() and not self.t.any():
+            return points
         return points @ self.R.T + self.t
 
 
@@ -205,16 +207,17 @@ class State:
         if not self.groups:
             raise InputError(NO_HANDLES)
         count = [len(group.vertices) for group in self.groups]
+        targets = [group.target for group in self.groups]
         facts: dict[str, Any] = {
             "index": np.concatenate([group.vertices for group in self.groups]),
-            "target": np.concatenate([group.target for group in self.groups]),
+            "target": np.concatenate(targets),
             "group": np.repeat(np.arange(len(count)), count),
             "weight": np.repeat([group.weight for group in self.groups], count),
         }
         # What is static in a file stays at rest: a group that was fixed in another place is no such one.
         still = [
-            group.kind == "static" and np.array_equal(group.target, mesh.V[group.vertices])
-            for group in self.groups
+            group.kind == "static" and np.array_equal(target, mesh.V[group.vertices])
+            for group, target in zip(self.groups, targets, strict=True)
         ]
         facts["dynamic"] = ~np.repeat(still, count)
         turns = [group.rotation for group in self.groups]

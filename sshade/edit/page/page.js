@@ -4,7 +4,7 @@ import { Panel, byId, checked, say } from "./panel.js";
 import { Picking } from "./picking.js";
 import { View } from "./view.js";
 
-const TYPES = { float32: Float32Array, uint32: Uint32Array, uint16: Uint16Array, uint8: Uint8Array };
+const TYPES = { float32: Float32Array, uint32: Uint32Array, uint8: Uint8Array };
 const HINTS = {
   view: "Drag to turn, right button to shift, wheel to zoom.",
   click: "Click on a vertex. Right button turns the view.",

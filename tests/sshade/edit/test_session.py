@@ -202,12 +202,12 @@ def test_undo_and_redo_bring_back_what_was_and_its_shape():
     assert session.state is seen[1][0] and session.shown is seen[1][1] and session.is_settled
     session.redo()
     assert session.state is seen[2][0] and session.shown is seen[2][1]
-    while session.can_undo:
+    while session.history.can_undo:
         session.undo()
     assert session.state is seen[0][0] and np.array_equal(session.shown, BODY.V)
     session.undo()  # there is nothing before
     session.select(np.arange(4), "replace")
-    assert not session.can_redo
+    assert not session.history.can_redo
 
 
 def test_a_drag_goes_on_from_where_the_group_was_released_and_from_where_undo_brought_it():
@@ -238,7 +238,7 @@ def test_shapes_that_were_dropped_for_want_of_memory_are_computed_again(monkeypa
         session.undo()
         session.settle()
         assert np.array_equal(session.shown, shape)
-    assert sum(state.shape is None for state in session._history._states) >= 1
+    assert sum(state.shape is None for state in session.history._states) >= 1
 
 
 def test_what_is_overtaken_while_it_is_computed_is_not_shown():
@@ -247,7 +247,7 @@ def test_what_is_overtaken_while_it_is_computed_is_not_shown():
     session.release(number, LIFT)
 
     def impatient(stage: str, done: int, total: int, note: str = "") -> None:
-        if session.can_undo:
+        if session.history.can_undo:
             session.drag(number, LIFT)
 
     with pytest.raises(Superseded):
@@ -277,6 +277,23 @@ def test_groups_marked_on_a_deformed_shape_stay_where_they_are():
     assert session.is_settled and np.array_equal(session.shown, BODY.V)
 
 
+def test_another_name_leaves_the_shape_and_another_weight_does_not():
+    session = begun()
+    number = marked(session)
+    session.release(number, LIFT)
+    session.settle()
+    shape = session.shown
+    session.alter(number, name="tip")
+    assert session.is_settled and session.shown is shape and session.is_unsaved
+    session.alter(number, weight=1.0)
+    assert not session.is_settled
+    session.settle()
+    gap = np.linalg.norm(session.shown - shape, axis=1)[session.state.group(number).vertices]
+    assert gap.min() > 1e-3 * BODY.diagonal  # a soft group gives way
+    session.undo()
+    assert session.shown is shape and session.state.group(number).name == "tip"
+
+
 def test_saved_groups_are_opened_as_they_were():
     session = begun()
     number = marked(session)
@@ -287,7 +304,7 @@ def test_saved_groups_are_opened_as_they_were():
     session.release(number, LIFT)
     session.save_handles("pose.json")
     again = Session(Path("body.ply"), handles=Path("pose.json"))
-    assert not again.can_undo and not again.is_unsaved and not again.is_settled
+    assert not again.history.can_undo and not again.is_unsaved and not again.is_settled
     session.open(Path("pose.json").read_bytes(), "pose.json")
     for other in again, session:
         for group, new in zip(session.state.groups, other.state.groups, strict=True):
