@@ -90,7 +90,7 @@ class Document:
         names = {}
         if path.suffix.lower() == ".json":
             entries = json.loads(path.read_text(encoding="utf-8"))["handles"]
-            names = {i: str(own["landmark"])[:80] for i, own in enumerate(entries) if "landmark" in own}
+            names = {i: str(own["landmark"]) for i, own in enumerate(entries) if "landmark" in own}
         return groups_of(handles, names, first=first)
 
     def received_groups(self, content: bytes, name: str, *, first: int) -> tuple[Group, ...]:

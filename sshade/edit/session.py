@@ -6,6 +6,7 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from threading import RLock, Thread
+from typing import Any
 
 import numpy as np
 
@@ -130,7 +131,6 @@ class Session:
         InputError
             When nothing is picked, or on another kind.
         """
-        _require_kind(kind)
         with self._lock:
             own = self.state.selection
             if len(own) == 0:
@@ -157,25 +157,15 @@ class Session:
             self._push(self.state.changed(number, start=start, motion=Motion.none(), turn=None))
             self._jumped = True
 
-    def alter(
-        self, number: int, *, kind: Kind | None = None, weight: float | None = None, name: str | None = None
-    ) -> None:
-        """Give a group another kind, weight (inf for hard) or name.
+    def alter(self, number: int, **fields: Any) -> None:
+        """Give a group another ``kind``, ``weight`` (inf for hard) or ``name``.
 
         Raises
         ------
         InputError
-            On another kind, a weight that is not above 0, a name that is empty or long.
+            See :class:`sshade.edit.state.Group`.
         """
-        given = {"kind": kind, "weight": weight, "name": name}
-        if kind is not None:
-            _require_kind(kind)
-        if weight is not None and not weight > 0:
-            raise InputError("a weight is a number above 0; without one the group is held")
-        if name is not None and not 0 < len(name) <= 80:
-            raise InputError("a name has 1 to 80 characters")
         with self._lock:
-            fields = {key: value for key, value in given.items() if value is not None}
             before, shape = self.shown, self.state.shape
             self._push(self.state.changed(number, **fields))
             if set(fields) == {"name"} and shape is not None:  # it is the same shape by another name
@@ -373,8 +363,3 @@ class Session:
                 self._follower.prepare(shared, int(group.vertices[0]), settings)
 
         Thread(target=prepare, daemon=True).start()
-
-
-def _require_kind(kind: str) -> None:
-    if kind not in ("static", "moving"):
-        raise InputError(f"a group is static or moving, not {kind!r}")

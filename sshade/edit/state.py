@@ -18,6 +18,8 @@ MethodName = Literal["sshade_fast", "sshade_fine", "sshade"]
 #: Second extent of vertices over their first one, up to which they lie on a line: no rotation moves
 #: a vertex then, or only some of them, and the surface is told how it turns.
 LINE = 1e-6
+#: Characters of a group's name.
+LONGEST = 80
 
 
 class Motion(NamedTuple):
@@ -59,7 +61,7 @@ class Motion(NamedTuple):
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
         """(k, 3) points where they go."""
-        if (self.R == np.eye(3)).all() and not self.t.any():
+        if np.array_equal(self.R, np.eye(3)) and not self.t.any():
             return points
         return points @ self.R.T + self.t
 
@@ -83,6 +85,11 @@ class Group:
         Of a soft group, see :class:`sshade.Handles`.
     turn : (3, 3) float64, optional
         Rotation of the surface around them that a file prescribes.
+
+    Raises
+    ------
+    InputError
+        On another kind, a name that is empty or long, a weight that is not above 0.
     """
 
     number: int
@@ -94,6 +101,14 @@ class Group:
     weight: float = inf
     turn: np.ndarray | None = None
 
+    def __post_init__(self) -> None:
+        if self.kind not in ("static", "moving"):
+            raise InputError(f"a group is static or moving, not {self.kind!r}")
+        if not 0 < len(self.name) <= LONGEST:
+            raise InputError(f"a name has 1 to {LONGEST} characters")
+        if not self.weight > 0:
+            raise InputError("a weight is a number above 0; without one the group is held")
+
     @property
     def target(self) -> np.ndarray:
         """(k, 3) where the vertices are to go."""
@@ -104,7 +119,7 @@ class Group:
         """(3, 3) how the surface is to turn around the vertices, where their targets do not say it."""
         if self.turn is not None:
             return self.motion.R @ self.turn
-        if (np.eye(3) == self.motion.R).all():
+        if np.array_equal(self.motion.R, np.eye(3)):
             return None
         extents = np.linalg.svd(self.start - self.start.mean(axis=0), compute_uv=False)
         return self.motion.R if len(extents) < 2 or extents[1] <= LINE * extents[0] else None
@@ -252,7 +267,7 @@ def groups_of(handles: Handles, names: dict[int, str], *, first: int) -> tuple[G
         if handles.rotation is not None and np.isfinite(handles.rotation[members[0]]).all():
             some["turn"] = handles.rotation[members[0]]
         kind: Kind = "moving" if handles.dynamic[members].any() else "static"
-        name = names.get(int(own), f"group {first + number}")
+        name = names.get(int(own), "")[:LONGEST] or f"group {first + number}"
         given = handles.index[members], handles.target[members]
         groups.append(Group(first + number, name, kind, *given, **some))
     return tuple(groups)
