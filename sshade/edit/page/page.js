@@ -264,6 +264,7 @@ for (const what of ["handles", "mesh"]) {
       byId("saved").textContent = `Saved ${said.saved}${lost}.`;
       byId("command").textContent = said.command;
       byId("command").hidden = !facts.groups.length;
+      byId("saved").scrollIntoView({ block: "nearest" });
     } catch (error) {
       complain(error);
     }
