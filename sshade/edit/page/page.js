@@ -188,20 +188,26 @@ function motion() {
   return { pivot, move: position.toArray().map((x, c) => x - pivot[c]), quaternion: quaternion.toArray() };
 }
 
+function step() {
+  if (!drag.wanted && !(drag.last && drag.idle < IDLE)) return null;
+  drag.idle = drag.wanted ? 0 : drag.idle + 1;
+  drag.last = drag.wanted ?? drag.last;
+  drag.wanted = null;
+  return request("drag", JSON.stringify({ group: active, ...drag.last }));
+}
+
+// The next step is computed while this one is drawn.
 async function follow() {
-  while (drag.wanted || (drag.last && drag.idle < IDLE)) {
-    drag.idle = drag.wanted ? 0 : drag.idle + 1;
-    drag.last = drag.wanted ?? drag.last;
-    drag.wanted = null;
-    const given = { group: active, ...drag.last };
+  for (let asked = step(); asked; ) {
     try {
-      const { sent } = await request("drag", JSON.stringify(given));
+      const { sent } = await asked;
+      asked = step();
       arrays.positions = sent.positions;
       view.setPositions(sent.positions);
       drag.steps += 1;
     } catch (error) {
       complain(error);
-      drag.last = null;
+      drag.wanted = drag.last = asked = null;
     }
   }
   drag.busy = null;
