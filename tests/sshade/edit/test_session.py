@@ -11,6 +11,7 @@ import pytest
 from sshade import InputError, Mesh
 from sshade.cli.main import main
 from sshade.edit import follower, history
+from sshade.edit import session as editing
 from sshade.edit.session import Session, Superseded
 from sshade.edit.state import Motion, Settings
 from sshade.io.handles import read_handles
@@ -257,6 +258,50 @@ def test_what_is_overtaken_while_it_is_computed_is_not_shown():
     assert session.is_settled
 
 
+def test_what_changes_when_all_is_computed_is_overtaken_too(monkeypatch):
+    session = begun()
+    number = marked(session)
+    session.release(number, LIFT)
+    compute = editing.settled
+
+    def late(*given, **options):
+        result = compute(*given, **options)
+        session.release(number, LIFT)
+        return result
+
+    monkeypatch.setattr(editing, "settled", late)
+    with pytest.raises(Superseded):
+        session.settle()
+    assert not session.is_settled
+
+
+def test_after_undo_a_drag_begins_as_the_first_one_did():
+    shapes = []
+    for far in False, True:
+        session = begun()
+        number = marked(session)
+        if far:
+            session.drag(number, turned(BODY.V, 2.0))
+            session.release(number, turned(BODY.V, 2.0))
+            session.undo()
+        shapes.append(session.drag(number, LIFT))
+    assert np.array_equal(*shapes)
+
+
+def test_of_a_large_group_a_few_vertices_lead_and_all_arrive(monkeypatch):
+    session = begun()
+    number = marked(session)
+    full = session.drag(number, LIFT)
+    monkeypatch.setattr(follower, "LEADING", 20)
+    session = begun()
+    number = marked(session)
+    session.alter(session.state.groups[0].number, weight=50.0)
+    group = session.state.group(number)
+    led = session.drag(number, LIFT)
+    assert len(group.vertices) > 20 and np.array_equal(led[group.vertices], LIFT(group.start))
+    assert np.linalg.norm(led - full, axis=1).mean() < 0.03 * BODY.diagonal
+
+
 def test_groups_marked_on_a_deformed_shape_stay_where_they_are():
     session = begun()
     number = marked(session)
@@ -417,12 +462,18 @@ def test_large_meshes_take_other_handles_without_being_bound_anew(monkeypatch):
 
 def test_texture_coordinates_and_doubled_vertices_stay_in_the_saved_file():
     mesh = strip(20, 8)
-    lines = [f"v {x:g} {y:g} {z:g}" for x, y, z in mesh.V]
-    lines += [f"v {x:g} {y:g} {z:g}" for x, y, z in mesh.V[mesh.V[:, 0] == 10]]  # the seam, twice
-    second = {int(v): mesh.n + k for k, v in enumerate(np.flatnonzero(mesh.V[:, 0] == 10))}
-    right = mesh.V[mesh.F].mean(axis=1)[:, 0] > 10
-    F = [[second.get(v, v) if side else v for v in f] for f, side in zip(mesh.F.tolist(), right, strict=True)]
-    lines += ["v 100 100 100", "vt 0.25 0.75", "usemtl cloth"]
+    seam = np.flatnonzero(mesh.V[:, 0] == 10)
+    # A vertex of no face, the seam, then all: no vertex has the number that it has on the surface.
+    V = np.concatenate([[[100, 100, 100]], mesh.V[seam], mesh.V])
+    first = {int(v): 1 + k for k, v in enumerate(seam)}
+    left = mesh.V[mesh.F].mean(axis=1)[:, 0] < 10
+    all_ = 1 + len(seam)
+    F = [
+        [first.get(v, v + all_) if side else v + all_ for v in face]
+        for face, side in zip(mesh.F.tolist(), left, strict=True)
+    ]
+    lines = [f"v {x:g} {y:g} {z:g}" for x, y, z in V]
+    lines += ["vt 0.25 0.75", "usemtl cloth"]
     lines += ["f " + " ".join(f"{v + 1}/1" for v in f) for f in F]
     Path("sheet.obj").write_text("\n".join(lines) + "\n")
     session = Session(Path("sheet.obj"))
@@ -433,9 +484,8 @@ def test_texture_coordinates_and_doubled_vertices_stay_in_the_saved_file():
     text = path.read_text()
     assert text.count("usemtl cloth") == 1 and text.count("vt 0.25 0.75") == 1
     V, faces = read_arrays(path)
-    assert faces.tolist() == F and V[-1].tolist() == [100, 100, 100]
-    seam = np.array(list(second.items()))
-    assert np.array_equal(V[seam[:, 0]], V[seam[:, 1]])
+    assert faces.tolist() == F and V[0].tolist() == [100, 100, 100]
+    assert np.array_equal(V[1:all_], V[all_ + seam])
     session.save_handles("pose.json")
     assert main(["deform", "sheet.obj", "pose.json", "-o", "again.obj"]) == 0
     assert Path("again.obj").read_bytes() == path.read_bytes()
