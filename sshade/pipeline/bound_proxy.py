@@ -65,7 +65,12 @@ class BoundProxy:
         self._on, self._mesh, self._proxy = on, binding.mesh, binding.proxy
         handles = self._handles(rest)
         self._parts = Parts(self._proxy, handles, choices.solver["parts"])
-        self._solver = LocalGlobal(self._proxy, self._parts.vertex, stiffness=self._parts.stiffness)
+        self._solver = LocalGlobal(
+            self._proxy,
+            self._parts.vertex,
+            stiffness=self._parts.stiffness,
+            bending=choices.solver["bending"],
+        )
         self._turned = np.zeros(len(handles), dtype=bool)
         self.reset()
 

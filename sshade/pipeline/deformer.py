@@ -94,6 +94,8 @@ class Deformer:
             raise InputError(f"a mesh is bound by the method 'fast' or 'paper', not {method!r}")
         self._fast, self._options = method == "fast", dict(options)
         self._choices = chosen = self._chosen()
+        # The factorised systems have these, whatever handles come later.
+        self._options |= {name: chosen.solver[name] for name in ("parts", "bending")}
         self._proxies = proxies = Proxies(mesh, handles=len(self.index), **chosen.proxies)
         self._regions = regions = self._new_regions()
         self._at: Handles | None = None

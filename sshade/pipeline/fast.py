@@ -29,6 +29,9 @@ PARTS, STIFFNESS = 0.1, 0.06
 #: The proxy's energy, by default.
 PROXY = SolverOptions(volume=inf, area=inf, parts=PARTS, stiffness=STIFFNESS, strain=0.0125, start="rigid")
 
+#: What is left of the stiffness where handles are regions: strain gathers at their edges anyway.
+REGION_STIFFNESS = 0.12
+
 #: Of the energy whose minimum leads: parts come first, nothing softens, and the area need not be exact.
 LEAD, LEAD_AREA = SolverOptions(parts=3.0, stiffness=1.0), 1.0
 
@@ -52,7 +55,8 @@ def sshade_fast(
         Of the proxies, by default one of :data:`VERTICES` with ``blended`` frames: see
         :class:`sshade.pipeline.proxies.ProxyOptions`. Of their energy, the spokes and rims, and its
         iteration: see :class:`sshade.solver.options.SolverOptions`, by default :data:`PROXY`; with handle
-        regions, which are parts themselves, :data:`sshade.pipeline.regions.OF_REGIONS` are among them.
+        regions, which are parts themselves, :data:`sshade.pipeline.regions.OF_REGIONS` and
+        :data:`REGION_STIFFNESS` are among them: strain and folds gather at the edges of regions.
         Large proxies begin with a coarser one's result: see :mod:`sshade.pipeline.multilevel`.
 
     Returns
@@ -107,7 +111,8 @@ def choices(task: DeformationTask, options: Mapping[str, Any]) -> Choices:
     of_solver = {name: given.pop(name) for name in SolverOptions.__annotations__ if name in given}
     given = {"vertices": VERTICES, "samplings": 1, "frames": "blended", **given}
     regional = has_regions(task, given["vertices"])
-    solver = complete(of_solver, **(PROXY | OF_REGIONS if regional else PROXY))
+    regions = PROXY | OF_REGIONS | SolverOptions(stiffness=REGION_STIFFNESS)
+    solver = complete(of_solver, **(regions if regional else PROXY))
     tolerance = solver.pop("tolerance")
     leading: dict[str, Any] = {**solver, **LEAD, "area": min(solver["area"], LEAD_AREA)}
     return Choices(given, solver, tolerance, partial(local_global, **leading) if solver["parts"] else None)

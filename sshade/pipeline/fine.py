@@ -68,10 +68,10 @@ def sshade_fine(
         Of the sampling.
     progress : Progress
     **options
-        As of :func:`sshade.sshade_fast`: `max_iterations` and `start` of the proxy, `parts`, `stiffness` and
-        `limit` of the polish, the others of both. By default :data:`POLISH`: the weight of the area leaves
-        it some half a percent; for that, edges and angles change a twentieth less than with an exact one.
-        With handle regions :data:`sshade.pipeline.regions.OF_REGIONS` are among them.
+        As of :func:`sshade.sshade_fast`: `max_iterations`, `start` and `bending` of the proxy, `parts`,
+        `stiffness` and `limit` of the polish, the others of both. By default :data:`POLISH`: the weight of
+        the area leaves it some half a percent; for that, edges and angles change a twentieth less than with
+        an exact one. With handle regions :data:`sshade.pipeline.regions.OF_REGIONS` are among them.
 
     Returns
     -------

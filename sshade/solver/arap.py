@@ -4,7 +4,8 @@ The local step fits a rotation R_i to the covariance ``S_i = sum w_ij e_ij e'_ij
 each vertex; the global step solves ``L q = b(R)`` with the Laplacian of the rest shape
 and the handle vertices eliminated: see :mod:`sshade.solver.global_step`. A soft handle of stiffness k
 stays in the system, with k on its diagonal entry of L and k times its target in b. Both energies are
-sums of terms: see :mod:`sshade.solver.terms`. Constraints and softening are given to an iteration as
+sums of terms: see :mod:`sshade.solver.terms`; with bending, there is another term for each vertex, see
+:mod:`sshade.solver.bending`. Constraints and softening are given to an iteration as
 objects, see :mod:`sshade.solver.interfaces`; the system knows of neither.
 
 O. Sorkine, M. Alexa, "As-rigid-as-possible surface modeling", 2007 (spokes);
@@ -30,6 +31,7 @@ from sshade.solver.assembly import (
     pattern_in_order,
     weighted_laplacian,
 )
+from sshade.solver.bending import Bending, bending_matrix, shares
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix, rest_energies
 from sshade.solver.global_step import FactorisedLaplacian, FactorisedStep, GlobalStep, MultigridStep
 from sshade.solver.interfaces import Constraints, Softening
@@ -65,8 +67,10 @@ class ArapSystem:
     pull : (s,) float64
         Stiffness of those that are pulled.
     laplacian : csr_array or None
-        (n, n), held vertices included, with the pull of soft handles, in this order. None where the global
-        step goes by multigrid: see :meth:`metric`.
+        (n, n), held vertices included, with the pull of soft handles and with bending, in this order. None
+        where the global step goes by multigrid: see :meth:`metric`.
+    bending : Bending or None
+        None there, too.
     factorised : FactorisedLaplacian or None
         None there, too.
     exact_steps : int
@@ -88,40 +92,48 @@ class ArapSystem:
         stiffness: np.ndarray | None = None,
         multigrid: bool = False,
         exact_steps: int = 0,
+        bending: float = 0.0,
     ) -> None:
         if energy not in ("spokes", "spokes_and_rims"):
             raise InputError(f"unknown energy {energy!r}; use 'spokes' or 'spokes_and_rims'")
-        self.mesh, self.exact_steps = mesh, exact_steps
+        if bending and multigrid:
+            raise InputError("bending needs a factorisation, not multigrid")
+        self.mesh, self.exact_steps, self._length = mesh, exact_steps, bending * float(np.sqrt(mesh.area))
         self._take_handles(index, stiffness)
         self._order_vertices()
         self._place_handles()
         h = half_cotangents(mesh)
         self.laplacian: csr_array | None = None
         self.factorised: FactorisedLaplacian | None = None
+        self.bending: Bending | None = None
         if multigrid:
             self._list_terms(h, energy=energy)
         else:
-            laplacian = laplacian_matrix(mesh.n, *edge_weights(mesh, h))
-            self._diagonal = laplacian.diagonal()
-            laplacian = self._with_pull(laplacian)
+            plain = laplacian_matrix(mesh.n, *edge_weights(mesh, h))
+            self._diagonal, share = plain.diagonal(), self._bending_shares(plain)
+            laplacian = self._with_bending(self._with_pull(plain), plain, share)
             with ThreadPoolExecutor(max_workers=1) as pool:
                 # Meanwhile, as it takes the longest.
                 factorised = pool.submit(FactorisedLaplacian, laplacian, self._held_index)
                 self._keep(laplacian)
                 self._list_terms(h, energy=energy)
+                self._list_bending(plain, share)
                 self.factorised = factorised.result()
 
     def with_handles(self, index: np.ndarray, *, stiffness: np.ndarray | None = None) -> ArapSystem:
         """The factorised system of the same mesh with other handles; what these do not change is shared."""
         if self.laplacian is None:
             raise InputError("a system without a factorisation takes no other handles: bind it anew")
-        other, laplacian = copy(self), self.laplacian[self.place][:, self.place]
-        laplacian.sort_indices()
-        laplacian.setdiag(self._diagonal)
+        other, L = copy(self), self.bending.laplacian if self.bending else self.laplacian
+        plain = L[self.place][:, self.place]
+        plain.sort_indices()
+        plain.setdiag(self._diagonal)
         other._take_handles(index, stiffness)
         other._place_handles()
-        laplacian = other._with_pull(laplacian)
+        share = other._bending_shares(plain)
+        laplacian = other._with_bending(other._with_pull(plain), plain, share)
         other._keep(laplacian)
+        other._list_bending(plain, share)
         other.factorised = FactorisedLaplacian(laplacian, other._held_index)
         return other
 
@@ -147,10 +159,19 @@ class ArapSystem:
         soft = self.index[self.soft]
         return csr_array(laplacian + coo_array((self.pull, (soft, soft)), shape=laplacian.shape))
 
+    def _bending_shares(self, plain: csr_array) -> np.ndarray | None:
+        return shares(self.mesh, plain, self._held_index, self._length) if self._length else None
+
+    def _with_bending(self, laplacian: csr_array, plain: csr_array, share: np.ndarray | None) -> csr_array:
+        return laplacian if share is None else csr_array(laplacian + bending_matrix(plain, share))
+
     def _keep(self, laplacian: csr_array) -> None:
+        self.laplacian = self._in_order(laplacian)
+
+    def _in_order(self, laplacian: csr_array) -> csr_array:
         laplacian = laplacian[self.vertex][:, self.vertex]
         laplacian.sort_indices()
-        self.laplacian = laplacian
+        return laplacian
 
     def _list_terms(self, h: np.ndarray, *, energy: Energy) -> None:
         mesh = self.mesh
@@ -162,9 +183,19 @@ class ArapSystem:
             corners, face = faces_in_order(mesh.F, self.place)
             self.terms, self.rest = Triangles(corners, V, h[face]), rest_energies(mesh, h)[face]
         corners = self.terms.corners
-        self.rest_energy = corners.shape[1] * float(dirichlet_energy(corners, V, self.terms.H))
+        self.rest_energy = self._stretch = corners.shape[1] * float(
+            dirichlet_energy(corners, V, self.terms.H)
+        )
         self.ranges = _ranges(corners, mesh.n)
         self.chunks = [slice(first, first + 2 * CHUNK) for first in range(0, len(corners), 2 * CHUNK)]
+
+    def _list_bending(self, plain: csr_array, share: np.ndarray | None) -> None:
+        if share is None:
+            return
+        V = (self.mesh.V - self.mesh.origin)[self.vertex]
+        weight = float(self.terms.corners.shape[1])
+        self.bending = Bending.of(self._in_order(plain), share[self.vertex], V, weight)
+        self.rest_energy = self._stretch + self.bending.rest_energy
 
     def _edges(self, h: np.ndarray) -> Terms:
         edges, weights = edge_weights(self.mesh, h)
@@ -234,6 +265,7 @@ class ArapIteration:
         self._soft, self._pulled, self._pull = system.soft[order], system.pulled[order], system.pull[order]
         self._aim(targets, known, share)
         self._Q, self.R, self._B = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), np.empty((n, 9)), np.empty((n, 3))
+        self._W = np.empty((n if system.bending else 0, 3))
 
     def aim(
         self,
@@ -283,6 +315,8 @@ class ArapIteration:
                 energy = covariances(s.terms.part(own), u, self.R, first, end)
             else:
                 energy = softening.covariances(own, u, self.R, first, end)
+            if s.bending:
+                energy += s.bending.add_covariances(u, self.R, first, end)
             pulls[number] = s.terms.corners.shape[1] * pulling_energy(*self._pulls(first, end), u)
             return energy - 2.0 * self._fit(first, end)
 
@@ -294,6 +328,8 @@ class ArapIteration:
                 return softening.energy(s.chunks[number], u, self.R)
 
             energy = sum(self._team(soften, len(s.chunks))) - s.rest_energy
+            if bending := s.bending:
+                energy += sum(self._team.ranges(lambda *own: bending.energy(u, self.R, *own), len(u)))
         energy += float(pulls.sum())
         return energy + self._constraints.penalty(u) if self._constraints else energy
 
@@ -318,6 +354,8 @@ class ArapIteration:
     def global_step(self, u: np.ndarray, g: np.ndarray) -> None:
         """Write to g (n, 3) the best positions for the rotations, near u (n, 3) as for the constraints."""
         s, constraints = self.system, self._constraints
+        if bending := s.bending:
+            self._team.ranges(lambda *own: bending.turn(self.R, self._W, *own), len(u))
         work = [partial(self._right_hand_side, u, number) for number in range(len(s.ranges))]
         if constraints:
             work.insert(0, partial(constraints.forces, u, g))  # the longest first
@@ -367,6 +405,8 @@ class ArapIteration:
             right_hand_side(self.system.terms.part(own), self.R, self._B, first, end, P=u, kept=kept)
         else:
             self._softening.right_hand_side(own, u, self.R, self._B, first, end, kept=kept)
+        if self.system.bending:
+            self.system.bending.add_product(self._W, self._B, first, end)
         place, pull, share, towards = self._pulls(first, end)
         add_pulls(place, pull, share, towards, kept, u, self._B)
 

@@ -66,12 +66,15 @@ class LocalGlobal:
     exact_steps : int
         With multigrid, so many first steps are all but exact, for a start far from the minimum; and so is the
         one whose residual ends a solve, which therefore is that of a factorisation.
+    bending : float
+        Length over which the energy of bending spreads a fold, over the square root of the mesh's area; by
+        default 0, none. Not with multigrid. See :mod:`sshade.solver.bending`.
 
     Raises
     ------
     InputError
-        On an unknown energy, vertices as above that are out of range, repeated, or
-        leave a component free, or a Laplacian that is not positive definite to rounding.
+        On an unknown energy, a bending that is no such length, vertices as above that are out of range,
+        repeated, or leave a component free, or a Laplacian that is not positive definite to rounding.
     """
 
     def __init__(
@@ -83,9 +86,16 @@ class LocalGlobal:
         stiffness: np.ndarray | None = None,
         multigrid: bool = False,
         exact_steps: int = 0,
+        bending: float = 0.0,
     ) -> None:
         self.system = ArapSystem(
-            mesh, index, energy=energy, stiffness=stiffness, multigrid=multigrid, exact_steps=exact_steps
+            mesh,
+            index,
+            energy=energy,
+            stiffness=stiffness,
+            multigrid=multigrid,
+            exact_steps=exact_steps,
+            bending=bending,
         )
         self.mesh, self.index = mesh, self.system.index
         terms = self.system.terms
@@ -341,7 +351,7 @@ def local_global(
     factorised : bool, optional
         Global steps by a factorisation of the Laplacian; else by V-cycles, after :data:`EXACT_STEPS` steps
         that are all but exact, in memory that grows like the mesh, to the same minimum but for what the
-        tolerance leaves open. By default up to :data:`FACTORISED` vertices.
+        tolerance leaves open. By default up to :data:`FACTORISED` vertices, and with bending, which needs it.
     volume_goal : float
         The volume to be held, where one is, over that of the rest shape; positive.
     workers : int
@@ -363,12 +373,14 @@ def local_global(
     TypeError
         On an unknown option.
     InputError
-        On an unknown energy or start, a negative weight, or a stiffness out of (0, 1].
+        On an unknown energy or start, a negative weight or length, or a stiffness out of (0, 1].
     FloatingPointError
         When an iterate is not finite.
     """
     begin = perf_counter()
     solver_options = complete(options)
+    bends = solver_options["bending"] > 0
+    multigrid = not factorised if factorised is not None else task.mesh.n > FACTORISED and not bends
     guess = initial_guess(task, solver_options["start"])
     pulled = pulled_by_parts(task.mesh, task.handles, solver_options["parts"])
     solver = LocalGlobal(
@@ -376,8 +388,9 @@ def local_global(
         pulled.vertex,
         energy=energy,
         stiffness=pulled.stiffness,
-        multigrid=task.mesh.n > FACTORISED if factorised is None else not factorised,
+        multigrid=multigrid,
         exact_steps=EXACT_STEPS,
+        bending=solver_options["bending"],
     )
     precomputed = perf_counter()
     solution = solver.solve(

@@ -68,9 +68,13 @@ class SolverOptions(EnergyOptions, IterationOptions, total=False):
     parts : float
         How strongly each handle group pulls what is near it along with its own rigid motion, without
         unit: see :mod:`sshade.solver.parts`. 0 is the energy as published.
+    bending : float
+        Length over which a fold is spread, over the square root of the mesh's area: see
+        :mod:`sshade.solver.bending`. 0 is the energy as published.
     """
 
     parts: float | None
+    bending: float | None
 
 
 #: The published energy, the paper's cutoff.
@@ -81,6 +85,7 @@ DEFAULTS: SolverOptions = {
     "strain": 0.02,
     "limit": inf,
     "parts": 0.0,
+    "bending": 0.0,
     "tolerance": 1e-5,
     "max_iterations": 1000,
     "start": "rest",
@@ -95,8 +100,8 @@ def complete(given: Mapping[str, Any], **defaults: Unpack[SolverOptions]) -> dic
     TypeError
         On a name that is no option.
     InputError
-        On a negative weight, an infinite one of parts, a stiffness out of (0, 1], or a strain or a
-        limit that is not positive.
+        On a negative weight or length, an infinite one of parts or of bending, a stiffness out of (0, 1], or
+        a strain or a limit that is not positive.
     """
     unknown = [name for name in given if name not in DEFAULTS]
     if unknown:
@@ -107,6 +112,8 @@ def complete(given: Mapping[str, Any], **defaults: Unpack[SolverOptions]) -> dic
     StrainSoftening(options["stiffness"], options["strain"], options["limit"])
     if not 0 <= options["parts"] < inf:
         raise InputError(f"the weight of parts is a number from 0 (none), not {options['parts']}")
+    if not 0 <= options["bending"] < inf:
+        raise InputError(f"the length of bending is a number from 0 (none), not {options['bending']}")
     return options
 
 

@@ -397,18 +397,20 @@ def test_ranges_and_workers_change_no_bit(monkeypatch, energy, options):
         assert part.energy == parts[0].energy == pytest.approx(whole.energy, rel=1e-13)
 
 
+@pytest.mark.parametrize("bending", [0.0, 0.05])
 @pytest.mark.parametrize("energy", ENERGIES)
-def test_other_handles_of_a_solver_are_those_of_a_new_one_bit_for_bit(task, energy):
+def test_other_handles_of_a_solver_are_those_of_a_new_one_bit_for_bit(task, energy, bending):
     mesh, index = task.mesh, task.handles.index
-    solver = solver_of(task, energy)
+    solver = LocalGlobal(mesh, index, energy=energy, bending=bending)
     before = solver.solve(task.handles.target, max_iterations=5).positions
     others = np.concatenate([index[::2], np.setdiff1d(np.arange(mesh.n), index)[::9]])
     stiffness = np.where(np.arange(len(others)) % 3 == 0, 0.7, np.inf)
     target = mesh.V[others] + 0.1 * mesh.diagonal * (np.arange(len(others)) % 2)[:, None]
     shared = solver.with_handles(others, stiffness=stiffness)
-    anew = LocalGlobal(mesh, others, energy=energy, stiffness=stiffness)
-    pair = [s.solve(target, max_iterations=5).positions for s in (shared, anew)]
-    np.testing.assert_array_equal(*pair)
+    anew = LocalGlobal(mesh, others, energy=energy, stiffness=stiffness, bending=bending)
+    pair = [s.solve(target, max_iterations=5) for s in (shared, anew)]
+    np.testing.assert_array_equal(*(solution.positions for solution in pair))
+    assert pair[0].energy == pair[1].energy
     back = shared.with_handles(index)
     for same in (solver, back):
         np.testing.assert_array_equal(same.solve(task.handles.target, max_iterations=5).positions, before)

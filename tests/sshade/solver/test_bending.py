@@ -1,0 +1,206 @@
+"""The energy of bending: against its definition, a clamped plate, and what it must not depend on."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.sparse import csc_matrix
+from scipy.sparse.linalg import splu
+
+from sshade import DeformationTask, Handles, InputError, Mesh
+from sshade.pipeline.fast import sshade_fast
+from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
+from sshade.solver.local_global import LocalGlobal, local_global
+from tests.shapes import bumpy, held_ends, jittered, rotation, strip
+from tests.sshade.naive import TASKS, Naive, svd_rotations
+from tests.sshade.pipeline.test_degenerate import split
+
+LENGTH = 0.05
+SOFT = {"stiffness": 0.1, "strain": 0.02}
+
+
+class NaiveBending(Naive):
+    """With bending, in dense matrices."""
+
+    def __init__(self, task: DeformationTask, energy: str, bending: float) -> None:
+        super().__init__(task, energy)
+        mesh, n = task.mesh, task.mesh.n
+        L = np.zeros((n, n))
+        for k, j, h, _ in self.terms:
+            L[[k, j, k, j], [k, j, j, k]] += h * np.array([1, 1, -1, -1])
+        area = np.zeros(n)
+        for face, of_face in zip(mesh.F, mesh.face_areas, strict=True):
+            area[face] += of_face / 3
+        self.share = bending**2 * mesh.area / area
+        held = np.isin(np.arange(n), self.index)
+        for i in range(n):
+            around = np.append(mesh.edges[(mesh.edges == i).any(axis=1)].ravel(), i)
+            if held[around].all() or i in mesh.boundary_edges:
+                self.share[i] = 0.0
+        self.L, self.weight = L, {"spokes": 2, "spokes_and_rims": 3}[energy]
+        whole = L + L @ np.diag(self.share) @ L
+        self.to_handles = whole[self.free][:, self.index]
+        self.lu = splu(csc_matrix(whole[self.free][:, self.free]))
+
+    def rotations(self, U: np.ndarray) -> np.ndarray:
+        S = np.zeros((len(U), 3, 3))
+        for k, j, h, cells in self.terms:
+            for i in cells:
+                S[i] += h * np.outer(self.V[k] - self.V[j], U[k] - U[j])
+        S += np.einsum("i,ia,ib->iab", self.weight * self.share, self.L @ self.V, self.L @ U)
+        return svd_rotations(S)
+
+    def energy(self, U: np.ndarray, R: np.ndarray) -> float:
+        off = self.L @ U - np.einsum("iab,ib->ia", R, self.L @ self.V)
+        return super().energy(U, R) + self.weight * float(self.share @ (off**2).sum(axis=1))
+
+    def iterate(self, U: np.ndarray) -> np.ndarray:
+        U = U.copy()
+        U[self.index] = self.targets
+        R, b = self.rotations(U), np.zeros_like(U)
+        for k, j, h, cells in self.terms:
+            force = h * np.mean([R[i] for i in cells], axis=0) @ (self.V[k] - self.V[j])
+            b[k] += force
+            b[j] -= force
+        b += self.L @ (self.share[:, None] * np.einsum("iab,ib->ia", R, self.L @ self.V))
+        U[self.free] = self.lu.solve(b[self.free] - self.to_handles @ self.targets)
+        return U
+
+
+@pytest.mark.parametrize("energy", ["spokes", "spokes_and_rims"])
+@pytest.mark.parametrize("name", TASKS)
+def test_plain_iterations_equal_the_definition(name, energy):
+    task = TASKS[name]
+    solver = LocalGlobal(task.mesh, task.handles.index, energy=energy, bending=LENGTH)
+    naive, U = NaiveBending(task, energy, LENGTH), task.mesh.V
+    assert 0 < np.count_nonzero(naive.share) < task.mesh.n
+    for iterations in range(1, 5):
+        U = naive.iterate(U)
+        ours = solver.solve(task.handles.target, max_iterations=iterations, tolerance=0, accelerate=False)
+        assert np.abs(ours.positions - U).max() < 1e-11 * task.mesh.diagonal
+    R = naive.rotations(U)
+    assert np.abs(ours.rotations - R).max() < 1e-9
+    assert ours.energy == pytest.approx(naive.energy(U, R), rel=1e-9)
+
+
+@pytest.mark.parametrize("extra", [{}, SOFT, {**SOFT, "volume": 2.0, "area": 0.5}])
+def test_no_plain_iteration_raises_the_energy(extra):
+    task = TASKS["bar"]
+    solver = LocalGlobal(task.mesh, task.handles.index, bending=LENGTH)
+    energies = [
+        solver.solve(
+            task.handles.target, max_iterations=iterations, tolerance=0, accelerate=False, **extra
+        ).energy
+        for iterations in range(1, 12)
+    ]
+    # The weighted constraints go along directions a few steps old: their energy alone may rise a little.
+    assert (np.diff(energies) < (1e-3 if "volume" in extra else 1e-12) * energies[0]).all()
+
+
+@pytest.mark.parametrize("extra", [{}, SOFT, {"volume": np.inf}])
+def test_quasi_newton_steps_end_in_the_minimum_of_the_plain_ones(extra):
+    task = TASKS["bar"]
+    plain, quick = (
+        local_global(task, bending=LENGTH, accelerate=a, tolerance=1e-8, max_iterations=20_000, **extra)
+        for a in (False, True)
+    )
+    assert plain.converged and quick.converged and quick.iterations < plain.iterations
+    assert quick.extra["energy"] == pytest.approx(plain.extra["energy"], rel=1e-7)
+    assert np.abs(quick.vertices - plain.vertices).max() < 1e-4 * task.mesh.diagonal
+
+
+def test_a_sheet_between_two_circles_bends_as_a_clamped_plate_does():
+    """Its middle lifted a little, without a turn: Kirchhoff's a + b r^2 + c log r + d r^2 log r."""
+    mesh = Mesh(jittered(strip(60, 60), 0.05, seed=1).V * [1, 1, 0] - [30, 30, 0], strip(60, 60).F)
+    r, inner, outer, lift = np.linalg.norm(mesh.V, axis=1), 6.0, 28.0, 0.01
+    held = np.flatnonzero((r < inner) | (r > outer))
+    target = mesh.V[held] + lift * (r[held] < inner)[:, None] * [0, 0, 1]
+    task = DeformationTask("plate", mesh, Handles(held, target))
+    V = local_global(task, bending=1.0, tolerance=1e-12, max_iterations=3000).vertices
+
+    def basis(r):
+        return np.stack([r**0, r**2, np.log(r), r**2 * np.log(r)], axis=-1)
+
+    def slopes(r):
+        return np.stack([0 * r, 2 * r, 1 / r, 2 * r * np.log(r) + r], axis=-1)
+
+    ends = np.array([inner, outer])
+    a = np.linalg.solve(np.concatenate([basis(ends), slopes(ends)]), [lift, 0, 0, 0])
+    free = np.delete(np.arange(mesh.n), held)
+    plate, membrane = basis(r[free]) @ a, lift * np.log(outer / r[free]) / np.log(outer / inner)
+    assert np.abs(V[free, 2] - plate).max() < 0.25 * np.abs(membrane - plate).max()
+    assert np.abs(V[:, :2] - mesh.V[:, :2]).max() < 1e-4
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1e3])
+def test_neither_the_unit_nor_the_place_matters(scale):
+    task, R, t = TASKS["bar"], rotation(), np.array([5.0, -3.0, 2.0])
+    mesh, handles = task.mesh, task.handles
+    here = local_global(task, bending=LENGTH, tolerance=1e-9)
+    moved = Mesh(scale * (mesh.V @ R.T + t), mesh.F)
+    task = DeformationTask("moved", moved, Handles(handles.index, scale * (handles.target @ R.T + t)))
+    there = local_global(task, bending=LENGTH, tolerance=1e-9)
+    expected = scale * (here.vertices @ R.T + t)
+    assert np.abs(there.vertices - expected).max() < 1e-5 * moved.diagonal
+    assert there.extra["energy"] == pytest.approx(scale**2 * here.extra["energy"], rel=1e-6)
+
+
+def test_a_rigid_motion_costs_nothing():
+    mesh, R = bumpy(3), rotation()
+    held = np.arange(0, mesh.n, 40)
+    task = DeformationTask("rigid", mesh, Handles(held, mesh.V[held] @ R.T + [1, 2, 3]))
+    found = local_global(task, bending=0.1, start="rigid")
+    assert np.abs(found.vertices - (mesh.V @ R.T + [1, 2, 3])).max() < 1e-9 * mesh.diagonal
+    assert abs(found.extra["energy"]) < 1e-9 * LocalGlobal(mesh, held, bending=0.1).system.rest_energy
+
+
+def test_faces_without_area_change_the_shape_little():
+    mesh = bumpy(3)
+    flat = split(mesh, np.arange(0, mesh.m, 7), np.full(len(range(0, mesh.m, 7)), 0.5))
+    assert flat.without_area.any()
+    task = held_ends(mesh)
+    same = DeformationTask("flat", flat, task.handles)
+    V, W = (local_global(t, bending=0.02, tolerance=1e-8).vertices for t in (task, same))
+    assert np.isfinite(W).all()
+    assert np.abs(W[: mesh.n] - V).max() < 0.02 * mesh.diagonal
+
+
+def test_vertices_on_the_boundary_and_inside_of_held_regions_have_no_term():
+    mesh = strip(8, 8)
+    held = np.flatnonzero(mesh.V[:, 0] < 3.5)
+    bending = LocalGlobal(mesh, held, bending=0.1).system
+    share = np.empty(mesh.n)
+    share[bending.vertex] = bending.bending.share
+    x, y, _ = mesh.V.T
+    inside = (x > 0) & (x < 8) & (y > 0) & (y < 8)
+    assert np.array_equal(share > 0, inside & (x > 2.5))
+    edges, weights = edge_weights(mesh, half_cotangents(mesh))
+    L = laplacian_matrix(mesh.n, edges, weights)
+    there = share > 0
+    np.testing.assert_allclose(share[there], 0.01 * 64 / mesh.vertex_areas[there])
+    np.testing.assert_allclose((L @ mesh.V)[inside], 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("bending", [-0.1, np.inf, np.nan])
+def test_a_length_that_is_none_is_refused(bending):
+    task = TASKS["bar"]
+    with pytest.raises(InputError, match="length of bending"):
+        LocalGlobal(task.mesh, task.handles.index, bending=bending)
+    for method in (local_global, sshade_fast):
+        with pytest.raises(InputError, match="length of bending"):
+            method(task, bending=bending)
+
+
+def test_it_needs_a_factorisation():
+    task = TASKS["bar"]
+    with pytest.raises(InputError, match="needs a factorisation"):
+        LocalGlobal(task.mesh, task.handles.index, multigrid=True, bending=0.1)
+    with pytest.raises(InputError, match="needs a factorisation"):
+        local_global(task, factorised=False, bending=0.1)
+
+
+def test_a_large_mesh_is_factorised_where_it_bends(monkeypatch):
+    task = TASKS["bar"]
+    expected = local_global(task, bending=LENGTH).vertices
+    monkeypatch.setattr("sshade.solver.local_global.FACTORISED", 1)
+    np.testing.assert_array_equal(local_global(task, bending=LENGTH).vertices, expected)
