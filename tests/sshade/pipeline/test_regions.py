@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from baselines.deformation_graph.deformation_graph import deformation_graph
+from defaust.sources.motions import Bend
 from eval.metrics.deformation import angle, flips
 from eval.metrics.deformed import Deformed
 from sshade import (
@@ -84,9 +85,12 @@ def test_every_handle_of_a_region_ends_on_its_target(task, results, name):
     np.testing.assert_allclose(V[task.handles.index], task.handles.target, atol=1e-12 * task.mesh.diagonal)
 
 
-@pytest.mark.parametrize(("name", "most"), [("sshade", 1.1), ("fast", 1.1), ("fine", 1.25)])
+@pytest.mark.parametrize(("name", "most"), [("sshade", 1.1), ("fast", 1.15), ("fine", 1.25)])
 def test_the_free_part_changes_hardly_more_than_on_a_mesh_cut_by_hand(task, results, name, most):
-    """There without constraints: of a minimum at full resolution the volume takes its toll."""
+    """There without constraints: of a minimum at full resolution the volume takes its toll.
+
+    The proxy's triangles soften more there, too, and it has no bending.
+    """
     cut, vertex, whole = cut_by_hand(task)
     free = {} if name == "sshade" else {"volume": 0.0, "area": 0.0}
     whole[vertex] = METHODS[name](cut, **free).vertices
@@ -198,7 +202,27 @@ def test_a_limb_that_bends_beside_its_region_changes_as_at_full_resolution(name)
     ours = Deformed(bent, METHODS[name](bent).vertices)
     free = Deformed(bent, local_global(bent, start="rigid").vertices)
     assert edge_change(mesh, ours.shape.V) < 1.1 * edge_change(mesh, free.shape.V)
-    assert angle(ours) < 1.1 * angle(free)
+    assert angle(ours) < {"fast": 1.15, "fine": 1.1}[name] * angle(free)  # no bending in the minimum
+
+
+def cylinder_bent_by_its_ends(vertices: int, **options) -> tuple[float, float]:
+    """99.9th percentile of changes of dihedral angles, in degrees, and distance to an arc (x diagonal)."""
+    mesh = jittered(tube(80, 150, length=12.0), 0.01)
+    bend, z = Bend(1.5, 10.5, 100.0), mesh.V[:, 2]
+    held = np.flatnonzero((z < 1.5) | (z > 10.5))
+    truth = bend(mesh.V)
+    task = DeformationTask("cylinder", mesh, Handles(held, truth[held]))
+    deformed = Deformed(task, sshade_fast(task, vertices=vertices, volume=0.0, **options).vertices)
+    away = np.linalg.norm(deformed.shape.V - truth, axis=1).mean() / mesh.diagonal
+    return float(np.percentile(deformed.dihedral_changes, 99.9)), float(away)
+
+
+@pytest.mark.parametrize("vertices", [1500, 2500])
+def test_what_is_between_two_regions_does_not_fold(vertices):
+    """A tube's ends bend it: without an energy of bending it kinks, the more samples the sharper."""
+    folded, further = cylinder_bent_by_its_ends(vertices, bending=0.0, stiffness=0.06)
+    smooth, away = cylinder_bent_by_its_ends(vertices)
+    assert smooth < 0.7 * folded and away < 0.8 * further, (smooth, folded, away, further)
 
 
 def test_a_region_that_moves_with_all_others_moves_everything(task):
