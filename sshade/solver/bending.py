@@ -163,11 +163,16 @@ def _energy(start, column, value, share, rest, weight, P, R, first, end):
     for i in range(first, end):
         if share[i] == 0.0:
             continue
-        for r in range(3):
-            x = -(R[i, 3 * r] * rest[i, 0] + R[i, 3 * r + 1] * rest[i, 1] + R[i, 3 * r + 2] * rest[i, 2])
-            for k in range(start[i], start[i + 1]):
-                x += value[k] * P[column[k], r]
-            energy += weight * share[i] * x * x
+        a, b, c = rest[i, 0], rest[i, 1], rest[i, 2]
+        x = -(R[i, 0] * a + R[i, 1] * b + R[i, 2] * c)
+        y = -(R[i, 3] * a + R[i, 4] * b + R[i, 5] * c)
+        z = -(R[i, 6] * a + R[i, 7] * b + R[i, 8] * c)
+        for k in range(start[i], start[i + 1]):
+            j, v = column[k], value[k]
+            x += v * P[j, 0]
+            y += v * P[j, 1]
+            z += v * P[j, 2]
+        energy += weight * share[i] * (x * x + y * y + z * z)
     return energy
 
 
