@@ -1,8 +1,8 @@
 """Poses with more than one minimum: the method ends in none that is much above the lowest that is found.
 
 Four starts are compared: at rest, rigid, at the minimum that leads, and handles taken to their targets in
-steps along the rigid motions of their groups. Further turns are not among the poses: the ends of a tube turned
-by 175 degrees have a minimum of half the energy in which it passes through itself, to which the rest leads.
+steps along the rigid motions of their groups. Further turns are not among the poses: a tube whose ends are
+turned by 175 degrees has a minimum of half the energy, to which the rest leads, but it runs through itself.
 """
 
 from __future__ import annotations
