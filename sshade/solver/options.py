@@ -36,7 +36,7 @@ class EnergyOptions(TypedDict, total=False):
 
     volume: float
     area: float | None
-    stiffness: float
+    stiffness: float | None
     strain: float
     limit: float
 
