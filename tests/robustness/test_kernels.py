@@ -181,6 +181,7 @@ WORK: dict[str, Callable[[], np.ndarray]] = {
     "accelerated arap": _of_method(partial(accelerated_arap, **FEW)),
     "arap sr": _of_method(partial(arap_sr, **FEW)),
     "accelerated arap sr": _of_method(partial(arap_sr, accelerate=True, **FEW)),
+    "bending": _of_method(partial(local_global, bending=0.1, stiffness=0.1, **FEW)),
     "deformation graph": _of_method(partial(deformation_graph, nodes=40, **FEW)),
     "affine frames": partial(_bound, "affine"),
     "blended frames": partial(_bound, "blended"),
