@@ -25,6 +25,8 @@ from sshade.threads import available_cpus, number_of_workers
 #: By default; less bound to parts than the proxy alone, to stretch less in the end, and with a limit to
 #: strain, as fine triangles crease where those of a proxy cannot.
 POLISH = PROXY | SolverOptions(area=1.0, parts=0.01, stiffness=0.03, limit=0.25)
+#: Where handles are regions strain gathers at their edges, and a limit spreads it from there.
+REGIONS = POLISH | OF_REGIONS | SolverOptions(stiffness=0.08, limit=inf)
 #: How strongly handle groups pull their parts along on the proxy: half of what they do without a polish, as
 #: nearest to the truth lie basins where the volume costs more stretch.
 PROXY_PARTS = 0.05
@@ -71,7 +73,7 @@ def sshade_fine(
         As of :func:`sshade.sshade_fast`: `max_iterations`, `start` and `bending` of the proxy, `parts`,
         `stiffness` and `limit` of the polish, the others of both. By default :data:`POLISH`: the weight of
         the area leaves it some half a percent; for that, edges and angles change a twentieth less than with
-        an exact one. With handle regions :data:`sshade.pipeline.regions.OF_REGIONS` are among them.
+        an exact one. With handle regions :data:`REGIONS`.
 
     Returns
     -------
@@ -93,7 +95,7 @@ def sshade_fine(
         return all_on_targets(task)
     begin = perf_counter()
     regional = has_regions(task, vertices)
-    own = complete(options, **(POLISH | OF_REGIONS if regional else POLISH))
+    own = complete(options, **(REGIONS if regional else POLISH))
     with ThreadPoolExecutor(max_workers=1) as pool:
         bound = pool.submit(_bind, task, own["parts"])
         of_proxy: Any = own | {"stiffness": proxy_stiffness, "limit": inf}

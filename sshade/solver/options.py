@@ -38,7 +38,7 @@ class EnergyOptions(TypedDict, total=False):
     area: float | None
     stiffness: float | None
     strain: float
-    limit: float
+    limit: float | None
 
 
 class IterationOptions(TypedDict, total=False):
