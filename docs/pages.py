@@ -18,7 +18,10 @@ from pathlib import Path
 from eval.rows.frame import numbers, read_csv, valid
 
 ROOT = Path(__file__).parents[1]
-PAGES = (ROOT / "README.md", *(ROOT / "docs" / f"{name}.md" for name in ("results", "benchmark", "beyond")))
+PAGES = (
+    ROOT / "README.md",
+    *(ROOT / "docs" / f"{name}.md" for name in ("results", "benchmark", "methods", "beyond")),
+)
 BLOCK = re.compile(
     r"(?P<begin><!-- (table (?P<name>\w+): (?P<columns>[^\n;]+)(; (?P<lines>[^\n]+))?|rows) -->\n)"
     r"(?P<old>.*?)(?P<end><!-- end -->)",

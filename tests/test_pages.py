@@ -13,7 +13,7 @@ from docs.beyond import EXAMPLES, Example
 from docs.pages import BLOCK, PAGES, ROOT, filled, filled_page
 from tests.shapes import bumpy, held_ends
 
-README, RESULTS, BENCHMARK, BEYOND = (page.read_text(encoding="utf-8") for page in PAGES)
+README, RESULTS, BENCHMARK, METHODS, BEYOND = (page.read_text(encoding="utf-8") for page in PAGES)
 
 #: After this heading docs/beyond.md has figures of trials.
 TRIALS = "## Trials that no table holds"
@@ -43,7 +43,9 @@ def test_a_page_is_what_the_committed_results_make_of_it(page):
 
 
 def test_numbers_stand_in_generated_blocks_alone():
-    assert claims(README) == [] and claims(BENCHMARK) == [] and claims(RESULTS) == []
+    assert (
+        claims(README) == [] and claims(BENCHMARK) == [] and claims(RESULTS) == [] and claims(METHODS) == []
+    )
     (table,) = (block["old"] for block in BLOCK.finditer(README))
     assert table.count("\n| ") > 5
     (rows,) = (block["old"] for block in BLOCK.finditer(BENCHMARK))
