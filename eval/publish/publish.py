@@ -3,15 +3,16 @@
 Nothing else writes to ``results``: rows of out/rows join those of the same version
 in results/rows, their tables are made in results/tables, and the figures that
 out/figures has under the experiment's name go to results/figures. Published are
-rows of one version of the code and of the metrics, from a clean checkout of a commit;
---replace puts them in the place of those of another version. A name without rows, such as that of the
-picture of ``sshade-eval bench``, stands for its figure alone. Everything is
-checked before anything is written.
+rows of the project's own methods, of one version of the code and of the metrics, from a
+clean checkout of a commit; --replace puts them in the place of those of another
+version. A name without rows, such as that of the picture of ``sshade-eval bench``,
+stands for its figure alone. Everything is checked before anything is written.
 """
 
 from __future__ import annotations
 
 import argparse
+import re
 import shutil
 from collections import Counter
 
@@ -24,6 +25,7 @@ from eval.rows.collect import with_missing
 from eval.rows.csv_rows import read_rows
 from eval.rows.frame import write_csv
 from eval.rows.store import MISSING, PUBLISHED, ROWS, Row, version_of
+from eval.run.provenance import OWN
 from sshade.errors import InputError
 from sshade.io.files import make_folder, replacing
 
@@ -40,8 +42,8 @@ def joined(name: str, *, replace: bool) -> pd.DataFrame:
     Raises
     ------
     InputError
-        When the new ones are of several versions or not of a commit alone, or without `replace` when the
-        published ones are of another version.
+        When the new ones are of several versions, not of a commit alone or by methods of a user's own, or
+        without `replace` when the published ones are of another version.
     """
     path, target = ROWS / f"{name}.csv", PUBLISHED / "rows" / f"{name}.csv"
     new = read_rows(path)
@@ -53,6 +55,13 @@ def joined(name: str, *, replace: bool) -> pd.DataFrame:
         raise InputError(
             f"{len(loose)} of {len(runs)} rows of {path} are of a modified tree or of no commit "
             f"({_counts(loose, 'method.name')}): commit, and run them again with run.force=true"
+        )
+    users = [row for row in runs if {*_packages(row)} - OWN]
+    if users:
+        raise InputError(
+            f"{len(users)} of {len(runs)} rows of {path} are of methods that are no part of this project "
+            f"({_counts(users, 'method.name')}), so that the commit does not say what made them: "
+            "`sshade-eval submit` takes such rows"
         )
     if len(set(map(version_of, runs))) > 1:
         raise InputError(f"{path} has rows of {_versions(runs)}; a table is of one: run the others again")
@@ -67,6 +76,12 @@ def joined(name: str, *, replace: bool) -> pd.DataFrame:
         old = []
     rows = [row for row in (*old, *new) if row["status"] != MISSING]
     return with_missing(rows, [row for row in (*old, *new) if row["status"] == MISSING])
+
+
+def _packages(row: Row) -> list[str]:
+    """Top-level packages of the functions that a row's method names, nested ones too."""
+    targets = [value for name, value in row.items() if re.fullmatch(r"method\.(.*\.)?target", name)]
+    return [str(target).split(".")[0] for target in targets if target]
 
 
 def _versions(rows: list[Row]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import importlib.metadata
 import importlib.util
@@ -9,11 +10,13 @@ import json
 import os
 import platform
 import re
+import site
 import subprocess
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,6 +29,8 @@ from sshade.threads import available_cpus
 
 #: Folders of the code that can change the numbers of a row.
 CODE = ("sshade", "baselines", "defaust", "eval/configure", "eval/run")
+#: Its packages; methods of all others are those of users.
+OWN = frozenset(name.split("/")[0] for name in CODE)
 #: What of a checkout can change them; not results or pages of text.
 TREE = ("sshade", "baselines", "defaust", "eval", "conf", "pyproject.toml", "constraints.txt")
 #: Libraries whose versions are part of every key.
@@ -122,21 +127,65 @@ class CodeChanged(InputError):
     """The code is no longer what the command began with: no run can follow, and none under way be kept."""
 
 
+class Foreign(NamedTuple):
+    """The code of a top-level module or package that is not ours, and the names of those that it imports."""
+
+    code: Code
+    imports: tuple[str, ...]
+
+
 @cache
-def foreign_code(top: str) -> Code | None:
-    """A top-level module or package that is not ours, as it is when first asked for; None if not found."""
+def foreign_code(top: str) -> Foreign | None:
+    """A module or package as it is when first asked for; None if not found."""
     paths = _places(top)
-    return Code(paths, folder=Path(os.path.commonpath(paths)).parent) if paths else None
+    if not paths:
+        return None
+    code = Code(paths, folder=Path(os.path.commonpath(paths)).parent)
+    # Files beside a user's method belong to it; libraries are told by their versions.
+    names = set() if _installed(paths) else _imported(paths) - OWN - sys.stdlib_module_names
+    return Foreign(code, tuple(name for name in sorted(names) if not _installed(_places(name))))
+
+
+def _imported(paths: Iterable[Path]) -> set[str]:
+    """Top-level names of the modules that Python files import, in functions too."""
+    names: set[str] = set()
+    for file in _python_files(paths):
+        try:
+            nodes = list(ast.walk(ast.parse(file.read_bytes())))
+        except SyntaxError:  # then nothing can import it
+            continue
+        names.update(
+            alias.name.split(".")[0] for node in nodes if isinstance(node, ast.Import) for alias in node.names
+        )
+        names.update(
+            node.module.split(".")[0]
+            for node in nodes
+            if isinstance(node, ast.ImportFrom) and node.module and not node.level
+        )
+    return names
+
+
+def _installed(paths: Iterable[Path]) -> bool:
+    """Whether files lie where libraries are installed."""
+    folders = (*site.getsitepackages(), site.getusersitepackages())
+    return any(path.is_relative_to(folder) for path in paths for folder in folders)
 
 
 def _foreign(modules: Iterable[str]) -> list[Code]:
-    """The packages of others that modules belong to."""
-    tops = {module.split(".")[0] for module in modules} - {name.split("/")[0] for name in CODE}
-    return [code for code in map(foreign_code, sorted(tops)) if code is not None]
+    """The packages of others that modules belong to, and those that these import."""
+    waiting = {module.split(".")[0] for module in modules} - OWN
+    found: dict[str, Foreign | None] = {}
+    while waiting:
+        top = waiting.pop()
+        found[top] = foreign_code(top)
+        waiting.update({*found[top].imports} - found.keys() if found[top] else ())
+    return [foreign.code for _, foreign in sorted(found.items()) if foreign is not None]
 
 
 def method_sources(modules: Iterable[str]) -> str:
-    """Hash of the code that a method runs on: all of ours, and the packages of others that it names."""
+    """Hash of the code that a method runs on: all of ours, the packages of others that it names, and files
+    of the user's own that these import.
+    """
     return digest(SOURCES.encode(), *(code.version.encode() for code in _foreign(modules)))
 
 
@@ -184,7 +233,7 @@ def _places(module: str) -> list[Path]:
     search_here()
     try:
         spec = importlib.util.find_spec(module)
-    except ImportError:
+    except (ImportError, ValueError):  # the latter where it has none, as __main__
         return []
     if spec is None:
         return []

@@ -193,6 +193,38 @@ def test_the_key_follows_the_sources_of_a_method_of_others(task, tmp_path, third
     assert keys[0] == keys[1] and len(set(keys)) == 3  # the text of a file, and its place
 
 
+def test_the_key_follows_the_files_beside_a_users_method(task, tmp_path, third_party):
+    """Also those that a file beside it imports, but neither what nothing imports nor libraries."""
+    (third_party / "method.py").write_text(
+        "from eval_cases import stretching\n"
+        "def method(task, *, seed, progress=None):\n"
+        "    import third_party_near\n"
+        "    return stretching(task, factor=third_party_near.FACTOR, seed=seed)\n"
+    )
+    near, far, other = (tmp_path / f"third_party_{name}.py" for name in ("near", "far", "other"))
+    near.write_text("import json, numpy\nfrom third_party_far import FACTOR\n")
+    far.write_text("FACTOR = 2.0\n")
+    other.write_text("")
+    (third_party / "broken.py").write_text("no python\n")
+
+    def row():
+        provenance.foreign_code.cache_clear()
+        for name in [name for name in sys.modules if name.startswith("third_party")]:
+            del sys.modules[name]
+        return run(task, THEIRS, name="t", root=tmp_path / "runs").row
+
+    first = row()
+    files = provenance.loaded_code(["third_party.method"])
+    assert {"third_party_near.py", "third_party_far.py", "third_party/method.py"} <= files.keys()
+    assert not {"third_party_other.py", "json/__init__.py", "numpy/__init__.py"} & files.keys()
+    other.write_text("# changed")
+    assert row()["date"] == first["date"]
+    far.write_text("FACTOR = 3.25\n")
+    with pytest.raises(provenance.CodeChanged, match="third_party_far.py has changed since the command"):
+        run(task, THEIRS, name="t", root=tmp_path / "runs")
+    assert row()["metric.area"] != first["metric.area"]
+
+
 @pytest.mark.parametrize(
     "change",
     [

@@ -123,9 +123,21 @@ def test_another_version_replaces_the_published_one_only_if_asked(project, name)
             [clean(), clean("b", env__version__code="d"), clean("c", env__version__metrics="n")],
             r"version c \(metrics m\): 1, version c \(metrics n\): 1, version d \(metrics m\): 1; a table",
         ),
+        (
+            [clean(method__sources="1"), clean(task="t2", method__sources="2")],
+            r"2 versions of the code.* files of its own 1, .* files of its own 2, .*: run the older",
+        ),
+        (
+            [clean("a", method__target="baselines.arap.arap"), clean("b", method__target="mine.method")],
+            r"1 of 2 rows .* no part of this project \(b: 1\).* `sshade-eval submit` takes",
+        ),
+        (
+            [clean("b", **{"method.target": "sshade.sshade", "method.coarse.target": "mine.method"})],
+            r"1 of 1 rows .* no part of this project \(b: 1\)",
+        ),
         ([lacking("a", "t1")], r"out/rows/other.csv has no rows of runs yet"),
     ],
-    ids=["modified", "no commit", "mixed", "nothing ran"],
+    ids=["modified", "no commit", "mixed", "files edited", "a user's", "a user's on a proxy", "nothing ran"],
 )
 def test_what_is_not_of_one_version_and_commit_is_not_published(project, rows, told):
     write_csv("out/rows/other.csv", frame(*rows))
