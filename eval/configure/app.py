@@ -119,7 +119,7 @@ def _exit(errors: list[Exception], summary: str, *, interrupted: bool) -> int:
 
 
 def _checked(arguments: list[str]) -> list[str]:
-    """What of a command line Hydra is to read.
+    """What of a command line Hydra is to read, flags first: it takes none behind a setting.
 
     Raises
     ------
@@ -127,7 +127,7 @@ def _checked(arguments: list[str]) -> list[str]:
         On a flag that replaces the configuration, or a folder of configurations that names functions which
         nobody allowed.
     """
-    known, _ = get_args_parser().parse_known_args(arguments)
+    known, _ = get_args_parser().parse_known_intermixed_args(arguments)
     for flag in ("config_path", "experimental_rerun"):
         if getattr(known, flag) is not None:
             name = f"--{flag.replace('_', '-')}"
@@ -139,7 +139,8 @@ def _checked(arguments: list[str]) -> list[str]:
         text for text in known.overrides if known.multirun and keys[text].startswith("method.")
     ]
     taken = {*cli_sweep.method_settings, *(text for text in known.overrides if keys[text] == OVERRIDE)}
-    return [text for text in arguments if text not in taken]
+    flags = [text for text in arguments if text not in known.overrides]
+    return [*flags, *(text for text in known.overrides if text not in taken)]
 
 
 @hydra.main(version_base="1.3", config_path=str(CONFIGURATION), config_name="config")

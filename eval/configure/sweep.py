@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import sys
 from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from functools import cache
@@ -21,7 +22,7 @@ from eval.rows.store import Row
 from eval.run.allowed import require_allowed
 from eval.run.monitor import Monitor
 from eval.run.provenance import METRICS, SOURCES, loaded_code
-from eval.run.record import Sweep, SweepRecord, summary
+from eval.run.record import QUEUES, Sweep, SweepRecord, summary, unfinished
 from eval.run.run import run
 from eval.run.targets import check_parameters, locate, target_modules
 from sshade.errors import InputError
@@ -36,9 +37,6 @@ VALUES = ("case", *CASE, "seed")
 
 #: Settings of a dataset that are not for its loader: how to build it, where rows go, what lists its cases.
 ABOUT_DATASET = ("build", "tag", "cases")
-
-#: Launchers whose runs go on when this process ends.
-QUEUES = ("slurm", "submitit_slurm")
 
 
 #: The sweep that this process began; None in a launcher's worker.
@@ -69,14 +67,21 @@ class SweepStart(Callback):
             swept = _swept(config)
             runs = [dict(zip(swept, values, strict=True)) for values in itertools.product(*swept.values())]
             code = _keep_plans(_compose(config, runs))
-            sweep = Sweep(datetime.now(UTC), runs, launcher, code=code)
-            record = SweepRecord.create(Path(config.hydra.sweep.dir), sweep)
+            folder = Path(config.hydra.sweep.dir)
+            beside = unfinished(folder)
+            record = SweepRecord.create(folder, Sweep(datetime.now(UTC), runs, launcher, code=code))
         except OSError as error:  # of the record's folder
             raise SweepRefused(InputError(f"{error.filename}: {reason(error)}")) from error
         except Exception as error:
             raise SweepRefused(error) from error
-        folder = str(record.folder).replace("\\", "\\\\").replace("'", "\\'")
-        _add_overrides(config, f"run.sweep={{record:'{folder}',runs:{len(runs)}}}")
+        for other in beside:
+            print(  # noqa: T201
+                f"a sweep of {folder.name}, begun {other.begin.astimezone():%Y-%m-%d %H:%M} on {other.host}, "
+                "has not ended: what both are to run may be run twice",
+                file=sys.stderr,
+            )
+        place = str(record.folder).replace("\\", "\\\\").replace("'", "\\'")
+        _add_overrides(config, f"run.sweep={{record:'{place}',runs:{len(runs)}}}")
         monitor = Monitor(record, watch=launcher != "basic")
 
 

@@ -13,10 +13,13 @@ import os
 import shutil
 import socket
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
+
+import psutil
 
 from eval.rows.store import Row
 from sshade.errors import InputError
@@ -24,6 +27,9 @@ from sshade.io.files import replacing
 
 #: Folder of the records of sweeps, in the folder of their experiment.
 RECORDS = ".sweeps"
+
+#: Launchers whose runs go on when the process that began the sweep ends.
+QUEUES = ("slurm", "submitit_slurm")
 
 #: What is told of a row while the sweep lasts.
 TOLD = ("method.name", "task.name", "seed", "status", "reason", "seconds.total", "iterations")
@@ -129,6 +135,12 @@ class SweepRecord:
         content: dict[str, Any] = json.loads(path.read_text())
         return Ended(int(path.stem), **content | {"end": datetime.fromisoformat(content["end"])})
 
+    def given_up(self) -> bool:
+        """Whether the sweep was killed: its process is gone. False where none can tell, as elsewhere."""
+        sweep, pid = self.sweep(), int(self.folder.name.rpartition("_")[2])
+        here = sweep.host == socket.gethostname() and sweep.launcher not in QUEUES
+        return here and not psutil.pid_exists(pid)
+
     def remove(self) -> None:
         """Delete the record; the rows stay."""
         shutil.rmtree(self.folder, ignore_errors=True)
@@ -145,6 +157,16 @@ class SweepRecord:
 def records(experiment: Path) -> list[SweepRecord]:
     """The sweeps under way, or left unfinished, in the folder of an experiment; the oldest first."""
     return [SweepRecord(path.parent) for path in sorted(experiment.glob(f"{RECORDS}/*/sweep.json"))]
+
+
+def unfinished(experiment: Path) -> list[Sweep]:
+    """The sweeps of an experiment that may be under way: begun, not ended, and not known to be killed."""
+    found = []
+    for record in records(experiment):
+        with suppress(FileNotFoundError):  # it ended meanwhile
+            if not record.given_up():
+                found.append(record.sweep())
+    return found
 
 
 def counts(sweep: Sweep, ended: Sequence[Ended]) -> str:

@@ -2,7 +2,8 @@
 
 Reads what the runs of a sweep leave on disk, by whichever launcher and on
 whichever machine they run. A sweep that ended is listed no more; one that was
-killed, and so could not take its record away, is listed until ``--forget``.
+killed, and so could not take its record away, is listed until ``--forget``, or until
+the same sweep has been run to its end.
 That also forgets what all sweeps were to run, so that tables count no run as
 missing that was planned until now.
 """
@@ -26,6 +27,8 @@ def report(record: SweepRecord) -> str:
     text += f" (launcher {sweep.launcher}, begun {begin:%Y-%m-%d %H:%M} on {sweep.host}"
     if ended:
         text += f", last run ended {ended[-1].end.astimezone():%H:%M:%S}"
+    if record.given_up():
+        text += "; its process is gone: the same command goes on from there"
     return f"{text})"
 
 

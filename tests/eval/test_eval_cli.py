@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from eval.configure.sweep import check_settings
 from eval.rows.collect import collect, gather
 from eval.rows.frame import records, write_csv
 from eval.rows.store import run_folders
+from eval.run.record import Sweep, SweepRecord
 from sshade.errors import InputError
 from sshade.io.handles import write_handles
 from sshade.io.meshes import write_mesh
@@ -66,7 +68,7 @@ def test_warnings_of_a_method_reach_the_user_of_a_run_and_of_a_sweep(tmp_path):
     overrides = ["dataset=mesh", "dataset.mesh=open.ply", "dataset.handles=pose.json", "method=sshade_fast"]
     overrides += ["method.vertices=80"]
     for mode in ([], ["-m"]):
-        done = run_eval(tmp_path, *mode, *overrides, "run.force=true")
+        done = run_eval(tmp_path, *overrides, *mode, "run.force=true")  # a flag between settings
         assert done.returncode == 0, done.stderr
         assert "WARNING sshade.solver.constraints: the volume constraint is off" in done.stderr
 
@@ -87,8 +89,11 @@ def test_a_sweep_goes_on_after_a_failure_and_is_resumed(tmp_path):
     assert again.returncode == 1
     assert again.stdout.splitlines()[6] == "6 runs: 4 new (2 failed, 2 skipped), 2 kept"
     overrides[2] = "method=stretching"
+    (experiment,) = (tmp_path / "out/runs").iterdir()
+    SweepRecord.create(experiment, Sweep(datetime.now(UTC), [], host="elsewhere"))
     forced = run_eval(tmp_path, "-m", *overrides, "run.force=true")
-    assert forced.returncode == 0
+    assert forced.returncode == 0 and "on elsewhere, has not ended" in forced.stderr
+    assert "has not ended" not in first.stderr + again.stderr
     assert forced.stdout.splitlines()[-1].startswith("2 runs: 2 new")
 
 

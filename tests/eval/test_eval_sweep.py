@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from time import monotonic, sleep
 
@@ -13,7 +16,7 @@ from eval_rows import row
 from eval.main import call
 from eval.rows.plan import Plan, read_plans, write_plan
 from eval.run.monitor import Monitor
-from eval.run.record import TOLD, Ended, Sweep, SweepRecord, records, run_line
+from eval.run.record import TOLD, Ended, Sweep, SweepRecord, records, run_line, unfinished
 from eval.run.run import run
 from sshade.errors import InputError
 
@@ -41,6 +44,27 @@ def test_the_record_gives_back_what_was_put_in(tmp_path):
     record.remove()
     record.add(0, row=None)  # a worker that outlives its sweep
     assert records(experiment) == []
+
+
+def test_a_killed_sweep_is_told_from_one_that_may_be_under_way(tmp_path, capsys):
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    facts = {"a": {}, "b": {}, "c": {"host": "elsewhere"}, "d": {"launcher": "slurm"}}
+    made = [
+        SweepRecord.create(tmp_path, replace(sweep(name, begin=BEGIN + timedelta(seconds=i)), **facts[name]))
+        for i, name in enumerate(facts)
+    ]
+    records_of = [made[0], *(_of_process(record, dead.pid) for record in made[1:])]
+    assert [record.given_up() for record in records_of] == [False, True, False, False]
+    assert sorted(one.runs[0]["method"] for one in unfinished(tmp_path)) == ["a", "c", "d"]
+    assert call("status", [str(tmp_path)]) == 0
+    assert capsys.readouterr().out.count("its process is gone") == 1
+
+
+def _of_process(record, pid):
+    """The record as another process would have made it."""
+    begun, _, _ = record.folder.name.rpartition("_")
+    return SweepRecord(record.folder.rename(record.folder.with_name(f"{begun}_{pid}")))
 
 
 def test_runs_come_in_the_order_of_discovery(tmp_path):
