@@ -12,7 +12,7 @@ from typing import Unpack, get_args
 
 import numpy as np
 
-from baselines.global_step import iterate, last
+from baselines.global_step import iterate, iterated
 from sshade.errors import InputError
 from sshade.progress import Progress, silent
 from sshade.solver.options import Energy, IterationOptions, Start
@@ -110,10 +110,9 @@ def libigl_arap(
         progress=progress,
         report_every=1,
     )
-    return DeformationResult(
-        vertices=U,
-        iterations=len(residuals),
-        converged=last(residuals) < tolerance,
+    return iterated(
+        U,
+        residuals,
+        tolerance=tolerance,
         seconds={"precompute": precomputed - begin, "solve": perf_counter() - precomputed},
-        extra={"residual": last(residuals), "residual_curve": residuals},
     )

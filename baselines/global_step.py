@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -10,6 +11,7 @@ from scipy.sparse import csr_array
 from sshade.progress import Progress
 from sshade.solver.factorisation import Factorisation
 from sshade.solver.quasi_newton import largest_move
+from sshade.task import DeformationResult
 
 #: Iterations between two calls of the progress callback, by default.
 REPORT_EVERY = 10
@@ -111,6 +113,33 @@ def iterate(
     return np.array(residuals)
 
 
-def last(residuals: np.ndarray) -> float:
-    """The residual that :func:`iterate` ended with; infinite where there was no iteration."""
-    return float(residuals[-1]) if len(residuals) else np.inf
+def iterated(
+    vertices: np.ndarray,
+    residuals: np.ndarray,
+    *,
+    tolerance: float,
+    seconds: dict[str, float],
+    extra: dict[str, Any] | None = None,
+) -> DeformationResult:
+    """The result of a method that :func:`iterate` ran.
+
+    Parameters
+    ----------
+    vertices : (n, 3) float64
+    residuals : (iterations,) float64
+        What `iterate` returned.
+    tolerance : float
+        What it was given: the method converged where the last residual is below.
+    seconds : dict
+    extra : dict, optional
+        The last ``residual``, infinite where there was no iteration, and the ``residual_curve``
+        are added.
+    """
+    last = float(residuals[-1]) if len(residuals) else np.inf
+    return DeformationResult(
+        vertices=vertices,
+        iterations=len(residuals),
+        converged=last < tolerance,
+        seconds=seconds,
+        extra={**(extra or {}), "residual": last, "residual_curve": residuals},
+    )

@@ -29,7 +29,7 @@ from typing import get_args
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
-from baselines.global_step import GlobalStep, iterate, last
+from baselines.global_step import GlobalStep, iterate, iterated
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.progress import Progress, silent
@@ -127,15 +127,13 @@ def smooth_arap(
         max_iterations=max_iterations,
         progress=progress,
     )
-    return DeformationResult(
-        vertices=u,
-        iterations=len(residuals),
-        converged=last(residuals) < tolerance,
+    return iterated(
+        u,
+        residuals,
+        tolerance=tolerance,
         seconds={"precompute": precomputed - begin, "solve": perf_counter() - precomputed},
         extra={
             "rotations": R.reshape(-1, 3, 3),
-            "residual": last(residuals),
-            "residual_curve": residuals,
         },
     )
 

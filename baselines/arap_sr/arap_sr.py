@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation
 
 from baselines.arap_sr.anderson import Anderson
 from baselines.arap_sr.smooth_rotations import Cells, band_position, largest_turn, matrices, vertex_colours
-from baselines.global_step import GlobalStep, iterate, last
+from baselines.global_step import GlobalStep, iterate, iterated
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
@@ -136,15 +136,13 @@ def arap_sr(
         mix=step.mix,
         other_move=step.turn,
     )
-    return DeformationResult(
-        vertices=u[position],
-        iterations=len(residuals),
-        converged=last(residuals) < tolerance,
+    return iterated(
+        u[position],
+        residuals,
+        tolerance=tolerance,
         seconds={"precompute": precomputed - begin, "solve": perf_counter() - precomputed},
         extra={
             "rotations": step.R.reshape(-1, 3, 3)[position],
-            "residual": last(residuals),
-            "residual_curve": residuals,
             "restarts": step.restarts,
             "colours": int(colour.max()) + 1,
         },

@@ -25,7 +25,7 @@ import numpy as np
 from numba import njit
 
 from baselines.deformation_graph.node_graph import NodeGraph, bind_to_nodes, node_graph
-from baselines.global_step import GlobalStep, iterate, last
+from baselines.global_step import GlobalStep, iterate, iterated
 from sshade.errors import InputError
 from sshade.mesh.adjacency import vertex_graph
 from sshade.pipeline.proxies import proxy_vertices
@@ -122,10 +122,10 @@ def deformation_graph(
     missed = np.linalg.norm(V[handles.index] - handles.target, axis=1)
     V = regions.on_targets(V, handles)
     V[handles.index] = handles.target
-    return DeformationResult(
-        vertices=V,
-        iterations=len(residuals),
-        converged=last(residuals) < tolerance,
+    return iterated(
+        V,
+        residuals,
+        tolerance=tolerance,
         seconds={
             "precompute": precomputed - begin,
             "solve": solved - precomputed,
@@ -135,8 +135,6 @@ def deformation_graph(
             "handle_before": float(missed.mean()) / mesh.diagonal,
             "nodes": len(q),
             "edges": len(coarse.edges),
-            "residual": last(residuals),
-            "residual_curve": residuals,
         },
     )
 

@@ -21,7 +21,7 @@ from typing import Literal, get_args
 import numpy as np
 from scipy.sparse import csc_array
 
-from baselines.global_step import iterate, last
+from baselines.global_step import iterate, iterated
 from baselines.start_motion import start_motion
 from baselines.volumetric.lattice import lattice
 from baselines.volumetric.node_handles import on_targets, require_handles
@@ -135,10 +135,10 @@ def lattice_arap(
         blended = (grid.carry @ R).reshape(-1, 3, 3)
         V = np.einsum("vij,vj->vi", blended, mesh.V) + grid.carry @ shifts
     V, facts = on_targets(mesh, handles, V, nodes=p)
-    return DeformationResult(
-        vertices=V,
-        iterations=len(residuals),
-        converged=last(residuals) < tolerance,
+    return iterated(
+        V,
+        residuals,
+        tolerance=tolerance,
         seconds={
             "precompute": precomputed - begin,
             "solve": solved - precomputed,
@@ -148,7 +148,5 @@ def lattice_arap(
             **facts,
             "nodes": p,
             "cubes": len(grid.cubes),
-            "residual": last(residuals),
-            "residual_curve": residuals,
         },
     )

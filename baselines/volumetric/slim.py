@@ -17,7 +17,7 @@ from typing import Unpack
 
 import numpy as np
 
-from baselines.global_step import iterate, last
+from baselines.global_step import iterate, iterated
 from baselines.start_motion import start_motion
 from baselines.volumetric.coarse_tetrahedra import TetrahedraOptions, coarse_tetrahedra
 from baselines.volumetric.node_handles import handle_error, node_handles, rigid_parts
@@ -112,10 +112,10 @@ def slim(
     nodes = u * scale + centre
     V = tetrahedra.carry @ nodes
     inverted = np.linalg.det(nodes[tetrahedra.T[:, 1:]] - nodes[tetrahedra.T[:, :1]]) <= 0
-    return DeformationResult(
-        vertices=V,
-        iterations=len(residuals),
-        converged=last(residuals) < tolerance,
+    return iterated(
+        V,
+        residuals,
+        tolerance=tolerance,
         seconds={
             "precompute": precomputed - begin,
             "solve": solved - precomputed,
@@ -123,8 +123,6 @@ def slim(
         },
         extra={
             **tetrahedra.facts(),
-            "residual": last(residuals),
-            "residual_curve": residuals,
             "inverted": int(inverted.sum()),
             "handle_error": handle_error(mesh, handles, V),
         },

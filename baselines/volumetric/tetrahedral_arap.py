@@ -15,7 +15,7 @@ from typing import Unpack
 
 import numpy as np
 
-from baselines.global_step import iterate, last
+from baselines.global_step import iterate, iterated
 from baselines.start_motion import start_motion
 from baselines.volumetric.coarse_tetrahedra import TetrahedraOptions, coarse_tetrahedra
 from baselines.volumetric.node_handles import node_handles, on_targets, rigid_parts
@@ -93,14 +93,14 @@ def tetrahedral_arap(
     )
     solved = perf_counter()
     V, facts = on_targets(mesh, handles, tetrahedra.carry @ u, nodes=len(u))
-    return DeformationResult(
-        vertices=V,
-        iterations=len(residuals),
-        converged=last(residuals) < tolerance,
+    return iterated(
+        V,
+        residuals,
+        tolerance=tolerance,
         seconds={
             "precompute": precomputed - begin,
             "solve": solved - precomputed,
             "carry": perf_counter() - solved,
         },
-        extra={**tetrahedra.facts(), **facts, "residual": last(residuals), "residual_curve": residuals},
+        extra={**tetrahedra.facts(), **facts},
     )
