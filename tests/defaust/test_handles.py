@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from defaust.build.handles import choose_handles, displacement, handle_records, nearest_vertices
+from defaust.build.handles import (
+    choose_handles,
+    displacement,
+    handle_records,
+    nearest_vertices,
+    region_records,
+)
+from defaust.sources.source import Region
 from defaust.sources.synthetic import SyntheticBodies
 from sshade import InputError
 from tests.shapes import jittered, strip
@@ -76,3 +83,23 @@ def test_records_of_a_pose(sheet):
     assert absent == {
         "landmark": "absent", "kind": "unused", "delta": None, "delta_mean": None, "source": [], "target": []
     }  # fmt: skip
+
+
+def test_regions_are_recorded_by_their_boxes_and_motion():
+    sheet = strip(4, 4)  # 25 vertices a unit apart
+    quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    box = ((-0.1, -0.1, -0.1), (0.1, 10.0, 0.1))  # five of them
+    held, moved = region_records(
+        sheet, [Region("a", (box,)), Region("b", (box,), quarter, np.array([0.0, 0, 3]))]
+    )
+    assert (held["landmark"], held["kind"], held["delta"]) == ("a", "static", 0.0)
+    assert (held["rotation"], held["translation"]) == (np.eye(3).tolist(), [0.0, 0.0, 0.0])
+    assert (moved["kind"], moved["rotation"], moved["translation"]) == (
+        "dynamic",
+        quarter.tolist(),
+        [0.0, 0.0, 3.0],
+    )
+    # A quarter turn moves (0, y) to (-y, 0): by y times the root of 2 in the plane, by 3 across it.
+    assert moved["delta"] == pytest.approx(sum((2 * y**2 + 9) ** 0.5 for y in range(5)))
+    assert moved["delta_mean"] == pytest.approx(moved["delta"] / 5)
+    assert moved["boxes"] == (box,)

@@ -13,6 +13,7 @@ from dataclasses import replace
 from time import sleep, time
 
 import numpy as np
+import psutil
 import pytest
 from eval_cases import bumpy_task
 
@@ -381,6 +382,7 @@ def test_a_guess_is_part_of_the_task():
 
 def test_machines_of_one_kind_are_told_apart(monkeypatch):
     own = provenance.environment(jobs=1)
+    assert own["ram_gib"] == round(psutil.virtual_memory().total / 2**30)
     provenance._machine.cache_clear()
     assert provenance.environment(jobs=2)["machine_id"] == own["machine_id"]
     provenance._machine.cache_clear()
