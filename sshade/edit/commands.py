@@ -9,6 +9,7 @@ from typing import Any, get_args
 import numpy as np
 
 from sshade.edit.packet import packet
+from sshade.edit.preview import preview
 from sshade.edit.session import Session
 from sshade.edit.state import MethodName, Motion, Settings
 from sshade.errors import InputError
@@ -22,7 +23,8 @@ MARKS = ("labels", "selection")
 class Commands:
     """A session in the coordinates of a page: the middle of the mesh is 0, its diagonal 1.
 
-    float32 positions keep seven digits of them, wherever the mesh lies and whatever its unit is.
+    float32 positions keep seven digits of them, wherever the mesh lies and whatever its unit is. Of a large
+    mesh, a drag sends the vertices of its :func:`sshade.edit.preview.preview` alone.
 
     Parameters
     ----------
@@ -33,6 +35,7 @@ class Commands:
         self._session = session
         V = session.mesh.V
         self._centre, self._scale = 0.5 * (V.min(axis=0) + V.max(axis=0)), session.mesh.diagonal
+        self._preview = preview(session.mesh)
         self._named: dict[str, Callable[..., bytes]] = {
             name.removeprefix("do_"): getattr(self, name) for name in dir(self) if name.startswith("do_")
         }
@@ -62,7 +65,8 @@ class Commands:
 
     def whole(self) -> bytes:
         """All that a page needs at its beginning."""
-        return self._answer("faces", "positions", "change", *MARKS)
+        coarse = () if self._preview is None else ("coarse", "coarse_faces")
+        return self._answer("faces", "positions", "change", *coarse, *MARKS)
 
     def select(self, vertices: np.ndarray, how: str) -> bytes:
         """Pick vertices (k,) int."""
@@ -115,11 +119,13 @@ class Commands:
 
     def do_drag(self, given: Mapping[str, Any], _: Progress) -> bytes:
         V = self._session.drag(_whole(given, "group"), self._motion(given))
+        if self._preview is not None:
+            V = V[self._preview.vertices]
         return packet({}, {"positions": self._positions(V)})
 
     def do_release(self, given: Mapping[str, Any], _: Progress) -> bytes:
         self._session.release(_whole(given, "group"), self._motion(given))
-        return self._answer()
+        return self._answer() if self._preview is None else self._answer("positions")
 
     def do_settle(self, _: Mapping[str, Any], progress: Progress) -> bytes:
         self._session.settle(progress)
@@ -156,6 +162,10 @@ class Commands:
                 made[name] = self._positions(session.shown).ravel()
             elif name == "faces":
                 made[name] = session.mesh.F.astype(np.uint32).ravel()
+            elif name.startswith("coarse"):
+                assert self._preview is not None
+                vertices, faces = self._preview
+                made[name] = (vertices if name == "coarse" else faces).astype(np.uint32).ravel()
             elif name == "labels":
                 made[name] = np.zeros(session.mesh.n, dtype=np.uint32)
                 for number, group in enumerate(state.groups, start=1):

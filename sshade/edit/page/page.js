@@ -202,8 +202,7 @@ async function follow() {
     try {
       const { sent } = await asked;
       asked = step();
-      arrays.positions = sent.positions;
-      view.setPositions(sent.positions);
+      view.setStep(sent.positions);
       drag.steps += 1;
     } catch (error) {
       complain(error);
@@ -343,7 +342,8 @@ picking.use("view");
 byId("hint").textContent = HINTS.view;
 request("whole")
   .then((said) => {
-    view.setMesh(said.sent.faces, said.sent.positions);
+    const { faces, positions, coarse, coarse_faces } = said.sent;
+    view.setMesh(faces, positions, coarse && { vertices: coarse, faces: coarse_faces });
     take(said);
   })
   .catch(complain);

@@ -4,6 +4,8 @@
 const FAR = 50;
 const UP = new THREE.Vector3(0, 1, 0);
 const TOWARDS = new THREE.Vector3(0.5, 0.25, 1);
+// Milliseconds: a picture of a large mesh that takes longer is not drawn before the view has rested for so long.
+const SLOW = 50, REST = 400;
 
 // 24 bits of the distance to the camera, over FAR; alpha tells the surface from nothing.
 const DEPTH = {
@@ -35,6 +37,33 @@ function addNormals(faces, P, N) {
     N[a] += nx; N[a + 1] += ny; N[a + 2] += nz;
     N[b] += nx; N[b + 1] += ny; N[b + 2] += nz;
     N[c] += nx; N[c + 1] += ny; N[c + 2] += nz;
+  }
+}
+
+// Room for a mesh of as many vertices.
+function emptyGeometry(faces, vertices) {
+  const geometry = new THREE.BufferGeometry();
+  geometry.setIndex(new THREE.BufferAttribute(faces, 1));
+  for (const name of ["position", "normal", "color"]) {
+    geometry.setAttribute(name, new THREE.BufferAttribute(new Float32Array(3 * vertices), 3));
+  }
+  return geometry;
+}
+
+function place(geometry, positions) {
+  const { position, normal } = geometry.attributes;
+  position.array.set(positions);
+  addNormals(geometry.index.array, position.array, normal.array);
+  position.needsUpdate = normal.needsUpdate = true;
+}
+
+// Three numbers of each of some vertices.
+function gather(vertices, from, into) {
+  for (let i = 0, k = 0; i < vertices.length; i += 1, k += 3) {
+    const v = 3 * vertices[i];
+    into[k] = from[v];
+    into[k + 1] = from[v + 1];
+    into[k + 2] = from[v + 2];
   }
 }
 
@@ -71,35 +100,71 @@ export class View {
     }).observe(stage);
   }
 
-  setMesh(faces, positions) {
-    this.faces = faces;
-    const geometry = new THREE.BufferGeometry();
-    geometry.setIndex(new THREE.BufferAttribute(faces, 1));
-    for (const name of ["position", "normal", "color"]) {
-      geometry.setAttribute(name, new THREE.BufferAttribute(new Float32Array(positions.length), 3));
-    }
+  // Of a large mesh `coarse` has the vertices and the faces of its preview.
+  setMesh(faces, positions, coarse) {
+    const geometry = emptyGeometry(faces, positions.length / 3);
     this.attributes = geometry.attributes;
-    const solid = new THREE.Mesh(geometry, new THREE.MeshLambertMaterial({ vertexColors: true, side: 2 }));
+    const material = new THREE.MeshLambertMaterial({ vertexColors: true, side: 2 });
+    this.solid = new THREE.Mesh(geometry, material);
     const depth = new THREE.Mesh(geometry, new THREE.ShaderMaterial(DEPTH));
-    solid.frustumCulled = depth.frustumCulled = false;
-    this.scene.add(solid);
+    this.solid.frustumCulled = depth.frustumCulled = false;
+    this.scene.add(this.solid);
     this.depthScene.add(depth);
+    if (coarse) {
+      this.kept = coarse.vertices;
+      this.coarse = new THREE.Mesh(emptyGeometry(coarse.faces, this.kept.length), material);
+      this.coarse.frustumCulled = false;
+      this.scene.add(this.coarse);
+    }
     this.setPositions(positions);
     this.home();
+    this.slow = Boolean(coarse) && this.secondPicture() > SLOW;
+  }
+
+  // Milliseconds that a picture takes which has nothing to send to the graphics card before.
+  secondPicture() {
+    const gl = this.renderer.getContext(), pixel = new Uint8Array(4);
+    let begin;
+    for (let picture = 0; picture < 2; picture += 1) {
+      begin = performance.now();
+      this.render();
+      gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel); // waits until it is drawn
+    }
+    return performance.now() - begin;
   }
 
   setPositions(positions) {
-    const { position, normal } = this.attributes;
-    position.array.set(positions);
-    addNormals(this.faces, position.array, normal.array);
-    position.needsUpdate = normal.needsUpdate = true;
+    place(this.solid.geometry, positions);
+    if (this.coarse) {
+      const some = new Float32Array(3 * this.kept.length);
+      gather(this.kept, positions, some);
+      place(this.coarse.geometry, some);
+    }
+    this.stale = false;
+    this.draw();
+  }
+
+  // Positions of a step of a drag: of a large mesh those of its preview, until all of it is known again.
+  setStep(positions) {
+    if (!this.coarse) {
+      this.setPositions(positions);
+      return;
+    }
+    place(this.coarse.geometry, positions);
+    this.stale = true;
     this.draw();
   }
 
   // `paint` fills linear colours, three a vertex.
   setColours(paint) {
-    paint(this.attributes.color.array);
-    this.attributes.color.needsUpdate = true;
+    const { color } = this.attributes;
+    paint(color.array);
+    color.needsUpdate = true;
+    if (this.coarse) {
+      const few = this.coarse.geometry.attributes.color;
+      gather(this.kept, color.array, few.array);
+      few.needsUpdate = true;
+    }
     this.draw();
   }
 
@@ -152,6 +217,13 @@ export class View {
 
   // Many changes, one picture.
   draw() {
+    if (this.slow) {
+      clearTimeout(this.resting);
+      this.resting = setTimeout(() => {
+        this.resting = null;
+        requestAnimationFrame(() => this.render());
+      }, REST);
+    }
     if (this.waiting) return;
     this.waiting = true;
     requestAnimationFrame(() => this.render());
@@ -159,6 +231,10 @@ export class View {
 
   render() {
     this.waiting = false;
+    if (this.coarse) {
+      this.coarse.visible = Boolean(this.stale || this.resting || (this.slow && this.gizmo.dragging));
+      this.solid.visible = !this.coarse.visible;
+    }
     this.lamp.position.copy(this.camera.position);
     this.lamp.target.position.copy(this.controls.target);
     this.lamp.target.updateMatrixWorld();

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from sshade.cli.main import main
+from sshade.edit import preview
 from sshade.edit.session import Session
 from sshade.io.meshes import read_arrays, write_mesh
 from tests.browser import changed, pixels
@@ -251,3 +252,41 @@ def test_it_fits_the_window_and_ends_by_its_button(page, session):
     page.wait_for_selector("body.ended")
     assert "has ended" in page.locator("#message").inner_text()
     assert page.said == []
+
+
+def test_of_a_large_mesh_a_preview_follows_and_all_of_it_is_shown_at_rest(browser, session, monkeypatch):
+    monkeypatch.setattr(preview, "LARGE", 1000)
+    monkeypatch.setattr(preview, "VERTICES", 800)
+    V = session.mesh.V
+    height = (V[:, 1] - V[:, 1].min()) / np.ptp(V[:, 1])
+    for own, kind in (height < 0.12, "static"), (height > 0.88, "moving"):
+        session.select(np.flatnonzero(own), "replace")
+        session.mark(kind)
+    with lent(session) as server:
+        page = browser.new_page(viewport={"width": 1280, "height": 900})
+        said: list[str] = []
+        page.on("pageerror", lambda error: said.append(str(error)))
+        page.goto(server.address)
+        page.wait_for_selector("#stage[data-state=settled]")
+        page.get_by_role("button", name="drag", exact=True).click()
+        page.wait_for_timeout(200)
+        resting = pixels(page.locator("#stage"))
+        x, y = where(page, V, session.state.groups[1].target.mean(axis=0))[0]
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x + 10, y, steps=2)
+        with page.expect_response(re.compile("/drag$")) as answer:
+            page.mouse.move(x + 60, y - 30, steps=6)
+        assert len(answer.value.body()) < 12 * 1600 + 200 < 12 * len(V)
+        page.wait_for_timeout(600)
+        following = pixels(page.locator("#stage"))
+        assert changed(resting, following) > 0.01
+        with page.expect_response(re.compile("/settle$")):
+            page.mouse.up()
+        page.wait_for_selector("#stage[data-state=settled]")
+        page.wait_for_timeout(600)
+        # The same shape, but for the facets of the preview and the last steps of the solution.
+        assert changed(following, pixels(page.locator("#stage"))) < 0.1
+        assert np.array_equal(session.shown[session.state.groups[1].vertices], session.state.groups[1].target)
+        assert said == []
+        page.close()

@@ -1,0 +1,72 @@
+"""What is shown of a large mesh while it is dragged."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sshade.edit import preview as module
+from sshade.edit.commands import Commands
+from sshade.edit.preview import preview
+from sshade.edit.session import Session
+from sshade.io.meshes import write_mesh
+from sshade.mesh.mesh import Mesh
+from sshade.progress import silent
+from tests.shapes import bumpy
+from tests.sshade.edit.lent import unpacked
+
+BODY = bumpy(5)
+STILL = {"pivot": [0, 0, 0], "quaternion": [0, 0, 0, 1]}
+
+
+@pytest.fixture
+def large(monkeypatch):
+    """Meshes of few vertices are large."""
+    monkeypatch.setattr(module, "LARGE", 1000)
+    monkeypatch.setattr(module, "VERTICES", 800)
+
+
+def test_it_is_the_same_surface_with_about_as_many_vertices_as_asked(large):
+    few = preview(BODY)
+    assert 400 < len(few.vertices) < 1600 and (np.diff(few.vertices) > 0).all()
+    V, F = BODY.V[few.vertices], few.faces
+    assert F.min() == 0 and F.max() < len(V)
+    a, b, c = V[F].transpose(1, 0, 2)
+    normals = 0.5 * np.cross(b - a, c - a)
+    assert abs(np.linalg.norm(normals, axis=1).sum() / BODY.area - 1) < 0.1
+    # Outwards as before: by the divergence theorem it holds about the same volume.
+    volume = np.einsum("ij,ij->", a, normals) / 3
+    rest = np.einsum(
+        "ij,ij->", BODY.V[BODY.F[:, 0]], np.cross(*np.diff(BODY.V[BODY.F], axis=1).transpose(1, 0, 2))
+    )
+    assert abs(volume / (rest / 6) - 1) < 0.1
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
+def test_it_depends_on_no_unit(large, scale):
+    # A power of two would do for the bits; of other units a vertex on the side of a cell may change it.
+    few, other = preview(BODY), preview(Mesh(scale * BODY.V, BODY.F))
+    assert abs(len(few.vertices) - len(other.vertices)) <= 4
+
+
+def test_a_small_mesh_has_none():
+    assert preview(BODY) is None
+
+
+def test_a_drag_sends_the_vertices_of_the_preview_and_the_release_all(large, tmp_path):
+    write_mesh(tmp_path / "body.ply", BODY.V, BODY.F)
+    session = Session(tmp_path / "body.ply")
+    commands = Commands(session)
+    whole, few = unpacked(commands.whole()), preview(session.mesh)
+    assert np.array_equal(whole["coarse"], few.vertices)
+    assert np.array_equal(whole["coarse_faces"].reshape(-1, 3), few.faces)
+    height = BODY.V[:, 2]
+    for kind, own in (("static", height < height.min() + 0.2), ("moving", height > height.max() - 0.2)):
+        session.select(np.flatnonzero(own), "replace")
+        number = session.mark(kind)
+    motion = {"group": number, **STILL, "move": [0.1, 0, 0]}
+    step = unpacked(commands("drag", motion, silent))["positions"]
+    released = unpacked(commands("release", motion, silent))["positions"].reshape(-1, 3)
+    assert len(released) == BODY.n
+    assert np.array_equal(step.reshape(-1, 3), released[few.vertices])
+    assert np.abs(released - whole["positions"].reshape(-1, 3)).max() > 0.09
