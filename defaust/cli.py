@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sshade.cli.console import CommandParser, progress_bar, run_command
+from sshade.cli.programs import version_of
 from sshade.errors import InputError
 
 if TYPE_CHECKING:
@@ -16,9 +17,9 @@ if TYPE_CHECKING:
 
 EPILOG = """examples:
   defaust build out=data/defaust                                   all subjects, 170,000 vertices
-  defaust build source=synthetic out=DIR subjects=[0,1] target_vertices=20000 seed=0
+  defaust build source=synthetic out=DIR 'subjects=[0,1]' target_vertices=20000 seed=0
   defaust build source=faust source.root=MPI-FAUST out=DIR         your own copy of FAUST
-  defaust build source=tosca source.root=TOSCA_DIR source.classes=[cat,dog] out=DIR
+  defaust build source=tosca source.root=TOSCA_DIR 'source.classes=[cat,dog]' out=DIR
   defaust build source=shapes out=data/shapes                      plane, cylinder, bar and cactus
   defaust verify DIR
   defaust info DIR"""
@@ -35,16 +36,20 @@ def main(argv: Sequence[str] | None = None) -> int:
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    parser.add_argument("--version", action="version", version=version_of("defaust"))
     parser.add_argument("-v", "--verbose", action="store_true", help="log what is done")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     build = commands.add_parser("build", help="build a dataset, or resume one")
     build.add_argument("overrides", nargs="+", metavar="key=value", help="see conf/defaust/build.yaml")
     for name, text in (("verify", "check every file of a dataset"), ("info", "print its card")):
         commands.add_parser(name, help=text).add_argument("folder", type=Path, metavar="DIR")
-    args = parser.parse_args(argv)
-    logging.basicConfig(level=logging.INFO if args.verbose else logging.WARNING, format="%(message)s")
-    work = {"build": _build, "verify": _verify, "info": _info}[args.command]
-    return run_command(lambda: work(args))
+
+    def run() -> int:
+        args = parser.parse_args(argv)
+        logging.basicConfig(level=logging.INFO if args.verbose else logging.WARNING, format="%(message)s")
+        return {"build": _build, "verify": _verify, "info": _info}[args.command](args)
+
+    return run_command(run)
 
 
 def _build(args: argparse.Namespace) -> int:
@@ -54,7 +59,8 @@ def _build(args: argparse.Namespace) -> int:
     with progress_bar() as progress:
         document = build(source, out, options=options, progress=progress, **how)
     counts = ", ".join(f"{s['high']['vertices']:,}" for s in document["subjects"])
-    print(f"{out}: {len(document['subjects'])} subjects ({counts} vertices)")  # noqa: T201
+    number = len(document["subjects"])
+    print(f"{out}: {number} subject{'s' if number > 1 else ''} ({counts} vertices)")  # noqa: T201
     return 0
 
 

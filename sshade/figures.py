@@ -278,4 +278,4 @@ def require_extra(*libraries: str) -> None:
 
     for library in libraries or ("matplotlib", "pyvista"):
         if find_spec(library) is None:
-            raise InputError(f"{library} is not installed; pip install sshade[figures]")
+            raise InputError(f"{library} is not installed; pip install 'sshade[figures]'")

@@ -76,6 +76,7 @@ def write_site(
         rows = every[every["method.name"] == method]
         page = {"method": method, "of_tracks": of_tracks, "facts": facts(rows)}
         page |= {"settings": configuration(rows, method), "submission": submissions.get(method)}
+        page["times"] = _times(contests, method, results)
         page["notes"] = sorted(
             {note for note in rows.reindex(columns=["method.note"])["method.note"] if note}
         )
@@ -126,6 +127,25 @@ def _cases(own: Contest, method: str) -> dict[str, Any]:
     return {"track": own.track, "labels": labels, "body": body}
 
 
+def _times(contests: list[Contest], method: str, results: Path) -> list[dict[str, Any]]:
+    """A method's times, of the rows that name their machine, for each size that tracks are of."""
+    tables = []
+    for name in dict.fromkeys(own.track.timing for own in contests if own.track.timing):
+        table = make_time_table(read_csv(results / "timing" / f"{name}.csv"), title=name)
+        own = table.lines[table.lines["method"] == method]
+        names = ["vertices", "seconds.total", "seconds.min", "seconds.max", "repeats"]
+        body = [
+            [case, *map(_number, values)] for case, *values in own[["case", *names]].itertuples(index=False)
+        ]
+        if body:
+            tables.append({"title": name, "body": body, "notes": table.notes[:3]})
+    return tables
+
+
+def _number(value: float) -> str:
+    return f"{value:,.0f}" if value >= 100 or value == int(value) else f"{value:.3g}"
+
+
 @drawing()
 def _charts(own: Contest, results: Path) -> dict[str, Any]:
     """Measures against times, of methods that were timed at about this size."""
@@ -148,7 +168,8 @@ def _charts(own: Contest, results: Path) -> dict[str, Any]:
             figure = new_figure(3.6, 2.8)
             axes = figure.add_subplot()
             plot_points(axes, points, look(own.table.lines.index))
-            axes.set(xscale="log", xlabel="time (s)", ylabel=column.label, ylim=(0, None))
+            axes.set(xscale="log", xlabel="time (s)", ylabel=column.label)
+            axes.set_ylim(0, 1.1 * max(value for ((_, value),) in points.values()) or 1)
             axes.xaxis.set(
                 major_locator=LogLocator(subs=(1, 2, 5)),
                 major_formatter=StrMethodFormatter("{x:g}"),

@@ -63,6 +63,8 @@ def command(options: argparse.Namespace) -> int:
 
 def _meshes(paths: list[Path]) -> Iterator[tuple[str, Mesh]]:
     for path in paths:
+        if not path.exists():
+            raise InputError(f"{path}: there is no such mesh or folder")
         files = sorted(path.glob("subject_*/rest.ply")) if path.is_dir() else [path]
         if not files:
             raise InputError(f"{path}: no subject_*/rest.ply in this folder")

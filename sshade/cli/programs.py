@@ -13,6 +13,13 @@ from importlib import import_module
 from typing import NamedTuple
 
 
+def version_of(program: str) -> str:
+    """What ``--version`` prints: the three programs are of one package."""
+    from importlib.metadata import version
+
+    return f"{program} {version('sshade')}"
+
+
 class Program(NamedTuple):
     """What a program is called, its sub-commands, and its help.
 
@@ -34,6 +41,9 @@ class Program(NamedTuple):
         arguments = list(sys.argv[1:] if argv is None else argv)
         if arguments and arguments[0] in ("-h", "--help"):
             print(self.help, end="")  # noqa: T201
+            return 0
+        if arguments and arguments[0] == "--version":
+            print(version_of(self.name))  # noqa: T201
             return 0
         try:
             from sshade.cli.console import run_command

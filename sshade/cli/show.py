@@ -5,7 +5,7 @@ at a vertex changed their length. With -o into a picture, else into a window.
 example:
   sshade show body.ply pose.json --deformed posed.ply -o posed.png
 
-Needs pyvista: pip install sshade[figures].
+Needs pyvista: pip install 'sshade[figures]'.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from importlib.metadata import version
 
 import pytest
 
@@ -50,6 +51,19 @@ def test_mistakes_are_one_sentence(overrides, message, capsys):
     assert main(["build", *overrides]) == 2
     error = capsys.readouterr().err
     assert message in error and error.startswith("error: ") and error.count("\n") == 1
+
+
+@pytest.mark.parametrize("arguments", [["bild"], [], ["verify"], ["--fast"]])
+def test_a_mistake_in_the_arguments_is_one_sentence(arguments, capsys):
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and error.count("\n") == 1 and "`defaust" in error
+
+
+def test_it_tells_its_version(capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(["--version"])
+    assert caught.value.code == 0 and capsys.readouterr().out == f"defaust {version('sshade')}\n"
 
 
 def test_module_runs_and_starts_light():

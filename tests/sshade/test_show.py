@@ -157,4 +157,4 @@ def test_with_nothing_to_draw_with_the_libraries_are_told(files, tmp_path, monke
 def test_without_the_extra_its_name_is_told(files, monkeypatch, capsys):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert main(["show", str(files[0]), "-o", "shape.png"]) == 2
-    assert "pip install sshade[figures]" in capsys.readouterr().err
+    assert "pip install 'sshade[figures]'" in capsys.readouterr().err

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -245,6 +246,11 @@ def test_an_output_that_cannot_be_written_is_refused_before_any_work(folder, cap
 )
 def test_a_mistake_in_the_arguments_is_one_sentence(folder, capsys, arguments, words):
     assert_refused(capsys, arguments, words)
+
+
+def test_it_tells_its_version(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"sshade {version('sshade')}\n"
 
 
 @pytest.mark.parametrize("command", PROGRAM.commands)
