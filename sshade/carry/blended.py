@@ -56,6 +56,8 @@ from sshade.threads import ThreadTeam, in_ranges
 
 #: How far R^T R of a given rotation may be from the identity.
 ORTHOGONAL = 1e-6
+#: Triangles whose frames a thread makes at a time.
+ROWS = 4096
 
 # What decoding needs of a triangle abc, side by side in memory, for a point reads all of it:
 #
@@ -126,7 +128,8 @@ class BlendedFrames:
         Q, error = quaternions(R)
         if not error <= ORTHOGONAL:
             raise InputError(f"a rotation of the proxy's vertices is off by {error:.1e}: it is no rotation")
-        triangles = _triangles(F, NV, Q)
+        triangles = np.empty((len(F), WIDTH))
+        (team or ThreadTeam(1)).ranges(lambda *own: _triangles(*own, F, NV, Q, triangles), len(F), rows=ROWS)
         if self.stretch:
             S = np.ascontiguousarray(R.transpose(0, 2, 1) @ A)
             _add_stretch(triangles, F, self.proxy.V, Q, S)
@@ -155,15 +158,14 @@ def _offsets(first, end, V, face, barycentric, NV, F, local):
 
 
 @njit(cache=True, nogil=True)
-def _triangles(F, V, Q):
-    """(l, WIDTH): T as above, with quaternions whose signs agree.
+def _triangles(first, end, F, V, Q, T):
+    """Write rows of T (l, WIDTH) as above, with quaternions whose signs agree.
 
     A quaternion and its negative are the same rotation; the signs are chosen
     along the two edges with the smaller turns. Were they chosen along any two,
     opposite ones could meet on the third edge and cancel.
     """
-    T = np.empty((len(F), WIDTH))
-    for t in range(len(F)):
+    for t in range(first, end):
         a, b, c = F[t, 0], F[t, 1], F[t, 2]
         for r in range(3):
             T[t, CORNER + r], T[t, CORNER + 3 + r], T[t, CORNER + 6 + r] = V[a, r], V[b, r], V[c, r]
@@ -181,7 +183,6 @@ def _triangles(F, V, Q):
             T[t, QUATERNION + r] = Q[a, r]
             T[t, QUATERNION + 4 + r] = b_sign * Q[b, r]
             T[t, QUATERNION + 8 + r] = c_sign * Q[c, r]
-    return T
 
 
 @njit(cache=True, nogil=True)

@@ -2,26 +2,29 @@
 
 A solve begins at the shape, the rotations, the weights of softened triangles and the multipliers of
 constraints that the last one ended with, and goes on as that one did as far as this brings the targets
-nearer: where they stop, or turn, so does the shape. Its first step is a plain one. Handles are taken
-to their targets by its global step only, as alone they would tear the rotations around them along. The later
-ones are quasi-Newton steps, which begin with the pairs of earlier solves, for the energy's curvature
-hardly changes from one to the next.
+nearer: where they stop, or turn, so does the shape. What is left of the targets' move takes the shape along as
+little as the quadratic energy of the Laplacian allows, with no rotation fitted before: handles that go
+alone would tear the rotations around them along. Quasi-Newton steps follow, at least two: they begin with
+the pairs of earlier solves, for the energy's curvature hardly changes from one to the next, and only a second
+step tells what there is to learn from the first. What lags in a drag are slow modes, which plain steps
+hardly move; the more pairs, the more of these they know.
 """
 
 from __future__ import annotations
 
-from math import inf
-from typing import Unpack
+from typing import Any, Unpack
 
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.progress import silent
 from sshade.solver.local_global import LocalGlobal
 from sshade.solver.options import EnergyOptions
-from sshade.solver.quasi_newton import QuasiNewton, iterate
+from sshade.solver.quasi_newton import ENERGY_ROUNDING, QuasiNewton, largest_move
 from sshade.solver.solution import Solution
 from sshade.threads import ThreadTeam
+
+#: Iterations of a solve at least, where targets have moved and its cutoff allows.
+LEAST = 2
 
 
 class Following:
@@ -59,7 +62,7 @@ class Following:
         known: tuple[np.ndarray, np.ndarray] | None = None,
         share: np.ndarray | None = None,
         volume_goal: float = 1.0,
-        window: int = 5,
+        window: int = 10,
         **energy: Unpack[EnergyOptions],
     ) -> None:
         if solver.system.factorised is None:
@@ -74,7 +77,9 @@ class Following:
         self._iteration.local_step(self._u)
         self._last_u, self._move = self._u.copy(), np.empty_like(self._u)
         self._targets = self._last_targets = targets
-        self._mixer = QuasiNewton(len(self._u), window, self._iteration.gradient, team=team)
+        unit = solver.mesh.diagonal
+        self._mixer = QuasiNewton(len(self._u), window, self._iteration.gradient, unit=unit, single=True)
+        self._has_directions = False
 
     def solve(
         self,
@@ -96,29 +101,72 @@ class Following:
         solver, iteration, u = self.solver, self._iteration, self._u
         targets, _ = solver.checked_positions(targets, None)
         iteration.aim(targets - solver.mesh.origin, volume_goal, known=known, share=share)
+        moved = not np.array_equal(targets, self._targets)
         if max_iterations > 0:
-            self._go_on(targets)
+            self._go_on(targets, share)
         self._mixer.cut()
-        facts = iterate(
-            iteration,
-            u,
-            mixer=self._mixer,
-            tolerance=tolerance,
-            max_iterations=max_iterations,
-            deadline=inf,
-            progress=silent,
-            plain=1,
-        )
+        facts = self._iterate(tolerance, max_iterations, least=LEAST if moved else 1)
         return solver.solution(iteration, u, targets, self._held, volume_goal, facts)
 
-    def _go_on(self, targets: np.ndarray) -> None:
-        """Repeat the last move, or a share of it, or take back as much, so that targets are nearest."""
-        u, last = self._u, self._targets - self._last_targets
+    def _go_on(self, targets: np.ndarray, share: np.ndarray | None) -> None:
+        """Repeat the last move, or a part of it, or take back as much, and go to the targets from there."""
+        system, u, last = self.solver.system, self._u, self._targets - self._last_targets
         move, square = targets - self._targets, float((last * last).sum())
-        share = float(np.clip((move * last).sum() / square, -1.0, 1.0)) if square > 0 else 0.0
+        part = float(np.clip((move * last).sum() / square, -1.0, 1.0)) if square > 0 else 0.0
         np.subtract(u, self._last_u, out=self._move)
         self._last_u[:] = u
         self._last_targets, self._targets = self._targets, targets
-        if share:
-            self._move *= share
+        if part:
+            self._move *= part
             u += self._move
+        factorised, soft = system.factorised, system.soft
+        held = targets[system.hard] - self.solver.mesh.origin
+        pull = system.pull if share is None else system.pull * share[soft]
+        right = np.zeros_like(u)
+        right[system.pulled] = pull[:, None] * (move - part * last)[soft]
+        free = system.place[factorised.free]
+        X = right[free] - factorised.to_handles @ (held - u[system.held])
+        factorised.factorisation.solve_ordered(X)
+        u[free] += X
+        u[system.held] = held
+        if self._has_directions:
+            self._iteration.restore(u)
+        else:
+            self._iteration.project(u)
+            self._has_directions = True
+
+    def _iterate(self, tolerance: float, max_iterations: int, *, least: int) -> dict[str, Any]:
+        """As :func:`sshade.solver.quasi_newton.iterate`, but the last step is a quasi-Newton one as well."""
+        u, mixer, iteration, system = self._u, self._mixer, self._iteration, self.solver.system
+        g, slack = np.empty_like(u), ENERGY_ROUNDING * abs(system.rest_energy)
+        first = energy = iteration.local_step(u)
+        residuals: list[float] = []
+        rejected, converged = 0, False
+        while not converged and len(residuals) < max_iterations:
+            before = energy
+            iteration.global_step(u, g)
+            residuals.append(float(largest_move(g, u)) / system.mesh.diagonal)
+            if not np.isfinite(residuals[-1]):
+                raise FloatingPointError(f"the positions are not finite after {len(residuals)} iterations")
+            converged = residuals[-1] < tolerance and len(residuals) >= least
+            mixed = mixer.advance(u, g)
+            if mixed:
+                iteration.restore(u)
+            energy = iteration.local_step(u)
+            if mixed and not (energy <= before + slack and iteration.restored):
+                rejected += 1
+                mixer.halve(u)
+                iteration.restore(u)
+                energy = iteration.local_step(u)
+                if not (energy <= before + slack and iteration.restored):
+                    mixer.fall_back(u)
+                    energy = iteration.local_step(u)
+        return {
+            "iterations": len(residuals),
+            "residual": residuals[-1] if residuals else np.inf,
+            "residual_curve": np.array(residuals),
+            "energy": system.rest_energy + energy,
+            "energy_initial": system.rest_energy + first,
+            "converged": converged,
+            "rejected": rejected,
+        }
