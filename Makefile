@@ -53,10 +53,13 @@ bench: $(READY) $(FULL)/dataset.json $(BASES:%=%/dataset.json)
 	  accelerated_arap accelerated_elastic deformation_graph sshade $(ONE) sshade_fast sshade_fine
 	$(BIN)/sshade-eval bench drag --cases $(BODY) --methods "sshade-1=sshade samplings=1 solver.start=rest" \
 	  sshade_fast "sshade_fast-6000=sshade_fast vertices=6000"
+	$(BIN)/sshade-eval bench drag --name drag_large --sizes 1000000 --rounds 3 \
+	  --cases "defaust root=data/bench/15625 subject=0 pose=1" \
+	  --methods sshade_fast "sshade_fast-6000=sshade_fast vertices=6000"
 	$(BIN)/sshade-eval bench scaling --cases $(BASES:%="defaust root=% subject=0 pose=1") \
 	  --methods $(ONE) sshade_fast
 	$(BIN)/sshade-eval bench startup --methods sshade sshade_fast
-	$(BIN)/sshade-eval timings speed drag scaling startup
+	$(BIN)/sshade-eval timings speed drag drag_large scaling startup
 
 # LARGEST=--largest: with a mesh of 44 million vertices, in 16 GiB.
 scaling: $(READY) $(FULL)/dataset.json data/bench/10000/dataset.json

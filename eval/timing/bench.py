@@ -8,7 +8,8 @@ in several calls where one is shorter; what takes over a minute is called once.
 kinds:
   speed    calls of methods on tasks; those of --extrapolate run --block iterations, from which
            the time of their cutoff is computed
-  drag     methods that can be bound: bind, first solve, steps of a drag, the way back
+  drag     methods that can be bound: bind, first solve, steps of a drag, the way back; with
+           --sizes on subdivisions of the cases, as scaling
   scaling  midpoint subdivisions of the cases, for each of --sizes the one that comes nearest,
            each in a process of its own, with its peak of memory
   startup  `sshade deform --method METHOD` on a tiny mesh: imports for the most part
@@ -49,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--extrapolate", nargs="+", default=(), metavar="LABEL", help="methods, for speed")
     parser.add_argument("--block", type=int, default=10, metavar="I", help="iterations (default: 10)")
     parser.add_argument(
-        "--sizes", type=int, nargs="+", default=scaling.SIZES, metavar="N", help="for scaling"
+        "--sizes", type=int, nargs="+", default=(), metavar="N", help="vertices, for scaling and drag"
     )
 
 
@@ -62,9 +63,11 @@ def command(options: argparse.Namespace) -> int:
     else:
         methods, sources = read_methods(options.methods), read_cases(options.cases)
         if options.kind == drag.KIND:
-            rows = drag.time_drags(methods, sources, rounds=options.rounds)
+            rows = drag.time_drags(methods, sources, rounds=options.rounds, sizes=options.sizes)
         elif options.kind == scaling.KIND:
-            rows = scaling.time_scaling(methods, sources, rounds=options.rounds, sizes=options.sizes)
+            rows = scaling.time_scaling(
+                methods, sources, rounds=options.rounds, sizes=options.sizes or scaling.SIZES
+            )
         else:
             rows = speed.time_methods(
                 methods,
@@ -85,7 +88,7 @@ def _check(options: argparse.Namespace, name: str) -> None:
     """Raise InputError on arguments that do not go together."""
     if not re.fullmatch(r"[\w.+=-]+", name):
         raise InputError(f"--name {name!r} is no name of a file; use letters, digits and _.+=-")
-    if options.rounds < 1 or min(options.sizes) < 1:
+    if min(options.rounds, *options.sizes, 1) < 1:
         raise InputError("--rounds and --sizes take numbers from 1")
     if bool(options.cases) == (options.kind == startup.KIND):
         none = "takes no --cases" if options.cases else "needs --cases"

@@ -11,6 +11,7 @@ import numpy as np
 from eval.rows.store import Row
 from eval.run.targets import instantiate
 from eval.timing.cases import TimedMethod, task_facts
+from eval.timing.scaling import nearest, subdivided
 from eval.timing.turns import Job, take_turns
 from sshade.errors import InputError
 from sshade.pipeline.deformer import Deformer
@@ -30,9 +31,23 @@ SAME = 1e-6
 
 
 def time_drags(
-    methods: Sequence[TimedMethod], sources: Sequence[dict[str, Any]], *, rounds: int
+    methods: Sequence[TimedMethod],
+    sources: Sequence[dict[str, Any]],
+    *,
+    rounds: int,
+    sizes: Sequence[int] = (),
 ) -> list[Row]:
     """Time drags of methods on tasks in turns.
+
+    Parameters
+    ----------
+    methods : sequence of TimedMethod
+    sources : sequence of dict
+        Configurations that load the tasks.
+    rounds : int
+    sizes : sequence of int
+        Numbers of vertices: for each the midpoint subdivision of a task that comes nearest, in place of all
+        tasks as they are.
 
     Raises
     ------
@@ -40,6 +55,9 @@ def time_drags(
         See :func:`eval.timing.turns.take_turns`; and when a method cannot be bound.
     """
     tasks = [instantiate(source) for source in sources]
+    if sizes:
+        near = nearest([task.mesh.n for task in tasks], sizes)
+        tasks = [subdivided(tasks[base], level) if level else tasks[base] for _, base, level in near]
     return take_turns([_job(method, task) for task in tasks for method in methods], rounds=rounds)
 
 

@@ -68,14 +68,24 @@ def time_scaling(
     InputError
         See :func:`eval.timing.turns.take_turns`.
     """
-    bases = [instantiate(source).mesh.n for source in sources]
-    subdivisions = [(4**level * n, i, level) for i, n in enumerate(bases) for level in range(DEEPEST + 1)]
-    wanted = {min(subdivisions, key=lambda case: abs(np.log(case[0] / size))) for size in sizes}
     rows: list[Row] = []
-    for n, base, level in sorted(wanted):
+    for n, base, level in nearest([instantiate(source).mesh.n for source in sources], sizes):
         say(f"about {n:,} vertices")
         rows += _in_own_process(_time_size, methods, sources[base], level, rounds)
     return rows
+
+
+def nearest(bases: Sequence[int], sizes: Sequence[int]) -> list[tuple[int, int, int]]:
+    """The subdivisions that come nearest to some sizes, each once: vertices, which of the bases, level.
+
+    Parameters
+    ----------
+    bases : sequence of int
+        Their numbers of vertices.
+    sizes : sequence of int
+    """
+    subdivisions = [(4**level * n, i, level) for i, n in enumerate(bases) for level in range(DEEPEST + 1)]
+    return sorted({min(subdivisions, key=lambda case: abs(np.log(case[0] / size))) for size in sizes})
 
 
 def _in_own_process(function: Callable[..., list[Row]], *arguments: Any) -> list[Row]:

@@ -2,12 +2,12 @@
 
 A solve begins at the shape, the rotations, the weights of softened triangles and the multipliers of
 constraints that the last one ended with, and goes on as that one did as far as this brings the targets
-nearer: where they stop, or turn, so does the shape. What is left of the targets' move takes the shape along as
-little as the quadratic energy of the Laplacian allows, with no rotation fitted before: handles that go
-alone would tear the rotations around them along. Quasi-Newton steps follow, at least two: they begin with
-the pairs of earlier solves, for the energy's curvature hardly changes from one to the next, and only a second
-step tells what there is to learn from the first. What lags in a drag are slow modes, which plain steps
-hardly move; the more pairs, the more of these they know.
+nearer: where they stop, or turn, so does the shape. What is left of the targets' move takes the shape along
+as the quadratic energy of the Laplacian asks for, with no rotation fitted before: handles that go alone would
+tear the rotations around them along. Quasi-Newton steps follow, at least two. They begin with the pairs of
+earlier solves, for the energy's curvature hardly changes from one to the next, and only a second step tells
+what there is to learn from the first. What lags in a drag are slow modes, which plain steps hardly move:
+the more pairs, the more of these they know.
 """
 
 from __future__ import annotations

@@ -254,8 +254,7 @@ class LocalGlobal:
         facts: dict[str, Any],
     ) -> Solution:
         """What an iteration has come to: its positions u, in the system's order, and the rest."""
-        R = np.empty((self.mesh.n, 3, 3))
-        R[self.system.vertex] = iteration.R.reshape(-1, 3, 3)
+        R = np.take(iteration.R, self.system.place, axis=0).reshape(-1, 3, 3)
         errors = self._components.errors(u, volume_goal=volume_goal)
         states = self._components.status(held, errors)
         return Solution(
@@ -306,8 +305,7 @@ class LocalGlobal:
         return u
 
     def from_system(self, u: np.ndarray, targets: np.ndarray) -> np.ndarray:
-        positions = np.empty_like(u)
-        positions[self.system.vertex] = u + self.mesh.origin
+        positions = np.take(u, self.system.place, axis=0) + self.mesh.origin
         hard = self.system.hard
         positions[self.index[hard]] = targets[hard]
         return positions

@@ -75,6 +75,23 @@ def test_a_drag(machine, case, method):
     assert "other handles (s)" in Path("out/tables/drag.md").read_text()
 
 
+def test_a_drag_of_a_subdivision(machine, case):
+    rows = bench(
+        "drag",
+        "--methods",
+        ONE + " solver.start=rest",
+        "--cases",
+        case,
+        "--sizes",
+        "2500",
+        "700",
+        "--rounds",
+        "1",
+    )
+    assert rows["task.vertices"].tolist() == [642, 2562] and (numbers(rows, "seconds.step_carry") > 0).all()
+    assert rows["task.name"].str.endswith(", level 1").tolist() == [False, True]
+
+
 def test_subdivisions_and_their_memory(machine, case):
     sizes = ["--sizes", "600", "2500", "2600"]
     rows = bench("scaling", "--methods", ONE, "--cases", case, *sizes, "--rounds", "1")
@@ -132,6 +149,7 @@ CASE = "mesh mesh=rest.ply handles=pose.json"
             "another shape",
         ),
         (["speed", "--methods", "arap", "--cases", CASE, "--rounds", "0"], "take numbers from 1"),
+        (["drag", "--methods", ONE, "--cases", CASE, "--sizes", "0"], "take numbers from 1"),
         (["speed", "--methods", "arap", "--cases", CASE, "--name", "../x"], "no name of a file"),
         (["walk", "--methods", "arap"], "invalid choice: 'walk'"),
     ],
