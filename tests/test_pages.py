@@ -13,7 +13,7 @@ from docs.beyond import EXAMPLES, Example
 from docs.pages import BLOCK, PAGES, ROOT, filled, filled_page
 from tests.shapes import bumpy, held_ends
 
-README, RESULTS, BENCHMARK, METHODS, BEYOND = (page.read_text(encoding="utf-8") for page in PAGES)
+README, RESULTS, BENCHMARK, METHODS, BEYOND, _DEFORM = (page.read_text(encoding="utf-8") for page in PAGES)
 
 #: After this heading docs/beyond.md has figures of trials.
 TRIALS = "## Trials that no table holds"

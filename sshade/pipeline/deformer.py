@@ -19,10 +19,8 @@ from sshade.pipeline.regions import HandleRegions, all_on_targets
 from sshade.progress import Progress, silent
 from sshade.solver.options import EnergyOptions
 from sshade.task import DeformationResult, DeformationTask, Handles
-from sshade.threads import ThreadTeam, available_cpus, in_threads
+from sshade.threads import ThreadTeam, in_threads
 
-#: Vertices from which on threads share those that are carried along.
-SHARED = 50_000
 #: Tolerance at which a drag has settled, over the method's.
 SETTLED = 0.01
 
@@ -321,8 +319,7 @@ class Deformer:
         if self._regions.covered:
             return all_on_targets(DeformationTask("drag", self.mesh, handles))
         into, stop = out if self._proxies.samplings == 1 else None, self._stop(tolerance, max_iterations)
-        alone = self._proxies.samplings == 1 and self.mesh.n >= SHARED
-        with ThreadTeam(available_cpus() if alone else 1) as team:
+        with ThreadTeam(self._proxies.carriers) as team:
 
             def one(number: int) -> DeformationResult:
                 proxy, keep = self._bound_proxies[number], self._keeps_volume

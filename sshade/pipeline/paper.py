@@ -23,6 +23,7 @@ from sshade.progress import Progress, silent
 from sshade.sampling.remesh import Remesh, proxy_mesh
 from sshade.solver.local_global import local_global
 from sshade.task import DeformationResult, DeformationTask, Handles, Method
+from sshade.threads import ThreadTeam
 
 #: Share of the volume that proxies may miss before they are deformed again, and how often they are.
 VOLUME_ERROR, VOLUME_ROUNDS = 1e-3, 3
@@ -144,7 +145,9 @@ def sshade(
             binding = binds.result()
             # 4. Carry M along: M' decoded in the frames of N'.
             begin = perf_counter()
-            V, degenerate = binding.carry(solved.vertices, rotations=solved.extra.get("rotations"))
+            with ThreadTeam(proxies.carriers) as team:
+                R = solved.extra.get("rotations")
+                V, degenerate = binding.carry(solved.vertices, rotations=R, team=team)
             if keep_volume:
                 V = regions.on_targets(V, task.handles)
             spent["carry"] += perf_counter() - begin

@@ -18,7 +18,7 @@ from sshade.mesh.adjacency import VertexGraph, vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.sampling.remesh import remesh
 from sshade.task import DeformationResult
-from sshade.threads import in_threads, number_of_workers
+from sshade.threads import available_cpus, in_threads, number_of_workers
 
 #: Vertices of a mesh over those of its proxy, at least.
 COARSER = 4
@@ -27,6 +27,8 @@ VERTICES = 6000
 #: Vertices of a proxy besides its handles, at least, and for how many of these there is room: more are
 #: thinned.
 SPARE, HANDLES = 4, 1500
+#: Vertices of a mesh from which on threads share those that one proxy carries along.
+SHARED = 50_000
 
 
 def least_vertices(handles: int) -> int:
@@ -142,6 +144,11 @@ class Proxies:
             frames=self.frames,
             graph=self.graph,
         )
+
+    @property
+    def carriers(self) -> int:
+        """Threads that carry M along with each proxy: one where samplings share the CPUs, or M is small."""
+        return available_cpus() if self.samplings == 1 and self.mesh.n >= SHARED else 1
 
     def average(self, one: Callable[[int], DeformationResult]) -> DeformationResult:
         """The mean M' over samplings, ``one(0)`` to ``one(samplings - 1)``, which run in threads.

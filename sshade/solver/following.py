@@ -65,10 +65,10 @@ class Following:
         window: int = 10,
         **energy: Unpack[EnergyOptions],
     ) -> None:
-        if solver.system.factorised is None:
+        if (factorised := solver.system.factorised) is None:
             raise InputError("a solver that follows moving targets needs a factorisation, not multigrid")
         targets, positions = solver.checked_positions(targets, positions)
-        self.solver, team = solver, ThreadTeam(1)
+        self.solver, self._factorised, team = solver, factorised, ThreadTeam(1)
         self._held, self._iteration = solver.iteration(
             targets, team=team, volume_goal=volume_goal, known=known, share=share, **energy
         )
@@ -119,7 +119,7 @@ class Following:
         if part:
             self._move *= part
             u += self._move
-        factorised, soft = system.factorised, system.soft
+        factorised, soft = self._factorised, system.soft
         held = targets[system.hard] - self.solver.mesh.origin
         pull = system.pull if share is None else system.pull * share[soft]
         right = np.zeros_like(u)

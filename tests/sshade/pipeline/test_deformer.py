@@ -128,9 +128,10 @@ def test_rotations_may_come_and_go_in_a_drag():
 def test_threads_that_carry_change_no_bit(mesh, held, monkeypatch):
     shapes = []
     for shared, cpus in ((0, 3), (10**9, 1)):
-        monkeypatch.setattr("sshade.pipeline.deformer.SHARED", shared)
-        monkeypatch.setattr("sshade.pipeline.deformer.available_cpus", lambda cpus=cpus: cpus)
+        monkeypatch.setattr("sshade.pipeline.proxies.SHARED", shared)
+        monkeypatch.setattr("sshade.pipeline.proxies.available_cpus", lambda cpus=cpus: cpus)
         monkeypatch.setattr("sshade.threads.ROWS", 100)
+        monkeypatch.setattr("sshade.carry.blended.ROWS", 50)
         drag = Deformer(mesh, held, vertices=150)
         shapes.append([drag(lifted(mesh, held, height)).vertices for height in (0.1, 0.2)])
     np.testing.assert_array_equal(*shapes)
@@ -170,7 +171,7 @@ def test_a_drag_settles_in_the_minimum_that_the_method_leads_to(name):
         assert abs(lost) < 1e-3
 
 
-def test_a_frame_that_moves_nothing_is_one_plain_step(mesh, held):
+def test_a_frame_that_moves_nothing_is_one_step(mesh, held):
     drag = Deformer(mesh, held, vertices=150)
     drag(lifted(mesh, held, 0.3))
     drag.settle()

@@ -69,6 +69,32 @@ def test_steps_along_a_way_take_fewer_iterations_than_solves_from_the_last_shape
     assert sum(ours) < 0.6 * sum(theirs)
 
 
+def test_a_drag_lags_less_behind_the_minima_than_one_of_as_many_plain_steps(solver, parts):
+    following, lag, plain_lag = begun(solver, parts), [], []
+    plain = minimum = solver.solve(**at(parts, 0.0), **ENERGY)
+    for angle in np.linspace(0.02, 0.4, 20):
+        step = following.solve(**at(parts, angle), tolerance=1e-4)
+        from_last = {"start": plain.positions, "rotations": plain.rotations, "accelerate": False}
+        plain = solver.solve(
+            **at(parts, angle), **from_last, tolerance=0, max_iterations=int(step.iterations), **ENERGY
+        )
+        near = {"start": minimum.positions, "rotations": minimum.rotations}
+        minimum = solver.solve(**at(parts, angle), **near, tolerance=1e-8, **ENERGY)
+        lag.append(np.abs(step.positions - minimum.positions).max())
+        plain_lag.append(np.abs(plain.positions - minimum.positions).max())
+    assert step.iterations <= 5 and max(lag[5:]) < 0.3 * max(plain_lag[5:])
+
+
+def test_targets_that_are_shifted_take_the_shape_along_before_any_iteration(solver, parts):
+    """A shift is the harmonic move of held vertices, and that of vertices pulled with all their stiffness."""
+    following, shift = begun(solver, parts), np.array([0.3, -0.2, 0.5]) * BAR.diagonal
+    start = at(parts, 0.0)
+    before = following.solve(**start, tolerance=1e-9)
+    after = following.solve(start["targets"] + shift, share=start["share"], tolerance=1e-4)
+    assert after.residual_curve[0] < 1e-8
+    assert np.abs(after.positions - before.positions - shift).max() < 1e-7 * BAR.diagonal
+
+
 def test_targets_that_stop_are_not_overshot_and_those_that_turn_back_lead_back(solver, parts):
     following = begun(solver, parts)
     for angle in (0.1, 0.2):
