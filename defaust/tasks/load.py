@@ -22,6 +22,7 @@ from defaust.folder.layout import (
 from defaust.folder.record import POSE, read_dataset, read_record
 from defaust.sources.shapes import ideal_pose
 from defaust.tasks.full_size import Registered, find_skin, true_pose
+from defaust.tasks.handle_kinds import Kind, of_kind
 from defaust.tasks.transfers import transfer_task
 from sshade import DeformationTask, Handles, InputError, Mesh, TransferTask
 from sshade.io.meshes import read_mesh
@@ -68,6 +69,7 @@ def load_task(
     raw: bool = False,
     source: str | None = None,
     edit: Edit | None = None,
+    handles: Kind = "stored",
 ) -> DeformationTask | TransferTask:
     """Load rest mesh and handles of one subject and pose; with an edit, the pose transfer instead.
 
@@ -91,6 +93,10 @@ def load_task(
         One of :mod:`defaust.edits`: the task is to put the edited rest mesh into
         the pose, without handles. :class:`defaust.edits.Unedited` leaves the mesh
         as it is.
+    handles : str
+        ``stored``, ``points``, ``landmarks`` or ``regions``: the same pose asked for by another kind of
+        handles, see :func:`defaust.tasks.handle_kinds.of_kind`. But for stored ones the kind ends the
+        task's name.
 
     Returns
     -------
@@ -99,7 +105,7 @@ def load_task(
         handles' groups are the ids of their landmarks (positions in the
         dataset's list); `meta` holds ``dataset``, ``subject``, ``pose``,
         ``source_pose``, ``note`` (of the source, for tables), ``resolution``, ``vertices``,
-        ``n_static``, ``n_dynamic``, ``snap_max``, ``merged``, ``checksum``
+        ``handles`` (their kind), ``n_static``, ``n_dynamic``, ``snap_max``, ``merged``, ``checksum``
         (of the mesh and the pose file), and ``posed_by``, which says what `truth` was made
         by (``registration``, ``skinning``, ``subdivision`` or ``formulas``); where there is none,
         ``no_truth`` says why.
@@ -150,21 +156,26 @@ def load_task(
         steps = next(s["high"]["ls3_steps"] for s in document["subjects"] if s["subject"] == subject)
         meshes = Registered(mesh, low, posed, steps)
         if edit is not None:
+            if handles != "stored":
+                raise InputError(f"a pose transfer has no handles; leave handles={handles} out")
             return transfer_task(meshes, document, name=name, edit=edit, facts=facts)
         truth, how = _truth(meshes, document["source"], facts)
-    handles = _handles(mesh, content["handles"], landmarks=document["landmarks"], raw=raw)
+    own = _handles(mesh, content["handles"], landmarks=document["landmarks"], raw=raw)
+    are_regions = any("boxes" in record for record in content["handles"])
+    own = of_kind(mesh, own, handles, are_regions=are_regions)
     return DeformationTask(
-        name=name,
+        name=name if handles == "stored" else f"{name}/{handles}",
         mesh=mesh,
-        handles=handles,
+        handles=own,
         truth=truth,
         meta=facts
         | how
         | {
-            "n_static": int((~handles.dynamic).sum()),
-            "n_dynamic": int(handles.dynamic.sum()),
-            "snap_max": float(handles.snap_distance.max()),
-            "merged": int(handles.merged),
+            "handles": handles,
+            "n_static": int((~own.dynamic).sum()),
+            "n_dynamic": int(own.dynamic.sum()),
+            "snap_max": float(own.snap_distance.max()),
+            "merged": int(own.merged),
             "raw": raw,
         },
     )

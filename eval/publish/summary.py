@@ -103,11 +103,12 @@ def make_table(rows: pd.DataFrame, *, title: str, mixed: bool = False) -> Table:
     of_half = {half: rows[splits.isna() if half is None else splits == half] for half in HALVES}
     (half, first), *others = [(half, own) for half, own in of_half.items() if len(own)]
     comparison = compare(first, columns)
-    if are_transfers(rows):
-        own = begun(first[first["task.name"].isin(comparison.common)])
-        parts = [_table(name, columns, part, compare(part, columns)) for name, part in _parts(own).items()]
-    else:
-        parts = contest(comparison, first, columns)
+    parts = [
+        _table(name, columns, part, compare(part, columns))
+        for name, part in _parts(first, comparison.common).items()
+    ]
+    if not are_transfers(rows):
+        parts += contest(comparison, first, columns)
     for other, own in others:
         of_other = compare(own, columns)
         notes = case_notes(own, of_other, half=other)
@@ -147,11 +148,17 @@ def contest(comparison: Comparison, rows: pd.DataFrame, columns: tuple[Column, .
     ]
 
 
-def _parts(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    """Rows of pose transfers by class, pose and edit, each where there are several.
+def _parts(rows: pd.DataFrame, common: pd.Index) -> dict[str, pd.DataFrame]:
+    """Rows by kind of handles, or of pose transfers by class, pose and edit, each where there are several.
 
-    By pose only where every class has the same ones: elsewhere a pose is one case.
+    A method may take one kind of handles only, so that those compare by the cases of each kind, the others by
+    the common ones. By pose only where every class has the same ones: elsewhere a pose is one case.
     """
+    if not are_transfers(rows):
+        kinds = rows.reindex(columns=["task.meta.handles"])["task.meta.handles"]
+        several = kinds.nunique() > 1
+        return {f"handles: {kind}": part for kind, part in rows.groupby(kinds)} if several else {}
+    rows = begun(rows[rows["task.name"].isin(common)])
     parts = {}
     facts = rows.reindex(columns=[f"task.meta.{fact}" for fact in ("class", "source_pose", "edit")])
     classes = facts["task.meta.class"]

@@ -173,6 +173,26 @@ def test_pose_transfers_by_class_and_edit():
     assert table_of(*two[:1]).parts == ()
 
 
+def test_kinds_of_handles_are_tables_of_their_own():
+    """The others are not held to the cases of a method that takes one kind only, but in the whole."""
+    kinds = ("points", "regions")
+    rows = [
+        row(method, f"{task}/{kind}", **{"task.meta.handles": kind, "metric.edge": 1.0 + k})
+        for k, kind in enumerate(kinds)
+        for method in ("a", "b")
+        for task in ("t1", "t2")
+    ]
+    one = [row("c", f"{task}/regions", **{"task.meta.handles": "regions"}) for task in ("t1", "t2")]
+    other = [lost("c", f"{task}/points") | {"task.meta.handles": "points"} for task in ("t1", "t2")]
+    table = table_of(*rows, *one, *other)
+    assert table.lines["cases"].to_dict() == {"a": 2, "b": 2, "c": 2}
+    parts = {part.title: part for part in table.parts}
+    assert list(parts)[:2] == ["handles: points", "handles: regions"]
+    assert parts["handles: points"].means["EL"].dropna().to_dict() == {"a": 1.0, "b": 1.0}
+    assert parts["handles: regions"].means["EL"].to_dict() == {"a": 2.0, "b": 2.0, "c": 3.0}
+    assert not [part for part in table_of(*one).parts if part.title.startswith("handles")]
+
+
 def test_pose_transfers_without_a_truth_show_what_changed():
     unknown = {name: None for name in transfer_row("x") if name.startswith(("metric.hausd", "metric.ch"))}
     table = table_of(transfer_row("x") | unknown)

@@ -1,0 +1,83 @@
+"""The handles of a task as another kind of handles: single points, landmarks, or whole regions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal, get_args
+
+import numpy as np
+
+from defaust.build.handles import PER_LANDMARK
+from sshade import Handles, InputError, Mesh
+from sshade.io.regions import rigidly_moved
+from sshade.mesh.adjacency import edge_graph
+from sshade.mesh.rigid import rigid_motion
+from sshade.sampling.fronts import Fronts, thinned
+
+Kind = Literal["stored", "points", "landmarks", "regions"]
+
+#: A region reaches so far from the middle of its landmark, along the edges, x diagonal: a fist or a face. On
+#: bodies the true pose of such a patch is a rigid motion but for 0.3 % of the diagonal.
+REACH = 0.05
+
+
+def of_kind(mesh: Mesh, handles: Handles, kind: Kind, *, are_regions: bool = False) -> Handles:
+    """Other handles that ask for the same pose.
+
+    What moves goes with the best rigid motion of its group, as a hand would pull it; what is
+    static stays.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Rest mesh; every component may have handles or not.
+    handles : Handles
+        Hard, each group of them one landmark.
+    kind : str
+        ``stored``: these. ``points``: of each group the vertex nearest to its mean, with its own target.
+        ``landmarks``: of each group at most :data:`PER_LANDMARK` handles, each the
+        farthest along the edges from those before it.
+        ``regions``: all vertices within :data:`REACH` of that middle vertex along the edges, each of the
+        group that is nearest.
+    are_regions : bool
+        The groups are whole regions already, which ``regions`` leaves as they are.
+
+    Raises
+    ------
+    InputError
+        On another kind.
+    """
+    if kind not in get_args(Kind):
+        raise InputError(f"handles={kind} is unknown; use one of {', '.join(get_args(Kind))}")
+    if kind == "stored" or (kind == "regions" and are_regions):
+        return handles
+    groups = [np.flatnonzero(handles.group == group) for group in np.unique(handles.group)]
+    if kind == "landmarks":
+        graph = edge_graph(mesh)
+        vertices = np.concatenate([thinned(graph, handles.index[own], PER_LANDMARK) for own in groups])
+        return _some(handles, np.flatnonzero(np.isin(handles.index, vertices)))
+    middle = np.array([_middle(mesh.V[handles.index[own]], own) for own in groups])
+    return _some(handles, middle) if kind == "points" else _regions(mesh, handles, groups, middle)
+
+
+def _middle(points: np.ndarray, own: np.ndarray) -> int:
+    """The one of a group whose point is nearest to their mean."""
+    return int(own[np.linalg.norm(points - points.mean(axis=0), axis=1).argmin()])
+
+
+def _some(handles: Handles, chosen: np.ndarray) -> Handles:
+    fields = ("index", "target", "dynamic", "group", "snap_distance", "weight")
+    return replace(handles, **{name: getattr(handles, name)[chosen] for name in fields})
+
+
+def _regions(mesh: Mesh, handles: Handles, groups: list[np.ndarray], middle: np.ndarray) -> Handles:
+    fronts = Fronts(edge_graph(mesh), handles.index[middle])
+    index = np.flatnonzero(fronts.distance <= REACH * mesh.diagonal)
+    of = fronts.region[index]
+    target = mesh.V[index]
+    for number, own in enumerate(groups):
+        if handles.dynamic[middle[number]]:
+            motion = rigid_motion(mesh.V[handles.index[own]], handles.target[own])
+            target[of == number] = rigidly_moved(target[of == number], *motion)
+    dynamic, group = (values[middle][of] for values in (handles.dynamic, handles.group))
+    return Handles(index, target, dynamic=dynamic, group=group)

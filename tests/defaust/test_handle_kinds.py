@@ -1,0 +1,164 @@
+"""The same pose asked for by other kinds of handles."""
+
+import numpy as np
+import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial.distance import pdist
+from scipy.spatial.transform import Rotation
+
+from defaust.build.dataset import build
+from defaust.build.options import BuildOptions
+from defaust.edits import Unedited
+from defaust.sources.shapes import Shapes
+from defaust.tasks import handle_kinds, load_task
+from defaust.tasks.handle_kinds import REACH, of_kind
+from sshade import Handles, InputError, Mesh
+from tests.shapes import icosphere
+
+KINDS = ("points", "landmarks", "regions")
+TURN = Rotation.from_euler("xyz", [20, -70, 35], degrees=True).as_matrix()
+
+
+def scattered(mesh, *, reach, count=12):
+    """Handles about the highest vertex, which turn, and about the lowest, which stay."""
+    rng = np.random.default_rng(3)
+    index, target, dynamic, group = [], [], [], []
+    for number, (end, moves) in enumerate(((mesh.V[:, 1].argmax(), True), (mesh.V[:, 1].argmin(), False))):
+        near = np.flatnonzero(np.linalg.norm(mesh.V - mesh.V[end], axis=1) < reach * mesh.diagonal)
+        own = rng.choice(near, count, replace=False)
+        index.append(own)
+        target.append(mesh.V[own] @ TURN.T + [1.0, 2.0, 3.0] if moves else mesh.V[own])
+        dynamic.append(np.full(count, moves))
+        group.append(np.full(count, 4 - number))
+    parts = (np.concatenate(part) for part in (index, target, dynamic, group))
+    return Handles(*parts)
+
+
+@pytest.fixture(scope="module")
+def ball():
+    rng = np.random.default_rng(1)
+    sphere = icosphere(5)
+    return Mesh(sphere.V * [1.0, 1.3, 0.8] + 1e-3 * rng.standard_normal((sphere.n, 3)), sphere.F)
+
+
+@pytest.fixture(scope="module")
+def handles(ball):
+    return scattered(ball, reach=0.04)
+
+
+def distances(mesh, vertex):
+    """Along the edges, by scipy over a matrix of its own."""
+    i, j = mesh.F.ravel(), mesh.F[:, [1, 2, 0]].ravel()
+    length = np.linalg.norm(mesh.V[i] - mesh.V[j], axis=1)
+    graph = coo_array((length, (i, j)), shape=(mesh.n, mesh.n)).tocsr()
+    return dijkstra(graph, directed=False, indices=vertex)
+
+
+def test_a_point_of_each_group_is_its_middle_and_goes_where_it_went(ball, handles):
+    points = of_kind(ball, handles, "points")
+    assert points.group.tolist() == [3, 4] and points.dynamic.tolist() == [False, True]
+    for index, target, group in zip(points.index, points.target, points.group, strict=True):
+        own = handles.group == group
+        off = np.linalg.norm(ball.V[handles.index[own]] - ball.V[handles.index[own]].mean(axis=0), axis=1)
+        assert index == handles.index[own][off.argmin()]
+        np.testing.assert_array_equal(target, handles.target[own][off.argmin()])
+
+
+def test_regions_are_rigid_discs_about_the_middles(ball, handles):
+    points, regions = (of_kind(ball, handles, kind) for kind in ("points", "regions"))
+    for middle, group in zip(points.index, points.group, strict=True):
+        own = regions.group == group
+        inside = np.flatnonzero(distances(ball, middle) <= REACH * ball.diagonal)
+        assert sorted(regions.index[own]) == inside.tolist() and own.sum() > 30
+        assert len(set(regions.dynamic[own])) == 1
+    held = ~regions.dynamic
+    np.testing.assert_array_equal(regions.target[held], ball.V[regions.index[held]])
+    moved = regions.index[regions.dynamic]
+    expected = ball.V[moved] @ TURN.T + [1.0, 2.0, 3.0]
+    np.testing.assert_allclose(regions.target[regions.dynamic], expected, atol=1e-12)
+
+
+def test_a_region_whose_handles_bend_moves_rigidly_all_the_same(ball, handles):
+    bent = handles.target.copy()
+    bent[handles.dynamic] *= [1.0, 1.4, 1.0]
+    regions = of_kind(ball, handles.at(bent), "regions")
+    own = regions.dynamic
+    np.testing.assert_allclose(pdist(regions.target[own]), pdist(ball.V[regions.index[own]]), rtol=1e-9)
+
+
+def test_landmarks_are_few_and_spread(ball, handles, monkeypatch):
+    same = of_kind(ball, handles, "landmarks")
+    np.testing.assert_array_equal(np.sort(same.index), np.sort(handles.index))
+    monkeypatch.setattr(handle_kinds, "PER_LANDMARK", 4)
+    few = of_kind(ball, handles, "landmarks")
+    assert np.bincount(few.group).tolist() == [0, 0, 0, 4, 4]
+    places = {int(vertex): k for k, vertex in enumerate(handles.index)}
+    where = [places[int(vertex)] for vertex in few.index]
+    np.testing.assert_array_equal(few.target, handles.target[where])
+    np.testing.assert_array_equal(few.dynamic, handles.dynamic[where])
+    # Each is the farthest of its group from those before it: no pair is nearer than the rest are to them.
+    for group in (3, 4):
+        own, chosen = handles.index[handles.group == group], few.index[few.group == group]
+        apart = np.array([distances(ball, vertex) for vertex in chosen])
+        rest = np.setdiff1d(own, chosen)
+        pairs = apart[:, chosen] + np.where(np.eye(4), np.inf, 0)
+        assert pairs.min() >= apart[:, rest].min(axis=0).max()
+
+
+def test_of_two_regions_that_meet_each_vertex_is_of_the_nearer(ball):
+    top = int(ball.V[:, 1].argmax())
+    beside = int(np.flatnonzero(distances(ball, top) < 0.6 * REACH * ball.diagonal)[-1])
+    pair = Handles(
+        np.array([top, beside]), ball.V[[top, beside]] + [[1.0, 0, 0], [2.0, 0, 0]], group=np.array([0, 1])
+    )
+    regions = of_kind(ball, pair, "regions")
+    nearer = np.argmin([distances(ball, top), distances(ball, beside)], axis=0)[regions.index]
+    np.testing.assert_array_equal(regions.group, nearer)
+    assert 0 < nearer.sum() < len(nearer)
+    np.testing.assert_allclose((regions.target - ball.V[regions.index])[:, 0], 1.0 + nearer, atol=1e-12)
+
+
+def test_stored_handles_are_these(ball, handles):
+    assert of_kind(ball, handles, "stored") is handles
+    assert of_kind(ball, handles, "regions", are_regions=True) is handles
+    with pytest.raises(InputError, match="handles=groups is unknown; use one of stored, points, landmarks"):
+        of_kind(ball, handles, "groups")
+
+
+def test_tasks_of_all_kinds(finished):
+    stored = load_task(finished, subject=1, pose=2)
+    assert stored.meta["handles"] == "stored"
+    tasks = {kind: load_task(finished, subject=1, pose=2, handles=kind) for kind in KINDS}
+    for kind, task in tasks.items():
+        assert task.name == f"{stored.name}/{kind}" and task.meta["handles"] == kind
+        assert task.meta["n_static"] + task.meta["n_dynamic"] == len(task.handles)
+        np.testing.assert_array_equal(task.mesh.V, stored.mesh.V)
+        np.testing.assert_array_equal(task.truth, stored.truth)
+    assert len(tasks["points"].handles) == 3
+    np.testing.assert_array_equal(tasks["landmarks"].handles.target, stored.handles.target)
+    assert tasks["landmarks"].meta["merged"] == stored.meta["merged"]
+    # The pose is a turn of the whole: every region is where the truth has it.
+    regions = tasks["regions"].handles
+    np.testing.assert_allclose(regions.target, stored.truth[regions.index], atol=2e-2 * stored.mesh.diagonal)
+
+
+def test_kinds_of_stored_regions(tmp_path):
+    out = tmp_path / "bar"
+    options = BuildOptions(subjects=(2,), target_vertices=3000)
+    build(Shapes(), out, options=options, workers=1)
+    stored = load_task(out, subject=2, pose=1)
+    tasks = {kind: load_task(out, subject=2, pose=1, handles=kind) for kind in KINDS}
+    np.testing.assert_array_equal(tasks["regions"].handles.index, stored.handles.index)
+    groups = len(np.unique(stored.handles.group))
+    assert len(tasks["points"].handles) == groups
+    assert np.bincount(tasks["landmarks"].handles.group).tolist() == [handle_kinds.PER_LANDMARK] * groups
+    target = dict(zip(stored.handles.index.tolist(), stored.handles.target.tolist(), strict=True))
+    for kind in ("points", "landmarks"):
+        own = tasks[kind].handles
+        assert [target[vertex] for vertex in own.index.tolist()] == own.target.tolist()
+
+
+def test_a_transfer_has_no_handles(finished):
+    with pytest.raises(InputError, match="a pose transfer has no handles; leave handles=points out"):
+        load_task(finished, subject=1, pose=2, handles="points", edit=Unedited())
