@@ -1,4 +1,4 @@
-"""Files of registered meshes: found by name, read with that name in every complaint."""
+"""Files of registered meshes and animations: found by name, read with that name in every complaint."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from defaust.sources.animations import SUFFIX, read_counts, read_frame
 from defaust.sources.choices import shortened
 from defaust.sources.matlab import read_surface
 from sshade import InputError, Mesh
@@ -34,15 +35,18 @@ class Shape:
     Parameters
     ----------
     name : str
-        The file's name without its suffix, or the array's name.
+        The file's name without its suffix, or that of the array or the frame.
     path : Path
     array : str
         Name of the positions in an archive; empty for a file of its own.
+    frame : int, optional
+        Of an animation.
     """
 
     name: str
     path: Path
     array: str = ""
+    frame: int | None = None
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -53,7 +57,8 @@ class Shape:
     @property
     def label(self) -> str:
         """What complaints about it begin with."""
-        return f"{self.path.name}, {self.array}" if self.array else self.path.name
+        inside = self.array or self.frame is not None
+        return f"{self.path.name}, {self.name}" if inside else self.path.name
 
     def mesh(self, *, whole: bool = False) -> Mesh:
         """Read the mesh.
@@ -84,6 +89,8 @@ class Shape:
                     raise InputError(f"{path}: no such file")
             if self.array:
                 return _read_archive(self.path, array=self.array)
+            if self.frame is not None:
+                return read_frame(self.path, self.frame)
             read = {".vert": _read_vert_tri, ".mat": _read_mat}.get(self.path.suffix.lower(), read_arrays)
             return read(self.path)
 
@@ -108,35 +115,44 @@ def mesh_files(folder: Path, suffixes: Sequence[str] = SUFFIXES) -> dict[str, Pa
     return found
 
 
-def find_shapes(root: Path, *, layout: str) -> tuple[dict[str, tuple[Shape, ...]], list[str]]:
+def find_shapes(root: Path, *, layout: str) -> tuple[dict[str, tuple[Shape, ...]], dict[str, str]]:
     """The classes of a folder, by name, or the one sequence of a folder or of an .npz file.
 
-    Beside them the names of meshes that do not fit the layout ``tosca``.
+    Beside them what is of no class, by name, and why: meshes that do not fit the layout ``tosca``,
+    animations that cannot be read.
 
     Parameters
     ----------
     root : Path
+        Of animations the file, or a folder that holds some at any depth and no other meshes: each
+        file is a class, its frames are ``frame_0``, ``frame_1``, ...
     layout : str
         ``tosca``: <class><number>.<suffix>, in the order of the numbers;
         ``sequence``: all files are one sequence, sorted by name, numbers in
-        the names as numbers; ``auto``: tosca where every name fits it.
+        the names as numbers; ``auto``: tosca where every name fits it. Of no matter to animations.
 
     Raises
     ------
     InputError
-        When there are no meshes, or none whose name fits the layout.
+        When there are no meshes, or none whose name fits the layout, or none that can be read.
     """
+    if root.suffix.lower() == SUFFIX and root.is_file():
+        return _animations([root])
     if root.is_file():
-        return {root.stem: _archive_shapes(root)}, []
+        return {root.stem: _archive_shapes(root)}, {}
     files = mesh_files(root)
     if not files:
+        paths = [path for path in root.rglob(f"*{SUFFIX}") if path.is_file() and path.name[0] != "."]
+        if paths:
+            return _animations(sorted(paths, key=lambda path: _natural(path.stem)))
         raise InputError(
-            f"{root} holds no meshes ({', '.join(SUFFIXES)}); set source.root to their folder, or to an .npz"
+            f"{root} holds no meshes ({', '.join((*SUFFIXES, SUFFIX))}); set source.root to their folder, or "
+            "to an .npz"
         )
     shapes = [Shape(name, files[name]) for name in sorted(files, key=_natural)]
     parts = [re.fullmatch(r"([A-Za-z]+)\d+", shape.name) for shape in shapes]
     if layout == "sequence" or (layout == "auto" and not all(parts)):
-        return {SEQUENCE: tuple(shapes)}, []
+        return {SEQUENCE: tuple(shapes)}, {}
     unfit = [shape.name for shape, match in zip(shapes, parts, strict=True) if not match]
     if not any(parts):
         raise InputError(
@@ -146,7 +162,25 @@ def find_shapes(root: Path, *, layout: str) -> tuple[dict[str, tuple[Shape, ...]
     of = [match[1] if match else "" for match in parts]
     classes = sorted(set(of) - {""})
     found = {name: tuple(s for s, own in zip(shapes, of, strict=True) if own == name) for name in classes}
-    return found, unfit
+    return found, dict.fromkeys(unfit, "its name does not read as a class and a number, like cat0")
+
+
+def _animations(paths: Sequence[Path]) -> tuple[dict[str, tuple[Shape, ...]], dict[str, str]]:
+    found: dict[str, tuple[Shape, ...]] = {}
+    unreadable = {}
+    for path in paths:
+        if path.stem in found or path.stem in unreadable:
+            raise InputError(f"{path}: another file is called {path.name}; classes need names of their own")
+        try:
+            with Shape(path.stem, path).named():
+                frames = read_counts(path).frames
+        except InputError as error:
+            unreadable[path.stem] = str(error)
+        else:
+            found[path.stem] = tuple(Shape(f"frame_{k}", path, frame=k) for k in range(frames))
+    if not found:
+        raise InputError(unreadable[paths[0].stem])
+    return found, unreadable
 
 
 def existing(root: Any, *, option: str) -> Path:

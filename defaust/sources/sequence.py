@@ -12,6 +12,7 @@ import numpy as np
 
 from defaust.folder.layout import sha256
 from defaust.schema import mismatch
+from defaust.sources.animations import far_frames
 from defaust.sources.choices import check_choice, require_choice, require_landmarks, shortened
 from defaust.sources.files import LAYOUTS, Shape, existing, find_shapes
 from defaust.sources.source import SourcePose
@@ -23,6 +24,12 @@ from sshade.sampling.fronts import Fronts, farthest_point_sampling
 
 #: Facts that nobody but the user knows.
 FACTS = ("title", "origin", "unit", "axes", "licence", "citation")
+
+#: Of target poses that were chosen, for the card.
+_FRAMES = (
+    "Target poses of an animation are at most {} of its frames, each the farthest from those before it and "
+    "from the rest pose, after the best rigid motion."
+)
 
 
 class _Surface(NamedTuple):
@@ -50,8 +57,8 @@ class RegisteredSequence:
     Parameters
     ----------
     root : path
-        A folder of .ply, .off, .obj, .vert with .tri, or .mat files, or an
-        .npz file with positions V_0, V_1, ... and triangles F.
+        A folder of .ply, .off, .obj, .vert with .tri, or .mat files, an
+        .npz file with positions V_0, V_1, ... and triangles F, or .anime files, each of them a class.
     layout : str
         ``auto``, ``tosca`` or ``sequence``; see :func:`defaust.sources.files.find_shapes`.
     classes : sequence of str, optional
@@ -62,7 +69,10 @@ class RegisteredSequence:
     rest_pose : str, optional
         Name of the rest pose, where it is not the first of its class.
     poses_used : sequence of str, optional
-        Names of the target poses; by default all but the rest pose.
+        Names of the target poses; by default all but the rest pose, of an animation `frames`.
+    frames : int
+        Of an animation so many target poses, each the frame that is farthest from those before it and
+        from the rest pose; see :func:`defaust.sources.animations.far_frames`.
     landmarks : int or mapping
         So many by farthest point sampling on the rest pose, or the vertex of
         each by name, as its file counts (one class only). All of them are used in every pose.
@@ -84,9 +94,11 @@ class RegisteredSequence:
     without: tuple[str, ...] = ()
     rest_pose: str | None = None
     poses_used: tuple[str, ...] | None = None
+    frames: int = 4
     landmarks: int | Mapping[str, int] = 8
     name: str = "sequence"
     _surfaces: dict[int, _Surface] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _chosen: dict[str, tuple[Shape, ...]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[A-Za-z0-9_-]+", str(self.name)):
@@ -97,8 +109,11 @@ class RegisteredSequence:
         if wrong:
             raise InputError(f"source.facts needs {', '.join(FACTS)}; look at {sorted(wrong)[0]!r}")
         problem = mismatch(list(self.without), [str], "source.without")
+        problem = problem or mismatch(self.frames, int, "source.frames")
         if problem:
             raise InputError(problem)
+        if self.frames < 1:
+            raise InputError(f"source.frames is {self.frames}; it must be at least 1")
         if self.classes is not None:
             check_choice(self, "classes", known=self._found[0])
         names = [shape.name for of_class in self._shapes.values() for shape in of_class]
@@ -144,6 +159,7 @@ class RegisteredSequence:
                 if sampled
                 else "Landmarks are vertices that the configuration names.",
                 "Whether a pose is turned as a whole against the rest pose was not examined.",
+                *([_FRAMES.format(self.frames)] if self.poses_used is None and self._animated else []),
             ],
             "classes": list(self._shapes),
             "rest_poses": [self._rest(subject).name for subject in self.subjects],
@@ -154,7 +170,7 @@ class RegisteredSequence:
 
     def checksums(self, subjects: Sequence[int]) -> Mapping[str, str]:
         """sha256 of each file of these subjects that is there, by the file's name."""
-        shapes = [shape for s in subjects for shape in (self._rest(s), *self._targets(s))]
+        shapes = [shape for s in subjects for shape in (self._rest(s), *self._targets_among(self._of(s)[1]))]
         paths = {path.name: path for shape in shapes for path in shape.files if path.is_file()}
         return {name: sha256(path) for name, path in paths.items()}
 
@@ -232,7 +248,7 @@ class RegisteredSequence:
         return self._surfaces[subject]
 
     @cached_property
-    def _found(self) -> tuple[dict[str, tuple[Shape, ...]], list[str]]:
+    def _found(self) -> tuple[dict[str, tuple[Shape, ...]], dict[str, str]]:
         root = existing(self.root, option="source.root to a folder of meshes, or an .npz file")
         return find_shapes(root, layout=self.layout)
 
@@ -244,8 +260,8 @@ class RegisteredSequence:
     @cached_property
     def _usable(self) -> tuple[dict[str, tuple[Shape, ...]], dict[str, str]]:
         """The classes that are used, and why others, and files of no class, are not."""
-        found, unfit = self._found
-        left_out = dict.fromkeys(unfit, "its name does not read as a class and a number, like cat0")
+        found, left_out = self._found
+        left_out = dict(left_out)
         if self.classes is not None:
             return {name: found[name] for name in self.classes}, left_out
         usable = {name: shapes for name, shapes in found.items() if name not in self.without}
@@ -268,13 +284,28 @@ class RegisteredSequence:
 
     def _targets(self, subject: int) -> tuple[Shape, ...]:
         name, shapes = self._of(subject)
-        targets = self._targets_among(shapes)
+        if name not in self._chosen:
+            self._chosen[name] = self._far(subject, self._targets_among(shapes))
+        targets = self._chosen[name]
         if not targets:
             raise InputError(
                 f"the class {name} has no target pose besides its rest pose {self._rest(subject).name}; "
                 "leave it out with source.classes or subjects"
             )
         return targets
+
+    def _far(self, subject: int, targets: tuple[Shape, ...]) -> tuple[Shape, ...]:
+        """Of the frames of an animation those that make the poses, where none are named."""
+        rest = self._rest(subject)
+        if rest.frame is None or self.poses_used is not None:
+            return targets
+        with rest.named():
+            chosen = far_frames(rest.path, rest=rest.frame, count=self.frames)
+        return tuple(shape for shape in targets if shape.frame in chosen)
+
+    @property
+    def _animated(self) -> bool:
+        return any(shapes[0].frame is not None for shapes in self._shapes.values())
 
     def _rest_among(self, shapes: tuple[Shape, ...]) -> Shape:
         return next((s for s in shapes if s.name == self.rest_pose), shapes[0])

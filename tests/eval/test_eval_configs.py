@@ -120,6 +120,7 @@ def test_experiment_takes_other_data_by_its_name_and_folder(name, data):
         "bodies_25k",
         "bodies_170k",
         "peers",
+        "peers_handles",
         "front_creases",
         "front_parts",
     )

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from defaust.folder.record import POSE, read_dataset, read_record
+from defaust.sources.sequence import FACTS, RegisteredSequence
 from eval.rows.frame import read_csv
 from eval.rows.store import read_row
 from sshade import InputError, bind, load_binding, save_binding
@@ -247,6 +248,24 @@ def _map_seeds() -> list[bytes]:
     return [b"", *changes, b"".join(changes[::9]), buffer.getvalue()]
 
 
+def _read_animation(data: bytes, folder: Path) -> None:
+    source = RegisteredSequence(
+        str(_put(folder, "a.anime", data)), facts=dict.fromkeys(FACTS, "none"), frames=2
+    )
+    source.rest(0)
+    for pose in source.poses(0):
+        source.posed(0, pose)
+
+
+def _animation_seeds() -> list[bytes]:
+    V, F = BODY.V.astype("<f4"), BODY.F.astype("<i4")
+    offsets = np.stack([k * np.maximum(0, V[:, ::-1]) for k in (0.1, 0.5, -0.5)]).astype("<f4")
+    whole = struct.pack("<3i", 4, len(V), len(F)) + V.tobytes() + F.tobytes() + offsets.tobytes()
+    small = struct.pack("<3i", 2, 4, 4) + V[:4].tobytes()
+    small += np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]], dtype="<i4").tobytes()
+    return [whole, small + offsets[0, :4].tobytes()]
+
+
 NUMBERS = b"nan inf 1e999 -1 0 99999999999999999999 1e-320 0x10 true null".split()
 _MESH = (
     b"v;vt;f;solid;endsolid;facet;vertex;endloop;OFF;COFF;ply;format ascii 1.0;end_header;element vertex ;\n"
@@ -257,11 +276,15 @@ _JSON = [*b'"handles" "vertices" "source" "target" "kind" "static" [] {} [['.spl
 _YAML = b"handles: static: moving: positions: transform: &a *a !!python/object: ../ <<: {a: [".split()
 _MANIFEST = [*b'"files" "format" status ../ "subjects" "poses"'.split(), *_JSON]
 _MAP = [b"PK\x03\x04", b"\x93NUMPY", b"'descr'", b"'|O'"]
+_ANIMATION = tuple(struct.pack("<i", k) for k in (-1, 0, 2**31 - 1)) + tuple(
+    struct.pack("<f", x) for x in (np.nan, np.inf, 3e38, 1e-45)
+)
 
 TARGETS = {
     "mesh": Target(_read_mesh, _mesh_seeds, (*_MESH.split(b";"), *NUMBERS)),
     "handles": Target(_read_json_handles, _json_seeds, (*_JSON, *NUMBERS)),
     "yaml": Target(_read_yaml_handles, _yaml_seeds, (*_YAML, *NUMBERS)),
     "manifest": Target(_read_manifest, _manifest_seeds, (*_MANIFEST, *NUMBERS)),
+    "animation": Target(_read_animation, _animation_seeds, _ANIMATION),
     "map": Target(_read_map, _map_seeds, tuple(_MAP)),
 }

@@ -1,0 +1,208 @@
+"""Files of DeformingThings4D: what they say, which frames become poses, and what is refused."""
+
+import json
+import logging
+import pickle
+import struct
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from defaust.build.dataset import build
+from defaust.build.options import BuildOptions
+from defaust.build.verify import verify
+from defaust.cli import configure, main
+from defaust.folder.record import read_dataset
+from defaust.sources.animations import Counts, far_frames, read_counts, read_frame
+from defaust.tasks import load_task
+from sshade import InputError
+from tests.shapes import icosphere
+
+KEPT = BuildOptions(target_vertices=None, handles_per_landmark=6, neighbourhood=10)
+BALL = icosphere(2)
+
+
+def packed(frames, F):
+    """The bytes of a file, number by number."""
+    first = np.asarray(frames[0], dtype=np.float32)
+    data = struct.pack("<3i", len(frames), len(first), len(F))
+    data += b"".join(struct.pack("<3f", *vertex) for vertex in first.tolist())
+    data += b"".join(struct.pack("<3i", *triangle) for triangle in np.asarray(F).tolist())
+    for frame in frames[1:]:
+        offsets = np.asarray(frame, dtype=np.float32) - first
+        data += b"".join(struct.pack("<3f", *offset) for offset in offsets.tolist())
+    return data
+
+
+def write(path, frames, F=BALL.F):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(packed(frames, F))
+    return path
+
+
+def sheared(amount):
+    return BALL.V + amount * np.maximum(0.0, BALL.V[:, 1:2]) * [1.0, 0, 0]
+
+
+def walked(V, step):
+    """Moved and turned as a whole."""
+    return V @ Rotation.from_euler("y", 40 * step, degrees=True).as_matrix().T + [3.0 * step, 0, 0]
+
+
+def source_of(root, *overrides):
+    return configure(["out=unused", "source=sequence", f"source.root='{root}'", *overrides])[0]
+
+
+def test_a_file_is_read_as_it_was_written(tmp_path):
+    frames = [sheared(amount) for amount in (0.0, 0.5, -1.25)]
+    path = write(tmp_path / "bear.anime", frames)
+    assert read_counts(path) == Counts(3, BALL.n, BALL.m)
+    for number, expected in enumerate(frames):
+        V, F = read_frame(path, number)
+        assert V.dtype == np.float64 and F.dtype == np.int64
+        np.testing.assert_allclose(V, expected, rtol=0, atol=5e-7)
+        np.testing.assert_array_equal(F, BALL.F)
+    with pytest.raises(InputError, match="has no frame 3, they are 0 to 2"):
+        read_frame(path, 3)
+
+
+def test_poses_are_far_from_each_other_whatever_the_walk(tmp_path):
+    """A walk over the scene and back adds nothing; equal frames are taken once."""
+    amounts = [0.0, 0.1, 0.9, 1.0, 0.9, 0.1, 0.0, -0.2, -1.0, -0.2]
+    frames = [walked(sheared(amount), step) for step, amount in enumerate(amounts)]
+    path = write(tmp_path / "bear.anime", frames)
+    assert far_frames(path, rest=0, count=1) in ([3], [8])
+    assert far_frames(path, rest=0, count=2) == [3, 8]
+    assert far_frames(path, rest=3, count=1) == [8]
+    distinct = far_frames(path, rest=0, count=50)
+    assert sorted({round(amounts[k], 6) for k in distinct}) == [-1.0, -0.2, 0.1, 0.9, 1.0]
+    still = write(tmp_path / "still.anime", [walked(BALL.V, step) for step in range(5)])
+    assert far_frames(still, rest=0, count=3) == []
+
+
+def test_choice_does_not_depend_on_place_and_scale(tmp_path):
+    rng = np.random.default_rng(0)
+    bend = 0.3 * rng.standard_normal((12, 1, 3)) * np.maximum(0, BALL.V[None, :, :1]) ** 2
+    bend[0] = 0
+    frames = BALL.V + bend
+    chosen = far_frames(write(tmp_path / "a.anime", frames), rest=0, count=4)
+    turn = Rotation.from_euler("xyz", [10, 50, -80], degrees=True).as_matrix()
+    other = write(tmp_path / "b.anime", 40 * frames @ turn.T + [1.0, -5.0, 2.0])
+    assert far_frames(other, rest=0, count=4) == chosen and len(chosen) == 4
+
+
+def test_a_folder_of_animations_is_built(tmp_path, caplog):
+    root = tmp_path / "animals"
+    amounts = np.sin(np.linspace(0, 2 * np.pi, 9))
+    write(root / "bear3EP_Jump/bear3EP_Jump.anime", [sheared(a) for a in amounts])
+    write(root / "fox_Run/fox_Run.anime", [walked(sheared(2 * a), 1) for a in amounts])
+    (root / "fox_Run/._fox_Run.anime").write_bytes(b"what macOS leaves")
+    whole = packed([BALL.V, sheared(1)], BALL.F)
+    (root / "cut_off.anime").write_bytes(whole[:-1])
+    source = pickle.loads(pickle.dumps(source_of(root, "source.frames=2")))
+    assert source.provenance["classes"] == ["bear3EP_Jump", "fox_Run"]
+    assert source.provenance["rest_poses"] == ["frame_0", "frame_0"]
+    assert [pose.name for pose in source.poses(0)] == ["frame_2", "frame_6"]
+    assert list(source.checksums([1])) == ["fox_Run.anime"]
+    assert any("at most 2 of its frames" in text for text in source.provenance["limits"])
+    caplog.set_level(logging.WARNING)
+    build(source, tmp_path / "out", options=KEPT, workers=1)
+    assert "left out: cut_off: cut_off.anime: has " in caplog.text
+    assert verify(tmp_path / "out") == []
+    document = read_dataset(tmp_path / "out")
+    assert str(tmp_path) not in json.dumps(document)
+    task = load_task(tmp_path / "out", subject=1, pose=2)
+    assert task.name == "defaust-sequence/subject_01/pose_2"
+    assert task.meta["posed_by"] == "registration" and task.meta["source_pose"] == "frame_6"
+    np.testing.assert_allclose(task.mesh.V, walked(BALL.V, 1), rtol=0, atol=1e-6)
+    np.testing.assert_allclose(task.truth, walked(sheared(2 * amounts[6]), 1), rtol=0, atol=1e-6)
+    np.testing.assert_array_equal(task.handles.target, task.truth[task.handles.index])
+
+
+def test_frames_may_be_named(tmp_path):
+    path = write(tmp_path / "bear.anime", [sheared(a) for a in (0.0, 0.5, 1.0, 0.2)])
+    source = source_of(path, "source.rest_pose=frame_2", "source.poses_used=[frame_3,frame_1]")
+    assert [pose.name for pose in source.poses(0)] == ["frame_1", "frame_3"]
+    np.testing.assert_allclose(source.rest(0).V, sheared(1.0), rtol=0, atol=1e-6)
+    assert not any("frames" in text for text in source.provenance["limits"])
+    with pytest.raises(InputError, match="source.rest_pose: there is no 'frame_9'"):
+        source_of(path, "source.rest_pose=frame_9")
+    with pytest.raises(InputError, match=r"source.frames is 0; it must be at least 1"):
+        source_of(path, "source.frames=0")
+
+
+def test_an_animation_that_never_moves_is_no_subject(tmp_path):
+    write(tmp_path / "still.anime", [BALL.V] * 3)
+    write(tmp_path / "moves.anime", [BALL.V, sheared(1)])
+    write(tmp_path / "single.anime", [BALL.V])
+    source = source_of(tmp_path)
+    assert source.provenance["classes"] == ["moves", "still"]
+    assert source.provenance["left_out"] == {"single": "it has no target pose besides its rest pose"}
+    with pytest.raises(InputError, match="the class still has no target pose besides its rest pose frame_0"):
+        source.poses(1)
+
+
+@pytest.mark.parametrize(
+    ("counts", "message"),
+    [
+        ((2**31 - 1, 2**31 - 1, 2**31 - 1), "bytes, but 2,147,483,647 frames of 2,147,483,647 vertices"),
+        ((2, BALL.n, 2**30), "take 12,8"),
+        ((-2, BALL.n, BALL.m), "it would have -2 frames"),
+        ((2, 0, BALL.m), "0 vertices"),
+        ((2, BALL.n, 0), "and 0 triangles"),
+    ],
+)
+def test_absurd_counts_are_refused_before_anything_is_read(tmp_path, counts, message):
+    data = packed([BALL.V, sheared(1)], BALL.F)
+    path = tmp_path / "bear.anime"
+    path.write_bytes(struct.pack("<3i", *counts) + data[12:])
+    with pytest.raises(InputError, match=message):
+        read_counts(path)
+
+
+def test_no_cut_file_is_read(tmp_path):
+    data = packed([BALL.V[:4], 2 * BALL.V[:4], 3 * BALL.V[:4]], [[0, 1, 2], [0, 2, 3]])
+    path = tmp_path / "bear.anime"
+    for length in range(len(data)):
+        path.write_bytes(data[:length])
+        with pytest.raises(InputError, match="bear.anime: ") as caught:
+            read_frame(path, 0)
+        assert "\n" not in str(caught.value)
+    path.write_bytes(data + b"\0")
+    with pytest.raises(InputError, match="it is cut off, or no .anime file"):
+        read_frame(path, 0)
+
+
+@pytest.mark.parametrize("frame", [0, 2])
+def test_positions_that_are_not_finite_are_refused(tmp_path, frame):
+    frames = [sheared(a) for a in (0.0, 0.5, 1.0)]
+    path = write(tmp_path / "bear.anime", frames)
+    data = bytearray(path.read_bytes())
+    start = 12 + 12 * BALL.n * frame + (12 * BALL.m if frame else 0)
+    data[start : start + 4] = struct.pack("<f", np.nan)
+    path.write_bytes(data)
+    with pytest.raises(InputError, match=f"^bear.anime: frame {frame} has a NaN or infinite position"):
+        source_of(path).poses(0)
+
+
+def test_triangles_out_of_range_are_refused(tmp_path):
+    F = BALL.F.copy()
+    F[3, 1] = BALL.n
+    path = write(tmp_path / "bear.anime", [BALL.V, sheared(1)], F)
+    with pytest.raises(InputError, match=r"^bear.anime, frame_0: .*vertex|^bear.anime, frame_0: face"):
+        source_of(path).rest(0)
+
+
+def test_two_files_of_one_name_are_refused(tmp_path):
+    for folder in ("a", "b"):
+        write(tmp_path / folder / "bear.anime", [BALL.V, sheared(1)])
+    with pytest.raises(InputError, match="another file is called bear.anime"):
+        source_of(tmp_path)
+
+
+def test_the_command_tells_one_sentence(tmp_path, capsys):
+    (tmp_path / "bear.anime").write_bytes(b"")
+    assert main(["build", f"out={tmp_path}/out", "source=sequence", f"source.root={tmp_path}"]) == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1 and "bear.anime: not readable as .anime" in lines[0]
