@@ -7,7 +7,6 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from defaust.build.handles import PER_LANDMARK
 from sshade import Handles, InputError, Mesh
 from sshade.io.regions import rigidly_moved
 from sshade.mesh.adjacency import edge_graph
@@ -19,6 +18,8 @@ Kind = Literal["stored", "points", "landmarks", "regions"]
 #: A region reaches so far from the middle of its landmark, along the edges, x diagonal: a fist or a face. On
 #: bodies the true pose of such a patch is a rigid motion but for 0.3 % of the diagonal.
 REACH = 0.05
+#: Handles that are left of a region where landmarks are asked for: they still tell how it turns.
+FEW = 6
 
 
 def of_kind(mesh: Mesh, handles: Handles, kind: Kind, *, are_regions: bool = False) -> Handles:
@@ -35,12 +36,12 @@ def of_kind(mesh: Mesh, handles: Handles, kind: Kind, *, are_regions: bool = Fal
         Hard, each group of them one landmark.
     kind : str
         ``stored``: these. ``points``: of each group the vertex nearest to its mean, with its own target.
-        ``landmarks``: of each group at most :data:`PER_LANDMARK` handles, each the
-        farthest along the edges from those before it.
+        ``landmarks``: these, but of a whole region :data:`FEW`, that vertex and each the farthest along the
+        edges from those before it.
         ``regions``: all vertices within :data:`REACH` of that middle vertex along the edges, each of the
         group that is nearest.
     are_regions : bool
-        The groups are whole regions already, which ``regions`` leaves as they are.
+        The groups are whole regions already.
 
     Raises
     ------
@@ -49,15 +50,20 @@ def of_kind(mesh: Mesh, handles: Handles, kind: Kind, *, are_regions: bool = Fal
     """
     if kind not in get_args(Kind):
         raise InputError(f"handles={kind} is unknown; use one of {', '.join(get_args(Kind))}")
-    if kind == "stored" or (kind == "regions" and are_regions):
+    if kind in ("stored", "regions" if are_regions else "landmarks"):
         return handles
     groups = [np.flatnonzero(handles.group == group) for group in np.unique(handles.group)]
-    if kind == "landmarks":
-        graph = edge_graph(mesh)
-        vertices = np.concatenate([thinned(graph, handles.index[own], PER_LANDMARK) for own in groups])
-        return _some(handles, np.flatnonzero(np.isin(handles.index, vertices)))
     middle = np.array([_middle(mesh.V[handles.index[own]], own) for own in groups])
-    return _some(handles, middle) if kind == "points" else _regions(mesh, handles, groups, middle)
+    if kind == "points":
+        return _some(handles, middle)
+    if kind == "regions":
+        return _regions(mesh, handles, groups, middle)
+    graph = edge_graph(mesh)
+    few = [
+        thinned(graph, handles.index[np.concatenate([[first], own[own != first]])], FEW)
+        for first, own in zip(middle, groups, strict=True)
+    ]
+    return _some(handles, np.flatnonzero(np.isin(handles.index, np.concatenate(few))))
 
 
 def _middle(points: np.ndarray, own: np.ndarray) -> int:

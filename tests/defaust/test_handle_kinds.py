@@ -11,8 +11,8 @@ from defaust.build.dataset import build
 from defaust.build.options import BuildOptions
 from defaust.edits import Unedited
 from defaust.sources.shapes import Shapes
-from defaust.tasks import handle_kinds, load_task
-from defaust.tasks.handle_kinds import REACH, of_kind
+from defaust.tasks import load_task
+from defaust.tasks.handle_kinds import FEW, REACH, of_kind
 from sshade import Handles, InputError, Mesh
 from tests.shapes import icosphere
 
@@ -87,22 +87,22 @@ def test_a_region_whose_handles_bend_moves_rigidly_all_the_same(ball, handles):
     np.testing.assert_allclose(pdist(regions.target[own]), pdist(ball.V[regions.index[own]]), rtol=1e-9)
 
 
-def test_landmarks_are_few_and_spread(ball, handles, monkeypatch):
-    same = of_kind(ball, handles, "landmarks")
-    np.testing.assert_array_equal(np.sort(same.index), np.sort(handles.index))
-    monkeypatch.setattr(handle_kinds, "PER_LANDMARK", 4)
-    few = of_kind(ball, handles, "landmarks")
-    assert np.bincount(few.group).tolist() == [0, 0, 0, 4, 4]
+def test_landmarks_of_regions_are_few_and_spread(ball, handles):
+    assert of_kind(ball, handles, "landmarks") is handles
+    few = of_kind(ball, handles, "landmarks", are_regions=True)
+    assert np.bincount(few.group).tolist() == [0, 0, 0, FEW, FEW]
     places = {int(vertex): k for k, vertex in enumerate(handles.index)}
     where = [places[int(vertex)] for vertex in few.index]
     np.testing.assert_array_equal(few.target, handles.target[where])
     np.testing.assert_array_equal(few.dynamic, handles.dynamic[where])
+    middles = of_kind(ball, handles, "points").index
+    assert np.isin(middles, few.index).all()
     # Each is the farthest of its group from those before it: no pair is nearer than the rest are to them.
     for group in (3, 4):
         own, chosen = handles.index[handles.group == group], few.index[few.group == group]
         apart = np.array([distances(ball, vertex) for vertex in chosen])
         rest = np.setdiff1d(own, chosen)
-        pairs = apart[:, chosen] + np.where(np.eye(4), np.inf, 0)
+        pairs = apart[:, chosen] + np.where(np.eye(FEW), np.inf, 0)
         assert pairs.min() >= apart[:, rest].min(axis=0).max()
 
 
@@ -152,7 +152,7 @@ def test_kinds_of_stored_regions(tmp_path):
     np.testing.assert_array_equal(tasks["regions"].handles.index, stored.handles.index)
     groups = len(np.unique(stored.handles.group))
     assert len(tasks["points"].handles) == groups
-    assert np.bincount(tasks["landmarks"].handles.group).tolist() == [handle_kinds.PER_LANDMARK] * groups
+    assert np.bincount(tasks["landmarks"].handles.group).tolist() == [FEW] * groups
     target = dict(zip(stored.handles.index.tolist(), stored.handles.target.tolist(), strict=True))
     for kind in ("points", "landmarks"):
         own = tasks[kind].handles
