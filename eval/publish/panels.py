@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from textwrap import fill, shorten
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -29,19 +30,24 @@ if TYPE_CHECKING:
 #: Reach of a close-up over the bounding-box diagonal.
 CLOSE_UP = 0.06
 
-#: Width of a panel in inches, and in pixels.
-INCHES, PIXELS = 2.1, 600
+#: Width of a panel in inches, that of all of them and the mean height of a row at most, and a panel's pixels.
+INCHES, WIDEST, TALLEST, PIXELS = 2.1, 12.0, 2.8, 600
+
+#: Most characters of why a panel is empty.
+REASON = 125
+_MIDDLE = {"ha": "center", "va": "center", "fontsize": 6, "color": "#7f7f7f"}
 
 
 class Panels(NamedTuple):
     """A row of panels: shapes (n, 3) of one connectivity, each from its own side but at one scale.
 
-    Those with an error (n,) are coloured by it; handles are shown on the shape named "rest".
+    Those with an error (n,) are coloured by it; handles are shown on the shape named "rest". Where
+    there is no shape, the panel says why.
     """
 
     label: str
     mesh: Mesh
-    shapes: Mapping[str, np.ndarray]
+    shapes: Mapping[str, np.ndarray | str]
     errors: Mapping[str, np.ndarray]
     views: Sequence[View]
     handles: Handles | None = None
@@ -69,39 +75,54 @@ def _held_to_truth(task: Task) -> bool:
 
 
 def rows_of(
-    task: Task, results: Mapping[str, np.ndarray], *, towards: np.ndarray, up: np.ndarray
+    task: Task, results: Mapping[str, np.ndarray | str], *, towards: np.ndarray, up: np.ndarray
 ) -> list[Panels]:
-    """The rows of a case, with the results (n, 3) by method.
+    """The rows of a case.
 
     Parameters
     ----------
     task : DeformationTask or TransferTask
     results : mapping
+        By method its shape (n, 3), or why it has none.
     towards, up : (3,) float64
         From the scene to the camera, and the upright direction.
     """
-    errors = {name: error_of(task, V) for name, V in results.items()}
+    found = {name: V for name, V in results.items() if isinstance(V, np.ndarray)}
+    errors = {name: error_of(task, V) for name, V in found.items()}
     if not isinstance(task, TransferTask):
+        view = View.of([task.mesh.V, *found.values()], towards=towards, up=up)
         shapes = {"rest": task.mesh.V, **results}
-        view = View.of(shapes.values(), towards=towards, up=up)
-        return [Panels(task.name, task.mesh, shapes, errors, [view] * len(shapes), task.handles)]
-    shapes = {"rest": task.rest.V}
+        return [Panels(_label(task), task.mesh, shapes, errors, [view] * len(shapes), task.handles)]
+    given = {"rest": task.rest.V}
     if task.mesh is not task.rest:
-        shapes |= {"edited": task.mesh.V}
-    shapes |= {"pose": task.posed}
+        given |= {"edited": task.mesh.V}
+    given |= {"pose": task.posed}
     if task.mesh is not task.rest and task.truth is not None:
-        shapes |= {"truth": task.truth}
-    shapes |= results
-    views = _alike([View.of([V], towards=towards, up=up) for V in shapes.values()])
+        given |= {"truth": task.truth}
+    own = given | found
+    views = _alike([View.of([V], towards=towards, up=up) for V in own.values()])
     worst = int(np.argmax(sum(errors.values())))
     ids, patch = surroundings(task.rest, worst, CLOSE_UP * task.rest.diagonal)
-    close = {name: V[ids] for name, V in shapes.items()}
+    close = {name: V[ids] for name, V in own.items()}
     near = _alike([View.of([V], towards=_outwards(patch, V), up=up) for V in close.values()])
     in_patch = {name: error[ids] for name, error in errors.items()}
+
+    def row(label: str, mesh: Mesh, of: Mapping[str, np.ndarray], error: Mapping[str, np.ndarray], sides):
+        """With the panels of methods without a shape in their places."""
+        shapes = {name: of.get(name, results.get(name, "")) for name in (*given, *results)}
+        side = dict(zip(of, sides, strict=True))
+        return Panels(label, mesh, shapes, error, [side.get(name, sides[0]) for name in shapes])
+
     return [
-        Panels(task.name, task.mesh, shapes, errors, views),
-        Panels("largest error", patch, close, in_patch, near),
+        row(_label(task), task.mesh, own, errors, views),
+        row("largest error", patch, close, in_patch, near),
     ]
+
+
+def _label(task: Task) -> str:
+    """The name of a task without its dataset's, and what its pose is called."""
+    pose = task.meta.get("source_pose")
+    return f"{task.name.partition('/')[2] or task.name}\n{pose}" if pose else task.name
 
 
 def surroundings(mesh: Mesh, vertex: int, radius: float) -> tuple[np.ndarray, Mesh]:
@@ -135,12 +156,18 @@ def draw(rows: Sequence[Panels], *, title: str, top: float, label: str, pixels: 
 
     columns = max(len(row.shapes) for row in rows)
     heights = [row.views[0].height / row.views[0].width for row in rows]
-    figure = new_figure(INCHES * columns + 0.9, INCHES * sum(heights) + 0.6 + 0.2 * len(rows))
+    inches = min(INCHES, WIDEST / columns, TALLEST * len(rows) / sum(heights))
+    figure = new_figure(inches * columns + 0.9, inches * sum(heights) + 0.6 + 0.3 * len(rows))
     axes = figure.subplots(len(rows), columns, squeeze=False, height_ratios=heights)
     for panel in axes.flat:
         panel.set_axis_off()
     for row, panels in zip(rows, axes, strict=True):
         for panel, view, (name, V) in zip(panels, row.views, row.shapes.items(), strict=False):
+            if isinstance(V, str):
+                panel.set_title(name, fontsize=8)
+                reason = shorten(V, REASON, placeholder="...")
+                panel.text(0.5, 0.5, fill(reason, 22), transform=panel.transAxes, **_MIDDLE)
+                continue
             error = row.errors.get(name)
             handles = row.handles if name == "rest" else None
             panel.imshow(picture(row.mesh, V, view=view, width=pixels, error=error, top=top, handles=handles))

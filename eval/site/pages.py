@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -58,7 +59,7 @@ def write_site(
     submissions : mapping
         By the name of the method.
     results : path
-        Where the times were published.
+        Where times and pictures were published.
     """
     make_folder(out)
     every = to_frame([row for own in contests for row in records(own.rows)])
@@ -70,6 +71,7 @@ def write_site(
         write_csv(out / f"{name}.csv", own.rows)
         page = {"track": own.track, **_tables(own.table), "facts": facts(valid(own.rows))}
         page["charts"] = charts(_charts(own, results))
+        page["picture"] = _picture(results / "figures" / f"{name}.png")
         written.append(_write(out / f"{name}.html", "track.html", **page, **shared))
     for method in methods:
         of_tracks = [_cases(own, method) for own in contests if method in set(own.rows["method.name"])]
@@ -91,6 +93,13 @@ def _write(path: Path, template: str, **names: Any) -> Path:
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return path
+
+
+def _picture(path: Path) -> str | None:
+    """The published picture of a track as a data URI; None where there is none."""
+    if not path.is_file():
+        return None
+    return f"data:image/png;base64,{base64.b64encode(path.read_bytes()).decode()}"
 
 
 def _tables(table: Table) -> dict[str, Any]:

@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
+import re
+
+import numpy as np
 import pytest
+import yaml
 
 from eval.main import call
-from eval.publish.figures import read_cases
+from eval.publish import figures, panels
+from eval.publish.figures import read_cases, read_picture
+from eval.publish.plotting import new_figure, save, style
+from eval.rows.frame import read_csv
+from eval.rows.splits import HELD_OUT, TUNING, split_of
+from eval.rows.store import PUBLISHED, read_row, run_folders
+from sshade.cli.configuration import CONFIGURATION
 from sshade.errors import InputError
 
 
@@ -28,11 +38,74 @@ def test_the_case_where_a_metric_is_largest(tiny_runs):
     assert [case.task.name for case in named] == ["bumpy_10"]
 
 
+def test_a_method_without_a_result_has_its_reason_in_its_place(tiny_runs):
+    methods = ["stretching", "failing", "arap"]
+    (case,) = read_cases(tiny_runs, names=["bumpy_10"], methods=methods)
+    assert list(case.results) == methods
+    (reason,) = {row["reason"] for row in map(read_row, run_folders(tiny_runs / "failing"))}
+    assert reason.endswith(case.results["failing"]) and not re.match(r"\w+Error: ", case.results["failing"])
+    assert case.task.name == "bumpy_10"
+
+
+def test_what_the_configuration_says_of_pictures_names_published_runs():
+    """Cases and methods of the rows, or a track's picture could not be made of its runs."""
+    told = yaml.safe_load((CONFIGURATION / "pictures.yaml").read_text())
+    for name, picture in told.items():
+        assert set(picture) <= {"title", "cases", "methods", "towards", "up"}
+        assert picture == read_picture(name)
+        path = PUBLISHED / "rows" / f"{name}.csv"
+        if path.is_file():
+            rows = read_csv(path)
+            assert set(picture["cases"]) <= set(rows["task.name"])
+            assert set(picture["methods"]) <= set(rows["method.name"])
+        assert {split_of(case) for case in picture["cases"]} <= {HELD_OUT, TUNING}
+    assert read_picture("nothing") == {}
+
+
+def test_the_picture_of_an_experiment_is_that_of_the_configuration(tiny_runs, tmp_path, monkeypatch):
+    pytest.importorskip("pyvista")
+    pytest.importorskip("matplotlib")
+    told = {"cases": ["bumpy_40"], "methods": ["failing", "stretching"], "up": [0.0, 0.0, 1.0], "title": "T"}
+    monkeypatch.setattr(figures, "read_picture", lambda name: told if name == tiny_runs.name else {})
+    drawn = {}
+    monkeypatch.setattr(panels, "draw", lambda rows, **options: drawn.update(rows=rows, **options))
+    monkeypatch.setattr(figures, "save", lambda *args, **options: None)
+    assert call("figures", [str(tiny_runs), "-o", str(tmp_path / "a.png")]) == 0
+    (row,) = drawn["rows"]
+    assert list(row.shapes) == ["rest", "failing", "stretching"] and list(row.errors) == ["stretching"]
+    assert drawn["title"].startswith("T ") and row.views[0].up.argmax() == 2
+    assert call("figures", [str(tiny_runs), "--cases", "bumpy_10", "--up", "0", "1", "0"]) == 0
+    (row,) = drawn["rows"]
+    assert row.label.startswith("bumpy_10") and row.views[0].up.argmax() == 1
+
+
+def test_pictures_have_few_colours_and_keep_the_rare_ones(tmp_path):
+    pytest.importorskip("matplotlib")
+    Image = pytest.importorskip("PIL.Image")
+    with style():
+        figure = new_figure(4, 3)
+        axes = figure.add_subplot()
+        axes.set_axis_off()
+        gradient = np.linspace(0, 1, 400)[None] * np.ones((300, 1))
+        pixels = np.stack([gradient, 0.4 * gradient, 0.3 - 0.2 * gradient], axis=-1)
+        pixels[:6, :6] = [0.13, 0.40, 0.67]
+        axes.imshow(pixels, aspect="auto", interpolation="nearest")
+    save(figure, tmp_path / "whole.png")
+    save(figure, tmp_path / "small.png", small=True)
+    with Image.open(tmp_path / "small.png") as image:
+        few = np.asarray(image.convert("RGB")).astype(int)
+    assert len(np.unique(few.reshape(-1, 3), axis=0)) <= 256
+    assert np.abs(few - [33, 102, 171]).max(axis=-1).min() <= 8
+    with Image.open(tmp_path / "whole.png") as image:
+        assert image.width > few.shape[1]
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         ({"names": ["bumpy_99"]}, "no case 'bumpy_99'; there are bumpy_10, bumpy_40"),
-        ({"methods": ["failing"]}, "no result of 'failing'"),
+        ({"methods": ["failing"]}, "case 'bumpy_10' has no result of failing"),
+        ({"methods": ["arap", "nobody"]}, "no run of 'nobody'"),
         ({"worst": "beauty"}, "no case has the metric 'beauty'"),
     ],
 )

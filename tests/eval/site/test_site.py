@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import re
 from html import unescape
 
@@ -47,6 +48,19 @@ def test_every_link_leads_to_a_page_or_a_file(site):
         links = {link for link in LINK.findall(text) if not link.startswith("https://")}
         assert links and all((site / link).is_file() for link in links)
         assert "<script" not in text and "Tiny &lt;spheres&gt;" in text
+
+
+def test_a_track_shows_its_published_picture(rows, tmp_path):
+    own = contest(TRACK, to_frame(rows), {})
+    png = b"\x89PNG" + bytes(range(40))
+    (tmp_path / "results/figures").mkdir(parents=True)
+    for is_there in (False, True):
+        if is_there:
+            (tmp_path / "results/figures/tiny.png").write_bytes(png)
+        write_site(tmp_path / "out", [own], {}, results=tmp_path / "results")
+        text = (tmp_path / "out/tiny.html").read_text()
+        assert (f"data:image/png;base64,{base64.b64encode(png).decode()}" in text) == is_there
+        assert ("<figure>" in text) == is_there
 
 
 def test_a_track_has_its_numbers_and_its_rows_to_download(site, rows):
