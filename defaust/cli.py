@@ -21,6 +21,8 @@ EPILOG = """examples:
   defaust build source=faust source.root=MPI-FAUST out=DIR         your own copy of FAUST
   defaust build source=tosca source.root=TOSCA_DIR 'source.classes=[cat,dog]' out=DIR
   defaust build source=shapes out=data/shapes                      plane, cylinder, bar and cactus
+  defaust build source=scans out=data/scans                        koala, cat and hand
+  defaust build source=scans source.root=MESHES out=DIR            and the armadillo of your own armadillo.ply
   defaust verify DIR
   defaust info DIR"""
 

@@ -147,8 +147,7 @@ def handle_records(
     """
     records: list[dict[str, Any]] = []
     for name, index in chosen.items():
-        record = {"landmark": name, "kind": UNUSED, "delta": None, "delta_mean": None}
-        record |= {"source": [], "target": []}
+        record = _unused(name)
         if name in used:
             source, target = rest.V[index], posed[index]
             d = displacement(source, target, diagonal=rest.diagonal, static_below=static_below)
@@ -159,7 +158,11 @@ def handle_records(
 
 
 def region_records(
-    rest: Mesh, regions: Sequence[Region], *, static_below: float = STATIC_BELOW
+    rest: Mesh,
+    regions: Sequence[Region],
+    *,
+    landmarks: Sequence[str] = (),
+    static_below: float = STATIC_BELOW,
 ) -> list[dict[str, Any]]:
     """Make the entries of a pose file for landmarks that are regions.
 
@@ -168,6 +171,9 @@ def region_records(
     rest : Mesh
         The registered one, on which displacements are measured.
     regions : sequence of Region
+    landmarks : sequence of str
+        All of them in the order of their ids: those of no region are listed as unused.
+        By default those of the regions alone.
     static_below : float
 
     Raises
@@ -175,12 +181,17 @@ def region_records(
     InputError
         When a region has no vertex.
     """
-    records = []
+    records = {name: _unused(name) for name in landmarks}
     for region in regions:
         source = rest.V[vertices_in(rest.V, region.boxes)]
         target = rigidly_moved(source, region.rotation, region.translation)
         d = displacement(source, target, diagonal=rest.diagonal, static_below=static_below)
         record = {"landmark": region.landmark, "kind": d.kind, "delta": d.delta, "delta_mean": d.delta_mean}
         record |= {"boxes": region.boxes, "rotation": region.rotation.tolist()}
-        records.append(record | {"translation": region.translation.tolist()})
-    return records
+        records[region.landmark] = record | {"translation": region.translation.tolist()}
+    return list(records.values())
+
+
+def _unused(landmark: str) -> dict[str, Any]:
+    record = {"landmark": landmark, "kind": UNUSED, "delta": None, "delta_mean": None}
+    return record | {"source": [], "target": []}

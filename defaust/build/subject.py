@@ -109,7 +109,12 @@ def _fill(
         try:
             with _unusable():
                 posed = _posed(source, rest, subject=subject, pose=pose)
-                handles = region_records(rest, pose.regions, static_below=options.static_below)
+                handles = region_records(
+                    rest,
+                    pose.regions,
+                    landmarks=[name for name in source.landmark_names if name not in chosen],
+                    static_below=options.static_below,
+                )
         except UnusableError as error:
             if strict:
                 raise

@@ -43,7 +43,7 @@ REGIONS = {
     ),
     "known": ", where it is known",
     "use": "Handles are those vertices of `rest.ply`, or of `rest_low.ply`, that lie in a region.",
-    "selection": "Regions of every pose: {landmarks}; no vertex lies in two.",
+    "selection": "Regions{of}: {landmarks}; no vertex lies in two.",
 }
 
 
@@ -58,14 +58,16 @@ def render_card(document: dict[str, Any]) -> str:
     own_choice = "The choice of poses and landmarks is this project's; the paper shows them in figures only."
     limits = [*source["limits"], *([] if "classes" in source else [own_choice]), *_left_out(document)]
     generated = "formulas" in source
+    regions = not any(subject["landmark_vertices"] for subject in subjects)
     facts = {
         "build": build,
         "at_low": " at low resolution" if upsampled else "",
         "where": "At low resolution" if upsampled else "As the registered meshes are used,",
-        "landmarks": ", ".join(everywhere),
+        "of": ", of which a pose has some" if others else " of every pose",
+        "landmarks": ", ".join(document["landmarks"] if regions else everywhere),
         "more_landmarks": f" Poses that are turned as a whole add {', '.join(others)}." if others else "",
     }
-    texts = {key: text.format(**facts) for key, text in (REGIONS if generated else LANDMARKS).items()}
+    texts = {key: text.format(**facts) for key, text in (REGIONS if regions else LANDMARKS).items()}
     resolution = KEPT if not upsampled else GENERATED if generated else UPSAMPLED
     template = resources.files("defaust").joinpath("data/card.md").read_text(encoding="utf-8")
     return template.format(

@@ -84,7 +84,7 @@ def load_task(
         computed, which takes a second or two for 170,000 vertices.
         ``low``: the registered one, with the registered target pose as truth.
         They are the same, truth included, in a dataset built with target_vertices=null.
-        Of a generated shape the truth is computed for either, where it is known.
+        Of a generated shape the truth is computed for either, where it is known; of a scan none is.
     raw : bool
         Keep the stored targets where a handle is snapped to another position.
     source : str, optional
@@ -144,17 +144,21 @@ def load_task(
         "checksum": "+".join(sums),
     }
     registered = resolution == "low" or document["build"]["target_vertices"] is None
+    record = next(s for s in document["subjects"] if s["subject"] == subject)
+    only = "the pose is known in its regions only"
     if "formulas" in document["source"]:
         if edit is not None:
             raise InputError(f"{name} is a generated shape, which has no registered pose to transfer")
         truth = ideal_pose(document["source"], subject, mesh)
-        only = "the pose is known in its regions only"
         how = {"posed_by": "formulas"} if truth is not None else {"no_truth": only}
+    elif not next(p for p in record["poses"] if p["pose"] == pose).get("registered", True):
+        if edit is not None:
+            raise InputError(f"{name} has no registered pose to transfer")
+        truth, how = None, {"no_truth": only}
     else:
         low = mesh if registered else _mesh(root, f"{folder}/{REST_LOW}", document=document)
         posed = _mesh(root, f"{folder}/{pose_mesh(pose)}", document=document)
-        steps = next(s["high"]["ls3_steps"] for s in document["subjects"] if s["subject"] == subject)
-        meshes = Registered(mesh, low, posed, steps)
+        meshes = Registered(mesh, low, posed, record["high"]["ls3_steps"])
         if edit is not None:
             if handles != "stored":
                 raise InputError(f"a pose transfer has no handles; leave handles={handles} out")

@@ -13,7 +13,7 @@ from eval.rows.frame import records
 from eval.site.pages import contest, write_site
 from eval.site.submission import Submission, check, read_facts
 from eval.site.submit import SUBMISSIONS
-from eval.site.tracks import published, read_tracks
+from eval.site.tracks import is_published, published, read_tracks
 from sshade.errors import InputError
 from sshade.figures import require_extra
 
@@ -26,7 +26,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
     require_extra("matplotlib", "jinja2")
-    tracks = read_tracks()
+    known = read_tracks()
+    tracks = {name: track for name, track in known.items() if is_published(track)}
+    for name in known.keys() - tracks.keys():
+        print(f"left out: {name}, of which no rows are published")  # noqa: T201
     rows = {track.name: published(track) for track in tracks.values()}
     submissions: dict[str, Submission] = {}
     for folder in sorted(path.parent for path in SUBMISSIONS.glob("*/submission.yaml")):

@@ -46,7 +46,16 @@ def published(track: Track, results: Path = PUBLISHED) -> pd.DataFrame:
     InputError
         When none were published.
     """
-    path = results / "rows" / f"{track.name}.csv"
+    path = _rows(track, results)
     if not path.is_file():
         raise InputError(f"the track {track.name} has no published rows ({path})")
     return read_csv(path)
+
+
+def is_published(track: Track, results: Path = PUBLISHED) -> bool:
+    """Whether the project has rows of a track yet."""
+    return _rows(track, results).is_file()
+
+
+def _rows(track: Track, results: Path) -> Path:
+    return results / "rows" / f"{track.name}.csv"

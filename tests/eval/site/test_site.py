@@ -14,7 +14,7 @@ from eval.rows.store import VALID, read_row, run_folders
 from eval.site import pages
 from eval.site.pages import contest, write_site
 from eval.site.submission import Submission
-from eval.site.tracks import Track, published, read_tracks
+from eval.site.tracks import Track, is_published, published, read_tracks
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("jinja2")
@@ -80,9 +80,14 @@ def test_a_method_has_its_cases_failures_and_where_it_is_from(site, rows):
     assert "factor: 1.5" in handed_in and "A & B" not in unescape((site / "method_arap.html").read_text())
 
 
-def test_the_projects_own_leaderboard(tmp_path, monkeypatch):
+def test_the_projects_own_leaderboard(tmp_path, capsys):
     assert main(["site", "-o", str(tmp_path / "out")]) == 0
+    told = capsys.readouterr().out
     for name, track in read_tracks().items():
+        assert (f"left out: {name}, of which no rows are published\n" in told) != is_published(track)
+        if not is_published(track):
+            assert not (tmp_path / "out" / f"{name}.html").exists()
+            continue
         text = (tmp_path / "out" / f"{name}.html").read_text()
         rows = published(track)
         assert all(f"method_{method}.html" in text for method in set(rows["method.name"]))
