@@ -17,7 +17,8 @@ from sshade.cli.configuration import CONFIGURATION
 EXPERIMENTS = sorted(path.stem for path in CONFIGURATION.glob("experiment/*.yaml"))
 
 #: Subjects and poses that the default build of a source has.
-SUBJECTS, POSES = {"synthetic": range(10), "shapes": range(4)}, {"synthetic": range(1, 11), "shapes": [1]}
+SUBJECTS = {"synthetic": range(10), "shapes": range(4), "scans": range(3)}
+POSES = {"synthetic": range(1, 11), "shapes": [1], "scans": range(1, 4)}
 
 
 def cases(config):
@@ -45,6 +46,22 @@ def test_an_experiment_states_the_halves_that_its_cases_are_of(name):
     config = composed(f"experiment={name}")
     halves = {split_of(case) for case in cases(config)}
     assert halves == ({TUNING, HELD_OUT} if config.run.split == BOTH else {config.run.split})
+
+
+def test_all_handles_of_a_scan_are_of_one_half():
+    assert {
+        split_of(f"defaust-scans/subject_0{s}/pose_{p}{h}")
+        for s in (1, 2)
+        for p in (1, 2, 3)
+        for h in ("", "/landmarks", "/points")
+    } == {HELD_OUT}
+    assert {split_of(f"defaust-scans/subject_0{s}/pose_1{h}") for s in (0, 3) for h in ("", "/points")} == {
+        TUNING
+    }
+    assert (
+        composed("experiment=peers_scans").hydra.sweeper.params.method
+        == composed("experiment=peers").hydra.sweeper.params.method
+    )
 
 
 def test_what_constants_were_chosen_on_is_for_tuning():
