@@ -15,7 +15,7 @@ from sshade.sampling.fronts import Fronts, thinned
 
 Kind = Literal["stored", "points", "landmarks", "regions"]
 
-#: A region reaches so far from the middle of its landmark, along the edges, x diagonal: a fist or a face. On
+#: A region reaches so far from the first of its landmark, along the edges, x diagonal: a fist or a face. On
 #: bodies the true pose of such a patch is a rigid motion but for 0.3 % of the diagonal.
 REACH = 0.05
 #: Handles that are left of a region where landmarks are asked for: they still tell how it turns.
@@ -35,10 +35,11 @@ def of_kind(mesh: Mesh, handles: Handles, kind: Kind, *, are_regions: bool = Fal
     handles : Handles
         Hard, each group of them one landmark.
     kind : str
-        ``stored``: these. ``points``: of each group the vertex nearest to its mean, with its own target.
+        ``stored``: these. ``points``: of each group the vertex nearest to its mean, with its own target; of a
+        whole region its tip, the vertex farthest from the mean of the mesh.
         ``landmarks``: these, but of a whole region :data:`FEW`, that vertex and each the farthest along the
         edges from those before it.
-        ``regions``: all vertices within :data:`REACH` of that middle vertex along the edges, each of the
+        ``regions``: all vertices within :data:`REACH` of that vertex along the edges, each of the
         group that is nearest.
     are_regions : bool
         The groups are whole regions already.
@@ -53,22 +54,25 @@ def of_kind(mesh: Mesh, handles: Handles, kind: Kind, *, are_regions: bool = Fal
     if kind in ("stored", "regions" if are_regions else "landmarks"):
         return handles
     groups = [np.flatnonzero(handles.group == group) for group in np.unique(handles.group)]
-    middle = np.array([_middle(mesh.V[handles.index[own]], own) for own in groups])
+    centre = mesh.V.mean(axis=0) if are_regions else None
+    leading = np.array([_first(mesh.V[handles.index[own]], own, centre) for own in groups])
     if kind == "points":
-        return _some(handles, middle)
+        return _some(handles, leading)
     if kind == "regions":
-        return _regions(mesh, handles, groups, middle)
+        return _regions(mesh, handles, groups, leading)
     graph = edge_graph(mesh)
     few = [
         thinned(graph, handles.index[np.concatenate([[first], own[own != first]])], FEW)
-        for first, own in zip(middle, groups, strict=True)
+        for first, own in zip(leading, groups, strict=True)
     ]
     return _some(handles, np.flatnonzero(np.isin(handles.index, np.concatenate(few))))
 
 
-def _middle(points: np.ndarray, own: np.ndarray) -> int:
-    """The one of a group whose point is nearest to their mean."""
-    return int(own[np.linalg.norm(points - points.mean(axis=0), axis=1).argmin()])
+def _first(points: np.ndarray, own: np.ndarray, centre: np.ndarray | None) -> int:
+    """The one of a group whose point is nearest to their mean, or farthest from a centre (3,)."""
+    if centre is None:
+        return int(own[np.linalg.norm(points - points.mean(axis=0), axis=1).argmin()])
+    return int(own[np.linalg.norm(points - centre, axis=1).argmax()])
 
 
 def _some(handles: Handles, chosen: np.ndarray) -> Handles:
@@ -76,14 +80,14 @@ def _some(handles: Handles, chosen: np.ndarray) -> Handles:
     return replace(handles, **{name: getattr(handles, name)[chosen] for name in fields})
 
 
-def _regions(mesh: Mesh, handles: Handles, groups: list[np.ndarray], middle: np.ndarray) -> Handles:
-    fronts = Fronts(edge_graph(mesh), handles.index[middle])
+def _regions(mesh: Mesh, handles: Handles, groups: list[np.ndarray], first: np.ndarray) -> Handles:
+    fronts = Fronts(edge_graph(mesh), handles.index[first])
     index = np.flatnonzero(fronts.distance <= REACH * mesh.diagonal)
     of = fronts.region[index]
     target = mesh.V[index]
     for number, own in enumerate(groups):
-        if handles.dynamic[middle[number]]:
+        if handles.dynamic[first[number]]:
             motion = rigid_motion(mesh.V[handles.index[own]], handles.target[own])
             target[of == number] = rigidly_moved(target[of == number], *motion)
-    dynamic, group = (values[middle][of] for values in (handles.dynamic, handles.group))
+    dynamic, group = (values[first][of] for values in (handles.dynamic, handles.group))
     return Handles(index, target, dynamic=dynamic, group=group)

@@ -95,8 +95,11 @@ def test_landmarks_of_regions_are_few_and_spread(ball, handles):
     where = [places[int(vertex)] for vertex in few.index]
     np.testing.assert_array_equal(few.target, handles.target[where])
     np.testing.assert_array_equal(few.dynamic, handles.dynamic[where])
-    middles = of_kind(ball, handles, "points").index
-    assert np.isin(middles, few.index).all()
+    tips = of_kind(ball, handles, "points", are_regions=True).index
+    assert np.isin(tips, few.index).all()
+    out = np.linalg.norm(ball.V - ball.V.mean(axis=0), axis=1)
+    for group, tip in zip((3, 4), tips, strict=True):
+        assert out[tip] == out[handles.index[handles.group == group]].max()
     # Each is the farthest of its group from those before it: no pair is nearer than the rest are to them.
     for group in (3, 4):
         own, chosen = handles.index[handles.group == group], few.index[few.group == group]
