@@ -22,6 +22,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -226,10 +227,23 @@ class _Parts(NamedTuple):
 
 def _parts(graph: VertexGraph, fronts: Fronts, group: np.ndarray, link: float) -> np.ndarray:
     """(k,) int32: the part that each handle belongs to."""
-    owner = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
-    a, b = fronts.region[owner], fronts.region[graph.indices]
-    apart = fronts.distance[owner] + graph.lengths + fronts.distance[graph.indices]
-    joins = (a != b) & (apart < link)
-    joins[joins] = group[a[joins]] == group[b[joins]]
+    edges = graph.indptr, graph.indices, graph.lengths
+    a, b = _joined(*edges, fronts.region, fronts.distance, group, link).T
     k = len(group)
-    return connected_components(coo_array((np.ones(joins.sum()), (a[joins], b[joins])), shape=(k, k)))[1]
+    return connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(k, k)))[1]
+
+
+@njit(cache=True, nogil=True)
+def _joined(indptr, indices, lengths, region, distance, group, link):
+    """(j, 2) handles of one group whose regions touch in an edge that a path shorter than `link` goes by."""
+    pairs = []
+    for i in range(len(region)):
+        for p in range(indptr[i], indptr[i + 1]):
+            a, b = region[i], region[indices[p]]
+            near = distance[i] + lengths[p] + distance[indices[p]] < link
+            if a != b and near and group[a] == group[b]:
+                pairs.append((a, b))
+    found = np.empty((len(pairs), 2), dtype=np.int32)
+    for k in range(len(pairs)):
+        found[k, 0], found[k, 1] = pairs[k]
+    return found
