@@ -75,9 +75,9 @@ class QuasiNewton:
     ) -> None:
         self._product, self._window, self._team = product, window, team or ThreadTeam(1)
         self._per_unit = 1.0 / unit
-        self._u, self._F = np.empty((2, 3 * n))
+        self._u, self._F = np.zeros((2, 3 * n))
         precision = np.float32 if single else np.float64
-        self._G, self._spare = np.empty((2, 3 * n), dtype=precision)
+        self._G = np.zeros(3 * n, dtype=precision)
         self._S, self._Z = np.empty((2, window, 3 * n), dtype=precision)
         self._sy, self._zy = np.zeros((2, window, window))
         self._along_z, self._along_s = np.empty((2, window))
@@ -91,14 +91,11 @@ class QuasiNewton:
         bool
             False where that is the plain one: no pair is stored, or the step does not descend.
         """
-        F, G, flat = g.reshape(-1), self._spare, u.reshape(-1)
+        F, flat = g.reshape(-1), u.reshape(-1)
         self._sum(lambda own: _subtract(*own, flat, F))
         product = self._product(g).reshape(-1)
-        self._sum(lambda own: _scale(*own, self._per_unit, product, G))
-        descends = self._directed(flat, F, G)
+        descends = self._directed(flat, F, product)
         self._begun = True
-        self._sum(lambda own: _copy(*own, flat, F, self._u, self._F))
-        self._spare, self._G = self._G, G
         if descends:
             self._move(u, 1.0)
         else:
@@ -117,22 +114,24 @@ class QuasiNewton:
         """Replace u (n, 3) by the last plain iterate."""
         np.add(self._u, self._F, out=u.reshape(-1))
 
-    def _directed(self, u: np.ndarray, F: np.ndarray, G: np.ndarray) -> bool:
-        """Store the new pair, if it curves upwards, and find the step; False where there is none."""
+    def _directed(self, u: np.ndarray, F: np.ndarray, product: np.ndarray) -> bool:
+        """Store the new pair, if it curves upwards, and find the step; False where there is none.
+
+        u, F and the product become the last ones.
+        """
         last, window, new = (self._u, self._F, self._G), self._window, NONE
-        if self._begun:
-            sums = self._sum(lambda own: _curvature(*own, self._per_unit, u, last[0], G, last[2]))
-            if sums[0] > CURVED * np.sqrt(sums[1] * sums[2]):
-                new = self._steps % window
-                self._steps += 1
+        sums = self._sum(lambda own: _curvature(*own, self._per_unit, u, last[0], product, last[2]))
+        if self._begun and sums[0] > CURVED * np.sqrt(sums[1] * sums[2]):
+            new = self._steps % window
+            self._steps += 1
         self._pairs = (self._steps - 1 - np.arange(min(self._steps, window))) % window
-        if len(self._pairs) == 0:
-            return False
         stored = self._S, self._Z, self._pairs, new
-        rows = self._sum(lambda own: _products(*own, self._per_unit, u, F, G, *last, *stored))
+        rows = self._sum(lambda own: _products(*own, self._per_unit, u, F, product, *last, *stored))
         if new != NONE:
             self._sy[self._pairs, new] = rows[:-1, 0]
             self._zy[self._pairs, new] = self._zy[new, self._pairs] = rows[:-1, 1]
+        if len(self._pairs) == 0:
+            return False
         shares = self._along_s, self._along_z
         descends = _two_loops(self._sy, self._zy, rows[:, 2], rows[:, 3], self._pairs, *shares)
         self._steps *= descends
@@ -258,28 +257,14 @@ def _subtract(first, end, u, g):
 
 
 @njit(cache=True, nogil=True)
-def _scale(first, end, factor, A, B):
-    for i in range(first, end):
-        B[i] = factor * A[i]
-    return 0
-
-
-@njit(cache=True, nogil=True)
-def _copy(first, end, u, F, last_u, last_F):
-    for i in range(first, end):
-        last_u[i], last_F[i] = u[i], F[i]
-    return 0
-
-
-@njit(cache=True, nogil=True)
-def _curvature(first, end, per_unit, u, last_u, G, last_G):
+def _curvature(first, end, per_unit, u, last_u, product, last_G):
     """Products s.y, s.s, y.y of the step s and the gradient's change ``y = last_G - G`` along it.
 
-    G is minus the gradient, in units as what is stored; u and F are not.
+    The product is minus the gradient; G is the same in units as what is stored, as u and F are not.
     """
     sums = np.zeros(3)
     for i in range(first, end):
-        s, y = per_unit * (u[i] - last_u[i]), np.float64(last_G[i]) - G[i]
+        s, y = per_unit * (u[i] - last_u[i]), last_G[i] - per_unit * product[i]
         sums[0] += s * y
         sums[1] += s * s
         sums[2] += y * y
@@ -287,21 +272,24 @@ def _curvature(first, end, per_unit, u, last_u, G, last_G):
 
 
 @njit(cache=True, nogil=True)
-def _products(first, end, per_unit, u, F, G, last_u, last_F, last_G, S, Z, pairs, new):
+def _products(first, end, per_unit, u, F, product, last_u, last_F, last_G, S, Z, pairs, new):
     """Rows of s.y, z.y, s.G, z.G for each pair, with the `new` one's y, which is stored first.
 
-    A last row has F.G in the third place, where F takes that of s. y is left in `last_G`.
+    A last row has F.G in the third place, where F takes that of s. u, F and G replace the last ones.
     """
     count = len(pairs)
-    rows = np.zeros((count + 1, 4))
+    rows, change, gradient = np.zeros((count + 1, 4)), np.empty(BLOCK), np.empty(BLOCK)
     for begin in range(first, end, BLOCK):
         stop = min(begin + BLOCK, end)
+        y, now = change[: stop - begin], gradient[: stop - begin]
+        for i in range(begin, stop):
+            now[i - begin] = per_unit * product[i]
+            y[i - begin] = last_G[i] - now[i - begin]
+            last_G[i] = now[i - begin]
         if new != NONE:
             for i in range(begin, stop):
                 S[new, i] = per_unit * (u[i] - last_u[i])
                 Z[new, i] = per_unit * (last_F[i] - F[i])
-                last_G[i] -= G[i]
-        y, now = last_G[begin:stop], G[begin:stop]
         for k in range(count):
             s, z = S[pairs[k], begin:stop], Z[pairs[k], begin:stop]
             if new != NONE:
@@ -310,6 +298,7 @@ def _products(first, end, per_unit, u, F, G, last_u, last_F, last_G, S, Z, pairs
             rows[k, 2] += _inner(s, now)
             rows[k, 3] += _inner(z, now)
         rows[count, 2] += per_unit * _inner(F[begin:stop], now)
+        last_u[begin:stop], last_F[begin:stop] = u[begin:stop], F[begin:stop]
     return rows
 
 
