@@ -32,9 +32,11 @@ from sshade.solver.volume_area import (
     along,
     gradients,
     measure,
+    measured,
     newton,
     shift,
 )
+from sshade.threads import ThreadTeam
 
 log = logging.getLogger(__name__)
 #: Steps that share the directions; fewer where both constraints are exact, as an error of one direction
@@ -119,7 +121,9 @@ class Components:
         """(c,) bool: which components enclose a volume that can be held."""
         return self._lacking == ""
 
-    def held(self, asked: VolumeArea, *, corners: int, volume_goal: float = 1.0) -> HeldConstraints | None:
+    def held(
+        self, asked: VolumeArea, *, corners: int, team: ThreadTeam, volume_goal: float = 1.0
+    ) -> HeldConstraints | None:
         """The constraints of a solve; None where it holds nothing.
 
         Parameters
@@ -127,6 +131,7 @@ class Components:
         asked : VolumeArea
         corners : int
             How often the energy counts an edge.
+        team : ThreadTeam
         volume_goal : float
             What each volume is to be, over that of the rest shape; positive.
         """
@@ -135,7 +140,9 @@ class Components:
         kinds = [VOLUME] * bool(asked.volume > 0 and self.has_volume.any()) + [AREA] * (asked.area > 0)
         if not kinds:
             return None
-        return HeldConstraints(self, asked, np.array(kinds), corners=corners, volume_goal=volume_goal)
+        return HeldConstraints(
+            self, asked, np.array(kinds), corners=corners, team=team, volume_goal=volume_goal
+        )
 
     def errors(self, P: np.ndarray, *, volume_goal: float = 1.0) -> Errors:
         """How far volumes and areas at positions P (n, 3), in the solver's order, are from their goals."""
@@ -182,8 +189,10 @@ class HeldConstraints:
         kinds: np.ndarray,
         *,
         corners: int,
+        team: ThreadTeam,
         volume_goal: float = 1.0,
     ) -> None:
+        self._team = team
         rest, has = components.rest, components.has_volume
         on = np.stack([has, rest[AREA] > 0])[kinds]
         weight = np.where(on, np.array([asked.volume, asked.area])[kinds, None], math.inf)
@@ -224,7 +233,7 @@ class HeldConstraints:
         if not weight.any():
             return 0.0
         F, start, _, kinds, scale, *_ = self._equations
-        error = scale * measure(F, start, P)[kinds] - 1.0
+        error = scale * measured(F, start, P, team=self._team)[kinds] - 1.0
         # The rest energy of a component is 2 corners x area; of the penalty's 1/2 a 1 remains.
         return float((weight * self._corners * self._area * error**2).sum())
 
@@ -242,7 +251,8 @@ class HeldConstraints:
         along(self._G, self._equations.component, self._Z, self._slope)
 
     def add_moves(self, G: np.ndarray) -> None:
-        shift(G, self._equations.component, self._G, self._grown)
+        component = self._equations.component
+        self._team.ranges(lambda *own: shift(*own, G, component, self._G, self._grown), len(G))
 
     def project(self, P: np.ndarray) -> None:
         self._steps += 1
@@ -274,7 +284,7 @@ class HeldConstraints:
         equations = self._equations._replace(
             compliance=1.0 / (self._weight * self._area), active=self._equations.active & only
         )
-        return newton(equations, self._Z, self._slope, multiplier, P)
+        return newton(equations, self._Z, self._slope, multiplier, P, team=self._team)
 
 
 class InfeasibleAreas:

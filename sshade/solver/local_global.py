@@ -237,7 +237,7 @@ class LocalGlobal:
             targets - self.mesh.origin,
             team=team,
             constraints=self._components.held(
-                held, corners=system.terms.corners.shape[1], volume_goal=volume_goal
+                held, corners=system.terms.corners.shape[1], team=team, volume_goal=volume_goal
             ),
             softening=softening.of(system.terms, system.rest),
             **options,
@@ -292,8 +292,9 @@ class LocalGlobal:
         """
         targets, positions = self.checked_positions(np.asarray(positions)[self.index], positions)
         system, u = self.system, self.to_system(positions, targets)
-        held = self._components.held(VolumeArea(volume, area), corners=system.terms.corners.shape[1])
         with ThreadTeam(workers) as team:
+            corners = system.terms.corners.shape[1]
+            held = self._components.held(VolumeArea(volume, area), corners=corners, team=team)
             around = targets - self.mesh.origin
             ArapIteration(system, around, team=team, constraints=held).project(u)
         return self.from_system(u, targets)

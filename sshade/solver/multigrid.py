@@ -3,13 +3,14 @@
 Levels are made by smoothed aggregation, from the matrix alone: a vertex and its strong
 neighbours become one of the next level, piecewise constants are smoothed by one damped Jacobi
 step, and the coarse matrix is Galerkin's ``P^T A P``. The smoother is a Chebyshev polynomial of
-the fourth kind in ``D^-1 A`` with ``D_ii = sum_j |A_ij|``, before and after the coarse correction;
+the fourth kind in ``D^-1 A`` with ``D_ii = sum_j |A_ij|``, before and after the coarse correction, on the
+finest level of lower degree if asked for;
 the coarsest level is factorised. No eigenvalue is estimated: D - A is diagonally dominant, so
 that the eigenvalues of D^-1 A are at most 1, and the error polynomials stay under 1 in size.
 
 The V-cycle M is therefore linear, symmetric and positive definite, with eigenvalues of M A in (0, 1]: a
-step ``x + M (b - A x)`` shrinks every error in the energy norm, to 0.45 to 0.65 of it on well-shaped
-triangles, and the same step down a function that a quadratic with the matrix A majorises never
+step ``x + M (b - A x)`` shrinks every error in the energy norm, with degree 3 to 0.45 to 0.65 of it on
+well-shaped triangles, and the same step down a function that a quadratic with the matrix A majorises never
 raises it. Triangles without area cost nothing, as rows are only joined where they are strongly
 coupled; on meshes of long ones (1 : 5) 0.9 is left. Threads share rows, which do not depend on each
 other: bits do not depend on the number of threads.
@@ -37,7 +38,8 @@ from sshade.threads import ThreadTeam
 COARSEST = 3000
 #: A level that has more than this share of the finer one's unknowns is not worth its time.
 LITTLE = 0.7
-#: Factors a, b of the smoother's steps ``d = a d + b D^-1 r``; so many are its degree.
+#: Factors a, b of the smoother's steps ``d = a d + b D^-1 r``; so many are its degree, the first of them one
+#: of a lower degree.
 SMOOTHER = [(0.0, 4 / 3), (1 / 5, 12 / 5), (3 / 7, 20 / 7)]
 #: Of the Jacobi step that smooths the prolongation.
 DAMPING = 4 / 3
@@ -57,6 +59,9 @@ class Multigrid:
         Rows that are left out: vectors are zero there.
     coarsest : int
         Unknowns up to which a level is factorised.
+    degree : int
+        Of the smoother on the finest level, 1 to 3; on the others it is 3. There each degree costs as much as
+        a coarser level altogether.
 
     Attributes
     ----------
@@ -69,8 +74,16 @@ class Multigrid:
         When the coarsest matrix is not positive definite to rounding, or has entries that are not finite.
     """
 
-    def __init__(self, A: csr_array, held: np.ndarray, *, coarsest: int = COARSEST) -> None:
+    def __init__(
+        self,
+        A: csr_array,
+        held: np.ndarray,
+        *,
+        coarsest: int = COARSEST,
+        degree: int = len(SMOOTHER),
+    ) -> None:
         self._levels: list[_Level] = []
+        self._finest = SMOOTHER[:degree]
         while A.shape[0] > coarsest:
             inverse, P = _prolongation(A, held)
             if P.shape[1] > LITTLE * A.shape[0]:
@@ -107,12 +120,12 @@ class Multigrid:
             X = np.zeros(B.shape, dtype=np.float32)
             X[self._free] = self._coarsest.solve(B[self._free])
             return X
-        level = self._levels[depth]
+        level, smoother = self._levels[depth], SMOOTHER if depth else self._finest
         level.begin(B, scale, team)
-        for a, b in SMOOTHER[1:]:
+        for a, b in smoother[1:]:
             level.step(a, b, team)
         level.prolong(self._cycle(depth + 1, level.restrict(team), 1.0, team), team)
-        for a, b in SMOOTHER:
+        for a, b in smoother:
             level.step(a, b, team)
         return level.x
 

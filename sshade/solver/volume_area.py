@@ -15,6 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from sshade.threads import ThreadTeam
+
 VOLUME, AREA = 0, 1
 #: Error of an equation at which Newton's method stops.
 CLOSE = 1e-9
@@ -26,6 +28,8 @@ PARALLEL = 1e10
 SLOW = 0.1
 #: Evaluations of the equations at most; 3 are usual.
 MOST_EVALUATIONS = 12
+#: Faces that a thread measures at a time.
+FACES = 65_536
 
 
 class Equations(NamedTuple):
@@ -149,8 +153,24 @@ def along(G, component, Z, slope):
                 slope[component[i], q, p] += dot
 
 
-@njit(cache=True, nogil=True)
-def newton(equations, Z, slope, multiplier, P):
+def measured(F: np.ndarray, start: np.ndarray, P: np.ndarray, *, team: ThreadTeam) -> np.ndarray:
+    """:func:`measure`, by a thread team where there is one component; bits do not depend on their number."""
+    if len(start) > 2:
+        return measure(F, start, P)
+    origin = P[F[0, 0]]
+    parts = team.ranges(lambda *own: volume_and_area(*own, F, P, origin), len(F), rows=FACES)
+    return sum(parts[1:], start=parts[0])[:, None]
+
+
+def newton(
+    equations: Equations,
+    Z: np.ndarray,
+    slope: np.ndarray,
+    multiplier: np.ndarray,
+    P: np.ndarray,
+    *,
+    team: ThreadTeam,
+) -> np.ndarray:
     """Move P along Z to where the equations hold; each multiplier grows by the move along its direction.
 
     Steps use the slopes given while they shrink the worst equation of a component
@@ -168,6 +188,7 @@ def newton(equations, Z, slope, multiplier, P):
         lambda, of which P has the forces in it already. Overwritten.
     P : (n, 3) float64
         Overwritten.
+    team : ThreadTeam
 
     Returns
     -------
@@ -175,47 +196,31 @@ def newton(equations, Z, slope, multiplier, P):
         The largest absolute value of a component's active equations in the end.
     """
     F, start, component, kind, scale, compliance, active = equations
-    count, held = len(start) - 1, len(kind)
-    G = np.empty((held, 0, 3))
-    residual, step, last = np.zeros((3, count, held))
+    count, G = len(start) - 1, np.empty((0, 0, 3))
+    residual, step, last = np.zeros((3, count, len(kind)))
     error, done = np.full(count, np.inf), np.zeros(count, dtype=np.bool_)
     for left in range(MOST_EVALUATIONS - 1, -1, -1):
-        now = _evaluate(equations, multiplier, P, residual)
-        slow = np.any((SLOW * error < now) & (now <= error))
+        value = measured(F, start, P, team=team)
+        now = _evaluate(value, kind, scale, compliance, active, multiplier, residual)
+        slow = bool(((SLOW * error < now) & (now <= error)).any())
         if slow:
-            G = np.empty(Z.shape) if G.shape[1] == 0 else G
+            G = G if len(G) else np.empty(Z.shape)
             gradients(F, start, kind, scale, P, G)
             along(G, component, Z, slope)
-        for c in range(count):
-            step[c] = 0.0
-            if done[c]:
-                continue
-            stalled = error[c] < ROUNDING and now[c] > 0.5 * error[c]
-            final = stalled or left == 0
-            if now[c] > error[c]:
-                share = 1.0 if final else 0.5
-                step[c] = -share * last[c]
-                last[c] *= 1.0 - share
-            else:
-                if not slow:
-                    _broyden(slope[c], residual[c], last[c])
-                error[c] = now[c]
-                if now[c] > CLOSE and not final:
-                    newton_step(slope[c], active[:, c], compliance[:, c], residual[c], step[c])
-                    last[c] = step[c]
-            done[c] = stalled or now[c] <= CLOSE
-            multiplier[c] += step[c]
-        if not np.any(step != 0.0):
+        state = slope, multiplier, step, last, error, done
+        if not _take_step(slow, left == 0, now, active, compliance, residual, *state):
             break
-        shift(P, component, Z, step)
+        team.ranges(lambda *own: shift(*own, P, component, Z, step), len(P))
     return error
 
 
 @njit(cache=True, nogil=True)
-def _evaluate(equations, multiplier, P, residual):
-    """Write what the active equations are off to `residual` (c, q); return the largest of each component."""
-    F, start, _, kind, scale, compliance, active = equations
-    value, largest = measure(F, start, P), np.empty(len(residual))
+def _evaluate(value, kind, scale, compliance, active, multiplier, residual):
+    """Write what the active equations are off to `residual` (c, q); return the largest of each component.
+
+    `value` (2, c) are volumes and areas.
+    """
+    largest = np.empty(len(residual))
     for c in range(len(residual)):
         for q in range(len(kind)):
             if active[q, c]:
@@ -223,6 +228,35 @@ def _evaluate(equations, multiplier, P, residual):
                 residual[c, q] += compliance[q, c] * multiplier[c, q]
         largest[c] = np.abs(residual[c]).max()
     return largest
+
+
+@njit(cache=True, nogil=True)
+def _take_step(slow, out, now, active, compliance, residual, slope, multiplier, step, last, error, done):
+    """Write the next step of each component to `step` (c, q), and add it to multipliers; False if all are 0.
+
+    `now` (c,) are the errors here, `error` those of the best place so far; `slow`: slopes are those
+    here; `out`: it is the last evaluation.
+    """
+    for c in range(len(now)):
+        step[c] = 0.0
+        if done[c]:
+            continue
+        stalled = error[c] < ROUNDING and now[c] > 0.5 * error[c]
+        final = stalled or out
+        if now[c] > error[c]:
+            share = 1.0 if final else 0.5
+            step[c] = -share * last[c]
+            last[c] *= 1.0 - share
+        else:
+            if not slow:
+                _broyden(slope[c], residual[c], last[c])
+            error[c] = now[c]
+            if now[c] > CLOSE and not final:
+                newton_step(slope[c], active[:, c], compliance[:, c], residual[c], step[c])
+                last[c] = step[c]
+        done[c] = stalled or now[c] <= CLOSE
+        multiplier[c] += step[c]
+    return np.any(step != 0.0)
 
 
 @njit(cache=True, nogil=True)
@@ -313,10 +347,10 @@ def newton_step(J, active, compliance, r, x):
 
 
 @njit(cache=True, nogil=True)
-def shift(P, component, Z, move):
-    """Add to P (n, 3) Z (q, n, 3) times what its component moves along each, `move` (c, q)."""
+def shift(first, end, P, component, Z, move):
+    """Add to a range of P (n, 3) Z (q, n, 3) times what its component moves along each, `move` (c, q)."""
     for q in range(len(Z)):
-        for i in range(len(P)):
+        for i in range(first, end):
             m = move[component[i], q]
             for d in range(3):
                 P[i, d] += m * Z[q, i, d]

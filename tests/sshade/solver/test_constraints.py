@@ -30,6 +30,7 @@ from sshade.solver.volume_area import (
     newton_step,
 )
 from sshade.solver.volume_area import volume_and_area as of_faces
+from sshade.threads import ThreadTeam
 from tests.shapes import bent, bumpy, double_torus, icosphere, jittered, rotation, strip, torus
 from tests.sshade.naive import TASKS, Naive
 
@@ -183,7 +184,7 @@ def test_newton_renews_the_slopes_of_equations_that_it_leaves_out():
     P, slope, multiplier = V.copy(), np.full((1, 2, 2), 1e3), np.zeros((1, 2))  # far too steep: slow
     active = np.array([[True], [False]])
     equations = Equations(F, start, component, BOTH, scale, np.zeros((2, 1)), active)
-    assert newton(equations, Z, slope, multiplier, P)[0] <= CLOSE
+    assert newton(equations, Z, slope, multiplier, P, team=ThreadTeam(1))[0] <= CLOSE
     assert multiplier[0, 0] != 0.0 and multiplier[0, 1] == 0.0
     there = np.empty((1, 2, 2))
     gradients(F, start, BOTH, scale, P, G)
