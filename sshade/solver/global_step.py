@@ -36,8 +36,8 @@ NEARLY = 1e-2
 #: Least weight of a triangle in the metric of a V-cycle. Weights rise where strain goes, and a step is
 #: safe while they are under twice the metric's; lower ones save little (tried: 0.1 to 0.5).
 SOFTEST = 0.25
-#: Degree of the finest level's smoother where no step is exact. A polish gets as low as with degree 3 in a
-#: fifth less time: each step takes a quarter less, and 52 to 57 do what 50 did.
+#: Degree of the finest level's smoother where no step is exact. A polish gets as low as with degree 3 in 3 to
+#: 26 % less time (six bodies): a step takes less, though it does less.
 ROUGHEST = 1
 
 

@@ -160,7 +160,6 @@ def iterate(
     max_iterations: int,
     deadline: float,
     progress: Progress,
-    plain: int = 0,
 ) -> dict[str, Any]:
     """Repeat a plain iteration, accelerated by a mixer, until its residual is below a tolerance.
 
@@ -175,8 +174,6 @@ def iterate(
     deadline : float
         Value of `perf_counter` after which no iteration begins.
     progress : Progress
-    plain : int
-        How many first steps are not accelerated: held vertices may not be on their targets before.
 
     Returns
     -------
@@ -215,7 +212,7 @@ def iterate(
         mixed, converged = False, residual < tolerance and not rough
         if residual < tolerance and rough:
             iteration.refine()
-        if mixer and not converged and plain < iterations < max_iterations:
+        if mixer and not converged and iterations < max_iterations:
             mixed = mixer.advance(u, g)
             if mixed:
                 iteration.restore(u)
