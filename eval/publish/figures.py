@@ -104,7 +104,7 @@ def _case(experiment: Experiment, rows: Sequence[Row], methods: Sequence[str]) -
 
 
 def read_picture(name: str, path: Path = CONFIGURATION / "pictures.yaml") -> dict[str, Any]:
-    """What ``conf/pictures.yaml`` says of an experiment: title, cases, methods, towards, up, or fewer."""
+    """What ``conf/pictures.yaml`` says of an experiment: title, tasks, methods, towards, up, or fewer."""
     with path.open(encoding="utf-8") as file:
         return dict(yaml.safe_load(file).get(name, {}))
 
@@ -126,7 +126,7 @@ def command(options: argparse.Namespace) -> int:
     told = read_picture(folder.name)
     names, methods = options.cases, options.methods or told.get("methods", [])
     if not names and not options.worst:
-        names = told.get("cases", [])
+        names = told.get("tasks", [])
     cases = read_cases(folder, names=names, methods=methods, worst=options.worst)
     view = camera(options, told)
     rows = [row for case in cases for row in panels.rows_of(case.task, case.results, **view)]
