@@ -51,21 +51,21 @@ def test_what_the_configuration_says_of_pictures_names_published_runs():
     """Cases and methods of the rows, or a track's picture could not be made of its runs."""
     told = yaml.safe_load((CONFIGURATION / "pictures.yaml").read_text())
     for name, picture in told.items():
-        assert set(picture) <= {"title", "cases", "methods", "towards", "up"}
+        assert set(picture) <= {"title", "tasks", "methods", "towards", "up"}
         assert picture == read_picture(name)
         path = PUBLISHED / "rows" / f"{name}.csv"
         if path.is_file():
             rows = read_csv(path)
-            assert set(picture["cases"]) <= set(rows["task.name"])
+            assert set(picture["tasks"]) <= set(rows["task.name"])
             assert set(picture["methods"]) <= set(rows["method.name"])
-        assert {split_of(case) for case in picture["cases"]} <= {HELD_OUT, TUNING}
+        assert {split_of(case) for case in picture["tasks"]} <= {HELD_OUT, TUNING}
     assert read_picture("nothing") == {}
 
 
 def test_the_picture_of_an_experiment_is_that_of_the_configuration(tiny_runs, tmp_path, monkeypatch):
     pytest.importorskip("pyvista")
     pytest.importorskip("matplotlib")
-    told = {"cases": ["bumpy_40"], "methods": ["failing", "stretching"], "up": [0.0, 0.0, 1.0], "title": "T"}
+    told = {"tasks": ["bumpy_40"], "methods": ["failing", "stretching"], "up": [0.0, 0.0, 1.0], "title": "T"}
     monkeypatch.setattr(figures, "read_picture", lambda name: told if name == tiny_runs.name else {})
     drawn = {}
     monkeypatch.setattr(panels, "draw", lambda rows, **options: drawn.update(rows=rows, **options))
