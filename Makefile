@@ -16,7 +16,7 @@ QUICK  := data/defaust_20k
 CI     := data/defaust_5k
 
 FULL   := data/defaust_170k
-SIZES  := 10000 30000 25000 18750 28125 15625 11719 19532
+SIZES  := 10000 15625 19532
 BASES  := $(SIZES:%=data/bench/%)
 BODY   := "defaust root=$(FULL) subject=0 pose=1"
 ONE    := "sshade-1=sshade samplings=1"
@@ -56,8 +56,8 @@ bench: $(READY) $(FULL)/dataset.json $(BASES:%=%/dataset.json)
 	$(BIN)/sshade-eval bench drag --name drag_large --sizes 1000000 --rounds 3 \
 	  --cases "defaust root=data/bench/15625 subject=0 pose=1" \
 	  --methods sshade_fast "sshade_fast-6000=sshade_fast vertices=6000"
-	$(BIN)/sshade-eval bench scaling --cases $(BASES:%="defaust root=% subject=0 pose=1") \
-	  --methods $(ONE) sshade_fast
+	$(BIN)/sshade-eval bench scaling --rounds 1 --sizes 170000 683000 2700000 5000000 \
+	  --cases $(BODY) "defaust root=data/bench/19532 subject=0 pose=1" --methods sshade_fast sshade_fine
 	$(BIN)/sshade-eval bench startup --methods sshade sshade_fast
 	$(BIN)/sshade-eval timings speed drag drag_large scaling startup
 
