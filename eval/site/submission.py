@@ -153,6 +153,7 @@ def _check_one_method(path: Path, rows: list[Row], name: str, settings: Mapping[
     several = {
         "method.hash": "configurations",
         "env.version.code": "versions of the code",
+        "method.sources": "versions of the method's own files",
         "env.version.metrics": "versions of the metrics",
     }
     for column, what in several.items():

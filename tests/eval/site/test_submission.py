@@ -114,7 +114,9 @@ def test_rows_that_are_not_the_tracks_are_refused(folder, published, changes, me
         check(folder, TRACK, published)
 
 
-@pytest.mark.parametrize("column", ["method.hash", "env.version.code", "env.version.metrics"])
+@pytest.mark.parametrize(
+    "column", ["method.hash", "env.version.code", "method.sources", "env.version.metrics"]
+)
 def test_rows_of_several_versions_are_refused(folder, published, column):
     put_rows(folder, lambda row: row | {column: row["task.name"]})
     with pytest.raises(InputError, match="several"):
