@@ -29,6 +29,8 @@ from sshade.threads import available_cpus
 
 #: Folders of the code that can change the numbers of a row.
 CODE = ("sshade", "baselines", "defaust", "eval/configure", "eval/run")
+#: What of it shows results to people; no method imports these.
+SHOWN = ("sshade/cli", "sshade/edit", "sshade/figures.py", "sshade/threejs")
 #: Its packages; methods of all others are those of users.
 OWN = frozenset(name.split("/")[0] for name in CODE)
 #: What of a checkout can change them; not results or pages of text.
@@ -80,6 +82,8 @@ class Code:
         Files, and folders with all that is below them.
     folder : path
         Places of files are told from here.
+    without : iterable of path
+        Files and folders left out.
 
     Attributes
     ----------
@@ -89,15 +93,16 @@ class Code:
         16 hex digits of them all.
     """
 
-    def __init__(self, paths: Iterable[Path], *, folder: Path) -> None:
-        self._paths, self._folder = tuple(paths), folder
+    def __init__(self, paths: Iterable[Path], *, folder: Path, without: Iterable[Path] = ()) -> None:
+        self._paths, self._folder, self._without = tuple(paths), folder, tuple(without)
         self._stamps = self._look()  # before the files are read: an edit in between shows
         self.hashes = {place: digest((folder / place).read_bytes()) for place in sorted(self._stamps)}
         self.version = digest(*(text.encode() for pair in self.hashes.items() for text in pair))
 
     def _look(self) -> dict[str, tuple[int, int]]:
         """When each file was written, and its size."""
-        stats = {f.relative_to(self._folder).as_posix(): f.stat() for f in _python_files(self._paths)}
+        files = [f for f in _python_files(self._paths) if not any(map(f.is_relative_to, self._without))]
+        stats = {f.relative_to(self._folder).as_posix(): f.stat() for f in files}
         return {place: (stat.st_mtime_ns, stat.st_size) for place, stat in stats.items()}
 
     def edited(self) -> str | None:
@@ -117,7 +122,9 @@ def _difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> str | None:
 
 
 #: The code, and what measures, as this process loaded it.
-LOADED = Code((PACKAGES / name for name in CODE), folder=PACKAGES)
+LOADED = Code(
+    (PACKAGES / name for name in CODE), folder=PACKAGES, without=(PACKAGES / name for name in SHOWN)
+)
 MEASURES = Code([PACKAGES / "eval" / "metrics"], folder=PACKAGES)
 #: Their versions: columns ``env.version.code`` and ``env.version.metrics``.
 SOURCES, METRICS = LOADED.version, MEASURES.version

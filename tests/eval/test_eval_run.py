@@ -24,6 +24,7 @@ from eval.rows.frame import to_frame, write_csv
 from eval.rows.store import read_curves, read_row, run_folders, write_run
 from eval.run import provenance
 from eval.run.run import run
+from sshade.cli.configuration import PACKAGES
 from sshade.errors import InputError
 from sshade.progress import silent
 from sshade.task import DeformationResult
@@ -262,6 +263,13 @@ def test_an_edit_of_our_own_code_ends_the_runs(task, tmp_path, monkeypatch):
         with pytest.raises(provenance.CodeChanged, match="ours/arap.py has changed"):
             run(task, STRETCHING, name="s", root=tmp_path / name)
         monkeypatch.undo()
+
+
+def test_a_version_leaves_out_what_shows_results_alone():
+    places = provenance.LOADED.hashes
+    assert {"sshade/solver/arap.py", "baselines/global_step.py", "eval/run/run.py"} <= places.keys()
+    assert all((PACKAGES / place).exists() for place in provenance.SHOWN)
+    assert not any(place.startswith(provenance.SHOWN) for place in places)
 
 
 def test_a_fresh_process_of_other_code_gives_no_row(task, tmp_path, monkeypatch):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from functools import partial
 
 import numpy as np
@@ -21,6 +23,39 @@ from sshade.pipeline.transfer import TransferTask
 from sshade.sampling.advance import cover, insert
 from sshade.solver.substitution import _rows
 from sshade.task import DeformationResult, DeformationTask
+
+#: Prints the kernels that a method compiles, or loads, after its warm-up: by two caps, then by two wide ones.
+COMPILED = """
+import sys
+import numpy as np
+from numba.core.dispatcher import Dispatcher
+from eval.configure.compose import read_choice, resolved
+from eval.run.targets import instantiate
+from eval.run.warmup import icosphere, warm_up
+from sshade.task import DeformationTask, Handles
+
+method = resolved("method", read_choice(sys.argv[1]))
+call = instantiate(method)
+warm_up(call, method["warm_up"], key="", kind=DeformationTask)
+compiled, compile_now = [], Dispatcher.compile
+
+def compile_told(kernel, signature):
+    known = len(kernel.overloads)
+    entry = compile_now(kernel, signature)
+    compiled.extend([kernel.py_func.__name__] * (len(kernel.overloads) - known))
+    return entry
+
+Dispatcher.compile = compile_told
+mesh = icosphere(5)
+height = mesh.V[:, 2]
+for cap in (0.9, 0.2):
+    index = np.flatnonzero(abs(height) > cap)
+    up = height[index] > 0
+    handles = Handles(index, mesh.V[index] + [0.1, 0, 0] * up[:, None], group=up.astype(int))
+    call(DeformationTask("ball", mesh, handles), seed=0)
+    print(*compiled)
+    compiled.clear()
+"""
 
 
 @pytest.mark.parametrize("level", [0, 1, 3])
@@ -56,6 +91,12 @@ def test_the_tiny_task_has_handles_of_both_kinds_and_the_tiny_transfer_is_edited
     for other in (task.mesh.V, task.posed):
         assert 0.05 < np.linalg.norm(other - task.rest.V, axis=1).max() < 1
     assert np.array_equal(task.mesh.F, task.rest.F)
+
+
+@pytest.mark.parametrize("name", ["sshade_fast", "sshade_fine"])
+def test_after_a_warm_up_nothing_is_compiled_by_landmarks_or_regions(name):
+    told = subprocess.run([sys.executable, "-c", COMPILED, name], capture_output=True, text=True, check=True)
+    assert told.stdout.splitlines() == ["", ""]
 
 
 def test_kernels_that_a_tiny_task_does_not_need_are_compiled():
