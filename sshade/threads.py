@@ -64,7 +64,7 @@ def in_ranges(work: Callable[[int, int], Result], n: int) -> list[Result]:
 
 
 class ThreadTeam:
-    """Threads that stay for many short chunks of work, in a ``with`` block.
+    """Threads that stay for many short chunks of work, in a ``with`` block or as long as something has them.
 
     Parameters
     ----------

@@ -47,6 +47,8 @@ class BoundProxy:
         How a first solve goes about it.
     seed : int
         Of the coarser level's sampling.
+    team : ThreadTeam
+        Threads that carry M.
     """
 
     def __init__(
@@ -59,7 +61,9 @@ class BoundProxy:
         choices: Choices,
         first: Literal["multilevel", "plain"],
         seed: int,
+        team: ThreadTeam,
     ) -> None:
+        self._team = team
         self.binding, self._choices, self._first, self._seed = binding, choices, first, seed
         self._own: np.ndarray | None = own
         self._on, self._mesh, self._proxy = on, binding.mesh, binding.proxy
@@ -145,7 +149,6 @@ class BoundProxy:
         *,
         keep_volume: bool,
         settle: bool,
-        team: ThreadTeam,
         out: np.ndarray | None,
         **stop: Any,
     ) -> DeformationResult:
@@ -162,8 +165,6 @@ class BoundProxy:
         keep_volume : bool
             Whether M' is on its targets and has its volume before samplings are averaged.
         settle : bool
-        team : ThreadTeam
-            Threads that carry M.
         out : (n, 3) float64, C-contiguous, optional
             Takes what is carried.
         **stop
@@ -175,7 +176,7 @@ class BoundProxy:
             solved = self.solve(handles, **stop)
             end = perf_counter()
             rotations = solved.extra["rotations"]
-            V, degenerate = binding.carry(solved.vertices, rotations=rotations, team=team, out=out)
+            V, degenerate = binding.carry(solved.vertices, rotations=rotations, team=self._team, out=out)
             seconds["carry"] += perf_counter() - end
             seconds["solve"] += end - begin
             iterations += solved.iterations
@@ -241,9 +242,8 @@ class BoundProxy:
         else:
             result = solve(task, tolerance=tolerance)
         rotations = result.extra["rotations"]
-        self._following = Following(
-            self._solver, result.vertices, rotations, targets, **{**pulls, "volume_goal": 1.0}, **energy
-        )
+        there: dict[str, Any] = {**pulls, "volume_goal": 1.0}
+        self._following = Following(self._solver, result.vertices, rotations, targets, **there, **energy)
         return result
 
 

@@ -97,6 +97,8 @@ class Deformer:
         self._proxies = proxies = Proxies(mesh, handles=len(self.index), **chosen.proxies)
         self._regions = regions = self._new_regions()
         self._at: Handles | None = None
+        # Its threads stay: to begin and end them takes some tenths of a millisecond.
+        team = ThreadTeam(proxies.carriers)
 
         def make(number: int) -> BoundProxy:
             remeshed, handle = regions.sample((proxies.seed, number))
@@ -110,6 +112,7 @@ class Deformer:
                 choices=chosen,
                 first="multilevel" if self._fast else "plain",
                 seed=proxies.seed,
+                team=team,
             )
             progress("binding", number + 1, proxies.samplings)
             return bound
@@ -319,15 +322,12 @@ class Deformer:
         if self._regions.covered:
             return all_on_targets(DeformationTask("drag", self.mesh, handles))
         into, stop = out if self._proxies.samplings == 1 else None, self._stop(tolerance, max_iterations)
-        with ThreadTeam(self._proxies.carriers) as team:
 
-            def one(number: int) -> DeformationResult:
-                proxy, keep = self._bound_proxies[number], self._keeps_volume
-                return proxy.deform(
-                    handles, self._regions, keep_volume=keep, settle=settle, team=team, out=into, **stop
-                )
+        def one(number: int) -> DeformationResult:
+            proxy, keep = self._bound_proxies[number], self._keeps_volume
+            return proxy.deform(handles, self._regions, keep_volume=keep, settle=settle, out=into, **stop)
 
-            result = self._proxies.average(one)
+        result = self._proxies.average(one)
         V = result.vertices
         if not self._keeps_volume:
             V = self._regions.on_targets(V, handles)

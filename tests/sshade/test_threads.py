@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import gc
 import os
 import threading
 
@@ -57,3 +58,21 @@ def test_no_workers_are_an_error(make, workers):
 def test_cpus_are_those_that_the_process_may_use(monkeypatch):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {3, 5, 8})
     assert available_cpus() == 3
+
+
+def test_threads_of_a_team_that_nothing_has_any_more_end():
+    team, own = ThreadTeam(3), set()
+    barrier = threading.Barrier(3, timeout=10)
+
+    def meet(_: int) -> None:
+        own.add(threading.current_thread())
+        barrier.wait()
+
+    team(meet, 3)
+    others = own - {threading.current_thread()}
+    assert len(others) == 2 and all(thread.is_alive() for thread in others)
+    del team
+    gc.collect()
+    for thread in others:
+        thread.join(timeout=10)
+        assert not thread.is_alive()
