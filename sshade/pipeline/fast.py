@@ -29,8 +29,9 @@ PARTS, STIFFNESS = 0.1, 0.06
 #: The proxy's energy, by default.
 PROXY = SolverOptions(volume=inf, area=inf, parts=PARTS, stiffness=STIFFNESS, strain=0.0125, start="rigid")
 
-#: What is left of the stiffness where handles are regions: strain gathers at their edges anyway.
-REGION_STIFFNESS = 0.12
+#: What is left of the stiffness where handles are regions: strain gathers at their edges anyway. Their parts
+#: spread it from there, and more than this would stretch what lies between.
+REGION_STIFFNESS = 0.08
 
 #: Of the energy whose minimum leads: parts come first, nothing softens, and the area need not be exact.
 LEAD, LEAD_AREA = SolverOptions(parts=3.0, stiffness=1.0), 1.0
@@ -55,8 +56,8 @@ def sshade_fast(
         Of the proxies, by default one of :data:`VERTICES` with ``blended`` frames: see
         :class:`sshade.pipeline.proxies.ProxyOptions`. Of their energy, the spokes and rims, and its
         iteration: see :class:`sshade.solver.options.SolverOptions`, by default :data:`PROXY`; with handle
-        regions, which are parts themselves, :data:`sshade.pipeline.regions.OF_REGIONS` and
-        :data:`REGION_STIFFNESS` are among them: strain and folds gather at the edges of regions.
+        regions :data:`sshade.pipeline.regions.OF_REGIONS` and :data:`REGION_STIFFNESS` are among them:
+        strain and folds gather at the edges of regions.
         Large proxies begin with a coarser one's result: see :mod:`sshade.pipeline.multilevel`.
 
     Returns

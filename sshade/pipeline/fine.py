@@ -11,7 +11,7 @@ import numpy as np
 
 from sshade.mesh.adjacency import vertex_graph
 from sshade.pipeline.components import each_component
-from sshade.pipeline.fast import PROXY, STIFFNESS, VERTICES, sshade_fast
+from sshade.pipeline.fast import PROXY, REGION_STIFFNESS, STIFFNESS, VERTICES, sshade_fast
 from sshade.pipeline.regions import OF_REGIONS, HandleRegions, all_on_targets, has_regions
 from sshade.progress import Progress, silent
 from sshade.sampling.fronts import Fronts
@@ -26,7 +26,7 @@ from sshade.threads import available_cpus, number_of_workers
 #: strain, as fine triangles crease where those of a proxy cannot.
 POLISH = PROXY | SolverOptions(area=1.0, parts=0.01, stiffness=0.03, limit=0.25)
 #: Where handles are regions strain gathers at their edges, and a limit spreads it from there.
-REGIONS = POLISH | OF_REGIONS | SolverOptions(stiffness=0.08, limit=inf)
+REGIONS = POLISH | OF_REGIONS | SolverOptions(stiffness=REGION_STIFFNESS, limit=inf)
 #: How strongly handle groups pull their parts along on the proxy: half of what they do without a polish, as
 #: nearest to the truth lie basins where the volume costs more stretch.
 PROXY_PARTS = 0.05
@@ -59,7 +59,7 @@ def sshade_fine(
     vertices : int
         Of the proxy; see :class:`sshade.pipeline.proxies.ProxyOptions`.
     proxy_parts, proxy_stiffness : float
-        `parts` and `stiffness` of the proxy; without effect on parts where handles are regions.
+        `parts` and `stiffness` of the proxy.
     polish_iterations : int
         Iterations at full resolution, at most.
     polish_seconds : float, optional
@@ -98,8 +98,7 @@ def sshade_fine(
     own = complete(options, **(REGIONS if regional else POLISH))
     with ThreadPoolExecutor(max_workers=1) as pool:
         bound = pool.submit(_bind, task, own["parts"])
-        of_proxy: Any = own | {"stiffness": proxy_stiffness, "limit": inf}
-        of_proxy["parts"] = 0.0 if regional else proxy_parts
+        of_proxy: Any = own | {"parts": proxy_parts, "stiffness": proxy_stiffness, "limit": inf}
         proxy = sshade_fast(task, vertices=vertices, seed=seed, progress=progress, **of_proxy)
         arrived = perf_counter()
         solver, targets, precompute = bound.result()

@@ -45,8 +45,8 @@ SHIFT, NEWTON_STEPS = 0.1, 4
 AREA = 0.1
 #: Length over which the proxy's bending spreads folds there, over the square root of the area.
 BENDING = 0.003
-#: The solver's options by default there; a region is a part itself, and pulls none.
-OF_REGIONS = SolverOptions(area=AREA, parts=0.0, bending=BENDING)
+#: The solver's options by default there.
+OF_REGIONS = SolverOptions(area=AREA, bending=BENDING)
 #: Handles that hang together have a rotation where at least this share of them has handles around it only.
 #: Among single vertices, some triples happen to be faces, whose turn says nothing.
 SURROUNDED = 0.1

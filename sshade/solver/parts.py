@@ -9,8 +9,9 @@ pulls the vertices around it towards its own rigid motion (R, t), which its poin
 
 beside ``sum_ij w_ij |e'_ij - R_i e_ij|^2``: a_i is the area of vertex i, d_i its distance from the group plus
 the group's own radius, r :data:`RADIUS` x the square root of the mesh's area. Neither the unit of length
-nor the resolution matters, and a group of the size of a part, such as a painted region, pulls nothing.
-The pulls are those of soft handles: see :class:`sshade.solver.arap.ArapSystem`.
+nor the resolution matters, and the larger a group is, the less it pulls: a painted region as large as a
+hand almost as much as a few points there, one of the size of a part nothing. The pulls are those of soft
+handles: see :class:`sshade.solver.arap.ArapSystem`.
 
 Which vertices are pulled, and at most how strongly, depends on the rest shape alone; targets say whereto.
 Targets that no rigid motion reaches, as half-way along straight lines between two poses, leave (R, t)
@@ -168,8 +169,10 @@ class _Part(NamedTuple):
     @classmethod
     def at_rest(cls, own: np.ndarray, P: np.ndarray) -> _Part:
         centre = P.mean(axis=0)
+        if len(own) < 3:
+            return cls(own, centre, P - centre, 0.0)
         spread = np.linalg.svd(P - centre, compute_uv=False)
-        told = len(own) > 2 and spread[1] > SPREAD * spread[0]
+        told = spread[1] > SPREAD * spread[0]
         return cls(own, centre, P - centre, float((spread[1:] ** 2).sum()) if told else 0.0)
 
 

@@ -190,19 +190,43 @@ def test_the_facts_of_the_first_solve_stay_when_the_volume_takes_more(task):
     assert extra.extra["proxy_basin"] in ("lead", "start") and "proxy_coarser_iterations" in extra.extra
 
 
+#: What leaves parts out of a method.
+WITHOUT_PARTS = {"fast": {"parts": 0.0}, "fine": {"parts": 0.0, "proxy_parts": 0.0}}
+
+
+def test_a_painted_region_takes_along_the_part_that_it_lies_on():
+    """A patch on one side of a bar's end nods, and the end with it, more so than without parts."""
+    mesh = jittered(block(np.ones((1, 1, 8)), cells=16), 0.01)
+    x, y, z = mesh.V.T
+    low, painted = np.flatnonzero(z < 2), np.flatnonzero((y < 0.1) & (z > 7.2) & (abs(x - 0.5) < 0.4))
+    assert len(painted) > 100
+    about, R = np.array([0.5, 0.5, 7.0]), Rotation.from_euler("x", 50, degrees=True).as_matrix()
+    posed = (mesh.V - about) @ R.T + about
+    index = np.r_[low, painted]
+    nod = DeformationTask(
+        "nod", mesh, Handles(index, np.where((z[index] < 2)[:, None], mesh.V[index], posed[index]))
+    )
+    assert 2 * len(edge_vertices(mesh, index)) < len(index)
+    off = [
+        np.linalg.norm(METHODS["fast"](nod, **options).vertices - posed, axis=1)[z > 7].mean()
+        for options in ({}, WITHOUT_PARTS["fast"])
+    ]
+    assert off[0] < 0.9 * off[1]
+
+
 @pytest.mark.parametrize(
     ("name", "edge_most", "angle_most"),
     [("fast", 1.1, 1.15), ("fine", 0.9, 0.9)],  # the minimum has no bending
 )
 def test_a_limb_that_bends_beside_its_region_changes_as_at_full_resolution(name, edge_most, angle_most):
-    """The end of a bar is turned by 70 degrees: what turns with it may not stretch the rest."""
+    """The end of a bar is turned by 70 degrees: what turns with it at its edge may not stretch the rest."""
     mesh = jittered(block(np.ones((1, 1, 8)), cells=8), 0.01)
     z = mesh.V[:, 2]
     low, end = np.flatnonzero(z < 4), np.flatnonzero(z > 7)
     turned = (mesh.V[end] - [0.5, 0.5, 7]) @ Rotation.from_euler("x", 70, degrees=True).as_matrix().T
     target = np.concatenate([mesh.V[low], turned + [0.5, 0.5, 7]])
     bent = DeformationTask("limb", mesh, Handles(np.r_[low, end], target))
-    ours = Deformed(bent, METHODS[name](bent).vertices)
+    ours = Deformed(bent, METHODS[name](bent, **WITHOUT_PARTS[name]).vertices)
     free = Deformed(bent, local_global(bent, start="rigid").vertices)
     assert edge_change(mesh, ours.shape.V) < edge_most * edge_change(mesh, free.shape.V)
     assert angle(ours) < angle_most * angle(free)
