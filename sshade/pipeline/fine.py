@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from math import inf
 from time import perf_counter
 from typing import Any, Unpack
 
 import numpy as np
 
+from sshade.memory import give_back
 from sshade.mesh.adjacency import vertex_graph
 from sshade.pipeline.components import each_component
 from sshade.pipeline.fast import PROXY, REGION_STIFFNESS, STIFFNESS, VERTICES, sshade_fast
@@ -94,6 +96,7 @@ def sshade_fine(
     if task.handles.hard.sum() == task.mesh.n:
         return all_on_targets(task)
     begin = perf_counter()
+    give_back()  # what others left, before this needs the most
     regional = has_regions(task, vertices)
     own = complete(options, **(REGIONS if regional else POLISH))
     with ThreadPoolExecutor(max_workers=1) as pool:
@@ -105,9 +108,12 @@ def sshade_fine(
     ready = perf_counter()
     energy: dict[str, Any] = {**energy_options(own), "workers": workers}
     energy["known"] = _around(task, samples=proxy.extra["samples"])
+    start = [proxy.vertices]
+    proxy = replace(proxy, vertices=np.empty((0, 3)))
+    give_back()
     solution = solver.solve(
         targets,
-        start=proxy.vertices,
+        start=start.pop(),  # it lets go of it
         tolerance=own["tolerance"],
         max_iterations=polish_iterations,
         max_seconds=inf if polish_seconds is None else polish_seconds,

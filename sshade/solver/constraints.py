@@ -122,7 +122,13 @@ class Components:
         return self._lacking == ""
 
     def held(
-        self, asked: VolumeArea, *, corners: int, team: ThreadTeam, volume_goal: float = 1.0
+        self,
+        asked: VolumeArea,
+        *,
+        corners: int,
+        team: ThreadTeam,
+        volume_goal: float = 1.0,
+        single: bool = False,
     ) -> HeldConstraints | None:
         """The constraints of a solve; None where it holds nothing.
 
@@ -134,6 +140,8 @@ class Components:
         team : ThreadTeam
         volume_goal : float
             What each volume is to be, over that of the rest shape; positive.
+        single : bool
+            Keep gradients and directions in single precision; what is held is as exact.
         """
         if asked.volume > 0 and not self.has_volume.all():
             log.warning("the volume constraint is %s", self._off())
@@ -141,7 +149,13 @@ class Components:
         if not kinds:
             return None
         return HeldConstraints(
-            self, asked, np.array(kinds), corners=corners, team=team, volume_goal=volume_goal
+            self,
+            asked,
+            np.array(kinds),
+            corners=corners,
+            team=team,
+            volume_goal=volume_goal,
+            single=single,
         )
 
     def errors(self, P: np.ndarray, *, volume_goal: float = 1.0) -> Errors:
@@ -190,7 +204,8 @@ class HeldConstraints:
         *,
         corners: int,
         team: ThreadTeam,
-        volume_goal: float = 1.0,
+        volume_goal: float,
+        single: bool,
     ) -> None:
         self._team = team
         rest, has = components.rest, components.has_volume
@@ -209,7 +224,8 @@ class HeldConstraints:
         )
         self._asked, self._rest_scale = weight, on / np.where(on, rest[kinds], 1.0)
         self.retry(volume_goal)
-        self._G, self._Z = np.zeros((2, len(kinds), len(components.component), 3))
+        precision = np.float32 if single else np.float64
+        self._G, self._Z = np.zeros((2, len(kinds), len(components.component), 3), dtype=precision)
         self._slope = np.empty((on.shape[1], len(kinds), len(kinds)))
         self._violation = np.zeros(on.shape[1])
         self._multiplier, self._grown = np.zeros((2, on.shape[1], len(kinds)))

@@ -22,6 +22,7 @@ from numba import njit
 from scipy.sparse import csr_array
 
 from sshade.errors import InputError
+from sshade.memory import give_back
 from sshade.solver.conjugate_gradients import conjugate_gradients
 from sshade.solver.factorisation import Factorisation
 from sshade.solver.multigrid import SMOOTHER, Multigrid, compressed_rows, multiply
@@ -184,6 +185,7 @@ class MultigridStep:
                 self._made = Multigrid(self._system.metric(weight), held, degree=degree)
             except FloatingPointError as error:
                 raise not_positive_definite() from error
+            give_back()
         return self._made
 
     def aim(self, targets: np.ndarray) -> None:

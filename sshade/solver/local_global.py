@@ -203,6 +203,7 @@ class LocalGlobal:
         if not 0 < volume_goal < inf:
             raise InputError(f"the volume to be held must be positive, not {volume_goal} times that at rest")
         u = self.to_system(start, targets)
+        del start  # which may be the caller's last, of no more use
         with ThreadTeam(workers) as team:
             held, iteration = self.iteration(
                 targets, team=team, volume_goal=volume_goal, known=known, share=share, **energy
@@ -237,7 +238,11 @@ class LocalGlobal:
             targets - self.mesh.origin,
             team=team,
             constraints=self._components.held(
-                held, corners=system.terms.corners.shape[1], team=team, volume_goal=volume_goal
+                held,
+                corners=system.terms.corners.shape[1],
+                team=team,
+                volume_goal=volume_goal,
+                single=system.factorised is None and not system.exact_steps,
             ),
             softening=softening.of(system.terms, system.rest),
             **options,

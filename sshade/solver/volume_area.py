@@ -204,7 +204,7 @@ def newton(
         now = _evaluate(value, kind, scale, compliance, active, multiplier, residual)
         slow = bool(((SLOW * error < now) & (now <= error)).any())
         if slow:
-            G = G if len(G) else np.empty(Z.shape)
+            G = G if len(G) else np.empty(Z.shape, dtype=Z.dtype)
             gradients(F, start, kind, scale, P, G)
             along(G, component, Z, slope)
         state = slope, multiplier, step, last, error, done

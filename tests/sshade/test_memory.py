@@ -1,0 +1,30 @@
+"""Freed memory goes back to the system."""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+
+import numpy as np
+import pytest
+
+from eval.run.provenance import process_memory
+from sshade.memory import give_back
+
+
+@pytest.mark.skipif(
+    sys.platform != "linux" or not hasattr(ctypes.CDLL(None), "malloc_trim"), reason="glibc alone keeps it"
+)
+def test_what_lies_under_a_living_array_is_given_back():
+    arrays = [np.ones(12_000) for _ in range(1000)]  # small enough not to be mapped by themselves
+    last = arrays.pop()
+    arrays.clear()
+    kept = process_memory("VmRSS")
+    give_back()
+    assert kept - process_memory("VmRSS") > 60e6
+    assert last.all()
+
+
+def test_without_it_nothing_happens(monkeypatch):
+    monkeypatch.setattr(sys, "platform", "win32")
+    give_back()
