@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from hydra import compose, initialize_config_dir
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
@@ -10,8 +12,13 @@ from sshade.cli.configuration import CONFIGURATION
 
 
 def composed(*overrides: str) -> DictConfig:
-    """What a command line gives, Hydra's own settings too."""
+    """What a command line gives, Hydra's own settings too; not to be changed."""
+    config = _composed(overrides)
+    HydraConfig.instance().set_config(config)
+    return config
+
+
+@cache
+def _composed(overrides: tuple[str, ...]) -> DictConfig:
     with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
-        config = compose("config", overrides=list(overrides), return_hydra_config=True)
-        HydraConfig.instance().set_config(config)
-        return config
+        return compose("config", overrides=list(overrides), return_hydra_config=True)

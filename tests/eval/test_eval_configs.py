@@ -14,7 +14,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.utils import instantiate as hydra_instantiate
 from omegaconf import OmegaConf
 
-from eval.configure.sweep import ABOUT_DATASET
+from eval.configure.sweep import ABOUT_DATASET, VALUES
 from eval.run.targets import OWN_KEYS, check_parameters, instantiate, locate, parameter_hints
 from sshade.cli.configuration import CONFIGURATION
 from sshade.solver.local_global import local_global
@@ -88,16 +88,17 @@ def test_dataset_composes_and_names_a_loader(name):
 
 @pytest.mark.parametrize("name", names("experiment"))
 def test_experiment_composes_with_every_value_that_it_sweeps(name):
+    """But for cases and seeds, which are plain values in every configuration."""
     config = composed(f"experiment={name}")
     assert config.hydra.mode.name == "MULTIRUN"
     assert config.run.experiment == name
     assert config.hydra.sweep.dir.endswith(f"out/runs/{name}")
     swept = {}
     for key, values in config.hydra.sweeper.params.items():
-        if "glob(" not in str(values):
+        if "glob(" not in str(values) and key not in VALUES:
             override = OverridesParser.create().parse_override(f"{key}={values}")
             swept[key] = [*override.sweep_string_iterator()] if override.is_sweep_override() else [values]
-    for k in range(max(map(len, swept.values()))):
+    for k in range(max(map(len, swept.values()), default=1)):
         composed(f"experiment={name}", *(f"{key}={values[k % len(values)]}" for key, values in swept.items()))
 
 

@@ -7,7 +7,7 @@ import subprocess
 
 import pytest
 from compositions import composed
-from eval_cases import ENVIRONMENT, RUN, run_eval
+from eval_cases import ENVIRONMENT, RUN, run_program
 from hydra.errors import HydraException
 
 from eval.configure import app as cli
@@ -39,7 +39,7 @@ def test_the_launcher_composes(launcher):
 def basic(tmp_path_factory):
     """A sweep of one failing and one good run, one after the other."""
     folder = tmp_path_factory.mktemp("basic")
-    done = run_eval(folder, *RUNS)
+    done = run_program(folder, *RUNS)
     return done, collect(folder / "out/runs/single")
 
 
@@ -53,7 +53,7 @@ def basic(tmp_path_factory):
 )
 def test_another_launcher_gives_the_same_rows(tmp_path, basic, launcher, options):
     pytest.importorskip(NEEDS[launcher], reason=f"the extra of hydra/launcher={launcher} is not installed")
-    done, rows = run_eval(tmp_path, *RUNS, f"hydra/launcher={launcher}", *options), collect(tmp_path)
+    done, rows = run_program(tmp_path, *RUNS, f"hydra/launcher={launcher}", *options), collect(tmp_path)
     assert done.returncode == basic[0].returncode == 1, done.stderr
     lines, lines_of_basic = (text.splitlines() for text in (done.stdout, basic[0].stdout))
     assert {line.split(":")[0] for line in lines} == {line.split(":")[0] for line in lines_of_basic}
@@ -93,7 +93,7 @@ def test_a_worker_of_other_code_ends_the_sweep(tmp_path):
 def test_a_lost_worker_is_told(tmp_path):
     pytest.importorskip(NEEDS["joblib"], reason="the extra joblib is not installed")
     joblib = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
-    done = run_eval(tmp_path, "-m", "dataset=bumpy", "method=dying", "seed=0,1", *joblib)
+    done = run_program(tmp_path, "-m", "dataset=bumpy", "method=dying", "seed=0,1", *joblib)
     assert done.returncode == 1
     assert done.stdout == "2 runs: 0 new, 0 kept, 2 not done\n"
     told = "failed: a worker was lost (TerminatedWorkerError); the same command goes on from there"

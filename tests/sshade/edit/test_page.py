@@ -28,10 +28,11 @@ def session(tmp_path, monkeypatch) -> Session:
     return Session(Path("body.ply"))
 
 
-@pytest.fixture(params=[1280, 400])
+@pytest.fixture
 def page(request, browser, session):
+    """At a width of 1280 pixels, unless a test asks for others."""
     with lent(session) as server:
-        opened = browser.new_page(viewport={"width": request.param, "height": 900})
+        opened = browser.new_page(viewport={"width": getattr(request, "param", 1280), "height": 900})
         opened.said, opened.asked = [], []
         opened.on("console", lambda message: opened.said.append(message.text))
         opened.on("pageerror", lambda error: opened.said.append(str(error)))
@@ -156,6 +157,7 @@ def test_every_tool_picks_what_it_goes_over_and_is_in_sight(page, session):
     assert page.said == []
 
 
+@pytest.mark.parametrize("page", [1280, 400], indirect=True)
 def test_a_region_is_dragged_and_what_is_saved_deforms_to_the_same_on_the_command_line(page, session):
     V = session.mesh.V
     shown = where(page, V, V)
@@ -243,6 +245,7 @@ def test_a_gizmo_turns_a_group_and_a_mistake_is_told_on_the_page(page, session):
     assert all("400" in text for text in page.said)
 
 
+@pytest.mark.parametrize("page", [1280, 400], indirect=True)
 def test_it_fits_the_window_and_ends_by_its_button(page, session):
     width = page.viewport_size["width"]
     assert page.evaluate("document.documentElement.scrollWidth") == width
