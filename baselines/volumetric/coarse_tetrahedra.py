@@ -12,6 +12,7 @@ Y. Hu, T. Schneider, B. Wang, D. Zorin, D. Panozzo, "Fast tetrahedral meshing in
 from __future__ import annotations
 
 import hashlib
+import logging
 import signal
 import subprocess
 import sys
@@ -31,6 +32,13 @@ from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.sampling.remesh import proxy_mesh, remesh
 
+try:
+    import resource
+except ImportError:  # Windows
+    resource = None  # type: ignore[assignment]
+
+log = logging.getLogger(__name__)
+
 #: Coordinates are rounded to this (x diagonal): meshes that differ by rounding have the same tetrahedra.
 GRID = 2.0**-23
 #: Tetrahedra near a vertex of the surface among which the one is that carries it.
@@ -40,16 +48,18 @@ KEPT = 8
 #: Energy and number of steps at which fTetWild stops improving the tetrahedra; its own are 10 and 80.
 STOP_ENERGY, STEPS = 20.0, 20
 
-#: Seconds of a core after which it is stopped.
+#: Seconds of a core after which it is stopped, where the system has such limits.
 LIMIT = 600
 
 #: fTetWild in a process of its own: it writes files where it runs, ends where it fails, and knows no limit.
 FILL = """
-import resource, sys
+import sys
 import numpy as np
 from pytetwild import tetrahedralize
 edge, envelope, energy, steps, limit = map(float, sys.argv[1:])
-resource.setrlimit(resource.RLIMIT_CPU, (int(limit), int(limit)))
+if limit:
+    import resource
+    resource.setrlimit(resource.RLIMIT_CPU, (int(limit), int(limit)))
 surface = np.load("surface.npz", allow_pickle=False)
 nodes, T = tetrahedralize(
     surface["V"], surface["F"], edge_length_fac=edge, epsilon=envelope,
@@ -194,9 +204,11 @@ def _filled(V: np.ndarray, F: np.ndarray, *, edge: float, envelope: float) -> tu
     """Nodes and positive tetrahedra of fTetWild."""
     if find_spec("pytetwild") is None:
         raise ImportError("tetrahedra need pytetwild; pip install 'sshade[tet]'")
+    if resource is None:
+        log.warning("this system has no limits of processor time: fTetWild takes as long as it takes")
     with TemporaryDirectory() as folder:
         np.savez(Path(folder, "surface.npz"), V=V, F=F.astype(np.int32))
-        sizes = (edge, envelope, STOP_ENERGY, STEPS, LIMIT)
+        sizes = (edge, envelope, STOP_ENERGY, STEPS, LIMIT if resource else 0)
         done = subprocess.run(
             [sys.executable, "-c", FILL, *map(str, sizes)], cwd=folder, capture_output=True, text=True
         )
@@ -214,7 +226,7 @@ def _filled(V: np.ndarray, F: np.ndarray, *, edge: float, envelope: float) -> tu
 
 
 def _why(done: subprocess.CompletedProcess[str]) -> str:
-    if done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
+    if resource and done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
         return f"it was stopped, as after {LIMIT} s of a core or where memory runs out"
     said = done.stderr.strip().splitlines()
     return said[-1] if said else f"its process ended with {done.returncode}"

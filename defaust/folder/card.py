@@ -54,7 +54,6 @@ def render_card(document: dict[str, Any]) -> str:
     poses = [pose for of_subject in document["poses"].values() for pose in of_subject]
     everywhere = [name for name in document["landmarks"] if all(name in pose["landmarks"] for pose in poses)]
     others = [name for name in document["landmarks"] if name not in everywhere]
-    count = len(source.get("files", {}))
     own_choice = "The choice of poses and landmarks is this project's; the paper shows them in figures only."
     limits = [*source["limits"], *([] if "classes" in source else [own_choice]), *_left_out(document)]
     generated = "formulas" in source
@@ -77,7 +76,7 @@ def render_card(document: dict[str, Any]) -> str:
         n_subjects=len(subjects),
         n_poses=sum(len(subject["poses"]) for subject in subjects),
         subjects=subject_names(document),
-        files=f" Read from {count} files, whose sha256 `dataset.json` lists." if count else "",
+        files=_read_from(len(source.get("files", {}))),
         resolution=resolution.format(**build),
         **texts,
         tools=", ".join(f"{name} {version}" for name, version in document["tools"].items()),
@@ -95,6 +94,12 @@ def render_card(document: dict[str, Any]) -> str:
         ),
         limits="\n".join(f"- {limit}" for limit in limits),
     )
+
+
+def _read_from(count: int) -> str:
+    """How many files the source was; nothing of one that was none."""
+    files = "one file" if count == 1 else f"{count} files"
+    return f" Read from {files}, whose sha256 `dataset.json` lists." if count else ""
 
 
 def subject_names(document: dict[str, Any]) -> str:

@@ -127,6 +127,17 @@ def test_filling_has_a_limit_and_leaves_nothing_behind(monkeypatch, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_system_without_limits_fills_without_one_and_says_so(without_extra, monkeypatch, caplog):
+    monkeypatch.setattr(tetrahedra_module, "resource", None)
+    monkeypatch.setattr(tetrahedra_module, "find_spec", lambda name: True)
+    monkeypatch.setattr(
+        tetrahedra_module, "FILL", "import sys; raise RuntimeError(f'limit of {sys.argv[-1]}')"
+    )
+    with pytest.raises(InputError, match="could not fill the surface: RuntimeError: limit of 0"):
+        coarse_tetrahedra(icosphere(1), samples=31, edge=0.22)
+    assert "no limits of processor time" in caplog.text
+
+
 def test_what_ftetwild_says_is_passed_on(monkeypatch):
     monkeypatch.setattr(tetrahedra_module, "FILL", "raise RuntimeError('no room')")
     with pytest.raises(InputError, match="could not fill the surface: RuntimeError: no room"):

@@ -239,6 +239,7 @@ def test_the_armadillo_is_the_users(armadillo, tmp_path):
     assert np.array_equal(theirs.handles.index, ours.handles.index)
     assert np.allclose(theirs.handles.target, 7.0 * ours.handles.target + 1.0, rtol=0, atol=1e-11)
     assert Scans(str(armadillo)).checksums((CAT, ARMADILLO)).keys() == {"armadillo.ply"}
+    assert "Read from one file, whose" in (out / "README.md").read_text()
 
 
 def test_the_armadillos_own_entry_is_complete():
