@@ -94,6 +94,14 @@ export class View {
     this.depthScene = new THREE.Scene();
     this.target = new THREE.WebGLRenderTarget(1, 1);
     this.waiting = false;
+    // While a button is down, a picture of a large mesh that takes long would only hold the pointer up.
+    this.held = false;
+    for (const [name, held] of [["pointerdown", true], ["pointerup", false], ["pointercancel", false]]) {
+      surface.addEventListener(name, () => {
+        this.held = held;
+        if (this.slow) this.draw();
+      });
+    }
     new ResizeObserver(() => {
       this.resize();
       this.render();
@@ -232,7 +240,7 @@ export class View {
   render() {
     this.waiting = false;
     if (this.coarse) {
-      this.coarse.visible = Boolean(this.stale || this.resting || (this.slow && this.gizmo.dragging));
+      this.coarse.visible = Boolean(this.stale || this.resting || (this.slow && this.held));
       this.solid.visible = !this.coarse.visible;
     }
     this.lamp.position.copy(this.camera.position);
