@@ -48,7 +48,7 @@ class BoundProxy:
     seed : int
         Of the coarser level's sampling.
     team : ThreadTeam
-        Threads that share the steps of a drag, and carry M.
+        Threads that carry M.
     """
 
     def __init__(
@@ -222,7 +222,7 @@ class BoundProxy:
         pulls: dict[str, Any] = {"known": on_proxy.known, "share": share, "volume_goal": self._volume_goal}
         if self._following is None and self._last is not None:
             at = self._last[0][self._solver.index]
-            self._following = Following(self._solver, *self._last, at, team=self._team, **energy)
+            self._following = Following(self._solver, *self._last, at, **energy)
         if self._following is not None:
             return _result(self._following.solve(targets, **pulls, **stop))
 
@@ -242,7 +242,7 @@ class BoundProxy:
         else:
             result = solve(task, tolerance=tolerance)
         rotations = result.extra["rotations"]
-        there: dict[str, Any] = {**pulls, "volume_goal": 1.0, "team": self._team}
+        there: dict[str, Any] = {**pulls, "volume_goal": 1.0}
         self._following = Following(self._solver, result.vertices, rotations, targets, **there, **energy)
         return result
 

@@ -18,7 +18,6 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from functools import partial
-from itertools import pairwise
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
@@ -41,9 +40,8 @@ from sshade.solver.rotations import fit_rotations, quaternions
 from sshade.solver.terms import Terms, Triangles, add_pulls, covariances, pulling_energy, right_hand_side
 from sshade.threads import ThreadTeam
 
-#: Vertices that a thread works on at a time, at most; and from how many on there are at least two such
-#: chunks: with fewer, to pass one to another thread takes about as long as it saves.
-CHUNK, TWO_CHUNKS = 32_768, 4096
+#: Vertices that a thread works on at a time, and half the terms.
+CHUNK = 32_768
 
 
 class ArapSystem:
@@ -189,7 +187,7 @@ class ArapSystem:
             dirichlet_energy(corners, V, self.terms.H)
         )
         self.ranges = _ranges(corners, mesh.n)
-        self.chunks = [slice(first, end) for first, end in _parts(len(corners), len(self.ranges))]
+        self.chunks = [slice(first, first + 2 * CHUNK) for first in range(0, len(corners), 2 * CHUNK)]
 
     def _list_bending(self, plain: csr_array, share: np.ndarray | None) -> None:
         if share is None:
@@ -436,14 +434,8 @@ def _ranges(corners: np.ndarray, n: int) -> list[tuple[slice, int, int]]:
     Terms are in the order of their lowest vertices.
     """
     low, high = corners.min(axis=1), np.maximum.accumulate(corners.max(axis=1))
-    count = max(-(-n // CHUNK), 2 if n >= TWO_CHUNKS else 1)
+    bounds = [*range(0, n, CHUNK), n]
     return [
         (slice(int(np.searchsorted(high, first)), int(np.searchsorted(low, end))), first, end)
-        for first, end in _parts(n, count)
+        for first, end in zip(bounds, bounds[1:], strict=False)
     ]
-
-
-def _parts(n: int, count: int) -> list[tuple[int, int]]:
-    """The first and the end of `count` ranges of about equal length that cover n rows."""
-    bounds = [n * k // count for k in range(count + 1)]
-    return list(pairwise(bounds))

@@ -43,8 +43,6 @@ class Following:
         There; as of :meth:`LocalGlobal.solve`.
     window : int
         Quasi-Newton steps that are remembered.
-    team : ThreadTeam, optional
-        Threads that share each iteration, as long as there are solves; no influence on the result.
     **energy
         See :class:`sshade.solver.options.EnergyOptions`.
 
@@ -65,13 +63,12 @@ class Following:
         share: np.ndarray | None = None,
         volume_goal: float = 1.0,
         window: int = 10,
-        team: ThreadTeam | None = None,
         **energy: Unpack[EnergyOptions],
     ) -> None:
         if (factorised := solver.system.factorised) is None:
             raise InputError("a solver that follows moving targets needs a factorisation, not multigrid")
         targets, positions = solver.checked_positions(targets, positions)
-        self.solver, self._factorised, team = solver, factorised, team or ThreadTeam(1)
+        self.solver, self._factorised, team = solver, factorised, ThreadTeam(1)
         self._held, self._iteration = solver.iteration(
             targets, team=team, volume_goal=volume_goal, known=known, share=share, **energy
         )
@@ -81,9 +78,7 @@ class Following:
         self._last_u, self._move = self._u.copy(), np.empty_like(self._u)
         self._targets = self._last_targets = targets
         unit = solver.mesh.diagonal
-        self._mixer = QuasiNewton(
-            len(self._u), window, self._iteration.gradient, unit=unit, single=True, team=team
-        )
+        self._mixer = QuasiNewton(len(self._u), window, self._iteration.gradient, unit=unit, single=True)
         self._has_directions = False
 
     def solve(

@@ -9,7 +9,6 @@ from sshade import Handles, InputError
 from sshade.solver.following import Following
 from sshade.solver.local_global import LocalGlobal
 from sshade.solver.parts import Parts
-from sshade.threads import ThreadTeam
 from tests.shapes import tube
 from tests.sshade.solver.test_parts import patch
 
@@ -41,9 +40,9 @@ def at(parts: Parts, angle: float) -> dict:
     return {"targets": target, "share": share}
 
 
-def begun(solver: LocalGlobal, parts: Parts, *, team: ThreadTeam | None = None) -> Following:
+def begun(solver: LocalGlobal, parts: Parts) -> Following:
     still = np.broadcast_to(np.eye(3), (BAR.n, 3, 3))
-    return Following(solver, BAR.V, still, **at(parts, 0.0), team=team, **ENERGY)
+    return Following(solver, BAR.V, still, **at(parts, 0.0), **ENERGY)
 
 
 def test_steps_end_in_the_minimum_that_a_solve_from_there_finds(solver, parts):
@@ -56,20 +55,6 @@ def test_steps_end_in_the_minimum_that_a_solve_from_there_finds(solver, parts):
     assert np.abs(end.positions - anew.positions).max() < 1e-5 * BAR.diagonal
     assert end.area_error < 1e-6 and end.area_constraint == "exact"
     assert np.array_equal(end.positions[parts.vertex[:18]], handles_at(0.4).target)
-
-
-@pytest.mark.parametrize("place, value", [("TWO_CHUNKS", 2), ("CHUNK", 300)])
-def test_threads_share_steps_to_the_same_bits(monkeypatch, parts, place, value):
-    monkeypatch.setattr(f"sshade.solver.arap.{place}", value)
-    solver = LocalGlobal(BAR, parts.vertex, stiffness=parts.stiffness)
-    assert len(solver.system.ranges) == len(solver.system.chunks) > 1
-    with ThreadTeam(3) as team:
-        alone, shared = begun(solver, parts), begun(solver, parts, team=team)
-        for angle in np.linspace(0.05, 0.4, 8):
-            one, other = (drag.solve(**at(parts, angle), tolerance=1e-4) for drag in (alone, shared))
-            assert one.energy == other.energy and one.iterations == other.iterations
-            assert np.array_equal(one.positions, other.positions)
-            assert np.array_equal(one.rotations, other.rotations)
 
 
 def test_steps_along_a_way_take_fewer_iterations_than_solves_from_the_last_shape(solver, parts):
