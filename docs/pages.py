@@ -20,7 +20,10 @@ from eval.rows.frame import numbers, read_csv, valid
 ROOT = Path(__file__).parents[1]
 PAGES = (
     ROOT / "README.md",
-    *(ROOT / "docs" / f"{name}.md" for name in ("results", "claims", "benchmark", "methods", "beyond", "deform")),
+    *(
+        ROOT / "docs" / f"{name}.md"
+        for name in ("results", "claims", "benchmark", "methods", "beyond", "deform")
+    ),
 )
 BLOCK = re.compile(
     r"(?P<begin><!-- (table (?P<name>\w+): (?P<columns>[^\n;]+)(; (?P<lines>[^\n]+))?|rows) -->\n)"

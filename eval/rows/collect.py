@@ -43,9 +43,14 @@ def collect(*folders: Path) -> pd.DataFrame:
     """
     rows = to_frame(read_row(run) for folder in folders for run in run_folders(folder))
     if rows.empty:
-        raise InputError(
-            f"{folders[0]}: no runs there; `sshade-eval run -m experiment={folders[0].name}` makes them"
-        )
+        name = folders[0].name
+        again = f"`sshade-eval run -m experiment={name}` makes them"
+        if read_plans(folders[0]):  # a sweep that found all of its rows published
+            again = (
+                f"published rows answered for all, without vertices; `sshade-eval run -m experiment={name} "
+                f"run.experiment=my_{name}` makes runs of your own"
+            )
+        raise InputError(f"{folders[0]}: no runs there; {again}")
     return newest(rows)
 
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from eval_rows import row
 
 from eval.main import call
+from eval.rows.collect import collect
 from eval.rows.frame import read_csv, records, to_frame, write_csv
 from eval.rows.plan import Plan, write_plan
 from eval.rows.store import write_run
@@ -102,3 +105,12 @@ def test_published_rows_of_another_version_are_not(tmp_path, monkeypatch, name):
     write_plan(tmp_path / "out/runs/tiny", Plan([planned("b", "t1")], ("c", "m")))
     with pytest.raises(InputError, match="no runs there"):
         call("collect", ["tiny"])
+
+
+def test_pictures_of_rows_that_are_all_published_need_runs_of_ones_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match="`sshade-eval run -m experiment=tiny` makes them"):
+        collect(Path("out/runs/tiny"))
+    write_plan(tmp_path / "out/runs/tiny", Plan([planned("b", "t1")], ("c", "m")))
+    with pytest.raises(InputError, match=r"published rows answered for all.*run\.experiment=my_tiny"):
+        collect(Path("out/runs/tiny"))
