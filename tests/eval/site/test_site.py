@@ -96,4 +96,9 @@ def test_the_projects_own_leaderboard(tmp_path, capsys):
         for method in {"sshade_fast", "sshade_fine"} & set(rows["method.name"]):
             own = unescape((tmp_path / "out" / f"method_{method}.html").read_text())
             assert all(f"Machine: {machine}" in own for machine in set(times))
-        assert set(read_csv(tmp_path / "out" / f"{name}.csv")["status"]) <= {*VALID, "missing", "failed", "skipped"}
+        assert set(read_csv(tmp_path / "out" / f"{name}.csv")["status"]) <= {
+            *VALID,
+            "missing",
+            "failed",
+            "skipped",
+        }
