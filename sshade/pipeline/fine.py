@@ -32,6 +32,9 @@ REGIONS = POLISH | OF_REGIONS | SolverOptions(stiffness=REGION_STIFFNESS, limit=
 #: How strongly handle groups pull their parts along on the proxy: half of what they do without a polish, as
 #: nearest to the truth lie basins where the volume costs more stretch.
 PROXY_PARTS = 0.05
+#: Steps that quasi-Newton ones remember at full resolution: with more a polish is no better (six bodies), and
+#: takes more memory.
+WINDOW = 4
 
 
 @each_component(vertices=VERTICES)
@@ -116,6 +119,7 @@ def sshade_fine(
         start=start.pop(),  # it lets go of it
         tolerance=own["tolerance"],
         max_iterations=polish_iterations,
+        window=WINDOW,
         max_seconds=inf if polish_seconds is None else polish_seconds,
         progress=lambda _, done, total, note="": progress("polish", done, total, note),
         **energy,

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
-from functools import partial
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
@@ -29,6 +28,7 @@ from sshade.solver.assembly import (
     dirichlet_energy,
     faces_in_order,
     pattern_in_order,
+    vertex_ranges,
     weighted_laplacian,
 )
 from sshade.solver.bending import Bending, bending_matrix, shares
@@ -39,9 +39,6 @@ from sshade.solver.options import Energy
 from sshade.solver.rotations import fit_rotations, quaternions
 from sshade.solver.terms import Terms, Triangles, add_pulls, covariances, pulling_energy, right_hand_side
 from sshade.threads import ThreadTeam
-
-#: Vertices that a thread works on at a time, and half the terms.
-CHUNK = 32_768
 
 
 class ArapSystem:
@@ -186,8 +183,7 @@ class ArapSystem:
         self.rest_energy = self._stretch = corners.shape[1] * float(
             dirichlet_energy(corners, V, self.terms.H)
         )
-        self.ranges = _ranges(corners, mesh.n)
-        self.chunks = [slice(first, first + 2 * CHUNK) for first in range(0, len(corners), 2 * CHUNK)]
+        self.ranges = vertex_ranges(corners, mesh.n)
 
     def _list_bending(self, plain: csr_array, share: np.ndarray | None) -> None:
         if share is None:
@@ -306,7 +302,10 @@ class ArapIteration:
         self._Q[:] = Q[self.system.vertex]
 
     def local_step(self, u: np.ndarray) -> float:
-        """Fit the rotations to positions u (n, 3); return the energy there less the rest energy."""
+        """Fit the rotations to positions u (n, 3); return the energy there less the rest energy.
+
+        With softening, what triangles add to the right-hand side of a global step from u is made along.
+        """
         s, softening = self.system, self._softening
 
         def fit(number: int) -> float:
@@ -325,9 +324,10 @@ class ArapIteration:
         if softening is not None:
 
             def soften(number: int) -> float:
-                return softening.energy(s.chunks[number], u, self.R)
+                return softening.energy_and_forces(*s.ranges[number], u, self.R, self._B, kept=kept)
 
-            energy = sum(self._team(soften, len(s.chunks))) - s.rest_energy
+            kept = self._step.kept
+            energy = sum(self._team(soften, len(s.ranges))) - s.rest_energy
             if bending := s.bending:
                 energy += sum(self._team.ranges(lambda *own: bending.energy(u, self.R, *own), len(u)))
         energy += float(pulls.sum())
@@ -352,17 +352,11 @@ class ArapIteration:
         return total
 
     def global_step(self, u: np.ndarray, g: np.ndarray) -> None:
-        """Write to g (n, 3) the best positions for the rotations, near u (n, 3) as for the constraints."""
+        """Write to g (n, 3) the best positions for the rotations of a local step at u (n, 3), near u."""
         s, constraints = self.system, self._constraints
         if bending := s.bending:
             self._team.ranges(lambda *own: bending.turn(self.R, self._W, *own), len(u))
-        work = [partial(self._right_hand_side, u, number) for number in range(len(s.ranges))]
-        if constraints:
-            work.insert(0, partial(constraints.forces, u, g))  # the longest first
-        self._team(lambda number: work[number](), len(work))
-        if constraints:
-            B, add = self._B, np.add
-            self._team.ranges(lambda *own: add(B[slice(*own)], g[slice(*own)], out=B[slice(*own)]), len(g))
+        self._team(lambda number: self._right_hand_side(u, number), len(s.ranges))
         self._step.solve(u, self._B, g)
         if constraints:
             if constraints.renews_directions:
@@ -398,17 +392,17 @@ class ArapIteration:
         return self._B
 
     def _right_hand_side(self, u: np.ndarray, number: int) -> None:
-        """Write the rows of one range, without what constraints and held vertices add, to B."""
+        """Write the rows of one range, without what held vertices add, to B."""
         own, first, end = self.system.ranges[number]
         kept = self._step.kept
         if self._softening is None:
             right_hand_side(self.system.terms.part(own), self.R, self._B, first, end, P=u, kept=kept)
-        else:
-            self._softening.right_hand_side(own, u, self.R, self._B, first, end, kept=kept)
         if self.system.bending:
             self.system.bending.add_product(self._W, self._B, first, end)
         place, pull, share, towards = self._pulls(first, end)
         add_pulls(place, pull, share, towards, kept, u, self._B)
+        if self._constraints:
+            self._constraints.add_forces(number, u, self._B)
 
 
 def _checked(mesh: Mesh, index: np.ndarray) -> np.ndarray:
@@ -426,16 +420,3 @@ def _checked_stiffness(stiffness: np.ndarray | None, k: int) -> np.ndarray:
     if stiffness.shape != (k,) or not (stiffness > 0).all():
         raise InputError(f"{k} handles need as many stiffnesses above 0, not {stiffness.shape}")
     return stiffness
-
-
-def _ranges(corners: np.ndarray, n: int) -> list[tuple[slice, int, int]]:
-    """Ranges of vertices for threads, which depend on n alone, and the terms that touch each.
-
-    Terms are in the order of their lowest vertices.
-    """
-    low, high = corners.min(axis=1), np.maximum.accumulate(corners.max(axis=1))
-    bounds = [*range(0, n, CHUNK), n]
-    return [
-        (slice(int(np.searchsorted(high, first)), int(np.searchsorted(low, end))), first, end)
-        for first, end in zip(bounds, bounds[1:], strict=False)
-    ]

@@ -14,6 +14,9 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from sshade.mesh.mesh import Mesh
 from sshade.threads import in_ranges
 
+#: Vertices that a thread works on at a time, and half the terms.
+CHUNK = 32_768
+
 
 def band_order(mesh: Mesh) -> np.ndarray:
     """(n,) int32 the vertices in an order in which neighbours are near, reverse Cuthill-McKee's."""
@@ -42,6 +45,28 @@ def faces_in_order(F: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.nda
     corners, face = np.empty(F.shape, dtype=np.uint32), np.empty(len(F), dtype=np.int32)
     _order_faces(F, place, corners, face)
     return corners, face
+
+
+def vertex_ranges(corners: np.ndarray, n: int) -> list[tuple[slice, int, int]]:
+    """Ranges of n vertices for threads, which depend on n alone, and the terms that touch each.
+
+    Parameters
+    ----------
+    corners : (m, c) int
+        Of terms in the order of their lowest ones.
+    n : int
+
+    Returns
+    -------
+    list of (slice, int, int)
+        Terms, first vertex, and the end of the vertices.
+    """
+    low, high = corners.min(axis=1), np.maximum.accumulate(corners.max(axis=1))
+    bounds = [*range(0, n, CHUNK), n]
+    return [
+        (slice(int(np.searchsorted(high, first)), int(np.searchsorted(low, end))), first, end)
+        for first, end in zip(bounds, bounds[1:], strict=False)
+    ]
 
 
 def pattern_in_order(mesh: Mesh, vertex: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

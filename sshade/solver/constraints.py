@@ -22,12 +22,13 @@ import numpy as np
 
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.solver.assembly import faces_in_order
+from sshade.solver.assembly import faces_in_order, vertex_ranges
 from sshade.solver.volume_area import (
     AREA,
     ROUNDING,
     VOLUME,
     Equations,
+    Surface,
     add_gradients,
     along,
     gradients,
@@ -100,20 +101,19 @@ class Components:
     """
 
     def __init__(self, mesh: Mesh, place: np.ndarray, faces: np.ndarray | None = None) -> None:
-        self.faces = faces_in_order(mesh.F, place)[0] if faces is None else faces
-        self.start = np.array([0, mesh.m])
+        by_vertex = faces_in_order(mesh.F, place)[0] if faces is None else faces
+        component = np.empty(mesh.n, dtype=np.int32)
+        component[place] = mesh.component
+        faces, start = by_vertex, np.array([0, mesh.m])
         if mesh.connectivity.components > 1:
-            owner = np.empty(mesh.n, dtype=np.int32)
-            owner[place] = mesh.component
-            owner = owner[self.faces[:, 0]]
+            owner = component[by_vertex[:, 0]]
             near = np.argsort(owner, kind="stable")
-            self.faces = self.faces[near]
-            self.start = np.searchsorted(owner[near], np.arange(mesh.connectivity.components + 1))
-        self.component = np.empty(mesh.n, dtype=np.int32)
-        self.component[place] = mesh.component
+            faces = by_vertex[near]
+            start = np.searchsorted(owner[near], np.arange(mesh.connectivity.components + 1))
+        self.surface = Surface(faces, start, component, by_vertex, vertex_ranges(by_vertex, mesh.n))
         rest = np.empty((mesh.n, 3))
         rest[place] = mesh.V
-        self.rest = measure(self.faces, self.start, rest)
+        self.rest = measure(faces, start, rest)
         self._lacking = _lacking_volume(mesh, self.rest)
 
     @property
@@ -160,7 +160,7 @@ class Components:
 
     def errors(self, P: np.ndarray, *, volume_goal: float = 1.0) -> Errors:
         """How far volumes and areas at positions P (n, 3), in the solver's order, are from their goals."""
-        now, has = measure(self.faces, self.start, P), self.has_volume
+        now, has = measure(self.surface.F, self.surface.start, P), self.has_volume
         volume = np.abs(now[VOLUME, has] / self.rest[VOLUME, has] - volume_goal)
         has = self.rest[AREA] > 0
         area = np.abs(now[AREA, has] / self.rest[AREA, has] - 1)
@@ -214,9 +214,7 @@ class HeldConstraints:
         # A component in a line or a point has no area; it holds nothing, and any number does.
         self._area, self._corners = np.where(rest[AREA] > 0, rest[AREA], 1.0), corners
         self._equations = Equations(
-            components.faces,
-            components.start,
-            components.component,
+            components.surface,
             kinds,
             scale=np.empty(on.shape),
             compliance=np.zeros(on.shape),
@@ -225,7 +223,7 @@ class HeldConstraints:
         self._asked, self._rest_scale = weight, on / np.where(on, rest[kinds], 1.0)
         self.retry(volume_goal)
         precision = np.float32 if single else np.float64
-        self._G, self._Z = np.zeros((2, len(kinds), len(components.component), 3), dtype=precision)
+        self._G, self._Z = np.zeros((2, len(kinds), len(components.surface.component), 3), dtype=precision)
         self._slope = np.empty((on.shape[1], len(kinds), len(kinds)))
         self._violation = np.zeros(on.shape[1])
         self._multiplier, self._grown = np.zeros((2, on.shape[1], len(kinds)))
@@ -248,26 +246,26 @@ class HeldConstraints:
         weight = np.where(np.isinf(self._weight), 0.0, self._weight)
         if not weight.any():
             return 0.0
-        F, start, _, kinds, scale, *_ = self._equations
-        error = scale * measured(F, start, P, team=self._team)[kinds] - 1.0
+        surface, kinds, scale, *_ = self._equations
+        error = scale * measured(surface, P, team=self._team)[kinds] - 1.0
         # The rest energy of a component is 2 corners x area; of the penalty's 1/2 a 1 remains.
         return float((weight * self._corners * self._area * error**2).sum())
 
-    def forces(self, P: np.ndarray, B: np.ndarray) -> None:
-        F, start, _, kinds, scale, *_ = self._equations
-        B[:] = 0.0
-        add_gradients(F, start, kinds, scale * self._multiplier.T, P, B)
+    def add_forces(self, number: int, P: np.ndarray, B: np.ndarray) -> None:
+        surface, kinds, scale, *_ = self._equations
+        add_gradients(surface, number, kinds, scale * self._multiplier.T, P, B)
 
     def gradients(self, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        F, start, _, kinds, scale, *_ = self._equations
-        gradients(F, start, kinds, scale, P, self._G)
+        surface, kinds, scale, *_ = self._equations
+        gradients(surface, kinds, scale, P, self._G, team=self._team)
         return self._G, self._Z
 
     def take_directions(self) -> None:
-        along(self._G, self._equations.component, self._Z, self._slope)
+        component, count = self._equations.surface.component, len(self._slope)
+        self._slope[:] = along(self._G, component, self._Z, count=count, team=self._team)
 
     def add_moves(self, G: np.ndarray) -> None:
-        component = self._equations.component
+        component = self._equations.surface.component
         self._team.ranges(lambda *own: shift(*own, G, component, self._G, self._grown), len(G))
 
     def project(self, P: np.ndarray) -> None:
@@ -278,7 +276,7 @@ class HeldConstraints:
         self._violation = self._newton(P, multiplier)
         failed = policy.may_fail & (self._violation > REACHED)
         if failed.any():
-            again = failed[self._equations.component]
+            again = failed[self._equations.surface.component]
             P[again], multiplier[failed] = before[0][again], before[1][failed]
             self._weight = policy.relaxed(failed)
             self._violation = np.where(failed, self._newton(P, multiplier, only=failed), self._violation)

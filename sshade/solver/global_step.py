@@ -182,7 +182,7 @@ class MultigridStep:
             held[self._system.held] = True
             try:
                 degree = len(SMOOTHER) if self._system.exact_steps else ROUGHEST
-                self._made = Multigrid(self._system.metric(weight), held, degree=degree)
+                self._made = Multigrid(self._system.metric(weight), held, degree=degree, team=self._team)
             except FloatingPointError as error:
                 raise not_positive_definite() from error
             give_back()

@@ -30,8 +30,11 @@ class Constraints(Protocol):
     def penalty(self, P: np.ndarray) -> float:
         """Energy of what is held with a finite weight."""
 
-    def forces(self, P: np.ndarray, B: np.ndarray) -> None:
-        """Write to B ``sum_q lambda_q grad C_q(P)``, which the right-hand side gets."""
+    def add_forces(self, number: int, P: np.ndarray, B: np.ndarray) -> None:
+        """Add ``sum_q lambda_q grad C_q(P)`` to a right-hand side B, of one range of vertices.
+
+        Ranges are those of :func:`sshade.solver.assembly.vertex_ranges`; several may be worked on at once.
+        """
 
     def gradients(self, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """``grad C_q(P)`` and the directions of `project`, (count, n, 3) each, which the caller replaces.
@@ -61,10 +64,11 @@ class Softening(Protocol):
     def covariances(self, own: slice, P: np.ndarray, S: np.ndarray, first: int, end: int) -> float:
         """As :func:`covariances` of the triangles `own`, each with its weight; returns 0."""
 
-    def energy(self, own: slice, P: np.ndarray, R: np.ndarray) -> float:
-        """Energy of the triangles `own`, whose weights are renewed."""
+    def energy_and_forces(
+        self, own: slice, first: int, end: int, P: np.ndarray, R: np.ndarray, B: np.ndarray, *, kept: float
+    ) -> float:
+        """Renew the weights of the triangles `own`, and write rows `first` to `end` of B (n, 3) with them.
 
-    def right_hand_side(
-        self, own: slice, P: np.ndarray, R: np.ndarray, B: np.ndarray, first: int, end: int, *, kept: float
-    ) -> None:
-        """As :func:`right_hand_side` of the triangles `own`, each with its weight."""
+        As of :func:`sshade.solver.terms.right_hand_side`, with ``(kept - w) L_t P`` of each triangle. Returns
+        the energy of the triangles whose lowest vertex is in the range.
+        """

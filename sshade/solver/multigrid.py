@@ -29,7 +29,7 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, vstack
 
 from sshade.solver.factorisation import Factorisation
 from sshade.threads import ThreadTeam
@@ -41,6 +41,8 @@ LITTLE = 0.7
 #: Factors a, b of the smoother's steps ``d = a d + b D^-1 r``; so many are its degree, the first of them one
 #: of a lower degree.
 SMOOTHER = [(0.0, 4 / 3), (1 / 5, 12 / 5), (3 / 7, 20 / 7)]
+#: Rows of products of matrices that a thread makes at a time.
+PRODUCTS = 32_768
 #: Of the Jacobi step that smooths the prolongation.
 DAMPING = 4 / 3
 #: Rows i, j are weakly coupled by an entry up to this x sqrt(A_ii A_jj).
@@ -62,6 +64,8 @@ class Multigrid:
     degree : int
         Of the smoother on the finest level, 1 to 3; on the others it is 3. There each degree costs as much as
         a coarser level altogether.
+    team : ThreadTeam, optional
+        Threads that make levels.
 
     Attributes
     ----------
@@ -81,16 +85,18 @@ class Multigrid:
         *,
         coarsest: int = COARSEST,
         degree: int = len(SMOOTHER),
+        team: ThreadTeam | None = None,
     ) -> None:
+        team = team or ThreadTeam(1)
         self._levels: list[_Level] = []
         self._finest = SMOOTHER[:degree]
         while A.shape[0] > coarsest:
-            inverse, P = _prolongation(A, held)
+            inverse, P = _prolongation(A, held, team)
             if P.shape[1] > LITTLE * A.shape[0]:
                 break
             R = csr_array(P.T)
             self._levels.append(_Level(A, P, R, inverse))
-            A = csr_array(R @ (A @ P))
+            A = _product(R, _product(A, P, team), team)
             held = np.zeros(A.shape[0], dtype=bool)
         self._free = np.flatnonzero(~held)
         self._coarsest = Factorisation(A[self._free][:, self._free])
@@ -130,7 +136,14 @@ class Multigrid:
         return level.x
 
 
-def _prolongation(A: csr_array, held: np.ndarray) -> tuple[np.ndarray, csr_array]:
+def _product(A: csr_array, B: csr_array, team: ThreadTeam) -> csr_array:
+    """A B; SciPy lets go of the GIL, and each row is made as it is in the whole."""
+    if A.shape[0] <= PRODUCTS:
+        return csr_array(A @ B)
+    return csr_array(vstack(team.ranges(lambda *own: A[slice(*own)] @ B, A.shape[0], rows=PRODUCTS)))
+
+
+def _prolongation(A: csr_array, held: np.ndarray, team: ThreadTeam) -> tuple[np.ndarray, csr_array]:
     """The inverse (n,) of the smoother's diagonal, 0 where held, and P (n, c)."""
     n = A.shape[0]
     inverse, diagonal = np.empty((2, n))
@@ -138,7 +151,7 @@ def _prolongation(A: csr_array, held: np.ndarray) -> tuple[np.ndarray, csr_array
     aggregate, count = _aggregates(A.indptr, A.indices, A.data, held, WEAK * np.sqrt(diagonal))
     start = np.concatenate([[0], np.cumsum(~held)]).astype(np.int32)
     T = csr_array((np.ones(start[-1]), aggregate[~held], start), shape=(n, count))
-    smooth = csr_array(A @ T)
+    smooth = _product(A, T, team)
     smooth.data *= np.repeat(-DAMPING * inverse, np.diff(smooth.indptr))
     P = csr_array(T + smooth)
     P.eliminate_zeros()

@@ -288,12 +288,7 @@ def _products(first, end, per_unit, u, F, product, last_u, last_F, last_G, S, Z,
                 S[new, i] = per_unit * (u[i] - last_u[i])
                 Z[new, i] = per_unit * (last_F[i] - F[i])
         for k in range(count):
-            s, z = S[pairs[k], begin:stop], Z[pairs[k], begin:stop]
-            if new != NONE:
-                rows[k, 0] += _inner(s, y)
-                rows[k, 1] += _inner(z, y)
-            rows[k, 2] += _inner(s, now)
-            rows[k, 3] += _inner(z, now)
+            _add_inner(S[pairs[k], begin:stop], Z[pairs[k], begin:stop], y, now, rows[k])
         rows[count, 2] += per_unit * _inner(F[begin:stop], now)
         last_u[begin:stop], last_F[begin:stop] = u[begin:stop], F[begin:stop]
     return rows
@@ -344,17 +339,26 @@ def _add(share, a, b):
         b[i] += share * a[i]
 
 
-@njit(cache=True, nogil=True)
+# In both the compiler may sum in an order of its own: in a single sum each addition waits for the last.
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
 def _inner(a, b):
-    """Dot product in four partial sums: in a single one each addition waits for the last."""
-    s0 = s1 = s2 = s3 = 0.0
-    n = len(a)
-    end = n - n % 4
-    for i in range(0, end, 4):
-        s0 += np.float64(a[i]) * b[i]
-        s1 += np.float64(a[i + 1]) * b[i + 1]
-        s2 += np.float64(a[i + 2]) * b[i + 2]
-        s3 += np.float64(a[i + 3]) * b[i + 3]
-    for i in range(end, n):
-        s0 += np.float64(a[i]) * b[i]
-    return (s0 + s1) + (s2 + s3)
+    dot = 0.0
+    for i in range(len(a)):
+        dot += a[i] * b[i]
+    return dot
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+def _add_inner(s, z, y, g, row):
+    """Add s.y, z.y, s.g, z.g to a row of four."""
+    sy = zy = sg = zg = 0.0
+    for i in range(len(s)):
+        a, b = np.float64(s[i]), np.float64(z[i])
+        sy += a * y[i]
+        zy += b * y[i]
+        sg += a * g[i]
+        zg += b * g[i]
+    row[0] += sy
+    row[1] += zy
+    row[2] += sg
+    row[3] += zg

@@ -32,7 +32,10 @@ import numpy as np
 from numba import njit
 
 from sshade.errors import InputError
-from sshade.solver.terms import Terms, Triangles, covariances, right_hand_side
+from sshade.solver.terms import Terms, Triangles, covariances
+
+#: Triangles that are worked on together: what is kept of them stays in the first-level cache.
+LANES = 128
 
 
 @dataclass(frozen=True)
@@ -107,48 +110,84 @@ class SoftenedTriangles:
         covariances(self._terms.part(own), P, S, first, end, weight=self.weight[own])
         return 0.0
 
-    def energy(self, own: slice, P: np.ndarray, R: np.ndarray) -> float:
+    def energy_and_forces(
+        self, own: slice, first: int, end: int, P: np.ndarray, R: np.ndarray, B: np.ndarray, *, kept: float
+    ) -> float:
         asked = self._softening
-        how = asked.stiffness, asked.strain**-2, asked.limit**-2
-        return _weigh(*self._terms.part(own), self._rest[own], P, R, *how, self.weight[own])
-
-    def right_hand_side(
-        self, own: slice, P: np.ndarray, R: np.ndarray, B: np.ndarray, first: int, end: int, *, kept: float
-    ) -> None:
-        triangles, weight = self._terms.part(own), self.weight[own]
-        right_hand_side(triangles, R, B, first, end, P=P, kept=kept, weight=weight)
+        how = asked.stiffness, asked.strain**-2, asked.limit**-2, kept
+        triangles = *self._terms.part(own), self._rest[own]
+        return _weigh(*triangles, P, R, *how, self.weight[own], B, first, end)
 
 
 @njit(cache=True, nogil=True)
-def _weigh(corners, V, H, rest, P, R, stiffness, soft, stiff, weight):
-    """Write phi'(s^2) of each triangle to `weight`; return the energy of all, ``sum rest phi(s^2)``.
+def _weigh(corners, V, H, rest, P, R, stiffness, soft, stiff, kept, weight, B, first, end):
+    """Write phi'(s^2) of each triangle to `weight`, and rows of B; return the energy ``sum rest phi(s^2)``.
 
     `soft` and `stiff` are 1 / e^2 and 1 / d^2.
     """
-    energy = 0.0
+    B[first:end] = 0.0
+    energy, share = 0.0, np.empty(LANES)
+    x, pull, stay = np.empty(LANES), np.empty((LANES, 6)), np.empty((LANES, 6))
+    for begin in range(0, len(corners), LANES):
+        own = slice(begin, min(begin + LANES, len(corners)))
+        near, w = corners[own], weight[own]
+        _strain(near, V, H[own], rest[own], P, R, kept, x, pull, stay)
+        _soften(stiffness, soft, stiff, x[: len(near)], w, share)
+        for t in range(len(near)):
+            i, j, k = near[t, 0], near[t, 1], near[t, 2]
+            if min(i, j, k) >= first:
+                energy += rest[begin + t] * x[t] * share[t]
+            for c in range(3):
+                at_i, at_j = w[t] * pull[t, c] + stay[t, c], w[t] * pull[t, 3 + c] + stay[t, 3 + c]
+                if first <= i < end:
+                    B[i, c] += at_i
+                if first <= j < end:
+                    B[j, c] += at_j
+                if first <= k < end:
+                    B[k, c] -= at_i + at_j
+    return energy
+
+
+# Where a division by zero is an error, a loop has a branch.
+@njit(cache=True, nogil=True, error_model="numpy")
+def _soften(stiffness, soft, stiff, x, weight, share):
+    """Write phi'(x) and phi(x) / x."""
+    for t in range(len(x)):
+        root, y = np.sqrt(1.0 + soft * x[t]), stiff * x[t]
+        again = 1.0 / np.sqrt(1.0 + y * y)
+        weight[t] = stiffness + (1.0 - stiffness) * (1.0 / root + 1.0 - again * again * again)
+        # root - 1 and 1 - again without cancellation, for strains far below e and d.
+        both = 2.0 / (1.0 + root) + y * y * again * again / (1.0 + again)
+        share[t] = stiffness + (1.0 - stiffness) * both
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _strain(corners, V, H, rest, P, R, kept, x, pull, stay):
+    """Write s^2 of triangles, and for B, of their first two corners, weight times `pull` and `stay`."""
+    third = 1.0 / 3.0
     for t in range(len(corners)):
         i, j, k = corners[t, 0], corners[t, 1], corners[t, 2]
-        ax, ay, az = P[i, 0] - P[k, 0], P[i, 1] - P[k, 1], P[i, 2] - P[k, 2]
-        bx, by, bz = P[j, 0] - P[k, 0], P[j, 1] - P[k, 1], P[j, 2] - P[k, 2]
-        cx, cy, cz = ax - bx, ay - by, az - bz
-        quadratic = rest[t] + 3.0 * (
-            H[t, 0] * (cx * cx + cy * cy + cz * cz)
-            + H[t, 1] * (bx * bx + by * by + bz * bz)
-            + H[t, 2] * (ax * ax + ay * ay + az * az)
-        )
+        h0, h1, h2 = H[t, 0], H[t, 1], H[t, 2]
+        # The edges 01, 12, 20 at rest, and y of the first two corners.
+        ux, uy, uz = V[i, 0] - V[j, 0], V[i, 1] - V[j, 1], V[i, 2] - V[j, 2]
+        vx, vy, vz = V[j, 0] - V[k, 0], V[j, 1] - V[k, 1], V[j, 2] - V[k, 2]
+        wx, wy, wz = V[k, 0] - V[i, 0], V[k, 1] - V[i, 1], V[k, 2] - V[i, 2]
+        ux, uy, uz = h0 * ux, h0 * uy, h0 * uz
+        yx, yy, yz = ux - h2 * wx, uy - h2 * wy, uz - h2 * wz
+        zx, zy, zz = h1 * vx - ux, h1 * vy - uy, h1 * vz - uz
+        bends = 0.0
+        strains = 0.0
         for r in range(3):
-            side = H[t, 0] * (V[i, r] - V[j, r])
-            y, z = side + H[t, 2] * (V[i, r] - V[k, r]), H[t, 1] * (V[j, r] - V[k, r]) - side
-            quadratic -= 2.0 * (
-                (R[i, r] + R[j, r] + R[k, r]) * (y * ax + z * bx)
-                + (R[i, 3 + r] + R[j, 3 + r] + R[k, 3 + r]) * (y * ay + z * by)
-                + (R[i, 6 + r] + R[j, 6 + r] + R[k, 6 + r]) * (y * az + z * bz)
+            a, b, c = (
+                R[i, 3 * r] + R[j, 3 * r] + R[k, 3 * r],
+                R[i, 3 * r + 1] + R[j, 3 * r + 1] + R[k, 3 * r + 1],
+                R[i, 3 * r + 2] + R[j, 3 * r + 2] + R[k, 3 * r + 2],
             )
-        x = max(quadratic, 0.0) / rest[t]
-        root, y = np.sqrt(1.0 + soft * x), stiff * x
-        again = 1.0 / np.sqrt(1.0 + y * y)
-        weight[t] = stiffness + (1.0 - stiffness) * (1.0 / root + 1.0 - again**3)
-        # root - 1 and 1 - again without cancellation, for strains far below e and d.
-        share = 2.0 / (1.0 + root) + y * y * again * again / (1.0 + again)
-        energy += rest[t] * x * (stiffness + (1.0 - stiffness) * share)
-    return energy
+            at_i, at_j = a * yx + b * yy + c * yz, a * zx + b * zy + c * zz
+            ij, jk, ki = P[i, r] - P[j, r], P[j, r] - P[k, r], P[k, r] - P[i, r]
+            bends += at_j * jk - at_i * ki
+            strains += h0 * ij * ij + h1 * jk * jk + h2 * ki * ki
+            of_i, of_j = h0 * ij - h2 * ki, h1 * jk - h0 * ij
+            pull[t, r], pull[t, 3 + r] = third * at_i - of_i, third * at_j - of_j
+            stay[t, r], stay[t, 3 + r] = kept * of_i, kept * of_j
+        x[t] = max(rest[t] + 3.0 * strains - 2.0 * bends, 0.0) / rest[t]

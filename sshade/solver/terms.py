@@ -110,18 +110,16 @@ def right_hand_side(
     *,
     P: np.ndarray | None = None,
     kept: float = 1.0,
-    weight: np.ndarray = UNWEIGHTED,
 ) -> None:
     """Write rows `first` to `end` of the global step's right-hand side, without what held vertices add.
 
     Parameters as of :func:`covariances`; R (n, 9) the rotation matrices, B (n, 3) float64.
-    With L_t the Laplacian of a term, weight w, what is written has ``(kept - w) L_t P`` besides: for
-    `kept` = 1 what the terms lack of their share of a Laplacian without weights, for 0 all of B is minus
-    half of the energy's gradient over the number of corners. P (n, 3) may be missing where there is nothing.
+    With L_t the Laplacian of a term, what is written has ``(kept - 1) L_t P`` besides: for `kept` = 0 all of
+    B is minus half of the energy's gradient over the number of corners. P (n, 3) may be missing for 1.
     """
     P = B if P is None else P
     if isinstance(terms, Triangles):
-        _triangle_right_hand_side(*terms, weight, kept, P, R, B, first, end)
+        _triangle_right_hand_side(*terms, kept, P, R, B, first, end)
     else:
         _edge_right_hand_side(*terms, kept, P, R, B, first, end)
 
@@ -175,14 +173,12 @@ def _edge_covariances(corners, Y, H, P, S, first, end):
 
 
 @njit(cache=True, nogil=True)
-def _triangle_right_hand_side(corners, V, H, weight, kept, P, R, B, first, end):
+def _triangle_right_hand_side(corners, V, H, kept, P, R, B, first, end):
     B[first:end] = 0.0
-    third, weighted = 1.0 / 3.0, len(weight) > 0
+    third, stay = 1.0 / 3.0, kept - 1.0
     for t in range(len(corners)):
         i, j, k = corners[t, 0], corners[t, 1], corners[t, 2]
-        w = weight[t] if weighted else 1.0
-        stay, h0, h1, h2 = kept - w, H[t, 0], H[t, 1], H[t, 2]
-        w *= third
+        h0, h1, h2 = H[t, 0], H[t, 1], H[t, 2]
         # The edges 01, 12, 20 at rest.
         ux, uy, uz = V[i, 0] - V[j, 0], V[i, 1] - V[j, 1], V[i, 2] - V[j, 2]
         vx, vy, vz = V[j, 0] - V[k, 0], V[j, 1] - V[k, 1], V[j, 2] - V[k, 2]
@@ -191,9 +187,9 @@ def _triangle_right_hand_side(corners, V, H, weight, kept, P, R, B, first, end):
         yx, yy, yz = ux - h2 * wx, uy - h2 * wy, uz - h2 * wz
         zx, zy, zz = h1 * vx - ux, h1 * vy - uy, h1 * vz - uz
         for r in range(3):
-            a = w * (R[i, 3 * r] + R[j, 3 * r] + R[k, 3 * r])
-            b = w * (R[i, 3 * r + 1] + R[j, 3 * r + 1] + R[k, 3 * r + 1])
-            c = w * (R[i, 3 * r + 2] + R[j, 3 * r + 2] + R[k, 3 * r + 2])
+            a = third * (R[i, 3 * r] + R[j, 3 * r] + R[k, 3 * r])
+            b = third * (R[i, 3 * r + 1] + R[j, 3 * r + 1] + R[k, 3 * r + 1])
+            c = third * (R[i, 3 * r + 2] + R[j, 3 * r + 2] + R[k, 3 * r + 2])
             at_i = a * yx + b * yy + c * yz
             at_j = a * zx + b * zy + c * zz
             if stay != 0.0:

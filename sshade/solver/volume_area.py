@@ -4,8 +4,9 @@ The volume's derivative with respect to vertex i is a third of the vector area
 of the triangles at i. In that form, unlike with cross products of positions,
 it depends on edges alone: nothing cancels far from the origin.
 
-Faces of one component lie side by side, those of component k from ``start[k]``
-on. Arrays of constraints have a row for each quantity held; `kind` says which.
+To be measured, faces of one component lie side by side, those of component k from ``start[k]``
+on; gradients are those of a range of vertices, from the faces that touch it. Arrays of constraints have a
+row for each quantity held; `kind` says which.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from sshade.threads import ThreadTeam
 VOLUME, AREA = 0, 1
 #: Error of an equation at which Newton's method stops.
 CLOSE = 1e-9
+#: Error that a last step is expected to leave, so that it need not be measured.
+CERTAIN = 1e-10
 #: An error below this that a step does not halve is rounding.
 ROUNDING = 1e-9
 #: Condition number beyond which two gradients count as parallel.
@@ -32,8 +35,8 @@ MOST_EVALUATIONS = 12
 FACES = 65_536
 
 
-class Equations(NamedTuple):
-    """The equations ``scale C_q(P) - 1 + compliance lambda_q = 0``, for each quantity q and component.
+class Surface(NamedTuple):
+    """The faces of a mesh, by components and by vertices.
 
     Attributes
     ----------
@@ -43,6 +46,26 @@ class Equations(NamedTuple):
         Where each component's faces begin.
     component : (n,) int32
         Of each vertex.
+    by_vertex : (m, 3) int32 or uint32
+        Faces in the order of their lowest vertices; F where there is one component.
+    ranges : list of (slice, int, int)
+        Vertices for threads, and the faces by vertices that touch them:
+        :func:`sshade.solver.assembly.vertex_ranges`.
+    """
+
+    F: np.ndarray
+    start: np.ndarray
+    component: np.ndarray
+    by_vertex: np.ndarray
+    ranges: list[tuple[slice, int, int]]
+
+
+class Equations(NamedTuple):
+    """The equations ``scale C_q(P) - 1 + compliance lambda_q = 0``, for each quantity q and component.
+
+    Attributes
+    ----------
+    surface : Surface
     kind : (q,) int64
         VOLUME or AREA.
     scale : (q, c) float64
@@ -53,9 +76,7 @@ class Equations(NamedTuple):
         Equations to be solved; the multipliers of others stay, and their directions are not used.
     """
 
-    F: np.ndarray
-    start: np.ndarray
-    component: np.ndarray
+    surface: Surface
     kind: np.ndarray
     scale: np.ndarray
     compliance: np.ndarray
@@ -107,54 +128,64 @@ def volume_and_area(first, end, F, P, origin):
     return np.array([volume / 6.0, 0.5 * area])
 
 
-@njit(cache=True, nogil=True)
-def gradients(F, start, kind, scale, P, G):
+def gradients(
+    surface: Surface, kind: np.ndarray, scale: np.ndarray, P: np.ndarray, G: np.ndarray, *, team: ThreadTeam
+) -> None:
     """Derivatives of each quantity with respect to the vertices.
 
     Parameters
     ----------
-    F, start, P
-        As for :func:`measure`.
+    surface : Surface
     kind : (q,) int64
         VOLUME or AREA.
     scale : (q, c) float64
         Factor on a quantity's gradient in a component; 0 leaves it out.
-    G : (q, n, 3) float64
+    P : (n, 3) float64
+    G : (q, n, 3) float64 or float32
         Overwritten.
+    team : ThreadTeam
     """
-    G[:] = 0.0
-    _add_gradients(F, start, kind, scale, P, G, 1)
+
+    def write(number: int) -> None:
+        own, first, end = surface.ranges[number]
+        G[:, first:end] = 0.0
+        _add_gradients(surface.by_vertex[own], surface.component, kind, scale, P, G, 1, first, end)
+
+    team(write, len(surface.ranges))
 
 
-@njit(cache=True, nogil=True)
-def add_gradients(F, start, kind, scale, P, B):
-    """Add to B (n, 3) the :func:`gradients` summed over the quantities; other parameters as there."""
-    _add_gradients(F, start, kind, scale, P, B.reshape((1, len(B), 3)), 0)
+def add_gradients(
+    surface: Surface, number: int, kind: np.ndarray, scale: np.ndarray, P: np.ndarray, B: np.ndarray
+) -> None:
+    """Add the :func:`gradients` of a range of vertices, summed over the quantities, to B (n, 3)."""
+    own, first, end = surface.ranges[number]
+    _add_gradients(surface.by_vertex[own], surface.component, kind, scale, P, B[None], 0, first, end)
 
 
-@njit(cache=True, nogil=True)
-def along(G, component, Z, slope):
+def along(G: np.ndarray, component: np.ndarray, Z: np.ndarray, *, count: int, team: ThreadTeam) -> np.ndarray:
     """Derivatives of each quantity along each direction, by component: ``sum_i G_i . Z_i``.
 
     Parameters
     ----------
-    G, Z : (q, n, 3) float64
+    G, Z : (q, n, 3) float64 or float32
         Gradients, from :func:`gradients`, and directions.
     component : (n,) int32
         Of each vertex.
-    slope : (c, q, q) float64
-        Overwritten.
+    count : int
+        c, the number of components.
+    team : ThreadTeam
+
+    Returns
+    -------
+    (c, q, q) float64
     """
-    slope[:] = 0.0
-    for q in range(len(G)):
-        for p in range(len(G)):
-            for i in range(G.shape[1]):
-                dot = G[q, i, 0] * Z[p, i, 0] + G[q, i, 1] * Z[p, i, 1] + G[q, i, 2] * Z[p, i, 2]
-                slope[component[i], q, p] += dot
+    parts = team.ranges(lambda *own: _along(*own, G, component, Z, count), len(component))
+    return sum(parts[1:], start=parts[0])
 
 
-def measured(F: np.ndarray, start: np.ndarray, P: np.ndarray, *, team: ThreadTeam) -> np.ndarray:
+def measured(surface: Surface, P: np.ndarray, *, team: ThreadTeam) -> np.ndarray:
     """:func:`measure`, by a thread team where there is one component; bits do not depend on their number."""
+    F, start, *_ = surface
     if len(start) > 2:
         return measure(F, start, P)
     origin = P[F[0, 0]]
@@ -175,7 +206,8 @@ def newton(
 
     Steps use the slopes given while they shrink the worst equation of a component
     tenfold, then those at P. A step that makes it worse is halved, and taken back
-    if that does not help.
+    if that does not help. What a step leaves is not measured where it is certain: where with as much of
+    a gain as the step before it comes to :data:`CERTAIN` at most, and it gains more.
 
     Parameters
     ----------
@@ -193,24 +225,26 @@ def newton(
     Returns
     -------
     (c,) float64
-        The largest absolute value of a component's active equations in the end.
+        The largest absolute value of a component's active equations in the end, or a bound to it.
     """
-    F, start, component, kind, scale, compliance, active = equations
-    count, G = len(start) - 1, np.empty((0, 0, 3))
+    surface, kind, scale, compliance, active = equations
+    component, count, G = surface.component, scale.shape[1], np.empty((0, 0, 3))
     residual, step, last = np.zeros((3, count, len(kind)))
     error, done = np.full(count, np.inf), np.zeros(count, dtype=np.bool_)
     for left in range(MOST_EVALUATIONS - 1, -1, -1):
-        value = measured(F, start, P, team=team)
+        value = measured(surface, P, team=team)
         now = _evaluate(value, kind, scale, compliance, active, multiplier, residual)
         slow = bool(((SLOW * error < now) & (now <= error)).any())
         if slow:
             G = G if len(G) else np.empty(Z.shape, dtype=Z.dtype)
-            gradients(F, start, kind, scale, P, G)
-            along(G, component, Z, slope)
+            gradients(surface, kind, scale, P, G, team=team)
+            slope[:] = along(G, component, Z, count=count, team=team)
         state = slope, multiplier, step, last, error, done
         if not _take_step(slow, left == 0, now, active, compliance, residual, *state):
             break
         team.ranges(lambda *own: shift(*own, P, component, Z, step), len(P))
+        if done.all():
+            break
     return error
 
 
@@ -241,6 +275,7 @@ def _take_step(slow, out, now, active, compliance, residual, slope, multiplier, 
         step[c] = 0.0
         if done[c]:
             continue
+        certain = False
         stalled = error[c] < ROUNDING and now[c] > 0.5 * error[c]
         final = stalled or out
         if now[c] > error[c]:
@@ -250,11 +285,14 @@ def _take_step(slow, out, now, active, compliance, residual, slope, multiplier, 
         else:
             if not slow:
                 _broyden(slope[c], residual[c], last[c])
+            left = now[c] * now[c] / error[c] if error[c] < np.inf else np.inf
             error[c] = now[c]
             if now[c] > CLOSE and not final:
                 newton_step(slope[c], active[:, c], compliance[:, c], residual[c], step[c])
                 last[c] = step[c]
-        done[c] = stalled or now[c] <= CLOSE
+                if left <= CERTAIN:
+                    error[c], certain = left, True
+        done[c] = stalled or certain or now[c] <= CLOSE
         multiplier[c] += step[c]
     return np.any(step != 0.0)
 
@@ -268,49 +306,60 @@ def _cross(P, i, j, k):
 
 
 @njit(cache=True, nogil=True)
-def _add_gradients(F, start, kind, scale, P, G, apart):
-    """Add the gradient of quantity q to column ``apart x q`` of G: 1 keeps them apart, 0 sums them up."""
-    for c in range(len(start) - 1):
-        volume = area = 0.0
-        to_volume = to_area = 0
-        for q in range(len(kind)):
-            if kind[q] == VOLUME:
-                volume, to_volume = scale[q, c] / 6.0, apart * q
-            else:
-                area, to_area = scale[q, c] / 2.0, apart * q
-        if volume != 0.0 or area != 0.0:
-            _add_component(F, start[c], start[c + 1], volume, area, P, G, to_volume, to_area)
+def _along(first, end, G, component, Z, count):
+    slope = np.zeros((count, len(G), len(G)))
+    for q in range(len(G)):
+        for p in range(len(G)):
+            for i in range(first, end):
+                dot = G[q, i, 0] * Z[p, i, 0] + G[q, i, 1] * Z[p, i, 1] + G[q, i, 2] * Z[p, i, 2]
+                slope[component[i], q, p] += dot
+    return slope
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _add_component(F, first, end, volume, area, P, G, to_volume, to_area):
-    for t in range(first, end):
+def _add_gradients(F, component, kind, scale, P, G, apart, first, end):
+    """Add the gradient of quantity q to rows `first` to `end` of ``G[apart x q]``: 0 sums them up.
+
+    F (m, 3) are at least the faces that touch these vertices, in the order of all.
+    """
+    factor, to_volume, to_area = np.zeros((2, scale.shape[1])), 0, 0
+    for q in range(len(kind)):
+        if kind[q] == VOLUME:
+            factor[VOLUME], to_volume = scale[q] / 6.0, apart * q
+        else:
+            factor[AREA], to_area = scale[q] / 2.0, apart * q
+    for t in range(len(F)):
         i, j, k = F[t, 0], F[t, 1], F[t, 2]
+        volume, area = factor[VOLUME, component[i]], factor[AREA, component[i]]
         ax, ay, az = P[j, 0] - P[i, 0], P[j, 1] - P[i, 1], P[j, 2] - P[i, 2]
         bx, by, bz = P[k, 0] - P[i, 0], P[k, 1] - P[i, 1], P[k, 2] - P[i, 2]
         x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
         if volume != 0.0:
             vx, vy, vz = volume * x, volume * y, volume * z
             for corner in (i, j, k):
-                G[to_volume, corner, 0] += vx
-                G[to_volume, corner, 1] += vy
-                G[to_volume, corner, 2] += vz
+                if first <= corner < end:
+                    G[to_volume, corner, 0] += vx
+                    G[to_volume, corner, 1] += vy
+                    G[to_volume, corner, 2] += vz
         length = np.sqrt(x * x + y * y + z * z)
         if area != 0.0 and length > 0.0:  # without a normal, no direction is better than another
-            factor = area / length
-            x, y, z = factor * x, factor * y, factor * z
+            size = area / length
+            x, y, z = size * x, size * y, size * z
             # Each corner: the unit normal times the edge opposite. The three add up to nothing.
             jx, jy, jz = z * by - y * bz, x * bz - z * bx, y * bx - x * by
             kx, ky, kz = y * az - z * ay, z * ax - x * az, x * ay - y * ax
-            G[to_area, i, 0] -= jx + kx
-            G[to_area, i, 1] -= jy + ky
-            G[to_area, i, 2] -= jz + kz
-            G[to_area, j, 0] += jx
-            G[to_area, j, 1] += jy
-            G[to_area, j, 2] += jz
-            G[to_area, k, 0] += kx
-            G[to_area, k, 1] += ky
-            G[to_area, k, 2] += kz
+            if first <= i < end:
+                G[to_area, i, 0] -= jx + kx
+                G[to_area, i, 1] -= jy + ky
+                G[to_area, i, 2] -= jz + kz
+            if first <= j < end:
+                G[to_area, j, 0] += jx
+                G[to_area, j, 1] += jy
+                G[to_area, j, 2] += jz
+            if first <= k < end:
+                G[to_area, k, 0] += kx
+                G[to_area, k, 1] += ky
+                G[to_area, k, 2] += kz
 
 
 @njit(cache=True, nogil=True)

@@ -14,7 +14,7 @@ from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
 from sshade import DeformationTask, Handles, InputError, Mesh
-from sshade.solver.constraints import EVERY, EVERY_OF_BOTH
+from sshade.solver.constraints import EVERY, EVERY_OF_BOTH, Components
 from sshade.solver.local_global import LocalGlobal
 from sshade.solver.quasi_newton import largest_move
 from sshade.solver.solution import Solution
@@ -23,6 +23,7 @@ from sshade.solver.volume_area import (
     CLOSE,
     VOLUME,
     Equations,
+    Surface,
     along,
     gradients,
     measure,
@@ -110,11 +111,29 @@ def test_far_from_the_origin_only_the_positions_are_rounded():
     assert measure(F, start, V + shift) == pytest.approx(measure(F, start, V), rel=1e-13)
 
 
+def surface_of(mesh: Mesh) -> Surface:
+    return Components(mesh, np.arange(mesh.n, dtype=np.int32)).surface
+
+
 def gradients_of(mesh: Mesh, V: np.ndarray, scale: np.ndarray | None = None) -> np.ndarray:
-    F, start = arrays(mesh)
-    G = np.full((2, mesh.n, 3), np.nan)
-    gradients(F, start, BOTH, np.ones((2, len(start) - 1)) if scale is None else scale, V, G)
+    surface, G = surface_of(mesh), np.full((2, mesh.n, 3), np.nan)
+    scale = np.ones((2, len(surface.start) - 1)) if scale is None else scale
+    gradients(surface, BOTH, scale, V, G, team=ThreadTeam(1))
     return G
+
+
+@pytest.mark.parametrize("name", CLOSED)
+def test_gradients_and_slopes_of_ranges_are_those_of_the_whole(name, monkeypatch):
+    mesh = CLOSED[name]
+    V, Z = bent(mesh.V), np.random.default_rng(1).normal(size=(2, mesh.n, 3))
+    whole, component = gradients_of(mesh, V), np.zeros(mesh.n, dtype=np.int32)
+    monkeypatch.setattr("sshade.solver.assembly.CHUNK", 50)
+    monkeypatch.setattr("sshade.threads.ROWS", 70)
+    assert len(surface_of(mesh).ranges) > 3
+    np.testing.assert_array_equal(gradients_of(mesh, V), whole)
+    one, two = (along(whole, component, Z, count=1, team=ThreadTeam(workers)) for workers in (1, 2))
+    np.testing.assert_array_equal(one, two)
+    np.testing.assert_allclose(one[0], np.einsum("qic,pic->qp", whole, Z), rtol=1e-10, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", CLOSED)
@@ -129,8 +148,8 @@ def test_gradients_are_the_differences(name):
         ],
         axis=1,
     ) / (2 * step)
-    slope = np.empty((1, 2, 2))
-    along(gradients_of(mesh, V), np.zeros(mesh.n, dtype=np.int32), Z, slope)
+    component = np.zeros(mesh.n, dtype=np.int32)
+    slope = along(gradients_of(mesh, V), component, Z, count=1, team=ThreadTeam(1))
     assert slope[0] == pytest.approx(differences, rel=1e-6, abs=1e-6)
 
 
@@ -175,20 +194,16 @@ def test_a_newton_step_solves_or_fits():
 
 def test_newton_renews_the_slopes_of_equations_that_it_leaves_out():
     mesh = bumpy(2)
-    F, start = arrays(mesh)
-    scale = 1.0 / measure(F, start, mesh.V)
+    scale = 1.0 / measure(*arrays(mesh), mesh.V)
     V = bent(mesh.V)
-    G, component = np.empty((2, mesh.n, 3)), np.zeros(mesh.n, dtype=np.int32)
-    gradients(F, start, BOTH, scale, V, G)
+    G, component = gradients_of(mesh, V, scale), np.zeros(mesh.n, dtype=np.int32)
     Z = np.random.default_rng(2).normal(size=G.shape) * 0.01 + G
     P, slope, multiplier = V.copy(), np.full((1, 2, 2), 1e3), np.zeros((1, 2))  # far too steep: slow
     active = np.array([[True], [False]])
-    equations = Equations(F, start, component, BOTH, scale, np.zeros((2, 1)), active)
+    equations = Equations(surface_of(mesh), BOTH, scale, np.zeros((2, 1)), active)
     assert newton(equations, Z, slope, multiplier, P, team=ThreadTeam(1))[0] <= CLOSE
     assert multiplier[0, 0] != 0.0 and multiplier[0, 1] == 0.0
-    there = np.empty((1, 2, 2))
-    gradients(F, start, BOTH, scale, P, G)
-    along(G, component, Z, there)
+    there = along(gradients_of(mesh, P, scale), component, Z, count=1, team=ThreadTeam(1))
     assert slope[0, 1] == pytest.approx(there[0, 1], rel=0.2)
 
 

@@ -33,7 +33,7 @@ def _several_levels(monkeypatch):
     """These meshes have a few thousand vertices."""
     monkeypatch.setattr(
         "sshade.solver.global_step.Multigrid",
-        lambda A, held, degree: Multigrid(A, held, coarsest=100, degree=degree),
+        lambda A, held, **options: Multigrid(A, held, coarsest=100, **options),
     )
 
 
@@ -143,7 +143,7 @@ def test_large_meshes_are_not_factorised_by_default(monkeypatch):
 
 
 def test_bits_do_not_depend_on_threads(monkeypatch):
-    for place in ("threads.ROWS", "solver.arap.CHUNK"):
+    for place in ("threads.ROWS", "solver.assembly.CHUNK", "solver.multigrid.PRODUCTS"):
         monkeypatch.setattr(f"sshade.{place}", 300)
     options = {**SOFT, **EXACT, "tolerance": 0, "max_iterations": 12, "multigrid": True}
     one, two, three = (solve(BALL, workers=workers, **options) for workers in (1, 2, 3))

@@ -388,7 +388,7 @@ def test_ranges_and_workers_change_no_bit(monkeypatch, energy, options):
     task, options = TASKS["bar"], {"max_iterations": 12, "tolerance": 0, **options}
     monkeypatch.setattr("sshade.solver.factorisation.SHARED", 0)
     whole = solver_of(task, energy).solve(task.handles.target, **options)
-    monkeypatch.setattr("sshade.solver.arap.CHUNK", 30)
+    monkeypatch.setattr("sshade.solver.assembly.CHUNK", 30)
     solver = solver_of(task, energy)
     parts = [solver.solve(task.handles.target, workers=workers, **options) for workers in (1, 2, 3)]
     for part in parts:
