@@ -30,9 +30,9 @@ from sshade.pipeline.proxies import proxy_vertices
 from sshade.sampling.fronts import Fronts, thinned
 from sshade.sampling.remesh import Remesh, remesh
 from sshade.solver.options import SolverOptions
-from sshade.solver.volume_area import ROUNDING, VOLUME, gradients, volume_and_area
+from sshade.solver.volume_area import ROUNDING, VOLUME, Surface, gradients, volume_and_area
 from sshade.task import DeformationResult, DeformationTask
-from sshade.threads import in_ranges
+from sshade.threads import ThreadTeam, in_ranges
 
 #: Length of an edge between handle vertices, to the sampling, over its own.
 INSIDE = 1 / 3
@@ -223,7 +223,7 @@ class HandleRegions:
         if lacking == 0.0:
             return V
         G = np.empty((1, mesh.n, 3))
-        gradients(*self._faces, np.array([VOLUME]), np.ones((1, 1)), V - mesh.origin, G)
+        gradients(self._surface, np.array([VOLUME]), np.ones((1, 1)), V - mesh.origin, G, team=ThreadTeam(1))
         length = np.linalg.norm(G[0], axis=1, keepdims=True)
         Z = np.divide(G[0], length, out=np.zeros((mesh.n, 3)), where=length > 0)
         own, _, phi = self._beside
@@ -240,13 +240,15 @@ class HandleRegions:
 
     def _measured(self, V: np.ndarray) -> np.ndarray:
         """(2,) volume and area at positions V (n, 3)."""
-        F, origin = self._faces[0], V[self._faces[0][0, 0]]
+        F, origin = self._surface.F, V[self._surface.F[0, 0]]
         return sum(in_ranges(lambda first, end: volume_and_area(first, end, F, V, origin), len(F)))
 
     @cached_property
-    def _faces(self) -> tuple[np.ndarray, np.ndarray]:
-        """F (m, 3) int32, and where the faces of the one component begin and end."""
-        return self._mesh.F.astype(np.int32), np.array([0, self._mesh.m])
+    def _surface(self) -> Surface:
+        """The one component."""
+        F, n = self._mesh.F.astype(np.int32), self._mesh.n
+        ends, all_of_it = np.array([0, len(F)]), [(slice(0, len(F)), 0, n)]
+        return Surface(F, ends, np.zeros(n, dtype=np.int32), by_vertex=F, ranges=all_of_it)
 
     def _rotations(self, moved: np.ndarray, handles: Handles) -> np.ndarray:
         """(n, 3, 3) rotations of the regions at the vertices of their edges, NaN where there is none."""
