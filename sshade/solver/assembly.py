@@ -61,7 +61,8 @@ def vertex_ranges(corners: np.ndarray, n: int) -> list[tuple[slice, int, int]]:
     list of (slice, int, int)
         Terms, first vertex, and the end of the vertices.
     """
-    low, high = corners.min(axis=1), np.maximum.accumulate(corners.max(axis=1))
+    column = [*corners.T]  # along rows of so few numbers NumPy takes twenty times as long
+    low, high = np.minimum.reduce(column), np.maximum.accumulate(np.maximum.reduce(column))
     bounds = [*range(0, n, CHUNK), n]
     return [
         (slice(int(np.searchsorted(high, first)), int(np.searchsorted(low, end))), first, end)

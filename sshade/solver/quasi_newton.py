@@ -268,7 +268,9 @@ def _curvature(first, end, per_unit, u, last_u, product, last_G):
     return sums
 
 
-@njit(cache=True, nogil=True)
+# The compiler may sum in an order of its own: in a single sum each addition waits for the last. All sums are
+# in this function, as what it calls would be compiled with it or apart from it, in one order or another.
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
 def _products(first, end, per_unit, u, F, product, last_u, last_F, last_G, S, Z, pairs, new):
     """Rows of s.y, z.y, s.G, z.G for each pair, with the `new` one's y, which is stored first.
 
@@ -288,8 +290,19 @@ def _products(first, end, per_unit, u, F, product, last_u, last_F, last_G, S, Z,
                 S[new, i] = per_unit * (u[i] - last_u[i])
                 Z[new, i] = per_unit * (last_F[i] - F[i])
         for k in range(count):
-            _add_inner(S[pairs[k], begin:stop], Z[pairs[k], begin:stop], y, now, rows[k])
-        rows[count, 2] += per_unit * _inner(F[begin:stop], now)
+            s, z, sy, zy, sg, zg = S[pairs[k], begin:stop], Z[pairs[k], begin:stop], 0.0, 0.0, 0.0, 0.0
+            for i in range(len(s)):
+                a, b = np.float64(s[i]), np.float64(z[i])
+                sy, zy = sy + a * y[i], zy + b * y[i]
+                sg, zg = sg + a * now[i], zg + b * now[i]
+            rows[k, 0] += sy
+            rows[k, 1] += zy
+            rows[k, 2] += sg
+            rows[k, 3] += zg
+        move, down = F[begin:stop], 0.0
+        for i in range(len(move)):
+            down += move[i] * now[i]
+        rows[count, 2] += per_unit * down
         last_u[begin:stop], last_F[begin:stop] = u[begin:stop], F[begin:stop]
     return rows
 
@@ -337,28 +350,3 @@ def _add_step(first, end, share, per_unit, last_u, F, S, Z, pairs, along_s, alon
 def _add(share, a, b):
     for i in range(len(a)):
         b[i] += share * a[i]
-
-
-# In both the compiler may sum in an order of its own: in a single sum each addition waits for the last.
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
-def _inner(a, b):
-    dot = 0.0
-    for i in range(len(a)):
-        dot += a[i] * b[i]
-    return dot
-
-
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
-def _add_inner(s, z, y, g, row):
-    """Add s.y, z.y, s.g, z.g to a row of four."""
-    sy = zy = sg = zg = 0.0
-    for i in range(len(s)):
-        a, b = np.float64(s[i]), np.float64(z[i])
-        sy += a * y[i]
-        zy += b * y[i]
-        sg += a * g[i]
-        zg += b * g[i]
-    row[0] += sy
-    row[1] += zy
-    row[2] += sg
-    row[3] += zg
