@@ -58,8 +58,9 @@ bench: $(READY) $(FULL)/dataset.json $(BASES:%=%/dataset.json)
 	  --methods sshade_fast "sshade_fast-6000=sshade_fast vertices=6000"
 	$(BIN)/sshade-eval bench scaling --rounds 1 --sizes 170000 683000 2700000 5000000 \
 	  --cases $(BODY) "defaust root=data/bench/19532 subject=0 pose=1" --methods sshade_fast sshade_fine
-	$(BIN)/sshade-eval bench startup --methods sshade sshade_fast
-	$(BIN)/sshade-eval timings speed drag drag_large scaling startup
+	$(BIN)/sshade-eval bench whole --name startup --methods sshade sshade_fast
+	$(BIN)/sshade-eval bench whole --sizes 683000 11000000 --cases $(BODY) --methods sshade_fast
+	$(BIN)/sshade-eval timings speed drag drag_large scaling startup whole
 
 # LARGEST=--largest: with a mesh of 44 million vertices, in 16 GiB.
 scaling: $(READY) $(FULL)/dataset.json data/bench/10000/dataset.json

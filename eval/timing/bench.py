@@ -12,7 +12,8 @@ kinds:
            --sizes on subdivisions of the cases, as scaling
   scaling  midpoint subdivisions of the cases, for each of --sizes the one that comes nearest,
            each in a process of its own, with its peak of memory
-  startup  `sshade deform --method METHOD` on a tiny mesh: imports for the most part
+  whole    `sshade deform --method METHOD` from start to end, files included; without cases on a tiny
+           mesh: imports for the most part; with --sizes on subdivisions of the cases, as scaling
 
 A method or a case is [LABEL=]NAME [KEY=VALUE ...], a name of conf/method or conf/dataset and its
 settings; with a dot, one of the whole configuration, as for `sshade-eval run`.
@@ -32,12 +33,12 @@ import re
 
 from eval.rows.frame import to_frame, write_csv
 from eval.run.provenance import require_unchanged
-from eval.timing import drag, scaling, speed, startup
+from eval.timing import drag, scaling, speed, whole
 from eval.timing.cases import read_cases, read_methods
 from eval.timing.table import TIMING, require_free
 from sshade.errors import InputError
 
-KINDS = (speed.KIND, drag.KIND, scaling.KIND, startup.KIND)
+KINDS = (speed.KIND, drag.KIND, scaling.KIND, whole.KIND)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--extrapolate", nargs="+", default=(), metavar="LABEL", help="methods, for speed")
     parser.add_argument("--block", type=int, default=10, metavar="I", help="iterations (default: 10)")
     parser.add_argument(
-        "--sizes", type=int, nargs="+", default=(), metavar="N", help="vertices, for scaling and drag"
+        "--sizes", type=int, nargs="+", default=(), metavar="N", help="vertices, not for speed"
     )
 
 
@@ -58,10 +59,11 @@ def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
     name = options.name or options.kind
     _check(options, name)
-    if options.kind == startup.KIND:
-        rows = startup.time_start_up(options.methods, rounds=options.rounds)
+    sources = read_cases(options.cases)
+    if options.kind == whole.KIND:
+        rows = whole.time_commands(options.methods, sources, rounds=options.rounds, sizes=options.sizes)
     else:
-        methods, sources = read_methods(options.methods), read_cases(options.cases)
+        methods = read_methods(options.methods)
         if options.kind == drag.KIND:
             rows = drag.time_drags(methods, sources, rounds=options.rounds, sizes=options.sizes)
         elif options.kind == scaling.KIND:
@@ -90,9 +92,8 @@ def _check(options: argparse.Namespace, name: str) -> None:
         raise InputError(f"--name {name!r} is no name of a file; use letters, digits and _.+=-")
     if min(options.rounds, *options.sizes, 1) < 1:
         raise InputError("--rounds and --sizes take numbers from 1")
-    if bool(options.cases) == (options.kind == startup.KIND):
-        none = "takes no --cases" if options.cases else "needs --cases"
-        raise InputError(f"{options.kind} {none}; `sshade-eval bench --help` tells more")
+    if not options.cases and (options.kind != whole.KIND or options.sizes):
+        raise InputError(f"{options.kind} needs --cases; `sshade-eval bench --help` tells more")
     if options.extrapolate and options.kind != speed.KIND:
         raise InputError(f"{options.kind} takes no --extrapolate, which is for {speed.KIND}")
     require_free(name)

@@ -68,6 +68,7 @@ _COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "seconds.max": ("max", _seconds),
     "repeats": ("repeats", _count),
     "speed_up": ("times faster", _seconds),
+    "seconds.method": ("of it the method (s)", _seconds),
     "seconds.precompute": ("precomputation (s)", _seconds),
     "seconds.solve": ("solve (s)", _seconds),
     "seconds.bind": ("bind (s)", _seconds),

@@ -107,10 +107,14 @@ def test_a_process_of_its_own_hands_back_results_and_refusals():
 
 
 def test_the_command_line(machine, case):
-    rows = bench("startup", "--methods", "sshade", "--rounds", "1")
+    rows = bench("whole", "--methods", "sshade", "--rounds", "1")
     assert rows["method.name"].tolist() == ["sshade deform --method sshade"]
     assert rows["task.vertices"].tolist() == [tiny_task().mesh.n]
-    assert main(["bench", "startup", "--methods", "sshod"]) == 2
+    rows = bench("whole", "--methods", "sshade", "--cases", case, "--sizes", "2500", "--rounds", "1")
+    assert rows["task.vertices"].tolist() == [2562]
+    assert (numbers(rows, "seconds.method") > 0).all()
+    assert (numbers(rows, "seconds.method") < numbers(rows, "seconds.total")).all()
+    assert main(["bench", "whole", "--methods", "sshod"]) == 2
 
 
 CASE = "mesh mesh=rest.ply handles=pose.json"
@@ -132,7 +136,7 @@ CASE = "mesh mesh=rest.ply handles=pose.json"
         (["speed", "--methods", "arap", "--cases", CASE.replace("rest", "gone")], "gone.ply"),
         (["speed", "--methods", "arap", "--cases", "defaust root=gone subject=0,1"], "gone does not exist"),
         (["speed", "--methods", "arap"], "speed needs --cases"),
-        (["startup", "--methods", "sshade", "--cases", CASE], "startup takes no --cases"),
+        (["whole", "--methods", "sshade", "--sizes", "9"], "whole needs --cases"),
         (["speed", "--methods", "arap", "--cases", CASE, "--extrapolate", "x"], "none of the methods"),
         (
             ["drag", "--methods", ONE, "--cases", CASE, "--extrapolate", "sshade-1"],
