@@ -10,6 +10,7 @@ from defaust.bake.poses import POSES, REACHES, make_pose
 from defaust.bake.template import fill, neighbour_average, outer_skin, quantise_weights, smooth_weights
 from defaust.sources.skinning import apply_motions, bone_motions
 from defaust.sources.synthetic import load_bodies, read_asset
+from tests.full import few
 from tests.shapes import block, icosphere
 
 
@@ -117,7 +118,7 @@ def test_landmarks_on_the_shipped_template():
             assert gap < 0.03, name
 
 
-@pytest.mark.parametrize("name", list(POSES))
+@pytest.mark.parametrize("name", few(POSES, "sitting", "squat"))
 def test_poses_are_seeded_and_shrink(name):
     bodies = load_bodies()
     options = {"joints": bodies.joints[0], "parents": bodies.parents}
@@ -143,7 +144,7 @@ def test_squat_plants_the_ankles():
         np.testing.assert_allclose(moved, joints[[foot, ball]], atol=1e-3)
 
 
-@pytest.mark.parametrize("name", list(REACHES))
+@pytest.mark.parametrize("name", few(REACHES, "sitting", "hands_together"))
 def test_wrists_and_elbows_come_to_their_places(name):
     bodies = load_bodies()
     joints, reach = bodies.joints[6], REACHES[name]

@@ -29,7 +29,7 @@ def names(group):
 
 
 #: Experiments that make their own data.
-MAKING_DATA = ("resolution", "ablation_touching", "shapes", "peers_shapes", "peers_scans")
+MAKING_DATA = ("resolution", "ablation_touching", "peers_shapes", "peers_scans")
 METHODS = methods("", "peer", "transfer")
 
 

@@ -49,12 +49,13 @@ MINE = ["--config-dir", "conf", "method=mine", "run.allow_targets=[mymethod.]"]
 @pytest.mark.parametrize(
     "options",
     [
-        [],
-        ["-m", "run.fresh=true"],
-        ["-m", "run.fresh=true", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2"],
-        ["-m", "hydra/launcher=submitit_local"],
+        pytest.param([], id="once"),
+        pytest.param(["-m", "run.fresh=true"], marks=pytest.mark.full, id="fresh"),
+        pytest.param(
+            ["-m", "run.fresh=true", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2"], id="joblib"
+        ),
+        pytest.param(["-m", "hydra/launcher=submitit_local"], marks=pytest.mark.full, id="submitit"),
     ],
-    ids=["once", "fresh", "joblib", "submitit"],
 )
 def test_a_folder_with_folders_of_the_same_names(own_folder, options):
     command = Path(sys.executable).with_name("sshade-eval")

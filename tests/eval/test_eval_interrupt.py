@@ -15,6 +15,7 @@ from eval_cases import ENVIRONMENT, RUN
 
 from eval.rows.collect import gather
 from eval.rows.frame import records
+from tests.full import few
 
 INTERRUPTED = "interrupted; the same command goes on from there"
 
@@ -67,7 +68,7 @@ def children(pid):
     return Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
 
 
-@pytest.mark.parametrize("fresh", ["false", "true"])
+@pytest.mark.parametrize("fresh", few(["false", "true"], "true"))
 def test_ctrl_c_leaves_complete_rows_and_the_same_command_goes_on(tmp_path, fresh):
     overrides = ["-m", "dataset=bumpy", "dataset.level=2", "method=stretching,endless", f"run.fresh={fresh}"]
     for new, kept in ((1, 0), (0, 1)):

@@ -22,7 +22,7 @@ def report(tiny, tiny_runs, tmp_path_factory):
     return out
 
 
-@pytest.fixture(params=[400, 1280])
+@pytest.fixture(params=[400, pytest.param(1280, marks=pytest.mark.full)])
 def page(request, browser, report):
     opened = browser.new_page(
         viewport={"width": request.param, "height": 800}, has_touch=request.param == 400
