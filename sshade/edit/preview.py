@@ -9,7 +9,7 @@ import numpy as np
 from sshade.mesh.mesh import Mesh
 
 #: Vertices from which on a mesh has a preview, and about how many that has.
-LARGE, VERTICES = 250_000, 100_000
+LARGE, VERTICES = 100_000, 50_000
 #: Cells along the diagonal at most, so that a number of 64 bits names each.
 CELLS = 100_000
 

@@ -203,6 +203,7 @@ async function follow() {
       const { sent } = await asked;
       asked = step();
       view.setStep(sent.positions);
+      await new Promise(requestAnimationFrame); // more steps than pictures would only take time from these
       drag.steps += 1;
     } catch (error) {
       complain(error);
