@@ -21,6 +21,7 @@ from eval.rows.store import PUBLISHED, ROWS
 from eval.timing.drag import KIND as DRAG
 from eval.timing.drag import STEPS, TOLERANCE
 from eval.timing.scaling import FIT_FROM, draw_scaling, is_scaling, slopes
+from eval.timing.whole import KIND as WHOLE
 from sshade.errors import InputError
 from sshade.io.files import make_folder, replacing
 from sshade.pipeline.deformer import SETTLED
@@ -185,8 +186,9 @@ def _notes(rows: pd.DataFrame, lines: pd.DataFrame, reference: str) -> list[str]
     lost = rows[~rows["kept"].eq(True)]
     most = numbers(rows[rows["kept"].eq(True)], "other_cores").max()
     told = f" ({'; '.join(distinct(lost, 'reason'))})" if len(lost) else ""
+    left_out = "compilation" if rows["kind"].eq(WHOLE).all() else "reading of files and compilation"
     notes.append(
-        "Methods took turns, after a warm-up, with reading of files and compilation outside of the clock. "
+        f"Methods took turns, after a warm-up, with {left_out} outside of the clock. "
         f"Other processes used {most:.1%} of the machine's cores at most during a repeat; "
         f"repeats thrown away: {len(lost)}{told}."
     )
