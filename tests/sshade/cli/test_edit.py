@@ -36,6 +36,8 @@ def running(*arguments: str):
     """The command, and the address that it prints."""
     line = [sys.executable, "-m", "sshade", "edit", *arguments]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    if os.name != "nt":  # of tests in the background of a shell it is ignored, which children inherit
+        pipes["preexec_fn"] = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
     process = subprocess.Popen(line, text=True, env={**os.environ, "PYTHONPATH": str(ROOT)}, **pipes)
     try:
         yield process, process.stdout.readline().strip()
