@@ -9,7 +9,7 @@ from typing import Any, get_args
 import numpy as np
 
 from sshade.edit.packet import packet
-from sshade.edit.preview import preview
+from sshade.edit.preview import VERTICES, Preview, preview
 from sshade.edit.session import Session
 from sshade.edit.state import MethodName, Motion, Settings
 from sshade.errors import InputError
@@ -23,8 +23,9 @@ MARKS = ("labels", "selection")
 class Commands:
     """A session in the coordinates of a page: the middle of the mesh is 0, its diagonal 1.
 
-    float32 positions keep seven digits of them, wherever the mesh lies and whatever its unit is. Of a large
-    mesh, a drag sends the vertices of its :func:`sshade.edit.preview.preview` alone.
+    float32 positions keep seven digits of them, wherever the mesh lies and whatever its unit is. A page that
+    says what it is "drawn" by, a "card" or the "processor", is sent in a drag of a large mesh the vertices of
+    its :func:`sshade.edit.preview.preview` alone.
 
     Parameters
     ----------
@@ -35,7 +36,7 @@ class Commands:
         self._session = session
         V = session.mesh.V
         self._centre, self._scale = 0.5 * (V.min(axis=0) + V.max(axis=0)), session.mesh.diagonal
-        self._preview = preview(session.mesh)
+        self._previews: dict[str, Preview | None] = {}
         self._named: dict[str, Callable[..., bytes]] = {
             name.removeprefix("do_"): getattr(self, name) for name in dir(self) if name.startswith("do_")
         }
@@ -63,10 +64,12 @@ class Commands:
             raise InputError("a command takes an object")
         return self._named[name](given, progress)
 
-    def whole(self) -> bytes:
+    def whole(self, given: Mapping[str, Any]) -> bytes:
         """All that a page needs at its beginning."""
-        coarse = () if self._preview is None else ("coarse", "coarse_faces")
-        return self._answer("faces", "positions", "change", *coarse, *MARKS)
+        few = self._preview(given)
+        coarse = {} if few is None else {"coarse": few.vertices, "coarse_faces": few.faces.ravel()}
+        beside = {name: ids.astype(np.uint32) for name, ids in coarse.items()}
+        return self._answer("faces", "positions", "change", *MARKS, beside=beside)
 
     def select(self, vertices: np.ndarray, how: str) -> bytes:
         """Pick vertices (k,) int."""
@@ -119,13 +122,14 @@ class Commands:
 
     def do_drag(self, given: Mapping[str, Any], _: Progress) -> bytes:
         V = self._session.drag(_whole(given, "group"), self._motion(given))
-        if self._preview is not None:
-            V = V[self._preview.vertices]
+        few = self._preview(given)
+        if few is not None:
+            V = V[few.vertices]
         return packet({}, {"positions": self._positions(V)})
 
     def do_release(self, given: Mapping[str, Any], _: Progress) -> bytes:
         self._session.release(_whole(given, "group"), self._motion(given))
-        return self._answer() if self._preview is None else self._answer("positions")
+        return self._answer() if self._preview(given) is None else self._answer("positions")
 
     def do_settle(self, _: Mapping[str, Any], progress: Progress) -> bytes:
         self._session.settle(progress)
@@ -142,6 +146,17 @@ class Commands:
             raise InputError(f"{what!r} cannot be saved: the handles can, and the mesh")
         return self._answer("positions", "change", saved=str(path), lost=list(lost))
 
+    def _preview(self, given: Mapping[str, Any]) -> Preview | None:
+        """That of a page which says what it is drawn by; none of another, or of a small mesh."""
+        drawn = given.get("drawn")
+        if drawn is None:
+            return None
+        if drawn not in VERTICES:
+            raise InputError(f"{drawn!r} draws no page: one of {', '.join(VERTICES)} does")
+        if drawn not in self._previews:
+            self._previews[drawn] = preview(self._session.mesh, drawn)
+        return self._previews[drawn]
+
     def _motion(self, given: Mapping[str, Any]) -> Motion:
         pivot, move = _numbers(given, "pivot", (3,)), _numbers(given, "move", (3,))
         quaternion = _numbers(given, "quaternion", (4,))
@@ -153,19 +168,15 @@ class Commands:
         """(n, 3) float32 as the page has them."""
         return ((V - self._centre) / self._scale).astype(np.float32)
 
-    def _answer(self, *arrays: str, **facts: Any) -> bytes:
-        """The facts, and those arrays; edges' changes where the shape is settled."""
-        session, made = self._session, {}
+    def _answer(self, *arrays: str, beside: Mapping[str, np.ndarray] | None = None, **facts: Any) -> bytes:
+        """The facts, and those arrays, beside some; edges' changes where the shape is settled."""
+        session, made = self._session, dict(beside or {})
         state = session.state
         for name in arrays:
             if name == "positions":
                 made[name] = self._positions(session.shown).ravel()
             elif name == "faces":
                 made[name] = session.mesh.F.astype(np.uint32).ravel()
-            elif name.startswith("coarse"):
-                assert self._preview is not None
-                vertices, faces = self._preview
-                made[name] = (vertices if name == "coarse" else faces).astype(np.uint32).ravel()
             elif name == "labels":
                 made[name] = np.zeros(session.mesh.n, dtype=np.uint32)
                 for number, group in enumerate(state.groups, start=1):

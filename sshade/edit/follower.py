@@ -22,8 +22,9 @@ from sshade.task import DeformationResult, DeformationTask
 
 #: Proxy vertices while the mouse moves: half of those at rest.
 VERTICES = 6000
-#: Residual and iterations of a step of a drag; the next one goes on.
-TOLERANCE, ITERATIONS = 1e-5, 8
+#: Residual and iterations of a step of a drag; the next one goes on. More would come nearer to the solution
+#: with each picture, and show fewer.
+TOLERANCE, ITERATIONS = 1e-5, 3
 #: Vertices of a group that lead the proxy in a drag; the others of a larger one go straight to their targets.
 #: At rest its edge is met without a crease, which here would take longer than all the rest.
 LEADING = 200

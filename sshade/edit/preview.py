@@ -8,8 +8,10 @@ import numpy as np
 
 from sshade.mesh.mesh import Mesh
 
-#: Vertices from which on a mesh has a preview, and about how many that has.
-LARGE, VERTICES = 100_000, 50_000
+#: About how many vertices it has, by what draws: a graphics card, or the processor that computes it too.
+VERTICES = {"card": 50_000, "processor": 8_000}
+#: Meshes have one from so many times as many vertices on.
+LARGE = 2
 #: Cells along the diagonal at most, so that a number of 64 bits names each.
 CELLS = 100_000
 
@@ -29,20 +31,23 @@ class Preview(NamedTuple):
     faces: np.ndarray
 
 
-def preview(mesh: Mesh) -> Preview | None:
+def preview(mesh: Mesh, drawn: str) -> Preview | None:
     """Clusters of a mesh's vertices, each the vertex that is nearest to its middle; None of a small mesh.
 
     Parameters
     ----------
     mesh : Mesh
         Any.
+    drawn : str
+        By what: a key of :data:`VERTICES`.
 
     Source: J. Rossignac, P. Borrel, "Multi-resolution 3D approximations for rendering complex scenes", 1993.
     """
-    if mesh.n < LARGE:
+    wanted = VERTICES[drawn]
+    if mesh.n < LARGE * wanted:
         return None
     # A surface meets about 1.5 cells for each square of a cell that it covers.
-    size = max(np.sqrt(1.5 * mesh.area / VERTICES), mesh.diagonal / CELLS)
+    size = max(np.sqrt(1.5 * mesh.area / wanted), mesh.diagonal / CELLS)
     cell = ((mesh.V - mesh.V.min(axis=0)) / size).astype(np.int64)
     key = (cell[:, 0] * (CELLS + 1) + cell[:, 1]) * (CELLS + 1) + cell[:, 2]
     _, cluster, count = np.unique(key, return_inverse=True, return_counts=True)

@@ -23,7 +23,7 @@ from select import select
 from threading import Condition, Thread
 from time import monotonic
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qsl, urlsplit
 
 import numpy as np
 
@@ -156,7 +156,7 @@ class _Handler(BaseHTTPRequestHandler):
         elif name == "three.js":
             self._send(HTTPStatus.OK, threejs.source().encode(), "text/javascript; charset=utf-8")
         elif name == "whole":
-            self._packet(self.server.commands.whole)
+            self._packet(lambda: self.server.commands.whole(self._query()))
         elif name == "alive":
             self._alive()
         else:
@@ -169,15 +169,15 @@ class _Handler(BaseHTTPRequestHandler):
         content = self._content()
         if content is None:
             return
-        commands, query = self.server.commands, parse_qs(urlsplit(self.path).query)
+        commands, query = self.server.commands, self._query()
         if name == "select":
             if len(content) % 4:
                 self._refuse(HTTPStatus.BAD_REQUEST, "vertices are sent as 4 bytes each")
                 return
             vertices = np.frombuffer(content, dtype="<u4").astype(np.int64)
-            self._packet(lambda: commands.select(vertices, query.get("how", [""])[0]))
+            self._packet(lambda: commands.select(vertices, query.get("how", "")))
         elif name == "open":
-            self._packet(lambda: commands.open(content, query.get("name", ["the file"])[0][:200]))
+            self._packet(lambda: commands.open(content, query.get("name", "the file")[:200]))
         elif name == "quit":
             self._send(HTTPStatus.OK, b"{}", "application/json")
             self.server.close()
@@ -188,6 +188,9 @@ class _Handler(BaseHTTPRequestHandler):
                 self._refuse(HTTPStatus.BAD_REQUEST, "a command comes as JSON")
                 return
             self._packet(lambda: commands(name, given, self.server.progress))
+
+    def _query(self) -> dict[str, str]:
+        return dict(parse_qsl(urlsplit(self.path).query))
 
     def _allowed(self) -> str | None:
         """The name that is asked for; None, and an answer, for whom may not ask."""

@@ -181,7 +181,7 @@ function colour() {
 // A drag: the latest place of the gizmo is asked for as soon as the one before has been answered.
 // While the mouse rests, some steps more let the mesh come to rest too.
 const drag = { wanted: null, last: null, idle: 0, busy: null, steps: 0, since: 0 };
-const IDLE = 8;
+const IDLE = 20;
 
 function motion() {
   const { position, quaternion } = view.pivot, { pivot } = drag;
@@ -193,7 +193,7 @@ function step() {
   drag.idle = drag.wanted ? 0 : drag.idle + 1;
   drag.last = drag.wanted ?? drag.last;
   drag.wanted = null;
-  return request("drag", JSON.stringify({ group: active, ...drag.last }));
+  return request("drag", JSON.stringify({ group: active, drawn: view.drawn, ...drag.last }));
 }
 
 // The next step is computed while this one is drawn.
@@ -222,7 +222,7 @@ view.gizmo.addEventListener("dragging-changed", ({ value }) => {
     stage.dataset.state = "dragging";
   } else {
     drag.wanted = drag.last = null;
-    const given = { group: active, ...motion() };
+    const given = { group: active, drawn: view.drawn, ...motion() };
     const rate = (1000 * drag.steps) / (performance.now() - drag.since);
     stage.dataset.rate = rate.toFixed(1);
     byId("hint").textContent = `${rate.toFixed(0)} steps a second`;
@@ -341,7 +341,7 @@ async function listen() {
 
 picking.use("view");
 byId("hint").textContent = HINTS.view;
-request("whole")
+request(`whole?drawn=${view.drawn}`)
   .then((said) => {
     const { faces, positions, coarse, coarse_faces } = said.sent;
     view.setMesh(faces, positions, coarse && { vertices: coarse, faces: coarse_faces });

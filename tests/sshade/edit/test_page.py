@@ -259,8 +259,8 @@ def test_it_fits_the_window_and_ends_by_its_button(page, session):
 
 
 def test_of_a_large_mesh_a_preview_follows_and_all_of_it_is_shown_at_rest(browser, session, monkeypatch):
-    monkeypatch.setattr(preview, "LARGE", 1000)
-    monkeypatch.setattr(preview, "VERTICES", 800)
+    monkeypatch.setattr(preview, "LARGE", 1.2)
+    monkeypatch.setitem(preview.VERTICES, "processor", 800)
     V = session.mesh.V
     height = (V[:, 1] - V[:, 1].min()) / np.ptp(V[:, 1])
     for own, kind in (height < 0.12, "static"), (height > 0.88, "moving"):

@@ -9,6 +9,7 @@ from sshade.edit import preview as module
 from sshade.edit.commands import Commands
 from sshade.edit.preview import preview
 from sshade.edit.session import Session
+from sshade.errors import InputError
 from sshade.io.meshes import write_mesh
 from sshade.mesh.mesh import Mesh
 from sshade.progress import silent
@@ -22,13 +23,15 @@ STILL = {"pivot": [0, 0, 0], "quaternion": [0, 0, 0, 1]}
 @pytest.fixture
 def large(monkeypatch):
     """Meshes of few vertices are large."""
-    monkeypatch.setattr(module, "LARGE", 1000)
-    monkeypatch.setattr(module, "VERTICES", 800)
+    monkeypatch.setattr(module, "LARGE", 1.2)
+    monkeypatch.setitem(module.VERTICES, "card", 800)
+    monkeypatch.setitem(module.VERTICES, "processor", 400)
 
 
-def test_it_is_the_same_surface_with_about_as_many_vertices_as_asked(large):
-    few = preview(BODY)
-    assert 400 < len(few.vertices) < 1600 and (np.diff(few.vertices) > 0).all()
+@pytest.mark.parametrize("drawn", ["card", "processor"])
+def test_it_is_the_same_surface_with_about_as_many_vertices_as_asked(large, drawn):
+    few, wanted = preview(BODY, drawn), module.VERTICES[drawn]
+    assert wanted / 2 < len(few.vertices) < 2 * wanted and (np.diff(few.vertices) > 0).all()
     V, F = BODY.V[few.vertices], few.faces
     assert F.min() == 0 and F.max() < len(V)
     a, b, c = V[F].transpose(1, 0, 2)
@@ -45,26 +48,36 @@ def test_it_is_the_same_surface_with_about_as_many_vertices_as_asked(large):
 @pytest.mark.parametrize("scale", [1e-6, 1e6])
 def test_it_depends_on_no_unit(large, scale):
     # A power of two would do for the bits; of other units a vertex on the side of a cell may change it.
-    few, other = preview(BODY), preview(Mesh(scale * BODY.V, BODY.F))
+    few, other = preview(BODY, "card"), preview(Mesh(scale * BODY.V, BODY.F), "card")
     assert abs(len(few.vertices) - len(other.vertices)) <= 4
 
 
 def test_a_small_mesh_has_none():
-    assert preview(BODY) is None
+    assert preview(BODY, "card") is None and preview(BODY, "processor") is None
+
+
+def test_a_page_drawn_by_something_else_is_refused(tmp_path):
+    write_mesh(tmp_path / "body.ply", BODY.V, BODY.F)
+    commands = Commands(Session(tmp_path / "body.ply"))
+    assert "coarse" not in unpacked(commands.whole({})) and "coarse" not in unpacked(
+        commands.whole({"drawn": "card"})
+    )
+    with pytest.raises(InputError, match="'hand' draws no page: one of card, processor does"):
+        commands.whole({"drawn": "hand"})
 
 
 def test_a_drag_sends_the_vertices_of_the_preview_and_the_release_all(large, tmp_path):
     write_mesh(tmp_path / "body.ply", BODY.V, BODY.F)
     session = Session(tmp_path / "body.ply")
     commands = Commands(session)
-    whole, few = unpacked(commands.whole()), preview(session.mesh)
+    whole, few = unpacked(commands.whole({"drawn": "card"})), preview(session.mesh, "card")
     assert np.array_equal(whole["coarse"], few.vertices)
     assert np.array_equal(whole["coarse_faces"].reshape(-1, 3), few.faces)
     height = BODY.V[:, 2]
     for kind, own in (("static", height < height.min() + 0.2), ("moving", height > height.max() - 0.2)):
         session.select(np.flatnonzero(own), "replace")
         number = session.mark(kind)
-    motion = {"group": number, **STILL, "move": [0.1, 0, 0]}
+    motion = {"group": number, "drawn": "card", **STILL, "move": [0.1, 0, 0]}
     step = unpacked(commands("drag", motion, silent))["positions"]
     released = unpacked(commands("release", motion, silent))["positions"].reshape(-1, 3)
     assert len(released) == BODY.n
