@@ -116,7 +116,6 @@ def test_experiment_takes_other_data_by_its_name_and_folder(name, data):
     certain = (
         "quick",
         "all_methods",
-        "full",
         "ci",
         "bodies_25k",
         "bodies_170k",

@@ -65,7 +65,7 @@ def test_all_handles_of_a_scan_are_of_one_half():
 
 
 def test_what_constants_were_chosen_on_is_for_tuning():
-    for name in ("quick", "ci", "table1", "full", "front", *(n for n in EXPERIMENTS if "ablation" in n)):
+    for name in ("quick", "ci", "table1", "front", *(n for n in EXPERIMENTS if "ablation" in n)):
         assert composed(f"experiment={name}").run.split == TUNING
 
 
