@@ -10,10 +10,11 @@ import argparse
 from pathlib import Path
 
 from eval.rows.frame import records
+from eval.rows.store import PUBLISHED
 from eval.site.pages import contest, write_site
 from eval.site.submission import Submission, check, read_facts
 from eval.site.submit import SUBMISSIONS
-from eval.site.tracks import is_published, published, read_tracks
+from eval.site.tracks import WHERE, is_published, published, read_tracks
 from sshade.errors import InputError
 from sshade.figures import require_extra
 
@@ -28,6 +29,8 @@ def command(options: argparse.Namespace) -> int:
     require_extra("matplotlib", "jinja2")
     known = read_tracks()
     tracks = {name: track for name, track in known.items() if is_published(track)}
+    if not tracks:
+        raise InputError(f"no track has published rows in {PUBLISHED / 'rows'}: {WHERE}")
     for name in known.keys() - tracks.keys():
         print(f"left out: {name}, of which no rows are published")  # noqa: T201
     rows = {track.name: published(track) for track in tracks.values()}

@@ -13,6 +13,9 @@ from eval.rows.store import PUBLISHED
 from sshade.cli.configuration import CONFIGURATION
 from sshade.errors import InputError
 
+#: Rows are no part of a wheel.
+WHERE = "run this in a clone of the repository"
+
 
 class Track(NamedTuple):
     """A published experiment as a contest.
@@ -48,7 +51,7 @@ def published(track: Track, results: Path = PUBLISHED) -> pd.DataFrame:
     """
     path = _rows(track, results)
     if not path.is_file():
-        raise InputError(f"the track {track.name} has no published rows ({path})")
+        raise InputError(f"the track {track.name} has no published rows, {path}: {WHERE}")
     return read_csv(path)
 
 
