@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -114,6 +114,7 @@ def check(folder: Path, track: Track, published: list[Row], *, progress: Progres
     rows = [row for row in read_rows(path) if row["status"] != "missing"]
     official = {row["task.name"]: row for row in published if row["status"] in VALID}
     _check_one_method(path, rows, name, settings)
+    _check_code(path, rows, {row["env.version.code"] for row in published})
     for row in rows:
         _check_row(f"{path}: the row of {row['task.name']}, seed {row['seed']},", row, official)
     _check_complete(path, rows, official)
@@ -139,7 +140,7 @@ def _yaml(path: Path) -> dict[str, Any]:
 
 
 def _check_one_method(path: Path, rows: list[Row], name: str, settings: Mapping[str, Any]) -> None:
-    """All rows are of one method, configuration and version, from a commit, measured by today's metrics."""
+    """All rows are of one method, configuration and version, measured by today's metrics."""
     if not rows:
         raise InputError(f"{path}: holds no rows of runs")
     for row in rows:
@@ -162,13 +163,18 @@ def _check_one_method(path: Path, rows: list[Row], name: str, settings: Mapping[
     row = rows[0]
     if row.get("env.version.metrics") != METRICS:
         raise InputError(f"{path}: was measured by other metrics than those of this version; remeasure it")
+
+
+def _check_code(path: Path, rows: list[Row], known: Set[Any]) -> None:
+    """Rows are from a commit of the evaluator, or, as a wheel has none, of a version of the track's own rows."""
     for row in rows:
-        if row.get("env.modified") is not False or not re.fullmatch(
-            "[0-9a-f]{40}", str(row.get("env.commit"))
-        ):
+        commit, modified = row.get("env.commit"), row.get("env.modified")
+        committed = modified is False and re.fullmatch("[0-9a-f]{40}", str(commit))
+        if not committed and (commit or modified is not None or row.get("env.version.code") not in known):
             raise InputError(
-                f"{path}: the row of {row['task.name']} is of a modified tree or of no commit; commit, and "
-                "run it again"
+                f"{path}: the row of {row['task.name']} is of a modified tree, or of no commit and another "
+                "version of the code than the track's rows; run it again in a clean clone of the project, or "
+                "with a wheel of that version"
             )
         if not row.get("env.machine_id"):
             raise InputError(

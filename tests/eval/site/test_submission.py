@@ -98,6 +98,7 @@ def test_yaml_that_is_none_is_refused(folder, text, message):
         ({"env.version.metrics": "older"}, "other metrics"),
         ({"env.modified": True}, "modified tree"),
         ({"env.commit": None}, "no commit"),
+        ({"env.commit": None, "env.modified": None, "env.version.code": "older"}, "no commit and another"),
         ({"env.machine_id": None}, "which machine"),
         ({"task.checksum": "0123"}, "another task of this name"),
         ({"task.vertices": 7}, "another task of this name"),
@@ -112,6 +113,11 @@ def test_rows_that_are_not_the_tracks_are_refused(folder, published, changes, me
     put_rows(folder, lambda row: row | changes)
     with pytest.raises(InputError, match=message):
         check(folder, TRACK, published)
+
+
+def test_rows_of_a_wheel_have_no_commit_but_a_known_version(folder, published):
+    put_rows(folder, lambda row: row | {"env.commit": None, "env.modified": None})
+    assert len(check(folder, TRACK, published).rows) > 0
 
 
 @pytest.mark.parametrize(
