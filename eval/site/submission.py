@@ -166,7 +166,7 @@ def _check_one_method(path: Path, rows: list[Row], name: str, settings: Mapping[
 
 
 def _check_code(path: Path, rows: list[Row], known: Set[Any]) -> None:
-    """Rows are from a commit of the evaluator, or, as a wheel has none, of a version of the track's own rows."""
+    """Rows are from a commit of the evaluator, or of a wheel, which has none, of the track's version."""
     for row in rows:
         commit, modified = row.get("env.commit"), row.get("env.modified")
         committed = modified is False and re.fullmatch("[0-9a-f]{40}", str(commit))
