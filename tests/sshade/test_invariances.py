@@ -21,8 +21,8 @@ from sshade.sampling import remesh as remesh_module
 from sshade.solver.local_global import local_global
 from tests.shapes import bumpy, double_torus, rotation, strip, torus, tube
 
-#: Rounding over the bounding-box diagonal, with what 20 iterations make of it. The directions of the polish are
-#: kept in single precision: half of its gaps are below 1.2e-10, the largest of 1,600 tasks was 9e-9.
+#: Rounding over the bounding-box diagonal, with what 20 iterations make of it. The directions of the polish
+#: are kept in single precision: half of its gaps are below 1.2e-10, the largest of 1,600 tasks was 9e-9.
 ROUNDING = {"paper": 1e-9, "fast": 1e-9, "fine": 6e-8}
 #: What a scale by a power of two may change: no bit, or of one polish in 200 the last digits.
 SCALED = {"paper": 0.0, "fast": 0.0, "fine": 1e-12}
