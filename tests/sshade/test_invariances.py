@@ -24,8 +24,8 @@ from tests.shapes import bumpy, double_torus, rotation, strip, torus, tube
 #: Rounding over the bounding-box diagonal, with what 20 iterations make of it. The directions of the polish
 #: are kept in single precision: half of its gaps are below 1.2e-10, the largest of 1,600 tasks was 9e-9.
 ROUNDING = {"paper": 1e-9, "fast": 1e-9, "fine": 6e-8}
-#: What a scale by a power of two may change: no bit, or of one polish in 200 the last digits.
-SCALED = {"paper": 0.0, "fast": 0.0, "fine": 1e-12}
+#: What a scale by a power of two may change: no bit, or the last digits (2e-15) of one task in 200.
+SCALED = {"paper": 0.0, "fast": 1e-12, "fine": 1e-12}
 
 SHAPES = [bumpy(2), tube(10, 20), torus(16, 8), strip(20, 5), double_torus(cells=2)]
 FIXED = partial(local_global, tolerance=0.0, max_iterations=20, start="rigid")
