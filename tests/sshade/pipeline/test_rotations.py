@@ -169,9 +169,11 @@ def test_known_rotations_that_are_those_of_the_minimum_leave_it():
 
 def test_the_end_of_a_tube_bends_it_and_everything_may_move_together():
     """One vertex a side: their rotations alone bend the tube, whose other end is free."""
-    mesh = tube(24, 60)
-    z = mesh.V[:, np.argmax(np.ptp(mesh.V, axis=0))]
+    even = tube(24, 60)
+    z = even.V[:, np.argmax(np.ptp(even.V, axis=0))]
     low, high = np.flatnonzero(z == z.min()), np.flatnonzero(z == z.max())
+    # On a tube with equal distances a motion's rounding chooses other samples.
+    mesh = Mesh(even.V + 1e-3 * np.random.default_rng(0).normal(size=even.V.shape), even.F)
     bend = np.concatenate(
         [np.broadcast_to(np.eye(3), (len(low), 3, 3)), np.broadcast_to(turn(40, "x"), (len(high), 3, 3))]
     )
@@ -188,7 +190,7 @@ def test_the_end_of_a_tube_bends_it_and_everything_may_move_together():
         index, own.target @ R.T + shift, group=own.group, weight=own.weight, rotation=R @ own.rotation @ R.T
     )
     V_2 = METHODS["fast"](DeformationTask("tube", mesh_2, own_2), **options).vertices
-    assert np.abs(V_2 - V @ R.T - shift).max() < 1e-2 * mesh.diagonal
+    assert np.abs(V_2 - V @ R.T - shift).max() < 1e-5 * mesh.diagonal
 
 
 def test_levels_take_rotations_along():
