@@ -143,7 +143,8 @@ def _main(program: str, arguments: list[str]) -> int:
         from eval.main import main
 
         app._load_task.cache_clear()  # another case's folder has the same name
-        with mock.patch.object(sys, "argv", list(sys.argv)):
+        # It tells what it starts, by the environment, where not to look for modules.
+        with mock.patch.object(sys, "argv", list(sys.argv)), mock.patch.dict(os.environ):
             return main(arguments)
     name = {"sshade": "sshade.cli.main", "defaust": "defaust.cli"}[program]
     return importlib.import_module(name).main(arguments)
