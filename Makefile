@@ -26,6 +26,9 @@ ABLATIONS := $(addprefix ablation_,samplings vertices projection touching handle
 CURVES    := --metric volume area edge angle
 TRANSFERS := isometric_quick pose_transfer_quick isometric pose_transfer
 
+# Where it is set, each of the hundreds of processes that tests begin compiles every module anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: tables test ci-benchmark bench scaling robustness ablations transfers docs clean
 
 tables: $(READY) $(QUICK)/dataset.json
@@ -41,7 +44,7 @@ test: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
 	$(BIN)/mypy
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest -n 3 --dist loadfile
 	$(MAKE) --no-print-directory ci-benchmark
 
 ci-benchmark: $(READY) $(CI)/dataset.json

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 
 import pytest
@@ -29,3 +30,9 @@ def body() -> Mesh:
 def small_body() -> Mesh:
     """Closed, no symmetry, 162 vertices."""
     return bumpy(2)
+
+
+def pytest_collection_finish() -> None:
+    """What is there by then stays to the end: the garbage collector need not look at it again."""
+    gc.collect()
+    gc.freeze()

@@ -1,6 +1,6 @@
 """Committed bands of quality: ``sshade-eval check ROWS.csv [--bands ci]``.
 
-A band file ``conf/bands/<name>.yaml`` maps method -> task -> column -> [low,
+A band file ``conf/bands_<name>.yaml`` maps method -> task -> column -> [low,
 high]. A metric that is not available is out of its band. Times have no bands:
 they depend on the machine. ``--suggest`` prints bands around the rows instead,
 for a new method or data set: look at the numbers before committing them.
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 
 from eval.metrics import METRICS
@@ -31,7 +32,7 @@ TAILS, TAIL_FACTOR = (
 EXACT = 1e-7
 
 
-def out_of_band(row: Row, bands: Bands) -> list[str]:
+def out_of_band(row: Row, bands: Bands | str) -> list[str]:
     """What is wrong with a row, one short text for each column out of its band.
 
     A skipped row passes: an extra that is not installed is no defect.
@@ -39,9 +40,15 @@ def out_of_band(row: Row, bands: Bands) -> list[str]:
     Parameters
     ----------
     row : mapping
-    bands : mapping
-        ``{method: {task: {column: [low, high]}}}``.
+    bands : mapping or str
+        ``{method: {task: {column: [low, high]}}}``, or the name that :func:`read_bands` takes.
+
+    Raises
+    ------
+    InputError
+        Where there are no bands of the name.
     """
+    bands = read_bands(bands) if isinstance(bands, str) else bands
     method, task = row["method.name"], row["task.name"]
     if row["status"] == "skipped":
         return []
@@ -83,20 +90,27 @@ def _band(name: str, value: float) -> tuple[float, float]:
     return max(0.0, min(value / factor, value - amount)), max(value * factor, value + amount)
 
 
+@cache
 def read_bands(name: str) -> Bands:
-    """The bands of ``conf/bands/<name>.yaml``."""
+    """The bands of ``conf/bands_<name>.yaml``; not to be changed.
+
+    Raises
+    ------
+    InputError
+        Where there is no such file.
+    """
     import yaml
 
-    path = CONFIGURATION / "bands" / f"{name}.yaml"
+    path = CONFIGURATION / f"bands_{name}.yaml"
     if not path.is_file():
-        raise InputError(f"there are no bands {name!r} in conf/bands")
+        raise InputError(f"there are no bands {name!r}: conf has no bands_{name}.yaml")
     return yaml.safe_load(path.read_text())
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("rows", type=Path, help=ROWS_HELP)
-    parser.add_argument("--bands", default="ci", help="name of a file in conf/bands (default: %(default)s)")
+    parser.add_argument("--bands", default="ci", help="NAME of conf/bands_NAME.yaml (default: %(default)s)")
     parser.add_argument("--suggest", action="store_true", help="print bands around the rows instead")
 
 

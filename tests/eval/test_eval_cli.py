@@ -197,7 +197,7 @@ def test_a_dataset_without_a_list_has_one_case(tmp_path):
 
 def test_a_row_out_of_its_band_is_exit_code_1(tmp_path):
     done = run_eval(
-        tmp_path, "dataset=bumpy", "method=stretching", "+bands={stretching:{bumpy_30:{metric.volume:[0,5]}}}"
+        tmp_path, "dataset=bumpy", "method=stretching", "bands={stretching:{bumpy_30:{metric.volume:[0,5]}}}"
     )
     assert done.returncode == 1
     assert "metric.volume is" in done.stderr

@@ -15,11 +15,13 @@ from hydra.utils import instantiate as hydra_instantiate
 from omegaconf import OmegaConf
 
 from eval.configure.sweep import ABOUT_DATASET, VALUES
+from eval.rows.bands import read_bands
 from eval.run.targets import OWN_KEYS, check_parameters, instantiate, locate, parameter_hints
 from sshade.cli.configuration import CONFIGURATION
 from sshade.solver.local_global import local_global
 from sshade.solver.options import DEFAULTS
 from sshade.task import Method
+from tests.full import few
 from tests.methods import methods
 
 
@@ -86,20 +88,22 @@ def test_dataset_composes_and_names_a_loader(name):
         assert set(inspect.signature(locate(about["cases"])).parameters) >= {"root", "subjects", "poses"}
 
 
+@pytest.mark.parametrize("values", few(["first and last", "every"], "first and last"))
 @pytest.mark.parametrize("name", names("experiment"))
-def test_experiment_composes_with_every_value_that_it_sweeps(name):
+def test_experiment_composes_with_the_values_that_it_sweeps(name, values):
     """But for cases and seeds, which are plain values in every configuration."""
     config = composed(f"experiment={name}")
     assert config.hydra.mode.name == "MULTIRUN"
     assert config.run.experiment == name
     assert config.hydra.sweep.dir.endswith(f"out/runs/{name}")
     swept = {}
-    for key, values in config.hydra.sweeper.params.items():
-        if "glob(" not in str(values) and key not in VALUES:
-            override = OverridesParser.create().parse_override(f"{key}={values}")
-            swept[key] = [*override.sweep_string_iterator()] if override.is_sweep_override() else [values]
-    for k in range(max(map(len, swept.values()), default=1)):
-        composed(f"experiment={name}", *(f"{key}={values[k % len(values)]}" for key, values in swept.items()))
+    for key, of in config.hydra.sweeper.params.items():
+        if "glob(" not in str(of) and key not in VALUES:
+            override = OverridesParser.create().parse_override(f"{key}={of}")
+            swept[key] = [*override.sweep_string_iterator()] if override.is_sweep_override() else [of]
+    longest = max(map(len, swept.values()), default=1)
+    for k in range(longest) if values == "every" else {0, longest - 1}:
+        composed(f"experiment={name}", *(f"{key}={of[k % len(of)]}" for key, of in swept.items()))
 
 
 @pytest.mark.parametrize(
@@ -131,7 +135,7 @@ def test_experiment_takes_other_data_by_its_name_and_folder(name, data):
 
 def test_every_method_of_the_ci_experiment_has_bands():
     config = composed("experiment=ci")
-    assert set(OmegaConf.to_container(config.bands)) == set(swept(config))
+    assert set(read_bands(config.bands)) == set(swept(config))
 
 
 @pytest.mark.parametrize("name", names("experiment"))

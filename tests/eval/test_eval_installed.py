@@ -71,9 +71,10 @@ def test_a_folder_with_folders_of_the_same_names(own_folder, options):
 
 def test_a_wheel_has_what_the_commands_need_and_nothing_else(tmp_path, own_folder):
     source, target = tmp_path / "source", tmp_path / "installed"
-    copytree(ROOT, source, ignore=ignore_patterns(".*", "data", "out", "build", "*.egg-info", "__pycache__"))
-    copytree(ROOT / "defaust/data", source / "defaust/data")
-    copytree(ROOT / "defaust/build", source / "defaust/build")
+    left_out = (".*", "*.egg-info", "__pycache__")
+    copytree(ROOT, source, ignore=ignore_patterns(*left_out, "data", "out", "build"))
+    for name in ("defaust/data", "defaust/build"):
+        copytree(ROOT / name, source / name, ignore=ignore_patterns(*left_out))
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check"]
     made = run(tmp_path, *pip, "wheel", "--no-deps", "--no-build-isolation", "-w", tmp_path, source)
     assert made.returncode == 0, made.stderr
