@@ -33,6 +33,7 @@ def small_body() -> Mesh:
 
 
 def pytest_collection_finish() -> None:
-    """What is there by then stays to the end: the garbage collector need not look at it again."""
+    """What is there by then stays to the end: the garbage collector need not look at it again, nor often."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(20_000, 20, 20)

@@ -47,7 +47,7 @@ def basic(tmp_path_factory):
     ("launcher", "options"),
     [
         ("joblib", ["hydra.launcher.n_jobs=2"]),
-        ("submitit_local", []),
+        pytest.param("submitit_local", [], marks=pytest.mark.full),
         ("ray", ["+hydra.launcher.ray.init.num_cpus=2", "hydra.launcher.ray.init.address=local"]),
     ],
 )
