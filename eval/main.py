@@ -5,7 +5,12 @@ See :mod:`sshade.cli.programs`; ``run`` alone is a Hydra program, which reads it
 
 from __future__ import annotations
 
+import os
+
 from sshade.cli.programs import Program
+
+# Runs ask git for the state of the checkout; it would refresh its index then, and leave it locked if killed.
+os.environ.setdefault("GIT_OPTIONAL_LOCKS", "0")
 
 #: Sub-command -> the module that does it, and what it does in one line.
 COMMANDS = {
