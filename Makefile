@@ -70,8 +70,11 @@ scaling: $(READY) $(FULL)/dataset.json data/bench/10000/dataset.json
 	$(BIN)/python docs/scaling.py --measure $(LARGEST)
 
 # docs/robustness.md says what came of it, and when.
+# Coverage is written here, not where a process of a test works; of baselines it takes their extras.
+robustness: export COVERAGE_FILE := $(CURDIR)/.coverage
 robustness: $(READY)
-	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[fuzz]'
+	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt \
+	  -e '.[fuzz,torch,neo_hookean,open3d]'
 	$(BIN)/coverage erase
 	$(BIN)/coverage run -m pytest -n 2 --dist loadfile
 	$(BIN)/coverage combine -q
