@@ -74,7 +74,7 @@ scaling: $(READY) $(FULL)/dataset.json data/bench/10000/dataset.json
 robustness: export COVERAGE_FILE := $(CURDIR)/.coverage
 robustness: $(READY)
 	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt \
-	  -e '.[fuzz,torch,neo_hookean,open3d]'
+	  -e '.[fuzz,torch,neo-hookean,open3d]'
 	$(BIN)/coverage erase
 	$(BIN)/coverage run -m pytest -n 2 --dist loadfile
 	$(BIN)/coverage combine -q
