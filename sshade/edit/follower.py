@@ -20,8 +20,8 @@ from sshade.progress import Progress, silent
 from sshade.solver.local_global import local_global
 from sshade.task import DeformationResult, DeformationTask
 
-#: Proxy vertices while the mouse moves: half of those at rest.
-VERTICES = 6000
+#: Proxy vertices while the mouse moves: a third of those at rest. Half take half as long again, for nothing.
+VERTICES = 4000
 #: Residual and iterations of a step of a drag; the next one goes on. More would come nearer to the solution
 #: with each picture, and show fewer.
 TOLERANCE, ITERATIONS = 1e-5, 3
@@ -61,6 +61,21 @@ class _Bound(NamedTuple):
     rebound: bool = False
 
 
+class _Led(NamedTuple):
+    """Which handles of a component lead it."""
+
+    #: The array of their groups, which handles elsewhere share.
+    of: np.ndarray
+    component: int
+    #: Numbers of all handles there, of the hard ones, and of those that lead.
+    there: np.ndarray
+    hard: np.ndarray
+    lead: np.ndarray
+    #: Vertices of those in the component, their groups and weights.
+    vertices: np.ndarray
+    given: dict[str, Any]
+
+
 class Follower:
     """The mesh while a group is dragged.
 
@@ -77,6 +92,7 @@ class Follower:
         self._bound: _Bound | None = None
         self._whole = mesh.topology.components == 1
         self._part: tuple[int, np.ndarray, Mesh | None] | None = None
+        self._led: _Led | None = None
 
     def prepare(self, handles: Handles, on: int, settings: Settings) -> None:
         """Bind the component of vertex `on` with its handles, so that the first step need not.
@@ -108,12 +124,12 @@ class Follower:
         InputError
             As for :meth:`prepare`.
         """
-        component, own, part = self._component(on)
-        there = self._there(handles, component)
+        _, own, part = self._component(on)
+        led = self._leading(handles, on)
+        lead, hard = led.lead, led.hard
         if part is None:
-            shape[handles.index[there]] = handles.target[there]
+            shape[handles.index[led.there]] = handles.target[led.there]
             return
-        lead = _leading(handles, there)
         rotations = None if handles.rotation is None else handles.rotation[lead]
         out = shape if self._whole else None
         while True:
@@ -133,7 +149,6 @@ class Follower:
                 self._bound = None  # one sample was the nearest of two groups: bound anew, each has its own
         if not self._whole:
             shape[own] = result.vertices
-        hard = there[handles.hard[there]]
         shape[handles.index[hard]] = handles.target[hard]
 
     def forget(self) -> None:
@@ -155,18 +170,30 @@ class Follower:
             self._part = component, own, part if sound else None
         return self._part
 
-    def _there(self, handles: Handles, component: int) -> np.ndarray:
-        """Numbers of the handles on a component."""
-        return np.flatnonzero(self._mesh.component[handles.index] == component)
+    def _leading(self, handles: Handles, on: int) -> _Led:
+        """Of the handles on the component of a vertex those that lead the proxy, a few of each group."""
+        component, own, _ = self._component(on)
+        if self._led is None or self._led.component != component or self._led.of is not handles.group:
+            there = np.flatnonzero(self._mesh.component[handles.index] == component)
+            rng, groups = np.random.default_rng(0), handles.group[there]
+            chosen = []
+            for group in np.unique(groups):
+                some = there[groups == group]
+                few = some if len(some) <= LEADING else np.sort(rng.choice(some, LEADING, replace=False))
+                chosen.append(few)
+            lead = np.concatenate(chosen)
+            index = np.searchsorted(own, handles.index[lead])
+            given = {"group": handles.group[lead], "weight": handles.weight[lead]}
+            hard = there[handles.hard[there]]
+            self._led = _Led(handles.group, component, there, hard, lead, index, given)
+        return self._led
 
     def _bind(self, on: int, handles: Handles, settings: Settings) -> _Bound:
         """What is bound with these handles."""
-        component, own, part = self._component(on)
+        component, _, part = self._component(on)
         assert part is not None
-        there = self._there(handles, component)
-        lead = _leading(handles, there)
-        index = np.searchsorted(own, handles.index[lead])
-        given: dict[str, Any] = {"group": handles.group[lead], "weight": handles.weight[lead]}
+        led = self._leading(handles, on)
+        index, given = led.vertices, led.given
         key = index.tobytes(), given["group"].tobytes(), given["weight"].tobytes()
         bound, self._bound = self._bound, None
         if bound is not None and (bound.component, bound.settings) == (component, settings):
@@ -182,18 +209,8 @@ class Follower:
         if settings.method == "sshade":
             deformer = Deformer(part, index, method="paper", vertices=VERTICES, start="rigid", **given)
         else:
-            regional = OF_REGIONS if len(lead) < len(there) else {}
+            regional = OF_REGIONS if len(led.lead) < len(led.there) else {}
             options: Any = {"volume": VOLUME, **regional, **settings.constraints}
             deformer = Deformer(part, index, vertices=VERTICES, **options, **given)
         self._bound = _Bound(component, settings, deformer, key)
         return self._bound
-
-
-def _leading(handles: Handles, there: np.ndarray) -> np.ndarray:
-    """Of the handles of such numbers those that lead the proxy: a few of each group, anywhere in it."""
-    rng, groups = np.random.default_rng(0), handles.group[there]
-    chosen = []
-    for group in np.unique(groups):
-        own = there[groups == group]
-        chosen.append(own if len(own) <= LEADING else np.sort(rng.choice(own, LEADING, replace=False)))
-    return np.concatenate(chosen)

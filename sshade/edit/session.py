@@ -17,6 +17,7 @@ from sshade.edit.saving import Outputs
 from sshade.edit.selecting import selected
 from sshade.edit.state import Group, Kind, Motion, Settings, State
 from sshade.errors import InputError
+from sshade.handles import Handles
 from sshade.progress import Progress, silent
 
 #: Where all of a new static group is this near to rest, over the diagonal, it is at rest.
@@ -81,6 +82,8 @@ class Session:
         self._follower = Follower(mesh)
         #: Whether the handles are elsewhere than a drag left them.
         self._jumped = False
+        #: The groups of the last step of a drag, and its handles.
+        self._dragged: tuple[tuple[Group, ...], Handles] | None = None
         if handles is not None:
             self._take(self.document.read_groups(handles, first=1))
             self.history = History(self.state)
@@ -228,9 +231,11 @@ class Session:
         """
         with self._following:
             with self._lock:
-                state = self.state.moved(number, motion)
+                groups, state = self.state.groups, self.state.moved(number, motion)
                 revision, shape = self._advance(), self.shown
-            handles = state.handles(self.mesh).shared(self.mesh)
+            if self._dragged is None or self._dragged[0] is not groups:
+                self._dragged = groups, state.handles(self.mesh).shared(self.mesh)
+            handles = self._dragged[1].at(*state.aims())
             if self._jumped:
                 self._follower.forget()
                 self._jumped = False

@@ -222,24 +222,29 @@ class State:
         if not self.groups:
             raise InputError(NO_HANDLES)
         count = [len(group.vertices) for group in self.groups]
-        targets = [group.target for group in self.groups]
-        facts: dict[str, Any] = {
-            "index": np.concatenate([group.vertices for group in self.groups]),
-            "target": np.concatenate(targets),
-            "group": np.repeat(np.arange(len(count)), count),
-            "weight": np.repeat([group.weight for group in self.groups], count),
-        }
         # What is static in a file stays at rest: a group that was fixed in another place is no such one.
         still = [
-            group.kind == "static" and np.array_equal(target, mesh.V[group.vertices])
-            for group, target in zip(self.groups, targets, strict=True)
+            group.kind == "static" and np.array_equal(group.target, mesh.V[group.vertices])
+            for group in self.groups
         ]
-        facts["dynamic"] = ~np.repeat(still, count)
+        target, rotation = self.aims()
+        return Handles(
+            np.concatenate([group.vertices for group in self.groups]),
+            target,
+            dynamic=~np.repeat(still, count),
+            group=np.repeat(np.arange(len(count)), count),
+            weight=np.repeat([group.weight for group in self.groups], count),
+            rotation=rotation,
+        )
+
+    def aims(self) -> tuple[np.ndarray, np.ndarray | None]:
+        """Targets (k, 3) of all groups' vertices, and rotations (k, 3, 3), NaN where open, if one has any."""
+        target = np.concatenate([group.target for group in self.groups])
         turns = [group.rotation for group in self.groups]
-        if any(turn is not None for turn in turns):
-            open_ = np.full((3, 3), np.nan)
-            facts["rotation"] = np.repeat([open_ if turn is None else turn for turn in turns], count, axis=0)
-        return Handles(**facts)
+        if all(turn is None for turn in turns):
+            return target, None
+        given = [np.full((3, 3), np.nan) if turn is None else turn for turn in turns]
+        return target, np.repeat(given, [len(group.vertices) for group in self.groups], axis=0)
 
     def displaced(self, mesh: Mesh) -> bool:
         """Whether a group is to be elsewhere than at rest."""

@@ -224,6 +224,8 @@ export class View {
     this.pivot.position.fromArray(pivot);
     this.pivot.quaternion.identity();
     this.gizmo.attach(this.pivot);
+    const at = this.pivot.position.clone().project(this.camera), { clientWidth, clientHeight } = this.stage;
+    this.stage.dataset.gizmo = [((1 + at.x) / 2) * clientWidth, ((1 - at.y) / 2) * clientHeight]; // where to drag
     this.draw();
   }
 

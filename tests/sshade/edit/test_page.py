@@ -276,6 +276,10 @@ def test_of_a_large_mesh_a_preview_follows_and_all_of_it_is_shown_at_rest(browse
         page.wait_for_timeout(200)
         resting = pixels(page.locator("#stage"))
         x, y = where(page, V, session.state.groups[1].target.mean(axis=0))[0]
+        box, told = page.locator("#stage").bounding_box(), page.locator("#stage").get_attribute("data-gizmo")
+        assert np.allclose(
+            [x - box["x"], y - box["y"]], [float(number) for number in told.split(",")], atol=1
+        )
         page.mouse.move(x, y)
         page.mouse.down()
         page.mouse.move(x + 10, y, steps=2)
