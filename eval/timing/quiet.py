@@ -110,6 +110,7 @@ def busiest_other() -> str:
         if share[process] <= OTHERS:
             break
         with suppress(psutil.Error):
-            words = " ".join(process.cmdline()) or process.name()
+            # A program of python -c has lines; this is a part of one sentence.
+            words = " ".join(" ".join(process.cmdline()).split()) or process.name()
             return f"process {process.pid} ({words[:60]}) with {share[process]:.0%} of a core"
     return ""

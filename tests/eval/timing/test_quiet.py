@@ -12,7 +12,7 @@ import pytest
 from eval.timing import quiet
 from eval.timing.quiet import OTHERS, Reading, between, busiest_other, read_machine
 
-BURN = "import time; end = time.time() + 60\nwhile time.time() < end: pass"
+BURN = "import time\nend = time.time() + 60\nwhile time.time() < end: pass"
 
 
 @pytest.mark.parametrize(
@@ -90,7 +90,7 @@ def test_the_busiest_process_is_named(busy, monkeypatch):
     ours = {pid: psutil.Process(pid) for pid in busy}
     monkeypatch.setattr(quiet.psutil, "process_iter", lambda facts: map(_with_times, ours.values()))
     words = busiest_other()
-    assert any(words.startswith(f"process {pid} ({sys.executable} -c import time") for pid in ours)
+    assert any(words.startswith(f"process {pid} ({sys.executable} -c import time ") for pid in ours)
     assert words.endswith("% of a core")
     monkeypatch.setattr(quiet.psutil, "process_iter", lambda facts: [_with_times(psutil.Process())])
     assert busiest_other() == ""  # this process itself is none
