@@ -117,6 +117,7 @@ $(QUICK)/dataset.json: $(READY)
 $(CI)/dataset.json: $(READY)
 	$(BIN)/defaust build source=synthetic out=$(CI) subjects=[0] target_vertices=5000
 
+# Modules are compiled as they are imported, which is a few of them: half the time.
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 	  || { echo "Python 3.11 or newer is needed: make PYTHON=/path/to/python3.11 ..."; exit 2; }
@@ -126,7 +127,8 @@ $(READY): pyproject.toml constraints.txt
 	  || { echo "pictures need the system library libEGL.so.1 (Debian, Ubuntu: apt install libegl1 libgl1-mesa-dri)"; exit 2; }
 	@begin=$$(date +%s); \
 	  $(PYTHON) -m venv $(VENV) \
-	  && $(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[figures,test]' \
+	  && $(BIN)/python -m pip install -q --disable-pip-version-check --no-compile -c constraints.txt \
+	    -e '.[figures,test]' \
 	  && touch $@ && echo "installed into $(VENV) in $$(( $$(date +%s) - begin )) s"
 
 clean:
