@@ -115,6 +115,30 @@ def test_rows_that_are_not_the_tracks_are_refused(folder, published, changes, me
         check(folder, TRACK, published)
 
 
+def test_a_task_of_equal_files_is_the_same_whatever_the_processor_rounds(folder, published):
+    facts = {"task.meta.checksum": "aa+bb", "task.meta.raw": False}
+    official = [row | facts for row in published]
+    put_rows(folder, lambda row: row | facts | {"task.checksum": "0123"})
+    with pytest.raises(InputError, match="has changed since the run"):  # the vertices are of none of both
+        check(folder, TRACK, [row | {"task.checksum": "4567"} for row in official])
+    assert check(folder, TRACK, official).remeasured == 2
+    shutil.rmtree(folder / "runs" / "stretching")
+    (folder / "runs").rmdir()
+    found = check(folder, TRACK, official)
+    assert [row["task.checksum"] for row in found.rows] == [row["task.checksum"] for row in official]
+    for other in {"task.meta.checksum": "aa+cc"}, {"task.meta.raw": True}, {"task.meta.checksum": None}:
+        with pytest.raises(InputError, match="another task of this name"):
+            check(folder, TRACK, [row | other for row in official])
+
+
+def test_vertices_of_another_processor_are_measured_by_its_own_task(folder, published):
+    facts = {"task.meta.checksum": "aa+bb"}
+    put_rows(folder, lambda row: row | facts)
+    assert (
+        check(folder, TRACK, [row | facts | {"task.checksum": "4567"} for row in published]).remeasured == 2
+    )
+
+
 def test_rows_of_a_wheel_have_no_commit_but_a_known_version(folder, published):
     put_rows(folder, lambda row: row | {"env.commit": None, "env.modified": None})
     assert len(check(folder, TRACK, published).rows) > 0
