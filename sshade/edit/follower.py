@@ -20,7 +20,8 @@ from sshade.progress import Progress, silent
 from sshade.solver.local_global import local_global
 from sshade.task import DeformationResult, DeformationTask
 
-#: Proxy vertices while the mouse moves: a third of those at rest. Half take half as long again, for nothing.
+#: Proxy vertices while the mouse moves: a third of those at rest. Half come a seventh nearer, for half as
+#: much time again.
 VERTICES = 4000
 #: Residual and iterations of a step of a drag; the next one goes on. More would come nearer to the solution
 #: with each picture, and show fewer.
