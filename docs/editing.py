@@ -27,9 +27,9 @@ from sshade.edit.state import Motion
 from sshade.io.meshes import write_mesh
 
 PAGE = Path(__file__).with_name("edit.md")
-#: Bodies, how often their triangles are split in four, and how they are dragged.
+#: Bodies, and how often their triangles are split in four.
 BODIES = {"data/defaust_170k": 0, "data/bench/15625": 3}
-#: Drags, seconds of each, and pixels of the circle that the mouse goes around each second.
+#: Drags, seconds of each, and the radius in pixels of the circle that the mouse goes around in two seconds.
 DRAGS, SECONDS, RADIUS = 5, 4.0, 60
 #: As tests/browser.py.
 FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
@@ -95,10 +95,8 @@ def in_browser(browser: Browser, folder: Path) -> tuple[float, list[float]]:
             loaded = perf_counter() - begin
             page.get_by_role("button", name="drag", exact=True).click()
             sleep(5)  # the mesh is bound meanwhile
-            box, place = (
-                page.locator("#stage").bounding_box(),
-                page.locator("#stage").get_attribute("data-gizmo"),
-            )
+            stage = page.locator("#stage")
+            box, place = stage.bounding_box(), stage.get_attribute("data-gizmo")
             assert box is not None and place is not None
             x, y = (float(number) for number in place.split(","))
             x, y, rates = x + box["x"], y + box["y"], []
@@ -130,10 +128,8 @@ def main() -> int:
             say(lines[-1])
         version = browser.version
         browser.close()
-    note = (
-        f"{DRAGS} drags of {SECONDS:.0f} s each; median, least and most. {environment(jobs=1)['machine']}; "
-    )
-    note += f"Chromium {version}, which draws by the processor."
+    note = f"{DRAGS} drags of {SECONDS:.0f} s each; median, least and most. "
+    note += f"{environment(jobs=1)['machine']}; Chromium {version}, which draws by the processor."
     block = "\n".join([*lines, "", note])
     text = PAGE.read_text(encoding="utf-8")
     head, mark, rest = text.partition("<!-- rates -->\n")
