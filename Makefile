@@ -1,6 +1,6 @@
 # make tables   the main job: builds a small DeFAUST, runs the methods, writes out/
 # make test     lint, architecture rules, tests, the small benchmark
-# make bench    times at full size, of a drag, up to 5 million vertices; needs a quiet machine (a quarter of an hour)
+# make bench    times at full size, of drags, of regions, up to 11 million vertices; needs a quiet machine (an hour)
 # make scaling  the cost model of docs/scaling.md; the same (a quarter of an hour)
 # make robustness   bad inputs, kills, fuzzing, the same bits, coverage, at full strength (an hour)
 # make ablations   one change at a time on two small bodies (a quarter of an hour)
@@ -19,7 +19,9 @@ FULL   := data/defaust_170k
 SIZES  := 10000 15625 19532
 BASES  := $(SIZES:%=data/bench/%)
 BODY   := "defaust root=$(FULL) subject=0 pose=1"
+HELD   := "defaust root=$(FULL) subject=0 pose=1 handles=regions"
 ONE    := "sshade-1=sshade samplings=1"
+BOUND  := "sshade-1=sshade samplings=1 solver.start=rest" sshade_fast "sshade_fast-6000=sshade_fast vertices=6000"
 
 # Experiments conf/experiment/ablation_*; those over a number are drawn too.
 ABLATIONS := $(addprefix ablation_,samplings vertices projection touching handles function frames coarse)
@@ -54,16 +56,18 @@ ci-benchmark: $(READY) $(CI)/dataset.json
 bench: $(READY) $(FULL)/dataset.json $(BASES:%=%/dataset.json)
 	$(BIN)/sshade-eval bench speed --cases $(BODY) --extrapolate arap elastic --methods arap elastic \
 	  accelerated_arap accelerated_elastic deformation_graph sshade $(ONE) sshade_fast sshade_fine
-	$(BIN)/sshade-eval bench drag --cases $(BODY) --methods "sshade-1=sshade samplings=1 solver.start=rest" \
-	  sshade_fast "sshade_fast-6000=sshade_fast vertices=6000"
-	$(BIN)/sshade-eval bench drag --name drag_large --sizes 1000000 --rounds 3 \
+	$(BIN)/sshade-eval bench speed --name regions --cases $(HELD) --extrapolate elastic --methods elastic \
+	  accelerated_elastic deformation_graph sshade sshade_fast sshade_fine
+	$(BIN)/sshade-eval bench drag --cases $(BODY) --methods $(BOUND)
+	$(BIN)/sshade-eval bench drag --name drag_regions --cases $(HELD) --methods $(BOUND)
+	$(BIN)/sshade-eval bench drag --name drag_large --sizes 1000000 \
 	  --cases "defaust root=data/bench/15625 subject=0 pose=1" \
 	  --methods sshade_fast "sshade_fast-6000=sshade_fast vertices=6000"
-	$(BIN)/sshade-eval bench scaling --rounds 1 --sizes 170000 683000 2700000 5000000 \
+	$(BIN)/sshade-eval bench scaling --sizes 170000 683000 2700000 5000000 11000000 \
 	  --cases $(BODY) "defaust root=data/bench/19532 subject=0 pose=1" --methods sshade_fast sshade_fine
 	$(BIN)/sshade-eval bench whole --name startup --methods sshade sshade_fast
 	$(BIN)/sshade-eval bench whole --sizes 683000 11000000 --cases $(BODY) --methods sshade_fast
-	$(BIN)/sshade-eval timings speed drag drag_large scaling startup whole
+	$(BIN)/sshade-eval timings speed regions drag drag_regions drag_large scaling startup whole
 
 # LARGEST=--largest: with a mesh of 44 million vertices, in 16 GiB.
 scaling: $(READY) $(FULL)/dataset.json data/bench/10000/dataset.json

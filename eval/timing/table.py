@@ -21,6 +21,7 @@ from eval.rows.store import PUBLISHED, ROWS
 from eval.timing.drag import KIND as DRAG
 from eval.timing.drag import STEPS, TOLERANCE
 from eval.timing.scaling import FIT_FROM, draw_scaling, is_scaling, slopes
+from eval.timing.scaling import KIND as SCALING
 from eval.timing.whole import KIND as WHOLE
 from sshade.errors import InputError
 from sshade.io.files import make_folder, replacing
@@ -165,7 +166,7 @@ def _line(own: pd.DataFrame) -> dict[str, Any]:
         "extrapolated": None,
         **{name: numbers(own, name).max() for name in own if name.startswith("drag.")},
         "peak_mib": peak,
-        "bytes_per_vertex": peak * 2**20 / first["task.vertices"],
+        "bytes_per_vertex": peak * 2**20 / first["task.vertices"] if first["kind"] == SCALING else None,
     }
     if pd.notna(cutoff):
         line |= {"iterations": cutoff, "extrapolated": f"from {len(own)} x {iterations:.0f} iterations"}

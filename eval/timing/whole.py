@@ -27,6 +27,15 @@ from sshade.task import DeformationTask
 
 #: What these rows are of.
 KIND = "whole"
+#: ``python -m sshade``, which tells the peak of its memory in the end, where the system does.
+PROGRAM = """
+import os, runpy
+try:
+    runpy.run_module("sshade", run_name="__main__", alter_sys=True)
+finally:
+    if os.path.exists("/proc/self/status"):
+        print(open("/proc/self/status").read())
+"""
 
 
 def time_commands(
@@ -48,7 +57,8 @@ def time_commands(
     Returns
     -------
     list of dict
-        Rows with ``seconds.total``, and ``seconds.method``, what the command says of the method alone.
+        Rows with ``seconds.total``, ``seconds.method``, what the command says of the method alone, and
+        ``peak_mib``, the memory of its process in all; None where the system does not tell.
 
     Raises
     ------
@@ -92,11 +102,16 @@ def _job(method: str, files: Sequence[str], facts: Row) -> Job:
 
 def _call(command: list[str]) -> Row:
     begin = perf_counter()
-    done = subprocess.run([sys.executable, "-m", *command], capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-c", PROGRAM, *command[1:]], capture_output=True, text=True)
     seconds = perf_counter() - begin
     if done.returncode:
         raise InputError(f"{' '.join(command)}: {done.stderr.strip().removeprefix('error: ')}")
     told = re.search(r", ([\d.]+) s$", done.stderr, re.MULTILINE)
     if told is None:
         raise RuntimeError(f"{' '.join(command)} told no time: {done.stderr!r}")
-    return {"seconds.total": seconds, "seconds.method": float(told[1])}
+    peak = re.search(r"^VmHWM:\s*(\d+) kB$", done.stdout, re.MULTILINE)
+    return {
+        "seconds.total": seconds,
+        "seconds.method": float(told[1]),
+        "peak_mib": int(peak[1]) / 1024 if peak else None,
+    }

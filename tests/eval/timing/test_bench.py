@@ -114,6 +114,7 @@ def test_the_command_line(machine, case):
     assert rows["task.vertices"].tolist() == [2562]
     assert (numbers(rows, "seconds.method") > 0).all()
     assert (numbers(rows, "seconds.method") < numbers(rows, "seconds.total")).all()
+    assert (numbers(rows, "peak_mib") > 50).all()  # numba and SciPy alone take more
     assert main(["bench", "whole", "--methods", "sshod"]) == 2
 
 
