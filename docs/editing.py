@@ -20,7 +20,7 @@ import numpy as np
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from defaust.tasks import load_task
-from eval.run.provenance import environment
+from eval.run.provenance import SOURCES, environment
 from sshade.cli.console import say
 from sshade.edit.session import Session
 from sshade.edit.state import Motion
@@ -129,7 +129,9 @@ def main() -> int:
         version = browser.version
         browser.close()
     note = f"{DRAGS} drags of {SECONDS:.0f} s each; median, least and most. "
-    note += f"{environment(jobs=1)['machine']}; Chromium {version}, which draws by the processor."
+    facts = environment(jobs=1)
+    note += f"Machine: {facts['machine']}; Chromium {version}, which draws by the processor. "
+    note += f"Code: version {SOURCES[:8]}, commit {facts['commit'][:8]}."
     block = "\n".join([*lines, "", note])
     text = PAGE.read_text(encoding="utf-8")
     head, mark, rest = text.partition("<!-- rates -->\n")

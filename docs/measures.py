@@ -168,10 +168,10 @@ def draw(name: str) -> None:
 
 
 def filled(page: str) -> str:
-    """The page with its tables made again; each stands after a line ``<!-- name -->``, up to an empty one."""
+    """The page with its tables made again; each stands between ``<!-- name -->`` and ``<!-- end -->``."""
     for name in EXAMPLES:
         head, mark, rest = page.partition(f"<!-- {name} -->\n")
-        _, end, rest = rest.partition("\n\n")
+        _, end, rest = rest.partition("\n<!-- end -->")
         page = head + mark + table(name) + end + rest
     return page
 
