@@ -136,6 +136,8 @@ def main() -> int:
     text = PAGE.read_text(encoding="utf-8")
     head, mark, rest = text.partition("<!-- rates -->\n")
     _, end, rest = rest.partition("\n<!-- end -->")
+    if not (mark and end):  # all that follows would be lost
+        raise ValueError("the page has no block rates")
     PAGE.write_text(head + mark + block + end + rest, encoding="utf-8")
     return 0
 

@@ -172,6 +172,8 @@ def filled(page: str) -> str:
     for name in EXAMPLES:
         head, mark, rest = page.partition(f"<!-- {name} -->\n")
         _, end, rest = rest.partition("\n<!-- end -->")
+        if not (mark and end):  # all that follows would be lost
+            raise ValueError(f"the page has no block {name}")
         page = head + mark + table(name) + end + rest
     return page
 

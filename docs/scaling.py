@@ -23,13 +23,17 @@ from scipy.optimize import nnls
 
 from defaust.tasks import load_task
 from eval.rows.store import Row
-from eval.run.provenance import environment, process_memory
+from eval.run.provenance import SOURCES, environment, process_memory
 from eval.run.warmup import warm_up
 from eval.timing.quiet import between, read_machine
 from sshade import DeformationTask, Handles, Mesh, sshade_fast
 from sshade.cli.console import say
 
 PAGE, ROWS = Path(__file__).with_suffix(".md"), Path(__file__).with_suffix(".csv")
+#: Times and memory of the command ``sshade deform``.
+COMMANDS = Path(__file__).parents[1] / "results" / "tables" / "whole.csv"
+#: Bytes a vertex of a closed mesh: positions, and twice as many faces of 64-bit ids.
+INPUT = 24 + 2 * 24
 #: Repeats of a run; the largest has one.
 REPEATS = 3
 #: Vertices from which on the model is fitted: large meshes are sampled in another way than small ones.
@@ -78,7 +82,6 @@ def task_of(run: Run) -> DeformationTask:
 
 def measured(run: Run, repeats: int) -> Row:
     """The fastest of some repeats of a run, in this process."""
-    machine_name = environment(jobs=1)["machine"]
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: run.threads])
     warm_up(sshade_fast, {"vertices": 100}, key="scaling", kind=DeformationTask)
     task = task_of(run)
@@ -95,20 +98,23 @@ def measured(run: Run, repeats: int) -> Row:
         row |= {"peak_mib": np.nan if before is None else (process_memory("VmHWM") - before) / 2**20}
         rows.append(row)
     facts = {"vertices": task.mesh.n, "samples": run.samples, "handles": run.handles, "threads": run.threads}
-    return facts | min(rows, key=lambda row: row["seconds"]) | {"machine": machine_name}
+    return facts | min(rows, key=lambda row: row["seconds"])
 
 
 def measure(*, largest: bool) -> None:
-    """Make scaling.csv; without `largest` its row of before stays."""
+    """Make scaling.csv; without `largest` its row of before stays, if it is of this machine and code."""
+    facts = {"machine": environment(jobs=1)["machine"], "code": SOURCES}
     before = pd.read_csv(ROWS) if ROWS.is_file() else None
+    if before is not None:
+        before = before[(before["vertices"] > LARGE) & (before[[*facts]] == facts).all(axis=1)]
     rows = []
     for run in RUNS + [LARGEST] * largest:
         say(f"{run}")
         with multiprocessing.get_context("spawn").Pool(1) as pool:
-            rows.append(pool.apply(measured, (run, 1 if run is LARGEST else REPEATS)))
+            rows.append(pool.apply(measured, (run, 1 if run is LARGEST else REPEATS)) | facts)
         table = pd.DataFrame(rows)
         if before is not None and not largest:
-            table = pd.concat([table, before[before["vertices"] > LARGE]])
+            table = pd.concat([table, before])
         table.to_csv(ROWS, index=False, float_format="%.5g", lineterminator="\n")
 
 
@@ -155,8 +161,10 @@ def table_of_rows(rows: pd.DataFrame) -> str:
         + [f"{row.peak_mib * 2**20 / row.vertices:.0f}"]
         for row in rows.itertuples()
     ]
-    machine, usual, most = rows["machine"].iloc[0], rows["others"].median(), rows["others"].max()
-    note = f"Machine: {machine}. Other processes used {usual:.0%} of it in the median, {most:.0%} at most."
+    (machine,), (code,) = rows["machine"].unique(), rows["code"].unique()
+    usual, most = rows["others"].median(), rows["others"].max()
+    note = f"Machine: {machine}. Code: version {code[:8]}. "
+    note += f"Other processes used {usual:.0%} of it in the median, {most:.0%} at most."
     return f"{_markdown(head, lines)}\n\n{note}"
 
 
@@ -170,13 +178,30 @@ def table_of_models(rows: pd.DataFrame) -> str:
     return _markdown([*head, "100 million vertices"], lines)
 
 
+def table_of_memory(rows: pd.DataFrame) -> str:
+    """What the largest meshes took, from Python and by the command, and what follows of it for others."""
+    largest = rows.loc[rows["vertices"].idxmax()]
+    commands = pd.read_csv(COMMANDS)
+    command = commands.loc[commands["vertices"].idxmax()]
+    taken = {
+        "from Python, with the input": (largest, INPUT + largest["peak_mib"] * 2**20 / largest["vertices"]),
+        "`sshade deform` of a binary PLY": (command, command["peak_mib"] * 2**20 / command["vertices"]),
+    }
+    lines = []
+    for name, (row, each) in taken.items():
+        held, needed = 24 * 2**30 / each / 1e6, 1e8 * each / 2**30
+        lines.append([name, f"{row['vertices']:,}", f"{each:.0f}", f"{held:.0f}", f"{needed:.0f}"])
+    head = ["", "vertices", "bytes a vertex in all", "million vertices in 24 GiB", "GiB for 100 million"]
+    return _markdown(head, lines)
+
+
 def _markdown(head: list[str], lines: list[list[str]]) -> str:
     marks = ["---:" if name else "---" for name in head]
     return "\n".join(f"| {' | '.join(line)} |" for line in [head, marks, *lines])
 
 
 #: By the mark that stands before them in the page.
-TABLES = {"runs": table_of_rows, "models": table_of_models}
+TABLES = {"runs": table_of_rows, "models": table_of_models, "memory": table_of_memory}
 
 
 def filled(page: str, rows: pd.DataFrame) -> str:
@@ -184,6 +209,8 @@ def filled(page: str, rows: pd.DataFrame) -> str:
     for name, make in TABLES.items():
         head, mark, rest = page.partition(f"<!-- {name} -->\n")
         _, end, rest = rest.partition("\n<!-- end -->")
+        if not (mark and end):  # all that follows would be lost
+            raise ValueError(f"the page has no block {name}")
         page = head + mark + make(rows) + end + rest
     return page
 

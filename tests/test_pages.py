@@ -20,6 +20,46 @@ README, RESULTS, CLAIMS, BENCHMARK, METHODS, BEYOND, _DEFORM = (
 #: After this heading docs/beyond.md has figures of trials.
 TRIALS = "## Trials that no table holds"
 
+#: Any block that a script writes, those of docs/scaling.py, docs/editing.py and docs/measures.py too.
+WRITTEN = re.compile(r"<!-- [^\n]+ -->\n.*?<!-- end -->", re.DOTALL)
+#: What other pages say in numbers that no run of this program gave: settings, the data, arithmetic, what
+#: the paper or a survey of real poses says. In robustness.md a line names its command and commit.
+STATED = {
+    "edit.md": ["100,000 vertices", "8,000 vertices", "half the pixels"],
+    "limits.md": ["14 vertices"],
+    "measures.md": [
+        "0.1 to 1.8 % | 0.25 to 2.3 % | 1.8 to 5 % | 2.6 to 7.2°",
+        "falls by 13 %",
+        "1 % larger",
+        "120°",
+        "95 % and 99 % of the area",
+        "5 % or 1 % of the area",
+        "4 % longer",
+        "3,072 faces",
+        "prefer the second",
+        "up to 50 %",
+    ],
+    "method.md": ["five times"],
+    "paper.md": ["1000 iterations", "the second command", "7 to 8.5 minutes", "15 hours", "in\nminutes"],
+    "robustness.md": ["an hour on two cores", "98.7 %", "99.6 %", "96.9 %", "98.6 %", "24 GiB"],
+    "scaling.md": [
+        "seconds say little",
+        "CPU seconds",
+        "from a million vertices on",
+        "100 million vertices",
+        "about three times",
+        "300,000 vertices",
+        "More than half of the samples",
+        "second half",
+        "surface is faster",
+        "715,827,882 faces",
+        "357 million",
+        "A hundred million",
+        "second table",
+    ],
+    "start.md": ["20,000 vertices"],
+}
+
 #: What a quality, a time, a speed-up or a size is said with: a number and a unit, or words alone.
 MEASURED = re.compile(
     r"(?<![\w.])\d[\d.,]*\s*(?:[%°×]|(?:k|M|x|h|s|ms|min|fps|deg|degrees|[KMGT]i?B|fold|times|million|thousand"
@@ -61,6 +101,15 @@ def test_numbers_stand_in_generated_blocks_alone():
     blocks = [block for block in BLOCK.finditer(told) if block["name"]]
     assert len(blocks) > 7
     assert [block["name"] for block in blocks if block["old"].count("\n| ") < 3] == []
+
+
+@pytest.mark.parametrize("page", sorted((ROOT / "docs").glob("*.md")), ids=lambda page: page.name)
+def test_other_pages_measure_nothing_in_their_prose(page):
+    told, *_ = WRITTEN.sub("", page.read_text(encoding="utf-8")).partition(TRIALS)
+    for stated in STATED.get(page.name, []):
+        assert stated in told, f"{page.name} no longer says {stated!r}"
+        told = told.replace(stated, "")
+    assert claims(told) == []
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,7 @@ def computed():
 
 def test_the_numbers_of_the_page_are_those_of_its_shapes(computed):
     for name, found in computed.items():
-        printed = rows(PAGE.partition(f"<!-- {name} -->\n")[2].partition("\n\n")[0])
+        printed = rows(PAGE.partition(f"<!-- {name} -->\n")[2].partition("\n<!-- end -->")[0])
         assert printed.keys() == found.keys()
         for shape, values in found.items():
             assert printed[shape] == pytest.approx(values, rel=0.01, abs=0.002), (name, shape)
