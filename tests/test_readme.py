@@ -33,10 +33,6 @@ def test_every_experiment_is_named_with_its_half():
     assert set(told.values()) <= {*read_splits(), "both"}
 
 
-def test_it_is_short():
-    assert README.count("\n") <= 120
-
-
 def test_the_python_does_what_it_says(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     body = bumpy(3)
