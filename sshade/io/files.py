@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Writing files so that they appear whole or not at all."""
 
 from __future__ import annotations
 
@@ -7,30 +7,33 @@ import platform
 import re
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
+from itertools import count
 from pathlib import Path
 
 from sshade.errors import InputError
 
+#: Numbers the writes of this process, so that two threads never share a temporary name.
+_WRITES = count()
+
 
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Give a temporary name beside `path` to write to; rename it to `path` on success.
+    """Yield a temporary path in the folder of `path`; rename it to `path` on success.
 
-    On any error, an interrupt included, the temporary file is removed and what
-    stood at `path` stays. The temporary name keeps the suffix, which many
-    writers take the format from. What a process left there that was killed on
-    this machine is removed too.
+    On any error, interrupts included, the temporary file is removed and an existing file at `path`
+    stays. The temporary name keeps the suffix, from which many writers take the format. It is unique
+    to this call: of several writers of one path, the last to finish wins. Temporary files that killed
+    processes of this machine left for `path` are removed as well.
 
     Raises
     ------
     InputError
-        When the file cannot be written: a full disk, a folder that is missing or
-        not writable.
+        When the file cannot be written: the disk is full, or the folder is missing or read-only.
     """
     path = Path(path)
-    mark = f"{_host()}-{os.getpid()}"
-    temporary = path.with_name(f".{path.stem}.{mark}.partial{path.suffix}")
     _remove_leftovers(path)
+    beginning, end = _temporary_affixes(path)
+    temporary = path.with_name(f"{beginning}{os.getpid()}-{next(_WRITES)}{end}")
     try:
         yield temporary
         os.replace(temporary, path)
@@ -42,38 +45,40 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         raise
 
 
-def _host() -> str:
-    return re.sub(r"[^A-Za-z0-9]", "_", platform.node())[:40]
+def _temporary_affixes(path: Path) -> tuple[str, str]:
+    """How the temporary names for a path on this machine begin and end."""
+    host = re.sub(r"[^A-Za-z0-9]", "_", platform.node())[:40]
+    return f".{path.stem}.{host}-", f".partial{path.suffix}"
 
 
 def _remove_leftovers(path: Path) -> None:
-    """Remove temporary files for `path` of processes of this machine that are no more."""
-    beginning, end = f".{path.stem}.{_host()}-", f".partial{path.suffix}"
+    """Remove temporary files for `path` that belong to processes of this machine that have ended."""
+    beginning, end = _temporary_affixes(path)
     with suppress(OSError):
         for name in os.listdir(path.parent):
             if name.startswith(beginning) and name.endswith(end):
-                pid = name[len(beginning) : -len(end)]
-                if pid.isdecimal() and int(pid) != os.getpid() and not _alive(int(pid)):
+                process, _, _ = name[len(beginning) : -len(end)].partition("-")
+                if process.isdecimal() and not _is_running(int(process)):
                     (path.parent / name).unlink(missing_ok=True)
 
 
-def _alive(pid: int) -> bool:
+def _is_running(process: int) -> bool:
     try:
-        os.kill(pid, 0)
+        os.kill(process, 0)
     except ProcessLookupError:
         return False
-    except OSError:  # it is another user's
-        return True
+    except OSError:  # the process belongs to another user
+        pass
     return True
 
 
 def make_folder(path: str | os.PathLike[str]) -> None:
-    """Make a folder and those above it, unless it is there.
+    """Create a folder and its parents unless they exist.
 
     Raises
     ------
     InputError
-        When that is not possible: a file in its way, a folder that is not writable, a full disk.
+        When the folder cannot be created: a file is in its way, a parent is read-only, the disk is full.
     """
     try:
         Path(path).mkdir(parents=True, exist_ok=True)
@@ -82,7 +87,10 @@ def make_folder(path: str | os.PathLike[str]) -> None:
 
 
 def check_output(path: str | os.PathLike[str], suffixes: Collection[str]) -> None:
-    """Raise InputError if a file of one of these formats could not be written; call it before long work."""
+    """Raise InputError unless `path` has one of the suffixes and lies in a writable folder.
+
+    Commands call this before long computations.
+    """
     path = Path(path)
     check_suffix(path, suffixes)
     if not path.parent.is_dir():
@@ -94,14 +102,14 @@ def check_output(path: str | os.PathLike[str], suffixes: Collection[str]) -> Non
 
 
 def check_suffix(path: Path, suffixes: Collection[str]) -> None:
-    """Raise InputError unless the name ends with one of the suffixes, in any case."""
+    """Raise InputError unless `path` ends with one of the suffixes; case does not matter."""
     if path.suffix.lower() not in suffixes:
         raise InputError(f"{path}: unknown format {path.suffix!r}; use {', '.join(suffixes)}")
 
 
 def reason(error: OSError) -> str:
-    """The text of an error of the system, such as "No space left on device", without number and path."""
+    """Return the text of a system error, such as "No space left on device", without number and path."""
     if error.strerror:
         return error.strerror
-    # numpy's own: "12 requested and 0 written"
+    # NumPy raises OSError with a text alone: "12 requested and 0 written".
     return f"{' '.join(str(error).split()) or type(error).__name__}; the disk may be full"

@@ -3,7 +3,9 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Barrier
 
 import pytest
 
@@ -19,6 +21,22 @@ def test_the_file_appears_whole_on_success_under_its_name_alone(tmp_path):
         temporary.write_text("new")
         assert path.read_text() == "old and longer"
     assert path.read_text() == "new"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_threads_that_write_one_path_do_not_disturb_each_other(tmp_path):
+    path, both_opened = tmp_path / "a.txt", Barrier(2, timeout=60)
+
+    def write(text: str) -> None:
+        with replacing(path) as temporary:
+            temporary.write_text(text)
+            both_opened.wait()
+            assert temporary.read_text() == text
+
+    texts = ["first", "second and longer"]
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(write, texts))
+    assert path.read_text() in texts
     assert list(tmp_path.iterdir()) == [path]
 
 
