@@ -30,7 +30,7 @@ from sshade.pipeline.paper import sample_with_handles, sshade
 from sshade.pipeline.proxies import ProxyOptions
 from sshade.pipeline.regions import HandleRegions
 from sshade.progress import Progress, silent
-from sshade.sampling.remesh import Remesh, remesh
+from sshade.sampling.proxy import Sampling, sample_proxy
 from sshade.task import DeformationResult, DeformationTask, Handles, Method
 
 #: A projection crosses to another part beyond so many covering radii: samples whose regions
@@ -91,9 +91,9 @@ def sshade_ablated(
         raise InputError(f"unknown handle mode {handle_mode!r}; use 'samples' or 'nearest'")
     counts = []
 
-    def counted(V: np.ndarray, proxy: Mesh, remeshed: Remesh) -> Projection:
-        found = projections[projection](V, proxy, remeshed)
-        counts.append(int(cross_part(found, proxy, remeshed).sum()))
+    def counted(V: np.ndarray, proxy: Mesh, sampling: Sampling) -> Projection:
+        found = projections[projection](V, proxy, sampling)
+        counts.append(int(cross_part(found, proxy, sampling).sum()))
         return found
 
     result = sshade(
@@ -143,7 +143,7 @@ def sshade_fast_without(
     return with_choices(task, made, progress=progress)
 
 
-def project_to_surface(V: np.ndarray, proxy: Mesh, remeshed: Remesh) -> Projection:
+def project_to_surface(V: np.ndarray, proxy: Mesh, sampling: Sampling) -> Projection:
     """U: the nearest point of all of N.
 
     Parameters
@@ -152,7 +152,7 @@ def project_to_surface(V: np.ndarray, proxy: Mesh, remeshed: Remesh) -> Projecti
         Vertices of M.
     proxy : Mesh
         N.
-    remeshed : Remesh
+    sampling : Sampling
         Unused: regions do not restrict U.
     """
     import igl
@@ -163,7 +163,7 @@ def project_to_surface(V: np.ndarray, proxy: Mesh, remeshed: Remesh) -> Projecti
     return Projection(np.asarray(face, dtype=np.int64), barycentric, np.sqrt(squared))
 
 
-def cross_part(projection: Projection, proxy: Mesh, remeshed: Remesh) -> np.ndarray:
+def cross_part(projection: Projection, proxy: Mesh, sampling: Sampling) -> np.ndarray:
     """Vertices that a projection takes to another part of the surface than their own.
 
     Those for which the way along edges of N, from the vertex's sample to the
@@ -177,27 +177,27 @@ def cross_part(projection: Projection, proxy: Mesh, remeshed: Remesh) -> np.ndar
     projection : Projection
     proxy : Mesh
         N.
-    remeshed : Remesh
+    sampling : Sampling
 
     Returns
     -------
     (n,) bool
     """
-    graph, region = vertex_graph(proxy), remeshed.region
+    graph, region = vertex_graph(proxy), sampling.cell
     lengths = csr_array((graph.lengths, graph.indices, graph.indptr), shape=(proxy.n, proxy.n))
     corners = proxy.F[projection.face]
     far = (corners != region[:, None]).all(axis=1)
     samples, row = np.unique(region[far], return_inverse=True)
     if len(samples):
         # Infinite beyond the limit.
-        ways = dijkstra(lengths, indices=samples, limit=FAR * float(remeshed.distance.max()))
+        ways = dijkstra(lengths, indices=samples, limit=FAR * float(sampling.distance.max()))
         far[far] = np.isinf(ways[row[:, None], corners[far]].min(axis=1))
     return far
 
 
 def sample_nearest_to_handles(
     task: DeformationTask, regions: HandleRegions, seed: tuple[int, int]
-) -> tuple[Remesh, Handles]:
+) -> tuple[Sampling, Handles]:
     """Sample M without regard to handles; each handle goes to the sample of its region.
 
     A static one stays at the sample's place; a dynamic one goes where the handle's motion takes
@@ -211,9 +211,9 @@ def sample_nearest_to_handles(
     """
     mesh, handles = task.mesh, task.handles
     handles.require_hard("the handle mode nearest")
-    remeshed = remesh(mesh, regions.vertices, seed=seed, graph=regions.graph)
-    sample = remeshed.region[handles.index].astype(np.int64)
-    at_sample, at_handle = mesh.V[remeshed.samples[sample]], mesh.V[handles.index]
+    sampling = sample_proxy(mesh, regions.vertices, seed=seed, graph=regions.graph)
+    sample = sampling.cell[handles.index].astype(np.int64)
+    at_sample, at_handle = mesh.V[sampling.samples[sample]], mesh.V[handles.index]
     moved = np.where(handles.dynamic[:, None], handles.target, at_sample)
     for group in np.unique(handles.group[handles.dynamic]):
         own = handles.dynamic & (handles.group == group)
@@ -225,4 +225,4 @@ def sample_nearest_to_handles(
     mean = np.stack([np.bincount(inverse, moved[:, c]) for c in range(3)], axis=1) / count[:, None]
     dynamic = np.bincount(inverse, handles.dynamic) > 0
     merged = len(sample) - len(index)
-    return remeshed, Handles(index, mean, dynamic=dynamic, group=handles.group[first], merged=merged)
+    return sampling, Handles(index, mean, dynamic=dynamic, group=handles.group[first], merged=merged)

@@ -11,13 +11,13 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
-from sshade.snapping import nearest_vertices
+from sshade.snapping import snap_to_vertices
 
 #: Two targets of one vertex that differ by more than this (x diagonal) contradict each other.
 SAME_TARGET = 1e-9
 
 #: Least area of a soft handle's vertex, over the mean of the mesh's.
-LEAST_SHARE = 1e-3
+LEAST_PORTION = 1e-3
 
 #: Largest entry of R R^T - 1 of a rotation R.
 ROTATION = 1e-6
@@ -52,7 +52,7 @@ class Handles:
         Distance from each stored position to its vertex, set by :meth:`from_positions`.
     weight : (k,) float64 or float, optional
         Above 0; inf, the default, is a hard handle.
-    share : (k,) float64, optional
+    portion : (k,) float64, optional
         Of its group's mean, that of each soft handle; by default by area, in a task.
     rotation : (k, 3, 3) float64, optional
         How the surface turns at each handle; NaN, the default, where that is open. The local step of
@@ -77,7 +77,7 @@ class Handles:
     group: np.ndarray = None  # type: ignore[assignment]
     snap_distance: np.ndarray = None  # type: ignore[assignment]
     weight: np.ndarray = None  # type: ignore[assignment]
-    share: np.ndarray | None = None
+    portion: np.ndarray | None = None
     rotation: np.ndarray | None = None
     merged: int = 0
 
@@ -105,8 +105,8 @@ class Handles:
             "snap_distance": _per_handle(self.snap_distance, 0.0, np.float64, k, "snap_distance"),
             "weight": _checked_weight(self.weight, k),
         }
-        if self.share is not None:
-            fields["share"] = _per_handle(self.share, 0.0, np.float64, k, "share")
+        if self.portion is not None:
+            fields["portion"] = _per_handle(self.portion, 0.0, np.float64, k, "portion")
         if self.rotation is not None:
             fields["rotation"] = _checked_rotation(self.rotation, k)
         first = _first_of_each(index, target, fields["weight"])
@@ -125,40 +125,40 @@ class Handles:
 
     @property
     def stiffness(self) -> np.ndarray:
-        """(k,) float64: weight times share, inf of hard handles. No unit."""
+        """(k,) float64: weight times portion, inf of hard handles. No unit."""
         if self.hard.all():
             return self.weight
-        if self.share is None:
+        if self.portion is None:
             raise InputError("soft handles have no shares yet; make a task of them and its mesh")
-        return np.where(self.hard, np.inf, self.weight * self.share)
+        return np.where(self.hard, np.inf, self.weight * self.portion)
 
     @property
-    def turned(self) -> np.ndarray:
+    def has_rotation(self) -> np.ndarray:
         """(k,) bool: the handles whose rotations are prescribed."""
         if self.rotation is None:
             return np.zeros(len(self), dtype=bool)
         return np.isfinite(self.rotation).all(axis=(1, 2))
 
     @property
-    def known(self) -> tuple[np.ndarray, np.ndarray] | None:
+    def prescribed_rotations(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Handle vertices (j,) whose rotations are prescribed, and these (j, 3, 3); None without any."""
         if self.rotation is None:
             return None
-        given = self.turned
+        given = self.has_rotation
         return (self.index[given], self.rotation[given]) if given.any() else None
 
-    def shared(self, mesh: Mesh) -> Handles:
-        """With the share that the soft handles of each group have by their areas, if there is none yet."""
+    def with_portions(self, mesh: Mesh) -> Handles:
+        """With the portion that the soft handles of each group have by their areas, if there is none yet."""
         soft = np.flatnonzero(~self.hard)
-        if self.share is not None or len(soft) == 0:
+        if self.portion is not None or len(soft) == 0:
             return self
         area = mesh.vertex_areas[self.index]
-        area = np.maximum(area, LEAST_SHARE * mesh.area / mesh.n)
+        area = np.maximum(area, LEAST_PORTION * mesh.area / mesh.n)
         _, group = np.unique(self.group[soft], return_inverse=True)
         group = group.ravel()
-        share = np.ones(len(self))
-        share[soft] = area[soft] / np.bincount(group, area[soft])[group]
-        return replace(self, share=share)
+        portion = np.ones(len(self))
+        portion[soft] = area[soft] / np.bincount(group, area[soft])[group]
+        return replace(self, portion=portion)
 
     def at(self, target: np.ndarray, rotation: np.ndarray | None = None) -> Handles:
         """The same handles with other targets (k, 3) and rotations (k, 3, 3); nothing else is checked again.
@@ -192,16 +192,16 @@ class Handles:
         V : (n, 3) float64
             Positions of the mesh at rest.
         """
-        share = self.share
-        if share is not None:
-            share = share[number] if len(number) == len(self) else self._gathered(share, number, V)
+        portion = self.portion
+        if portion is not None:
+            portion = portion[number] if len(number) == len(self) else self._gathered(portion, number, V)
         return Handles(
             index,
             self.target[number],
             dynamic=self.dynamic[number],
             group=self.group[number],
             weight=self.weight[number],
-            share=share,
+            portion=portion,
             rotation=None if self.rotation is None else self.rotation[number],
         )
 
@@ -209,20 +209,20 @@ class Handles:
         """Raise InputError where a handle is soft or has a rotation, which `method` does not know."""
         if not self.hard.all():
             raise InputError(f"{method} takes no soft handles: leave their weights out, or take sshade_fast")
-        if self.known:
+        if self.prescribed_rotations:
             raise InputError(f"{method} takes no rotations of handles: leave them out, or take sshade_fast")
 
-    def _gathered(self, share: np.ndarray, number: np.ndarray, V: np.ndarray) -> np.ndarray:
+    def _gathered(self, portion: np.ndarray, number: np.ndarray, V: np.ndarray) -> np.ndarray:
         """(s,) shares of some handles with those of the soft ones of their group that are nearest to each."""
         from scipy.spatial import cKDTree
 
-        gathered, soft = share[number], ~self.hard
+        gathered, soft = portion[number], ~self.hard
         for group in np.unique(self.group[soft]):
             own = np.flatnonzero(soft & (self.group == group))
             ours = np.flatnonzero(~self.hard[number] & (self.group[number] == group))
             _, nearest = cKDTree(V[self.index[number[ours]]]).query(V[self.index[own]])
             # In units of stiffness: handles of one group may differ in weight.
-            pull = np.bincount(nearest, self.weight[own] * share[own], minlength=len(ours))
+            pull = np.bincount(nearest, self.weight[own] * portion[own], minlength=len(ours))
             gathered[ours] = pull / self.weight[number[ours]]
         return gathered
 
@@ -246,7 +246,7 @@ class Handles:
         dynamic one goes to ``t_i + R (p_i - s_i)``, with s_i and t_i the stored
         positions, p_i the vertex, and R the rotation that is prescribed for it, or else
         the one that best carries the sources of its group to their targets (Kabsch). Handles of a
-        group that share a vertex are merged: the mean of their targets, the largest of their weights,
+        group that portion a vertex are merged: the mean of their targets, the largest of their weights,
         the rotation of the first.
 
         Parameters
@@ -281,7 +281,7 @@ class Handles:
         group = _per_handle(group, 0, np.int64, k, "group")
         weight = _checked_weight(weight, k)
 
-        distance, index = nearest_vertices(mesh, source, group)
+        distance, index = snap_to_vertices(mesh, source, group)
         moved = target.copy()
         if not raw:
             moved[~dynamic] = mesh.V[index[~dynamic]]

@@ -26,7 +26,7 @@ UNITS = (1000.0, 100.0, 1000.0 / 25.4, 1.0 / 0.3048, 25.4, 12.0, 10.0)
 LARGE, STRIDE, CELLS = 100_000, 64, 64
 
 
-def nearest_vertices(mesh: Mesh, source: np.ndarray, group: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def snap_to_vertices(mesh: Mesh, source: np.ndarray, group: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The distances (k,) of positions (k, 3) to their nearest vertices, and these (k,) int64.
 
     Parameters

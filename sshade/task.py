@@ -50,7 +50,7 @@ class DeformationTask:
 
     def __post_init__(self) -> None:
         self.mesh.require_handles(self.handles.index, everywhere=not self.carry_unconstrained)
-        object.__setattr__(self, "handles", self.handles.shared(self.mesh))
+        object.__setattr__(self, "handles", self.handles.with_portions(self.mesh))
         for name in ("truth", "guess"):
             if getattr(self, name) is not None:
                 self.mesh.checked(getattr(self, name), name)

@@ -58,7 +58,7 @@ def node_graph(mesh: Mesh, fronts: Fronts) -> NodeGraph:
     along the graph until neither holds, or no node of its component is left.
     """
     P, k = mesh.V[fronts.samples], len(fronts)
-    ends = fronts.region[mesh.edges].astype(np.int64)
+    ends = fronts.cell[mesh.edges].astype(np.int64)
     apart = ends[:, 0] != ends[:, 1]
     a, b = mesh.edges[apart].T
     length = fronts.distance[a] + np.linalg.norm(mesh.V[a] - mesh.V[b], axis=1) + fronts.distance[b]
@@ -132,7 +132,7 @@ def bind_to_nodes(graph: VertexGraph, fronts: Fronts, *, edges: np.ndarray, blen
         graph.indptr,
         graph.indices,
         graph.lengths,
-        fronts.region,
+        fronts.cell,
         fronts.samples,
         star.indptr,
         star.indices,

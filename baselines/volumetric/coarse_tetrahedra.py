@@ -30,7 +30,7 @@ from scipy.sparse.csgraph import connected_components
 
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.sampling.remesh import proxy_mesh, remesh
+from sshade.sampling.proxy import proxy_mesh, sample_proxy
 
 try:
     import resource
@@ -193,7 +193,7 @@ def _sampled(mesh: Mesh, samples: int) -> tuple[np.ndarray, np.ndarray]:
         part = Mesh(mesh.V[own], faces)
         share = max(round(samples * areas[component] / mesh.area), 4)
         if share < part.n:
-            part = proxy_mesh(part, remesh(part, share))
+            part = proxy_mesh(part, sample_proxy(part, share))
         V.append(part.V)
         F.append(part.F + count)
         count += part.n

@@ -83,7 +83,7 @@ def _some(handles: Handles, chosen: np.ndarray) -> Handles:
 def _regions(mesh: Mesh, handles: Handles, groups: list[np.ndarray], first: np.ndarray) -> Handles:
     fronts = Fronts(edge_graph(mesh), handles.index[first])
     index = np.flatnonzero(fronts.distance <= REACH * mesh.diagonal)
-    of = fronts.region[index]
+    of = fronts.cell[index]
     target = mesh.V[index]
     for number, own in enumerate(groups):
         if handles.dynamic[first[number]]:

@@ -65,7 +65,7 @@ def task_checksum(task: DeformationTask | TransferTask) -> str:
         if task.guess is not None:
             arrays.append(task.guess)
         if not handles.hard.all():
-            arrays += [handles.weight, handles.share]
+            arrays += [handles.weight, handles.portion]
         if handles.rotation is not None:
             arrays.append(handles.rotation)
         if task.carry_unconstrained:

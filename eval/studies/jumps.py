@@ -96,7 +96,7 @@ def measure_jumps(rest: Mesh, vertices: np.ndarray, *, binding: Binding) -> Jump
     # |R - R'|_F = sqrt(8) sin(angle / 2) keeps its digits at small angles.
     apart = np.linalg.norm(R[pairs[:, 0]] - R[pairs[:, 1]], axis=(1, 2))
     angle = np.degrees(2 * np.arcsin(np.minimum(apart / np.sqrt(8), 1.0)))
-    follows = np.stack([binding.projection.face, binding.remesh.region], axis=1)[rest.F[pairs].reshape(-1, 6)]
+    follows = np.stack([binding.projection.face, binding.sampling.cell], axis=1)[rest.F[pairs].reshape(-1, 6)]
     return Jumps(pairs, angle, (follows != follows[:, :1]).any(axis=(1, 2)))
 
 

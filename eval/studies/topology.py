@@ -15,7 +15,7 @@ from pathlib import Path
 from sshade.errors import InputError
 from sshade.io.meshes import read_mesh
 from sshade.mesh.mesh import Mesh
-from sshade.sampling.remesh import proxy_mesh, remesh
+from sshade.sampling.proxy import proxy_mesh, sample_proxy
 
 SAMPLES = (200, 500, 1000, 3000, 6000)
 COLUMNS = "mesh", "vertices", "samples", "added", "rounds", "euler", "components", "loops", "result"
@@ -25,15 +25,15 @@ def check(mesh: Mesh, samples: int, *, seed: int = 0) -> dict[str, object]:
     """Remesh and compare: the columns of a line, whose ``result`` is ``ok`` or says what differs."""
     line: dict[str, object] = {"vertices": mesh.n, "samples": samples}
     try:
-        remeshed = remesh(mesh, samples, seed=seed)
-        proxy = proxy_mesh(mesh, remeshed)  # which refuses samples without a face
+        sampling = sample_proxy(mesh, samples, seed=seed)
+        proxy = proxy_mesh(mesh, sampling)  # which refuses samples without a face
     except InputError as error:
         return {**line, "result": str(error)}
     rest, kept = mesh.topology._asdict(), proxy.topology._asdict()
     differs = [name for name in rest if rest[name] != kept[name]]
     differs += [] if proxy.is_manifold else ["not manifold"]
     differs += [] if proxy.is_oriented else ["orientation"]
-    line |= {"added": remeshed.added, "rounds": remeshed.rounds, "euler": kept["euler"]}
+    line |= {"added": sampling.added, "rounds": sampling.rounds, "euler": kept["euler"]}
     line |= {"components": kept["components"], "loops": kept["boundary_loops"]}
     return {**line, "result": f"differs: {', '.join(differs)}" if differs else "ok"}
 

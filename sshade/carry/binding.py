@@ -12,7 +12,7 @@ from sshade.carry.frames import FrameMaker, Frames
 from sshade.carry.projection import Projection, Projector, project_to_fans
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.sampling.remesh import Remesh, proxy_mesh
+from sshade.sampling.proxy import Sampling, proxy_mesh
 from sshade.threads import ThreadTeam
 
 
@@ -24,7 +24,7 @@ class Binding:
     ----------
     mesh : Mesh
         M.
-    remesh : Remesh
+    sampling : Sampling
     proxy : Mesh
         N at rest.
     projection : Projection
@@ -38,7 +38,7 @@ class Binding:
     """
 
     mesh: Mesh
-    remesh: Remesh
+    sampling: Sampling
     proxy: Mesh
     projection: Projection
     frames: Frames
@@ -91,7 +91,7 @@ class Binding:
 
 
 def bind_proxy(
-    mesh: Mesh, remeshed: Remesh, *, frames: FrameMaker, projection: Projector = project_to_fans
+    mesh: Mesh, sampling: Sampling, *, frames: FrameMaker, projection: Projector = project_to_fans
 ) -> Binding:
     """Project M's vertices onto a proxy N and encode them in its frames.
 
@@ -99,7 +99,7 @@ def bind_proxy(
     ----------
     mesh : Mesh
         M: manifold, oriented, one component.
-    remeshed : Remesh
+    sampling : Sampling
         N, as a sampling of M.
     frames : callable
         Makes the frames of N; see :data:`sshade.carry.frames.FrameMaker`.
@@ -112,12 +112,12 @@ def bind_proxy(
         Those of `frames`.
     """
     begin = perf_counter()
-    proxy = proxy_mesh(mesh, remeshed)
+    proxy = proxy_mesh(mesh, sampling)
     # Far from the origin, rounding would decide between triangles that are equally near.
     V, near = mesh.V, proxy
     if mesh.origin.any():
         V, near = V - mesh.origin, Mesh(proxy.V - mesh.origin, proxy.F)
-    on_proxy = projection(V, near, remeshed)
-    made = frames(proxy, remeshed.samples)
+    on_proxy = projection(V, near, sampling)
+    made = frames(proxy, sampling.samples)
     local = made.encode(mesh.V, on_proxy)
-    return Binding(mesh, remeshed, proxy, on_proxy, made, local, {"bind": perf_counter() - begin})
+    return Binding(mesh, sampling, proxy, on_proxy, made, local, {"bind": perf_counter() - begin})

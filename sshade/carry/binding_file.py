@@ -15,22 +15,22 @@ from sshade.carry.triangle import TriangleFrames
 from sshade.errors import InputError
 from sshade.io.files import reason
 from sshade.mesh.mesh import Mesh
-from sshade.sampling.remesh import Remesh, proxy_mesh
+from sshade.sampling.proxy import Sampling, proxy_mesh
 
 
 def save_binding(path: str | os.PathLike[str], binding: Binding) -> None:
     """Write what :func:`load_binding` needs besides the mesh, as an .npz."""
-    frames, remeshed, on_proxy = binding.frames, binding.remesh, binding.projection
+    frames, sampling, on_proxy = binding.frames, binding.sampling, binding.projection
     values: dict[str, Any] = {"values": frames.values} if isinstance(frames, TriangleFrames) else {}
     with open(path, "wb") as file:
         np.savez(
             file,
             vertices=len(binding.local),
             mesh=_digest(binding.mesh.F),
-            samples=remeshed.samples,
-            faces=remeshed.faces,
-            region=remeshed.region,
-            distance=remeshed.distance,
+            samples=sampling.samples,
+            faces=sampling.faces,
+            region=sampling.cell,
+            distance=sampling.distance,
             face=on_proxy.face,
             barycentric=on_proxy.barycentric,
             to_proxy=on_proxy.distance,
@@ -63,20 +63,20 @@ def load_binding(path: str | os.PathLike[str], mesh: Mesh, *, frames: FrameKind 
             )
         if str(arrays["mesh"]) != _digest(mesh.F):
             raise InputError("the map is of a mesh with other faces; remesh this one")
-        remeshed = Remesh(*(arrays[name] for name in ("samples", "faces", "region", "distance")))
+        sampling = Sampling(*(arrays[name] for name in ("samples", "faces", "region", "distance")))
         on_proxy = Projection(*(arrays[name] for name in ("face", "barycentric", "to_proxy")))
-        _require_fit(remeshed, on_proxy, arrays.get("values"), mesh.n)
-        proxy, saved = proxy_mesh(mesh, remeshed), str(arrays["frames"])
-        made = frame_maker(saved, mesh)(proxy, remeshed.samples)  # type: ignore[arg-type]
+        _require_fit(sampling, on_proxy, arrays.get("values"), mesh.n)
+        proxy, saved = proxy_mesh(mesh, sampling), str(arrays["frames"])
+        made = frame_maker(saved, mesh)(proxy, sampling.samples)  # type: ignore[arg-type]
         if (frames or saved) == "triangle" and "values" in arrays:
             made = TriangleFrames.of_values(proxy, arrays["values"])
         elif frames:
-            made = frame_maker(frames, mesh)(proxy, remeshed.samples)
+            made = frame_maker(frames, mesh)(proxy, sampling.samples)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise _not_a_map(path, error) from error
-    return Binding(mesh, remeshed, proxy, on_proxy, made, made.encode(mesh.V, on_proxy), {})
+    return Binding(mesh, sampling, proxy, on_proxy, made, made.encode(mesh.V, on_proxy), {})
 
 
 def _read(path: str | os.PathLike[str]) -> dict[str, Any]:
@@ -96,16 +96,16 @@ def _digest(F: np.ndarray) -> str:
     return hashlib.sha256(F.tobytes()).hexdigest()
 
 
-def _require_fit(remeshed: Remesh, on_proxy: Projection, values: np.ndarray | None, n: int) -> None:
+def _require_fit(sampling: Sampling, on_proxy: Projection, values: np.ndarray | None, n: int) -> None:
     """Raise ValueError unless the arrays of a map fit together: kernels would read out of bounds."""
-    k, faces = len(remeshed.samples), len(remeshed.faces)
+    k, faces = len(sampling.samples), len(sampling.faces)
     ids = (
-        (remeshed.samples, (k,), n),
-        (remeshed.faces, (faces, 3), k),
-        (remeshed.region, (n,), k),
+        (sampling.samples, (k,), n),
+        (sampling.faces, (faces, 3), k),
+        (sampling.cell, (n,), k),
         (on_proxy.face, (n,), faces),
     )
-    reals = [(remeshed.distance, (n,)), (on_proxy.distance, (n,)), (on_proxy.barycentric, (n, 3))]
+    reals = [(sampling.distance, (n,)), (on_proxy.distance, (n,)), (on_proxy.barycentric, (n, 3))]
     reals += [] if values is None else [(values, (faces, 3))]
     fit = [
         a.shape == shape and a.dtype.kind == "i" and a.min() >= 0 and a.max() < end for a, shape, end in ids

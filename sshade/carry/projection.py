@@ -14,7 +14,7 @@ from numba import njit
 
 from sshade.mesh.adjacency import faces_around_vertices
 from sshade.mesh.mesh import Mesh
-from sshade.sampling.remesh import Remesh
+from sshade.sampling.proxy import Sampling
 from sshade.threads import in_ranges
 
 #: Distances closer than this, times the largest coordinate, count as equal when triangles compete.
@@ -41,10 +41,10 @@ class Projection:
 
 
 #: Takes the vertices of M (n, 3), N at rest, and how N was sampled.
-Projector = Callable[[np.ndarray, Mesh, Remesh], Projection]
+Projector = Callable[[np.ndarray, Mesh, Sampling], Projection]
 
 
-def project_to_fans(V: np.ndarray, proxy: Mesh, remeshed: Remesh) -> Projection:
+def project_to_fans(V: np.ndarray, proxy: Mesh, sampling: Sampling) -> Projection:
     """P: the nearest point of the triangles of N at the vertex's own sample.
 
     Where two triangles are equally near, as at samples and along ridges, the
@@ -56,12 +56,12 @@ def project_to_fans(V: np.ndarray, proxy: Mesh, remeshed: Remesh) -> Projection:
         Vertices of M.
     proxy : Mesh
         N; each of its vertices has a triangle.
-    remeshed : Remesh
+    sampling : Sampling
         Its `region` tells the sample of each vertex of M.
     """
     start, fan = faces_around_vertices(proxy.F, proxy.n)
     tie = TIE * float(np.abs(proxy.V).max())
-    n, given = len(V), (V, remeshed.region, start, fan, proxy.V, proxy.F, tie)
+    n, given = len(V), (V, sampling.cell, start, fan, proxy.V, proxy.F, tie)
     on = Projection(np.empty(n, dtype=np.int64), np.empty((n, 3)), np.empty(n))
     in_ranges(lambda first, end: _project(first, end, *given, on.face, on.barycentric, on.distance), n)
     return on

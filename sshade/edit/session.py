@@ -234,7 +234,7 @@ class Session:
                 groups, state = self.state.groups, self.state.moved(number, motion)
                 revision, shape = self._advance(), self.shown
             if self._dragged is None or self._dragged[0] is not groups:
-                self._dragged = groups, state.handles(self.mesh).shared(self.mesh)
+                self._dragged = groups, state.handles(self.mesh).with_portions(self.mesh)
             handles = self._dragged[1].at(*state.aims())
             if self._jumped:
                 self._follower.forget()
@@ -364,7 +364,7 @@ class Session:
 
         def prepare() -> None:
             with self._following, suppress(InputError, FloatingPointError):  # the drag itself tells it
-                shared = handles.shared(self.mesh)
+                shared = handles.with_portions(self.mesh)
                 self._follower.prepare(shared, int(group.vertices[0]), settings)
 
         Thread(target=prepare, daemon=True).start()

@@ -15,7 +15,7 @@ from sshade.pipeline.fast import Choices
 from sshade.pipeline.multilevel import multilevel
 from sshade.pipeline.paper import VOLUME_ERROR, VOLUME_ROUNDS
 from sshade.pipeline.regions import HandleRegions
-from sshade.snapping import nearest_vertices
+from sshade.snapping import snap_to_vertices
 from sshade.solver.following import Following
 from sshade.solver.local_global import LocalGlobal, local_global
 from sshade.solver.options import energy_options
@@ -87,7 +87,7 @@ class BoundProxy:
     def take(self, rest: Handles) -> None:
         """Take other handles of M, given at rest, by the vertices of N that are nearest; the shape stays."""
         snapped = self._snapped(rest)
-        _, nearest = nearest_vertices(self._proxy, self._mesh.V[rest.index], rest.group)
+        _, nearest = snap_to_vertices(self._proxy, self._mesh.V[rest.index], rest.group)
         number = np.full(self._proxy.n, -1)
         number[snapped.index] = np.arange(len(snapped))
         self._own, self._stands_for, self._shift = None, number[nearest], np.zeros((len(snapped), 3))
@@ -123,7 +123,7 @@ class BoundProxy:
         """Take handles of N, or others of them that have rotations, which makes parts of them."""
         self._parts = Parts(self._proxy, handles, self._choices.solver["parts"])
         self._solver = self._solver.with_handles(self._parts.vertex, stiffness=self._parts.stiffness)
-        self._turned, self._following = handles.turned, None
+        self._turned, self._following = handles.has_rotation, None
 
     def _handles(self, handles: Handles) -> Handles:
         """Handles of M as those of N."""
@@ -140,7 +140,7 @@ class BoundProxy:
             group=handles.group,
             weight=handles.weight,
             rotation=handles.rotation,
-        ).shared(self._proxy)
+        ).with_portions(self._proxy)
 
     def deform(
         self,
@@ -213,13 +213,17 @@ class BoundProxy:
 
     def _solved(self, handles: Handles, stop: Mapping[str, Any]) -> DeformationResult:
         on_proxy = self._handles(handles)
-        if handles.known and not on_proxy.known:
+        if handles.prescribed_rotations and not on_proxy.prescribed_rotations:
             raise InputError("no handle with a rotation is a vertex of the proxy; ask for more vertices")
-        if (on_proxy.turned & ~self._turned).any():
+        if (on_proxy.has_rotation & ~self._turned).any():
             self._take(on_proxy)
         targets, share = self._parts.goals(on_proxy.target, on_proxy.rotation)
         energy = energy_options(self._choices.solver)
-        pulls: dict[str, Any] = {"known": on_proxy.known, "share": share, "volume_goal": self._volume_goal}
+        pulls: dict[str, Any] = {
+            "known": on_proxy.prescribed_rotations,
+            "share": share,
+            "volume_goal": self._volume_goal,
+        }
         if self._following is None and self._last is not None:
             at = self._last[0][self._solver.index]
             self._following = Following(self._solver, *self._last, at, **energy)

@@ -218,7 +218,9 @@ class _Components:
             dynamic=np.concatenate([given.dynamic[number], np.ones(len(seam), dtype=bool)]),
             group=np.concatenate([given.group[number], np.full(len(seam), given.group.max() + 1)]),
             weight=np.concatenate([given.weight[number], np.full(len(seam), np.inf)]),
-            share=None if given.share is None else np.concatenate([given.share[number], np.ones(len(seam))]),
+            portion=None
+            if given.portion is None
+            else np.concatenate([given.portion[number], np.ones(len(seam))]),
             rotation=_with_free(given.rotation, number, len(seam)),
         )
 

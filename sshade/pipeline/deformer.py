@@ -272,8 +272,8 @@ class Deformer:
     ) -> DeformationResult:
         """The first proxy alone, as a call would carry the mesh along with it: for displays, or slow ones.
 
-        ``bindings[0].proxy`` has its triangles, ``bindings[0].remesh.samples`` the vertices of M that its own
-        are. A later call goes on from here.
+        ``bindings[0].proxy`` has its triangles, ``bindings[0].sampling.samples`` the vertices of M that its
+        own are. A later call goes on from here.
 
         Parameters
         ----------

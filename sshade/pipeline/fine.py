@@ -161,13 +161,13 @@ def _around(task: DeformationTask, *, samples: int) -> tuple[np.ndarray, np.ndar
     A proxy's vertex turns as much of the surface as is its own. At full resolution the handle's vertex
     alone would turn next to nothing.
     """
-    known = task.handles.known
+    known = task.handles.prescribed_rotations
     if known is None:
         return None
     vertex, R = known
     fronts = Fronts(vertex_graph(task.mesh), vertex)
     near = np.flatnonzero(fronts.distance <= np.sqrt(task.mesh.area / (np.pi * samples)))
-    return near, R[fronts.region[near]]
+    return near, R[fronts.cell[near]]
 
 
 def _moved(

@@ -20,7 +20,7 @@ from sshade.pipeline.components import each_component
 from sshade.pipeline.proxies import FACTS, VERTICES, Proxies, ProxyOptions
 from sshade.pipeline.regions import HandleRegions, all_on_targets
 from sshade.progress import Progress, silent
-from sshade.sampling.remesh import Remesh, proxy_mesh
+from sshade.sampling.proxy import Sampling, proxy_mesh
 from sshade.solver.local_global import local_global
 from sshade.task import DeformationResult, DeformationTask, Handles, Method
 from sshade.threads import ThreadTeam
@@ -29,12 +29,12 @@ from sshade.threads import ThreadTeam
 VOLUME_ERROR, VOLUME_ROUNDS = 1e-3, 3
 
 #: Samples a task's mesh and gives the proxy its handles: of (task, regions, seed).
-Sampler = Callable[[DeformationTask, HandleRegions, tuple[int, int]], tuple[Remesh, Handles]]
+Sampler = Callable[[DeformationTask, HandleRegions, tuple[int, int]], tuple[Sampling, Handles]]
 
 
 def sample_with_handles(
     task: DeformationTask, regions: HandleRegions, seed: tuple[int, int]
-) -> tuple[Remesh, Handles]:
+) -> tuple[Sampling, Handles]:
     """Sample M with its handle vertices first: they are vertices of N, and its handles.
 
     Parameters
@@ -44,9 +44,9 @@ def sample_with_handles(
         Of the task's handles.
     seed : (int, int)
     """
-    remeshed, number = regions.sample(seed)
+    sampling, number = regions.sample(seed)
     on = np.flatnonzero(number >= 0)
-    return remeshed, task.handles.sampled(number[on], on, task.mesh.V)
+    return sampling, task.handles.sampled(number[on], on, task.mesh.V)
 
 
 @each_component(vertices=VERTICES)
@@ -115,18 +115,18 @@ def sshade(
     def one_sampling(number: int) -> DeformationResult:
         # 1. Sample M: V_N, a subset of V_M, and its triangles.
         begin = perf_counter()
-        remeshed, handles = sample(task, regions, (proxies.seed, number))
+        sampling, handles = sample(task, regions, (proxies.seed, number))
         sampled = perf_counter()
         proxy_task = DeformationTask(
             f"{task.name} proxy {number}",
-            proxy_mesh(task.mesh, remeshed),
+            proxy_mesh(task.mesh, sampling),
             handles,
-            guess=first.result()[remeshed.samples] if warm_start and number else None,
+            guess=first.result()[sampling.samples] if warm_start and number else None,
         )
         spent = {"solve": 0.0, "carry": 0.0}
 
         def bound() -> Binding:
-            binding = bind_proxy(task.mesh, remeshed, frames=proxies.frames, projection=projection)
+            binding = bind_proxy(task.mesh, sampling, frames=proxies.frames, projection=projection)
             regions.prepare()
             return binding
 
@@ -168,7 +168,7 @@ def sshade(
             seconds={"remesh": sampled - begin, **binding.seconds, **spent},
             extra={
                 "proxy_vertices": binding.proxy.n,
-                "added_samples": remeshed.added,
+                "added_samples": sampling.added,
                 "degenerate_frames": degenerate,
                 "residual": solved.extra.get("residual", float("nan")),
                 **{f"proxy_{name}": fact for name, fact in solved.extra.items() if f"proxy_{name}" in FACTS},

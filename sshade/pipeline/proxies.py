@@ -16,7 +16,7 @@ from sshade.carry.kinds import FrameKind, frame_maker
 from sshade.errors import InputError
 from sshade.mesh.adjacency import VertexGraph, vertex_graph
 from sshade.mesh.mesh import Mesh
-from sshade.sampling.remesh import remesh
+from sshade.sampling.proxy import sample_proxy
 from sshade.task import DeformationResult
 from sshade.threads import available_cpus, in_threads, number_of_workers
 
@@ -206,15 +206,15 @@ def bind(
     Raises
     ------
     InputError
-        See :func:`sshade.sampling.remesh.remesh`, :func:`sshade.carry.kinds.frame_maker` and
+        See :func:`sshade.sampling.proxy.sample_proxy`, :func:`sshade.carry.kinds.frame_maker` and
         :func:`sshade.carry.triangle.frame_values`.
     """
     maker = frame_maker(frames, mesh, frame_function=frame_function)
     begin = perf_counter()
     count = proxy_vertices(vertices, mesh.n, 0 if first is None else len(first), coarser=coarser)
-    remeshed = remesh(mesh, count, first=first, seed=seed, graph=graph)
+    sampling = sample_proxy(mesh, count, first=first, seed=seed, graph=graph)
     seconds = {"remesh": perf_counter() - begin}
-    binding = bind_proxy(mesh, remeshed, frames=maker)
+    binding = bind_proxy(mesh, sampling, frames=maker)
     return replace(binding, seconds={**seconds, **binding.seconds})
 
 

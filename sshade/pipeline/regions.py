@@ -28,7 +28,7 @@ from sshade.mesh.harmonic import harmonic
 from sshade.mesh.mesh import Mesh
 from sshade.pipeline.proxies import proxy_vertices
 from sshade.sampling.fronts import Fronts, thinned
-from sshade.sampling.remesh import Remesh, remesh
+from sshade.sampling.proxy import Sampling, sample_proxy
 from sshade.solver.options import SolverOptions
 from sshade.solver.volume_area import ROUNDING, VOLUME, Surface, gradients, volume_and_area
 from sshade.task import DeformationResult, DeformationTask
@@ -126,16 +126,16 @@ class HandleRegions:
             found.append(own.index[kind][first[missing]])
         return np.union1d(*found)
 
-    def sample(self, seed: int | tuple[int, ...]) -> tuple[Remesh, np.ndarray]:
+    def sample(self, seed: int | tuple[int, ...]) -> tuple[Sampling, np.ndarray]:
         """Sample M; also return (k,) int64, the handle that each vertex of the proxy is, or -1.
 
         Raises
         ------
         InputError
-            See :func:`sshade.sampling.remesh.remesh`.
+            See :func:`sshade.sampling.proxy.sample_proxy`.
         """
-        remeshed = remesh(self._mesh, self.vertices, first=self.first, seed=seed, graph=self.metric)
-        return remeshed, self.number[remeshed.samples]
+        sampling = sample_proxy(self._mesh, self.vertices, first=self.first, seed=seed, graph=self.metric)
+        return sampling, self.number[sampling.samples]
 
     def on_targets(self, V: np.ndarray, handles: Handles) -> np.ndarray:
         """M' with every hard handle vertex on its target, and the surface beside regions turned with them.
@@ -169,7 +169,7 @@ class HandleRegions:
         arm = self._mesh.V[v] - self._mesh.V[e]
         offset = np.einsum("ijk,ik->ij", R[e], arm) + moved[e] - V[v]
         share = self._shares(e, np.linalg.norm(offset, axis=1), np.linalg.norm(arm, axis=1))
-        if known := handles.known:
+        if known := handles.prescribed_rotations:
             share[np.isin(e, known[0])] = 1.0
         moved[v] += (phi[turns] * share)[:, None] * offset
         free = own[~turns]
@@ -256,7 +256,7 @@ class HandleRegions:
         if self._maps:
             vertex, maps = self._maps
             R[vertex] = nearest_rotations(maps(moved[vertex])[0])
-        if known := handles.known:
+        if known := handles.prescribed_rotations:
             R[known[0]] = known[1]
         return R
 
@@ -303,7 +303,7 @@ class HandleRegions:
         if len(self._edge) == 0:
             return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0)
         fronts = Fronts(graph, self._edge)
-        distance, nearest = fronts.distance, self._edge[fronts.region]
+        distance, nearest = fronts.distance, self._edge[fronts.cell]
         width = WIDTH * np.sqrt(self._mesh.area) * (self.vertices**-0.5 + graph.n**-0.5)
         own = np.flatnonzero((distance < width) & ~held)
         phi = _fall(distance[own] / width)

@@ -103,7 +103,7 @@ def transfer(
     def one_sampling(number: int) -> DeformationResult:
         binding = proxies.bind(number)
         begin = perf_counter()
-        NV, on = posed[binding.remesh.samples], binding.projection
+        NV, on = posed[binding.sampling.samples], binding.projection
         local = binding.local if edited is task.rest.V else binding.frames.encode(edited, on)
         V, degenerate = binding.frames.decode(local, NV, on=on)
         if residual:

@@ -20,7 +20,7 @@ EVERYWHERE = -1
 
 
 class State(NamedTuple):
-    """The graph, the regions so far, and the queues of the fronts that change them.
+    """The graph, the cells so far, and the queues of the fronts that change them.
 
     Vertices are unsigned here: without the test for negative indices, which numba counts from the end,
     fronts take two thirds of the time.
@@ -31,8 +31,8 @@ class State(NamedTuple):
         See :class:`sshade.mesh.adjacency.VertexGraph`.
     width : float
         Width of a band, in the unit of length; any positive one gives the same result.
-    distance, region : (n,) float64 and (n,) int32
-        Fronts go where they are nearer than that, or as near and of a smaller region.
+    distance, cell : (n,) float64 and (n,) int32
+        Fronts go where they are nearer than that, or as near and of a smaller cell.
     queued : (n,) uint8
         Which of the two queues a vertex is in, if any.
     near : (r,) uint32
@@ -51,7 +51,7 @@ class State(NamedTuple):
     lengths: np.ndarray
     width: float
     distance: np.ndarray
-    region: np.ndarray
+    cell: np.ndarray
     queued: np.ndarray
     near: np.ndarray
     far: np.ndarray
@@ -59,7 +59,7 @@ class State(NamedTuple):
     own: int
 
     @classmethod
-    def of(cls, graph: VertexGraph, *, width: float, distance: np.ndarray, region: np.ndarray) -> State:
+    def of(cls, graph: VertexGraph, *, width: float, distance: np.ndarray, cell: np.ndarray) -> State:
         """Fronts that may go everywhere, given what they begin with."""
         ring = 1 << graph.n.bit_length()
         return cls(
@@ -68,7 +68,7 @@ class State(NamedTuple):
             lengths=graph.lengths,
             width=width,
             distance=distance,
-            region=region,
+            cell=cell,
             queued=np.zeros(graph.n, dtype=np.uint8),
             near=np.empty(ring, dtype=np.uint32),
             far=np.empty(ring, dtype=np.uint32),
@@ -98,7 +98,7 @@ def _advance(state, size):
     U. Meyer, P. Sanders, "Delta-stepping: a parallelizable shortest path algorithm", 2003.
     """
     indptr, indices, lengths, slab, own = state.indptr, state.indices, state.lengths, state.slab, state.own
-    distance, region, queued, near, far = state.distance, state.region, state.queued, state.near, state.far
+    distance, cell, queued, near, far = state.distance, state.cell, state.queued, state.near, state.far
     inside = own != EVERYWHERE
     one, mask = np.uint64(1), np.uint64(near.shape[0] - 1)  # with a signed number they would be floats
     head, tail, waiting, limit = np.uint64(0), np.uint64(size), np.uint64(0), state.width
@@ -107,16 +107,16 @@ def _advance(state, size):
             u = near[head]
             head = (head + one) & mask
             queued[u] = NOWHERE
-            d, s = distance[u], region[u]
+            d, s = distance[u], cell[u]
             for p in range(indptr[u], indptr[u + one]):
                 w = indices[p]
                 nd = d + lengths[p]
-                if nd < distance[w] or (nd == distance[w] and s < region[w]):
+                if nd < distance[w] or (nd == distance[w] and s < cell[w]):
                     # Only now, for most are no nearer. Another thread may be at a foreign vertex: it is left.
                     if inside and slab[w] != own:
                         continue
                     distance[w] = nd
-                    region[w] = s
+                    cell[w] = s
                     if nd < limit:
                         if queued[w] != NEAR:
                             queued[w] = NEAR
@@ -173,7 +173,7 @@ def cover(state, vertices, first):
     count = 0
     for part in range(2):
         for v in first if part == 0 else vertices:
-            if part == 0 or state.region[v] < 0:
+            if part == 0 or state.cell[v] < 0:
                 samples[count] = v
                 _place(state, v, count, 0)
                 _advance(state, 1)
@@ -184,17 +184,17 @@ def cover(state, vertices, first):
 @njit(cache=True, nogil=True)
 def from_outside(state, border):
     """Those of some vertices that are nearer to a sample through a neighbour; how near, and to which."""
-    distance, region = state.distance, state.region
+    distance, cell = state.distance, state.cell
     found, near, sample = np.empty_like(border), np.empty(len(border)), np.empty(len(border), dtype=np.int32)
     count = 0
     for w in border:
-        d, s = distance[w], region[w]
+        d, s = distance[w], cell[w]
         for p in range(state.indptr[w], state.indptr[w + 1]):
             u = state.indices[p]
             nd = distance[u] + state.lengths[p]
-            if region[u] >= 0 and (nd < d or (nd == d and region[u] < s)):
-                d, s = nd, region[u]
-        if d < distance[w] or s != region[w]:
+            if cell[u] >= 0 and (nd < d or (nd == d and cell[u] < s)):
+                d, s = nd, cell[u]
+        if d < distance[w] or s != cell[w]:
             found[count], near[count], sample[count] = w, d, s
             count += 1
     return found[:count].copy(), near[:count].copy(), sample[:count].copy()
@@ -204,7 +204,7 @@ def from_outside(state, border):
 def resume(state, vertices, near, sample):
     """Let fronts go on from some vertices, which they have reached from outside."""
     for i in range(len(vertices)):
-        state.distance[vertices[i]], state.region[vertices[i]] = near[i], sample[i]
+        state.distance[vertices[i]], state.cell[vertices[i]] = near[i], sample[i]
         state.near[i], state.queued[vertices[i]] = vertices[i], NEAR
     _advance(state, len(vertices))
 
@@ -213,7 +213,7 @@ def resume(state, vertices, near, sample):
 def _place(state, vertex, sample, position):
     """Make a vertex a sample, from which the next front begins."""
     state.distance[vertex] = 0.0
-    state.region[vertex] = sample
+    state.cell[vertex] = sample
     state.near[position] = vertex
 
 

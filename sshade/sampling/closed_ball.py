@@ -1,28 +1,28 @@
-"""The closed-ball test of Voronoi regions, and where samples must be added to pass it.
+"""The closed-ball test of Voronoi cells, and where samples must be added to pass it.
 
-The dual of the regions is a mesh of the same topology when every region, every
+The dual of the cells is a mesh of the same topology when every cell, every
 union of two adjacent ones and every union of three that meet in a triangle is
 a disc. A union C is a disc when its dual cell complex has Euler characteristic
 
     chi(C) = #(inner vertices in C) - #(inner edges with an end in C) + #(triangles with a corner in C) = 1
 
 (ReMatching, Maggioli et al. 2024). Edges and triangles are counted once for a
-union however many of its regions they touch, so by inclusion and exclusion
+union however many of its cells they touch, so by inclusion and exclusion
 
     chi(ij)  = chi(i) + chi(j) - c(ij),   c(ij) = #triangles touching both - #inner edges between them
     chi(ijk) = chi(i) + chi(j) + chi(k) - c(ij) - c(jk) - c(ki) + #triangles touching all three
 
 and one pass over edges and triangles serves every union. A triangle that touches both i and j has
-two edges between them, or one if it touches a third region too; an edge between them has two
+two edges between them, or one if it touches a third cell too; an edge between them has two
 triangles, or one on the boundary. Counted both ways, these incidences give
 
-    2 c(ij) = #boundary edges between i and j + #triangles touching i, j and a third region.
+    2 c(ij) = #boundary edges between i and j + #triangles touching i, j and a third cell.
 
 The count leaves the mesh's own boundary out, where each vertex, with its edge,
-cancels. So a region that crosses a strip, whose trace on the boundary is two
+cancels. So a cell that crosses a strip, whose trace on the boundary is two
 arcs, passes. On a mesh with boundary two more conditions are asked for: the
-trace of a region is one arc (boundary vertices minus boundary edges inside it
-equals 1), and at most one boundary edge joins two regions.
+trace of a cell is one arc (boundary vertices minus boundary edges inside it
+equals 1), and at most one boundary edge joins two cells.
 """
 
 from __future__ import annotations
@@ -37,22 +37,22 @@ from sshade.threads import in_ranges
 
 
 class Unions(NamedTuple):
-    """Regions, and the pairs and triples of them that meet, each with the counts that tell a disc.
+    """Cells, and the pairs and triples of them that meet, each with the counts that tell a disc.
 
     Attributes
     ----------
     chi, pair_chi, triple_chi : (k,), (p,), (t,) int64
         Euler characteristics.
     trace : (k,) int64
-        Boundary vertices less boundary edges inside a region; 1 for regions off the boundary.
+        Boundary vertices less boundary edges inside a cell; 1 for cells off the boundary.
     arcs : (p,) int64
-        Boundary edges that join the regions of a pair.
+        Boundary edges that join the cells of a pair.
     pairs, triples : (p, 2), (t, 3) int32
-        Ids of regions, ascending.
+        Ids of cells, ascending.
     edges, edge_pair : (a, 2) int32 and (a,) int64
-        Ends of the edges between regions, and the pair that each joins.
+        Ends of the edges between cells, and the pair that each joins.
     faces, face_triple : (b,) int64
-        Triangles that touch three regions, and their triple.
+        Triangles that touch three cells, and their triple.
     """
 
     chi: np.ndarray
@@ -69,22 +69,22 @@ class Unions(NamedTuple):
 
 
 def refinements(F: np.ndarray, fronts: Fronts) -> tuple[np.ndarray, np.ndarray]:
-    """Find vertices to insert as samples because a union of regions near them is no disc.
+    """Find vertices to insert as samples because a union of cells near them is no disc.
 
     Parameters
     ----------
     F : (m, 3) int
         Faces of a manifold mesh.
     fronts : Fronts
-        The regions to test.
+        The cells to test.
 
     Returns
     -------
     vertices : (a,) int64
         Vertices to insert, farthest from their samples first, each once.
     failed : (b,) int32
-        The first region of each union that failed. Empty if and only if all are discs.
-        With `failed` and no `vertices` the regions cannot be refined: they
+        The first cell of each union that failed. Empty if and only if all are discs.
+        With `failed` and no `vertices` the cells cannot be refined: they
         consist of samples alone.
     """
     u = count_unions(F, fronts)
@@ -95,27 +95,27 @@ def refinements(F: np.ndarray, fronts: Fronts) -> tuple[np.ndarray, np.ndarray]:
     if len(failed) == 0:
         return np.zeros(0, dtype=np.int64), failed.astype(np.int32)
 
-    region, distance = fronts.region, fronts.distance
-    sample = np.zeros(len(region), dtype=bool)
+    cell, distance = fronts.cell, fronts.distance
+    sample = np.zeros(len(cell), dtype=bool)
     sample[fronts.samples] = True
     concerned = np.zeros(len(fronts.samples), dtype=bool)
-    for regions in (failed, u.pairs[pairs], split, u.triples[triples]):
-        concerned[regions] = True
-    free = np.flatnonzero(concerned[region] & ~sample)
+    for cells in (failed, u.pairs[pairs], split, u.triples[triples]):
+        concerned[cells] = True
+    free = np.flatnonzero(concerned[cell] & ~sample)
     outer = free[fronts.graph.on_boundary[free]]
-    inside = _farthest(free, region[free], distance, len(concerned))
-    at_boundary = _farthest(outer, region[outer], distance, len(concerned))
+    inside = _farthest(free, cell[free], distance, len(concerned))
+    at_boundary = _farthest(outer, cell[outer], distance, len(concerned))
 
     def farthest_of(candidates: np.ndarray) -> np.ndarray:
         """Of each row the vertex farthest from its sample; -1 stands for none."""
         d = np.where(candidates >= 0, distance[candidates], -1.0)
         return np.take_along_axis(candidates, d.argmax(axis=1)[:, None], axis=1)[:, 0]
 
-    # Of two regions the farthest end of the edges between them, if that is no sample already.
+    # Of two cells the farthest end of the edges between them, if that is no sample already.
     between = np.isin(u.edge_pair, pairs)
     ends, pair = u.edges[between].ravel().astype(np.int64), np.repeat(u.edge_pair[between], 2)
     crossing = _farthest(ends[~sample[ends]], pair[~sample[ends]], distance, len(u.pairs))[pairs]
-    # Of three regions the farthest corner of each triangle between them.
+    # Of three cells the farthest corner of each triangle between them.
     between = np.isin(u.face_triple, triples)
     corners = F[u.faces[between]]
     corner = farthest_of(np.where(sample[corners], -1, corners))
@@ -134,23 +134,23 @@ def refinements(F: np.ndarray, fronts: Fronts) -> tuple[np.ndarray, np.ndarray]:
 
 
 def count_unions(F: np.ndarray, fronts: Fronts) -> Unions:
-    """Count the vertices, edges and triangles of all regions, of pairs at an edge and triples at a triangle.
+    """Count the vertices, edges and triangles of all cells, of pairs at an edge and triples at a triangle.
 
     Parameters
     ----------
     F : (m, 3) int
     fronts : Fronts
     """
-    graph, region, k = fronts.graph, fronts.region, len(fronts.samples)
+    graph, cell, k = fronts.graph, fronts.cell, len(fronts.samples)
     rows = graph.indptr, graph.indices, graph.boundary
     counts, *lists = zip(
-        *in_ranges(lambda first, end: _count_edges(first, end, *rows, region, k), graph.n), strict=True
+        *in_ranges(lambda first, end: _count_edges(first, end, *rows, cell, k), graph.n), strict=True
     )
     (chi, trace), (edges, inner, joined) = np.sum(counts, axis=0), map(np.concatenate, lists)
-    trace[np.bincount(region[graph.on_boundary], minlength=k) == 0] = 1
-    corners, faces = faces_of_three(F, region, k)
+    trace[np.bincount(cell[graph.on_boundary], minlength=k) == 0] = 1
+    corners, faces = faces_of_three(F, cell, k)
     chi += corners
-    three = np.sort(region[F[faces]], axis=1)
+    three = np.sort(cell[F[faces]], axis=1)
     pairs = np.concatenate([joined, three[:, :2], three[:, ::2], three[:, 1:]])
     first, pair = group_rows(pairs, k)
     pairs = pairs[first]
@@ -166,13 +166,13 @@ def count_unions(F: np.ndarray, fronts: Fronts) -> Unions:
     return Unions(chi, pair_chi, triple_chi, trace, arcs, pairs, triples, edges, at_edge, faces, triple)
 
 
-def faces_of_three(F: np.ndarray, region: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Count the triangles that touch each of k regions, and find those that touch three.
+def faces_of_three(F: np.ndarray, cell: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Count the triangles that touch each of k cells, and find those that touch three.
 
     Parameters
     ----------
     F : (m, 3) int
-    region : (n,) int32
+    cell : (n,) int32
     k : int
 
     Returns
@@ -182,7 +182,7 @@ def faces_of_three(F: np.ndarray, region: np.ndarray, k: int) -> tuple[np.ndarra
         In ascending order.
     """
     touching, faces = zip(
-        *in_ranges(lambda first, end: _count_triangles(first, end, F, region, k), len(F)), strict=True
+        *in_ranges(lambda first, end: _count_triangles(first, end, F, cell, k), len(F)), strict=True
     )
     return np.sum(touching, axis=0), np.concatenate(faces)
 
@@ -242,8 +242,8 @@ def group_rows(rows, n):
 
 
 @njit(cache=True, nogil=True)
-def _count_edges(first, end, indptr, indices, boundary, region, k):
-    """Count vertices and edges of regions; list the edges between two: ends, inner or not, both regions.
+def _count_edges(first, end, indptr, indices, boundary, cell, k):
+    """Count vertices and edges of cells; list the edges between two: ends, inner or not, both cells.
 
     Of some vertices, and of their edges to those of larger ids.
     """
@@ -253,12 +253,12 @@ def _count_edges(first, end, indptr, indices, boundary, region, k):
     ends, joined = np.empty((most, 2), dtype=np.int32), np.empty((most, 2), dtype=np.int32)
     inner, count = np.empty(most, dtype=np.bool_), 0
     for u in range(first, end):
-        i, on_boundary = region[u], False
+        i, on_boundary = cell[u], False
         for p in range(indptr[u], indptr[u + 1]):
             on_boundary = on_boundary or boundary[p]
             if indices[p] < u:
                 continue
-            j = region[indices[p]]
+            j = cell[indices[p]]
             if i != j:
                 ends[count, 0], ends[count, 1], inner[count] = u, indices[p], not boundary[p]
                 joined[count, 0], joined[count, 1] = min(i, j), max(i, j)
@@ -276,11 +276,11 @@ def _count_edges(first, end, indptr, indices, boundary, region, k):
 
 
 @njit(cache=True, nogil=True)
-def _count_triangles(first, end, F, region, k):
+def _count_triangles(first, end, F, cell, k):
     """As of :func:`faces_of_three`, of some triangles."""
     touching, three, count = np.zeros(k, dtype=np.int64), np.empty(end - first, dtype=np.int64), 0
     for f in range(first, end):
-        i, j, h = region[F[f, 0]], region[F[f, 1]], region[F[f, 2]]
+        i, j, h = cell[F[f, 0]], cell[F[f, 1]], cell[F[f, 2]]
         touching[i] += 1
         touching[j] += j != i
         touching[h] += h != i and h != j

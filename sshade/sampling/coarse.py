@@ -2,10 +2,10 @@
 
 The first fronts of farthest point sampling sweep the whole mesh, again and again. Here they sweep a coarse
 graph: of a net, vertices such that none is within a radius of another and all others are within it of
-one. Two of the net are joined where their Voronoi regions meet, by the shortest way from one to the
-other over an edge between the regions. The first half of the samples are its farthest points; then
+one. Two of the net are joined where their Voronoi cells meet, by the shortest way from one to the
+other over an edge between the cells. The first half of the samples are its farthest points; then
 fronts from all of them advance on the mesh itself, where each goes only as far as the coarse graph
-has none that is nearer; and the other half is inserted there, each the vertex farthest from all. So regions
+has none that is nearer; and the other half is inserted there, each the vertex farthest from all. So cells
 and distances are exact, and the half of the samples that decides on the spacing is chosen by exact distances.
 
 Threads share the mesh by slabs along its longest axis. Fronts advance within slabs; then each slab takes
@@ -13,7 +13,7 @@ over what is nearer through an edge from another, until none finds anything. Dis
 point of that, with ties to the smaller sample: neither the slabs' order nor the number of threads changes a
 bit.
 
-Coarse graphs of Voronoi regions: R. Wiersma, A. Nasikun, E. Eisemann, K. Hildebrandt, "A fast geometric
+Coarse graphs of Voronoi cells: R. Wiersma, A. Nasikun, E. Eisemann, K. Hildebrandt, "A fast geometric
 multigrid method for curved surfaces", 2023.
 """
 
@@ -79,7 +79,7 @@ def sample_coarsely(mesh: Mesh, graph: VertexGraph, count: int, *, first: np.nda
             least=min(graph.n, _ENOUGH * NET * coarsely),
         )
         coarse, borders = _coarse_graph(graph, slabs, team, state, net)
-        sampled = farthest_point_sampling(coarse, coarsely, first=state.region[first])
+        sampled = farthest_point_sampling(coarse, coarsely, first=state.cell[first])
         samples = np.concatenate(net)[sampled.samples]
         state = state._replace(width=band(graph))
         _bound(state, sampled.distance)
@@ -136,13 +136,13 @@ def _net(
     radius: float,
     least: float,
 ) -> tuple[list[np.ndarray], advance.State]:
-    """A net of `least` vertices at least, by slab, and the state with their regions, numbered on over slabs.
+    """A net of `least` vertices at least, by slab, and the state with their cells, numbered on over slabs.
 
     The `first` ones are of it; on both sides of a border vertices of it may be nearer than the radius.
     """
     while True:
-        distance, region = np.full(graph.n, radius), np.full(graph.n, -1, dtype=np.int32)
-        state = advance.State.of(graph, width=radius, distance=distance, region=region)
+        distance, cell = np.full(graph.n, radius), np.full(graph.n, -1, dtype=np.int32)
+        state = advance.State.of(graph, width=radius, distance=distance, cell=cell)
 
         def cover(own: int, state: advance.State = state) -> np.ndarray:
             few = first[slabs.among(first, own)].astype(np.int32)
@@ -159,19 +159,19 @@ def _coarse_graph(
 ) -> tuple[VertexGraph, list[np.ndarray]]:
     """The graph of a net, and for each slab its vertices beside others.
 
-    The regions in `state` are numbered through on the way.
+    The cells in `state` are numbered through on the way.
     """
     ends = np.cumsum([0, *map(len, net)])
-    region, distance = state.region, state.distance
+    cell, distance = state.cell, state.distance
 
     def gather(own: int) -> tuple[np.ndarray, np.ndarray]:
-        return _gather(slabs.vertices[own], region, ends[own], len(net[own]))
+        return _gather(slabs.vertices[own], cell, ends[own], len(net[own]))
 
     gathered = team(gather, SLABS)
 
     def join(own: int) -> tuple[np.ndarray, ...]:
         rows = graph.indptr, graph.indices, graph.lengths
-        return _join(*gathered[own], *rows, region, distance, ends[own], int(ends[-1]))
+        return _join(*gathered[own], *rows, cell, distance, ends[own], int(ends[-1]))
 
     *rows, borders = zip(*team(join, SLABS), strict=True)
     size, indices, lengths = map(np.concatenate, rows)
@@ -185,9 +185,9 @@ def _bound(state: advance.State, coarse: np.ndarray) -> None:
     """Turn distances to the net into bounds above those to samples; `coarse` are those from it to samples."""
 
     def add(begin: int, end: int) -> None:
-        state.distance[begin:end] += coarse[state.region[begin:end]]
+        state.distance[begin:end] += coarse[state.cell[begin:end]]
         state.distance[begin:end] *= _ROUNDING
-        state.region[begin:end] = -1
+        state.cell[begin:end] = -1
 
     in_ranges(add, len(state.distance))
 
@@ -228,26 +228,26 @@ def _sorted(slab, ends):
 
 
 @njit(cache=True, nogil=True)
-def _gather(vertices, region, offset, k):
-    """Where the vertices of each of k regions begin, (k + 1,), and these; raise the regions' numbers."""
+def _gather(vertices, cell, offset, k):
+    """Where the vertices of each of k cells begin, (k + 1,), and these; raise the cells' numbers."""
     begin, member = np.zeros(k + 1, dtype=np.int64), np.empty(len(vertices), dtype=np.int32)
     for v in vertices:
-        begin[region[v] + 1] += 1
+        begin[cell[v] + 1] += 1
     for c in range(k):
         begin[c + 1] += begin[c]
     fill = begin[:-1].copy()
     for v in vertices:
-        member[fill[region[v]]] = v
-        fill[region[v]] += 1
-        region[v] += offset
+        member[fill[cell[v]]] = v
+        fill[cell[v]] += 1
+        cell[v] += offset
     return begin, member
 
 
 @njit(cache=True, nogil=True)
-def _join(begin, member, indptr, indices, lengths, region, distance, offset, regions):
-    """Rows of the coarse graph: the number of neighbours of each region, these, and the ways to them.
+def _join(begin, member, indptr, indices, lengths, cell, distance, offset, cells):
+    """Rows of the coarse graph: the number of neighbours of each cell, these, and the ways to them.
 
-    Also the vertices beside regions of another slab.
+    Also the vertices beside cells of another slab.
     """
     k, most = len(begin) - 1, 0
     border, beside = np.empty(len(member), dtype=np.int32), 0
@@ -258,7 +258,7 @@ def _join(begin, member, indptr, indices, lengths, region, distance, offset, reg
         most = max(most, row)
     size, count = np.zeros(k, dtype=np.int64), 0
     to, way = np.empty(most + 16 * k, dtype=np.int32), np.empty(most + 16 * k)
-    place = np.full(regions, -1, dtype=np.int64)  # of each neighbour, in the row at work or an earlier one
+    place = np.full(cells, -1, dtype=np.int64)  # of each neighbour, in the row at work or an earlier one
     for c in range(k):
         if count + most > len(to):
             to, way = np.concatenate((to, to)), np.concatenate((way, way))
@@ -266,7 +266,7 @@ def _join(begin, member, indptr, indices, lengths, region, distance, offset, reg
         for q in range(begin[c], begin[c + 1]):
             u, foreign = member[q], False
             for p in range(indptr[u], indptr[u + 1]):
-                other = region[indices[p]]
+                other = cell[indices[p]]
                 if other == c + offset:
                     continue
                 foreign = foreign or other < offset or other >= offset + k

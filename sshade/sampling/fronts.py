@@ -1,6 +1,6 @@
-"""Graph-geodesic fronts: farthest point sampling and the Voronoi regions of its samples.
+"""Graph-geodesic fronts: farthest point sampling and the Voronoi cells of its samples.
 
-Distances run along mesh edges, with Euclidean edge lengths, so that regions
+Distances run along mesh edges, with Euclidean edge lengths, so that cells
 are connected by construction (ReMatching: F. Maggioli, D. Baieri, S. Melzi,
 E. Rodola, "ReMatching: low-resolution representations for scalable shape
 correspondence", 2024). Inserting a sample updates only what lies nearer to it
@@ -20,7 +20,7 @@ _BAND_EDGES = 4.0
 
 
 class Fronts:
-    """Voronoi regions of a growing set of samples.
+    """Voronoi cells of a growing set of samples.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class Fronts:
             graph,
             width=band(graph),
             distance=np.full(graph.n, np.inf),
-            region=np.full(graph.n, -1, dtype=np.int32),
+            cell=np.full(graph.n, -1, dtype=np.int32),
         )
         advance.start(self._state, first)
 
@@ -71,9 +71,9 @@ class Fronts:
         return np.concatenate(self._samples)
 
     @property
-    def region(self) -> np.ndarray:
+    def cell(self) -> np.ndarray:
         """(n,) int32 for each vertex the sample (its position in `samples`) that is nearest."""
-        return self._state.region
+        return self._state.cell
 
     @property
     def distance(self) -> np.ndarray:

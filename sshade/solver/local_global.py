@@ -160,7 +160,7 @@ class LocalGlobal:
             step is as quick as the others, and it ends in the same rotations.
         known : ((j,) int, (j, 3, 3) float64), optional
             Vertices, each once, whose rotations are given: the local step leaves them as they are. As of
-            :attr:`sshade.Handles.known`.
+            :attr:`sshade.Handles.prescribed_rotations`.
         share : (k,) float64, optional
             Of the stiffness of each soft handle, in [0, 1], by default 1. The system is the same, so that a
             pull may vary from solve to solve.
@@ -400,7 +400,7 @@ def local_global(
     solution = solver.solve(
         pulled.target,
         start=guess,
-        known=task.handles.known,
+        known=task.handles.prescribed_rotations,
         accelerate=accelerate,
         volume_goal=volume_goal,
         workers=workers,

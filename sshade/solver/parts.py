@@ -104,7 +104,7 @@ class Parts:
         pull, part_of = np.zeros(mesh.n), np.zeros(mesh.n, dtype=np.int64)
         if weight > 0:
             r = RADIUS * np.sqrt(mesh.area)
-            graph, turned = vertex_graph(mesh), handles.turned
+            graph, turned = vertex_graph(mesh), handles.has_rotation
             fronts = Fronts(graph, handles.index)
             number = _parts(graph, fronts, handles.group, LINK * r)
             firm = np.where(np.isinf(handles.weight), 1.0, 1 - 1 / (1 + handles.weight))
@@ -117,7 +117,7 @@ class Parts:
                     radius[k] = np.linalg.norm(part.arm, axis=1).max()
                     strength[k] = firm[own].mean() * weight / r**2
                     parts.append(part)
-            nearest = number[fronts.region]
+            nearest = number[fronts.cell]
             away = fronts.distance + radius[nearest]
             near = np.flatnonzero(away < REACH * r)
             pull[near] = strength[nearest[near]] * np.exp(-((away[near] / r) ** 2)) * mesh.vertex_areas[near]
@@ -231,7 +231,7 @@ class _Parts(NamedTuple):
 def _parts(graph: VertexGraph, fronts: Fronts, group: np.ndarray, link: float) -> np.ndarray:
     """(k,) int32: the part that each handle belongs to."""
     edges = graph.indptr, graph.indices, graph.lengths
-    a, b = _joined(*edges, fronts.region, fronts.distance, group, link).T
+    a, b = _joined(*edges, fronts.cell, fronts.distance, group, link).T
     k = len(group)
     return connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(k, k)))[1]
 

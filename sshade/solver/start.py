@@ -44,7 +44,7 @@ def initial_guess(task: DeformationTask, start: Start) -> np.ndarray:
         # Soft handles alone: as little as they may pull, of all rigid motions this is the minimum.
         source, target = V[handles.index], handles.target
         weights = None if handles.hard.any() else handles.stiffness
-        if known := handles.known:
+        if known := handles.prescribed_rotations:
             # Three more points beside each, so near that they decide only what the others leave open.
             vertex, turns = known
             number = np.flatnonzero(np.isin(handles.index, vertex))

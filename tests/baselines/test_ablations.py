@@ -22,7 +22,7 @@ from sshade.carry.projection import project_to_fans
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.rigid import rigid_motion
 from sshade.pipeline.regions import HandleRegions
-from sshade.sampling.remesh import Remesh, proxy_mesh, remesh
+from sshade.sampling.proxy import Sampling, proxy_mesh, sample_proxy
 from sshade.solver.local_global import local_global
 from tests.shapes import bumpy, folded, held_ends, rotation
 
@@ -33,7 +33,7 @@ ROUNDING = 1e-12
 def laid_back():
     """A strip folded onto itself, whose two layers nearly touch."""
     mesh = folded()
-    result = remesh(mesh, 120, seed=1)
+    result = sample_proxy(mesh, 120, seed=1)
     return mesh, result, proxy_mesh(mesh, result)
 
 
@@ -51,7 +51,7 @@ def test_by_default_it_is_the_method():
 @pytest.mark.parametrize("level", [2, 3])
 def test_the_unrestricted_map_is_the_nearest_of_all_triangles(level):
     mesh = bumpy(level)
-    result = remesh(mesh, 40, seed=1)
+    result = sample_proxy(mesh, 40, seed=1)
     proxy = proxy_mesh(mesh, result)
     projection = project_to_surface(mesh.V, proxy, result)
     squared = igl.point_mesh_squared_distance(np.array(mesh.V), np.array(proxy.V), np.array(proxy.F))[0]
@@ -72,7 +72,7 @@ def test_cross_part_projections_are_those_that_land_on_the_other_layer(laid_back
     i, j = proxy.edges.T
     lengths = np.linalg.norm(proxy.V[i] - proxy.V[j], axis=1)
     ways = dijkstra(coo_array((lengths, (i, j)), shape=(proxy.n, proxy.n)).tocsr(), directed=False)
-    nearest = ways[result.region[:, None], proxy.F[on_proxy.face]].min(axis=1)
+    nearest = ways[result.cell[:, None], proxy.F[on_proxy.face]].min(axis=1)
     assert np.array_equal(far, nearest > FAR * result.distance.max())
     assert 50 < far.sum() < mesh.n / 2
     layer = np.arange(mesh.n) // 17 > 40  # the first or the second half of the strip
@@ -87,7 +87,7 @@ def test_the_result_counts_them(laid_back):
     extra = sshade_ablated(task, projection="surface", **options).extra
     counts = []
     for number in range(2):
-        result = remesh(task.mesh, 150, first=task.handles.index, seed=(0, number))
+        result = sample_proxy(task.mesh, 150, first=task.handles.index, seed=(0, number))
         proxy = proxy_mesh(task.mesh, result)
         counts.append(cross_part(project_to_surface(task.mesh.V, proxy, result), proxy, result).sum())
     assert min(counts) > 0
@@ -95,13 +95,13 @@ def test_the_result_counts_them(laid_back):
 
 
 def test_the_sample_of_a_handles_region_gets_its_motion_and_a_mean_of_several(body):
-    result = remesh(body, 40, seed=(2, 0))
-    index = np.flatnonzero(np.isin(result.region, [3, 4]))
+    result = sample_proxy(body, 40, seed=(2, 0))
+    index = np.flatnonzero(np.isin(result.cell, [3, 4]))
     turn, shift = rotation(8), np.array([1.0, 0, 2])
     task = DeformationTask("rigid", body, Handles(index, body.V[index] @ turn.T + shift))
     regions = HandleRegions(body, Handles(index, body.V[index]), vertices=40, graph=vertex_graph(body))
-    remeshed, handles = sample_nearest_to_handles(task, regions, (2, 0))
-    assert isinstance(remeshed, Remesh) and np.array_equal(remeshed.samples, result.samples)
+    sampling, handles = sample_nearest_to_handles(task, regions, (2, 0))
+    assert isinstance(sampling, Sampling) and np.array_equal(sampling.samples, result.samples)
     assert handles.index.tolist() == [3, 4] and handles.merged == len(index) - 2
     expected = body.V[result.samples[[3, 4]]] @ turn.T + shift
     assert np.allclose(handles.target, expected, rtol=0, atol=ROUNDING * body.diagonal)
@@ -110,9 +110,9 @@ def test_the_sample_of_a_handles_region_gets_its_motion_and_a_mean_of_several(bo
     task = DeformationTask("any", body, Handles(index, target))
     _, handles = sample_nearest_to_handles(task, regions, (2, 0))
     R, _ = rigid_motion(body.V[index], target)
-    moved = target + (body.V[result.samples[result.region[index]]] - body.V[index]) @ R.T
+    moved = target + (body.V[result.samples[result.cell[index]]] - body.V[index]) @ R.T
     for i, s in enumerate((3, 4)):
-        mean = moved[result.region[index] == s].mean(axis=0)
+        mean = moved[result.cell[index] == s].mean(axis=0)
         assert np.allclose(handles.target[i], mean, rtol=0, atol=1e-13)
 
     still = Handles(index, body.V[index] + 1, dynamic=np.zeros(len(index), bool))

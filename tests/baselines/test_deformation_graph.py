@@ -39,7 +39,7 @@ def lengths(mesh):
 def test_nodes_are_connected_where_their_regions_touch(name):
     mesh = family()[name]
     _, fronts = sampled(mesh, 40)
-    region = fronts.region
+    region = fronts.cell
     touching = {tuple(sorted((region[i], region[j]))) for i, j in mesh.edges if region[i] != region[j]}
     edges = node_graph(mesh, fronts).edges
     found = [tuple(edge) for edge in edges.tolist()]
@@ -56,7 +56,7 @@ def test_a_chain_of_nodes_gets_edges_until_every_rotation_is_determined():
     mesh = jittered(strip(60, 1), 0.05)
     _, fronts = sampled(mesh, 12)
     coarse = node_graph(mesh, fronts)
-    touching = {frozenset(pair) for pair in fronts.region[mesh.edges].tolist() if pair[0] != pair[1]}
+    touching = {frozenset(pair) for pair in fronts.cell[mesh.edges].tolist() if pair[0] != pair[1]}
     assert any(sum(i in pair for pair in touching) < FEWEST_NEIGHBOURS for i in range(12))
     for i, star in enumerate(neighbours_of(coarse.edges, 12)):
         assert len(star) >= FEWEST_NEIGHBOURS
@@ -84,7 +84,7 @@ def test_binding_equals_plain_loops(name, blended):
     adjacency = coo_array((lengths(mesh), (i, j)), shape=(mesh.n, mesh.n)).tocsr()
     distance = np.full((mesh.n, 30), np.inf)
     for m in range(30):
-        inside = np.flatnonzero(np.isin(fronts.region, [m, *star[m]]))
+        inside = np.flatnonzero(np.isin(fronts.cell, [m, *star[m]]))
         at = int(np.searchsorted(inside, fronts.samples[m]))
         within = adjacency[inside][:, inside]
         distance[inside, m] = dijkstra(within, directed=False, indices=at)

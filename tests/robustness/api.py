@@ -19,7 +19,7 @@ from sshade import (
     sshade,
     transfer_pose,
 )
-from sshade.sampling.remesh import remesh
+from sshade.sampling.proxy import sample_proxy
 from sshade.solver.local_global import LocalGlobal, local_global
 from tests.robustness.case import Case
 from tests.robustness.inputs import BODY, pose
@@ -83,8 +83,8 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "deform: a coarse method that loses a vertex": (_deform(coarse=_short), "shape"),
     "deform: an unknown start": (_deform(coarse=partial(local_global, start="up")), "unknown start 'up'"),
     "deform: a negative weight": (_deform(coarse=partial(local_global, volume=-1.0)), "-1"),
-    "remesh: a first vertex beyond the mesh": (lambda: remesh(BODY, 60, first=[162]), "0..161"),
-    "remesh: a first vertex twice": (lambda: remesh(BODY, 60, first=[3, 3]), "repeat"),
+    "remesh: a first vertex beyond the mesh": (lambda: sample_proxy(BODY, 60, first=[162]), "0..161"),
+    "remesh: a first vertex twice": (lambda: sample_proxy(BODY, 60, first=[3, 3]), "repeat"),
     "bind: unknown frames": (lambda: bind(BODY, 60, frames="x"), "unknown frames"),
     "carry: a proxy of another size": (lambda: bind(BODY, 60).carry(V), "(162, 3)"),
     "Deformer: no samplings": (lambda: _deformer(samplings=0), "0 samplings"),

@@ -16,7 +16,7 @@ from defaust.sources.synthetic import SyntheticBodies
 from sshade import DeformationTask, Handles, Mesh, sshade
 from sshade.pipeline.fast import sshade_fast
 from sshade.pipeline.fine import sshade_fine
-from sshade.sampling.remesh import remesh
+from sshade.sampling.proxy import sample_proxy
 from sshade.threads import available_cpus
 from tests.robustness.inputs import BODY, pose
 from tests.shapes import subdivided
@@ -49,8 +49,8 @@ def body_digests() -> list[str]:
     marks = rest.V[list(source.landmarks.values())]
     index = np.unique([np.argsort(((rest.V - mark) ** 2).sum(axis=1))[:10] for mark in marks])
     task = DeformationTask("body", rest, Handles(index, posed.V[index]))
-    proxy = remesh(Mesh(rest.V, rest.F), 6000)
-    results = {"samples": proxy.samples, "proxy": proxy.faces, "regions": proxy.region}
+    proxy = sample_proxy(Mesh(rest.V, rest.F), 6000)
+    results = {"samples": proxy.samples, "proxy": proxy.faces, "regions": proxy.cell}
     for method in (sshade, sshade_fast, sshade_fine, accelerated_elastic):
         results[method.__name__] = method(task, seed=0).vertices
     return [f"{name} {_digest(result)}" for name, result in results.items()]

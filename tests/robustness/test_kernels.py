@@ -38,7 +38,7 @@ from sshade.io.meshes import read_arrays, read_file, write_file, write_mesh
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.cutting import cut_to_manifold
 from sshade.sampling.coarse import sample_coarsely
-from sshade.sampling.remesh import remesh
+from sshade.sampling.proxy import sample_proxy
 from sshade.solver.conjugate_gradients import conjugate_gradients
 from sshade.solver.local_global import local_global
 from sshade.solver.multigrid import Multigrid
@@ -82,14 +82,14 @@ def _with_regions() -> np.ndarray:
 
 def _remeshed(mesh: Mesh, vertices: int) -> np.ndarray:
     """With few, closed balls are mended where regions touch in too little."""
-    found = remesh(mesh, vertices, seed=1)
-    return np.concatenate([found.samples, found.faces.ravel(), found.region])
+    found = sample_proxy(mesh, vertices, seed=1)
+    return np.concatenate([found.samples, found.faces.ravel(), found.cell])
 
 
 def _sampled_coarsely() -> np.ndarray:
     mesh = jittered(torus(24, 12), 0.05)
     found = sample_coarsely(mesh, vertex_graph(mesh), 20, first=np.array([5, 6]))
-    return np.concatenate([found.samples, found.region, found.distance])
+    return np.concatenate([found.samples, found.cell, found.distance])
 
 
 def _cut() -> np.ndarray:

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from sshade import DeformationTask, Handles, Mesh, sshade
 from sshade.pipeline.fast import sshade_fast
 from sshade.pipeline.fine import sshade_fine
-from sshade.sampling import remesh as remesh_module
+from sshade.sampling import proxy as proxy_module
 from sshade.solver.local_global import local_global
 from tests.shapes import bumpy, double_torus, rotation, strip, torus, tube
 
@@ -137,10 +137,10 @@ def test_vertices_and_faces_in_another_order(name, number, seed):
     )
     handles = Handles(new[own.index], own.target, dynamic=own.dynamic, group=own.group)
     result = METHODS[name](task, seed=1).vertices
-    choose = remesh_module._random_other_vertex
+    choose = proxy_module._random_other_vertex
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            remesh_module,
+            proxy_module,
             "_random_other_vertex",
             lambda n, taken, seed: int(new[choose(n, np.argsort(new)[taken], seed)]),
         )

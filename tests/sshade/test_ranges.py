@@ -12,7 +12,7 @@ from sshade.mesh.connectivity import connectivity
 from sshade.mesh.mesh import Mesh
 from sshade.sampling.closed_ball import count_unions
 from sshade.sampling.fronts import Fronts
-from sshade.sampling.remesh import proxy_mesh, remesh
+from sshade.sampling.proxy import proxy_mesh, sample_proxy
 from sshade.threads import in_ranges
 from tests.shapes import double_torus, icosphere, jittered, tube
 from tests.sshade.mesh.test_connectivity import CASES
@@ -63,10 +63,10 @@ def test_connectivity_of_soups_and_shapes(many, case):
 def test_a_proxy_and_what_is_bound_to_it(many, shape):
     def bound() -> object:
         mesh = Mesh(MESHES[shape].V, MESHES[shape].F)  # which remembers nothing
-        remeshed = remesh(mesh, 60, seed=3)
-        binding = bind_proxy(mesh, remeshed, frames=lambda proxy, _: BlendedFrames(proxy))
-        bent = proxy_mesh(mesh, remeshed).V * [1.0, 1.2, 0.9] + np.sin(binding.proxy.V[:, [1, 2, 0]])
-        return remeshed, binding.projection, binding.local, binding.carry(bent)
+        sampling = sample_proxy(mesh, 60, seed=3)
+        binding = bind_proxy(mesh, sampling, frames=lambda proxy, _: BlendedFrames(proxy))
+        bent = proxy_mesh(mesh, sampling).V * [1.0, 1.2, 0.9] + np.sin(binding.proxy.V[:, [1, 2, 0]])
+        return sampling, binding.projection, binding.local, binding.carry(bent)
 
     one = bound()
     many()

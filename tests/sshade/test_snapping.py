@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sshade import InputError, snapping
-from sshade.snapping import nearest_vertices
+from sshade.snapping import snap_to_vertices
 from tests.shapes import bumpy, strip, torus
 
 SHAPES = {"bumpy": bumpy(4), "flat": strip(60, 40), "torus": torus(90, 30)}
@@ -22,7 +22,7 @@ def large(request, monkeypatch):
 def test_nearest_vertices_are_those_of_all_distances(name, off, large):
     mesh, rng = SHAPES[name], np.random.default_rng(7)
     source = mesh.V[rng.permutation(mesh.n)[:40]] + off * mesh.diagonal * rng.uniform(-0.5, 0.5, (40, 3))
-    distance, index = nearest_vertices(mesh, source, np.zeros(40, dtype=int))
+    distance, index = snap_to_vertices(mesh, source, np.zeros(40, dtype=int))
     every = np.linalg.norm(mesh.V[None] - source[:, None], axis=2)
     assert np.array_equal(index, every.argmin(axis=1))
     np.testing.assert_allclose(distance, every.min(axis=1), rtol=1e-12, atol=1e-300)
@@ -31,11 +31,11 @@ def test_nearest_vertices_are_those_of_all_distances(name, off, large):
 def test_one_position_outside_of_the_box(large):
     mesh = SHAPES["bumpy"]
     source = mesh.V[[np.argmin(mesh.V[:, 0])]] - [0.03 * mesh.diagonal, 0, 0]
-    _, index = nearest_vertices(mesh, source, np.zeros(1, dtype=int))
+    _, index = snap_to_vertices(mesh, source, np.zeros(1, dtype=int))
     assert index[0] == np.argmin(np.linalg.norm(mesh.V - source, axis=1))
 
 
 def test_far_positions_are_refused(large):
     mesh = SHAPES["bumpy"]
     with pytest.raises(InputError, match="times 0.001 they would be on it"):
-        nearest_vertices(mesh, 1000 * mesh.V[:30:3], np.zeros(10, dtype=int))
+        snap_to_vertices(mesh, 1000 * mesh.V[:30:3], np.zeros(10, dtype=int))

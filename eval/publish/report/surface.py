@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sshade.mesh.mesh import Mesh
-from sshade.sampling.remesh import remesh
+from sshade.sampling.proxy import sample_proxy
 
 #: A mesh of more vertices is shown in 3D by some of them; ids fit into 16 bits.
 LIMIT, SAMPLES = 28_000, 20_000
@@ -51,8 +51,8 @@ def surface(mesh: Mesh, *, keep: np.ndarray, limit: int = LIMIT, samples: int = 
     """
     if mesh.n <= limit:
         return Surface(np.arange(mesh.n), mesh.F, np.arange(mesh.n))
-    coarse = remesh(mesh, max(samples, len(keep)), first=keep)
-    return Surface(coarse.samples, coarse.faces, coarse.region)
+    coarse = sample_proxy(mesh, max(samples, len(keep)), first=keep)
+    return Surface(coarse.samples, coarse.faces, coarse.cell)
 
 
 def pack(shapes: list[np.ndarray], errors: list[np.ndarray | None], faces: np.ndarray, *, top: float) -> dict:

@@ -41,7 +41,7 @@ def test_a_pair_crosses_where_its_vertices_follow_different_triangles_or_samples
     mesh = bumpy(3)
     binding = bind(mesh, 60)
     jumps = measure_jumps(mesh, bent(mesh.V), binding=binding)
-    follows = list(zip(binding.projection.face.tolist(), binding.remesh.region.tolist(), strict=True))
+    follows = list(zip(binding.projection.face.tolist(), binding.sampling.cell.tolist(), strict=True))
     expected = [len({follows[v] for f in pair for v in mesh.F[f]}) > 1 for pair in jumps.pairs]
     assert jumps.crossing.tolist() == expected
     assert 0 < sum(expected) < len(expected)

@@ -39,7 +39,7 @@ def test_samples_follow_their_proxy_vertices_where_the_proxy_turns_little():
         NV = bent(binding.proxy.V, amount)
         V, _ = binding.carry(NV)
         longest = np.linalg.norm(np.diff(binding.proxy.V[binding.proxy.edges], axis=1), axis=2).max()
-        assert np.linalg.norm(V[binding.remesh.samples] - NV, axis=1).max() <= 12 * amount * longest
+        assert np.linalg.norm(V[binding.sampling.samples] - NV, axis=1).max() <= 12 * amount * longest
         assert np.abs(V - bent(BUMPY.V, amount)).max() <= 12 * amount * longest
 
 

@@ -72,7 +72,7 @@ def test_samples_go_where_their_proxy_vertices_go_to_the_last_bit(name, kind):
     mesh = MESHES[name]
     binding = bind(mesh, mesh.n // 6, frames=kind)
     NV = bent(binding.proxy.V, 0.5) @ rotation(2).T
-    assert np.array_equal(binding.carry(NV)[0][binding.remesh.samples], NV)
+    assert np.array_equal(binding.carry(NV)[0][binding.sampling.samples], NV)
 
 
 def test_decoding_follows_the_definition():

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from sshade import Mesh
 from sshade.carry.projection import project_to_fans
 from sshade.mesh.mesh import LARGEST
-from sshade.sampling.remesh import Remesh, proxy_mesh, remesh
+from sshade.sampling.proxy import Sampling, proxy_mesh, sample_proxy
 from tests.shapes import bumpy, double_torus, jittered, rotation, strip, tube
 
 
@@ -24,9 +24,9 @@ def nearest_in_triangle(p: np.ndarray, corners: np.ndarray) -> float:
     return best
 
 
-def at(proxy: Mesh, region: list[int]) -> Remesh:
+def at(proxy: Mesh, region: list[int]) -> Sampling:
     """Vertices of M in the regions of these vertices of N."""
-    return Remesh(np.arange(proxy.n), proxy.F, np.array(region, dtype=np.int32), np.zeros(len(region)))
+    return Sampling(np.arange(proxy.n), proxy.F, np.array(region, dtype=np.int32), np.zeros(len(region)))
 
 
 def point_of(projection, proxy: Mesh) -> np.ndarray:
@@ -44,7 +44,7 @@ MESHES = {
 @pytest.fixture(scope="module", params=MESHES)
 def bound(request):
     mesh = MESHES[request.param]
-    result = remesh(mesh, max(12, mesh.n // 8), seed=1)
+    result = sample_proxy(mesh, max(12, mesh.n // 8), seed=1)
     proxy = proxy_mesh(mesh, result)
     return mesh, result, proxy, project_to_fans(mesh.V, proxy, result)
 
@@ -52,7 +52,7 @@ def bound(request):
 def test_the_distance_is_the_least_over_the_fan_of_the_own_sample(bound):
     mesh, result, proxy, projection = bound
     for v in range(mesh.n):
-        fan = np.flatnonzero((result.region[v] == proxy.F).any(axis=1))
+        fan = np.flatnonzero((result.cell[v] == proxy.F).any(axis=1))
         assert projection.face[v] in fan
         least = min(nearest_in_triangle(mesh.V[v], proxy.V[proxy.F[t]]) for t in fan)
         assert projection.distance[v] == pytest.approx(least, rel=1e-9, abs=1e-13 * mesh.diagonal)

@@ -195,7 +195,7 @@ def test_a_preview_is_the_proxy_that_carries_the_mesh(mesh, held):
         seen = one.preview(lifted(mesh, held, height), tolerance=1e-4)
         shape = other(lifted(mesh, held, height), tolerance=1e-4)
         assert seen.vertices.shape == one.bindings[0].proxy.V.shape and "carry" not in seen.seconds
-        samples = one.bindings[0].remesh.samples
+        samples = one.bindings[0].sampling.samples
         # A mesh goes through its samples.
         assert np.abs(seen.vertices - shape.vertices[samples]).max() < 1e-12 * mesh.diagonal
         assert seen.iterations == shape.iterations
@@ -239,7 +239,7 @@ def test_a_single_handle_that_is_no_sample_is_met():
     mesh = tube(40, 120, length=7.0)
     order = np.argsort(mesh.V[:, 2])
     drag = Deformer(mesh, order[:20], vertices=600)
-    samples = drag.bindings[0].remesh.samples
+    samples = drag.bindings[0].sampling.samples
     top = mesh.V[:, 2] > 0.8 * mesh.V[:, 2].max()
     new = np.flatnonzero(top & ~np.isin(np.arange(mesh.n), samples))[7]
     index = np.array([*order[:20], new])

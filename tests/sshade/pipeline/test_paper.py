@@ -12,7 +12,7 @@ from sshade import DeformationResult, DeformationTask, Handles, Mesh, bind, ssha
 from sshade.carry.projection import project_to_fans
 from sshade.pipeline.proxies import Proxies
 from sshade.progress import silent
-from sshade.sampling.remesh import remesh
+from sshade.sampling.proxy import sample_proxy
 from sshade.solver.local_global import local_global
 from tests.shapes import bent, bumpy, family
 
@@ -65,7 +65,7 @@ def test_the_result_is_the_mean_of_the_single_samplings(body_task, frames):
     assert result.converged == all(solved.converged for _, solved, _ in single)
     assert result.extra["samplings"] == 3
     assert result.extra["proxy_vertices"] == np.mean([b.proxy.n for _, _, b in single])
-    assert result.extra["added_samples"] == sum(b.remesh.added for _, _, b in single)
+    assert result.extra["added_samples"] == sum(b.sampling.added for _, _, b in single)
     assert result.extra["residual"] == max(solved.extra["residual"] for _, solved, _ in single)
     assert result.extra["proxy_energy"] == np.mean([solved.extra["energy"] for _, solved, _ in single])
     assert set(result.seconds) == {"remesh", "bind", "solve", "carry"}
@@ -91,12 +91,12 @@ def test_other_samples_and_another_projection_take_the_place_of_the_usual_ones(b
 
     def sample(task, regions, seed):
         assert (regions.vertices, seed) == (70, (3, 0)) and regions.graph.n == task.mesh.n
-        remeshed = remesh(task.mesh, regions.vertices, seed=seed, graph=regions.graph)
-        at = task.mesh.V[remeshed.samples]
-        return remeshed, Handles([0, 1, 2], at[:3])
+        sampling = sample_proxy(task.mesh, regions.vertices, seed=seed, graph=regions.graph)
+        at = task.mesh.V[sampling.samples]
+        return sampling, Handles([0, 1, 2], at[:3])
 
-    def projection(V, proxy, remeshed):
-        seen.append(project_to_fans(V, proxy, remeshed))
+    def projection(V, proxy, sampling):
+        seen.append(project_to_fans(V, proxy, sampling))
         return seen[0]
 
     result = sshade(body_task, vertices=70, samplings=1, sample=sample, projection=projection, seed=3)
@@ -201,8 +201,8 @@ def test_the_first_result_starts_the_others(body_task):
         binding = bind(body_task.mesh, 70, first=body_task.handles.index, seed=(2, 0))
         carried = binding.carry(solved.vertices)[0]
         for i in (1, 2):
-            remeshed = remesh(body_task.mesh, 70, first=body_task.handles.index, seed=(2, i))
-            assert np.array_equal(number[i][0].guess, carried[remeshed.samples])
+            sampling = sample_proxy(body_task.mesh, 70, first=body_task.handles.index, seed=(2, i))
+            assert np.array_equal(number[i][0].guess, carried[sampling.samples])
 
 
 def test_a_warm_start_saves_iterations_and_moves_the_result_little(body_task):

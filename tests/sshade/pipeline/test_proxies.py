@@ -50,7 +50,7 @@ def test_what_is_bound_or_transferred_has_the_same_samples():
     assert dragged.extra["samples"] == 160
     assert np.array_equal(dragged.vertices, sshade(TASK, samplings=1).vertices)
     assert transfer_pose(BODY, BODY.V, samplings=1).extra["samples"] == 160
-    assert np.array_equal(bind(BODY).remesh.samples, bind(BODY, 160).remesh.samples)
+    assert np.array_equal(bind(BODY).sampling.samples, bind(BODY, 160).sampling.samples)
 
 
 def test_many_handles_have_a_proxy_that_holds_them():

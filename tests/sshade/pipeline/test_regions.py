@@ -22,7 +22,7 @@ from sshade import (
 )
 from sshade.mesh.adjacency import vertex_graph
 from sshade.pipeline.regions import HandleRegions, edge_vertices
-from sshade.sampling.remesh import remesh
+from sshade.sampling.proxy import sample_proxy
 from sshade.solver.local_global import local_global
 from tests.shapes import block, bumpy, end_handles, jittered, rotation, strip, tube
 
@@ -267,9 +267,9 @@ def test_few_handles_are_sampled_as_ever(task):
     index = np.random.default_rng(1).permutation(mesh.n)[:250]
     regions = HandleRegions(mesh, Handles(index, mesh.V[index]), vertices=VERTICES, graph=graph)
     assert not regions.regional and regions.metric is graph
-    remeshed, handle = regions.sample((0, 0))
-    plain = remesh(mesh, VERTICES, first=index, seed=(0, 0))
-    assert np.array_equal(remeshed.samples, plain.samples) and np.array_equal(remeshed.faces, plain.faces)
+    sampling, handle = regions.sample((0, 0))
+    plain = sample_proxy(mesh, VERTICES, first=index, seed=(0, 0))
+    assert np.array_equal(sampling.samples, plain.samples) and np.array_equal(sampling.faces, plain.faces)
     assert np.array_equal(handle, np.append(np.arange(250), np.full(len(handle) - 250, -1)))
     assert regions.on_targets(mesh.V, np.zeros((250, 3))) is mesh.V
     assert regions.keep_volume(mesh.V) is mesh.V
@@ -278,11 +278,11 @@ def test_few_handles_are_sampled_as_ever(task):
 def test_samples_go_to_the_free_part(task):
     graph, index = vertex_graph(task.mesh), task.handles.index
     regions = HandleRegions(task.mesh, Handles(index, task.mesh.V[index]), vertices=2000, graph=graph)
-    remeshed, handle = regions.sample(0)
+    sampling, handle = regions.sample(0)
     edge, on = edge_vertices(task.mesh, index), handle >= 0
-    assert np.array_equal(index[handle[on]], remeshed.samples[on])
-    assert np.array_equal(remeshed.samples[: len(edge)], edge)
-    assert 0 < on.sum() - len(edge) < 0.1 * len(remeshed.samples)
+    assert np.array_equal(index[handle[on]], sampling.samples[on])
+    assert np.array_equal(sampling.samples[: len(edge)], edge)
+    assert 0 < on.sum() - len(edge) < 0.1 * len(sampling.samples)
 
 
 def test_an_edge_of_many_vertices_is_thinned_and_still_exact():

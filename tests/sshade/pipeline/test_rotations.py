@@ -89,7 +89,7 @@ def test_with_all_rotations_known_positions_are_those_of_least_squares():
 def test_energy_does_not_rise_and_other_rotations_are_still_fitted():
     task = sheet(12, degrees=50)
     solution = LocalGlobal(task.mesh, task.handles.index).solve(
-        task.handles.target, known=task.handles.known, accelerate=False, tolerance=1e-9
+        task.handles.target, known=task.handles.prescribed_rotations, accelerate=False, tolerance=1e-9
     )
     assert solution.energy < solution.energy_initial and solution.converged
     middle = task.handles.index[-1]
@@ -199,7 +199,7 @@ def test_levels_take_rotations_along():
     seen = []
 
     def spy(given, **options):
-        seen.append((given.mesh.n, given.handles.known))
+        seen.append((given.mesh.n, given.handles.prescribed_rotations))
         return local_global(given, **options)
 
     multilevel(task, coarse=spy, tolerance=1e-7)

@@ -23,24 +23,24 @@ MESHES = {
 }
 
 
-def regions_of(mesh: Mesh, samples: np.ndarray, region: np.ndarray, distance: np.ndarray) -> SimpleNamespace:
+def cells_of(mesh: Mesh, samples: np.ndarray, cell: np.ndarray, distance: np.ndarray) -> SimpleNamespace:
     """Any labelling of the vertices, in the place of fronts."""
     return SimpleNamespace(
-        graph=vertex_graph(mesh), samples=samples, region=region.astype(np.int32), distance=distance
+        graph=vertex_graph(mesh), samples=samples, cell=cell.astype(np.int32), distance=distance
     )
 
 
-def random_regions(mesh: Mesh, k: int, rng: np.random.Generator) -> SimpleNamespace:
+def random_cells(mesh: Mesh, k: int, rng: np.random.Generator) -> SimpleNamespace:
     samples = rng.permutation(mesh.n)[:k]
-    region = rng.integers(0, k, mesh.n)
-    region[samples] = np.arange(k)
+    cell = rng.integers(0, k, mesh.n)
+    cell[samples] = np.arange(k)
     distance = rng.uniform(0.1, 1, mesh.n)
     distance[samples] = 0.0
-    return regions_of(mesh, samples, region, distance)
+    return cells_of(mesh, samples, cell, distance)
 
 
 def unions_of(mesh: Mesh, label: list[int]) -> set[tuple[int, ...]]:
-    """Single regions, pairs at an edge, triples at a triangle."""
+    """Single cells, pairs at an edge, triples at a triangle."""
     unions = {(i,) for i in label}
     unions |= {tuple(sorted((label[u], label[v]))) for u, v in mesh.edges.tolist() if label[u] != label[v]}
     return unions | {
@@ -48,12 +48,12 @@ def unions_of(mesh: Mesh, label: list[int]) -> set[tuple[int, ...]]:
     }
 
 
-def euler_counts(mesh: Mesh, region: np.ndarray) -> dict[tuple[int, ...], int]:
+def euler_counts(mesh: Mesh, cell: np.ndarray) -> dict[tuple[int, ...], int]:
     """The count of each union, straight from its definition."""
     border = {tuple(edge) for edge in mesh.boundary_edges.tolist()}
     on_border = set(mesh.boundary_edges.ravel().tolist())
     edges = [edge for edge in map(tuple, mesh.edges.tolist()) if edge not in border]
-    label, counts = region.tolist(), {}
+    label, counts = cell.tolist(), {}
     for union in unions_of(mesh, label):
         inner_vertices = sum(label[v] in union and v not in on_border for v in range(mesh.n))
         inner_edges = sum(label[u] in union or label[v] in union for u, v in edges)
@@ -62,9 +62,9 @@ def euler_counts(mesh: Mesh, region: np.ndarray) -> dict[tuple[int, ...], int]:
     return counts
 
 
-def boundary_counts(mesh: Mesh, region: np.ndarray) -> tuple[dict[int, int], dict[tuple[int, int], int]]:
-    """Boundary vertices less boundary edges of each region on the boundary; boundary edges between pairs."""
-    label = region.tolist()
+def boundary_counts(mesh: Mesh, cell: np.ndarray) -> tuple[dict[int, int], dict[tuple[int, int], int]]:
+    """Boundary vertices less boundary edges of each cell on the boundary; boundary edges between pairs."""
+    label = cell.tolist()
     border = mesh.boundary_edges.tolist()
     trace = dict.fromkeys((label[v] for v in set(mesh.boundary_edges.ravel().tolist())), 0)
     for v in set(mesh.boundary_edges.ravel().tolist()):
@@ -79,17 +79,17 @@ def boundary_counts(mesh: Mesh, region: np.ndarray) -> tuple[dict[int, int], dic
     return trace, crossings
 
 
-def failing_unions(mesh: Mesh, region: np.ndarray) -> tuple[set[tuple[int, ...]], set[tuple[int, ...]]]:
-    """Unions whose Euler count is not 1, and regions and pairs whose trace is no single arc."""
-    no_disc = {union for union, count in euler_counts(mesh, region).items() if count != 1}
-    trace, crossings = boundary_counts(mesh, region)
+def failing_unions(mesh: Mesh, cell: np.ndarray) -> tuple[set[tuple[int, ...]], set[tuple[int, ...]]]:
+    """Unions whose Euler count is not 1, and cells and pairs whose trace is no single arc."""
+    no_disc = {union for union, count in euler_counts(mesh, cell).items() if count != 1}
+    trace, crossings = boundary_counts(mesh, cell)
     no_arc = {(i,) for i, count in trace.items() if count != 1}
     return no_disc, no_arc | {pair for pair, count in crossings.items() if count > 1}
 
 
 def assert_same_as_the_definition(mesh: Mesh, fronts) -> None:
     vertices, failed = refinements(mesh.F, fronts)
-    no_disc, no_arc = failing_unions(mesh, fronts.region)
+    no_disc, no_arc = failing_unions(mesh, fronts.cell)
     assert set(failed.tolist()) == {min(union) for union in no_disc | no_arc}
     assert len(set(vertices.tolist())) == len(vertices)
     assert not set(vertices.tolist()) & set(fronts.samples.tolist())
@@ -100,8 +100,8 @@ def assert_counts_are_those_of_the_definition(mesh: Mesh, fronts) -> None:
     found = count_unions(mesh.F, fronts)
     unions = [*np.arange(len(found.chi))[:, None].tolist(), *found.pairs.tolist(), *found.triples.tolist()]
     counts = np.concatenate([found.chi, found.pair_chi, found.triple_chi]).tolist()
-    assert dict(zip(map(tuple, unions), counts, strict=True)) == euler_counts(mesh, fronts.region)
-    trace, arcs = boundary_counts(mesh, fronts.region)
+    assert dict(zip(map(tuple, unions), counts, strict=True)) == euler_counts(mesh, fronts.cell)
+    trace, arcs = boundary_counts(mesh, fronts.cell)
     assert dict(enumerate(found.trace.tolist())) == dict.fromkeys(range(len(found.trace)), 1) | trace
     joined = zip(map(tuple, found.pairs.tolist()), found.arcs.tolist(), strict=True)
     assert {pair: count for pair, count in joined if count} == arcs
@@ -116,7 +116,7 @@ def test_unions_are_counted_and_fail_as_the_definition_says(name, voronoi, seed,
     if voronoi:
         fronts = farthest_point_sampling(vertex_graph(mesh), k, first=rng.permutation(mesh.n)[:1])
     else:
-        fronts = random_regions(mesh, k, rng)
+        fronts = random_cells(mesh, k, rng)
     assert_counts_are_those_of_the_definition(mesh, fronts)
     assert_same_as_the_definition(mesh, fronts)
 
@@ -148,9 +148,9 @@ def test_one_region_fails_with_its_farthest_vertex():
 def test_a_region_across_a_strip_is_caught_by_its_trace_alone():
     # The Euler count leaves the boundary out, so that bands across a strip pass it.
     mesh = strip(12, 2)
-    region = np.repeat([0, 1, 2, 3], [9, 9, 9, 12])
-    fronts = regions_of(mesh, np.array([0, 9, 18, 27]), region, np.linspace(1, 2, mesh.n))
-    no_disc, no_arc = failing_unions(mesh, region)
+    cell = np.repeat([0, 1, 2, 3], [9, 9, 9, 12])
+    fronts = cells_of(mesh, np.array([0, 9, 18, 27]), cell, np.linspace(1, 2, mesh.n))
+    no_disc, no_arc = failing_unions(mesh, cell)
     assert not no_disc and no_arc >= {(1,), (2,)}
     vertices, failed = refinements(mesh.F, fronts)
     assert {1, 2} <= set(failed.tolist())

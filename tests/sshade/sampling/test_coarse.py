@@ -10,10 +10,10 @@ from sshade import Mesh
 from sshade.mesh.adjacency import VertexGraph, vertex_graph
 from sshade.sampling import coarse
 from sshade.sampling.fronts import Fronts, farthest_point_sampling
-from sshade.sampling.remesh import remesh
+from sshade.sampling.proxy import sample_proxy
 from sshade.threads import ThreadTeam
 from tests.shapes import bumpy, double_torus, icosphere, strip, torus, tube
-from tests.sshade.sampling.test_remesh import assert_valid_proxy
+from tests.sshade.sampling.test_proxy import assert_valid_proxy
 
 
 def shuffled(mesh: Mesh, seed: int = 0) -> Mesh:
@@ -65,7 +65,7 @@ def test_regions_are_exact_and_the_second_half_is_farthest(name, count):
     assert len(np.unique(samples)) == count and np.array_equal(samples[:5], first)
     all_at_once = Fronts(graph, samples)
     assert np.array_equal(found.distance, all_at_once.distance)
-    assert np.array_equal(found.region, all_at_once.region)
+    assert np.array_equal(found.cell, all_at_once.cell)
     again = Fronts(graph, samples[: count // 2])
     again.insert_farthest(count - count // 2)
     assert np.array_equal(again.samples, samples)
@@ -81,12 +81,12 @@ def test_any_number_of_threads_gives_the_same_bits(name, monkeypatch):
     for workers in (1, 2, 7):
         monkeypatch.setattr(coarse, "available_cpus", lambda workers=workers: workers)
         fronts = coarse.sample_coarsely(mesh, vertex_graph(mesh), 60, first=np.array([3]))
-        found.append((fronts.samples.tobytes(), fronts.distance.tobytes(), fronts.region.tobytes()))
+        found.append((fronts.samples.tobytes(), fronts.distance.tobytes(), fronts.cell.tobytes()))
     assert found[0] == found[1] == found[2]
 
 
 @pytest.mark.parametrize("name", ["bumpy", "shuffled", "torus", "needle"])
-def test_the_coarse_graph_joins_the_regions_of_a_net_by_the_shortest_ways(name):
+def test_the_coarse_graph_joins_the_cells_of_a_net_by_the_shortest_ways(name):
     mesh = SURFACES[name]
     graph, slabs = vertex_graph(mesh), coarse._Slabs(mesh.V)
     radius = 3 * float(graph.lengths.mean())
@@ -97,18 +97,18 @@ def test_the_coarse_graph_joins_the_regions_of_a_net_by_the_shortest_ways(name):
         joined, borders = coarse._coarse_graph(graph, slabs, team, state, net)
     centres = np.concatenate(net)
     assert set(first) <= set(centres.tolist())
-    # Regions are those of fronts that stay in slabs, and cover all within the radius.
+    # Cells are those of fronts that stay in slabs, and cover all within the radius.
     nearest = dijkstra(confined.matrix, directed=False, indices=centres)
     assert np.array_equal(state.distance, nearest.min(axis=0)) and state.distance.max() < radius
-    assert np.array_equal(nearest[state.region, np.arange(mesh.n)], state.distance)
+    assert np.array_equal(nearest[state.cell, np.arange(mesh.n)], state.distance)
     apart = nearest[:, centres] + np.where(np.eye(len(centres), dtype=bool), np.inf, 0)
     chosen = ~np.isin(centres, first)
     assert apart[np.ix_(chosen, chosen)].min() >= radius
-    # Every edge between two regions, by the definition.
+    # Every edge between two cells, by the definition.
     owner = np.repeat(np.arange(mesh.n), np.diff(graph.indptr))
     ways = dict[tuple[int, int], float]()
     for u, v, length in zip(owner, graph.indices, graph.lengths, strict=True):
-        key = int(state.region[u]), int(state.region[v])
+        key = int(state.cell[u]), int(state.cell[v])
         if key[0] != key[1]:
             way = state.distance[u] + state.distance[v] + length
             ways[key] = min(ways.get(key, np.inf), way)
@@ -144,7 +144,7 @@ def test_lengths_need_not_be_those_of_the_mesh():
     graph = replace(graph, lengths=np.where(above, 7.0, 1.0) * graph.lengths)
     found = coarse.sample_coarsely(mesh, graph, 80, first=np.array([0]))
     exact = Fronts(graph, found.samples)
-    assert np.array_equal(found.distance, exact.distance) and np.array_equal(found.region, exact.region)
+    assert np.array_equal(found.distance, exact.distance) and np.array_equal(found.cell, exact.cell)
 
 
 def test_small_meshes_are_sampled_exactly():
@@ -160,4 +160,4 @@ def test_proxies_of_large_meshes_keep_the_topology(name, monkeypatch):
     monkeypatch.setattr(coarse, "FINER", 0)
     mesh = SURFACES[name]
     for count in (5, 60, 300):
-        assert_valid_proxy(mesh, remesh(mesh, count, first=np.array([2, 9]), seed=3))
+        assert_valid_proxy(mesh, sample_proxy(mesh, count, first=np.array([2, 9]), seed=3))

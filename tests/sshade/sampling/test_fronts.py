@@ -17,14 +17,14 @@ from tests.sshade.mesh.test_adjacency import MESHES
 def naive_sampling(graph: VertexGraph, count: int, first: np.ndarray):
     """Farthest point sampling by the definition: a whole Dijkstra for each sample, ties to the older one."""
     matrix, samples = graph.matrix, []
-    distance, region = np.full(graph.n, np.inf), np.full(graph.n, -1)
+    distance, cell = np.full(graph.n, np.inf), np.full(graph.n, -1)
     for i in range(count):
         v = int(first[i]) if i < len(first) else int(np.argmax(distance))
         own = dijkstra(matrix, directed=False, indices=v)
         nearer = own < distance
-        distance[nearer], region[nearer] = own[nearer], i
+        distance[nearer], cell[nearer] = own[nearer], i
         samples.append(v)
-    return np.array(samples), distance, region
+    return np.array(samples), distance, cell
 
 
 CONNECTED = [name for name in MESHES if name != "two components"]
@@ -37,10 +37,10 @@ def test_sampling_equals_the_naive_algorithm_also_with_exact_ties(name, first):
     graph = vertex_graph(mesh)
     count = min(mesh.n, 40)
     fronts = farthest_point_sampling(graph, count, first=np.array(first))
-    samples, distance, region = naive_sampling(graph, count, np.array(first))
+    samples, distance, cell = naive_sampling(graph, count, np.array(first))
     assert np.array_equal(fronts.samples, samples)
     assert np.array_equal(fronts.distance, distance)
-    assert np.array_equal(fronts.region, region)
+    assert np.array_equal(fronts.cell, cell)
     assert len(fronts) == count
 
 
@@ -63,15 +63,15 @@ def test_sampling_equals_the_naive_algorithm_on_random_lengths(seed, starts, ext
     )
     first = rng.permutation(40)[:starts]
     fronts = farthest_point_sampling(graph, starts + extra, first=first)
-    samples, distance, region = naive_sampling(graph, starts + extra, first)
+    samples, distance, cell = naive_sampling(graph, starts + extra, first)
     assert np.array_equal(fronts.samples, samples)
-    assert np.array_equal(fronts.distance, distance) and np.array_equal(fronts.region, region)
+    assert np.array_equal(fronts.distance, distance) and np.array_equal(fronts.cell, cell)
 
 
 def test_another_component_is_farthest_of_all():
     mesh = MESHES["two components"]
     fronts = Fronts(vertex_graph(mesh), np.array([0]))
-    assert np.isinf(fronts.distance[4:]).all() and (fronts.region[4:] == -1).all()
+    assert np.isinf(fronts.distance[4:]).all() and (fronts.cell[4:] == -1).all()
     fronts.insert_farthest(1)
     assert fronts.samples.tolist() == [0, 4]
     assert np.isfinite(fronts.distance).all()
@@ -96,13 +96,13 @@ def test_too_many_or_too_few_samples_are_refused():
 
 
 def test_coincident_vertices_are_sampled_apart():
-    """Each has a region of its own, though none is farther from the other than rounding."""
+    """Each has a cell of its own, though none is farther from the other than rounding."""
     V = strip(2, 1).V.copy()
     V[1] = V[0]
     graph = vertex_graph(Mesh(V, strip(2, 1).F))
     fronts = farthest_point_sampling(graph, 6, first=np.array([0]))
     assert sorted(fronts.samples.tolist()) == [0, 1, 2, 3, 4, 5] and fronts.samples[-1] == 1
-    assert np.array_equal(fronts.samples[fronts.region], np.arange(6))
+    assert np.array_equal(fronts.samples[fronts.cell], np.arange(6))
 
 
 def test_thinned_vertices_are_each_the_farthest_of_them():

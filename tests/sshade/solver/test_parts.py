@@ -96,7 +96,7 @@ def test_soft_handles_pull_as_far_as_they_are_held():
     handles, k = two_patches(BAR), 14
     firm = pulled_by_parts(BAR, handles, 0.1).stiffness[k:]
     for weight, share in ((1.0, 0.5), (1e6, 1.0), (1e-6, 1e-6)):
-        soft = Handles(handles.index, handles.target, group=handles.group, weight=weight).shared(BAR)
+        soft = Handles(handles.index, handles.target, group=handles.group, weight=weight).with_portions(BAR)
         assert np.allclose(pulled_by_parts(BAR, soft, 0.1).stiffness[k:], share * firm, rtol=1e-5)
 
 

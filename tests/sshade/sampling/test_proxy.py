@@ -10,11 +10,11 @@ from scipy.sparse.csgraph import dijkstra
 
 from sshade import InputError, Mesh
 from sshade.mesh.adjacency import vertex_graph
-from sshade.sampling.remesh import Remesh, proxy_mesh, remesh
+from sshade.sampling.proxy import Sampling, proxy_mesh, sample_proxy
 from tests.shapes import bumpy, double_torus, icosphere, jittered, strip, tetrahedron, torus, tube
 
-# `sshade.sampling.remesh` the attribute may be the function; the module is wanted here.
-module = importlib.import_module("sshade.sampling.remesh")
+# `sshade.sampling.proxy` the attribute may be the function; the module is wanted here.
+module = importlib.import_module("sshade.sampling.proxy")
 
 SURFACES = {
     "sphere": icosphere(2),
@@ -33,7 +33,7 @@ SURFACES = {
 }
 
 
-def assert_valid_proxy(mesh: Mesh, result: Remesh) -> None:
+def assert_valid_proxy(mesh: Mesh, result: Sampling) -> None:
     """A manifold, oriented proxy of the mesh's topology that uses every sample."""
     proxy = proxy_mesh(mesh, result)  # the constructor refuses unreferenced samples
     proxy.require_manifold()
@@ -44,22 +44,22 @@ def assert_valid_proxy(mesh: Mesh, result: Remesh) -> None:
     assert np.array_equal(proxy.V, mesh.V[result.samples])
     assert np.array_equal(result.faces.min(axis=1), result.faces[:, 0])
     assert len(np.unique(result.faces, axis=0)) == len(result.faces)
-    # A sample lies in its own region, at distance zero.
-    assert np.array_equal(result.region[result.samples], np.arange(k))
+    # A sample lies in its own cell, at distance zero.
+    assert np.array_equal(result.cell[result.samples], np.arange(k))
     assert np.array_equal(result.distance == 0, np.isin(np.arange(mesh.n), result.samples))
 
 
-def assert_regions_are_voronoi(mesh: Mesh, result: Remesh) -> None:
+def assert_regions_are_voronoi(mesh: Mesh, result: Sampling) -> None:
     to_all = dijkstra(vertex_graph(mesh).matrix, directed=False, indices=result.samples)
     assert np.array_equal(result.distance, to_all.min(axis=0))
-    assert np.array_equal(to_all[result.region, np.arange(mesh.n)], result.distance)
+    assert np.array_equal(to_all[result.cell, np.arange(mesh.n)], result.distance)
 
 
-def assert_dual(mesh: Mesh, result: Remesh) -> None:
-    """The faces are the triples of regions around triangles of M, with M's orientation."""
+def assert_dual(mesh: Mesh, result: Sampling) -> None:
+    """The faces are the triples of cells around triangles of M, with M's orientation."""
     expected = set()
     for f in mesh.F:
-        a, b, c = result.region[f].tolist()
+        a, b, c = result.cell[f].tolist()
         if len({a, b, c}) == 3:
             expected.add(min((a, b, c), (b, c, a), (c, a, b)))
     assert {tuple(face) for face in result.faces.tolist()} == expected
@@ -72,7 +72,7 @@ def test_the_proxy_keeps_the_topology(name, fraction):
     n = mesh.n
     k = {"n/10": n // 10, "n/4": n // 4, "n-1": n - 1, "n": n}.get(fraction, fraction)
     k = min(max(int(k), 1), n)
-    result = remesh(mesh, k, seed=1)
+    result = sample_proxy(mesh, k, seed=1)
     assert len(result.samples) == k + result.added and (result.added > 0) == (result.rounds > 0)
     assert_valid_proxy(mesh, result)
     assert_dual(mesh, result)
@@ -82,18 +82,18 @@ def test_the_proxy_keeps_the_topology(name, fraction):
 @pytest.mark.parametrize("name", ["double torus", "strip 3 wide", "tube"])
 def test_the_proxy_is_valid_for_any_seed_and_size(name, seed, k):
     mesh = SURFACES[name]
-    assert_valid_proxy(mesh, remesh(mesh, min(k, mesh.n), seed=seed))
+    assert_valid_proxy(mesh, sample_proxy(mesh, min(k, mesh.n), seed=seed))
 
 
 @pytest.mark.parametrize("name", ["bumpy", "double torus", "tube", "strip 5 wide"])
 def test_regions_and_distances_are_those_of_all_samples_also_the_added_ones(name):
     mesh = SURFACES[name]
     for k in (5, 40):
-        assert_regions_are_voronoi(mesh, remesh(mesh, k, seed=2))
+        assert_regions_are_voronoi(mesh, sample_proxy(mesh, k, seed=2))
 
 
 def test_all_vertices_as_samples_give_the_mesh_back(small_body):
-    result = remesh(small_body, small_body.n, seed=3)
+    result = sample_proxy(small_body, small_body.n, seed=3)
     assert result.rounds == result.added == 0 and not result.distance.any()
     back = result.samples[result.faces]
     rolled = {tuple(np.roll(face, -int(np.argmin(face))).tolist()) for face in back}
@@ -106,21 +106,21 @@ def test_given_samples_come_first_and_in_order(body, clustered):
     if clustered:
         first = np.argsort(np.linalg.norm(body.V - body.V[17], axis=1))[:30]
     for k in (30, 31, 120):
-        result = remesh(body, k, first=first, seed=5)
+        result = sample_proxy(body, k, first=first, seed=5)
         assert np.array_equal(result.samples[:30], first)
         assert_valid_proxy(body, result)
 
 
 def test_the_random_vertex_follows_the_given_ones_and_is_none_of_them():
     mesh = tetrahedron()
-    drawn = {int(remesh(mesh, 4, first=np.array([2, 0]), seed=seed).samples[2]) for seed in range(30)}
+    drawn = {int(sample_proxy(mesh, 4, first=np.array([2, 0]), seed=seed).samples[2]) for seed in range(30)}
     assert drawn == {1, 3}
 
 
 def test_giving_up_names_the_regions_and_returns_nothing(monkeypatch):
     monkeypatch.setattr(module, "MAX_ROUNDS", 0)
     with pytest.raises(InputError, match=r"remeshing to 4 vertices failed: after 0 rounds .*ask for more"):
-        remesh(SURFACES["torus"], 4)
+        sample_proxy(SURFACES["torus"], 4)
 
 
 @pytest.mark.parametrize("name", ["torus", "double torus", "strip 2 wide", "tube", "tube of three sides"])
@@ -130,7 +130,7 @@ def test_a_proxy_of_another_topology_is_never_returned(monkeypatch, name):
     reasons = []
     for k in range(4, 30):
         try:
-            assert_valid_proxy(SURFACES[name], remesh(SURFACES[name], k))
+            assert_valid_proxy(SURFACES[name], sample_proxy(SURFACES[name], k))
         except InputError as error:
             assert str(error).startswith(f"remeshing to {k} vertices failed: ")
             assert str(error).endswith("ask for more vertices")

@@ -1,8 +1,8 @@
-"""Remeshing by sampling: the proxy N is the dual of geodesic Voronoi regions of M.
+"""Remeshing by sampling: the proxy N is the dual of geodesic Voronoi cells of M.
 
 F. Maggioli, D. Baieri, S. Melzi, E. Rodola, "ReMatching: low-resolution
 representations for scalable shape correspondence", 2024. The vertices of N are
-vertices of M, and every vertex of M belongs to the region of one of them.
+vertices of M, and every vertex of M belongs to the cell of one of them.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ MAX_ROUNDS = 50
 
 
 @dataclass(frozen=True, eq=False)
-class Remesh:
+class Sampling:
     """A proxy N of a mesh M, with what links the two.
 
     Parameters
@@ -32,8 +32,8 @@ class Remesh:
         Vertex of M that each vertex of N is; the given first ones come first.
     faces : (l, 3) int64
         Faces of N, oriented as M, each with its smallest id first.
-    region : (n,) int32
-        For each vertex of M the vertex of N whose region it is in.
+    cell : (n,) int32
+        For each vertex of M the vertex of N whose cell it is in.
     distance : (n,) float64
         Graph distance of each vertex of M to that sample.
     rounds : int
@@ -44,21 +44,21 @@ class Remesh:
 
     samples: np.ndarray
     faces: np.ndarray
-    region: np.ndarray
+    cell: np.ndarray
     distance: np.ndarray
     rounds: int = 0
     added: int = 0
 
 
-def remesh(
+def sample_proxy(
     mesh: Mesh,
     vertices: int,
     *,
     first: np.ndarray | None = None,
     seed: int | Sequence[int] = 0,
     graph: VertexGraph | None = None,
-) -> Remesh:
-    """Sample a mesh and triangulate the dual of the samples' regions.
+) -> Sampling:
+    """Sample a mesh and triangulate the dual of the samples' cells.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def remesh(
 
     Returns
     -------
-    Remesh
+    Sampling
         Its faces form a manifold with M's Euler characteristic, number of
         components and boundary loops, and use every sample.
 
@@ -108,15 +108,15 @@ def remesh(
             break
         if rounds == MAX_ROUNDS or len(new) == 0:
             raise InputError(
-                f"remeshing to {vertices} vertices failed: after {rounds} rounds {len(failed)} regions "
+                f"remeshing to {vertices} vertices failed: after {rounds} rounds {len(failed)} cells "
                 f"(around vertices {fronts.samples[failed[:3]].tolist()}) are no discs; ask for more vertices"
             )
         fronts.insert(new)
         rounds += 1
-    result = Remesh(
+    result = Sampling(
         samples=fronts.samples,
-        faces=_dual_faces(mesh.F, fronts.region, len(fronts)),
-        region=fronts.region,
+        faces=_dual_faces(mesh.F, fronts.cell, len(fronts)),
+        cell=fronts.cell,
         distance=fronts.distance,
         rounds=rounds,
         added=len(fronts) - sampled,
@@ -125,9 +125,9 @@ def remesh(
     return result
 
 
-def proxy_mesh(mesh: Mesh, remeshed: Remesh) -> Mesh:
+def proxy_mesh(mesh: Mesh, sampling: Sampling) -> Mesh:
     """The proxy N as a mesh: the samples' positions with the dual faces."""
-    return Mesh(mesh.V[remeshed.samples], remeshed.faces)
+    return Mesh(mesh.V[sampling.samples], sampling.faces)
 
 
 def _random_other_vertex(n: int, taken: np.ndarray, seed: int | Sequence[int]) -> int:
@@ -141,16 +141,16 @@ def _random_other_vertex(n: int, taken: np.ndarray, seed: int | Sequence[int]) -
     return vertex
 
 
-def _dual_faces(F: np.ndarray, region: np.ndarray, k: int) -> np.ndarray:
-    """(l, 3) triples of k regions that meet in a triangle, oriented as it, smallest first, each once."""
-    corners = region[F[faces_of_three(F, region, k)[1]]].astype(np.int64)
+def _dual_faces(F: np.ndarray, cell: np.ndarray, k: int) -> np.ndarray:
+    """(l, 3) triples of k cells that meet in a triangle, oriented as it, smallest first, each once."""
+    corners = cell[F[faces_of_three(F, cell, k)[1]]].astype(np.int64)
     turn = corners.argmin(axis=1)[:, None] + np.arange(3)
     faces = np.take_along_axis(corners, turn % 3, axis=1)
     first, _ = group_rows(faces, k)
     return faces[np.sort(first)]
 
 
-def _check_topology(mesh: Mesh, result: Remesh) -> None:
+def _check_topology(mesh: Mesh, result: Sampling) -> None:
     """Raise InputError unless the proxy is a manifold of M's topology that uses every sample."""
     hint = "ask for more vertices"
     try:
