@@ -218,10 +218,8 @@ class _Components:
             dynamic=np.concatenate([given.dynamic[number], np.ones(len(seam), dtype=bool)]),
             group=np.concatenate([given.group[number], np.full(len(seam), given.group.max() + 1)]),
             weight=np.concatenate([given.weight[number], np.full(len(seam), np.inf)]),
-            portion=None
-            if given.portion is None
-            else np.concatenate([given.portion[number], np.ones(len(seam))]),
-            rotation=_with_free(given.rotation, number, len(seam)),
+            portion=_joined(given.portion, number, np.ones(len(seam))),
+            rotation=_joined(given.rotation, number, np.full((len(seam), 3, 3), np.nan)),
         )
 
     def _take_over(self, origin: np.ndarray, V: np.ndarray) -> None:
@@ -234,9 +232,9 @@ class _Components:
         self.gap = max(self.gap, float(np.linalg.norm(V - self.positions[origin], axis=1).max()))
 
 
-def _with_free(rotation: np.ndarray | None, number: np.ndarray, free: int) -> np.ndarray | None:
-    """Rotations of some handles, and of others that have none."""
-    return None if rotation is None else np.concatenate([rotation[number], np.full((free, 3, 3), np.nan)])
+def _joined(values: np.ndarray | None, number: np.ndarray, further: np.ndarray) -> np.ndarray | None:
+    """Rows `number` of optional values of handles, then further rows; None without values."""
+    return None if values is None else np.concatenate([values[number], further])
 
 
 def _carry_rigidly(mesh: Mesh, positions: np.ndarray, unconstrained: np.ndarray) -> None:
