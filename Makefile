@@ -20,8 +20,8 @@ SIZES  := 10000 15625 19532
 BASES  := $(SIZES:%=data/bench/%)
 BODY   := "defaust root=$(FULL) subject=0 pose=1"
 HELD   := "defaust root=$(FULL) subject=0 pose=1 handles=regions"
-ONE    := "sshade-1=sshade samplings=1"
-BOUND  := "sshade-1=sshade samplings=1 solver.start=rest" sshade_fast "sshade_fast-6000=sshade_fast vertices=6000"
+ONE    := "paper-1=paper samplings=1"
+BOUND  := "paper-1=paper samplings=1 solver.start=rest" fast "fast-6000=fast vertices=6000"
 
 # Experiments conf/experiment/ablation_*; those over a number are drawn too.
 ABLATIONS := $(addprefix ablation_,samplings vertices projection touching handles function frames coarse)
@@ -55,18 +55,18 @@ ci-benchmark: $(READY) $(CI)/dataset.json
 # The machine must do nothing else meanwhile: `sshade-eval bench` refuses one that is not quiet.
 bench: $(READY) $(FULL)/dataset.json $(BASES:%=%/dataset.json)
 	$(BIN)/sshade-eval bench speed --cases $(BODY) --extrapolate arap elastic --methods arap elastic \
-	  accelerated_arap accelerated_elastic deformation_graph sshade $(ONE) sshade_fast sshade_fine
+	  accelerated_arap accelerated_elastic deformation_graph paper $(ONE) fast fine
 	$(BIN)/sshade-eval bench speed --name regions --cases $(HELD) --extrapolate elastic --methods elastic \
-	  accelerated_elastic deformation_graph sshade sshade_fast sshade_fine
+	  accelerated_elastic deformation_graph paper fast fine
 	$(BIN)/sshade-eval bench drag --cases $(BODY) --methods $(BOUND)
 	$(BIN)/sshade-eval bench drag --name drag_regions --cases $(HELD) --methods $(BOUND)
 	$(BIN)/sshade-eval bench drag --name drag_large --sizes 1000000 \
 	  --cases "defaust root=data/bench/15625 subject=0 pose=1" \
-	  --methods sshade_fast "sshade_fast-6000=sshade_fast vertices=6000"
+	  --methods fast "fast-6000=fast vertices=6000"
 	$(BIN)/sshade-eval bench scaling --sizes 170000 683000 2700000 5000000 11000000 \
-	  --cases $(BODY) "defaust root=data/bench/19532 subject=0 pose=1" --methods sshade_fast sshade_fine
-	$(BIN)/sshade-eval bench whole --name startup --methods sshade sshade_fast
-	$(BIN)/sshade-eval bench whole --sizes 683000 11000000 --cases $(BODY) --methods sshade_fast
+	  --cases $(BODY) "defaust root=data/bench/19532 subject=0 pose=1" --methods fast fine
+	$(BIN)/sshade-eval bench whole --name startup --methods paper fast
+	$(BIN)/sshade-eval bench whole --sizes 683000 11000000 --cases $(BODY) --methods fast
 	$(BIN)/sshade-eval timings speed regions drag drag_regions drag_large scaling startup whole
 
 # LARGEST=--largest: with a mesh of 44 million vertices, in 16 GiB.

@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from eval.rows.old_names import with_new_names
 from eval.rows.store import PUBLISHED, Row, is_text, row_problem, schema_problem
 from sshade.errors import InputError
 
@@ -55,7 +56,7 @@ def read_rows(path: str | os.PathLike[str]) -> list[Row]:
             raise InputError(f"{path}: line {number} {problem}")
         if problem := row_problem(row):
             raise InputError(f"{path}: line {number} is not a row ({problem}); collect again")
-        rows.append(row)
+        rows.append(with_new_names(row))
     return rows
 
 

@@ -20,6 +20,8 @@ from eval.rows.store import VALID, Row, in_order
 from sshade.errors import InputError
 from sshade.io.files import make_folder, replacing
 
+#: This project's methods, in the order of tables.
+OURS = ("paper_plain", "paper", "fast", "fine", "fine_free")
 #: What tells apart the runs of one method.
 CASE = ["task.name", "seed"]
 
@@ -95,11 +97,12 @@ def method_names(rows: pd.DataFrame) -> list[str]:
     return sorted(rows["method.name"].unique(), key=method_order)
 
 
-def method_order(name: str) -> tuple[bool, list[str | float]]:
-    """Sorts ours last, the others by name, numbers in it as such (7000 before 25000)."""
+def method_order(name: str) -> tuple[int, list[str | float]]:
+    """Return a sort key: others' methods by name, then this project's; 7000 before 25000."""
+    family = name.split("-")[0].rpartition(" ")[2]
     parts: list[str | float] = list(re.split(r"(\d+(?:\.\d+)?)", name))
     parts[1::2] = map(float, parts[1::2])
-    return name.startswith("sshade"), parts
+    return OURS.index(family) if family in OURS else -1, parts
 
 
 def write_csv(path: str | os.PathLike[str], rows: pd.DataFrame) -> None:

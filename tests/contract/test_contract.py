@@ -36,8 +36,8 @@ LEARNED = {"implicit_arap_cpu": 2e-2, "implicit_arap_paper": 2e-2}
 #: 0.7e-3 to 1.5e-3 over four random turns with this coarse proxy.
 #: A learned method's samples and features lie along the axes too: 3e-2 to 4e-2 after its few steps.
 AXIS_DEPENDENT = {
-    "sshade": 3e-3,
-    "sshade_paper": 3e-3,
+    "paper": 3e-3,
+    "paper_plain": 3e-3,
     "implicit_arap_cpu": 6e-2,
     "implicit_arap_paper": 6e-2,
     "peer/lattice_arap": 1e-2,

@@ -52,7 +52,7 @@ def test_one_run_from_any_folder_leaves_its_row_and_nothing_else(tmp_path):
 
 def test_a_sweep_samples_a_quarter_of_a_small_mesh_and_notes_it_in_the_row(tmp_path):
     """With the default of 6000, on a mesh of 642 vertices."""
-    methods = "method=sshade,sshade_fast,sshade_fine,deformation_graph"
+    methods = "method=paper,fast,fine,deformation_graph"
     done = run_eval(tmp_path, "-m", "dataset=bumpy", methods)
     assert done.returncode == 0, done.stderr
     rows = [json.loads(path.read_text()) for path in tmp_path.rglob("row.json")]
@@ -65,7 +65,7 @@ def test_warnings_of_a_method_reach_the_user_of_a_run_and_of_a_sweep(tmp_path):
     task = bumpy_task()
     write_mesh(tmp_path / "open.ply", task.mesh.V, task.mesh.F[:-1])
     write_handles(tmp_path / "pose.json", task.handles)
-    overrides = ["dataset=mesh", "dataset.mesh=open.ply", "dataset.handles=pose.json", "method=sshade_fast"]
+    overrides = ["dataset=mesh", "dataset.mesh=open.ply", "dataset.handles=pose.json", "method=fast"]
     overrides += ["method.vertices=80"]
     for mode in ([], ["-m"]):
         done = run_eval(tmp_path, *overrides, *mode, "run.force=true")  # a flag between settings
@@ -173,17 +173,17 @@ def test_a_sweep_over_all_takes_the_cases_that_the_dataset_has(tmp_path):
 
 
 def test_settings_of_a_sweep_are_held_against_the_method_of_each_run(tmp_path):
-    """The method that a sweep starts from, sshade, has neither."""
+    """The method that a sweep starts from, paper, has neither."""
     sweep = ["-m", "dataset=bumpy", "dataset.level=2", "method.vertices=60", "method.polish_iterations=1,2"]
-    done = run_eval(tmp_path, *sweep, "method=sshade_fine,sshade_fine_free", "method.stiffness=0.5")
+    done = run_eval(tmp_path, *sweep, "method=fine,fine_free", "method.stiffness=0.5")
     assert done.returncode == 0, done.stderr
     rows = records(collect(tmp_path / "out/runs/single"))
     assert sorted((row["method.name"], row["method.polish_iterations"]) for row in rows) == [
-        (name, steps) for name in ("sshade_fine", "sshade_fine_free") for steps in (1, 2)
+        (name, steps) for name in ("fine", "fine_free") for steps in (1, 2)
     ]
     assert all(row["method.stiffness"] == 0.5 for row in rows)
     for setting in ("method.polish_iterations=3", "method.vertices=wide", "+method.nothing=1"):
-        wrong = run_eval(tmp_path, "-m", "dataset=bumpy", "method=sshade_fine,sshade", setting)
+        wrong = run_eval(tmp_path, "-m", "dataset=bumpy", "method=fine,paper", setting)
         assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1), wrong.stderr
 
 
@@ -233,7 +233,10 @@ def test_runs_at_once_come_from_the_launcher(launcher, jobs):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["dataset=bumpy", "method=sshade", "proxy.vertices=9"], "9 proxy vertices cannot hold"),
+        (["dataset=bumpy", "method=paper", "proxy.vertices=9"], "9 proxy vertices cannot hold"),
+        (["dataset=bumpy", "method=sshade_fast"], "sshade_fast is now named fast; write fast in place"),
+        (["-m", "dataset=bumpy", "method=arap,sshade"], "the method sshade is now named paper; write paper"),
+        (["dataset=bumpy", "method@method.coarse=sshade_fine"], "sshade_fine is now named fine"),
         (["-m", "dataset=defaust", "dataset.root=.", "subject=all"], "not a finished DeFAUST folder"),
         (["dataset=mesh", "method=arap"], "dataset.handles, dataset.mesh is not set"),
         (["-m", "dataset=bumpy,mesh", "pose=all"], "all subjects or poses need a single dataset"),

@@ -64,18 +64,18 @@ def test_yaml_names_every_parameter_of_its_method(name):
 
 def test_the_coarse_solver_of_the_yaml_is_the_default_one():
     """Named in the YAML so that the shared stopping rule reaches it and the row tells its parameters."""
-    named = instantiate(method_of(composed("method=sshade", "solver.start=rest"))).keywords["coarse"]
+    named = instantiate(method_of(composed("method=paper", "solver.start=rest"))).keywords["coarse"]
     assert named.keywords == {**DEFAULTS, "accelerate": True, "factorised": None}
     task = bumpy_task()
     np.testing.assert_array_equal(named(task, seed=0).vertices, local_global(task).vertices)
 
 
 def test_another_method_fits_into_the_coarse_slot():
-    config = composed("method=sshade", "method@method.coarse=arap", "solver.max_iterations=7")
+    config = composed("method=paper", "method@method.coarse=arap", "solver.max_iterations=7")
     call = instantiate(method_of(config))
     assert call.keywords["coarse"].func is locate("baselines.arap.arap")
     assert call.keywords["coarse"].keywords["max_iterations"] == 7
-    assert config.label == "sshade"
+    assert config.label == "paper"
 
 
 @pytest.mark.parametrize("name", names("dataset"))

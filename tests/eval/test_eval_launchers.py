@@ -21,7 +21,7 @@ NEEDS = {
     "ray": "hydra_plugins.hydra_ray_launcher",
     "ray_cluster": "hydra_plugins.hydra_ray_launcher",
 }
-RUNS = ["-m", "dataset=bumpy", "method=failing,sshade", "proxy.vertices=100"]
+RUNS = ["-m", "dataset=bumpy", "method=failing,paper", "proxy.vertices=100"]
 
 
 @pytest.mark.parametrize("launcher", NEEDS)

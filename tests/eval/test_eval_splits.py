@@ -103,8 +103,8 @@ def test_runs_of_the_paper_and_of_the_full_table_are_shared_and_their_rows_kept_
         assert done.returncode == 0, done.stderr
         return done.stdout.splitlines()[-1]
 
-    assert sweep("paper", "arap,sshade_paper") == "2 runs: 2 new (2 not_converged), 0 kept"
-    assert sweep("table1", "arap,accelerated_arap,sshade_paper").endswith("2 kept")
+    assert sweep("paper", "arap,paper_plain") == "2 runs: 2 new (2 not_converged), 0 kept"
+    assert sweep("table1", "arap,accelerated_arap,paper_plain").endswith("2 kept")
     assert sweep("paper", "arap,accelerated_arap").endswith("0 new, 2 kept")
     found = {name: collect(tmp_path / "out/runs" / name) for name in ("paper", "table1")}
     assert found["paper"].equals(found["table1"])
@@ -116,8 +116,8 @@ def test_runs_of_the_paper_and_of_the_full_table_are_shared_and_their_rows_kept_
 
 
 def test_the_papers_rows_are_plain_iterations_from_rest_to_its_cutoff_and_five_samplings():
-    config = composed("experiment=paper", "method=sshade_paper")
-    assert config.hydra.sweeper.params.method == "arap,elastic,arap_sr,implicit_arap_cpu,sshade_paper"
+    config = composed("experiment=paper", "method=paper_plain")
+    assert config.hydra.sweeper.params.method == "arap,elastic,arap_sr,implicit_arap_cpu,paper_plain"
     ours, coarse = config.method, config.method.coarse
     assert (ours.samplings, ours.frames, ours.vertices) == (5, "triangle", 6000)
     assert coarse._target_.endswith("accelerated_elastic") and coarse.accelerate is False

@@ -93,7 +93,7 @@ def test_the_tiny_task_has_handles_of_both_kinds_and_the_tiny_transfer_is_edited
     assert np.array_equal(task.mesh.F, task.rest.F)
 
 
-@pytest.mark.parametrize("name", ["sshade_fast", "sshade_fine"])
+@pytest.mark.parametrize("name", ["fast", "fine"])
 def test_after_a_warm_up_nothing_is_compiled_by_landmarks_or_regions(name):
     told = subprocess.run([sys.executable, "-c", COMPILED, name], capture_output=True, text=True, check=True)
     assert told.stdout.splitlines() == ["", ""]

@@ -21,14 +21,14 @@ def test_a_pose_transfer_becomes_a_row(tmp_path):
     task = TransferTask("t", edited, rest, posed, truth=truth, meta={"edit": "wider"})
     method = {"_target_": "sshade.pipeline.transfer.transfer", "vertices": 60, "samplings": 2}
     method["warm_up"] = {"samplings": 1}
-    row = run(task, method, name="sshade", root=tmp_path).row
+    row = run(task, method, name="paper", root=tmp_path).row
     assert row["status"] == "ok" and row["task.meta.edit"] == "wider" and row["env.warmed_up"]
     assert not any(name.startswith(("task.handles", "task.snap", "metric.handle")) for name in row)
     # The pose is a turn, which the frames carry exactly.
     for name, metric in METRICS.items():
         assert "truth" not in metric.needs or row[f"metric.{name}"] == pytest.approx(0, abs=1e-9)
     assert row["seconds.total"] > 0 and row["iterations"] == 0 and row["converged"] is None
-    assert run(task, method, name="sshade", root=tmp_path).found
+    assert run(task, method, name="paper", root=tmp_path).found
 
 
 def test_a_method_for_another_kind_of_task_is_a_mistake(tmp_path):

@@ -205,7 +205,7 @@ def _rows(out: Path) -> Result:
 BUILD = ["defaust", "build", "source=tosca", "source.root=meshes", "out=out", "source.landmarks=4"]
 BUILD += ["handles_per_landmark=10", "neighbourhood=20"]
 SWEEP = ["sshade-eval", "run", "-m", "dataset=defaust", "dataset.root=balls", "subject=0", "pose=1,2"]
-SWEEP += ["method=identity,sshade_fast", "proxy.vertices=60", "solver.max_iterations=30"]
+SWEEP += ["method=identity,fast", "proxy.vertices=60", "solver.max_iterations=30"]
 SWEEP += ["run.folder=out", "paths.runs=."]
 
 SCENES = {

@@ -23,8 +23,8 @@ def rows():
     return [
         row("arap", metric__volume=4.0),
         row("arap", "t2", metric__volume=8.0, peak_mib=50.0),
-        row("sshade", metric__volume=2.0, peak_mib=0.5),
-        lost("sshade", "t2"),
+        row("paper", metric__volume=2.0, peak_mib=0.5),
+        lost("paper", "t2"),
     ]
 
 
@@ -39,7 +39,7 @@ def test_a_distribution_shows_every_run_of_every_method(rows):
     assert set(found) == {"volume", "memory"}
     axes = found["volume"].axes[0]
     assert dots(axes) == [[4.0, 8.0], [2.0]]
-    assert [label.get_text() for label in axes.get_yticklabels()] == ["arap", "sshade"]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["arap", "paper"]
     assert axes.get_yticks().tolist() == [1, 0]
     assert axes.get_title() == "volume (%)" and axes.get_xscale() == "linear" and axes.get_xlim()[0] == 0
     medians = sorted({line.get_xdata()[0] for line in axes.lines if len(set(line.get_xdata())) == 1})
@@ -64,8 +64,8 @@ def test_the_sizes_of_a_method_share_its_colour():
     rows = [
         row("arap-2000", task__vertices=2010, metric__volume=2.0),
         row("arap-9000", task__vertices=9020),
-        row("sshade-6000", task__vertices=2010),  # 6000 is no number of its vertices
-        row("sshade-600", task__vertices=2010),
+        row("paper-6000", task__vertices=2010),  # 6000 is no number of its vertices
+        row("paper-600", task__vertices=2010),
     ]
     axes = distributions(frame(*rows))["volume"].axes[0]
     colours = [tuple(part.get_facecolor()[0]) for part in axes.collections]

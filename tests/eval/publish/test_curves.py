@@ -25,7 +25,7 @@ def rows():
         sized("arap-2000", 2030, 2.0, task="t2"),
         sized("arap-2000", 2020, None, task="t3"),
         sized("arap-500", 510, 9.0, status="failed"),
-        sized("sshade", 510, 9.0),
+        sized("paper", 510, 9.0),
     )
 
 

@@ -46,7 +46,7 @@ def project(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_csv("results/rows/tiny.csv", frame(clean("early")))
     for name in ("tiny", "other"):
-        write_csv(f"out/rows/{name}.csv", frame(clean("arap"), clean("sshade")))
+        write_csv(f"out/rows/{name}.csv", frame(clean("arap"), clean("paper")))
     Path("out/figures").mkdir()
     Path("out/figures/tiny.png").write_bytes(b"a picture")
     return tmp_path
@@ -65,7 +65,7 @@ def test_rows_tables_and_figures_go_where_they_are_committed(project):
         *(f"results/tables/tiny.{suffix}" for suffix in sorted(FORMATS)),
     ]
     rows = read_csv("results/rows/tiny.csv")
-    assert sorted(rows["method.name"]) == ["arap", "early", "sshade"]
+    assert sorted(rows["method.name"]) == ["arap", "early", "paper"]
     table = to_markdown(make_table(rows, title="tiny"))
     assert found["results/tables/tiny.md"].decode() == table
     assert found["results/figures/tiny.png"] == b"a picture"
@@ -105,7 +105,7 @@ def test_another_version_replaces_the_published_one_only_if_asked(project, name)
         call("publish", ["tiny"])
     assert contents() == before
     assert call("publish", ["tiny", "--replace"]) == 0
-    assert sorted(published()) == [("arap", "t1"), ("sshade", "t1")]
+    assert sorted(published()) == [("arap", "t1"), ("paper", "t1")]
 
 
 @pytest.mark.parametrize(

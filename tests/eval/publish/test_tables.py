@@ -24,8 +24,8 @@ def rows():
     return [
         row("arap", metric__volume=4.0),
         row("arap", "t2", metric__volume=8.0, iterations=20.0, status="not_converged", converged=False),
-        row("sshade_x", metric__angle=1.0, **novolume),
-        row("sshade_x", "t2", metric__angle=2.0, metric__handle=0.2, **novolume),
+        row("paper_plain", metric__angle=1.0, **novolume),
+        row("paper_plain", "t2", metric__angle=2.0, metric__handle=0.2, **novolume),
         lost("worse"),
     ]
 
@@ -39,7 +39,7 @@ def test_markdown(rows):
         "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
         "| arap | 2 | **6.00** | **2.00** | **3.00** | <u>4.000</u> | **0.000** | 15 (1/2) |",
         "| worse | 0/1 | failed | failed | failed | failed | failed | failed |",
-        "| sshade_x | 2 | n/a | **2.00** | **3.00** | **1.500** | <u>0.100</u> | 10 |",
+        "| paper_plain | 2 | n/a | **2.00** | **3.00** | **1.500** | <u>0.100</u> | 10 |",
         "",
         "#### t: what means hide",
         "",
@@ -47,7 +47,7 @@ def test_markdown(rows):
         "| --- | ---: | ---: |",
         "| arap | 2 | 100.0 |",
         "| worse | 0/1 | 0.0 |",
-        "| sshade_x | 2 | 50.0 |",
+        "| paper_plain | 2 | 50.0 |",
     ]
     notes = "\n".join(lines[15:])
     assert "2 cases of 1,000 vertices; means over all of them." in notes and "Machine: box." in notes
@@ -207,7 +207,7 @@ def test_latex(rows):
     assert lines[0] == r"\begin{tabular}{lrrrrrrr}" and lines[-2:] == [r"\bottomrule", r"\end{tabular}"]
     assert r"volume (\%)" in lines[2] and r"FA ($^\circ$)" in lines[2]
     assert lines[4].startswith(r"arap & 2 & \textbf{6.00} & ") and r"\underline{4.000} & " in lines[4]
-    assert lines[6].startswith(r"sshade\_x & 2 & -- & ")
+    assert lines[6].startswith(r"paper\_plain & 2 & -- & ")
     second = lines.index(r"\begin{tabular}{lrr}")
     assert (
         lines[second + 2] == r"method & runs & success (\%) \\"

@@ -52,12 +52,12 @@ def test_isometric(sequence):
 
 def test_pose_transfer_without_a_truth(sequence):
     overrides = ["proxy.vertices=150", "edit@dataset.edit=inflate,stretch", "pose=1"]
-    overrides.append("method=transfer/vertex_frames,transfer/sshade_residual")
+    overrides.append("method=transfer/vertex_frames,transfer/residual")
     out = sweep(sequence, "experiment=pose_transfer", *overrides)
     # The last part of a method's name is its label.
     assert "vertex_frames defaust-sequence/subject_00/pose_1/inflate seed 0: ok" in out
     rows = collect(sequence / "out/runs/pose_transfer_sequence")
-    assert set(rows["method.name"]) == {"vertex_frames", "sshade_residual"} and len(rows) == 4
+    assert set(rows["method.name"]) == {"vertex_frames", "residual"} and len(rows) == 4
     assert not any(name.startswith("metric.truth") for name in rows)
     text = to_markdown(make_table(rows, title="pose_transfer"))
     assert "| volume (%) | area (%) | EL (%) | FA (deg) |" in text

@@ -12,7 +12,7 @@ from sshade.errors import InputError
 
 
 def test_cases_of_an_experiment():
-    one = [row("arap"), row("arap", "t2"), row("sshade"), row("sshade", "t2", status="failed")]
+    one = [row("arap"), row("arap", "t2"), row("paper"), row("paper", "t2", status="failed")]
     low = row("arap", task__checksum="low", task__vertices=100)
     cases = Experiment("tiny", frame(*one, row("arap", seed=1), low, row("aa", "t2")), ()).cases()
     told = [
@@ -20,7 +20,7 @@ def test_cases_of_an_experiment():
     ]
     assert told == [
         [("t1", 100, "arap", 0)],
-        [("t1", 1000, "arap", 0), ("t1", 1000, "sshade", 0)],
+        [("t1", 1000, "arap", 0), ("t1", 1000, "paper", 0)],
         [("t2", 1000, "aa", 0), ("t2", 1000, "arap", 0)],
     ]
 

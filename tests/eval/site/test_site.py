@@ -100,7 +100,7 @@ def test_the_projects_own_leaderboard(tmp_path, capsys):
         assert all(f"method_{method}.html" in text for method in set(rows["method.name"]))
         assert ("against time" in text) == (track.timing is not None)
         times = [] if track.timing is None else read_csv(f"results/timing/{track.timing}.csv")["env.machine"]
-        for method in {"sshade_fast", "sshade_fine"} & set(rows["method.name"]):
+        for method in {"fast", "fine"} & set(rows["method.name"]):
             own = unescape((tmp_path / "out" / f"method_{method}.html").read_text())
             assert all(f"Machine: {machine}" in own for machine in set(times))
         assert set(read_csv(tmp_path / "out" / f"{name}.csv")["status"]) <= {

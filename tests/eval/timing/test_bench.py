@@ -15,7 +15,7 @@ from eval.timing.speed import extrapolate
 from sshade.errors import InputError
 from sshade.io.meshes import read_mesh
 
-ONE = "sshade-1=sshade samplings=1 vertices=150"
+ONE = "paper-1=paper samplings=1 vertices=150"
 
 
 def bench(kind, *arguments):
@@ -26,7 +26,7 @@ def bench(kind, *arguments):
 def test_a_line_a_repeat(machine, case):
     machine(0.0, 0.0, 0.2, 0.0)
     rows = bench("speed", "--methods", "elastic max_iterations=20", ONE, "--cases", case, "--rounds", "2")
-    assert rows["method.name"].tolist() == ["elastic", "elastic", "sshade-1", "elastic", "sshade-1"]
+    assert rows["method.name"].tolist() == ["elastic", "elastic", "paper-1", "elastic", "paper-1"]
     assert rows["kept"].tolist() == [False, True, True, True, True]
     assert rows["round"].tolist() == [1, 1, 1, 2, 2]
     assert rows["repeat"].tolist() == [1, 2, 1, 3, 2]
@@ -57,7 +57,7 @@ def test_what_an_extrapolation_is():
         extrapolate({"iterations": 10.0, "seconds.total": 5.0}, to=1000)
 
 
-@pytest.mark.parametrize("method", [f"{ONE} solver.start=rest", "sshade_fast"])
+@pytest.mark.parametrize("method", [f"{ONE} solver.start=rest", "fast"])
 def test_a_drag(machine, case, method):
     rows = bench("drag", "--methods", method, "--cases", case, "--rounds", "1")
     (row,) = rows.to_dict("records")
@@ -108,7 +108,7 @@ def test_a_process_of_its_own_hands_back_results_and_refusals():
 
 def test_the_command_line(machine, case):
     rows = bench("whole", "--methods", "sshade", "--rounds", "1")
-    assert rows["method.name"].tolist() == ["sshade deform --method sshade"]
+    assert rows["method.name"].tolist() == ["sshade deform --method paper"]
     assert rows["task.vertices"].tolist() == [tiny_task().mesh.n]
     rows = bench("whole", "--methods", "sshade", "--cases", case, "--sizes", "2500", "--rounds", "1")
     assert rows["task.vertices"].tolist() == [2562]
@@ -131,19 +131,19 @@ CASE = "mesh mesh=rest.ply handles=pose.json"
         (["speed", "--methods", "arap", "arap start=rigid", "--cases", CASE], "two methods are named 'arap'"),
         (["speed", "--methods", "arap start=here", "--cases", CASE], "start='here'"),
         (["speed", "--methods", "arap _target_=os.system", "--cases", CASE], "names the function os.system"),
-        (["speed", "--methods", "transfer/sshade", "--cases", CASE], "takes a TransferTask"),
+        (["speed", "--methods", "transfer/paper", "--cases", CASE], "takes a TransferTask"),
         (["speed", "--methods", "arap", "--cases", "mash x=1"], "there is no dataset 'mash'"),
         (["speed", "--methods", "arap", "--cases", "mesh mesh=rest.ply"], "mesh needs handles=..."),
         (["speed", "--methods", "arap", "--cases", CASE.replace("rest", "gone")], "gone.ply"),
         (["speed", "--methods", "arap", "--cases", "defaust root=gone subject=0,1"], "gone does not exist"),
         (["speed", "--methods", "arap"], "speed needs --cases"),
-        (["whole", "--methods", "sshade", "--sizes", "9"], "whole needs --cases"),
+        (["whole", "--methods", "paper", "--sizes", "9"], "whole needs --cases"),
         (["speed", "--methods", "arap", "--cases", CASE, "--extrapolate", "x"], "none of the methods"),
         (
-            ["drag", "--methods", ONE, "--cases", CASE, "--extrapolate", "sshade-1"],
+            ["drag", "--methods", ONE, "--cases", CASE, "--extrapolate", "paper-1"],
             "drag takes no --extrapolate",
         ),
-        (["speed", "--methods", ONE, "--cases", CASE, "--extrapolate", "sshade-1"], "no max_iterations"),
+        (["speed", "--methods", ONE, "--cases", CASE, "--extrapolate", "paper-1"], "no max_iterations"),
         (
             ["speed", "--methods", "arap", "--cases", CASE, "--extrapolate", "arap", "--block", "1000"],
             "a block of 1000 iterations does not fit",

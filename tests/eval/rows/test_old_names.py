@@ -1,0 +1,82 @@
+"""Old names of methods, options and facts: the renaming is one to one."""
+
+import csv
+from pathlib import Path
+
+import pytest
+import yaml
+
+from eval.configure.compose import read_choice, resolved
+from eval.rows.csv_rows import COUNT
+from eval.rows.frame import read_csv, write_csv
+from eval.rows.old_names import FACTS, METHODS, new_column, new_label, with_new_names
+from sshade.errors import InputError
+
+RESULTS = Path(__file__).parents[3] / "results"
+METHOD_FILES = sorted((RESULTS.parent / "conf/method").rglob("*.yaml"))
+FILES = sorted([*RESULTS.glob("rows/*.csv"), *RESULTS.glob("timing/*.csv")])
+
+
+def written(path):
+    """The cells of a file as text."""
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_no_two_names_meet_in_committed_rows():
+    rows = [row for path in FILES for row in written(path)]
+    labels, columns = {row["method.name"] for row in rows}, {name for row in rows for name in row}
+    assert len(labels) > 60 and len(columns) > 150
+    assert len({new_label(label) for label in labels}) == len(labels)
+    assert len({new_column(column) for column in columns}) == len(columns)
+    assert not any("sshade_" in new_label(label) or new_label(label) == "sshade" for label in labels)
+    for column, (_, values) in FACTS.items():
+        found = {row[column] for row in rows if row.get(column)}
+        assert found and found <= set(values) and len(set(values.values())) == len(values)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.relative_to(RESULTS).as_posix())
+def test_committed_rows_written_again_differ_in_the_renamed_cells_alone(path, tmp_path):
+    write_csv(tmp_path / "again.csv", read_csv(path))
+    values = {column: values for column, (_, values) in FACTS.items()}
+    cells = written(path)
+    expected = [
+        {new_column(name): values.get(name, {}).get(cell, cell) for name, cell in row.items()}
+        | {"method.name": new_label(row["method.name"]), COUNT: str(len(cells))}
+        for row in cells
+    ]
+    assert written(tmp_path / "again.csv") == expected
+
+
+def test_labels_with_settings_are_renamed_by_their_method():
+    labels = {
+        "sshade": "paper",
+        "sshade-triangle-5": "paper-triangle-5",
+        "sshade_fine-0.1": "fine-0.1",
+        "sshade_fast-6000": "fast-6000",
+        "sshade deform --method sshade_paper": "sshade deform --method paper_plain",
+        "sshadow": "sshadow",
+        "without_parts": "without_parts",
+    }
+    assert {label: new_label(label) for label in labels} == labels
+    old = {"method.coarse.parts": 0.1, "method.limit": None, "extra.proxy_basin": "lead", "metric.limit": 1}
+    new = {"method.coarse.attachment": 0.1, "method.strain_limit": None}
+    assert with_new_names(old) == new | {"extra.proxy_initialisation": "guide", "metric.limit": 1}
+
+
+def test_committed_experiments_have_methods_of_today():
+    names = set(read_csv(RESULTS / "rows/table1.csv")["method.name"])
+    assert names <= {path.stem for path in METHOD_FILES}
+
+
+def test_method_files_name_only_methods_of_today():
+    for path in METHOD_FILES:
+        assert "sshade_" not in str(yaml.safe_load(path.read_text()).get("defaults"))
+
+
+@pytest.mark.parametrize("old", METHODS)
+def test_an_old_method_is_refused_with_its_new_name(old):
+    with pytest.raises(InputError, match=f"the method {old} is now named {METHODS[old]};"):
+        resolved("method", read_choice(old))
+    assert METHODS[old] in {path.stem for path in METHOD_FILES}
+    assert old not in {path.stem for path in METHOD_FILES}
