@@ -22,9 +22,8 @@ from sshade.carry.neighbours import fill_from_neighbours
 from sshade.carry.triangle import FLAT
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.pipeline.transfer import TransferTask
 from sshade.progress import Progress, silent
-from sshade.task import DeformationResult
+from sshade.task import DeformationResult, TransferTask
 
 log = logging.getLogger(__name__)
 

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from sshade.pipeline.fine import sshade_fine
     from sshade.pipeline.paper import sshade
     from sshade.pipeline.proxies import bind
-    from sshade.pipeline.transfer import TransferTask, transfer_pose
-    from sshade.task import DeformationResult, DeformationTask, Method
+    from sshade.pipeline.transfer import transfer_pose
+    from sshade.task import DeformationResult, DeformationTask, Method, TransferTask
 
     __version__: str
 
@@ -62,8 +62,8 @@ _MODULES = {
     "pipeline.fine": ["sshade_fine"],
     "pipeline.paper": ["sshade"],
     "pipeline.proxies": ["bind"],
-    "pipeline.transfer": ["TransferTask", "transfer_pose"],
-    "task": ["DeformationResult", "DeformationTask", "Method"],
+    "pipeline.transfer": ["transfer_pose"],
+    "task": ["DeformationResult", "DeformationTask", "Method", "TransferTask"],
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
 

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from sshade.errors import InputError
 from sshade.handles import Handles
 from sshade.mesh.mesh import Mesh
 from sshade.progress import Progress, silent
@@ -54,6 +55,48 @@ class DeformationTask:
         for name in ("truth", "guess"):
             if getattr(self, name) is not None:
                 self.mesh.checked(getattr(self, name), name)
+
+
+@dataclass(frozen=True, eq=False)
+class TransferTask:
+    """One pose transfer: put an edited shape into the pose of the shape that it was made from.
+
+    With the unedited shape as `mesh` this is isometric reconstruction: a method is
+    then trusted to look at `posed` at its samples only.
+
+    Parameters
+    ----------
+    name : str
+    mesh : Mesh
+        S, the edited shape at rest: what is to be deformed.
+    rest : Mesh
+        M, with the faces of S.
+    posed : (n, 3) float64
+        M', the pose of M.
+    truth : (n, 3) float64, optional
+        S', the true result, where it is known.
+    meta : mapping
+        Flat facts for the row of a table (subject, pose, edit, ...).
+
+    Raises
+    ------
+    InputError
+        When S, M, M' and the truth do not correspond, or a position is not finite.
+    """
+
+    name: str
+    mesh: Mesh
+    rest: Mesh
+    posed: np.ndarray
+    truth: np.ndarray | None = None
+    meta: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not np.array_equal(self.mesh.F, self.rest.F):
+            raise InputError("the edited shape has other faces than the rest shape; they must correspond")
+        self.mesh.checked(self.posed, "posed shape")
+        if self.truth is not None:
+            self.mesh.checked(self.truth, "truth shape")
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,7 @@ import numpy as np
 
 from eval.metrics.shape import Shape, Topology
 from sshade.mesh.mesh import Mesh
-from sshade.pipeline.transfer import TransferTask
-from sshade.task import DeformationTask
+from sshade.task import DeformationTask, TransferTask
 
 Task = DeformationTask | TransferTask
 

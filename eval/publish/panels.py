@@ -21,8 +21,7 @@ from eval.metrics import Task
 from eval.publish.plotting import new_figure, style
 from sshade.figures import COLOURS, View, edge_error, picture
 from sshade.mesh.mesh import Mesh
-from sshade.pipeline.transfer import TransferTask
-from sshade.task import Handles
+from sshade.task import Handles, TransferTask
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

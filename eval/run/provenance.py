@@ -23,8 +23,7 @@ import numpy as np
 from eval.run.targets import search_here
 from sshade.cli.configuration import PACKAGES
 from sshade.errors import InputError
-from sshade.pipeline.transfer import TransferTask
-from sshade.task import DeformationTask
+from sshade.task import DeformationTask, TransferTask
 from sshade.threads import available_cpus
 
 #: Folders of the code that can change the numbers of a row.

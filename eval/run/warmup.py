@@ -15,10 +15,9 @@ from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.pipeline.deform import METHODS
 from sshade.pipeline.fine import sshade_fine
-from sshade.pipeline.transfer import TransferTask
 from sshade.sampling.coarse import sample_coarsely
 from sshade.solver.substitution import Factors, divide, substitute_together
-from sshade.task import DeformationResult, DeformationTask, Handles
+from sshade.task import DeformationResult, DeformationTask, Handles, TransferTask
 from sshade.threads import ThreadTeam
 
 _done: set[str] = set()

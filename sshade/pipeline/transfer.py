@@ -2,60 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from time import perf_counter
-from typing import Any, Unpack
+from typing import Unpack
 
 import numpy as np
 
-from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.pipeline.proxies import Proxies, ProxyOptions
 from sshade.progress import Progress, silent
-from sshade.task import DeformationResult
-
-
-@dataclass(frozen=True, eq=False)
-class TransferTask:
-    """One pose transfer: put an edited shape into the pose of the shape that it was made from.
-
-    With the unedited shape as `mesh` this is isometric reconstruction: a method is
-    then trusted to look at `posed` at its samples only.
-
-    Parameters
-    ----------
-    name : str
-    mesh : Mesh
-        S, the edited shape at rest: what is to be deformed.
-    rest : Mesh
-        M, with the faces of S.
-    posed : (n, 3) float64
-        M', the pose of M.
-    truth : (n, 3) float64, optional
-        S', the true result, where it is known.
-    meta : mapping
-        Flat facts for the row of a table (subject, pose, edit, ...).
-
-    Raises
-    ------
-    InputError
-        When S, M, M' and the truth do not correspond, or a position is not finite.
-    """
-
-    name: str
-    mesh: Mesh
-    rest: Mesh
-    posed: np.ndarray
-    truth: np.ndarray | None = None
-    meta: Mapping[str, Any] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        if not np.array_equal(self.mesh.F, self.rest.F):
-            raise InputError("the edited shape has other faces than the rest shape; they must correspond")
-        self.mesh.checked(self.posed, "posed shape")
-        if self.truth is not None:
-            self.mesh.checked(self.truth, "truth shape")
+from sshade.task import DeformationResult, TransferTask
 
 
 def transfer(

@@ -10,7 +10,7 @@ from baselines.vertex_frames import transfer, transfer_pose, vertex_frames
 from sshade.carry.triangle import FLAT
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.pipeline.transfer import TransferTask
+from sshade.task import TransferTask
 from tests.shapes import bent, family, jittered, rotation, strip, tetrahedron
 
 

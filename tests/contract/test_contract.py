@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 from eval.run.targets import instantiate
 from sshade.cli.configuration import CONFIGURATION
 from sshade.mesh.mesh import Mesh
-from sshade.pipeline.transfer import TransferTask
-from sshade.task import DeformationTask, Handles
+from sshade.task import DeformationTask, Handles, TransferTask
 from tests.methods import methods
 from tests.shapes import bumpy, end_handles
 

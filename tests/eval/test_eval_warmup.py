@@ -19,10 +19,9 @@ from eval.run.warmup import (
 )
 from sshade.pipeline.fast import sshade_fast
 from sshade.pipeline.fine import sshade_fine
-from sshade.pipeline.transfer import TransferTask
 from sshade.sampling.advance import cover, insert
 from sshade.solver.substitution import _rows
-from sshade.task import DeformationResult, DeformationTask
+from sshade.task import DeformationResult, DeformationTask, TransferTask
 
 #: Prints the kernels that a method compiles, or loads, after its warm-up: by two caps, then by two wide ones.
 COMPILED = """

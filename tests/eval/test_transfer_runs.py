@@ -10,7 +10,7 @@ from eval.run.provenance import task_checksum
 from eval.run.run import run
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.pipeline.transfer import TransferTask
+from sshade.task import TransferTask
 from tests.shapes import bumpy
 
 

@@ -17,7 +17,7 @@ from eval.rows.store import Row
 from eval.run.recall import load_task
 from sshade.errors import InputError
 from sshade.figures import View, colour_range, picture
-from sshade.pipeline.transfer import TransferTask
+from sshade.task import TransferTask
 
 #: Width of a rendering in pixels.
 PANEL = 360

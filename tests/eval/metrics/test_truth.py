@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 from eval.metrics import METRICS, Deformed, measure
 from eval.metrics.truth import chamfer, hausdorff, truth_angle, truth_distance, truth_edge
 from sshade.mesh.mesh import Mesh
-from sshade.pipeline.transfer import TransferTask
-from sshade.task import DeformationTask, Handles
+from sshade.task import DeformationTask, Handles, TransferTask
 from tests.shapes import block, bumpy
 
 OF_TRUTH = {name for name, metric in METRICS.items() if "truth" in metric.needs}

@@ -10,7 +10,7 @@ from eval.publish.panels import draw, error_label, error_of, rows_of, surroundin
 from sshade.errors import InputError
 from sshade.figures import edge_error
 from sshade.mesh.mesh import Mesh
-from sshade.pipeline.transfer import TransferTask
+from sshade.task import TransferTask
 from tests.shapes import bumpy
 
 CAMERA = {"towards": np.array([1.0, 0, 0.2]), "up": np.array([0.0, 0, 1])}
