@@ -1,12 +1,13 @@
 """Put the committed numbers into the pages: ``python docs/pages.py``, after rows or times were published.
 
-Pages hold measured numbers in blocks alone, which this writes and a test compares:
+The script rewrites two kinds of blocks, and a test compares them with the results:
 
-- ``<!-- table NAME: HEADING, ... -->`` to ``<!-- end -->``: these columns of the tables before the notes of
-  ``results/tables/NAME.md``, with the notes that say what they are of. Nothing before it is published. With
-  ``; METHOD, ...`` after the headings, its lines of these methods, without marks: those are of the whole.
-- ``<!-- rows -->`` to ``<!-- end -->``: a table whose lines begin with the name of an experiment; its last
-  cell tells of ``results/rows/NAME.csv``.
+- ``<!-- table NAME: HEADING, ... -->`` to ``<!-- end -->`` has these columns of all tables in
+  ``results/tables/NAME.md``, below a caption. The block is empty if there is no such file. With ``; METHOD,
+  ...`` after the headings, only the rows of these methods appear, without marks: bold and underlined numbers
+  are the best of the whole table.
+- ``<!-- rows -->`` to ``<!-- end -->`` is a table whose rows begin with the name of an experiment. Its last
+  column summarises ``results/rows/NAME.csv``.
 """
 
 from __future__ import annotations
@@ -31,15 +32,18 @@ BLOCK = re.compile(
     re.DOTALL,
 )
 
-#: Beginnings of the notes of a table that pages repeat: what rows it is of.
-NOTES = ("Version", "Warning", "Held-out", "Tuning", "Machine", "Code", "Times faster", "Extrapolated")
+#: Beginnings of the notes of a table that its caption on a page repeats.
+NOTES = ("Warning", "Times faster", "Extrapolated")
 
-#: Lines of tables that are no method.
+#: Beginnings of the notes that say on which half of the cases a table is, and the half.
+HALVES = {"Held-out": "held-out ", "Tuning": "tuning "}
+
+#: Rows of tables that are not methods.
 REFERENCES = ("identity",)
 
 
 def filled(text: str, results: Path = ROOT / "results", *, link: str = "results") -> str:
-    """A page's text with its blocks as the committed results have them; `link` leads from it to them."""
+    """Return a page's text with its blocks rewritten; `link` is the path from the page to the results."""
 
     def new(block: re.Match[str]) -> str:
         if block["name"]:
@@ -54,21 +58,23 @@ def filled(text: str, results: Path = ROOT / "results", *, link: str = "results"
 
 
 def filled_page(page: Path) -> str:
-    """The text of one of :data:`PAGES`, anew."""
+    """Return the text of one of :data:`PAGES` with its blocks rewritten."""
     link = "results" if page.parent == ROOT else "../results"
     return filled(page.read_text(encoding="utf-8"), link=link)
 
 
 def table(path: Path, headings: list[str], *, chosen: list[str] | None = None, link: str) -> str:
-    """Columns of the tables of a file, its place and notes before them; nothing where there is no file.
+    """Return columns of the tables of a file below a caption, or nothing if there is no file.
 
-    `chosen` are the methods to take, in this order, by default all.
+    `chosen` are the methods to take, in this order; None takes all.
     """
     if not path.is_file():
         return ""
     paragraphs = path.read_text(encoding="utf-8").split("\n\n")
     end = next(k for k, text in enumerate(paragraphs) if text.startswith("- "))
-    tables = [text for text in paragraphs[:end] if text.startswith("|")]  # of the same methods
+    tables = [
+        text for text in paragraphs[:end] if text.startswith("|")
+    ]  # of the same methods, in the same order
     grids = [
         [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines()]
         for text in tables
@@ -82,15 +88,25 @@ def table(path: Path, headings: list[str], *, chosen: list[str] | None = None, l
         plain = [[re.sub(r"\*\*|</?u>", "", cell) for cell in line] for line in cells]
         cells = [line for name in chosen for line in plain if line[0] == name]
     rule = ["---", *["---:"] * len(headings)]
-    said = [note.removeprefix("- ") for note in paragraphs[end].splitlines()]
-    said = [note for note in said if note.startswith(NOTES) or re.match(r"\d+ cases? of", note)]
-    said = [re.sub(r" \(.*", ".", note) if note.startswith("Warning") else note for note in said]
-    caption = f"[{path.stem}]({link}/tables/{path.name}): {' '.join(said)}\n\n"
+    caption = f"[{path.stem}]({link}/tables/{path.name}): {' '.join(caption_notes(paragraphs[end]))}\n\n"
     return caption + "".join(f"| {' | '.join(line)} |\n" for line in [["method", *headings], rule, *cells])
 
 
+def caption_notes(text: str) -> list[str]:
+    """The notes of a table for its caption: number, half and size of the cases, or the machine of times."""
+    notes = [note.removeprefix("- ") for note in text.splitlines()]
+    cases = next((note for note in notes if re.match(r"\d+ cases? of", note)), None)
+    if cases is None:
+        chosen = [note for note in notes if note.startswith("Machine")]
+    else:
+        half = next((HALVES[word] for note in notes for word in HALVES if note.startswith(word)), "")
+        chosen = [re.sub("; means over all [^.]*", "", cases.replace(" ", f" {half}", 1))]
+    chosen += [note for note in notes if note.startswith(NOTES)]
+    return [re.sub(r" \(.*", ".", note) if note.startswith("Warning") else note for note in chosen]
+
+
 def line_of_rows(line: str, folder: Path) -> str:
-    """A line of the table of experiments, its last cell written anew."""
+    """Return a row of the table of experiments with its last cell rewritten."""
     *cells, last = [cell.strip() for cell in line.strip("|").split("|")]
     if name := re.fullmatch(r"`(\w+)`", cells[0]):
         path = folder / f"{name[1]}.csv"
@@ -99,7 +115,7 @@ def line_of_rows(line: str, folder: Path) -> str:
 
 
 def rows_text(path: Path) -> str:
-    """The size of an experiment: runs and cases, vertices, and the time of its methods in all."""
+    """Summarise an experiment: runs, cases, vertices, and the sum of the times of all runs."""
     rows = read_csv(path)
     done = valid(rows)
     sizes = [f"{n / 1000:.0f}k" for n in (done["task.vertices"].min(), done["task.vertices"].max())]
@@ -111,7 +127,7 @@ def rows_text(path: Path) -> str:
 
 
 def main() -> int:
-    """Write the pages anew."""
+    """Rewrite the pages."""
     for page in PAGES:
         page.write_text(filled_page(page), encoding="utf-8")
     return 0

@@ -36,13 +36,13 @@ def test_a_number_that_changed_in_the_results_shows(tmp_path):
     assert filled(text, tmp_path) == text.replace("3 s", "")  # nothing of it is published
     table = "| method | volume | FA (deg) | EL (%) |\n| --- | ---: | ---: | ---: |\n| {} |\n"
     table += "| identity | 1 | 2 | 3 |"
-    notes = "- 2 cases of 9 vertices.\n- Held-out cases.\n- Best in bold."
+    notes = "- 2 cases of 9 vertices; means over all of them.\n- Held-out cases.\n- Best in bold."
     for line in ("arap | 7 | **8** | 9", "arap | 7 | 8.5 | **6**"):
         _, _, angle, edge = line.split(" | ")
         written = f"### tiny\n\n{table.format(line)}\n\n{notes}\n\n#### tiny: more\n\n| method |\n"
         (tmp_path / "tables" / "tiny.md").write_text(written)
         text = filled(text, tmp_path)
-        assert "[tiny](results/tables/tiny.md): 2 cases of 9 vertices. Held-out cases.\n\n" in text
+        assert "[tiny](results/tables/tiny.md): 2 held-out cases of 9 vertices.\n\n" in text
         assert f"| --- | ---: | ---: |\n| arap | {edge} | {angle} |\n<!-- end -->\nb\n" in text
 
 
