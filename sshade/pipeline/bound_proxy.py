@@ -16,10 +16,10 @@ from sshade.pipeline.multilevel import multilevel
 from sshade.pipeline.paper import VOLUME_ERROR, VOLUME_ROUNDS
 from sshade.pipeline.regions import HandleRegions
 from sshade.snapping import snap_to_vertices
+from sshade.solver.attachment import Attachment
 from sshade.solver.following import Following
 from sshade.solver.local_global import LocalGlobal, local_global
 from sshade.solver.options import energy_options
-from sshade.solver.parts import Parts
 from sshade.solver.solution import Solution
 from sshade.solver.start import initial_guess
 from sshade.task import DeformationResult, DeformationTask, Handles
@@ -68,11 +68,11 @@ class BoundProxy:
         self._own: np.ndarray | None = own
         self._on, self._mesh, self._proxy = on, binding.mesh, binding.proxy
         handles = self._handles(rest)
-        self._parts = Parts(self._proxy, handles, choices.solver["parts"])
+        self._attachment = Attachment(self._proxy, handles, choices.solver["parts"])
         self._solver = LocalGlobal(
             self._proxy,
-            self._parts.vertex,
-            stiffness=self._parts.stiffness,
+            self._attachment.vertex,
+            stiffness=self._attachment.stiffness,
             bending=choices.solver["bending"],
         )
         self._turned = np.zeros(len(handles), dtype=bool)
@@ -121,8 +121,10 @@ class BoundProxy:
 
     def _take(self, handles: Handles) -> None:
         """Take handles of N, or others of them that have rotations, which makes parts of them."""
-        self._parts = Parts(self._proxy, handles, self._choices.solver["parts"])
-        self._solver = self._solver.with_handles(self._parts.vertex, stiffness=self._parts.stiffness)
+        self._attachment = Attachment(self._proxy, handles, self._choices.solver["parts"])
+        self._solver = self._solver.with_handles(
+            self._attachment.vertex, stiffness=self._attachment.stiffness
+        )
         self._turned, self._following = handles.has_rotation, None
 
     def _handles(self, handles: Handles) -> Handles:
@@ -217,11 +219,11 @@ class BoundProxy:
             raise InputError("no handle with a rotation is a vertex of the proxy; ask for more vertices")
         if (on_proxy.has_rotation & ~self._turned).any():
             self._take(on_proxy)
-        targets, share = self._parts.goals(on_proxy.target, on_proxy.rotation)
+        targets, fraction = self._attachment.pulls(on_proxy.target, on_proxy.rotation)
         energy = energy_options(self._choices.solver)
         pulls: dict[str, Any] = {
-            "known": on_proxy.prescribed_rotations,
-            "share": share,
+            "prescribed": on_proxy.prescribed_rotations,
+            "fraction": fraction,
             "volume_goal": self._volume_goal,
         }
         if self._following is None and self._last is not None:

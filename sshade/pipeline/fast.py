@@ -1,7 +1,7 @@
 """Beyond the paper: one proxy that holds its volume and area, carried back with blended frames.
 
 The proxy's triangles soften where they are strained (:mod:`sshade.solver.strain_softening`), its handle
-groups pull the parts that they lie on along (:mod:`sshade.solver.parts`), and its
+groups pull the parts that they lie on along (:mod:`sshade.solver.attachment`), and its
 motion is blended over each of its triangles (:mod:`sshade.carry.blended`), so that one sampling does.
 """
 

@@ -17,9 +17,9 @@ from sshade.pipeline.fast import PROXY, REGION_STIFFNESS, STIFFNESS, VERTICES, s
 from sshade.pipeline.regions import OF_REGIONS, HandleRegions, all_on_targets, has_regions
 from sshade.progress import Progress, silent
 from sshade.sampling.fronts import Fronts
+from sshade.solver.attachment import Attachment
 from sshade.solver.local_global import LocalGlobal
 from sshade.solver.options import SolverOptions, complete, energy_options
-from sshade.solver.parts import pulled_by_parts
 from sshade.solver.solution import Solution
 from sshade.task import DeformationResult, DeformationTask
 from sshade.threads import available_cpus, number_of_workers
@@ -110,7 +110,7 @@ def sshade_fine(
         solver, targets, precompute = bound.result()
     ready = perf_counter()
     energy: dict[str, Any] = {**energy_options(own), "workers": workers}
-    energy["known"] = _around(task, samples=proxy.extra["samples"])
+    energy["prescribed"] = _around(task, samples=proxy.extra["samples"])
     start = [proxy.vertices]
     proxy = replace(proxy, vertices=np.empty((0, 3)))
     give_back()
@@ -150,9 +150,10 @@ def sshade_fine(
 def _bind(task: DeformationTask, parts: float) -> tuple[LocalGlobal, np.ndarray, float]:
     """The solver at full resolution, targets of what it holds and pulls, and the time it took."""
     begin = perf_counter()
-    pulled = pulled_by_parts(task.mesh, task.handles, parts)
-    solver = LocalGlobal(task.mesh, pulled.vertex, stiffness=pulled.stiffness, multigrid=True)
-    return solver, pulled.target, perf_counter() - begin
+    attachment = Attachment(task.mesh, task.handles, parts, fold=True)
+    solver = LocalGlobal(task.mesh, attachment.vertex, stiffness=attachment.stiffness, multigrid=True)
+    targets, _ = attachment.pulls(task.handles.target, task.handles.rotation)
+    return solver, targets, perf_counter() - begin
 
 
 def _around(task: DeformationTask, *, samples: int) -> tuple[np.ndarray, np.ndarray] | None:

@@ -224,9 +224,9 @@ class ArapIteration:
     team : ThreadTeam
     constraints : Constraints, optional
     softening : Softening, optional
-    known : ((j,) int, (j, 3, 3) float64), optional
+    prescribed : ((j,) int, (j, 3, 3) float64), optional
         Vertices of the mesh, each once, whose rotations are given and not fitted, and these.
-    share : (k,) float64, optional
+    fraction : (k,) float64, optional
         Of the stiffness of soft handles, in [0, 1]; by default 1. As the Laplacian has all of it, the rest
         pulls to the present positions, as softening does: see :mod:`sshade.solver.strain_softening`.
 
@@ -246,8 +246,8 @@ class ArapIteration:
         team: ThreadTeam,
         constraints: Constraints | None = None,
         softening: Softening | None = None,
-        known: tuple[np.ndarray, np.ndarray] | None = None,
-        share: np.ndarray | None = None,
+        prescribed: tuple[np.ndarray, np.ndarray] | None = None,
+        fraction: np.ndarray | None = None,
     ) -> None:
         n = system.mesh.n
         self.system, self._team = system, team
@@ -259,7 +259,7 @@ class ArapIteration:
             self._step = FactorisedStep(system, system.factorised, team=team)
         order = np.argsort(system.pulled)
         self._soft, self._pulled, self._pull = system.soft[order], system.pulled[order], system.pull[order]
-        self._aim(targets, known, share)
+        self._aim(targets, prescribed, fraction)
         self._Q, self.R, self._B = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), np.empty((n, 9)), np.empty((n, 3))
         self._W = np.empty((n if system.bending else 0, 3))
 
@@ -268,25 +268,25 @@ class ArapIteration:
         targets: np.ndarray,
         volume_goal: float,
         *,
-        known: tuple[np.ndarray, np.ndarray] | None = None,
-        share: np.ndarray | None = None,
+        prescribed: tuple[np.ndarray, np.ndarray] | None = None,
+        fraction: np.ndarray | None = None,
     ) -> None:
         """Take other targets, known rotations, shares, and another goal for volumes, over those at rest."""
         if self._constraints:
             self._constraints.retry(volume_goal)
-        self._aim(targets, known, share)
+        self._aim(targets, prescribed, fraction)
 
     def _aim(
         self,
         targets: np.ndarray,
-        known: tuple[np.ndarray, np.ndarray] | None,
-        share: np.ndarray | None,
+        prescribed: tuple[np.ndarray, np.ndarray] | None,
+        fraction: np.ndarray | None,
     ) -> None:
         system = self.system
         self._step.aim(targets[system.hard])
         self._towards = targets[self._soft]
-        self._share = np.ones(len(self._soft)) if share is None else share[self._soft]
-        vertex, rotations = known or (np.empty(0, dtype=np.int64), np.empty((0, 3, 3)))
+        self._share = np.ones(len(self._soft)) if fraction is None else fraction[self._soft]
+        vertex, rotations = prescribed or (np.empty(0, dtype=np.int64), np.empty((0, 3, 3)))
         order = np.argsort(system.place[vertex])
         self._known = system.place[vertex][order], np.array(rotations, dtype=np.float64)[order]
 

@@ -39,7 +39,7 @@ class Following:
         Where to begin, as of a solution; hard handles go to their targets first.
     targets : (k, 3) float64
         Of the handle vertices there.
-    known, share, volume_goal
+    prescribed, fraction, volume_goal
         There; as of :meth:`LocalGlobal.solve`.
     window : int
         Quasi-Newton steps that are remembered.
@@ -59,8 +59,8 @@ class Following:
         rotations: np.ndarray,
         targets: np.ndarray,
         *,
-        known: tuple[np.ndarray, np.ndarray] | None = None,
-        share: np.ndarray | None = None,
+        prescribed: tuple[np.ndarray, np.ndarray] | None = None,
+        fraction: np.ndarray | None = None,
         volume_goal: float = 1.0,
         window: int = 10,
         **energy: Unpack[EnergyOptions],
@@ -70,7 +70,7 @@ class Following:
         targets, positions = solver.checked_positions(targets, positions)
         self.solver, self._factorised, team = solver, factorised, ThreadTeam(1)
         self._held, self._iteration = solver.iteration(
-            targets, team=team, volume_goal=volume_goal, known=known, share=share, **energy
+            targets, team=team, volume_goal=volume_goal, prescribed=prescribed, fraction=fraction, **energy
         )
         self._iteration.begin_with(rotations)
         self._u = solver.to_system(positions, targets)
@@ -85,8 +85,8 @@ class Following:
         self,
         targets: np.ndarray,
         *,
-        known: tuple[np.ndarray, np.ndarray] | None = None,
-        share: np.ndarray | None = None,
+        prescribed: tuple[np.ndarray, np.ndarray] | None = None,
+        fraction: np.ndarray | None = None,
         volume_goal: float = 1.0,
         tolerance: float = 1e-5,
         max_iterations: int = 1000,
@@ -96,19 +96,19 @@ class Following:
         Parameters
         ----------
         targets : (k, 3) float64
-        known, share, volume_goal, tolerance, max_iterations
+        prescribed, fraction, volume_goal, tolerance, max_iterations
         """
         solver, iteration, u = self.solver, self._iteration, self._u
         targets, _ = solver.checked_positions(targets, None)
-        iteration.aim(targets - solver.mesh.origin, volume_goal, known=known, share=share)
+        iteration.aim(targets - solver.mesh.origin, volume_goal, prescribed=prescribed, fraction=fraction)
         moved = not np.array_equal(targets, self._targets)
         if max_iterations > 0:
-            self._go_on(targets, share)
+            self._go_on(targets, fraction)
         self._mixer.cut()
         facts = self._iterate(tolerance, max_iterations, least=LEAST if moved else 1)
         return solver.solution(iteration, u, targets, self._held, volume_goal, facts)
 
-    def _go_on(self, targets: np.ndarray, share: np.ndarray | None) -> None:
+    def _go_on(self, targets: np.ndarray, fraction: np.ndarray | None) -> None:
         """Repeat the last move, or a part of it, or take back as much, and go to the targets from there."""
         system, u, last = self.solver.system, self._u, self._targets - self._last_targets
         move, square = targets - self._targets, float((last * last).sum())
@@ -121,7 +121,7 @@ class Following:
             u += self._move
         factorised, soft = self._factorised, system.soft
         held = targets[system.hard] - self.solver.mesh.origin
-        pull = system.pull if share is None else system.pull * share[soft]
+        pull = system.pull if fraction is None else system.pull * fraction[soft]
         right = np.zeros_like(u)
         right[system.pulled] = pull[:, None] * (move - part * last)[soft]
         free = system.place[factorised.free]

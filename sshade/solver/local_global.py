@@ -22,9 +22,9 @@ from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.progress import Progress, silent
 from sshade.solver.arap import ArapIteration, ArapSystem
+from sshade.solver.attachment import Attachment
 from sshade.solver.constraints import Components, VolumeArea
 from sshade.solver.options import Energy, EnergyOptions, SolverOptions, complete, energy_options
-from sshade.solver.parts import pulled_by_parts
 from sshade.solver.quasi_newton import QuasiNewton, iterate
 from sshade.solver.solution import Solution
 from sshade.solver.start import initial_guess
@@ -128,8 +128,8 @@ class LocalGlobal:
         *,
         start: np.ndarray | None = None,
         rotations: np.ndarray | None = None,
-        known: tuple[np.ndarray, np.ndarray] | None = None,
-        share: np.ndarray | None = None,
+        prescribed: tuple[np.ndarray, np.ndarray] | None = None,
+        fraction: np.ndarray | None = None,
         tolerance: float = 1e-5,
         max_iterations: int = 1000,
         accelerate: bool = True,
@@ -158,10 +158,10 @@ class LocalGlobal:
         rotations : (n, 3, 3) float64, optional
             Those of an earlier solution near `start`: from there the first local
             step is as quick as the others, and it ends in the same rotations.
-        known : ((j,) int, (j, 3, 3) float64), optional
+        prescribed : ((j,) int, (j, 3, 3) float64), optional
             Vertices, each once, whose rotations are given: the local step leaves them as they are. As of
             :attr:`sshade.Handles.prescribed_rotations`.
-        share : (k,) float64, optional
+        fraction : (k,) float64, optional
             Of the stiffness of each soft handle, in [0, 1], by default 1. The system is the same, so that a
             pull may vary from solve to solve.
         tolerance : float
@@ -206,7 +206,12 @@ class LocalGlobal:
         del start  # which may be the caller's last, of no more use
         with ThreadTeam(workers) as team:
             held, iteration = self.iteration(
-                targets, team=team, volume_goal=volume_goal, known=known, share=share, **energy
+                targets,
+                team=team,
+                volume_goal=volume_goal,
+                prescribed=prescribed,
+                fraction=fraction,
+                **energy,
             )
             if rotations is not None:
                 iteration.begin_with(rotations)
@@ -386,21 +391,22 @@ def local_global(
     bends = solver_options["bending"] > 0
     multigrid = not factorised if factorised is not None else task.mesh.n > FACTORISED and not bends
     guess = initial_guess(task, solver_options["start"])
-    pulled = pulled_by_parts(task.mesh, task.handles, solver_options["parts"])
+    attachment = Attachment(task.mesh, task.handles, solver_options["parts"], fold=True)
+    targets, _ = attachment.pulls(task.handles.target, task.handles.rotation)
     solver = LocalGlobal(
         task.mesh,
-        pulled.vertex,
+        attachment.vertex,
         energy=energy,
-        stiffness=pulled.stiffness,
+        stiffness=attachment.stiffness,
         multigrid=multigrid,
         exact_steps=EXACT_STEPS,
         bending=solver_options["bending"],
     )
     precomputed = perf_counter()
     solution = solver.solve(
-        pulled.target,
+        targets,
         start=guess,
-        known=task.handles.prescribed_rotations,
+        prescribed=task.handles.prescribed_rotations,
         accelerate=accelerate,
         volume_goal=volume_goal,
         workers=workers,

@@ -70,7 +70,7 @@ def test_with_all_rotations_known_positions_are_those_of_least_squares():
     free = np.setdiff1d(np.arange(mesh.n), held)
     expected = np.linalg.solve(A[np.ix_(free, free)], b[free] - A[np.ix_(free, held)] @ target)
     order = rng.permutation(mesh.n)
-    solution = LocalGlobal(mesh, held).solve(target, known=(order, R[order]), tolerance=1e-12)
+    solution = LocalGlobal(mesh, held).solve(target, prescribed=(order, R[order]), tolerance=1e-12)
     assert np.abs(solution.positions[free] - expected).max() < 1e-10
     assert np.array_equal(solution.rotations, R)
     P, squares = solution.positions, 0.0
@@ -82,14 +82,14 @@ def test_with_all_rotations_known_positions_are_those_of_least_squares():
                 squares += h[f, c] * gap @ gap
     assert solution.energy == pytest.approx(squares, rel=1e-10)
     # Softened too: at the minimum the energy does not change with the positions.
-    soft = LocalGlobal(mesh, held).solve(target, known=(order, R[order]), tolerance=1e-9, stiffness=0.2)
+    soft = LocalGlobal(mesh, held).solve(target, prescribed=(order, R[order]), tolerance=1e-9, stiffness=0.2)
     assert np.array_equal(soft.rotations, R) and soft.converged
 
 
 def test_energy_does_not_rise_and_other_rotations_are_still_fitted():
     task = sheet(12, degrees=50)
     solution = LocalGlobal(task.mesh, task.handles.index).solve(
-        task.handles.target, known=task.handles.prescribed_rotations, accelerate=False, tolerance=1e-9
+        task.handles.target, prescribed=task.handles.prescribed_rotations, accelerate=False, tolerance=1e-9
     )
     assert solution.energy < solution.energy_initial and solution.converged
     middle = task.handles.index[-1]
@@ -145,7 +145,7 @@ def test_a_disc_of_known_rotations_turns_in_its_sheet_as_elasticity_says():
     distance = np.linalg.norm(mesh.V - middle, axis=1)
     held, disc = np.flatnonzero(distance >= b), np.flatnonzero(distance <= a)
     known = disc, np.broadcast_to(turn(np.degrees(t)), (len(disc), 3, 3))
-    V = LocalGlobal(mesh, held).solve(mesh.V[held], known=known, tolerance=1e-9).positions
+    V = LocalGlobal(mesh, held).solve(mesh.V[held], prescribed=known, tolerance=1e-9).positions
     k = 1 / (1 - a**2 / b**2)
     assert np.radians(degrees_of(turned_about(mesh, V, middle, 0.8 * a))) == pytest.approx(
         t / (1 + k), rel=0.03
@@ -161,7 +161,7 @@ def test_known_rotations_that_are_those_of_the_minimum_leave_it():
     placed = np.concatenate([mesh.V[border], (mesh.V[disc] - middle) @ turn(30).T + middle])
     held = LocalGlobal(mesh, np.r_[border, disc]).solve(placed, tolerance=1e-10)
     everywhere = np.arange(mesh.n), held.rotations
-    again = LocalGlobal(mesh, np.r_[border, disc]).solve(placed, known=everywhere, tolerance=1e-10)
+    again = LocalGlobal(mesh, np.r_[border, disc]).solve(placed, prescribed=everywhere, tolerance=1e-10)
     assert np.abs(again.positions - held.positions).max() < 1e-7
     inner = np.linalg.norm(mesh.V - middle, axis=1) < 0.15
     assert np.allclose(held.rotations[inner], turn(30), atol=1e-6)

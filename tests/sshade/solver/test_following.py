@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from sshade import Handles, InputError
+from sshade.solver.attachment import Attachment
 from sshade.solver.following import Following
 from sshade.solver.local_global import LocalGlobal
-from sshade.solver.parts import Parts
 from tests.shapes import tube
-from tests.sshade.solver.test_parts import patch
+from tests.sshade.solver.test_attachment import patch
 
 BAR = tube(24, 60, length=6.0)
 ENERGY = {"volume": np.inf, "area": np.inf, "stiffness": 0.1, "strain": 0.02}
@@ -26,8 +26,8 @@ def handles_at(angle: float) -> Handles:
 
 
 @pytest.fixture(scope="module")
-def parts() -> Parts:
-    return Parts(BAR, handles_at(0.0), 0.1)
+def parts() -> Attachment:
+    return Attachment(BAR, handles_at(0.0), 0.1)
 
 
 @pytest.fixture(scope="module")
@@ -35,12 +35,12 @@ def solver(parts) -> LocalGlobal:
     return LocalGlobal(BAR, parts.vertex, stiffness=parts.stiffness)
 
 
-def at(parts: Parts, angle: float) -> dict:
-    target, share = parts.goals(handles_at(angle).target)
-    return {"targets": target, "share": share}
+def at(parts: Attachment, angle: float) -> dict:
+    target, share = parts.pulls(handles_at(angle).target)
+    return {"targets": target, "fraction": share}
 
 
-def begun(solver: LocalGlobal, parts: Parts) -> Following:
+def begun(solver: LocalGlobal, parts: Attachment) -> Following:
     still = np.broadcast_to(np.eye(3), (BAR.n, 3, 3))
     return Following(solver, BAR.V, still, **at(parts, 0.0), **ENERGY)
 
@@ -90,7 +90,7 @@ def test_targets_that_are_shifted_take_the_shape_along_before_any_iteration(solv
     following, shift = begun(solver, parts), np.array([0.3, -0.2, 0.5]) * BAR.diagonal
     start = at(parts, 0.0)
     before = following.solve(**start, tolerance=1e-9)
-    after = following.solve(start["targets"] + shift, share=start["share"], tolerance=1e-4)
+    after = following.solve(start["targets"] + shift, fraction=start["fraction"], tolerance=1e-4)
     assert after.residual_curve[0] < 1e-8
     assert np.abs(after.positions - before.positions - shift).max() < 1e-7 * BAR.diagonal
 
@@ -108,9 +108,9 @@ def test_targets_that_stop_are_not_overshot_and_those_that_turn_back_lead_back(s
 
 def test_a_share_of_a_pull_is_a_weaker_pull_in_the_same_system(solver, parts):
     """The minimum is that of a system with the weaker pull itself."""
-    target, share = parts.goals(handles_at(0.5).target)
+    target, share = parts.pulls(handles_at(0.5).target)
     share = np.where(np.isinf(parts.stiffness), 1.0, 0.3)
-    with_share = solver.solve(target, share=share, tolerance=1e-10, max_iterations=3000)
+    with_share = solver.solve(target, fraction=share, tolerance=1e-10, max_iterations=3000)
     weaker = LocalGlobal(BAR, parts.vertex, stiffness=parts.stiffness * share)
     expected = weaker.solve(target, tolerance=1e-10, max_iterations=3000)
     full = solver.solve(target, tolerance=1e-10, max_iterations=3000)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 from scipy.sparse.csgraph import dijkstra
@@ -10,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from sshade import DeformationTask, Handles, InputError, Mesh
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.rigid import rigid_motion
+from sshade.solver.attachment import LINK, RADIUS, REACH, Attachment
 from sshade.solver.local_global import local_global
-from sshade.solver.parts import LINK, RADIUS, REACH, Parts, pulled_by_parts
 from tests.shapes import rotation, subdivided, tube
 
 BAR = tube(24, 90, length=9.0)
@@ -29,9 +31,23 @@ def two_patches(mesh: Mesh, *, turn=TURN, count=7) -> Handles:
     return Handles(np.concatenate([low, high]), target, group=np.repeat([0, 1], count))
 
 
+class Pulled(NamedTuple):
+    vertex: np.ndarray
+    stiffness: np.ndarray
+    target: np.ndarray
+
+
+def attached(mesh: Mesh, handles: Handles, weight: float) -> Pulled:
+    """The attachment of a single solve."""
+    attachment = Attachment(mesh, handles, weight, fold=True)
+    target, fraction = attachment.pulls(handles.target, handles.rotation)
+    assert (fraction == 1).all()
+    return Pulled(attachment.vertex, attachment.stiffness, target)
+
+
 def test_each_vertex_is_pulled_by_the_motion_of_the_nearest_part():
     handles, weight = two_patches(BAR), 0.3
-    pulled = pulled_by_parts(BAR, handles, weight)
+    pulled = attached(BAR, handles, weight)
     r = RADIUS * np.sqrt(BAR.area)
     V, area = BAR.V, np.zeros(BAR.n)
     for face in BAR.F:
@@ -61,13 +77,13 @@ def test_each_vertex_is_pulled_by_the_motion_of_the_nearest_part():
 
 def test_the_unit_of_length_does_not_matter_and_hardly_the_resolution():
     handles = two_patches(BAR)
-    pulled, k = pulled_by_parts(BAR, handles, 0.1), len(handles)
+    pulled, k = attached(BAR, handles, 0.1), len(handles)
     large = Mesh(1000 * BAR.V, BAR.F)
-    scaled = pulled_by_parts(large, Handles(handles.index, 1000 * handles.target, group=handles.group), 0.1)
+    scaled = attached(large, Handles(handles.index, 1000 * handles.target, group=handles.group), 0.1)
     assert np.array_equal(scaled.vertex, pulled.vertex)
     assert np.allclose(scaled.stiffness[k:], pulled.stiffness[k:], rtol=1e-9)
     finer = subdivided(BAR)  # its first vertices are those of the bar
-    again = pulled_by_parts(finer, handles, 0.1)
+    again = attached(finer, handles, 0.1)
     assert again.stiffness[k:].sum() == pytest.approx(pulled.stiffness[k:].sum(), rel=0.05)
 
 
@@ -88,33 +104,33 @@ def test_nothing_is_pulled_where_no_part_is_known(case):
         handles = Handles(index, mesh.V[index])
     else:
         weight = 0.0
-    pulled = pulled_by_parts(mesh, handles, weight)
+    pulled = attached(mesh, handles, weight)
     assert np.array_equal(pulled.vertex, handles.index)
 
 
 def test_soft_handles_pull_as_far_as_they_are_held():
     handles, k = two_patches(BAR), 14
-    firm = pulled_by_parts(BAR, handles, 0.1).stiffness[k:]
+    firm = attached(BAR, handles, 0.1).stiffness[k:]
     for weight, share in ((1.0, 0.5), (1e6, 1.0), (1e-6, 1e-6)):
         soft = Handles(handles.index, handles.target, group=handles.group, weight=weight).with_portions(BAR)
-        assert np.allclose(pulled_by_parts(BAR, soft, 0.1).stiffness[k:], share * firm, rtol=1e-5)
+        assert np.allclose(attached(BAR, soft, 0.1).stiffness[k:], share * firm, rtol=1e-5)
 
 
 def test_a_prescribed_rotation_makes_a_part_of_a_single_handle():
     index = patch(BAR, [0, 1, BAR.V[:, 2].max()], 1)
     goal = np.array([[0.0, 0.5, 10.0]])
-    pulled = pulled_by_parts(BAR, Handles(index, goal, rotation=TURN[None]), 0.1)
+    pulled = attached(BAR, Handles(index, goal, rotation=TURN[None]), 0.1)
     assert len(pulled.vertex) > 10
     R, t = rigid_motion(BAR.V[pulled.vertex[1:]], pulled.target[1:])
     assert np.allclose(R, TURN, atol=1e-9) and np.allclose(R @ BAR.V[index[0]] + t, goal[0], atol=1e-9)
 
 
 def test_handles_of_one_group_that_are_far_apart_are_parts_of_their_own():
-    apart, pulled = two_patches(BAR), pulled_by_parts(BAR, two_patches(BAR), 0.1)
+    apart, pulled = two_patches(BAR), attached(BAR, two_patches(BAR), 0.1)
     ends = np.ptp(BAR.V[:, 2])
     assert ends > 2 * LINK * RADIUS * np.sqrt(BAR.area)
     one_group = Handles(apart.index, apart.target)
-    again = pulled_by_parts(BAR, one_group, 0.1)
+    again = attached(BAR, one_group, 0.1)
     assert np.array_equal(again.vertex, pulled.vertex) and np.array_equal(again.target, pulled.target)
 
 
@@ -151,7 +167,7 @@ def test_a_weight_that_is_none_is_refused(parts):
 @pytest.mark.parametrize("way", ["straight to a turn of 150 degrees", "flattened"])
 def test_a_pull_fades_on_the_way_and_never_jumps(way):
     handles = two_patches(BAR, turn=np.eye(3), count=9)
-    parts, high = Parts(BAR, handles, 0.1), handles.group == 1
+    parts, high = Attachment(BAR, handles, 0.1), handles.group == 1
     rest = BAR.V[handles.index[high]]
     centre = rest.mean(axis=0)
     if way == "flattened":  # into a line and out of it again, mirrored
@@ -163,7 +179,7 @@ def test_a_pull_fades_on_the_way_and_never_jumps(way):
     for step in np.linspace(0, 1, 401):
         target = handles.target.copy()
         target[high] = rest + step * (turned - rest)
-        goal, share = parts.goals(target)
+        goal, share = parts.pulls(target)
         own = share[len(handles) :], (goal - BAR.V[parts.vertex])[len(handles) :]
         shares.append(own[0].min())
         pulls.append(own[0][:, None] * own[1])
@@ -175,6 +191,6 @@ def test_a_pull_fades_on_the_way_and_never_jumps(way):
 
 def test_goals_of_moved_targets_are_those_of_a_task():
     still, moved = two_patches(BAR, turn=np.eye(3)), two_patches(BAR)
-    goal, share = Parts(BAR, still, 0.1).goals(moved.target)
-    pulled = pulled_by_parts(BAR, moved, 0.1)
+    goal, share = Attachment(BAR, still, 0.1).pulls(moved.target)
+    pulled = attached(BAR, moved, 0.1)
     assert (share == 1.0).all() and np.allclose(goal, pulled.target, atol=1e-12)

@@ -1,0 +1,261 @@
+"""Attachment: handle groups pull the surface around them along with their own rigid motion.
+
+A user who drags the tip of a nose means the head. An elastic surface does not know that: it stretches
+around the few handle points, and the head tips over. A rigid motion (R, t) is therefore fitted to each
+group of handles, and the surface near the group is pulled softly towards that motion, with the energy
+
+    weight sum_i (a_i / r^2) exp(-(d_i / r)^2) |p_i - (R v_i + t)|^2
+
+beside ``sum_ij w_ij |e'_ij - R_i e_ij|^2``. Here a_i is the area of vertex i, d_i is its distance from the
+group plus the group's own radius, and r is :data:`RADIUS` x the square root of the mesh's area. The
+energy depends neither on the unit of length nor on the resolution. Larger groups attach less: a handle
+region as large as a hand attaches almost as much as a few points do, and a region as large as a limb
+attaches nothing.
+
+The attached vertices and their largest stiffness depend on the rest shape alone; the targets of the
+handles decide where the vertices are pulled. Targets that no rigid motion reaches leave (R, t) uncertain,
+for example halfway along straight lines between two poses. The pull then fades continuously to nothing,
+so that the surface never jumps while handles are dragged.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from sshade.handles import Handles
+from sshade.mesh.adjacency import VertexGraph, vertex_graph
+from sshade.mesh.connectivity import members
+from sshade.mesh.mesh import Mesh
+from sshade.sampling.fronts import Fronts
+
+#: r, as a fraction of the square root of the mesh's area. On a body this is the radius of head and neck.
+RADIUS = 0.22
+#: Largest gap between neighbouring handles of one rigid group, along the mesh, as a fraction of r.
+LINK = 0.25
+#: Largest distance d_i of an attached vertex, as a multiple of r.
+REACH = 2.0
+#: Least ratio of the second to the first singular value of a group's points. Points nearly in a line have a
+#: smaller ratio and leave the rotation about the line undetermined.
+SPREAD = 0.1
+#: Deviations from a rigid motion, relative to the group's size, at which the pull begins to fade and ends.
+RIGID, LOOSE = 0.2, 0.4
+
+
+class Attachment:
+    """Vertices attached to the rigid motions of handle groups.
+
+    Handles of one landmark group that lie near each other form one rigid group. A group attaches nothing if
+    its handles determine no rotation: they lie in a line, or are fewer than three, and no rotation is
+    prescribed. Soft handles of weight w attach w / (1 + w) times as strongly as hard ones.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Rest shape.
+    handles : Handles
+        Without `fold`, only the vertices, groups and weights matter, and which handles have a prescribed
+        rotation.
+    weight : float
+        Strength of the pull, without unit. Larger values carry the surface along more rigidly; 0
+        attaches nothing.
+    fold : bool
+        Multiply the stiffness by the pull fractions at the handles' present targets, and drop vertices
+        whose fraction is 0. Suits a single solve with known targets: :meth:`pulls` then returns fractions
+        of 1, and fewer vertices are in the system. Without it, the fractions vary from solve to solve,
+        and one factorisation serves all targets.
+
+    Attributes
+    ----------
+    vertex : (p,) int64
+        The handle vertices in their order, followed by the attached vertices.
+    stiffness : (p,) float64
+        Stiffness at a pull fraction of 1; inf for hard handles. See :attr:`sshade.Handles.stiffness`.
+    """
+
+    def __init__(self, mesh: Mesh, handles: Handles, weight: float, *, fold: bool = False) -> None:
+        groups: list[_Group] = []
+        pull, group_of = np.zeros(mesh.n), np.zeros(mesh.n, dtype=np.int64)
+        if weight > 0:
+            r = RADIUS * np.sqrt(mesh.area)
+            graph, turned = vertex_graph(mesh), handles.has_rotation
+            fronts = Fronts(graph, handles.index)
+            number = _linked(graph, fronts, handles.group, LINK * r)
+            firmness = np.where(np.isinf(handles.weight), 1.0, 1 - 1 / (1 + handles.weight))
+            count = number.max() + 1
+            place, radius, strength = np.zeros(count, dtype=np.int64), np.full(count, np.inf), np.zeros(count)
+            for k, member in enumerate(members(number, count)):
+                group = _Group.at_rest(member, mesh.V[handles.index[member]])
+                if turned[member].any() or group.curvature:
+                    place[k] = len(groups)
+                    radius[k] = np.linalg.norm(group.arm, axis=1).max()
+                    strength[k] = firmness[member].mean() * weight / r**2
+                    groups.append(group)
+            nearest = number[fronts.cell]
+            distance = fronts.distance + radius[nearest]
+            near = np.flatnonzero(distance < REACH * r)
+            decay = np.exp(-((distance[near] / r) ** 2))
+            pull[near] = strength[nearest[near]] * decay * mesh.vertex_areas[near]
+            group_of[near] = place[nearest[near]]
+        pull[handles.index] = 0.0
+        near = np.flatnonzero(pull)
+        self._groups = _Groups.of(groups) if groups else None
+        self._attached = members(group_of[near], len(groups))
+        self._arms = [mesh.V[near[k]] - g.centre for k, g in zip(self._attached, groups, strict=True)]
+        self.vertex = np.concatenate([handles.index, near])
+        self.stiffness = np.concatenate([handles.stiffness, pull[near]])
+        self._kept: np.ndarray | None = None
+        if fold:
+            fraction = self.pulls(handles.target, handles.rotation)[1]
+            self._kept = fraction > 0
+            self.vertex = self.vertex[self._kept]
+            self.stiffness = (self.stiffness * fraction)[self._kept]
+
+    def pulls(self, target: np.ndarray, rotation: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Compute where the vertices are pulled for given targets and rotations of the handles.
+
+        Parameters
+        ----------
+        target : (k, 3) float64
+        rotation : (k, 3, 3) float64, optional
+            See :class:`sshade.Handles`.
+
+        Returns
+        -------
+        target : (p, 3) float64
+        fraction : (p,) float64
+            Fraction of the stiffness, in [0, 1].
+        """
+        count = (len(self.vertex) if self._kept is None else len(self._kept)) - len(target)
+        goal, fraction = np.zeros((count, 3)), np.zeros(count)
+        if self._groups is not None:
+            R, centre, certainty = self._groups.motions(target, rotation)
+            for k, (attached, arms) in enumerate(zip(self._attached, self._arms, strict=True)):
+                fraction[attached] = certainty[k]
+                goal[attached] = arms @ R[k].T + centre[k]
+        target = np.concatenate([target, goal])
+        if self._kept is not None:
+            return target[self._kept], np.ones(len(self.vertex))
+        return target, np.concatenate([np.ones(len(target) - count), fraction])
+
+
+class _Group(NamedTuple):
+    """Handles that move rigidly together.
+
+    Attributes
+    ----------
+    member : (j,) int
+        Numbers of the handles.
+    centre : (3,) float64
+        Mean of their rest positions.
+    arm : (j, 3) float64
+        Rest positions relative to the centre.
+    curvature : float
+        Growth of the sum of squared distances with a turn about the softest axis; 0 if the points leave
+        the rotation undetermined.
+    """
+
+    member: np.ndarray
+    centre: np.ndarray
+    arm: np.ndarray
+    curvature: float
+
+    @classmethod
+    def at_rest(cls, member: np.ndarray, P: np.ndarray) -> _Group:
+        centre = P.mean(axis=0)
+        if len(member) < 3:
+            return cls(member, centre, P - centre, 0.0)
+        spread = np.linalg.svd(P - centre, compute_uv=False)
+        determined = spread[1] > SPREAD * spread[0]
+        return cls(member, centre, P - centre, float((spread[1:] ** 2).sum()) if determined else 0.0)
+
+
+class _Groups(NamedTuple):
+    """All groups in flat arrays: the handles of group k are ``member[start[k] : start[k + 1]]``.
+
+    `group` (h,) and `arm` (h, 3) belong to the handles. `square` (p,) is the sum of squared arms of each
+    group, or 1 where the curvature (p,) is 0.
+    """
+
+    member: np.ndarray
+    start: np.ndarray
+    group: np.ndarray
+    arm: np.ndarray
+    square: np.ndarray
+    curvature: np.ndarray
+
+    @classmethod
+    def of(cls, groups: list[_Group]) -> _Groups:
+        size, arm = [len(group.member) for group in groups], np.concatenate([group.arm for group in groups])
+        curvature = np.array([group.curvature for group in groups])
+        square = np.array([(group.arm**2).sum() if group.curvature else 1.0 for group in groups])
+        member, start = np.concatenate([group.member for group in groups]), np.cumsum([0, *size])
+        return cls(member, start, np.repeat(np.arange(len(groups)), size), arm, square, curvature)
+
+    def motions(
+        self, target: np.ndarray, rotation: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Fit a rigid motion to the targets of each group.
+
+        The rotation is Kabsch's. Two measures limit its certainty: the distance of the targets from the
+        rotated group, and how much less than at rest the sum of squares grows with a turn away from R. Both
+        are 1 - c for targets that are the rotated group scaled by c. A prescribed rotation is certain.
+
+        Returns
+        -------
+        R : (p, 3, 3) float64
+        centre : (p, 3) float64
+            Where the centres of the groups move.
+        certainty : (p,) float64
+            From 0 to 1.
+        """
+        first, determined = self.start[:-1], self.curvature > 0
+        Q = target[self.member]
+        centre = np.add.reduceat(Q, first) / np.diff(self.start)[:, None]
+        Q -= centre[self.group]
+        U, s, Vt = np.linalg.svd(np.add.reduceat(Q[:, :, None] * self.arm[:, None], first))
+        sign = np.where(np.linalg.det(U @ Vt) > 0, 1.0, -1.0)
+        U[:, :, 2] *= sign[:, None]
+        R = np.where(determined[:, None, None], U @ Vt, np.eye(3))
+        turned = np.einsum("hij,hj->hi", R[self.group], self.arm)
+        misfit = np.sqrt(np.add.reduceat(((turned - Q) ** 2).sum(axis=1), first) / self.square)
+        off = np.maximum(misfit, 1.0 - (s[:, 1] + sign * s[:, 2]) / np.where(determined, self.curvature, 1.0))
+        certainty = np.where(determined, np.clip((LOOSE - off) / (LOOSE - RIGID), 0.0, 1.0), 0.0)
+        if rotation is not None:
+            for k, end in enumerate(self.start[1:]):
+                prescribed = rotation[self.member[first[k] : end]]
+                prescribed = prescribed[np.isfinite(prescribed).all(axis=(1, 2))]
+                if len(prescribed):
+                    R[k], certainty[k] = prescribed[0], 1.0
+        return R, centre, certainty
+
+
+def _linked(graph: VertexGraph, fronts: Fronts, group: np.ndarray, link: float) -> np.ndarray:
+    """(k,) int32: the rigid group of each handle."""
+    edges = graph.indptr, graph.indices, graph.lengths
+    a, b = _joined(*edges, fronts.cell, fronts.distance, group, link).T
+    k = len(group)
+    return connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(k, k)))[1]
+
+
+@njit(cache=True, nogil=True)
+def _joined(indptr, indices, lengths, region, distance, group, link):
+    """(j, 2) pairs of handles of one group that are joined by a path shorter than `link`.
+
+    Such a path crosses one edge between the Voronoi cells of both handles.
+    """
+    pairs = []
+    for i in range(len(region)):
+        for p in range(indptr[i], indptr[i + 1]):
+            a, b = region[i], region[indices[p]]
+            near = distance[i] + lengths[p] + distance[indices[p]] < link
+            if a != b and near and group[a] == group[b]:
+                pairs.append((a, b))
+    found = np.empty((len(pairs), 2), dtype=np.int32)
+    for k in range(len(pairs)):
+        found[k, 0], found[k, 1] = pairs[k]
+    return found
