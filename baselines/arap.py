@@ -1,4 +1,4 @@
-"""ARAP and Elastic at full resolution, through libigl, with the stopping rule that libigl lacks.
+"""ARAP and Elastic at full resolution through libigl, with a stopping rule, which libigl lacks.
 
 O. Sorkine, M. Alexa, "As-rigid-as-possible surface modeling", 2007 (spokes: ARAP);
 I. Chao, U. Pinkall, P. Sanan, P. Schroeder, "A simple geometric model for
@@ -7,13 +7,15 @@ elastic deformations", 2010 (spokes and rims: the paper's "Elastic").
 
 from __future__ import annotations
 
-from time import perf_counter
+from collections.abc import Callable
 from typing import Unpack, get_args
 
 import numpy as np
 
 from baselines.global_step import iterate, iterated
+from baselines.stopwatch import Stopwatch
 from sshade.errors import InputError
+from sshade.mesh.mesh import Mesh
 from sshade.progress import Progress, silent
 from sshade.solver.options import Energy, IterationOptions, Start
 from sshade.solver.start import initial_guess
@@ -46,21 +48,22 @@ def libigl_arap(
 ) -> DeformationResult:
     """Minimise an as-rigid-as-possible energy with libigl, to a residual.
 
-    libigl runs a fixed number of local/global iterations. One iteration a call
-    gives the same bits, so the residual is tested in between: the largest move
-    of a vertex in one iteration over the rest shape's bounding-box diagonal.
+    libigl runs a fixed number of local/global iterations in one call. Calls of one iteration each give
+    the same bits, and the residual can be tested between them. The residual is the largest move of a
+    vertex in one iteration, divided by the rest shape's bounding-box diagonal.
 
     Parameters
     ----------
     task : DeformationTask
-        The mesh must have a handle in each component, which the task ensures.
+        Each component needs a handle. No triangle may have zero area.
     energy : {"spokes", "spokes_and_rims"}
         Sorkine and Alexa's energy ("ARAP"), or Chao et al.'s ("Elastic").
     tolerance : float
-        Residual, relative to the diagonal, under which iteration stops. 0 never stops early.
+        Residual below which the iteration stops. 0 disables the test.
     max_iterations : int
-        Cutoff; the paper's is 1000.
+        Maximum number of iterations; the paper uses 1000.
     start : {"rest", "rigid"}
+        Initialisation: the rest shape, or the best rigid motion of the handles.
     seed : int
         Unused: the method is deterministic.
     progress : Progress
@@ -68,39 +71,24 @@ def libigl_arap(
     Returns
     -------
     DeformationResult
-        ``extra`` holds the last ``residual`` and the ``residual_curve`` of all.
+        ``extra`` holds the last ``residual`` and the ``residual_curve``, with one value an iteration.
 
     Raises
     ------
     InputError
-        On an unknown energy or start, or triangles without area.
+        If the energy or start is unknown, a handle is soft, or a triangle has zero area.
     FloatingPointError
-        When the result is not finite.
+        If the result is not finite.
     """
-    import igl
-
     if energy not in get_args(Energy):
         raise InputError(f"unknown energy {energy!r}; use 'spokes' or 'spokes_and_rims'")
     mesh, handles = task.mesh, task.handles
     handles.require_hard("libigl's ARAP")
-    flat = int((mesh.face_areas == 0).sum())
-    if flat:
-        raise InputError(
-            f"{flat} triangles of the rest mesh have no area, of which libigl makes NaN; remove them, or "
-            "take the accelerated method of the same energy"
-        )
-    begin = perf_counter()
-    data = igl.ARAPData()
-    data.energy = getattr(igl.ARAPEnergyType, f"ARAP_ENERGY_TYPE_{energy.upper()}")
-    data.max_iter = 1
-    igl.arap_precomputation(np.array(mesh.V), np.array(mesh.F), 3, np.array(handles.index), data)
-    precomputed = perf_counter()
-
-    targets, U = np.array(handles.target), initial_guess(task, start)
-
-    def advance(u: np.ndarray, out: np.ndarray) -> None:
-        out[:] = igl.arap_solve(targets, data, u)
-
+    require_areas(mesh)
+    watch = Stopwatch()
+    advance = libigl_iteration(mesh.V, mesh.F, handles.index, handles.target, energy=energy)
+    watch.end("precompute")
+    U = initial_guess(task, start)
     residuals = iterate(
         advance,
         U,
@@ -110,9 +98,49 @@ def libigl_arap(
         progress=progress,
         report_every=1,
     )
-    return iterated(
-        U,
-        residuals,
-        tolerance=tolerance,
-        seconds={"precompute": precomputed - begin, "solve": perf_counter() - precomputed},
-    )
+    watch.end("solve")
+    return iterated(U, residuals, tolerance=tolerance, seconds=watch.seconds)
+
+
+def libigl_iteration(
+    V: np.ndarray, elements: np.ndarray, index: np.ndarray, target: np.ndarray, *, energy: str
+) -> Callable[[np.ndarray, np.ndarray], None]:
+    """Prepare libigl's local/global solver and return its iteration.
+
+    Parameters
+    ----------
+    V : (n, 3) float64
+        Rest positions.
+    elements : (m, 3) or (m, 4) int
+        Triangles or tetrahedra.
+    index : (k,) int
+        Fixed vertices.
+    target : (k, 3) float64
+        Their positions.
+    energy : {"spokes", "spokes_and_rims", "elements"}
+
+    Returns
+    -------
+    callable
+        ``advance(u, out)`` writes the iterate that follows u (n, 3) to `out`.
+    """
+    import igl
+
+    data, target = igl.ARAPData(), np.array(target)
+    data.energy = getattr(igl.ARAPEnergyType, f"ARAP_ENERGY_TYPE_{energy.upper()}")
+    data.max_iter = 1
+    igl.arap_precomputation(np.array(V), np.array(elements), 3, np.array(index), data)
+
+    def advance(u: np.ndarray, out: np.ndarray) -> None:
+        out[:] = igl.arap_solve(target, data, u)
+
+    return advance
+
+
+def require_areas(mesh: Mesh) -> None:
+    """Raise InputError if a triangle of the rest mesh has zero area, because libigl then returns NaN."""
+    if flat := int(mesh.without_area.sum()):
+        raise InputError(
+            f"{flat} triangles of the rest mesh have no area, of which libigl makes NaN; remove them, or use "
+            "accelerated_arap or accelerated_elastic"
+        )

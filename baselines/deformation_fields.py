@@ -1,12 +1,12 @@
-"""Harmonic and biharmonic deformation fields: the linear anchors, one solve each.
+"""Harmonic and biharmonic deformation fields: the linear reference methods, one linear solve each.
 
-The displacement d of the surface takes its prescribed values at the handles and minimises the Dirichlet
+The displacement d of the surface has prescribed values at the handles. Elsewhere it minimises the Dirichlet
 energy ``sum |grad d|^2`` (harmonic, L d = 0) or the Laplacian energy ``sum |Delta d|^2`` (biharmonic,
-L M^-1 L d = 0, with natural boundary conditions) elsewhere. Being linear, neither turns details with
-the surface, and large rotations shrink; the harmonic field has a crease at its handles.
+L M^-1 L d = 0 with natural boundary conditions). Both fields are linear in the targets. They do not rotate
+details with the surface, and they shrink under large rotations. The harmonic field creases at its handles.
 
-The displacement counts from the start: the rest shape, as in the literature, or the best rigid motion of the
-handles, by which a rigid motion of everything is reproduced, too.
+The displacement is relative to the start. The literature starts at the rest shape; a start at the best rigid
+motion of the handles also reproduces rigid motions of the whole mesh.
 
 A. Jacobson, E. Tosun, O. Sorkine, D. Zorin, "Mixed finite elements for variational surface modeling",
 2010 (the discretisation); M. Botsch, L. Kobbelt, "An intuitive framework for real-time freeform modeling",
@@ -15,11 +15,11 @@ A. Jacobson, E. Tosun, O. Sorkine, D. Zorin, "Mixed finite elements for variatio
 
 from __future__ import annotations
 
-from time import perf_counter
-
 import numpy as np
 
+from baselines.arap import require_areas
 from baselines.start_motion import start_motion
+from baselines.stopwatch import Stopwatch
 from sshade.errors import InputError
 from sshade.progress import Progress, silent
 from sshade.solver.options import Start
@@ -39,11 +39,11 @@ def deformation_field(
     Parameters
     ----------
     task : DeformationTask
-        Its mesh may have a boundary and several components, but no triangle without area.
+        The mesh may have a boundary and several components. No triangle may have zero area.
     order : int
-        k: 1 harmonic, 2 biharmonic.
+        k: 1 for the harmonic, 2 for the biharmonic field.
     start : {"rest", "rigid"}
-        What is displaced.
+        Shape that the field displaces: the rest shape, or the best rigid motion of the handles.
     seed : int
         Unused: the method is deterministic.
     progress : Progress
@@ -51,14 +51,14 @@ def deformation_field(
     Returns
     -------
     DeformationResult
-        Of one iteration.
+        ``iterations`` is 1.
 
     Raises
     ------
     InputError
-        On another order than 1 or 2, an unknown start, soft handles, or triangles without area.
+        If `order` is neither 1 nor 2, the start is unknown, a handle is soft, or a triangle has zero area.
     FloatingPointError
-        When the result is not finite.
+        If the result is not finite.
     """
     import igl
 
@@ -66,16 +66,13 @@ def deformation_field(
         raise InputError(f"order={order!r} is no field of this method; use 1, harmonic, or 2, biharmonic")
     mesh, handles = task.mesh, task.handles
     handles.require_hard("a deformation field")
-    flat = int(mesh.without_area.sum())
-    if flat:
-        raise InputError(f"{flat} triangles of the rest mesh have no area, of which libigl makes NaN")
-    begin = perf_counter()
+    require_areas(mesh)
+    watch = Stopwatch()
     R, t = start_motion(task, start)
     base, index = mesh.V @ R.T + t, handles.index
     values = handles.target - base[index]
     field = igl.harmonic(np.array(mesh.V), np.array(mesh.F), np.array(index), values, order)
     vertices = base + field
     vertices[index] = handles.target
-    return DeformationResult(
-        vertices=vertices, iterations=1, converged=None, seconds={"solve": perf_counter() - begin}
-    )
+    watch.end("solve")
+    return DeformationResult(vertices, iterations=1, converged=None, seconds=watch.seconds)

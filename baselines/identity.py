@@ -1,4 +1,4 @@
-"""The rest shape with its handles moved: what doing nothing costs."""
+"""The rest shape with its handles moved: the floor of the tables."""
 
 from __future__ import annotations
 
@@ -8,9 +8,6 @@ from sshade.task import DeformationResult, DeformationTask
 
 
 def identity(task: DeformationTask, *, seed: int = 0, progress: Progress = silent) -> DeformationResult:
-    """Put each handle on its target and leave every other vertex where it is.
-
-    A floor for the tables: exact handles, nothing else. `seed` and `progress` are unused.
-    """
+    """Put each handle on its target; leave every other vertex at rest. `seed` and `progress` are unused."""
     task.handles.require_hard("identity")
     return DeformationResult(vertices=initial_guess(task, "rest"), iterations=0, converged=None)

@@ -1,4 +1,4 @@
-"""The rigid motion with which a method begins that has other unknowns than the mesh's vertices."""
+"""The initial rigid motion of methods whose unknowns are not the vertices of the mesh."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from sshade.task import DeformationTask
 
 
 def start_motion(task: DeformationTask, start: Start) -> tuple[np.ndarray, np.ndarray]:
-    """R (3, 3) and t (3,): none for "rest", the best one of the handles for "rigid".
+    """Return R (3, 3) and t (3,): the identity for "rest", the best rigid motion of the handles for "rigid".
 
     Raises
     ------
     InputError
-        On an unknown start.
+        If the start is unknown.
     """
     if start not in get_args(Start):
         raise InputError(f"unknown start {start!r}; use 'rest' or 'rigid'")

@@ -3,7 +3,7 @@
 D. Baieri, F. Maggioli, Z. Laehner, S. Melzi, E. Rodola, "Implicit-ARAP: Efficient Handle-Guided
 Deformation of High-Resolution Meshes and Neural Fields via Local Patch Meshing", 2024.
 
-This package imports without torch; the function needs it, from the extra ``torch``.
+The package can be imported without torch; the function needs the extra ``torch``.
 """
 
 from baselines.implicit_arap.method import implicit_arap

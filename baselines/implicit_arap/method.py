@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from baselines.stopwatch import Stopwatch
 from sshade.mesh.mesh import Mesh
 from sshade.progress import Progress, silent
 from sshade.task import DeformationResult, DeformationTask
@@ -52,64 +52,66 @@ def implicit_arap(
 ) -> DeformationResult:
     """Train a field of rigid motions on the level sets of the mesh's SDF, and move the mesh with it.
 
-    The mesh should be closed: the sign of the distance is its winding number. Handles are soft, so
-    they end near their targets. The defaults are the published sizes; lengths are in the
-    normalised coordinates, where the centroid of the surface is the origin and the largest
-    coordinate is 0.8.
+    The mesh should be closed, because its winding number decides the sign of the distance. Handles are soft
+    and end near their targets. The defaults are the published sizes. Lengths are in normalised coordinates:
+    the centroid of the surface is the origin, and the largest absolute coordinate is 0.8.
 
     Parameters
     ----------
     task : DeformationTask
     variant : str
-        A name for this choice of sizes, for the row; it changes nothing.
+        Name of this set of sizes, written to the row. It does not change the result.
     sdf : "network" or "grid"
-        The paper's fitted network, or distances on a grid in its place.
+        Signed distance: the paper's fitted network, or distances interpolated on a grid, which is faster.
     sdf_steps, sdf_points, sdf_learning_rate, sdf_width, sdf_layers
-        Fit of the network; points on the surface, and as many in the cube, per step.
+        Training of the SDF network: steps, points on the surface (and equally many in the cube) in each step,
+        learning rate, width and number of layers.
     grid_size : int
         Nodes of the grid along an axis.
     width, layers : int
-        Of the field's network.
+        Width and number of layers of the field's network.
     frequencies : int
         Octaves of the Fourier features of all networks.
     steps : int
+        Training steps of the field.
     surface_patches : int
-        Patches on the zero set per step: one at each handle, the rest (a quarter at least) anywhere.
+        Patches on the zero set in each step. One lies at each handle. The other patches, at least a
+        quarter, lie at random places.
     space_patches : int
-        Patches on the level sets through points of the cube.
+        Patches in each step on the level sets through random points of the cube.
     patch_points, patch_radius
-        Points of a patch with its centre, and its radius.
+        Number of points of a patch, its centre included, and its radius.
     projections : int
-        Steps towards a level set.
+        Number of projection steps to a level set.
     moving_weight, static_weight, arap_weight : float
-        Of the three losses. The ARAP loss is a mean over patches of a sum over edges.
+        Weights of the three losses. The ARAP loss is a mean over patches of a sum over edges.
     learning_rate, milestones, decay
-        Of Adam; after each milestone the rate is multiplied by `decay`.
+        Adam's learning rate. At each milestone it is multiplied by `decay`.
     chunk : int
-        Vertices moved at once.
+        Number of vertices moved at once. Lower it if memory runs out.
     device : str
-        A device of torch, or "auto": a GPU if there is one.
+        Device of torch, or "auto": the GPU if there is one.
 
     Returns
     -------
     DeformationResult
-        `converged` is None. `extra` holds the sizes, first and last losses and the mean handle error
-        over the diagonal, and ``loss_curve`` (steps, 3): weighted losses of ARAP, moving and static
+        `converged` is None. `extra` holds the sizes, the first and last losses, the mean handle error divided
+        by the diagonal, and ``loss_curve`` (steps, 3), the weighted losses of ARAP, moving handles and static
         handles.
 
     Raises
     ------
     ImportError
-        When torch is not installed.
+        If torch is not installed.
     ValueError
-        When a network has fewer than two layers, or a patch fewer than three points.
+        If a network has fewer than two layers, or a patch fewer than three points.
 
     References
     ----------
     D. Baieri, F. Maggioli, Z. Laehner, S. Melzi, E. Rodola, "Implicit-ARAP: Efficient Handle-Guided
     Deformation of High-Resolution Meshes and Neural Fields via Local Patch Meshing", 2024.
     """
-    given = dict(locals())
+    options = dict(locals())
     try:
         import torch
     except ModuleNotFoundError as error:
@@ -120,16 +122,16 @@ def implicit_arap(
 
     if min(layers, sdf_layers) < 2 or patch_points < 3:
         raise ValueError(
-            f"networks need two layers and patches three points, "
-            f"not {min(layers, sdf_layers)} and {patch_points}"
+            f"networks have {min(layers, sdf_layers)} layers and patches {patch_points} points; use at least "
+            "two layers and three points"
         )
-    plan = Plan(**{field.name: given[field.name] for field in fields(Plan)})
+    plan = Plan(**{field.name: options[field.name] for field in fields(Plan)})
     place = torch.device(("cuda" if torch.cuda.is_available() else "cpu") if device == "auto" else device)
     draws, weights = torch.Generator(place).manual_seed(seed), torch.Generator().manual_seed(seed)
     mesh, handles = task.mesh, task.handles
     handles.require_hard("Implicit-ARAP")
 
-    begin = perf_counter()
+    watch = Stopwatch()
     V, centre, scale = normalised(mesh)
     distance: Sdf
     facts: dict[str, Any] = {"sdf_size": grid_size}
@@ -146,7 +148,7 @@ def implicit_arap(
             surface, **fit, **random, learning_rate=sdf_learning_rate, progress=progress
         )
         facts |= {"sdf_size": sdf_width, "sdf_steps": sdf_steps, "sdf_loss_last": loss}
-    fitted = perf_counter()
+    watch.end("sdf")
 
     def tensor(points: np.ndarray) -> torch.Tensor:
         return torch.tensor(points, dtype=torch.float32, device=place)
@@ -157,22 +159,20 @@ def implicit_arap(
     network = MotionField(**sizes, generator=weights).to(place)
     rng = np.random.default_rng(seed)
     losses = train(network, distance, constraints, plan, rng=rng, generator=draws, progress=progress)
-    trained = perf_counter()
+    watch.end("field")
 
     vertices = mesh.V + displacements(network, tensor(V), chunk=chunk) / scale
-    seconds = {"sdf": fitted - begin, "field": trained - fitted, "apply": perf_counter() - trained}
+    watch.end("apply")
     facts |= {"variant": variant, "sdf": sdf, "steps": steps}
     facts |= {"device": torch.cuda.get_device_name(place) if place.type == "cuda" else place.type}
     facts |= {"points": plan.points(len(handles)), "threads": torch.get_num_threads(), **_loss_facts(losses)}
     missed = np.linalg.norm(vertices[handles.index] - handles.target, axis=1)
     facts |= {"handle_error": float(missed.mean()) / mesh.diagonal, "loss_curve": losses}
-    return DeformationResult(
-        vertices=vertices, iterations=steps, converged=None, seconds=seconds, extra=facts
-    )
+    return DeformationResult(vertices, steps, converged=None, seconds=watch.seconds, extra=facts)
 
 
 def normalised(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, float]:
-    """Vertices about the area-weighted centroid of the surface, with largest coordinate 0.8.
+    """Centre a mesh at the area-weighted centroid of its surface and scale its largest coordinate to 0.8.
 
     Returns
     -------
@@ -181,7 +181,7 @@ def normalised(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, float]:
     centre : (3,) float64
     scale : float
     """
-    # From the middle of the box: far from the origin the centroid would lose digits.
+    # Measure from the centre of the box, because the centroid would lose digits far from the origin.
     middle = 0.5 * (mesh.V.min(axis=0) + mesh.V.max(axis=0))
     barycentres = (mesh.V - middle)[mesh.F].mean(axis=1)
     centre = middle + mesh.face_areas @ barycentres / mesh.area
@@ -190,7 +190,7 @@ def normalised(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def _loss_facts(losses: np.ndarray) -> dict[str, float]:
-    """Of the total and of each part; the last ones as a mean of ten steps, each with its own patches."""
+    """Return the first and last total loss and the last partial losses; last means the mean of ten steps."""
     if not len(losses):
         return {}
     total, last = losses.sum(axis=1), losses[-10:].mean(axis=0)

@@ -1,8 +1,8 @@
 """The networks of Implicit-ARAP: an MLP on Fourier features, and a field of rigid motions.
 
-A field is a module that maps points x to a rotation R(x) and a translation t(x); it moves x to
-``R(x) x + t(x)``. It starts as the identity. Random weights come from a generator that the
-caller seeds; torch's global one is left alone.
+A field is a module that maps a point x to a rotation R(x) and a translation t(x), and moves it to
+``R(x) x + t(x)``. It starts as the identity. Random weights come from a generator that the caller seeds;
+torch's global generator is not used.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-#: Sharpness of the Softplus activations: close to a ReLU, yet twice differentiable.
+#: Sharpness of the Softplus activations, which are close to a ReLU but twice differentiable.
 BETA = 100.0
 
 
@@ -60,22 +60,22 @@ class WeightNormLinear(nn.Module):
 class Mlp(nn.Module):
     """Fourier features, then linear layers with Softplus between them.
 
-    The layer in the middle gets the input features again, in front of the hidden vector: of 8 layers
-    the one of number 4, in the paper.
+    The middle layer receives the input features again, in front of the hidden vector; the paper uses layer 4
+    of 8.
 
-    The geometric initialisation (Atzmon and Lipman, 2020) lets only the raw coordinates in: with
-    ``last="sphere"`` the network starts near the signed distance to a sphere of radius 0.5, with
-    ``last="zero"`` at zero.
+    The geometric initialisation (Atzmon and Lipman, 2020) uses only the raw coordinates. With
+    ``last="sphere"`` the network starts near the signed distance to a sphere of radius 0.5; with
+    ``last="zero"`` it starts at zero.
 
     Parameters
     ----------
     inputs, outputs : int
     width, layers : int
-        Of `layers` linear layers, all but the last have `width` outputs.
+        Number of linear layers, and number of outputs of all layers except the last.
     frequencies : int
     last : "sphere" or "zero"
     generator : torch.Generator
-        On the CPU.
+        Generator on the CPU.
     """
 
     def __init__(
@@ -102,7 +102,9 @@ class Mlp(nn.Module):
             hidden.append(WeightNormLinear(weight, torch.zeros(after)))
         self.hidden = nn.ModuleList(hidden)
         end = width + (features if self.skip == layers - 1 else 0)
-        if last == "zero":  # what it drives starts as the identity; no draws of torch's own
+        if (
+            last == "zero"
+        ):  # the field starts as the identity; torch's own initialisation would draw random numbers
             self.last: nn.Module = nn.utils.skip_init(nn.Linear, end, outputs)
             for parameter in self.last.parameters():
                 nn.init.zeros_(parameter)
@@ -123,13 +125,13 @@ class Mlp(nn.Module):
 
 
 def sdf_network(*, width: int, layers: int, frequencies: int, generator: torch.Generator) -> Mlp:
-    """The MLP whose value is the signed distance; 8 layers of 256 in the paper."""
+    """Return an MLP for the signed distance; the paper uses 8 layers of width 256."""
     sizes = {"width": width, "layers": layers, "frequencies": frequencies}
     return Mlp(3, 1, last="sphere", generator=generator, **sizes)
 
 
 def euler_rotation(angles: Tensor) -> Tensor:
-    """Rotation about x by the first angle, composed with y, then z: ``R_x R_y R_z``.
+    """Return ``R_x R_y R_z``, the product of the rotations about the axes.
 
     Parameters
     ----------
@@ -138,7 +140,7 @@ def euler_rotation(angles: Tensor) -> Tensor:
     Returns
     -------
     (..., 3, 3) float32
-        Through the unit quaternion of the half angles.
+        Computed from the unit quaternion of the half angles.
     """
     (cx, cy, cz), (sx, sy, sz) = (angles / 2).cos().unbind(-1), (angles / 2).sin().unbind(-1)
     w = cx * cy * cz - sx * sy * sz
@@ -154,12 +156,12 @@ def euler_rotation(angles: Tensor) -> Tensor:
 
 
 def moved(x: Tensor, R: Tensor, t: Tensor) -> Tensor:
-    """``R x + t`` for each point."""
+    """Return ``R x + t`` for each point."""
     return (R @ x[..., None])[..., 0] + t
 
 
 class MotionField(nn.Module):
-    """The field of the paper's mesh pipeline: one MLP puts out three Euler angles and a translation."""
+    """The field of the paper's mesh pipeline: one MLP returns three Euler angles and a translation."""
 
     def __init__(self, *, width: int, layers: int, frequencies: int, generator: torch.Generator) -> None:
         super().__init__()
@@ -167,6 +169,6 @@ class MotionField(nn.Module):
         self.mlp = Mlp(3, 6, last="zero", generator=generator, **sizes)
 
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """R (..., 3, 3) and t (..., 3) at points x (..., 3)."""
+        """Return R (..., 3, 3) and t (..., 3) at points x (..., 3)."""
         out = self.mlp(x)
         return euler_rotation(out[..., :3]), out[..., 3:]

@@ -10,10 +10,13 @@ from torch import Tensor
 
 from baselines.implicit_arap.sdf import Sdf
 
-#: Points drawn at once in search of the zero set, how near to it counts, and how often to try.
-DRAW, NEAR, DRAWS = 10_000, 0.01, 2000
-
-#: Least area that a cotangent divides by, in normalised units: random patterns have slivers.
+#: Number of random points in each search for the zero set.
+DRAW = 10_000
+#: Maximum number of searches.
+DRAWS = 2000
+#: Distance at which a point counts as near the zero set, in normalised units.
+NEAR = 0.01
+#: Least area that a cotangent divides by, in normalised units, because random patterns have slivers.
 LEAST_AREA = 1e-6
 
 
@@ -26,12 +29,12 @@ class Pattern:
     points : (p, 2) float32
     triangles : (m, 3) int64
     corner_to_edge : (3 m, e) float32
-        Which cotangents make up the weight of each directed edge; corners in the order of
+        1 where the cotangent at a corner adds to the weight of a directed edge. Corners are in the order of
         ``triangles.T.ravel()``.
     difference : (e, p) float32
-        Rows ``1`` at the edge's source and ``-1`` at its target.
+        Each row is 1 at the edge's source and -1 at its target.
     source : (e, p) float32
-        Rows ``1`` at the edge's source.
+        Each row is 1 at the edge's source.
     """
 
     points: Tensor
@@ -41,12 +44,12 @@ class Pattern:
     source: Tensor
 
     def weights(self, patches: Tensor) -> Tensor:
-        """Weights (b, e) of the directed edges of patches (b, p, 3)."""
+        """Return the weights (b, e) of the directed edges of patches (b, p, 3)."""
         corners = torch.cat([_cotangent(patches[:, self.triangles.roll(-k, 1)]) for k in range(3)], dim=1)
         return corners @ self.corner_to_edge
 
     def energy(self, patches: Tensor, R: Tensor, images: Tensor) -> Tensor:
-        """Mean over patches of ``sum_ab w_ab |R_a (p_a - p_b) - (x'_a - x'_b)|^2``.
+        """Return the mean over patches of ``sum_ab w_ab |R_a (p_a - p_b) - (x'_a - x'_b)|^2``.
 
         Parameters
         ----------
@@ -60,7 +63,7 @@ class Pattern:
         """
         e = self.difference @ patches
         image = self.difference @ images
-        # Products with constant matrices, not indexing: its backward pass is slow, and unordered on GPUs.
+        # Multiply by constant matrices, because indexing has a slow backward pass that GPUs do in any order.
         rotation = (self.source @ R.flatten(2)).unflatten(2, (3, 3))
         stretch = (rotation @ e[..., None])[..., 0] - image
         return (self.weights(patches) * stretch.square().sum(dim=-1)).sum(dim=1).mean()
@@ -69,14 +72,14 @@ class Pattern:
 def random_pattern(
     points: int, radius: float, rng: np.random.Generator, *, device: torch.device | str = "cpu"
 ) -> Pattern:
-    """The origin and points uniform in a disc, with their Delaunay triangulation.
+    """Draw points uniformly in a disc and triangulate them and the origin by Delaunay's method.
 
     Parameters
     ----------
     points : int
-        With the origin; 30 in the paper.
+        Number of points, the origin included; the paper uses 30.
     radius : float
-        0.03 in the paper, in normalised units.
+        Radius of the disc in normalised units; the paper uses 0.03.
     rng : numpy.random.Generator
     device : torch.device or str
     """
@@ -89,10 +92,10 @@ def random_pattern(
 
 
 def pattern_of(plane: np.ndarray, triangles: np.ndarray, *, device: torch.device | str = "cpu") -> Pattern:
-    """A pattern with its edges in both directions, weighed by the sum of the cotangents opposite them.
+    """Build a pattern with directed edges in both directions and cotangent weights.
 
-    The authors' code gives edges (0, 1), (1, 2), (0, 2) of a triangle the cotangents at 0, 1, 2,
-    although 2, 0, 1 lie opposite.
+    The weight of an edge is the sum of the cotangents at the opposite corners. The authors' code pairs the
+    edges (0, 1), (1, 2), (0, 2) of a triangle with the cotangents at 0, 1, 2, although 2, 0, 1 lie opposite.
 
     Parameters
     ----------
@@ -131,17 +134,17 @@ def _edges(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _cotangent(triangle: Tensor) -> Tensor:
-    """Cotangent at corner 0 of triangles (b, m, 3, 3)."""
+    """Return the cotangents at corner 0 of triangles (b, m, 3, 3)."""
     a, b, c = triangle.unbind(2)
     doubled = torch.linalg.cross(b - a, c - a).norm(dim=-1)
     return ((b - a) * (c - a)).sum(dim=-1) / doubled.clamp(min=2 * LEAST_AREA)
 
 
 def tangents(normal: Tensor) -> tuple[Tensor, Tensor]:
-    """Two unit vectors that make a right-handed frame with each unit normal (b, 3).
+    """Return two unit vectors that form a right-handed frame with each unit normal (b, 3).
 
-    On the upper half of the sphere it is the smallest rotation that carries z to the normal, as in
-    the paper; on the lower half, where that one breaks down, one that carries -z there.
+    On the upper half of the sphere, the frame is the smallest rotation that takes z to the normal, as in the
+    paper. Near -z this rotation is undefined; on the lower half, the frame starts from -z.
 
     References
     ----------
@@ -164,6 +167,7 @@ def project(sdf: Sdf, x: Tensor, *, level: Tensor | float = 0.0, repeats: int = 
     x : (n, 3) float32
     level : (n,) float32 or float
     repeats : int
+        Number of steps.
     """
     for _ in range(repeats):
         f, gradient = sdf.with_gradient(x)
@@ -172,12 +176,12 @@ def project(sdf: Sdf, x: Tensor, *, level: Tensor | float = 0.0, repeats: int = 
 
 
 def zero_set(sdf: Sdf, count: int, *, repeats: int, generator: torch.Generator) -> Tensor:
-    """Points (count, 3) on the zero set: uniform ones of the cube that lie near it, projected.
+    """Draw points (count, 3) on the zero set: uniform points of the cube near the zero set, projected to it.
 
     Raises
     ------
     RuntimeError
-        When there are hardly any: the SDF has no surface inside the cube.
+        If too few points lie near the zero set, because the SDF has no surface inside the cube.
     """
     found, have = [], 0
     for _ in range(DRAWS):

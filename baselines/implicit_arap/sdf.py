@@ -1,7 +1,7 @@
-"""Signed distances to the rest surface: the paper's network, and a grid in its place.
+"""Signed distances to the rest surface: the paper's network, and a faster grid.
 
-Both are called with points and give values; :meth:`with_gradient` gives gradients too. Coordinates
-are the normalised ones, inside the cube [-1, 1]^3; inside the surface the distance is negative.
+A call returns the values at points; :meth:`with_gradient` also returns gradients. Coordinates are normalised
+to the cube [-1, 1]^3. Distances are negative inside the surface.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from torch.nn import functional
 from baselines.implicit_arap.networks import Mlp, sdf_network
 from sshade.progress import Progress
 
-#: Voxels: the width of the Gaussian over the grid's gradient.
+#: Width of the Gaussian that smooths the grid's gradient, in voxels.
 SMOOTHING = 1.0
 
-#: Weights of the fit: on the surface, unit gradient, normals, away from the surface; and its decay there.
+#: Weights of the losses of the fit, and the decay of the loss away from the surface.
 ON_SURFACE, EIKONAL, NORMALS, AWAY, DECAY = 3000.0, 100.0, 50.0, 3000.0, 100.0
 
 
 class Sdf(Protocol):
-    """A signed distance: values (n,) at points (n, 3); also its gradients (n, 3)."""
+    """A signed distance: values (n,) and gradients (n, 3) at points (n, 3)."""
 
     def __call__(self, x: Tensor) -> Tensor: ...
 
@@ -34,8 +34,8 @@ class Sdf(Protocol):
 class GridSdf:
     """Distances at the nodes of a regular grid over [-1, 1]^3, with trilinear interpolation.
 
-    Its gradient is by central differences, then under a Gaussian of one voxel: the exact one of a
-    trilinear function jumps at every voxel face, which would kink the patches.
+    The gradient comes from central differences, smoothed with a Gaussian of one voxel. The exact gradient of
+    a trilinear function jumps at each voxel face and would crease the patches.
 
     Parameters
     ----------
@@ -60,14 +60,14 @@ class GridSdf:
 
     @staticmethod
     def _sample(grid: Tensor, x: Tensor) -> Tensor:
-        """(channels, n); grid_sample counts coordinates from the last axis."""
+        """Return samples (channels, n); grid_sample counts coordinates from the last axis."""
         at = x.flip(-1)[None, :, None, None]
         sampled = functional.grid_sample(grid, at, padding_mode="border", align_corners=True)
         return sampled[0, :, :, 0, 0]
 
 
 def grid_sdf(V: np.ndarray, F: np.ndarray, *, size: int, device: torch.device) -> GridSdf:
-    """The grid variant: signed distances of a mesh at size^3 nodes, signs by its winding number.
+    """Compute the signed distances of a mesh at size^3 nodes, with signs from the winding number.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def grid_sdf(V: np.ndarray, F: np.ndarray, *, size: int, device: torch.device) -
 
 
 class NetworkSdf:
-    """The paper's SDF: an MLP, here with its weights fixed."""
+    """The paper's SDF: a trained MLP."""
 
     def __init__(self, network: Mlp) -> None:
         self._network = network.requires_grad_(False)
@@ -106,7 +106,7 @@ class NetworkSdf:
 
 
 class Surface(NamedTuple):
-    """A mesh to draw points from: corner positions, unit normals, and the running sum of areas."""
+    """A mesh prepared for random points: corner positions, unit normals, and cumulative areas."""
 
     corners: Tensor
     normals: Tensor
@@ -123,11 +123,11 @@ class Surface(NamedTuple):
         def tensor(array: np.ndarray) -> Tensor:
             return torch.tensor(array, dtype=torch.float32, device=device)
 
-        # Areas in float64: in float32 the running sum of a large mesh would skip small faces.
+        # Areas are float64, because a float32 sum over a large mesh would skip small faces.
         return cls(tensor(V[F]), tensor(normals), torch.tensor(cumulative, device=device))
 
     def sample(self, count: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-        """Area-uniform points (count, 3) and the normals (count, 3) of their faces."""
+        """Draw area-uniform points (count, 3); also return the normals (count, 3) of their faces."""
         device = self.corners.device
         u = torch.rand(count, generator=generator, device=device, dtype=torch.float64)
         face = torch.searchsorted(self.cumulative_area, u).clamp(max=len(self.corners) - 1)
@@ -159,20 +159,23 @@ def fit_network_sdf(
     ----------
     surface : Surface
     width, layers, frequencies : int
-        Of the MLP.
+        Sizes of the MLP.
     steps : int
+        Training steps.
     points : int
-        On the surface, and as many in the cube, per step.
+        Number of points on the surface in each step; equally many points lie in the cube.
     learning_rate : float
-    generator, weights : torch.Generator
-        For points, on the surface's device; for the initial weights, on the CPU.
+    generator : torch.Generator
+        Generator of the points, on the surface's device.
+    weights : torch.Generator
+        Generator of the initial weights, on the CPU.
     progress : Progress
 
     Returns
     -------
     sdf : NetworkSdf
     loss : float
-        Of the last step.
+        Loss of the last step.
     """
     device = surface.corners.device
     network = sdf_network(width=width, layers=layers, frequencies=frequencies, generator=weights).to(device)
@@ -204,6 +207,6 @@ def _fit_loss(network: Mlp, on: Tensor, normals: Tensor, off: Tensor) -> Tensor:
 
 
 def report(progress: Progress, stage: str, step: int, steps: int, loss: Tensor) -> None:
-    """Every tenth step: to read the loss back stops a GPU."""
+    """Report every tenth step only, because reading the loss interrupts a GPU."""
     if step % 10 == 9 or step == steps - 1:
         progress(stage, step + 1, steps, f"loss {loss.item():.3g}")

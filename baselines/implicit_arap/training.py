@@ -14,13 +14,13 @@ from baselines.implicit_arap.patches import patches_at, project, random_pattern,
 from baselines.implicit_arap.sdf import Sdf, report
 from sshade.progress import Progress
 
-#: Of the surface patches, the part that lies anywhere on the surface even if handles would fill all.
-FREE = 0.25
+#: Least fraction of the surface patches that lie at random places, however many handles there are.
+RANDOM = 0.25
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Sizes and weights of a training run; the names are those of the method's parameters."""
+    """Sizes and weights of a training run, named like the parameters of the method."""
 
     steps: int
     surface_patches: int
@@ -35,17 +35,17 @@ class Plan:
     milestones: tuple[int, ...]
     decay: float
 
-    def free_patches(self, handles: int) -> int:
-        """Patches at random places of the surface, besides those at handles."""
-        return max(self.surface_patches - handles, round(FREE * self.surface_patches))
+    def random_patches(self, handles: int) -> int:
+        """Return the number of patches at random places of the surface."""
+        return max(self.surface_patches - handles, round(RANDOM * self.surface_patches))
 
     def points(self, handles: int) -> int:
-        """Points that the field is evaluated at in a step."""
-        return (handles + self.free_patches(handles) + self.space_patches) * self.patch_points
+        """Return the number of points at which a step evaluates the field."""
+        return (handles + self.random_patches(handles) + self.space_patches) * self.patch_points
 
 
 class Constraints(NamedTuple):
-    """Where handles are, (h, 3) on the zero set, and where they go; the moving ones come first."""
+    """Places of handles (h, 3) on the zero set and their targets; moving handles come first."""
 
     at: Tensor
     target: Tensor
@@ -53,7 +53,7 @@ class Constraints(NamedTuple):
 
     @classmethod
     def of(cls, sdf: Sdf, rest: Tensor, target: Tensor, dynamic: np.ndarray, *, repeats: int) -> Constraints:
-        """Handles projected onto the zero set; static ones stay at their projections."""
+        """Project handles onto the zero set. Targets of static handles are their projections."""
         order = torch.as_tensor(np.argsort(~dynamic, kind="stable"), device=rest.device)
         at = project(sdf, rest[order], repeats=repeats)
         moving = int(dynamic.sum())
@@ -75,14 +75,14 @@ def train(
     Parameters
     ----------
     field : Module
-        On the device of the constraints.
+        Network on the device of the constraints.
     sdf : Sdf
     constraints : Constraints
     plan : Plan
     rng : numpy.random.Generator
-        For the patterns.
+        Generator of the patterns.
     generator : torch.Generator
-        For points, on that device.
+        Generator of the points, on the device of the constraints.
     progress : Progress
 
     Returns
@@ -113,12 +113,12 @@ def _losses(
     rng: np.random.Generator,
     generator: torch.Generator,
 ) -> Tensor:
-    """The three weighted losses of one step, on patches of its own."""
+    """Return the three weighted losses of one step on new patches."""
     device = constraints.at.device
     h, moving = len(constraints.at), constraints.moving
     with torch.no_grad():
         pattern = random_pattern(plan.patch_points, plan.patch_radius, rng, device=device)
-        surface = zero_set(sdf, plan.free_patches(h), repeats=plan.projections, generator=generator)
+        surface = zero_set(sdf, plan.random_patches(h), repeats=plan.projections, generator=generator)
         space = 2 * torch.rand(plan.space_patches, 3, generator=generator, device=device) - 1
         centres = torch.cat([constraints.at, surface, space])
         patches = patches_at(sdf, centres, pattern, repeats=plan.projections)
@@ -137,6 +137,6 @@ def _losses(
 
 @torch.no_grad()
 def displacements(field: nn.Module, x: Tensor, *, chunk: int) -> np.ndarray:
-    """How far the field moves points (n, 3); (n, 3) float64, computed `chunk` points at a time."""
+    """Return the displacements (n, 3) float64 of points (n, 3), computed `chunk` points at a time."""
     parts = [(moved(part, *field(part)) - part).cpu().numpy() for part in x.split(chunk)]
     return np.concatenate(parts).astype(np.float64)

@@ -1,10 +1,9 @@
-"""Coarse tetrahedra inside a closed surface, which carry it by barycentric coordinates.
+"""Coarse tetrahedra inside a closed surface, with barycentric coordinates for the surface.
 
-The surface is sampled as for a proxy first, as fTetWild's time grows with its input; then fTetWild fills it,
-and takes self-intersections of the input as they come: what touches within its envelope grows together.
-It draws at random from what no seed decides, so that another process gets other tetrahedra; within one they
-are kept, also for the mesh moved or scaled.
-Every vertex of the mesh lies in a tetrahedron, or beside one, whose barycentric coordinates it keeps.
+The surface is first sampled like a proxy, because fTetWild's time grows with its input. fTetWild then fills
+the samples' surface. It accepts self-intersections and merges surfaces closer than its envelope. It has no
+seed, so another process gets other tetrahedra. Within a process the tetrahedra are cached, also for the same
+mesh moved or scaled. Each vertex of the mesh keeps its barycentric coordinates in the tetrahedron around it.
 
 Y. Hu, T. Schneider, B. Wang, D. Zorin, D. Panozzo, "Fast tetrahedral meshing in the wild", 2020; pytetwild.
 """
@@ -39,19 +38,22 @@ except ImportError:  # Windows
 
 log = logging.getLogger(__name__)
 
-#: Coordinates are rounded to this (x diagonal): meshes that differ by rounding have the same tetrahedra.
+#: Grid to which coordinates are rounded, as a fraction of the diagonal: meshes that differ by rounding errors
+#: share their tetrahedra.
 GRID = 2.0**-23
-#: Tetrahedra near a vertex of the surface among which the one is that carries it.
+#: Number of nearest tetrahedra that are searched for a vertex of the surface.
 NEAR = 32
-#: Meshes whose tetrahedra are kept.
-KEPT = 8
-#: Energy and number of steps at which fTetWild stops improving the tetrahedra; its own are 10 and 80.
-STOP_ENERGY, STEPS = 20.0, 20
-
-#: Seconds of a core after which it is stopped, where the system has such limits.
+#: Number of meshes whose tetrahedra are cached.
+CACHED = 8
+#: Energy at which fTetWild stops to optimise the tetrahedra (its default: 10).
+STOP_ENERGY = 20.0
+#: Maximum number of fTetWild's optimisation steps (its default: 80).
+STEPS = 20
+#: Limit of fTetWild's processor time in seconds, where the system can limit it.
 LIMIT = 600
 
-#: fTetWild in a process of its own: it writes files where it runs, ends where it fails, and knows no limit.
+#: Program that runs fTetWild in a separate process, because fTetWild writes files to its working folder, may
+#: end the process, and has no time limit.
 FILL = """
 import sys
 import numpy as np
@@ -68,20 +70,21 @@ nodes, T = tetrahedralize(
 np.savez("filled.npz", nodes=nodes, T=T)
 """
 
-_kept: OrderedDict[tuple[object, ...], CoarseTetrahedra] = OrderedDict()
+_cache: OrderedDict[tuple[object, ...], CoarseTetrahedra] = OrderedDict()
 
 
 class TetrahedraOptions(TypedDict, total=False):
-    """How coarse the tetrahedra are.
+    """Size of the tetrahedra.
 
     Attributes
     ----------
     samples : int
-        Vertices of the surface that is filled; a mesh of no more is filled itself.
+        Vertices of the surface that is filled. A mesh with fewer vertices is filled without sampling.
     edge : float
-        Length of the edges inside (x diagonal) that is aimed at.
+        Target length of inner edges, as a fraction of the diagonal. Smaller values give more tetrahedra.
     envelope : float
-        How far (x diagonal) the surface of the tetrahedra may lie from that of the samples.
+        Maximum distance of the tetrahedra's surface from the samples' surface, as a fraction of the diagonal.
+        Lower it if limbs merge.
     """
 
     samples: int
@@ -91,21 +94,22 @@ class TetrahedraOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, eq=False)
 class CoarseTetrahedra:
-    """Tetrahedra around a mesh.
+    """Tetrahedra that fill a mesh.
 
     Attributes
     ----------
     V : (p, 3) float64
         Nodes, in the mesh's coordinates.
     T : (t, 4) int64
-        Of positive volume.
+        Tetrahedra of positive volume.
     volumes : (t,) float64
+        Their volumes.
     carry : (n, p) sparse float64
-        Barycentric coordinates of the mesh's vertices, four a row: ``carry @ V`` are its vertices.
+        Barycentric coordinates, four a row: ``carry @ V`` are the mesh's vertices.
     component : (p,) int
-        Which nodes hang together.
+        Connected component of each node.
     seconds : float
-        That it took to make them.
+        Time that fTetWild took.
     """
 
     V: np.ndarray
@@ -116,23 +120,19 @@ class CoarseTetrahedra:
     seconds: float
 
     def facts(self) -> dict[str, float]:
-        """For the row of a run; they are made once a mesh and process, whichever run that falls to."""
-        return {
-            "nodes": len(self.V),
-            "tetrahedra": len(self.T),
-            "tetrahedra_seconds": self.seconds,
-        }
+        """Return the entries of a row. Only the first run on a mesh spends ``tetrahedra_seconds``."""
+        return {"nodes": len(self.V), "tetrahedra": len(self.T), "tetrahedra_seconds": self.seconds}
 
 
 def coarse_tetrahedra(
     mesh: Mesh, *, samples: int = 3000, edge: float = 0.04, envelope: float = 1e-3
 ) -> CoarseTetrahedra:
-    """Fill a surface with tetrahedra; those of the last meshes are kept, and hold for them moved or scaled.
+    """Fill a surface with tetrahedra, or return the cached tetrahedra of the same mesh, moved and scaled.
 
     Parameters
     ----------
     mesh : Mesh
-        Closed. It may intersect itself and have several components; one of more vertices than `samples`
+        Closed. It may intersect itself and have several components. A mesh with more vertices than `samples`
         must be manifold and oriented.
     samples, edge, envelope
         See :class:`TetrahedraOptions`.
@@ -140,35 +140,35 @@ def coarse_tetrahedra(
     Raises
     ------
     ImportError
-        When pytetwild is not installed.
+        If pytetwild is not installed.
     InputError
-        When the surface has a boundary, encloses nothing that could be filled, or cannot be sampled.
+        If the surface has a boundary, encloses no volume, or cannot be sampled.
     """
     if len(mesh.boundary_edges):
         raise InputError(
             f"tetrahedra fill closed surfaces, and this one has {len(mesh.boundary_edges)} boundary edges; "
-            "close its holes, or take a method of surfaces"
+            "close its holes, or use a surface method"
         )
     centre, scale = mesh.V.mean(axis=0), mesh.diagonal
     rounded = np.round((mesh.V - centre) / (scale * GRID)) * GRID + 0.0  # no negative zeros
     key = (hashlib.sha256(rounded.tobytes() + mesh.F.tobytes()).digest(), samples, edge, envelope)
-    if key in _kept:
-        _kept.move_to_end(key)
+    if key in _cache:
+        _cache.move_to_end(key)
     else:
-        _kept[key] = _made(Mesh(rounded, mesh.F), samples, edge=edge, envelope=envelope)
-    while len(_kept) > KEPT:
-        _kept.popitem(last=False)
-    kept = _kept[key]
+        _cache[key] = _unit_tetrahedra(Mesh(rounded, mesh.F), samples, edge=edge, envelope=envelope)
+    while len(_cache) > CACHED:
+        _cache.popitem(last=False)
+    unit = _cache[key]
     return replace(
-        kept,
-        V=kept.V * scale + centre,
-        volumes=kept.volumes * scale**3,
-        carry=barycentric_coordinates(kept.V, kept.T, (mesh.V - centre) / scale),
+        unit,
+        V=unit.V * scale + centre,
+        volumes=unit.volumes * scale**3,
+        carry=barycentric_coordinates(unit.V, unit.T, (mesh.V - centre) / scale),
     )
 
 
-def _made(mesh: Mesh, samples: int, *, edge: float, envelope: float) -> CoarseTetrahedra:
-    """Of a mesh about the origin, of diagonal 1."""
+def _unit_tetrahedra(mesh: Mesh, samples: int, *, edge: float, envelope: float) -> CoarseTetrahedra:
+    """Fill a mesh that lies at the origin and has a diagonal of 1."""
     begin = perf_counter()
     V, T = _filled(*_sampled(mesh, samples), edge=edge, envelope=envelope)
     return CoarseTetrahedra(
@@ -182,18 +182,18 @@ def _made(mesh: Mesh, samples: int, *, edge: float, envelope: float) -> CoarseTe
 
 
 def _sampled(mesh: Mesh, samples: int) -> tuple[np.ndarray, np.ndarray]:
-    """V (s, 3) and F (g, 3) of proxies of all components, with samples by area."""
+    """Return V (s, 3) and F (g, 3) of proxies of all components; the samples are distributed by area."""
     if samples >= mesh.n:
         return np.array(mesh.V), np.array(mesh.F)
     areas = np.bincount(mesh.component[mesh.F[:, 0]], mesh.face_areas)
     V, F, count = [], [], 0
     for component in np.unique(mesh.component[mesh.F[:, 0]]):
-        own = np.flatnonzero(mesh.component == component)
-        faces = np.searchsorted(own, mesh.F[mesh.component[mesh.F[:, 0]] == component])
-        part = Mesh(mesh.V[own], faces)
-        share = max(round(samples * areas[component] / mesh.area), 4)
-        if share < part.n:
-            part = proxy_mesh(part, sample_proxy(part, share))
+        vertices = np.flatnonzero(mesh.component == component)
+        faces = np.searchsorted(vertices, mesh.F[mesh.component[mesh.F[:, 0]] == component])
+        part = Mesh(mesh.V[vertices], faces)
+        number = max(round(samples * areas[component] / mesh.area), 4)
+        if number < part.n:
+            part = proxy_mesh(part, sample_proxy(part, number))
         V.append(part.V)
         F.append(part.F + count)
         count += part.n
@@ -201,11 +201,11 @@ def _sampled(mesh: Mesh, samples: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _filled(V: np.ndarray, F: np.ndarray, *, edge: float, envelope: float) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and positive tetrahedra of fTetWild."""
+    """Return the nodes and the tetrahedra of positive volume from fTetWild."""
     if find_spec("pytetwild") is None:
         raise ImportError("tetrahedra need pytetwild; pip install 'sshade[tet]'")
     if resource is None:
-        log.warning("this system has no limits of processor time: fTetWild takes as long as it takes")
+        log.warning("this system cannot limit processor time: fTetWild runs without a time limit")
     with TemporaryDirectory() as folder:
         np.savez(Path(folder, "surface.npz"), V=V, F=F.astype(np.int32))
         sizes = (edge, envelope, STOP_ENERGY, STEPS, LIMIT if resource else 0)
@@ -227,18 +227,20 @@ def _filled(V: np.ndarray, F: np.ndarray, *, edge: float, envelope: float) -> tu
 
 def _why(done: subprocess.CompletedProcess[str]) -> str:
     if resource and done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
-        return f"it was stopped, as after {LIMIT} s of a core or where memory runs out"
+        return f"it was stopped, because it took {LIMIT} s of processor time or ran out of memory"
     said = done.stderr.strip().splitlines()
     return said[-1] if said else f"its process ended with {done.returncode}"
 
 
 def barycentric_coordinates(V: np.ndarray, T: np.ndarray, points: np.ndarray) -> csr_array:
-    """(q, p) coordinates of points (q, 3) in the tetrahedron that they lie in, or least far out of.
+    """Return the barycentric coordinates (q, p) of points in the tetrahedra that contain them.
+
+    A point outside all tetrahedra uses the tetrahedron in which its least coordinate is largest.
 
     Parameters
     ----------
     V, T
-        Tetrahedra, none without volume.
+        Tetrahedra of nonzero volume.
     points : (q, 3) float64
     """
     from scipy.spatial import cKDTree
@@ -251,10 +253,10 @@ def barycentric_coordinates(V: np.ndarray, T: np.ndarray, points: np.ndarray) ->
     tetrahedron = np.zeros(len(points), dtype=np.int64)
     for t in candidate.T:
         three = np.einsum("qij,qj->qi", inverse[t], points - V[T[t, 0]])
-        own = np.column_stack([1 - three.sum(axis=1), three])
-        least = own.min(axis=1)
+        coordinates = np.column_stack([1 - three.sum(axis=1), three])
+        least = coordinates.min(axis=1)
         better = least > best
-        best[better], found[better], tetrahedron[better] = least[better], own[better], t[better]
+        best[better], found[better], tetrahedron[better] = least[better], coordinates[better], t[better]
     rows = np.repeat(np.arange(len(points)), 4)
     entries = (found.ravel(), (rows, T[tetrahedron].ravel()))
     return coo_array(entries, shape=(len(points), len(V))).tocsr()

@@ -1,4 +1,4 @@
-"""A lattice of cubes around a surface, which carries it by trilinear interpolation."""
+"""A lattice of cubes around a surface, with trilinear interpolation from its nodes to the surface."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from sshade.mesh.mesh import Mesh
 
 #: Corners of a cube, in units of its side.
 CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
-#: Distance of the points of a triangle that tell which cubes it passes through, in sides of a cube.
+#: Spacing of the points on a triangle that find the cubes it passes through, in sides of a cube.
 SPACING = 0.5
 
 
 class Lattice(NamedTuple):
-    """Cubes that a surface passes through, and those inside of it.
+    """Cubes on a surface and, optionally, inside the surface.
 
     Attributes
     ----------
     V : (p, 3) float64
         Nodes.
     cubes : (c, 8) int64
-        Nodes of each.
+        Nodes of each cube.
     edges : (e, 2) int64
-        Of the cubes, each once.
+        Edges of the cubes, without repetition.
     sharing : (e,) int64
-        How many cubes have each edge.
+        Number of cubes around each edge.
     carry : (n, p) sparse float64
-        Trilinear weights of the mesh's vertices, eight a row: ``carry @ V`` are its vertices.
+        Trilinear weights, eight a row: ``carry @ V`` are the mesh's vertices.
     component : (p,) int
-        Which nodes hang together.
+        Connected component of each node.
     """
 
     V: np.ndarray
@@ -44,17 +44,17 @@ class Lattice(NamedTuple):
 
 
 def lattice(mesh: Mesh, *, cells: int, filled: bool) -> Lattice:
-    """Lay a lattice around a mesh, along the axes and about the middle of its bounding box.
+    """Lay an axis-aligned lattice around a mesh, centred on its bounding box.
 
-    A surface of any kind will do: with a boundary, not manifold, or one that intersects itself.
+    The surface may have a boundary, intersect itself, and need not be manifold.
 
     Parameters
     ----------
     mesh : Mesh
     cells : int
-        Sides of a cube in the bounding box's diagonal.
+        Bounding-box diagonal divided by the side of a cube.
     filled : bool
-        Cubes inside are those whose centre has a winding number above a half.
+        Add the cubes whose centres have a winding number above 0.5.
     """
     side = mesh.diagonal / cells
     low, high = mesh.V.min(axis=0), mesh.V.max(axis=0)
@@ -83,12 +83,12 @@ def lattice(mesh: Mesh, *, cells: int, filled: bool) -> Lattice:
 
 
 def _cells_of(points: np.ndarray, origin: np.ndarray, side: float) -> np.ndarray:
-    """(q, 3) int64"""
+    """Return the cells (q, 3) int64 that contain points."""
     return np.floor((points - origin) / side).astype(np.int64)
 
 
 def _points(mesh: Mesh, spacing: float) -> np.ndarray:
-    """Points on the triangles, corners included, no farther apart than `spacing` along their sides."""
+    """Sample the triangles, corners included, at most `spacing` apart along their sides."""
     corners = mesh.V[mesh.F]
     longest = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1)
     parts = np.maximum(np.ceil(longest / spacing).astype(np.int64), 1)
@@ -102,11 +102,11 @@ def _points(mesh: Mesh, spacing: float) -> np.ndarray:
 
 
 def _inside(mesh: Mesh, origin: np.ndarray, side: float, count: np.ndarray) -> np.ndarray:
-    """(q, 3) int64 cells around which the surface winds."""
+    """Return the cells (q, 3) int64 inside the surface."""
     import igl
 
     cells = np.stack(np.meshgrid(*(np.arange(c) for c in count), indexing="ij"), axis=-1).reshape(-1, 3)
-    # About the origin: far from it, the tree of the winding numbers loses digits.
+    # Move to the origin, because the winding numbers lose digits far from it.
     middle = origin + 0.5 * side * count
     centres = (cells + 0.5) * side + (origin - middle)
     winding = igl.fast_winding_number(mesh.V - middle, np.array(mesh.F), np.ascontiguousarray(centres))
@@ -122,7 +122,7 @@ def _trilinear(
     side: float,
     nodes: int,
 ) -> csr_array:
-    """(n, p) the trilinear weights of vertices in the cubes that they lie in."""
+    """Return the (n, p) trilinear weights of vertices in their cubes."""
     size = cubes.max(axis=0) + 1
     number = np.searchsorted(np.ravel_multi_index(cubes.T, size), np.ravel_multi_index(own.T, size))
     inside = (V - origin) / side - own

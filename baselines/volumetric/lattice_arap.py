@@ -1,21 +1,21 @@
-"""Lattice ARAP: ARAP on cubes around the surface, which follows them.
+"""Lattice ARAP: ARAP on a lattice of cubes around the surface.
 
     E = sum_ij w_ij |e'_ij - R_i e_ij|^2 + w / k sum_h |(C q)_h - target_h|^2 sum_ij w_ij
 
-over the edges ij of the lattice, w_ij the share of an inner edge's four cubes that there are, C the
-trilinear weights of the k handle vertices. w is large; what it leaves is taken away in the end. The
-surface is carried by trilinear interpolation of the positions, or, smoother, of the rigid motions of the
-nodes, as by a deformation graph. It may be of any kind, intersect itself and have many components: those
-in neighbouring cubes move as one, and limbs that are closer than a cube grow together.
+The sums run over the edges ij of the lattice and the k handle vertices h. w_ij is the number of cubes around
+an edge divided by four, the number around an inner edge. C holds the trilinear weights of the handles.
+w is large; the distance that remains is corrected at the end. Trilinear interpolation prolongs the nodes'
+positions to the surface, or, more smoothly, their rigid motions, as in a deformation graph. The surface may
+intersect itself and have many components. Components in neighbouring cubes move together, and limbs closer
+than a cube merge.
 
-After the description of M. Zollhoefer, E. Sert, G. Greiner, J. Suessmuth, "GPU based ARAP deformation using
-volumetric lattices", Eurographics 2012 short papers, whose code is not public: theirs is a multiresolution
-iteration on a GPU; weights of edges, the cubes inside and the motions of nodes are filled in.
+Source: the description in M. Zollhoefer, E. Sert, G. Greiner, J. Suessmuth, "GPU based ARAP deformation using
+volumetric lattices", Eurographics 2012 short papers. The authors' code is not public and uses several
+resolutions on a GPU. The edge weights, the inner cubes and the motions of nodes are our choices.
 """
 
 from __future__ import annotations
 
-from time import perf_counter
 from typing import Literal, get_args
 
 import numpy as np
@@ -23,6 +23,7 @@ from scipy.sparse import csc_array
 
 from baselines.global_step import iterate, iterated
 from baselines.start_motion import start_motion
+from baselines.stopwatch import Stopwatch
 from baselines.volumetric.lattice import lattice
 from baselines.volumetric.node_handles import on_targets, require_handles
 from sshade.errors import InputError
@@ -55,16 +56,18 @@ def lattice_arap(
     Parameters
     ----------
     task : DeformationTask
-        Its mesh may be of any kind.
+        Any mesh will do.
     cells : int
-        Sides of a cube in the bounding box's diagonal.
+        Bounding-box diagonal divided by the side of a cube, at least 2. Raise it if limbs merge.
     filled : bool
-        With cubes inside, where the surface encloses any, or those alone that it passes through.
+        Add the cubes inside the surface to the cubes that it passes through.
     carry : {"motions", "trilinear"}
+        Quantity of the nodes that trilinear interpolation prolongs: rigid motions or positions.
     handle_weight : float
-        w, without unit.
+        w, positive, without unit. Larger values bring handles nearer to their targets.
     tolerance : float
-        Residual of the nodes, over the mesh's diagonal. 0 never stops early.
+        Residual below which the iteration stops: the largest move of a node in one iteration, divided by
+        the mesh's bounding-box diagonal. 0 disables the test.
     max_iterations : int
     start : {"rest", "rigid"}
     seed : int
@@ -74,13 +77,13 @@ def lattice_arap(
     Returns
     -------
     DeformationResult
-        ``extra`` has ``nodes``, ``cubes``, ``residual`` and ``handle_before``, as handles are put on
-        their targets in the end.
+        ``extra`` has ``nodes``, ``cubes``, ``residual`` and ``handle_before``, the mean distance of handles
+        to their targets before the final correction, divided by the diagonal.
 
     Raises
     ------
     InputError
-        On parameters out of range or soft handles, or when cubes hang together without a handle.
+        If a parameter is out of range, a handle is soft, or a component of the lattice has no handle.
     """
     if cells < 2 or not 0 < handle_weight < np.inf or carry not in get_args(Carry):
         raise InputError(
@@ -90,7 +93,7 @@ def lattice_arap(
     mesh, handles = task.mesh, task.handles
     handles.require_hard("Lattice ARAP")
     R0, t0 = start_motion(task, start)
-    begin = perf_counter()
+    watch = Stopwatch()
     grid = lattice(mesh, cells=cells, filled=filled)
     C, p = grid.carry[handles.index], len(grid.V)
     require_handles(grid.component, np.unique(C.indices))
@@ -101,11 +104,11 @@ def lattice_arap(
         (weights[:, None] * (grid.V[i] - grid.V[j]))[:, None],
         weights[:, None],
     )
-    # Handles weigh by their number: nodes of a cube with many are as those of one with a few.
+    # Divide by the number of handles, so that w does not depend on how densely they are sampled.
     pull = handle_weight * weights.sum() / len(handles)
     factor = Factorisation(csc_array(laplacian_matrix(p, grid.edges, weights) + pull * (C.T @ C)))
     pulled = pull * (C.T @ handles.target)
-    precomputed = perf_counter()
+    watch.end("precompute")
 
     q = grid.V @ R0.T + t0
     R, Q, B = np.empty((p, 9)), np.tile([1.0, 0.0, 0.0, 0.0], (p, 1)), np.empty((p, 3))
@@ -124,29 +127,22 @@ def lattice_arap(
         max_iterations=max_iterations,
         progress=progress,
     )
-    solved = perf_counter()
+    watch.end("solve")
     V = grid.carry @ q
     if carry == "motions":
         covariances(terms, q, R, 0, p)
         fit_rotations(R, Q)
         turns = R.reshape(-1, 3, 3)
-        # sum_m phi_m (R_m (v - p_m) + q_m), the motions apart from the points that they are about
+        # sum_m phi_m (R_m (v - p_m) + q_m)
         shifts = q - np.einsum("pij,pj->pi", turns, grid.V)
         blended = (grid.carry @ R).reshape(-1, 3, 3)
         V = np.einsum("vij,vj->vi", blended, mesh.V) + grid.carry @ shifts
     V, facts = on_targets(mesh, handles, V, nodes=p)
+    watch.end("carry")
     return iterated(
         V,
         residuals,
         tolerance=tolerance,
-        seconds={
-            "precompute": precomputed - begin,
-            "solve": solved - precomputed,
-            "carry": perf_counter() - solved,
-        },
-        extra={
-            **facts,
-            "nodes": p,
-            "cubes": len(grid.cubes),
-        },
+        seconds=watch.seconds,
+        extra={**facts, "nodes": p, "cubes": len(grid.cubes)},
     )

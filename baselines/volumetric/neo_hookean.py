@@ -1,12 +1,13 @@
-"""Stable Neo-Hookean elasticity on coarse tetrahedra, quasi-static: what simulation would do.
+"""Stable Neo-Hookean elasticity on coarse tetrahedra: a quasi-static simulation.
 
     E = sum_t v_t psi(D_t) + w / (2 k) sum_i |(C p)_i - target_i|^2
 
-with psi the energy of Smith et al. for a shear modulus of 1, D_t the deformation gradient of tetrahedron t,
-v_t its share of the volume, C the barycentric coordinates of the k handle vertices; lengths are over the
-diagonal, so that w has no unit. Handles are soft and stay where the balance leaves them. They are led to
-their targets in steps; after each, Newton's method with definite element Hessians and a line search goes to
-rest. Energies and derivatives are simkit's, the rest is ours: no dynamics, no contact, no gravity.
+psi is the energy of Smith et al. for a shear modulus of 1, D_t the deformation gradient of tetrahedron t, and
+v_t its fraction of the volume. C holds the barycentric coordinates of the k handle vertices. Lengths are
+divided by the diagonal, so w has no unit. Handles are soft and need not reach their targets. The targets move
+to their places in load steps. After each step, Newton's method with definite element Hessians and a line
+search finds the equilibrium. simkit provides energies and derivatives. There are no dynamics, no contact and
+no gravity.
 
 B. Smith, F. de Goes, T. Kim, "Stable Neo-Hookean flesh simulation", 2018.
 """
@@ -15,13 +16,13 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from time import perf_counter
 from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 from scipy.sparse import csc_array, csr_array, eye_array, kron
 
 from baselines.start_motion import start_motion
+from baselines.stopwatch import Stopwatch
 from baselines.volumetric.coarse_tetrahedra import CoarseTetrahedra, TetrahedraOptions, coarse_tetrahedra
 from baselines.volumetric.node_handles import handle_error, require_handles
 from sshade.errors import InputError
@@ -30,10 +31,12 @@ from sshade.solver.factorisation import Factorisation
 from sshade.solver.options import Start
 from sshade.task import DeformationResult, DeformationTask
 
-#: Share of the decrease that the slope promises with which a step of the line search is taken, and halvings.
-DECREASE, HALVINGS = 1e-4, 30
-#: Residual (x diagonal) of all load steps but the last, where that asks for less.
-ON_THE_WAY = 1e-3
+#: Least decrease of a step of the line search, as a fraction of the decrease that the slope predicts.
+DECREASE = 1e-4
+#: Maximum number of halvings in a line search.
+HALVINGS = 30
+#: Least tolerance of all load steps except the last one.
+INTERMEDIATE_TOLERANCE = 1e-3
 
 
 def neo_hookean(
@@ -49,43 +52,45 @@ def neo_hookean(
     progress: Progress = silent,
     **options: Unpack[TetrahedraOptions],
 ) -> DeformationResult:
-    """Deform as an elastic body whose handles are pulled; handles are soft.
+    """Deform as an elastic body with soft handles.
 
     Parameters
     ----------
     task : DeformationTask
-        Its mesh must be closed.
+        The mesh must be closed.
     poisson : float
-        Poisson's ratio, in (0, 0.5): near 0.5 the volume is kept.
+        Poisson's ratio, in (0, 0.5). Values near 0.5 preserve the volume.
     handle_weight : float
-        w, above 0.
+        w, positive. Larger values bring handles nearer to their targets.
     load_steps : int
-        In how many steps targets go from the start to where they are.
+        Number of steps in which the targets move from the start to their places. Raise it if large motions
+        invert tetrahedra.
     tolerance : float
-        Newton step, the largest move of a node over the mesh's diagonal, under which iteration stops.
+        Length of a Newton step below which the iteration stops: the largest move of a node divided by the
+        mesh's diagonal.
     max_iterations : int
-        Newton steps of each load step.
+        Maximum number of Newton steps in each load step.
     start : {"rest", "rigid"}
     seed : int
         Unused: the method is deterministic.
     progress : Progress
     **options
-        See :class:`baselines.volumetric.coarse_tetrahedra.TetrahedraOptions`.
+        Size of the tetrahedra: see :class:`baselines.volumetric.coarse_tetrahedra.TetrahedraOptions`.
 
     Returns
     -------
     DeformationResult
-        ``extra`` has ``nodes``, ``tetrahedra``, ``tetrahedra_seconds``, ``residual``, the ``energy`` above
-        rest, the number of ``inverted`` tetrahedra, and ``handle_error``, the mean distance to targets over
-        the diagonal.
+        ``extra`` has ``nodes``, ``tetrahedra``, ``tetrahedra_seconds``, ``residual``, the ``energy`` minus
+        the energy at rest, the number of ``inverted`` tetrahedra, and ``handle_error``, the mean distance of
+        handles to their targets divided by the diagonal.
 
     Raises
     ------
     ImportError
-        When pytetwild or simkit is not installed.
+        If pytetwild or simkit is not installed.
     InputError
-        As of :func:`baselines.volumetric.coarse_tetrahedra.coarse_tetrahedra`, on parameters out of
-        range, an unknown start or soft handles, or when tetrahedra hang together without a handle.
+        If :func:`baselines.volumetric.coarse_tetrahedra.coarse_tetrahedra` refuses the mesh, a parameter is
+        out of range, the start is unknown, a handle is soft, or a component of the tetrahedra has no handle.
     """
     if not 0 < poisson < 0.5 or not 0 < handle_weight < np.inf or load_steps < 1:
         raise InputError(
@@ -95,7 +100,7 @@ def neo_hookean(
     mesh, handles = task.mesh, task.handles
     handles.require_hard("Neo-Hookean elasticity")
     R, t = start_motion(task, start)
-    begin = perf_counter()
+    watch = Stopwatch()
     material = _energies()
     tetrahedra = coarse_tetrahedra(mesh, **options)
     carry = tetrahedra.carry[handles.index]
@@ -106,30 +111,27 @@ def neo_hookean(
     )
     x = (tetrahedra.V @ R.T + t - centre) / scale
     first, target = carry @ x, (handles.target - centre) / scale
-    precomputed = perf_counter()
+    watch.end("precompute")
 
     residuals: list[float] = []
     for step in range(1, load_steps + 1):
-        share = step / load_steps
-        problem.target = (1 - share) * first + share * target
-        own = tolerance if step == load_steps else max(tolerance, ON_THE_WAY)
-        x, moves = newton(problem, x, tolerance=own, max_iterations=max_iterations)
+        load = step / load_steps
+        problem.target = (1 - load) * first + load * target
+        enough = tolerance if step == load_steps else max(tolerance, INTERMEDIATE_TOLERANCE)
+        x, moves = newton(problem, x, tolerance=enough, max_iterations=max_iterations)
         residuals += moves
         progress("load steps", step, load_steps, f"residual {moves[-1] if moves else np.inf:.1e}")
-    solved = perf_counter()
+    watch.end("solve")
     nodes = x * scale + centre
     V = tetrahedra.carry @ nodes
     inverted = np.linalg.det(nodes[tetrahedra.T[:, 1:]] - nodes[tetrahedra.T[:, :1]]) <= 0
     residual = residuals[-1] if residuals else np.inf
+    watch.end("carry")
     return DeformationResult(
         vertices=V,
         iterations=len(residuals),
         converged=residual < tolerance,
-        seconds={
-            "precompute": precomputed - begin,
-            "solve": solved - precomputed,
-            "carry": perf_counter() - solved,
-        },
+        seconds=watch.seconds,
         extra={
             **tetrahedra.facts(),
             "residual": residual,
@@ -142,7 +144,7 @@ def neo_hookean(
 
 
 class _Energies(NamedTuple):
-    """simkit's functions of positions (p, 3), the deformation Jacobian, mu, lambda and weights (t, 1)."""
+    """simkit's functions of positions (p, 3), the Jacobian, mu, lambda and weights (t, 1)."""
 
     jacobian: Callable[..., Any]
     energy: Callable[..., Any]
@@ -153,7 +155,7 @@ class _Energies(NamedTuple):
 def _energies() -> _Energies:
     try:
         with warnings.catch_warnings():
-            # It tells of extras of its own that are not installed.
+            # simkit warns about optional packages that are not installed.
             warnings.simplefilter("ignore", UserWarning)
             from simkit.deformation_jacobian import deformation_jacobian
             from simkit.energies import stable_neo_hookean as snh
@@ -168,9 +170,10 @@ def _energies() -> _Energies:
 
 
 class Elasticity:
-    """The energy of the module's docstring, times the number of tetrahedra, at node positions x (p, 3).
+    """The energy of the module's docstring times the number of tetrahedra, at node positions x (p, 3).
 
-    simkit lifts the eigenvalues of weighted element Hessians to 1e-6: a mean weight of 1 makes that small.
+    simkit raises the eigenvalues of weighted element Hessians to at least 1e-6. The weights therefore have a
+    mean of 1, so that this floor is small.
 
     Parameters
     ----------
@@ -180,7 +183,10 @@ class Elasticity:
     material : _Energies
     centre, scale
         Origin and unit of length of x.
-    poisson, weight : float
+    poisson : float
+        Poisson's ratio.
+    weight : float
+        w.
 
     Attributes
     ----------
@@ -204,34 +210,33 @@ class Elasticity:
         self._carry, self._material = carry, material
         self._stiffness = weight * count / carry.shape[0]
         self._pull = csc_array(kron(self._stiffness * (carry.T @ carry), eye_array(3)))
-        share = tetrahedra.volumes / tetrahedra.volumes.mean()
+        weights = tetrahedra.volumes / tetrahedra.volumes.mean()
         mu, lam = lame(poisson)
-        given = np.full((count, 1), mu), np.full((count, 1), lam), share[:, None]
-        self._given = (material.jacobian(X, tetrahedra.T), *given)
+        constants = np.full((count, 1), mu), np.full((count, 1), lam), weights[:, None]
+        self._constants = (material.jacobian(X, tetrahedra.T), *constants)
         self.target = carry @ X
         self.rest = self.energy(X)
 
     def energy(self, x: np.ndarray) -> float:
         gap = self._carry @ x - self.target
-        return self._material.energy(x, *self._given) + 0.5 * self._stiffness * float((gap**2).sum())
+        return self._material.energy(x, *self._constants) + 0.5 * self._stiffness * float((gap**2).sum())
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
-        """(p, 3)"""
+        """Return the gradient (p, 3) at x."""
         gap = self._carry @ x - self.target
-        return self._material.gradient(x, *self._given).reshape(-1, 3) + self._stiffness * (
+        return self._material.gradient(x, *self._constants).reshape(-1, 3) + self._stiffness * (
             self._carry.T @ gap
         )
 
     def hessian(self, x: np.ndarray) -> csc_array:
-        """(3p, 3p), positive definite."""
-        return csc_array(self._material.hessian(x, *self._given)) + self._pull
+        """Return the Hessian (3p, 3p) at x, made positive definite."""
+        return csc_array(self._material.hessian(x, *self._constants)) + self._pull
 
 
 def lame(poisson: float) -> tuple[float, float]:
-    """mu and lambda of the stable energy that in small strains has a shear modulus of 1 and this ratio.
+    """Return mu and lambda of the stable energy for a shear modulus of 1 and this Poisson's ratio.
 
-    Smith et al. take 4/3 of the linear mu, and the linear lambda with 5/6 of that mu; simkit leaves this to
-    its user.
+    Smith et al. multiply the linear mu by 4/3 and add 5/6 of the linear mu to the linear lambda.
     """
     return 4 / 3, 2 * poisson / (1 - 2 * poisson) + 5 / 6
 
@@ -239,12 +244,14 @@ def lame(poisson: float) -> tuple[float, float]:
 def newton(
     problem: Elasticity, x: np.ndarray, *, tolerance: float, max_iterations: int
 ) -> tuple[np.ndarray, list[float]]:
-    """Minimise from x (p, 3); also return the largest move of a node that each full Newton step asked for.
+    """Minimise the energy from x (p, 3) and return the minimum and the length of each full Newton step.
+
+    The length of a step is the largest move of a node.
 
     Raises
     ------
     FloatingPointError
-        When a Hessian is not positive definite.
+        If a Hessian is not positive definite.
     """
     moves: list[float] = []
     energy = problem.energy(x)
@@ -261,6 +268,6 @@ def newton(
                 x, energy = trial, lower
                 break
             length /= 2
-        else:  # rounding leaves nothing to win
+        else:  # rounding errors prevent a further decrease
             break
     return x, moves

@@ -1,4 +1,4 @@
-"""Handles of a surface as handles of a coarse volume: which parts move rigidly, which nodes with them."""
+"""Transfer of a surface's handles to a coarse volume: rigid parts, and the nodes that move with them."""
 
 from __future__ import annotations
 
@@ -14,23 +14,26 @@ from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 from sshade.pipeline.regions import HandleRegions
 
-#: How far (x diagonal) a handle may be from its target when a part moves rigidly.
+#: Maximum distance of a handle of a rigid part from its target, as a fraction of the diagonal.
 RIGID = 5e-3
-#: Handles near each other from which the motion of a part is guessed, and guesses a part.
-GUESSED_FROM, GUESSES = 12, 16
+#: Number of neighbouring handles that a trial motion is fitted to.
+TRIAL_HANDLES = 12
+#: Number of trial motions for each part.
+TRIALS = 16
 
 
 @dataclass(frozen=True, eq=False)
 class RigidParts:
-    """Handles by the rigid motion that they take part in.
+    """Handles, grouped by rigid motion.
 
     Attributes
     ----------
     part : (k,) int
-        Of each handle.
+        Part of each handle.
     R : (g, 3, 3) float64
+        Rotation of each part.
     t : (g, 3) float64
-        The motion ``R v + t`` of each part.
+        Translation of each part: the part moves by ``R v + t``.
     """
 
     part: np.ndarray
@@ -38,16 +41,16 @@ class RigidParts:
     t: np.ndarray
 
     def moved(self, part: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Points (q, 3) with the motions of `part` (q,)."""
+        """Apply the motions of the parts `part` (q,) to points (q, 3)."""
         return np.einsum("qij,qj->qi", self.R[part], points) + self.t[part]
 
 
 def rigid_parts(mesh: Mesh, handles: Handles) -> RigidParts:
-    """Split handles into parts that move rigidly: their groups, or where these do not, what of them does.
+    """Split handles into parts that move rigidly.
 
-    Of a group that does not move rigidly to :data:`RIGID`, the largest part is taken out again and again
-    whose motion, guessed from handles near each other, the most handles share; what shares no motion
-    with others remains one part, with its best rigid motion.
+    A group that moves rigidly within :data:`RIGID` is one part. From any other group, the function repeatedly
+    removes the largest set of handles that follow one rigid motion, found from trial fits to neighbouring
+    handles. The remaining handles form one part with its best rigid motion.
     """
     source, close = mesh.V[handles.index], RIGID * mesh.diagonal
     part, motions = np.full(len(handles), -1), []
@@ -55,21 +58,22 @@ def rigid_parts(mesh: Mesh, handles: Handles) -> RigidParts:
         left = np.flatnonzero(handles.group == group)
         while len(left):
             motion = rigid_motion(source[left], handles.target[left])
-            own = np.ones(len(left), dtype=bool)
-            if not _sharing(motion, source[left], handles.target[left], close).all():
-                guess = _largest_motion(source[left], handles.target[left], close)
-                if guess is not None:
-                    motion, own = guess
-            part[left[own]] = len(motions)
+            moved = np.ones(len(left), dtype=bool)
+            if not _following(motion, source[left], handles.target[left], close).all():
+                largest = _largest_motion(source[left], handles.target[left], close)
+                if largest is not None:
+                    motion, moved = largest
+            part[left[moved]] = len(motions)
             motions.append(motion)
-            left = left[~own]
+            left = left[~moved]
     R, t = (np.array(values) for values in zip(*motions, strict=True))
     return RigidParts(part, R, t)
 
 
-def _sharing(
+def _following(
     motion: tuple[np.ndarray, np.ndarray], source: np.ndarray, target: np.ndarray, close: float
 ) -> np.ndarray:
+    """Return a mask (k,) of the handles that a rigid motion brings close to their targets."""
     R, t = motion
     return np.linalg.norm(source @ R.T + t - target, axis=1) <= close
 
@@ -77,37 +81,37 @@ def _sharing(
 def _largest_motion(
     source: np.ndarray, target: np.ndarray, close: float
 ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray] | None:
-    """The motion that most handles share, and which; None where no more do than it was guessed from."""
+    """Return the motion that most handles follow and their mask; None if a trial gains no further handles."""
     from scipy.spatial import cKDTree
 
-    near = min(GUESSED_FROM, len(source))
+    near = min(TRIAL_HANDLES, len(source))
     tree, best, motion = cKDTree(source), np.zeros(len(source), dtype=bool), None
-    for seed in np.unique(np.linspace(0, len(source) - 1, GUESSES).astype(int)):
+    for seed in np.unique(np.linspace(0, len(source) - 1, TRIALS).astype(int)):
         _, around = tree.query(source[seed], k=near)
-        guess = rigid_motion(source[np.atleast_1d(around)], target[np.atleast_1d(around)])
-        for _ in range(2):  # fitted again to all that share it
-            own = _sharing(guess, source, target, close)
-            if own.sum() < 3:
+        trial = rigid_motion(source[np.atleast_1d(around)], target[np.atleast_1d(around)])
+        for _ in range(2):  # fit again to all handles that follow the trial motion
+            found = _following(trial, source, target, close)
+            if found.sum() < 3:
                 break
-            guess = rigid_motion(source[own], target[own])
-        own = _sharing(guess, source, target, close)
-        if own.sum() > best.sum():
-            best, motion = own, guess
+            trial = rigid_motion(source[found], target[found])
+        found = _following(trial, source, target, close)
+        if found.sum() > best.sum():
+            best, motion = found, trial
     return None if motion is None or best.sum() < near else (motion, best)
 
 
 @dataclass(frozen=True, eq=False)
 class NodeHandles:
-    """Nodes that move with handles of the surface.
+    """Nodes of the volume whose positions the handles of the surface determine.
 
     Attributes
     ----------
     index : (h,) int64
         Nodes, in ascending order.
     target : (h, 3) float64
-        Where the motion of their parts carries them.
+        Their positions after the motion of their parts.
     part : (h,) int
-        Of the nearest handle.
+        Part of the nearest handle.
     """
 
     index: np.ndarray
@@ -118,14 +122,14 @@ class NodeHandles:
 def node_handles(
     tetrahedra: CoarseTetrahedra, mesh: Mesh, handles: Handles, parts: RigidParts
 ) -> NodeHandles:
-    """The node nearest to each handle, once each.
+    """Return the nodes nearest to handles, without repetition.
 
-    A node goes where its nearest handle goes, with the offset turned as the handle's part turns.
+    A node keeps its offset from the nearest handle, rotated by the rotation of the handle's part.
 
     Raises
     ------
     InputError
-        When tetrahedra hang together without such a node.
+        If a component of the tetrahedra has no node that is nearest to a handle.
     """
     from scipy.spatial import cKDTree
 
@@ -140,7 +144,7 @@ def node_handles(
 
 
 def require_handles(component: np.ndarray, nodes: np.ndarray) -> None:
-    """Raise InputError where a component of a volume, (p,) int of its nodes, has none of `nodes` (h,)."""
+    """Raise InputError if a component (p,) of a volume's nodes contains no entry of `nodes` (h,)."""
     count = int(component.max()) + 1
     without = count - len(np.unique(component[nodes]))
     if without:
@@ -148,29 +152,30 @@ def require_handles(component: np.ndarray, nodes: np.ndarray) -> None:
 
 
 def handle_error(mesh: Mesh, handles: Handles, V: np.ndarray) -> float:
-    """Mean distance of handles at positions V (n, 3) to their targets, over the diagonal."""
+    """Return the mean distance of handles at positions V (n, 3) to their targets, divided by the diagonal."""
     return float(np.linalg.norm(V[handles.index] - handles.target, axis=1).mean()) / mesh.diagonal
 
 
 def on_targets(
     mesh: Mesh, handles: Handles, V: np.ndarray, *, nodes: int
 ) -> tuple[np.ndarray, dict[str, float]]:
-    """Put handles that were carried near their targets onto them, and the surface beside regions with them.
+    """Put handles on their targets, and move the surface beside handle regions with them.
 
     Parameters
     ----------
     mesh : Mesh
     handles : Handles
     V : (n, 3) float64
-        The mesh as carried.
+        Deformed positions whose handles are near their targets.
     nodes : int
-        Of the coarse volume.
+        Number of nodes of the coarse volume.
 
     Returns
     -------
     V : (n, 3) float64
     facts : dict
-        ``handle_before``, the mean distance of handles to targets as carried, over the diagonal.
+        ``handle_before``, the mean distance of handles to targets in the given positions, divided by the
+        diagonal.
     """
     before = handle_error(mesh, handles, V)
     regions = HandleRegions(mesh, handles, vertices=nodes, graph=edge_graph(mesh))

@@ -1,24 +1,24 @@
-"""SLIM on coarse tetrahedra: the symmetric Dirichlet energy, which no tetrahedron can invert against.
+"""SLIM on coarse tetrahedra: minimise the symmetric Dirichlet energy, which prevents inverted tetrahedra.
 
     E = sum_t v_t (|D_t|_F^2 + |D_t^-1|_F^2) + w / h sum_i |p_i - target_i|^2
 
-with D_t the deformation gradient of tetrahedron t, v_t its share of the volume, and i the h nodes next to
-handles; lengths are over the diagonal, so that w, the weight of the handles, has no unit. Handles are
-soft, as in the authors' program: they stay where the balance leaves them, and so does the surface,
-which is carried by barycentric coordinates. libigl's `slim_solve` iterates; a residual stops it.
+D_t is the deformation gradient of tetrahedron t, v_t its fraction of the volume, and i runs over the h nodes
+next to handles. Lengths are divided by the diagonal, so the weight w of the handles has no unit. Handles are
+soft, as in the authors' program, and need not reach their targets. Barycentric coordinates prolong the nodes'
+positions to the surface. libigl's `slim_solve` does the iterations; a test of the residual stops it.
 
 M. Rabinovich, R. Poranne, D. Panozzo, O. Sorkine-Hornung, "Scalable locally injective mappings", 2017.
 """
 
 from __future__ import annotations
 
-from time import perf_counter
 from typing import Unpack
 
 import numpy as np
 
 from baselines.global_step import iterate, iterated
 from baselines.start_motion import start_motion
+from baselines.stopwatch import Stopwatch
 from baselines.volumetric.coarse_tetrahedra import TetrahedraOptions, coarse_tetrahedra
 from baselines.volumetric.node_handles import handle_error, node_handles, rigid_parts
 from sshade.errors import InputError
@@ -38,38 +38,40 @@ def slim(
     progress: Progress = silent,
     **options: Unpack[TetrahedraOptions],
 ) -> DeformationResult:
-    """Deform with SLIM; handles are soft.
+    """Deform with SLIM and soft handles.
 
     Parameters
     ----------
     task : DeformationTask
-        Its mesh must be closed.
+        The mesh must be closed.
     handle_weight : float
-        w, above 0.
+        w, positive. Larger values bring handles nearer to their targets.
     tolerance : float
-        Residual of the nodes, over the mesh's diagonal. 0 never stops early.
+        Residual below which the iteration stops: the largest move of a node in one iteration, divided by
+        the mesh's bounding-box diagonal. 0 disables the test.
     max_iterations : int
     start : {"rest", "rigid"}
-        No tetrahedron may be inverted there, so that the handles begin there, too.
+        Initialisation. Handles also begin there, because no tetrahedron may be inverted at the start.
     seed : int
         Unused: the method is deterministic.
     progress : Progress
     **options
-        See :class:`baselines.volumetric.coarse_tetrahedra.TetrahedraOptions`.
+        Size of the tetrahedra: see :class:`baselines.volumetric.coarse_tetrahedra.TetrahedraOptions`.
 
     Returns
     -------
     DeformationResult
         ``extra`` has ``nodes``, ``tetrahedra``, ``tetrahedra_seconds``, ``residual``, the number of
-        ``inverted`` tetrahedra, and ``handle_error``, the mean distance to targets over the diagonal.
+        ``inverted`` tetrahedra, and ``handle_error``, the mean distance of handles to their targets divided
+        by the diagonal.
 
     Raises
     ------
     ImportError
-        When pytetwild is not installed.
+        If pytetwild is not installed.
     InputError
-        As of :func:`baselines.volumetric.coarse_tetrahedra.coarse_tetrahedra`, on a weight that is not
-        positive, an unknown start or soft handles, or when tetrahedra hang together without a handle.
+        If :func:`baselines.volumetric.coarse_tetrahedra.coarse_tetrahedra` refuses the mesh, the weight is
+        not positive, the start is unknown, a handle is soft, or a component of the tetrahedra has no handle.
     """
     import igl
 
@@ -78,10 +80,10 @@ def slim(
     mesh, handles = task.mesh, task.handles
     handles.require_hard("SLIM")
     R, t = start_motion(task, start)
-    begin = perf_counter()
+    watch = Stopwatch()
     tetrahedra = coarse_tetrahedra(mesh, **options)
-    held = node_handles(tetrahedra, mesh, handles, rigid_parts(mesh, handles))
-    # About the origin and in size 1. libigl weighs by volumes and counts its penalty for each node.
+    fixed = node_handles(tetrahedra, mesh, handles, rigid_parts(mesh, handles))
+    # libigl weights by volumes and adds its penalty for each node: solve around the origin in unit size.
     centre, scale = mesh.V.mean(axis=0), mesh.diagonal
     rest = (tetrahedra.V - centre) / scale
     u = np.asfortranarray((tetrahedra.V @ R.T + t - centre) / scale)
@@ -91,11 +93,11 @@ def slim(
         np.asfortranarray(tetrahedra.T, dtype=np.int32),
         u,
         igl.MappingEnergyType.SYMMETRIC_DIRICHLET,
-        held.index.astype(np.int32),
-        np.asfortranarray((held.target - centre) / scale),
-        handle_weight * volume / len(held.index),
+        fixed.index.astype(np.int32),
+        np.asfortranarray((fixed.target - centre) / scale),
+        handle_weight * volume / len(fixed.index),
     )
-    precomputed = perf_counter()
+    watch.end("precompute")
 
     def advance(_: np.ndarray, out: np.ndarray) -> None:
         out[:] = igl.slim_solve(data, 1)
@@ -108,19 +110,16 @@ def slim(
         max_iterations=max_iterations,
         progress=progress,
     )
-    solved = perf_counter()
+    watch.end("solve")
     nodes = u * scale + centre
     V = tetrahedra.carry @ nodes
     inverted = np.linalg.det(nodes[tetrahedra.T[:, 1:]] - nodes[tetrahedra.T[:, :1]]) <= 0
+    watch.end("carry")
     return iterated(
         V,
         residuals,
         tolerance=tolerance,
-        seconds={
-            "precompute": precomputed - begin,
-            "solve": solved - precomputed,
-            "carry": perf_counter() - solved,
-        },
+        seconds=watch.seconds,
         extra={
             **tetrahedra.facts(),
             "inverted": int(inverted.sum()),

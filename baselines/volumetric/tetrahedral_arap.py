@@ -1,22 +1,23 @@
-"""ARAP on coarse tetrahedra: a rotation for each, as libigl has it.
+"""ARAP on coarse tetrahedra with one rotation for each tetrahedron, solved by libigl.
 
     E = sum_t v_t |D_t - R_t|_F^2,   D_t the deformation gradient of tetrahedron t, v_t its volume
 
-Nodes next to handles are held; the surface is carried by barycentric coordinates, then its handles are put
-on their targets.
+The nodes next to handles are fixed. Barycentric coordinates prolong the result to the surface, whose handles
+are then put on their targets.
 
 I. Chao, U. Pinkall, P. Sanan, P. Schroeder, "A simple geometric model for elastic deformations", 2010.
 """
 
 from __future__ import annotations
 
-from time import perf_counter
 from typing import Unpack
 
 import numpy as np
 
+from baselines.arap import libigl_iteration
 from baselines.global_step import iterate, iterated
 from baselines.start_motion import start_motion
+from baselines.stopwatch import Stopwatch
 from baselines.volumetric.coarse_tetrahedra import TetrahedraOptions, coarse_tetrahedra
 from baselines.volumetric.node_handles import node_handles, on_targets, rigid_parts
 from sshade.progress import Progress, silent
@@ -34,21 +35,22 @@ def tetrahedral_arap(
     progress: Progress = silent,
     **options: Unpack[TetrahedraOptions],
 ) -> DeformationResult:
-    """Deform with libigl's ARAP of elements on tetrahedra, one iteration a call, to a residual.
+    """Minimise libigl's ARAP energy of tetrahedra, with a test of the residual after each iteration.
 
     Parameters
     ----------
     task : DeformationTask
-        Its mesh must be closed.
+        The mesh must be closed.
     tolerance : float
-        Residual of the nodes, over the mesh's diagonal. 0 never stops early.
+        Residual below which the iteration stops: the largest move of a node in one iteration, divided by
+        the mesh's bounding-box diagonal. 0 disables the test.
     max_iterations : int
     start : {"rest", "rigid"}
     seed : int
         Unused: the method is deterministic.
     progress : Progress
     **options
-        See :class:`baselines.volumetric.coarse_tetrahedra.TetrahedraOptions`.
+        Size of the tetrahedra: see :class:`baselines.volumetric.coarse_tetrahedra.TetrahedraOptions`.
 
     Returns
     -------
@@ -58,31 +60,22 @@ def tetrahedral_arap(
     Raises
     ------
     ImportError
-        When pytetwild is not installed.
+        If pytetwild is not installed.
     InputError
-        As of :func:`baselines.volumetric.coarse_tetrahedra.coarse_tetrahedra`, on an unknown start or
-        soft handles, or when tetrahedra hang together without a handle.
+        If :func:`baselines.volumetric.coarse_tetrahedra.coarse_tetrahedra` refuses the mesh, the start is
+        unknown, a handle is soft, or a component of the tetrahedra has no handle.
     """
-    import igl
-
     mesh, handles = task.mesh, task.handles
     handles.require_hard("tetrahedral ARAP")
     R, t = start_motion(task, start)
-    begin = perf_counter()
+    watch = Stopwatch()
     tetrahedra = coarse_tetrahedra(mesh, **options)
-    held = node_handles(tetrahedra, mesh, handles, rigid_parts(mesh, handles))
-    data = igl.ARAPData()
-    data.energy = igl.ARAPEnergyType.ARAP_ENERGY_TYPE_ELEMENTS
-    data.max_iter = 1
-    igl.arap_precomputation(tetrahedra.V, tetrahedra.T, 3, held.index.astype(np.int32), data)
-    precomputed = perf_counter()
-
+    fixed = node_handles(tetrahedra, mesh, handles, rigid_parts(mesh, handles))
+    index = fixed.index.astype(np.int32)
+    advance = libigl_iteration(tetrahedra.V, tetrahedra.T, index, fixed.target, energy="elements")
+    watch.end("precompute")
     u = tetrahedra.V @ R.T + t
-    u[held.index] = held.target
-
-    def advance(u: np.ndarray, out: np.ndarray) -> None:
-        out[:] = igl.arap_solve(held.target, data, u)
-
+    u[fixed.index] = fixed.target
     residuals = iterate(
         advance,
         u,
@@ -91,16 +84,13 @@ def tetrahedral_arap(
         max_iterations=max_iterations,
         progress=progress,
     )
-    solved = perf_counter()
+    watch.end("solve")
     V, facts = on_targets(mesh, handles, tetrahedra.carry @ u, nodes=len(u))
+    watch.end("carry")
     return iterated(
         V,
         residuals,
         tolerance=tolerance,
-        seconds={
-            "precompute": precomputed - begin,
-            "solve": solved - precomputed,
-            "carry": perf_counter() - solved,
-        },
+        seconds=watch.seconds,
         extra={**tetrahedra.facts(), **facts},
     )

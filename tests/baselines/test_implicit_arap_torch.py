@@ -265,8 +265,8 @@ def test_energy_of_a_stretch_by_hand():
 def test_handles_take_their_patches_from_the_surface_but_not_all():
     sizes = {"surface_patches": 100, "space_patches": 50, "patch_points": 10}
     plan = Plan(**dict.fromkeys((field.name for field in fields(Plan)), 0) | sizes)
-    assert plan.free_patches(30) == 70
-    assert plan.free_patches(300) == 25
+    assert plan.random_patches(30) == 70
+    assert plan.random_patches(300) == 25
     assert plan.points(30) == 1500
 
 
@@ -327,7 +327,7 @@ def test_a_task_may_have_moving_or_static_handles_only():
     "wrong", [{"layers": 1}, {"sdf_layers": 1}, {"patch_points": 2}], ids=lambda w: next(iter(w))
 )
 def test_sizes_that_cannot_work_are_refused(wrong):
-    with pytest.raises(ValueError, match="networks need two layers and patches three points"):
+    with pytest.raises(ValueError, match="use at least two layers and three points"):
         implicit_arap(held_ends(bumpy(2)), **wrong)
 
 

@@ -122,7 +122,7 @@ def test_an_extra_that_is_missing_is_named(method, without_extra, monkeypatch):
 def test_filling_has_a_limit_and_leaves_nothing_behind(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(tetrahedra_module, "LIMIT", 1)
-    with pytest.raises(InputError, match="could not fill the surface: it was stopped, as after 1 s"):
+    with pytest.raises(InputError, match="could not fill the surface: it was stopped, because it took 1 s"):
         coarse_tetrahedra(bumpy(4), samples=10**6, edge=0.01)
     assert list(tmp_path.iterdir()) == []
 
