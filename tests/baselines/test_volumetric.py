@@ -83,12 +83,12 @@ def test_the_mesh_moved_and_scaled_has_the_same_tetrahedra():
         assert moved.seconds == made.seconds
 
 
-def test_only_the_last_meshes_are_kept(monkeypatch):
-    monkeypatch.setattr(tetrahedra_module, "KEPT", 1)
+def test_only_the_last_meshes_are_cache(monkeypatch):
+    monkeypatch.setattr(tetrahedra_module, "CACHED", 1)
     first, second = icosphere(1), bumpy(1)
     made = coarse_tetrahedra(first, **COARSE)
     coarse_tetrahedra(second, **COARSE)
-    assert len(tetrahedra_module._kept) == 1
+    assert len(tetrahedra_module._cache) == 1
     assert coarse_tetrahedra(first, **COARSE).seconds != made.seconds
 
 
@@ -135,7 +135,7 @@ def test_a_system_without_limits_fills_without_one_and_says_so(without_extra, mo
     )
     with pytest.raises(InputError, match="could not fill the surface: RuntimeError: limit of 0"):
         coarse_tetrahedra(icosphere(1), samples=31, edge=0.22)
-    assert "no limits of processor time" in caplog.text
+    assert "cannot limit processor time" in caplog.text
 
 
 def test_what_ftetwild_says_is_passed_on(monkeypatch):
