@@ -32,9 +32,6 @@ BLOCK = re.compile(
     re.DOTALL,
 )
 
-#: Beginnings of the notes of a table that its caption on a page repeats.
-NOTES = ("Warning", "Times faster", "Extrapolated")
-
 #: Beginnings of the notes that say on which half of the cases a table is, and the half.
 HALVES = {"Held-out": "held-out ", "Tuning": "tuning "}
 
@@ -101,8 +98,7 @@ def caption_notes(text: str) -> list[str]:
     else:
         half = next((HALVES[word] for note in notes for word in HALVES if note.startswith(word)), "")
         chosen = [re.sub("; means over all [^.]*", "", cases.replace(" ", f" {half}", 1))]
-    chosen += [note for note in notes if note.startswith(NOTES)]
-    return [re.sub(r" \(.*", ".", note) if note.startswith("Warning") else note for note in chosen]
+    return chosen + [re.sub(r" \(.*", ".", note) for note in notes if note.startswith("Warning")]
 
 
 def line_of_rows(line: str, folder: Path) -> str:
