@@ -19,7 +19,7 @@ from defaust.sources.source import SourcePose
 from defaust.sources.winding import same_triangles, wound_outward
 from sshade import InputError, Mesh
 from sshade.mesh.adjacency import edge_graph
-from sshade.mesh.cleaning import cleaned, without_duplicates
+from sshade.mesh.surface import cleaned, without_duplicates
 from sshade.sampling.fronts import Fronts, farthest_point_sampling
 
 #: Facts that nobody but the user knows.
@@ -239,8 +239,8 @@ class RegisteredSequence:
                 whole = cleaned(V, F)
                 single = without_duplicates(whole.mesh)
                 count = {
-                    "unused_vertices": whole.unused,
-                    "faces_that_repeat_a_vertex": whole.collapsed,
+                    "unused_vertices": whole.facts["unused"],
+                    "faces_that_repeat_a_vertex": whole.facts["collapsed"],
                     "duplicate_faces": whole.mesh.m - single.m,
                 }
                 dropped = {name: number for name, number in count.items() if number}

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sshade import Mesh
-from sshade.mesh.adjacency import sides_by_edge
 from sshade.mesh.cutting import faces_to_turn
+from sshade.mesh.sides import sides_by_edge
 
 #: Corners of a face that is turned over.
 TURNED = [0, 2, 1]

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from eval.metrics.intersections import intersecting_faces
-from sshade.mesh.adjacency import sides_by_edge
+from sshade.mesh.sides import sides_by_edge
 
 #: A normal and the mean of those around it are opposed from this product of unit vectors on:
 #: on a fold the mean can cancel to rounding noise, which is no direction.

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from sshade.mesh.adjacency import faces_around_vertices
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.sides import faces_around_vertices
 from sshade.sampling.proxy import Sampling
 from sshade.threads import in_ranges
 

@@ -1,1 +1,1 @@
-"""Triangle meshes: the validated type, connectivity, adjacency, cutting into manifolds, a tree of boxes."""
+"""Triangle meshes: the validated type, connectivity, graph, cutting into manifolds, seams."""

@@ -1,4 +1,4 @@
-"""Areas of triangles and of vertices, and triangles without any: in threads, in the memory of the result."""
+"""Areas of triangles and of vertices, and the triangles that are too thin for cotangents."""
 
 from __future__ import annotations
 
@@ -7,52 +7,39 @@ from numba import njit
 
 from sshade.threads import in_ranges
 
-#: A face whose doubled area is at most this, times its longest edge squared, has none: its cotangents
-#: would be 10^8 and more, and rounding, not the shape, would decide on them.
+#: Largest doubled area, over the squared longest edge, of a face that counts as one without area. Its
+#: cotangents would exceed 10^8, and rounding instead of the shape would determine them.
 NO_AREA = 1e-8
 
 
-def face_areas(V: np.ndarray, F: np.ndarray) -> np.ndarray:
-    """(m,) areas of the triangles F (m, 3) of positions V (n, 3)."""
-    areas = np.empty(len(F))
-    in_ranges(lambda first, end: _areas(first, end, V, F, areas), len(F))
-    return areas
+def face_areas(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Measure triangles F (m, 3) with corners at V (n, 3).
+
+    Returns
+    -------
+    areas : (m,) float64
+        In the squared unit of V.
+    without_area : (m,) bool
+        Triangles that are needles or collapsed; see :data:`NO_AREA`.
+    """
+    areas, without = np.empty(len(F)), np.empty(len(F), dtype=np.bool_)
+    in_ranges(lambda first, end: _areas(first, end, V, F, areas, without), len(F))
+    return areas, without
 
 
-def vertex_areas(F: np.ndarray, areas: np.ndarray, n: int) -> np.ndarray:
-    """(n,) a third of the areas (m,) of the triangles around each vertex."""
+@njit(cache=True, nogil=True)
+def vertex_areas(F, areas, n):
+    """(n,) float64: a third of the areas (m,) of the triangles F (m, 3) around each of n vertices."""
     total = np.zeros(n)
-    _share_out(F, areas, total)
-    return total
-
-
-def without_area(V: np.ndarray, F: np.ndarray) -> np.ndarray:
-    """(m,) bool: triangles with no area to speak of, needles and those collapsed; see :data:`NO_AREA`."""
-    found = np.empty(len(F), dtype=np.bool_)
-    in_ranges(lambda first, end: _without_area(first, end, V, F, found), len(F))
-    return found
-
-
-@njit(cache=True, nogil=True)
-def _areas(first, end, V, F, areas):
-    for t in range(first, end):
-        i, j, k = F[t, 0], F[t, 1], F[t, 2]
-        ax, ay, az = V[j, 0] - V[i, 0], V[j, 1] - V[i, 1], V[j, 2] - V[i, 2]
-        bx, by, bz = V[k, 0] - V[i, 0], V[k, 1] - V[i, 1], V[k, 2] - V[i, 2]
-        x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-        areas[t] = 0.5 * np.sqrt(x * x + y * y + z * z)
-
-
-@njit(cache=True, nogil=True)
-def _share_out(F, areas, total):
     for t in range(len(F)):
         third = areas[t] / 3.0
         for c in range(3):
             total[F[t, c]] += third
+    return total
 
 
 @njit(cache=True, nogil=True)
-def _without_area(first, end, V, F, found):
+def _areas(first, end, V, F, areas, without):
     for t in range(first, end):
         i, j, k = F[t, 0], F[t, 1], F[t, 2]
         ax, ay, az = V[j, 0] - V[i, 0], V[j, 1] - V[i, 1], V[j, 2] - V[i, 2]
@@ -60,4 +47,5 @@ def _without_area(first, end, V, F, found):
         cx, cy, cz = bx - ax, by - ay, bz - az
         longest = max(ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz, cx * cx + cy * cy + cz * cz)
         x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-        found[t] = not np.sqrt(x * x + y * y + z * z) > NO_AREA * longest
+        doubled = np.sqrt(x * x + y * y + z * z)
+        areas[t], without[t] = 0.5 * doubled, not doubled > NO_AREA * longest

@@ -1,8 +1,7 @@
-"""Cutting a triangle mesh into an oriented manifold: vertices are copied where their faces are not joined.
+"""Cut a triangle mesh into an oriented manifold by copying vertices.
 
-Two faces stay joined at an edge that is theirs alone, or that they share with
-others but continue each other best; everywhere else the surface is cut. Only
-a copy is changed; :attr:`Cut.origin` says which vertex each of its vertices was.
+Two faces stay joined at an edge if no third face meets them there, or if they continue each other best
+among the faces at that edge. The surface is cut everywhere else.
 """
 
 from __future__ import annotations
@@ -15,24 +14,25 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from sshade.errors import InputError
-from sshade.mesh.adjacency import EdgeSides, sides_by_edge
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.sides import EdgeSides, sides_by_edge
 
-#: Cosines that differ less are equal: of faces that continue each other equally, the inside decides.
+#: Difference below which two cosines count as equal. Between faces that continue a face equally well, the
+#: smaller inside angle decides.
 SAME_COSINE = 1e-6
 
 
 class Cut(NamedTuple):
-    """An oriented manifold made of a mesh.
+    """An oriented manifold made from a mesh.
 
     Attributes
     ----------
     mesh : Mesh
-        With the faces in their order. Its first vertices are the mesh's, further copies follow.
+        Faces in the original order. The original vertices come first, copies follow.
     origin : (k,) int64
-        Vertex of the mesh that each one is a copy of.
+        Original vertex of each vertex.
     turned : int
-        Faces that run the other way round than in the mesh.
+        Number of faces whose orientation was reversed.
     """
 
     mesh: Mesh
@@ -41,7 +41,7 @@ class Cut(NamedTuple):
 
 
 class _Pairs(NamedTuple):
-    """Faces f and g that are joined at an edge, by its number."""
+    """Faces f and g that stay joined at an edge, each (p,) int."""
 
     f: np.ndarray
     g: np.ndarray
@@ -49,18 +49,22 @@ class _Pairs(NamedTuple):
 
 
 def cut_to_manifold(mesh: Mesh) -> Cut:
-    """Turn faces to agree with their neighbours, and cut where more than two meet or fans touch in a vertex.
+    """Reverse faces to agree with their neighbours, and cut the mesh where it is not manifold.
 
-    A mesh that is manifold and oriented comes back as it is. Of more than two
-    faces at an edge, those two stay together that run through it in opposite
-    directions and continue each other most straightly; among equals, those with
-    the smaller inside between them, so that solids that touch along an edge come
-    apart. A one-sided surface is cut open.
+    Where more than two faces meet at an edge, pairs of faces that run through the edge in opposite
+    directions stay joined, the straightest continuation first. If two continuations are equally straight,
+    the pair with the smaller inside angle wins, which separates solids that touch along an edge. Fans that
+    touch in a vertex are separated. A one-sided surface is cut open.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Any mesh; an oriented manifold is returned itself.
 
     Raises
     ------
     InputError
-        When that leaves no manifold.
+        If cutting does not make the mesh manifold.
     """
     if mesh.is_manifold and mesh.is_oriented:
         return Cut(mesh, np.arange(mesh.n), 0)
@@ -69,10 +73,10 @@ def cut_to_manifold(mesh: Mesh) -> Cut:
     pairs = _joined(mesh, edges, flipped)
     while True:
         F, origin = _fans(mesh, edges, pairs)
-        made = Mesh(mesh.V[origin], np.where(flipped[:, None], F[:, ::-1], F))
-        if made.is_manifold and made.is_oriented:
-            return Cut(made, origin, int(flipped.sum()))
-        # Two pairs of an edge whose fans hang together around both of its ends.
+        manifold = Mesh(mesh.V[origin], np.where(flipped[:, None], F[:, ::-1], F))
+        if manifold.is_manifold and manifold.is_oriented:
+            return Cut(manifold, origin, int(flipped.sum()))
+        # Two pairs at one edge may still be connected around both of its ends.
         crowded = edges.faces[pairs.edge] > 2
         if not crowded.any():
             raise InputError("the mesh is not manifold, and cutting it there does not make it so; remesh it")
@@ -80,23 +84,23 @@ def cut_to_manifold(mesh: Mesh) -> Cut:
 
 
 def faces_to_turn(mesh: Mesh, edges: EdgeSides) -> np.ndarray:
-    """Find faces that, turned over, make neighbours run through their edge in opposite directions.
+    """Find the faces to reverse so that neighbours run through their common edge in opposite directions.
 
-    Neighbours are two faces at an edge that has no third one. Of each sheet of neighbours the part
-    of larger area stays. Neighbours on a surface with one side only go on disagreeing somewhere.
+    Neighbours are two faces at an edge without a third face. In each connected sheet of neighbours, the
+    part of larger area keeps its orientation. On a one-sided surface some neighbours still disagree.
 
     Parameters
     ----------
     mesh : Mesh
     edges : EdgeSides
-        Of its faces.
+        Sides of the mesh's faces.
 
     Returns
     -------
     (m,) bool
     """
     tail, twin = mesh.F.ravel(), edges.twin
-    # Two sides of an edge begin at the same vertex: one of their faces is turned against the other.
+    # Two sides of an edge that begin at the same vertex belong to faces of opposite orientation.
     same = (twin >= 0) & (tail == tail[twin])
     flipped, sheet = _turn_to_agree(twin.reshape(-1, 3), same.reshape(-1, 3))
     area = np.bincount(sheet, np.where(flipped, -1.0, 1.0) * mesh.face_areas)
@@ -105,7 +109,7 @@ def faces_to_turn(mesh: Mesh, edges: EdgeSides) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _turn_to_agree(twin, same):
-    """Go from each sheet's first face over `twin` (m, 3) to all others; turn them where `same` says so."""
+    """Visit each sheet from its first face over `twin` (m, 3); reverse a face across `same` sides (m, 3)."""
     m = len(twin)
     flipped, sheet = np.zeros(m, dtype=np.bool_), np.full(m, -1, dtype=np.int64)
     queue = np.empty(m, dtype=np.int64)
@@ -128,7 +132,7 @@ def _turn_to_agree(twin, same):
 
 
 def _joined(mesh: Mesh, edges: EdgeSides, flipped: np.ndarray) -> _Pairs:
-    """The faces that stay together once those `flipped` are turned."""
+    """Return the pairs of faces that stay joined once the `flipped` faces (m,) are reversed."""
     face = edges.side // 3
     low = np.repeat(edges.ends[:, 0], edges.faces)
     forward = (mesh.F.ravel()[edges.side] == low) ^ flipped[face]  # from the smaller end to the larger
@@ -137,8 +141,8 @@ def _joined(mesh: Mesh, edges: EdgeSides, flipped: np.ndarray) -> _Pairs:
     two, first = (a[forward[first] != forward[first + 1]] for a in (two, first))
     found = [(face[first], face[first + 1], two)]
     for e in np.flatnonzero(edges.faces > 2):
-        own = slice(edges.start[e], edges.start[e + 1])
-        pairs = _best_pairs(mesh, edges.ends[e], face[own], forward[own])
+        here = slice(edges.start[e], edges.start[e + 1])
+        pairs = _best_pairs(mesh, edges.ends[e], face[here], forward[here])
         found.append((*np.array(pairs, dtype=np.int64).reshape(-1, 2).T, np.full(len(pairs), e)))
     return _Pairs(*(np.concatenate(column) for column in zip(*found, strict=True)))
 
@@ -146,7 +150,7 @@ def _joined(mesh: Mesh, edges: EdgeSides, flipped: np.ndarray) -> _Pairs:
 def _best_pairs(
     mesh: Mesh, ends: np.ndarray, faces: np.ndarray, forward: np.ndarray
 ) -> list[tuple[int, int]]:
-    """Pairs of the faces at a crowded edge, the best first."""
+    """Pair faces (k,) at an edge with more than two faces, the straightest continuation first."""
     i, j = ends
     third = mesh.F[faces].sum(axis=1) - i - j
     along = mesh.V[j] - mesh.V[i]
@@ -157,7 +161,7 @@ def _best_pairs(
     away = np.divide(away, length, out=np.zeros_like(away), where=length > 0)
     cosine = np.round(away @ away.T / SAME_COSINE)
     sine = np.einsum("ijk,k->ij", np.cross(away[:, None], away[None]), along)
-    angle = np.arctan2(sine, away @ away.T) % (2 * np.pi)  # from a face to another one, about the edge
+    angle = np.arctan2(sine, away @ away.T) % (2 * np.pi)  # from one face to another, about the edge
     ahead, back = np.flatnonzero(forward).tolist(), np.flatnonzero(~forward).tolist()
     choices = sorted((cosine[f, b], angle[b, f], f, b) for f in ahead for b in back)
     taken: set[int] = set()
@@ -170,7 +174,7 @@ def _best_pairs(
 
 
 def _fans(mesh: Mesh, edges: EdgeSides, pairs: _Pairs) -> tuple[np.ndarray, np.ndarray]:
-    """Faces (m, 3) over copies of the vertices, one a fan of joined faces, and whose copy each is."""
+    """Give each fan of joined faces its own copy of the vertex: faces (m, 3), original vertices (k,)."""
     links = []
     for end in edges.ends[pairs.edge].T:
         links.append([3 * f + (mesh.F[f] == end[:, None]).argmax(axis=1) for f in (pairs.f, pairs.g)])

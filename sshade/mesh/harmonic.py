@@ -1,4 +1,4 @@
-"""Functions on a mesh's vertices that are as even as what is known of them allows."""
+"""Harmonic functions on the vertices of a mesh: smooth interpolation of values known at some vertices."""
 
 from __future__ import annotations
 
@@ -8,24 +8,26 @@ from scipy.sparse.linalg import cg
 
 from sshade.mesh.adjacency import VertexGraph
 
-#: Length of an edge, over the mean, from which on shorter ones weigh no more.
+#: Edges shorter than this fraction of the mean length get the weight of an edge of this length.
 SHORT = 0.1
-#: Relative residual to which the equations are solved.
+#: Relative residual at which conjugate gradients stop.
 TOLERANCE = 1e-6
 
 
 def harmonic(graph: VertexGraph, free: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Values at some vertices, each the mean of its neighbours' with weights of 1 / length of the edge.
+    """Return values at free vertices such that each is the weighted mean of its neighbours' values.
 
-    None exceeds what the known ones span, to the tolerance of the solution, conjugate gradients.
+    The weight of an edge is 1 / length. Up to :data:`TOLERANCE`, the results lie between the least and
+    the largest known value.
 
     Parameters
     ----------
     graph : VertexGraph
-        In which a path leads from each free vertex to one that is not.
+        A path must lead from each free vertex to a vertex with known values.
     free : (f,) int
+        Vertices whose values are computed.
     values : (n, d) float64
-        Known at the other vertices.
+        Known values at the other vertices; rows of free vertices are ignored.
 
     Returns
     -------
@@ -37,5 +39,5 @@ def harmonic(graph: VertexGraph, free: np.ndarray, values: np.ndarray) -> np.nda
     known = values.copy()
     known[free] = 0.0
     laplacian = diags_array(degree, format="csr") - rows[:, free]
-    jacobi, pulled = diags_array(1.0 / degree), rows @ known
-    return np.stack([cg(laplacian, column, rtol=TOLERANCE, M=jacobi)[0] for column in pulled.T], axis=1)
+    jacobi, right_sides = diags_array(1.0 / degree), rows @ known
+    return np.stack([cg(laplacian, b, rtol=TOLERANCE, M=jacobi)[0] for b in right_sides.T], axis=1)

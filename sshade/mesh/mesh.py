@@ -1,4 +1,4 @@
-"""Triangle meshes: validated once, read-only, with the facts that the method asks for."""
+"""The triangle mesh type: validated once, read-only, with cached geometric and topological properties."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ import numpy as np
 from numba import njit
 
 from sshade.errors import InputError
-from sshade.mesh.adjacency import sides_by_edge
-from sshade.mesh.areas import face_areas, vertex_areas, without_area
+from sshade.mesh.areas import face_areas, vertex_areas
 from sshade.mesh.connectivity import Connectivity, connectivity
+from sshade.mesh.sides import EdgeSides, sides_by_edge
 
-#: Largest coordinate, and one over the smallest extent, with which areas can be squared.
+#: Largest coordinate, and reciprocal of the smallest extent. Beyond, squared areas overflow or underflow.
 LARGEST = 1e60
 
-#: Faces at most: ids of their sides have 32 bits.
+#: Largest number of faces; the ids of their sides have 32 bits.
 MOST_FACES = (2**31 - 1) // 3
 
-#: Largest coordinate over half the extent.
+#: Largest coordinate, as a multiple of half the extent of the mesh.
 FARTHEST = 1e12
 
 
 class Topology(NamedTuple):
-    """What a remeshing must keep: Euler characteristic, components, boundary loops."""
+    """Euler characteristic, components and boundary loops: a proxy has the same as its mesh."""
 
     euler: int
     components: int
@@ -36,10 +36,9 @@ class Topology(NamedTuple):
 class Mesh:
     """A triangle mesh.
 
-    Arrays are copied where needed and made read-only. Every vertex is used by a
-    triangle, and no triangle repeats a vertex. Manifoldness, orientation and
-    the number of components are properties here, not requirements: whoever
-    needs them calls :meth:`require_manifold` or :meth:`require_one_component`.
+    Arrays are read-only, and copied where needed. Every vertex belongs to a triangle, and no triangle
+    repeats a vertex. The mesh need not be manifold, oriented or connected; functions that need this call
+    :meth:`require_manifold` or :meth:`require_one_component`.
 
     Parameters
     ----------
@@ -51,9 +50,9 @@ class Mesh:
     Raises
     ------
     InputError
-        On a wrong shape, no faces, NaN or infinite positions, or such as cannot be
-        computed with (too large, too small, too far from the origin), too many faces, faces out
-        of range, repeated-index faces, or unreferenced vertices.
+        On a wrong shape, no faces or more than :data:`MOST_FACES`, ids out of range, faces that repeat a
+        vertex, vertices in no face, NaN or infinite positions, and a mesh that is too large, too small or
+        too far from the origin for float64.
     """
 
     V: np.ndarray
@@ -109,45 +108,51 @@ class Mesh:
 
     @cached_property
     def diagonal(self) -> float:
-        """Length of the bounding box's diagonal: the scale of every relative tolerance."""
+        """Length of the bounding-box diagonal, the scale of every relative tolerance."""
         low, high = bounds(self.V)
         return float(np.linalg.norm(high - low))
 
     @cached_property
     def origin(self) -> np.ndarray:
-        """(3,) zero, or of a mesh far from zero a round position near it, to compute from.
+        """(3,) float64: a point near the mesh from which to compute; zero if the mesh lies near zero.
 
-        A coordinate 10^9 extents from zero has seven digits of its place on the mesh. Taken from
-        there it keeps them, while sums and products of it as it stands would lose them.
+        A coordinate at a distance of 10^9 extents from zero has seven digits of its place on the mesh.
+        Sums and products of such coordinates would lose these digits. Coordinates relative to this point
+        are exact.
         """
         low, high = bounds(self.V)
         extent = float((high - low).max())
         if extent == 0.0:
             return np.zeros(3)
-        grid = 2.0 ** (np.ceil(np.log2(extent)) + 2)  # so that a subtraction leaves no rest
+        grid = 2.0 ** (np.ceil(np.log2(extent)) + 2)  # a power of two, so that subtracting is exact
         return np.round(0.5 * (low + high) / grid) * grid
 
     @cached_property
     def face_normals(self) -> np.ndarray:
         """(m, 3) unit normals; zero on zero-area faces."""
-        cross = self._cross
+        a, b, c = (self.V[self.F[:, i]] for i in range(3))
+        cross = np.cross(b - a, c - a)
         length = np.linalg.norm(cross, axis=1, keepdims=True)
         return np.divide(cross, length, out=np.zeros_like(cross), where=length > 0)
 
     @cached_property
+    def _areas(self) -> tuple[np.ndarray, np.ndarray]:
+        return face_areas(self.V, self.F)
+
+    @property
     def face_areas(self) -> np.ndarray:
         """(m,) triangle areas."""
-        return face_areas(self.V, self.F)
+        return self._areas[0]
 
     @cached_property
     def vertex_areas(self) -> np.ndarray:
-        """(n,) a third of the areas of the triangles around each vertex."""
+        """(n,) a third of the summed areas of the triangles around each vertex."""
         return vertex_areas(self.F, self.face_areas, self.n)
 
-    @cached_property
+    @property
     def without_area(self) -> np.ndarray:
-        """(m,) bool: faces with no area to speak of; see :data:`sshade.mesh.areas.NO_AREA`."""
-        return without_area(self.V, self.F)
+        """(m,) bool: needles and collapsed faces; see :data:`sshade.mesh.areas.NO_AREA`."""
+        return self._areas[1]
 
     @property
     def area(self) -> float:
@@ -156,33 +161,37 @@ class Mesh:
 
     @cached_property
     def volume(self) -> float:
-        """Signed enclosed volume; meaningful on closed, consistently oriented meshes only."""
-        # Moments about the centre of the box: far from the origin the sum would cancel.
+        """Enclosed volume of a closed, oriented mesh; negative if faces point inwards."""
+        # Relative to the centre of the bounding box. Far from the origin the sum would cancel.
         centre = 0.5 * (self.V.min(axis=0) + self.V.max(axis=0))
         a, b, c = (self.V[self.F[:, i]] - centre for i in range(3))
         return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
 
+    @property
+    def _sides(self) -> EdgeSides:
+        return sides_by_edge(self.F, self.n)
+
     @cached_property
     def edges(self) -> np.ndarray:
-        """(e, 2) undirected edges, smaller id first, in lexicographic order."""
-        return sides_by_edge(self.F, self.n).ends.astype(np.int64)
+        """(e, 2) int64 undirected edges, the smaller id first, in lexicographic order."""
+        return self._sides.ends.astype(np.int64)
 
     @property
     def mean_edge(self) -> float:
-        """Mean length of the edges."""
+        """Mean edge length."""
         ends = self.V[self.edges]
         return float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).mean())
 
     @cached_property
     def face_edges(self) -> np.ndarray:
-        """(m, 3) row in :attr:`edges` of each side of each face, from corner 0 to 1, 1 to 2, 2 to 0."""
-        return sides_by_edge(self.F, self.n).edge
+        """(m, 3) row in :attr:`edges` of the sides of each face: from corner 0 to 1, 1 to 2, 2 to 0."""
+        return self._sides.edge
 
     @cached_property
     def boundary_edges(self) -> np.ndarray:
-        """(b, 2) edges with exactly one incident face."""
-        edges = sides_by_edge(self.F, self.n)
-        return edges.ends[edges.faces == 1].astype(np.int64)
+        """(b, 2) int64 edges with exactly one face."""
+        sides = self._sides
+        return sides.ends[sides.faces == 1].astype(np.int64)
 
     @property
     def is_closed(self) -> bool:
@@ -191,17 +200,17 @@ class Mesh:
 
     @cached_property
     def connectivity(self) -> Connectivity:
-        """Counts and checks of the faces; see :class:`sshade.mesh.connectivity.Connectivity`."""
+        """Neighbours, components, and checks of the faces; see the class."""
         return connectivity(self.F, self.n)
 
     @property
     def component(self) -> np.ndarray:
-        """(n,) id of the connected component of each vertex."""
+        """(n,) int32 connected component of each vertex."""
         return self.connectivity.component
 
     @property
     def is_manifold(self) -> bool:
-        """Each edge has at most two faces and the faces of each vertex form one fan."""
+        """Each edge has at most two faces, and the faces of each vertex form one fan."""
         return self.connectivity.crowded_edge[0] == -1 and self.connectivity.split_vertex == -1
 
     @property
@@ -213,19 +222,15 @@ class Mesh:
     def topology(self) -> Topology:
         """Euler characteristic, number of components, number of boundary loops."""
         facts = self.connectivity
-        return Topology(
-            euler=self.n - facts.edges + self.m,
-            components=facts.components,
-            boundary_loops=facts.boundary_loops,
-        )
+        return Topology(self.n - facts.edges + self.m, facts.components, facts.boundary_loops)
 
     def checked(self, positions: np.ndarray, name: str = "shape") -> np.ndarray:
-        """Other positions (n, 3) of the vertices, as float64; `name` stands in the message of an error.
+        """Return other positions (n, 3) of the vertices as float64; error messages call them `name`.
 
         Raises
         ------
         InputError
-            On another shape, or positions that a mesh cannot have.
+            On another shape, or positions that a mesh cannot have; see :class:`Mesh`.
         """
         V = np.ascontiguousarray(positions, dtype=np.float64)
         if V.shape != self.V.shape:
@@ -234,7 +239,7 @@ class Mesh:
         return V
 
     def require_handles(self, index: np.ndarray, *, everywhere: bool = True) -> None:
-        """Raise InputError unless ids (k,) are vertices, and (`everywhere`) each component has one."""
+        """Raise InputError unless ids (k,) are vertices and, with `everywhere`, each component has one."""
         outside = index[(index < 0) | (index >= self.n)]
         if len(outside):
             raise InputError(f"handle id {outside[0]} is out of range: the mesh has {self.n} vertices")
@@ -281,14 +286,9 @@ class Mesh:
                 "only one is supported: deform them one by one, or weld coincident vertices with --repair"
             )
 
-    @property
-    def _cross(self) -> np.ndarray:
-        a = self.V[self.F[:, 0]]
-        return np.cross(self.V[self.F[:, 1]] - a, self.V[self.F[:, 2]] - a)
-
 
 def _check_numbers(V: np.ndarray, name: str = "mesh") -> None:
-    """Raise InputError where positions are no numbers, or have too few digits or a size to compute with."""
+    """Raise InputError on positions that are not finite, too large, too small or too far from the origin."""
     low, high = bounds(V)
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
         bad = int(np.flatnonzero(~np.isfinite(V).all(axis=1))[0])
@@ -316,22 +316,23 @@ def _read_only(array: np.ndarray, original: object) -> np.ndarray:
 
 
 def repeats_vertex(F: np.ndarray) -> np.ndarray:
-    """(m,) bool: which faces (m, 3) name a vertex twice."""
+    """Return (m,) bool: faces (m, 3) that have a vertex twice."""
     return (F[:, 0] == F[:, 1]) | (F[:, 1] == F[:, 2]) | (F[:, 2] == F[:, 0])
 
 
 def bounds(V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least and greatest coordinates (3,) of positions (n, 3); NaN where there is one."""
-    # Along the axis of a three-column array NumPy takes twenty times as long.
+    """Return the least and the greatest coordinates (3,) of positions (n, 3); NaN where one is NaN."""
+    # Reducing an array of three columns along its first axis takes NumPy twenty times as long.
     columns = [V[:, c] for c in range(3)]
     return np.array([x.min() for x in columns]), np.array([x.max() for x in columns])
 
 
 @njit(cache=True, nogil=True)
 def check_faces(F, used):
-    """The first face out of range, where it ends, or -1; the first that repeats a vertex, and their number.
+    """Check faces (m, 3) int64 and mark the vertices that they use in `used` (n,) bool.
 
-    Marks the vertices that are used: `F` is (m, 3) int64, `used` (n,) bool.
+    Returns the first face with an id out of range, at which the check stops; the first face that repeats a
+    vertex; and the number of faces that repeat a vertex. A face is -1 if there is none.
     """
     first, repeating = -1, 0
     for f in range(len(F)):

@@ -1,4 +1,4 @@
-"""The rigid motion that fits one set of points to another."""
+"""The rigid motion that fits one set of points to another (Kabsch)."""
 
 from __future__ import annotations
 
@@ -8,19 +8,20 @@ import numpy as np
 def rigid_motion(
     source: np.ndarray, target: np.ndarray, *, weights: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation R and translation t minimising ``sum w_i |R s_i + t - t_i|^2`` (Kabsch).
+    """Return the rotation R and translation t that minimise ``sum w_i |R s_i + t - t_i|^2``.
 
     Parameters
     ----------
     source, target : (k, 3) float64
-        One point is enough; where the points leave the rotation open, the
-        smallest one that fits is taken.
+        Corresponding points, at least one. Where they do not determine the rotation, as on a line, the
+        result is the smallest rotation that fits.
     weights : (k,) float64, optional
-        w, positive; by default all alike.
+        Positive weights w; equal by default.
 
     Returns
     -------
-    R : (3, 3) float64, det 1
+    R : (3, 3) float64
+        Rotation matrix, with determinant 1.
     t : (3,) float64
 
     References
@@ -37,7 +38,7 @@ def rigid_motion(
     rank = int((s > 1e-12 * s[0]).sum())
     if rank == 0:
         R = np.eye(3)
-    elif rank == 1:  # points on a line: its direction turns about the common normal
+    elif rank == 1:  # points on a line, whose direction turns about the common normal
         R = Rotation.align_vectors(U[None, :, 0], Vt[:1])[0].as_matrix()
     else:
         R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt

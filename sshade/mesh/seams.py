@@ -1,4 +1,4 @@
-"""Seams: where a file gives a surface two vertices at one place, to give each side its texture or normal."""
+"""Seams: places where a file stores a surface point twice, to give each side its own texture or normal."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from numba import njit
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from sshade.mesh.adjacency import sides_by_edge
 from sshade.mesh.mesh import Mesh, repeats_vertex
+from sshade.mesh.sides import sides_by_edge
 
 
 def same_rows(rows: np.ndarray) -> np.ndarray:
-    """(k,) int64 ids of the rows of (k, d) float64: equal ones have the same, counted from 0.
+    """Return (k,) int64 ids of rows (k, d) float64, such that equal rows have the same id.
 
-    Ids are in the order of their first rows.
+    Ids count from 0 in the order in which the rows first occur. Zeros of both signs are equal.
     """
-    rows = np.ascontiguousarray(rows, dtype=np.float64) + 0.0  # no -0.0, which has other bits than 0.0
+    rows = np.ascontiguousarray(rows, dtype=np.float64) + 0.0  # turns -0.0 into 0.0, which has other bits
     return _same_rows(rows.view(np.uint64))
 
 
 @njit(cache=True, nogil=True)
 def _same_rows(rows):
-    """Ids of rows (k, d) of bits, by a hash table that is at most half full."""
+    """Number rows (k, d) of bits with a hash table that is at most half full."""
     size = 2
     while size < 2 * len(rows):
         size *= 2
@@ -45,27 +45,24 @@ def _same_rows(rows):
 
 
 def join_seams(mesh: Mesh) -> tuple[Mesh, np.ndarray]:
-    """Make one vertex of those that stand twice at exactly one place along matching boundary edges.
+    """Merge vertices at exactly the same position along matching boundary edges.
 
-    Boundary edges match that join the same two places and run in opposite directions, as the two
-    sides of a cut do. A boundary edge without length, as around the pole of a globe made of squares,
-    becomes one vertex too. Other vertices at one place, as of parts that touch in a point, stay apart.
-    Faces that then repeat a vertex, which have no area, are left out.
-
-    Parameters
-    ----------
-    mesh : Mesh
+    Two boundary edges match if they join the same two positions and run in opposite directions, like the
+    two sides of a cut. The two ends of a boundary edge of length zero, as around the pole of a globe made
+    of squares, are merged too. Other vertices at one position, as of parts that touch in a point, stay
+    apart. Faces that repeat a vertex after merging have no area and are left out.
 
     Returns
     -------
     joined : Mesh
-        The same object where there is no seam.
+        `mesh` itself if it has no seam.
     vertex : (n,) int64
-        For each vertex of `mesh` its vertex in `joined`.
+        Vertex of `joined` for each vertex of `mesh`.
     """
+    unchanged = mesh, np.arange(mesh.n)
     if mesh.is_closed:
-        return mesh, np.arange(mesh.n)
-    # Faces with two corners on the boundary: all that lie at edges which may be on it.
+        return unchanged
+    # Faces with two corners on the boundary include all faces at boundary edges.
     near = mesh.connectivity.neighbours
     on_boundary = np.zeros(mesh.n, dtype=bool)
     on_boundary[near.indices[near.boundary]] = True
@@ -73,8 +70,7 @@ def join_seams(mesh: Mesh) -> tuple[Mesh, np.ndarray]:
     edges = sides_by_edge(F, mesh.n)
     side = edges.side[edges.start[:-1][edges.faces == 1]].astype(np.int64)
     begin, end = F.ravel()[side], F[side // 3, (side + 1) % 3]
-    place = np.full(mesh.n, -1)
-    rim = np.unique(begin)
+    place, rim = np.full(mesh.n, -1), np.unique(begin)
     place[rim] = same_rows(mesh.V[rim]) if len(rim) else 0
     forward = place[begin] < place[end]
     low, high = np.where(forward, begin, end), np.where(forward, end, begin)
@@ -84,17 +80,14 @@ def join_seams(mesh: Mesh) -> tuple[Mesh, np.ndarray]:
     point = place[low] == place[high]
     matched = ((ahead > 0) & (ahead < count))[edge] & ~point
     if not (matched | point).any():
-        return mesh, np.arange(mesh.n)
+        return unchanged
     twin = first[edge[matched]]
-    links = (
-        np.concatenate([low[matched], high[matched], low[point]]),
-        np.concatenate([low[twin], high[twin], high[point]]),
-    )
-    graph = coo_array((np.ones(len(links[0]), dtype=bool), links), shape=(mesh.n, mesh.n))
+    one = np.concatenate([low[matched], high[matched], low[point]])
+    other = np.concatenate([low[twin], high[twin], high[point]])
+    graph = coo_array((np.ones(len(one), dtype=bool), (one, other)), shape=(mesh.n, mesh.n))
     _, group = connected_components(graph, directed=False)
     _, first, group = np.unique(group, return_index=True, return_inverse=True)
     kept = np.sort(first)
     vertex = np.searchsorted(kept, first[group.ravel()])
     F = vertex[mesh.F]
-    F = F[~repeats_vertex(F)]
-    return Mesh(mesh.V[kept], F), vertex
+    return Mesh(mesh.V[kept], F[~repeats_vertex(F)]), vertex

@@ -1,4 +1,4 @@
-"""What of given vertices and faces can be deformed: a mesh, and where each vertex is on it."""
+"""Make a mesh that can be deformed from the vertices and faces of a file or another program."""
 
 from __future__ import annotations
 
@@ -6,21 +6,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sshade.mesh.cleaning import cleaned
-from sshade.mesh.mesh import Mesh
+from sshade.errors import InputError
+from sshade.mesh.mesh import Mesh, check_faces, repeats_vertex
 from sshade.mesh.seams import join_seams
 
 
 class Surface(NamedTuple):
-    """A surface made of vertices and faces as a file or another program gives them.
+    """A mesh, and how it relates to the vertices and faces that it was made from.
 
     Attributes
     ----------
     mesh : Mesh
     vertex : (n,) int64
-        For each vertex given its vertex in `mesh`, -1 where it has none.
+        Vertex of `mesh` for each original vertex; -1 where it has none.
     facts : mapping
-        The numbers of vertices ``unused`` and ``doubled`` along seams, and of ``collapsed`` faces.
+        Counts: vertices that no face uses (``unused``), vertices merged along seams (``doubled``), and
+        faces that repeat a vertex (``collapsed``).
     """
 
     mesh: Mesh
@@ -28,16 +29,16 @@ class Surface(NamedTuple):
     facts: dict[str, int]
 
     def placed(self, V: np.ndarray, moved: np.ndarray) -> np.ndarray:
-        """(n, 3) positions V of the vertices given, and `moved` of the mesh where they are on it."""
+        """Return the original vertices V (n, 3), with the vertices of the mesh placed at `moved` (k, 3)."""
         return np.where((self.vertex >= 0)[:, None], moved[self.vertex], V)
 
 
 def surface(V: np.ndarray, F: np.ndarray) -> Surface:
-    """Leave out what is no part of a surface, and join its seams.
+    """Leave out whatever is not part of a surface, and join seams.
 
-    Faces that repeat a vertex go, then vertices that no face uses (:func:`sshade.mesh.cleaning.cleaned`);
-    vertices that stand twice along a seam become one (:func:`sshade.mesh.seams.join_seams`). All else
-    keeps its place and its order.
+    Drops faces that repeat a vertex, then vertices that no face uses (:func:`cleaned`), and merges
+    vertices along seams (:func:`sshade.mesh.seams.join_seams`). Everything else keeps its position and
+    its order.
 
     Parameters
     ----------
@@ -47,10 +48,46 @@ def surface(V: np.ndarray, F: np.ndarray) -> Surface:
     Raises
     ------
     InputError
-        Those of :class:`sshade.Mesh`; when every face repeats a vertex.
+        As :class:`sshade.Mesh`; also when every face repeats a vertex.
     """
     whole = cleaned(V, F)
-    mesh, onto = join_seams(whole.mesh)
-    vertex = np.where(whole.vertex >= 0, onto[whole.vertex], -1)
-    doubled = whole.mesh.n - mesh.n
-    return Surface(mesh, vertex, {"unused": whole.unused, "collapsed": whole.collapsed, "doubled": doubled})
+    mesh, joined = join_seams(whole.mesh)
+    vertex = np.where(whole.vertex >= 0, joined[whole.vertex], -1)
+    return Surface(mesh, vertex, {**whole.facts, "doubled": whole.mesh.n - mesh.n})
+
+
+def cleaned(V: np.ndarray, F: np.ndarray) -> Surface:
+    """Drop faces that repeat a vertex, then vertices that no face uses; seams stay.
+
+    Parameters, returns and errors are those of :func:`surface`.
+    """
+    V, F = np.asarray(V), np.asarray(F)
+    collapsed = np.zeros(0, dtype=bool)
+    used = np.ones(len(V), dtype=bool)
+    if F.ndim == 2 and F.shape[1] == 3 and np.issubdtype(F.dtype, np.integer):
+        found = np.zeros(len(V), dtype=bool)
+        outside, _, repeating = check_faces(np.ascontiguousarray(F, dtype=np.int64), found)
+        if repeating:
+            collapsed = repeats_vertex(F)
+            if collapsed.all():
+                raise InputError(f"all {len(F)} faces repeat a vertex; there is no surface to deform")
+            F, found = F[~collapsed], np.zeros(len(V), dtype=bool)
+            found[F] = True
+        if outside < 0 and len(F):
+            used = found
+    vertex, facts = np.arange(len(V)), {"unused": int((~used).sum()), "collapsed": int(collapsed.sum())}
+    if not used.all():
+        vertex = np.where(used, np.cumsum(used) - 1, -1)
+        V, F = V[used], vertex[F]
+    return Surface(Mesh(V, F), vertex, facts)  # raises whatever else is wrong
+
+
+def without_duplicates(mesh: Mesh) -> Mesh:
+    """Drop faces that have the three vertices of an earlier face, in any order.
+
+    A manifold mesh has no such faces and is returned itself.
+    """
+    if mesh.is_manifold:
+        return mesh
+    _, first = np.unique(np.sort(mesh.F, axis=1), axis=0, return_index=True)
+    return mesh if len(first) == mesh.m else Mesh(mesh.V, mesh.F[np.sort(first)])

@@ -19,11 +19,11 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from sshade.errors import InputError
-from sshade.mesh.cleaning import without_duplicates
 from sshade.mesh.connectivity import members
 from sshade.mesh.cutting import Cut, cut_to_manifold
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
+from sshade.mesh.surface import without_duplicates
 from sshade.pipeline.proxies import COARSER, joined, least_vertices, proxy_vertices
 from sshade.pipeline.regions import EDGE_SAMPLES
 from sshade.progress import Progress, silent

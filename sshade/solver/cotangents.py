@@ -10,8 +10,8 @@ import numpy as np
 from numba import njit
 from scipy.sparse import coo_array, csr_array
 
-from sshade.mesh.adjacency import sides_by_edge
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.sides import sides_by_edge
 from sshade.threads import in_ranges
 
 #: Slack of a triangle without area in the triangle inequality, over the longer of the mesh's mean edge

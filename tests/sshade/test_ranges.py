@@ -26,8 +26,8 @@ def many(monkeypatch):
 
     def split() -> None:
         monkeypatch.setattr("sshade.threads.CHUNK", 7)
-        monkeypatch.setattr("sshade.mesh.neighbours.FACES", 5)
-        for module in ("sshade.threads", "sshade.mesh.neighbours"):
+        monkeypatch.setattr("sshade.mesh.connectivity.FACES", 5)
+        for module in ("sshade.threads", "sshade.mesh.connectivity"):
             monkeypatch.setattr(f"{module}.available_cpus", lambda: 3)
 
     return split

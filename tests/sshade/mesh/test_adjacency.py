@@ -7,9 +7,10 @@ from time import process_time
 import numpy as np
 import pytest
 
-from sshade.mesh.adjacency import faces_around_vertices, sides_by_edge, vertex_graph
+from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.connectivity import connectivity
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.sides import faces_around_vertices, sides_by_edge
 from tests.shapes import block, icosphere, jittered, strip, tetrahedron, torus, tube
 
 MESHES = {

@@ -7,9 +7,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from sshade import InputError
-from sshade.mesh import neighbours
-from sshade.mesh.adjacency import sides_by_edge
+from sshade.mesh import connectivity as module
 from sshade.mesh.connectivity import connectivity
+from sshade.mesh.sides import sides_by_edge
 from tests import shapes
 
 
@@ -74,8 +74,8 @@ def test_facts_equal_those_of_sets_scipy_and_libigl(case):
 
 def test_tables_of_more_entries_than_ids_have_bits_are_refused(monkeypatch):
     mesh = shapes.tetrahedron()
-    monkeypatch.setattr(neighbours, "MOST", 11)
+    monkeypatch.setattr(module, "MOST", 11)
     with pytest.raises(InputError, match="6 edges, and at most 5 are supported"):
         connectivity(mesh.F, mesh.n)
-    monkeypatch.setattr(neighbours, "MOST", 12)
+    monkeypatch.setattr(module, "MOST", 12)
     assert connectivity(mesh.F, mesh.n).edges == 6
