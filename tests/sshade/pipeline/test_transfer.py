@@ -27,7 +27,7 @@ def test_a_rigid_pose_is_exact_for_the_shape_and_its_edit(mesh):
 
 def test_only_the_rows_of_samples_are_used(mesh):
     posed = bent(mesh.V)
-    samples = bind(mesh, 200, seed=(7, 0)).remesh.samples
+    samples = bind(mesh, 200, seed=(7, 0)).sampling.samples
     blind = np.zeros_like(posed)
     blind[samples] = posed[samples]
     a, b = (transfer_pose(mesh, V, vertices=200, samplings=1, seed=7) for V in (posed, blind))
