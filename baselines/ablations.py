@@ -24,8 +24,9 @@ from sshade.errors import InputError
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
+from sshade.options import PROXIES, SOLVER, takes_options
 from sshade.pipeline.components import each_component
-from sshade.pipeline.fast import VERTICES, FastOptions, choices, with_choices
+from sshade.pipeline.fast import VERTICES, choices, with_choices
 from sshade.pipeline.paper import sample_with_handles, sshade
 from sshade.pipeline.proxies import ProxyOptions
 from sshade.pipeline.regions import HandleRegions
@@ -44,9 +45,9 @@ LEFT_OUT: Mapping[str, Mapping[str, Any]] = MappingProxyType(
         "blended_frames": {"frames": "triangle", "samplings": 5},
         "held_volume": {"volume": 0.0, "area": 0.0},
         "softening": {"stiffness": 1.0},
-        "parts": {"parts": 0.0},
+        "parts": {"attachment": 0.0},
         "lead": {},
-        "parts_and_lead": {"parts": 0.0},
+        "parts_and_lead": {"attachment": 0.0},
     }
 )
 
@@ -109,13 +110,14 @@ def sshade_ablated(
     return replace(result, extra={**result.extra, **facts})
 
 
+@takes_options((*PROXIES, *SOLVER))
 @each_component(vertices=VERTICES)
 def sshade_fast_without(
     task: DeformationTask,
     *,
     without: str = "nothing",
     progress: Progress = silent,
-    **options: Unpack[FastOptions],
+    **options: Any,
 ) -> DeformationResult:
     """:func:`sshade.sshade_fast` with one thing left out.
 

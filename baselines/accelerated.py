@@ -8,14 +8,15 @@ volume they trade it for stretch, from the free minimum to the exact volume.
 
 from __future__ import annotations
 
-from typing import Unpack
+from typing import Any
 
+from sshade.options import SOLVER, takes_options
 from sshade.progress import Progress, silent
 from sshade.solver.local_global import local_global
-from sshade.solver.options import SolverOptions
 from sshade.task import DeformationResult, DeformationTask
 
 
+@takes_options(SOLVER)
 def accelerated_arap(
     task: DeformationTask,
     *,
@@ -23,7 +24,7 @@ def accelerated_arap(
     factorised: bool | None = None,
     seed: int = 0,
     progress: Progress = silent,
-    **options: Unpack[SolverOptions],
+    **options: Any,
 ) -> DeformationResult:
     """Minimise the spokes energy; see :func:`sshade.solver.local_global.local_global`."""
     return local_global(
@@ -31,6 +32,7 @@ def accelerated_arap(
     )
 
 
+@takes_options(SOLVER)
 def accelerated_elastic(
     task: DeformationTask,
     *,
@@ -38,7 +40,7 @@ def accelerated_elastic(
     factorised: bool | None = None,
     seed: int = 0,
     progress: Progress = silent,
-    **options: Unpack[SolverOptions],
+    **options: Any,
 ) -> DeformationResult:
     """Minimise the spokes-and-rims energy; see :func:`sshade.solver.local_global.local_global`."""
     return local_global(

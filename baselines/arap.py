@@ -8,7 +8,7 @@ elastic deformations", 2010 (spokes and rims: the paper's "Elastic").
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Unpack, get_args
+from typing import Any, get_args
 
 import numpy as np
 
@@ -16,21 +16,23 @@ from baselines.global_step import iterate, iterated
 from baselines.stopwatch import Stopwatch
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
+from sshade.options import ITERATION, Energy, Start, takes_options
 from sshade.progress import Progress, silent
-from sshade.solver.options import Energy, IterationOptions, Start
 from sshade.solver.start import initial_guess
 from sshade.task import DeformationResult, DeformationTask
 
 
+@takes_options(ITERATION)
 def arap(
-    task: DeformationTask, *, seed: int = 0, progress: Progress = silent, **options: Unpack[IterationOptions]
+    task: DeformationTask, *, seed: int = 0, progress: Progress = silent, **options: Any
 ) -> DeformationResult:
     """ARAP: the spokes energy of Sorkine and Alexa (2007); see :func:`libigl_arap`."""
     return libigl_arap(task, energy="spokes", progress=progress, **options)
 
 
+@takes_options(ITERATION)
 def elastic(
-    task: DeformationTask, *, seed: int = 0, progress: Progress = silent, **options: Unpack[IterationOptions]
+    task: DeformationTask, *, seed: int = 0, progress: Progress = silent, **options: Any
 ) -> DeformationResult:
     """Elastic: the spokes-and-rims energy of Chao et al. (2010); see :func:`libigl_arap`."""
     return libigl_arap(task, energy="spokes_and_rims", progress=progress, **options)

@@ -21,8 +21,8 @@ from baselines.arap import require_areas
 from baselines.start_motion import start_motion
 from baselines.stopwatch import Stopwatch
 from sshade.errors import InputError
+from sshade.options import Start
 from sshade.progress import Progress, silent
-from sshade.solver.options import Start
 from sshade.task import DeformationResult, DeformationTask
 
 

@@ -32,9 +32,9 @@ from scipy.sparse import csr_array, diags_array
 from baselines.global_step import GlobalStep, iterate, iterated
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
+from sshade.options import Energy, Start
 from sshade.progress import Progress, silent
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
-from sshade.solver.options import Energy, Start
 from sshade.solver.rotations import fit_rotations
 from sshade.solver.start import initial_guess
 from sshade.solver.terms import Terms, Triangles, covariances, right_hand_side

@@ -8,7 +8,7 @@ import numpy as np
 
 from sshade.errors import InputError
 from sshade.mesh.rigid import rigid_motion
-from sshade.solver.options import Start
+from sshade.options import Start
 from sshade.task import DeformationTask
 
 

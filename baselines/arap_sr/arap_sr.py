@@ -30,8 +30,8 @@ from baselines.global_step import GlobalStep, iterate, iterated
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
+from sshade.options import Start
 from sshade.progress import Progress, silent
-from sshade.solver.options import Start
 from sshade.solver.start import initial_guess
 from sshade.solver.terms import right_hand_side
 from sshade.task import DeformationResult, DeformationTask

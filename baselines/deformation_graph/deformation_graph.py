@@ -28,12 +28,12 @@ from baselines.deformation_graph.node_graph import NodeGraph, bind_to_nodes, nod
 from baselines.global_step import GlobalStep, iterate, iterated
 from sshade.errors import InputError
 from sshade.mesh.adjacency import vertex_graph
+from sshade.options import Start
 from sshade.pipeline.proxies import proxy_vertices
 from sshade.pipeline.regions import HandleRegions, all_on_targets
 from sshade.progress import Progress, silent
 from sshade.sampling.fronts import farthest_point_sampling
 from sshade.solver.cotangents import laplacian_matrix
-from sshade.solver.options import Start
 from sshade.solver.rotations import fit_rotations
 from sshade.solver.start import initial_guess
 from sshade.solver.terms import Terms, covariances, right_hand_side

@@ -27,10 +27,10 @@ from baselines.stopwatch import Stopwatch
 from baselines.volumetric.lattice import lattice
 from baselines.volumetric.node_handles import on_targets, require_handles
 from sshade.errors import InputError
+from sshade.options import Start
 from sshade.progress import Progress, silent
 from sshade.solver.cotangents import laplacian_matrix
 from sshade.solver.factorisation import Factorisation
-from sshade.solver.options import Start
 from sshade.solver.rotations import fit_rotations
 from sshade.solver.terms import Terms, covariances, right_hand_side
 from sshade.task import DeformationResult, DeformationTask

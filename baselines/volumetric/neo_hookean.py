@@ -26,9 +26,9 @@ from baselines.stopwatch import Stopwatch
 from baselines.volumetric.coarse_tetrahedra import CoarseTetrahedra, TetrahedraOptions, coarse_tetrahedra
 from baselines.volumetric.node_handles import handle_error, require_handles
 from sshade.errors import InputError
+from sshade.options import Start
 from sshade.progress import Progress, silent
 from sshade.solver.factorisation import Factorisation
-from sshade.solver.options import Start
 from sshade.task import DeformationResult, DeformationTask
 
 #: Least decrease of a step of the line search, as a fraction of the decrease that the slope predicts.

@@ -22,8 +22,8 @@ from baselines.stopwatch import Stopwatch
 from baselines.volumetric.coarse_tetrahedra import TetrahedraOptions, coarse_tetrahedra
 from baselines.volumetric.node_handles import handle_error, node_handles, rigid_parts
 from sshade.errors import InputError
+from sshade.options import Start
 from sshade.progress import Progress, silent
-from sshade.solver.options import Start
 from sshade.task import DeformationResult, DeformationTask
 
 

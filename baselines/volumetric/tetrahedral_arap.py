@@ -20,8 +20,8 @@ from baselines.start_motion import start_motion
 from baselines.stopwatch import Stopwatch
 from baselines.volumetric.coarse_tetrahedra import TetrahedraOptions, coarse_tetrahedra
 from baselines.volumetric.node_handles import node_handles, on_targets, rigid_parts
+from sshade.options import Start
 from sshade.progress import Progress, silent
-from sshade.solver.options import Start
 from sshade.task import DeformationResult, DeformationTask
 
 

@@ -21,6 +21,7 @@ from typing import Any
 
 from sshade.cli.configuration import PACKAGES
 from sshade.errors import InputError
+from sshade.options import checked
 
 #: Keys of a method's configuration that are not for its function.
 OWN_KEYS = ("_target_", "_partial_", "warm_up", "note")
@@ -129,6 +130,11 @@ def _split(target: str) -> tuple[str, str]:
 def check_parameters(function: Callable[..., Any], parameters: Mapping[str, Any], *, target: str) -> None:
     """Raise InputError on a parameter that the function does not have, or a value of another simple type."""
     hints = parameter_hints(function)
+    if (names := getattr(function, "option_names", None)) is not None:
+        named = _signature(function)
+        options = {name: value for name, value in parameters.items() if name not in named}
+        checked(options, names(parameters) if callable(names) else names, subject=target)
+        parameters = {name: value for name, value in parameters.items() if name in named}
     takes_any = any(p.kind is p.VAR_KEYWORD and name in hints for name, p in _signature(function).items())
     unknown = [name for name in parameters if name not in hints and not takes_any]
     if unknown:
@@ -159,7 +165,8 @@ def parameter_hints(function: Callable[..., Any]) -> dict[str, Any]:
             hints |= typing.get_type_hints(*typing.get_args(hint))
         else:
             hints[name] = hint
-    return hints
+    names = getattr(function, "option_names", ())
+    return hints | dict.fromkeys(() if callable(names) else names, Any)
 
 
 def _signature(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:

@@ -14,10 +14,10 @@ from eval.timing.cases import TimedMethod, task_facts
 from eval.timing.scaling import nearest, subdivided
 from eval.timing.turns import Job, take_turns
 from sshade.errors import InputError
+from sshade.options import PROXIES, SOLVER
 from sshade.pipeline.deformer import Deformer
-from sshade.pipeline.fast import FastOptions, sshade_fast
+from sshade.pipeline.fast import sshade_fast
 from sshade.pipeline.paper import sshade
-from sshade.pipeline.proxies import ProxyOptions
 from sshade.task import DeformationTask
 
 #: What these rows are of.
@@ -67,8 +67,8 @@ def _job(method: TimedMethod, task: DeformationTask) -> Job:
         raise InputError(
             f"{method.label} on {task.name} cannot be bound: sshade.Deformer binds sshade and sshade_fast"
         )
-    taken = FastOptions if call.func is sshade_fast else ProxyOptions
-    options = {name: method.config[name] for name in taken.__annotations__ if name in method.config}
+    taken = (*PROXIES, *SOLVER) if call.func is sshade_fast else PROXIES
+    options = {name: method.config[name] for name in taken if name in method.config}
     options["method"] = "fast" if call.func is sshade_fast else "paper"
     bound = _bound(task, options)(task.handles.target, rotations=task.handles.rotation)
     apart = np.linalg.norm(bound.vertices - call().vertices, axis=1).max() / task.mesh.diagonal

@@ -11,6 +11,7 @@ import numpy as np
 
 from sshade.carry.binding import Binding
 from sshade.errors import InputError
+from sshade.options import ENERGY
 from sshade.pipeline.fast import Choices
 from sshade.pipeline.multilevel import multilevel
 from sshade.pipeline.paper import VOLUME_ERROR, VOLUME_ROUNDS
@@ -19,7 +20,6 @@ from sshade.snapping import snap_to_vertices
 from sshade.solver.attachment import Attachment
 from sshade.solver.following import Following
 from sshade.solver.local_global import LocalGlobal, local_global
-from sshade.solver.options import energy_options
 from sshade.solver.solution import Solution
 from sshade.solver.start import initial_guess
 from sshade.task import DeformationResult, DeformationTask, Handles
@@ -68,7 +68,7 @@ class BoundProxy:
         self._own: np.ndarray | None = own
         self._on, self._mesh, self._proxy = on, binding.mesh, binding.proxy
         handles = self._handles(rest)
-        self._attachment = Attachment(self._proxy, handles, choices.solver["parts"])
+        self._attachment = Attachment(self._proxy, handles, choices.solver["attachment"])
         self._solver = LocalGlobal(
             self._proxy,
             self._attachment.vertex,
@@ -121,7 +121,7 @@ class BoundProxy:
 
     def _take(self, handles: Handles) -> None:
         """Take handles of N, or others of them that have rotations, which makes parts of them."""
-        self._attachment = Attachment(self._proxy, handles, self._choices.solver["parts"])
+        self._attachment = Attachment(self._proxy, handles, self._choices.solver["attachment"])
         self._solver = self._solver.with_handles(
             self._attachment.vertex, stiffness=self._attachment.stiffness
         )
@@ -220,7 +220,7 @@ class BoundProxy:
         if (on_proxy.has_rotation & ~self._turned).any():
             self._take(on_proxy)
         targets, fraction = self._attachment.pulls(on_proxy.target, on_proxy.rotation)
-        energy = energy_options(self._choices.solver)
+        energy = {name: self._choices.solver[name] for name in ENERGY}
         pulls: dict[str, Any] = {
             "prescribed": on_proxy.prescribed_rotations,
             "fraction": fraction,

@@ -5,19 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 from math import inf
 from time import perf_counter
-from typing import Any, Literal, Unpack
+from typing import Any, Literal
 
 import numpy as np
 
 from sshade.carry.binding import Binding, bind_proxy
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
+from sshade.options import ENERGY
 from sshade.pipeline.bound_proxy import BoundProxy
-from sshade.pipeline.fast import Choices, FastOptions, choices, published
+from sshade.pipeline.fast import Choices, choices, published
 from sshade.pipeline.proxies import Proxies
 from sshade.pipeline.regions import HandleRegions, all_on_targets
 from sshade.progress import Progress, silent
-from sshade.solver.options import EnergyOptions
 from sshade.task import DeformationResult, DeformationTask, Handles
 from sshade.threads import ThreadTeam, in_threads
 
@@ -84,7 +84,7 @@ class Deformer:
         weight: np.ndarray | float = inf,
         method: Literal["fast", "paper"] = "fast",
         progress: Progress = silent,
-        **options: Unpack[FastOptions],
+        **options: Any,
     ) -> None:
         self.mesh = mesh
         self._take_handles(index, group, weight)
@@ -93,7 +93,7 @@ class Deformer:
         self._fast, self._options = method == "fast", dict(options)
         self._choices = chosen = self._chosen()
         # The factorised systems have these, whatever handles come later.
-        self._options |= {name: chosen.solver[name] for name in ("parts", "bending")}
+        self._options |= {name: chosen.solver[name] for name in ("attachment", "bending")}
         self._proxies = proxies = Proxies(mesh, handles=len(self.index), **chosen.proxies)
         self._regions = regions = self._new_regions()
         self._at: Handles | None = None
@@ -171,13 +171,13 @@ class Deformer:
         for proxy in self._bound_proxies:
             proxy.take(self._rest)
 
-    def change_energy(self, **energy: Unpack[EnergyOptions]) -> None:
+    def change_energy(self, **energy: Any) -> None:
         """Take other constraints or another softening from the next call on; the shape stays where it is.
 
         Parameters
         ----------
         **energy
-            Those that change, None for the method's own: see :class:`sshade.solver.options.EnergyOptions`.
+            Those that change, None for the method's own: see :data:`sshade.options.ENERGY`.
 
         Raises
         ------
@@ -186,7 +186,7 @@ class Deformer:
         InputError
             On a value as there.
         """
-        if unknown := set(energy) - set(EnergyOptions.__annotations__):
+        if unknown := set(energy) - set(ENERGY):
             raise TypeError(f"unexpected keyword argument {min(unknown)!r}: it is none of the energy")
         before, self._options = self._options, {**self._options, **energy}
         try:

@@ -10,8 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from functools import partial
 from math import inf
-from typing import Any, NamedTuple, Unpack
+from typing import Any, NamedTuple
 
+from sshade.options import PROXIES, SOLVER, complete, takes_options
 from sshade.pipeline.components import each_component
 from sshade.pipeline.multilevel import multilevel
 from sshade.pipeline.paper import sshade
@@ -19,7 +20,6 @@ from sshade.pipeline.proxies import ProxyOptions
 from sshade.pipeline.regions import OF_REGIONS, has_regions
 from sshade.progress import Progress, silent
 from sshade.solver.local_global import local_global
-from sshade.solver.options import SolverOptions, complete
 from sshade.task import DeformationResult, DeformationTask
 
 #: Vertices of the proxy.
@@ -27,24 +27,25 @@ VERTICES = 12_000
 #: How strongly handle groups pull their parts along, and what is left of the stiffness under strain.
 PARTS, STIFFNESS = 0.1, 0.06
 #: The proxy's energy, by default.
-PROXY = SolverOptions(volume=inf, area=inf, parts=PARTS, stiffness=STIFFNESS, strain=0.0125, start="rigid")
+PROXY = dict[str, Any](
+    volume=inf, area=inf, attachment=PARTS, stiffness=STIFFNESS, strain=0.0125, start="rigid"
+)
 
 #: What is left of the stiffness where handles are regions: strain gathers at their edges anyway. Their parts
 #: spread it from there, and more than this would stretch what lies between.
 REGION_STIFFNESS = 0.08
 
 #: Of the energy whose minimum leads: parts come first, nothing softens, and the area need not be exact.
-LEAD, LEAD_AREA = SolverOptions(parts=3.0, stiffness=1.0), 1.0
+LEAD, LEAD_AREA = dict[str, Any](attachment=3.0, stiffness=1.0), 1.0
 
 
-class FastOptions(ProxyOptions, SolverOptions, total=False):
+class FastOptions(ProxyOptions, total=False):
     """The options of proxies and those of their solver."""
 
 
+@takes_options((*PROXIES, *SOLVER))
 @each_component(vertices=VERTICES)
-def sshade_fast(
-    task: DeformationTask, *, progress: Progress = silent, **options: Unpack[FastOptions]
-) -> DeformationResult:
+def sshade_fast(task: DeformationTask, *, progress: Progress = silent, **options: Any) -> DeformationResult:
     """SShaDe with one constrained proxy and blended frames.
 
     Parameters
@@ -55,7 +56,7 @@ def sshade_fast(
     **options
         Of the proxies, by default one of :data:`VERTICES` with ``blended`` frames: see
         :class:`sshade.pipeline.proxies.ProxyOptions`. Of their energy, the spokes and rims, and its
-        iteration: see :class:`sshade.solver.options.SolverOptions`, by default :data:`PROXY`; with handle
+        iteration: see :data:`sshade.options.SOLVER`, by default :data:`PROXY`; with handle
         regions :data:`sshade.pipeline.regions.OF_REGIONS` and :data:`REGION_STIFFNESS` are among them:
         strain and folds gather at the edges of regions.
         Large proxies begin with a coarser one's result: see :mod:`sshade.pipeline.multilevel`.
@@ -106,17 +107,19 @@ def choices(task: DeformationTask, options: Mapping[str, Any]) -> Choices:
     Raises
     ------
     InputError
-        See :func:`sshade.solver.options.complete`.
+        See :func:`sshade.options.complete`.
     """
     given = dict(options)
-    of_solver = {name: given.pop(name) for name in SolverOptions.__annotations__ if name in given}
+    of_solver = {name: given.pop(name) for name in SOLVER if name in given}
     given = {"vertices": VERTICES, "samplings": 1, "frames": "blended", **given}
     regional = has_regions(task, given["vertices"])
-    regions = PROXY | OF_REGIONS | SolverOptions(stiffness=REGION_STIFFNESS)
-    solver = complete(of_solver, **(regions if regional else PROXY))
+    regions = PROXY | OF_REGIONS | dict[str, Any](stiffness=REGION_STIFFNESS)
+    solver = completed(of_solver, regions if regional else PROXY)
     tolerance = solver.pop("tolerance")
     leading: dict[str, Any] = {**solver, **LEAD, "area": min(solver["area"], LEAD_AREA)}
-    return Choices(given, solver, tolerance, partial(local_global, **leading) if solver["parts"] else None)
+    return Choices(
+        given, solver, tolerance, partial(local_global, **leading) if solver["attachment"] else None
+    )
 
 
 def with_choices(task: DeformationTask, made: Choices, *, progress: Progress) -> DeformationResult:
@@ -129,5 +132,11 @@ def with_choices(task: DeformationTask, made: Choices, *, progress: Progress) ->
 def published(options: Mapping[str, Any]) -> Choices:
     """The choices of the paper, but for one sampling; errors as of :func:`choices`."""
     given = dict(options)
-    solver = complete({name: given.pop(name) for name in SolverOptions.__annotations__ if name in given})
+    solver = completed({name: given.pop(name) for name in SOLVER if name in given}, {})
     return Choices({"samplings": 1, **given}, solver, solver.pop("tolerance"), lead=None)
+
+
+def completed(given: Mapping[str, Any], defaults: Mapping[str, Any]) -> dict[str, Any]:
+    """All solver options: those given and not None, else the defaults, else the published energy."""
+    own = {name: value for name, value in given.items() if value is not None}
+    return complete({**defaults, **own}).subset(SOLVER)

@@ -6,50 +6,51 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from math import inf
 from time import perf_counter
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 
 from sshade.memory import give_back
 from sshade.mesh.adjacency import vertex_graph
+from sshade.options import ENERGY, SOLVER, takes_options
 from sshade.pipeline.components import each_component
-from sshade.pipeline.fast import PROXY, REGION_STIFFNESS, STIFFNESS, VERTICES, sshade_fast
+from sshade.pipeline.fast import PROXY, REGION_STIFFNESS, STIFFNESS, VERTICES, completed, sshade_fast
 from sshade.pipeline.regions import OF_REGIONS, HandleRegions, all_on_targets, has_regions
 from sshade.progress import Progress, silent
 from sshade.sampling.fronts import Fronts
 from sshade.solver.attachment import Attachment
 from sshade.solver.local_global import LocalGlobal
-from sshade.solver.options import SolverOptions, complete, energy_options
 from sshade.solver.solution import Solution
 from sshade.task import DeformationResult, DeformationTask
 from sshade.threads import available_cpus, number_of_workers
 
 #: By default; less bound to parts than the proxy alone, to stretch less in the end, and with a limit to
 #: strain, as fine triangles crease where those of a proxy cannot.
-POLISH = PROXY | SolverOptions(area=1.0, parts=0.01, stiffness=0.03, limit=0.25)
+POLISH = PROXY | dict[str, Any](area=1.0, attachment=0.01, stiffness=0.03, strain_limit=0.25)
 #: Where handles are regions strain gathers at their edges, and a limit spreads it from there.
-REGIONS = POLISH | OF_REGIONS | SolverOptions(stiffness=REGION_STIFFNESS, limit=inf)
+REGIONS = POLISH | OF_REGIONS | dict[str, Any](stiffness=REGION_STIFFNESS, strain_limit=inf)
 #: How strongly handle groups pull their parts along on the proxy: half of what they do without a polish, as
 #: nearest to the truth lie basins where the volume costs more stretch.
-PROXY_PARTS = 0.05
+PROXY_ATTACHMENT = 0.05
 #: Steps that quasi-Newton ones remember at full resolution: with more a polish is no better (six bodies), and
 #: takes more memory.
 WINDOW = 4
 
 
+@takes_options(SOLVER)
 @each_component(vertices=VERTICES)
 def sshade_fine(
     task: DeformationTask,
     *,
     vertices: int = VERTICES,
-    proxy_parts: float = PROXY_PARTS,
+    proxy_attachment: float = PROXY_ATTACHMENT,
     proxy_stiffness: float = STIFFNESS,
     polish_iterations: int = 50,
     polish_seconds: float | None = None,
     workers: int | None = None,
     seed: int = 0,
     progress: Progress = silent,
-    **options: Unpack[SolverOptions],
+    **options: Any,
 ) -> DeformationResult:
     """`sshade_fast`, polished: accelerated iterations of the same energy at full resolution.
 
@@ -63,8 +64,8 @@ def sshade_fine(
     task : DeformationTask
     vertices : int
         Of the proxy; see :class:`sshade.pipeline.proxies.ProxyOptions`.
-    proxy_parts, proxy_stiffness : float
-        `parts` and `stiffness` of the proxy.
+    proxy_attachment, proxy_stiffness : float
+        `attachment` and `stiffness` of the proxy.
     polish_iterations : int
         Iterations at full resolution, at most.
     polish_seconds : float, optional
@@ -75,10 +76,10 @@ def sshade_fine(
         Of the sampling.
     progress : Progress
     **options
-        As of :func:`sshade.sshade_fast`: `max_iterations`, `start` and `bending` of the proxy, `parts`,
-        `stiffness` and `limit` of the polish, the others of both. By default :data:`POLISH`: the weight of
-        the area leaves it some half a percent; for that, edges and angles change a twentieth less than with
-        an exact one. With handle regions :data:`REGIONS`.
+        As of :func:`sshade.sshade_fast`: `max_iterations`, `start` and `bending` of the proxy, `attachment`,
+        `stiffness` and `strain_limit` of the polish, the others of both. By default :data:`POLISH`: the
+        weight of the area leaves it some half a percent; for that, edges and angles change a twentieth less than
+        with an exact one. With handle regions :data:`REGIONS`.
 
     Returns
     -------
@@ -101,15 +102,16 @@ def sshade_fine(
     begin = perf_counter()
     give_back()  # what others left, before this needs the most
     regional = has_regions(task, vertices)
-    own = complete(options, **(REGIONS if regional else POLISH))
+    own = completed(options, REGIONS if regional else POLISH)
     with ThreadPoolExecutor(max_workers=1) as pool:
-        bound = pool.submit(_bind, task, own["parts"])
-        of_proxy: Any = own | {"parts": proxy_parts, "stiffness": proxy_stiffness, "limit": inf}
+        bound = pool.submit(_bind, task, own["attachment"])
+        of_proxy: Any = own | {"attachment": proxy_attachment, "stiffness": proxy_stiffness}
+        of_proxy["strain_limit"] = inf
         proxy = sshade_fast(task, vertices=vertices, seed=seed, progress=progress, **of_proxy)
         arrived = perf_counter()
         solver, targets, precompute = bound.result()
     ready = perf_counter()
-    energy: dict[str, Any] = {**energy_options(own), "workers": workers}
+    energy: dict[str, Any] = {**{name: own[name] for name in ENERGY}, "workers": workers}
     energy["prescribed"] = _around(task, samples=proxy.extra["samples"])
     start = [proxy.vertices]
     proxy = replace(proxy, vertices=np.empty((0, 3)))

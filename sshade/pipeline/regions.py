@@ -29,7 +29,6 @@ from sshade.mesh.mesh import Mesh
 from sshade.pipeline.proxies import proxy_vertices
 from sshade.sampling.fronts import Fronts, thinned
 from sshade.sampling.proxy import Sampling, sample_proxy
-from sshade.solver.options import SolverOptions
 from sshade.solver.volume_area import ROUNDING, VOLUME, Surface, gradients, volume_and_area
 from sshade.task import DeformationResult, DeformationTask
 from sshade.threads import ThreadTeam, in_ranges
@@ -46,7 +45,7 @@ AREA = 0.1
 #: Length over which the proxy's bending spreads folds there, over the square root of the area.
 BENDING = 0.003
 #: The solver's options by default there.
-OF_REGIONS = SolverOptions(area=AREA, bending=BENDING)
+OF_REGIONS = {"area": AREA, "bending": BENDING}
 #: Handles that hang together have a rotation where at least this share of them has handles around it only.
 #: Among single vertices, some triples happen to be faces, whose turn says nothing.
 SURROUNDED = 0.1

@@ -23,6 +23,7 @@ from scipy.sparse import coo_array, csr_array
 
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
+from sshade.options import Energy
 from sshade.solver.assembly import (
     band_order,
     dirichlet_energy,
@@ -35,7 +36,6 @@ from sshade.solver.bending import Bending, bending_matrix, shares
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix, rest_energies
 from sshade.solver.global_step import FactorisedLaplacian, FactorisedStep, GlobalStep, MultigridStep
 from sshade.solver.interfaces import Constraints, Softening
-from sshade.solver.options import Energy
 from sshade.solver.rotations import fit_rotations, quaternions
 from sshade.solver.terms import Terms, Triangles, add_pulls, covariances, pulling_energy, right_hand_side
 from sshade.threads import ThreadTeam

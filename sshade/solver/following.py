@@ -12,13 +12,12 @@ the more pairs, the more of these they know.
 
 from __future__ import annotations
 
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 
 from sshade.errors import InputError
 from sshade.solver.local_global import LocalGlobal
-from sshade.solver.options import EnergyOptions
 from sshade.solver.quasi_newton import ENERGY_ROUNDING, QuasiNewton, largest_move
 from sshade.solver.solution import Solution
 from sshade.threads import ThreadTeam
@@ -44,7 +43,7 @@ class Following:
     window : int
         Quasi-Newton steps that are remembered.
     **energy
-        See :class:`sshade.solver.options.EnergyOptions`.
+        See :data:`sshade.options.ENERGY`.
 
     Raises
     ------
@@ -63,7 +62,7 @@ class Following:
         fraction: np.ndarray | None = None,
         volume_goal: float = 1.0,
         window: int = 10,
-        **energy: Unpack[EnergyOptions],
+        **energy: Any,
     ) -> None:
         if (factorised := solver.system.factorised) is None:
             raise InputError("a solver that follows moving targets needs a factorisation, not multigrid")

@@ -14,17 +14,17 @@ from __future__ import annotations
 from copy import copy
 from math import inf
 from time import perf_counter
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
+from sshade.options import ENERGY, Energy, complete
 from sshade.progress import Progress, silent
 from sshade.solver.arap import ArapIteration, ArapSystem
 from sshade.solver.attachment import Attachment
 from sshade.solver.constraints import Components, VolumeArea
-from sshade.solver.options import Energy, EnergyOptions, SolverOptions, complete, energy_options
 from sshade.solver.quasi_newton import QuasiNewton, iterate
 from sshade.solver.solution import Solution
 from sshade.solver.start import initial_guess
@@ -138,7 +138,7 @@ class LocalGlobal:
         volume_goal: float = 1.0,
         workers: int = 1,
         progress: Progress = silent,
-        **energy: Unpack[EnergyOptions],
+        **energy: Any,
     ) -> Solution:
         """Iterate local and global steps to a residual.
 
@@ -181,7 +181,7 @@ class LocalGlobal:
         progress : Progress
         **energy
             Weights of the constraints, and how triangles soften; see
-            :class:`sshade.solver.options.EnergyOptions`. By default neither.
+            :data:`sshade.options.ENERGY`. By default neither.
 
         Returns
         -------
@@ -234,10 +234,10 @@ class LocalGlobal:
         self, targets: np.ndarray, *, team: ThreadTeam, volume_goal: float, **options: Any
     ) -> tuple[VolumeArea, ArapIteration]:
         """What is held, and an iteration with these options of it and of the energy."""
-        given = {name: options.pop(name) for name in EnergyOptions.__annotations__ if name in options}
-        asked, system = complete(given), self.system
-        held = VolumeArea(asked["volume"], asked["area"])
-        softening = StrainSoftening(asked["stiffness"], asked["strain"], asked["limit"])
+        given = {name: options.pop(name) for name in ENERGY if name in options}
+        asked, system = complete(given, ENERGY), self.system
+        held = VolumeArea(asked.volume, asked.area)
+        softening = StrainSoftening(asked.stiffness, asked.strain, asked.strain_limit)
         iteration = ArapIteration(
             system,
             targets - self.mesh.origin,
@@ -347,7 +347,7 @@ def local_global(
     workers: int = 1,
     seed: int = 0,
     progress: Progress = silent,
-    **options: Unpack[SolverOptions],
+    **options: Any,
 ) -> DeformationResult:
     """Minimise an as-rigid-as-possible energy with our own accelerated local/global solver.
 
@@ -369,7 +369,7 @@ def local_global(
         Unused: the method is deterministic.
     progress : Progress
     **options
-        Of the energy and its iteration, with their defaults: :data:`sshade.solver.options.DEFAULTS`.
+        Of the energy and its iteration: :data:`sshade.options.SOLVER`, by default the published energy.
 
     Returns
     -------
@@ -388,10 +388,10 @@ def local_global(
     """
     begin = perf_counter()
     solver_options = complete(options)
-    bends = solver_options["bending"] > 0
+    bends = solver_options.bending > 0
     multigrid = not factorised if factorised is not None else task.mesh.n > FACTORISED and not bends
-    guess = initial_guess(task, solver_options["start"])
-    attachment = Attachment(task.mesh, task.handles, solver_options["parts"], fold=True)
+    guess = initial_guess(task, solver_options.start)
+    attachment = Attachment(task.mesh, task.handles, solver_options.attachment, fold=True)
     targets, _ = attachment.pulls(task.handles.target, task.handles.rotation)
     solver = LocalGlobal(
         task.mesh,
@@ -400,7 +400,7 @@ def local_global(
         stiffness=attachment.stiffness,
         multigrid=multigrid,
         exact_steps=EXACT_STEPS,
-        bending=solver_options["bending"],
+        bending=solver_options.bending,
     )
     precomputed = perf_counter()
     solution = solver.solve(
@@ -411,9 +411,9 @@ def local_global(
         volume_goal=volume_goal,
         workers=workers,
         progress=progress,
-        tolerance=solver_options["tolerance"],
-        max_iterations=solver_options["max_iterations"],
-        **energy_options(solver_options),
+        tolerance=solver_options.tolerance,
+        max_iterations=solver_options.max_iterations,
+        **solver_options.subset(ENERGY),
     )
     return DeformationResult(
         vertices=solution.positions,

@@ -6,7 +6,7 @@ import numpy as np
 
 from sshade.errors import InputError
 from sshade.mesh.rigid import rigid_motion
-from sshade.solver.options import Start
+from sshade.options import Start
 from sshade.task import DeformationTask
 
 #: How far beside a handle with a known rotation points are that turn with it (x diagonal).

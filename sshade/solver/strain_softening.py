@@ -49,7 +49,7 @@ class StrainSoftening:
         ones, in (0, 1]. 1 is the quadratic energy.
     strain : float
         e, the strain about which it falls; positive, without unit.
-    limit : float
+    strain_limit : float
         d, the strain about which it rises again; positive, inf for never.
 
     Raises
@@ -60,16 +60,16 @@ class StrainSoftening:
 
     stiffness: float = 1.0
     strain: float = 0.02
-    limit: float = np.inf
+    strain_limit: float = np.inf
 
     def __post_init__(self) -> None:
         if not 0 < self.stiffness <= 1:
             raise InputError(f"the stiffness goes from above 0 to 1 (no softening), not {self.stiffness}")
         if not 0 < self.strain < np.inf:
             raise InputError(f"the strain at which triangles soften must be positive, not {self.strain}")
-        if not self.limit > 0:
+        if not self.strain_limit > 0:
             raise InputError(
-                f"the strain at which triangles are stiff again must be positive, not {self.limit}"
+                f"the strain at which triangles are stiff again must be positive, not {self.strain_limit}"
             )
 
     def of(self, terms: Terms | Triangles, rest: np.ndarray) -> SoftenedTriangles | None:
@@ -114,7 +114,7 @@ class SoftenedTriangles:
         self, own: slice, first: int, end: int, P: np.ndarray, R: np.ndarray, B: np.ndarray, *, kept: float
     ) -> float:
         asked = self._softening
-        how = asked.stiffness, asked.strain**-2, asked.limit**-2, kept
+        how = asked.stiffness, asked.strain**-2, asked.strain_limit**-2, kept
         triangles = *self._terms.part(own), self._rest[own]
         return _weigh(*triangles, P, R, *how, self.weight[own], B, first, end)
 

@@ -139,7 +139,7 @@ def test_nothing_left_out_is_sshade_fast_and_each_other_choice_differs_from_all_
     found = {name: sshade_fast_without(task, without=name, **options) for name in LEFT_OUT}
     assert np.array_equal(found["nothing"].vertices, sshade_fast(task, **options).vertices)
     plain = {"blended_frames": {"frames": "triangle", "samplings": 5}, "softening": {"stiffness": 1.0}}
-    plain["parts_and_lead"] = {"parts": 0.0}
+    plain["parts_and_lead"] = {"attachment": 0.0}
     for name, left_out in plain.items():
         assert np.array_equal(found[name].vertices, sshade_fast(task, **left_out, **options).vertices)
     shapes = [np.round(result.vertices, 9).tobytes() for result in found.values()]

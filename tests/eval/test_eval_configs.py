@@ -18,8 +18,8 @@ from eval.configure.sweep import ABOUT_DATASET, VALUES
 from eval.rows.bands import read_bands
 from eval.run.targets import OWN_KEYS, check_parameters, instantiate, locate, parameter_hints
 from sshade.cli.configuration import CONFIGURATION
+from sshade.options import SOLVER, Options
 from sshade.solver.local_global import local_global
-from sshade.solver.options import DEFAULTS
 from sshade.task import Method
 from tests.full import few
 from tests.methods import methods
@@ -59,13 +59,13 @@ def test_yaml_names_every_parameter_of_its_method(name):
     plain = method_of(composed(f"method={name}"))
     hints = parameter_hints(locate(plain["_target_"]))
     taken = {key for key, hint in hints.items() if get_origin(hint) is not Callable}
-    assert set(plain) - set(OWN_KEYS) == taken - {"task", "seed", "progress"}
+    assert set(plain) - set(OWN_KEYS) == taken - {"task", "seed", "progress", "options"}
 
 
 def test_the_coarse_solver_of_the_yaml_is_the_default_one():
     """Named in the YAML so that the shared stopping rule reaches it and the row tells its parameters."""
     named = instantiate(method_of(composed("method=paper", "solver.start=rest"))).keywords["coarse"]
-    assert named.keywords == {**DEFAULTS, "accelerate": True, "factorised": None}
+    assert named.keywords == {**Options().subset(SOLVER), "accelerate": True, "factorised": None}
     task = bumpy_task()
     np.testing.assert_array_equal(named(task, seed=0).vertices, local_global(task).vertices)
 

@@ -120,6 +120,6 @@ def test_the_area_has_a_weight(task):
 
 def test_what_a_proxy_refuses_is_refused_before_the_set_up(task, monkeypatch):
     monkeypatch.setattr("sshade.pipeline.fine.LocalGlobal", lambda *_, **__: pytest.fail("it was set up"))
-    for options, words in (({"workers": 0}, "0 workers"), ({"volume": -1.0}, "the volume weight")):
+    for options, words in (({"workers": 0}, "0 workers"), ({"volume": -1.0}, "volume must be")):
         with pytest.raises(InputError, match=words):
             sshade_fine(task, **options)

@@ -96,7 +96,7 @@ def test_so_too_where_the_coarser_proxy_cannot_be_solved_and_the_log_says_why(ta
 
 
 def test_errors_of_the_solver_are_told(task, always):
-    with pytest.raises(InputError, match="the volume weight goes from 0"):
+    with pytest.raises(InputError, match="volume must be a number in"):
         multilevel(task, coarse=partial(local_global, volume=-1.0))
 
 

@@ -185,13 +185,13 @@ def test_the_facts_of_the_first_solve_stay_when_the_volume_takes_more(task):
     index, target = task.handles.index, np.array(task.handles.target)
     target[: int(0.3 * task.mesh.n)] *= 1.15
     grown = DeformationTask("grown", task.mesh, Handles(index, target))
-    once, extra = (sshade_fast(grown, vertices=VERTICES, parts=0.1, volume=v) for v in (100.0, np.inf))
+    once, extra = (sshade_fast(grown, vertices=VERTICES, attachment=0.1, volume=v) for v in (100.0, np.inf))
     assert extra.iterations > once.iterations
     assert extra.extra["proxy_basin"] in ("lead", "start") and "proxy_coarser_iterations" in extra.extra
 
 
 #: What leaves parts out of a method.
-WITHOUT_PARTS = {"fast": {"parts": 0.0}, "fine": {"parts": 0.0, "proxy_parts": 0.0}}
+WITHOUT_PARTS = {"fast": {"attachment": 0.0}, "fine": {"attachment": 0.0, "proxy_attachment": 0.0}}
 
 
 def test_a_painted_region_takes_along_the_part_that_it_lies_on():

@@ -52,7 +52,7 @@ def followed(task: DeformationTask, V: np.ndarray) -> float:
 @pytest.mark.parametrize("name", METHODS)
 def test_methods_pull_soft_handles_as_far_as_the_minimum_at_full_resolution_does(name, index):
     """Unconstrained and without softening, where the minimum of all of them is one."""
-    same = {} if name == "paper" else {"volume": 0.0, "area": 0.0, "stiffness": 1.0, "parts": 0.0}
+    same = {} if name == "paper" else {"volume": 0.0, "area": 0.0, "stiffness": 1.0, "attachment": 0.0}
     if name == "fine":
         same["polish_iterations"] = 300
     gone = {}

@@ -152,7 +152,7 @@ def test_what_is_near_a_turned_patch_turns_with_it():
     end = np.flatnonzero(BAR.V[:, 2] > top[2] - 1.0)
     off = {}
     for parts in (0.0, 0.1, 1.0):
-        V = local_global(task, parts=parts, start="rigid", tolerance=1e-7).vertices
+        V = local_global(task, attachment=parts, start="rigid", tolerance=1e-7).vertices
         assert np.array_equal(V[task.handles.index], task.handles.target)
         off[parts] = np.linalg.norm(V[end] - ((BAR.V[end] - top) @ turn.T + top), axis=1).mean()
     assert off[1.0] < 0.7 * off[0.0] and off[0.1] < 0.95 * off[0.0]
@@ -160,8 +160,8 @@ def test_what_is_near_a_turned_patch_turns_with_it():
 
 @pytest.mark.parametrize("parts", [-0.1, np.inf, np.nan])
 def test_a_weight_that_is_none_is_refused(parts):
-    with pytest.raises(InputError, match="weight of parts"):
-        local_global(DeformationTask("patch", BAR, two_patches(BAR)), parts=parts)
+    with pytest.raises(InputError, match="attachment must be a number in"):
+        local_global(DeformationTask("patch", BAR, two_patches(BAR)), attachment=parts)
 
 
 @pytest.mark.parametrize("way", ["straight to a turn of 150 degrees", "flattened"])

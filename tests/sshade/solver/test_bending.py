@@ -187,7 +187,7 @@ def test_a_length_that_is_none_is_refused(bending):
     with pytest.raises(InputError, match="length of bending"):
         LocalGlobal(task.mesh, task.handles.index, bending=bending)
     for method in (local_global, sshade_fast):
-        with pytest.raises(InputError, match="length of bending"):
+        with pytest.raises(InputError, match="bending must be a number in"):
             method(task, bending=bending)
 
 

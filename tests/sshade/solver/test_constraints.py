@@ -496,7 +496,7 @@ def test_closed_components_keep_their_volume_beside_open_ones():
 
 
 def test_a_weight_of_nan_is_refused():
-    with pytest.raises(InputError, match="the area weight goes from 0 .free. to inf .exact.; nan does not"):
+    with pytest.raises(InputError, match="area must be a number in .*, not nan"):
         solve(BAR, (0.0, math.nan))
 
 

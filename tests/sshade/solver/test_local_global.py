@@ -374,7 +374,7 @@ def test_iterates_that_overflow():
 def test_unknown_names(task):
     with pytest.raises(InputError, match="unknown energy 'elements'"):
         local_global(task, energy="elements")
-    with pytest.raises(TypeError, match="unexpected keyword argument 'volum'; the options are volume, area"):
+    with pytest.raises(InputError, match="no option 'volum'; did you mean 'volume'"):
         local_global(task, volum=1.0)
 
 
