@@ -1,1 +1,1 @@
-"""Times: ``sshade-eval bench`` measures them on a quiet machine, ``sshade-eval timings`` tables them."""
+"""Times of methods on a machine that does nothing else, and the tables made from them."""

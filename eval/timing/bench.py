@@ -1,27 +1,26 @@
 """Measure times: ``sshade-eval bench KIND --methods ... --cases ...`` writes a line a repeat.
 
-Methods take turns (A B C A B C ...), after a warm-up, on a machine that is quiet: a repeat during
-which other processes used more than 5 % of its cores, or a clock jumped, is thrown away and
-repeated; after five in a row the command ends and writes nothing. Repeats last a second at least,
-in several calls where one is shorter; what takes over a minute is called once.
+Methods take turns (A B C A B C ...), after a warm-up. A repeat counts only on a quiet machine: it is
+rejected and run again if other processes used more than 5 % of the cores, or a clock jumped. After five
+rejected repeats in a row the command ends and writes nothing. A repeat lasts at least a second, in several
+calls if one is shorter. A call of more than a minute runs once.
 
 kinds:
-  speed    calls of methods on tasks; those of --extrapolate run --block iterations, from which
-           the time of their cutoff is computed
-  drag     methods that can be bound: bind, first solve, steps of a drag, the way back; with
-           --sizes on subdivisions of the cases, as scaling
-  scaling  midpoint subdivisions of the cases, for each of --sizes the one that comes nearest,
-           each in a process of its own, with its peak of memory
-  whole    `sshade deform --method METHOD` from start to end, files included; without cases on a tiny
-           mesh: imports for the most part; with --sizes on subdivisions of the cases, as scaling
+  speed    calls of methods on tasks; the methods of --extrapolate run --block iterations, from which
+           the time of their cutoff is estimated
+  drag     methods that can be bound: bind, first solve, steps of a drag, the way back
+  scaling  subdivided meshes, each in a new process, with the peak of its memory
+  whole    `sshade deform --method METHOD` from start to end, with files and imports; without cases on a
+           tiny mesh
 
-A method or a case is [LABEL=]NAME [KEY=VALUE ...], a name of conf/method or conf/dataset and its
-settings; with a dot, one of the whole configuration, as for `sshade-eval run`.
+With --sizes, the cases are replaced by their midpoint subdivisions with the nearest numbers of vertices.
+A method or a case is [LABEL=]NAME [KEY=VALUE ...], with NAME in conf/method or conf/dataset. A KEY with a dot
+is a setting of the whole configuration, as for `sshade-eval run`.
 
 examples:
-  sshade-eval bench speed --methods elastic sshade_fast "sshade-1=sshade samplings=1" \\
+  sshade-eval bench speed --methods elastic fast "paper-1=paper samplings=1" \\
     --cases "mesh mesh=body.ply handles=pose.json" --extrapolate elastic
-  sshade-eval bench drag --methods "sshade-1=sshade samplings=1 solver.start=rest" \\
+  sshade-eval bench drag --methods "paper-1=paper samplings=1 solver.start=rest" \\
     --cases "defaust root=data/defaust_170k subject=0 pose=1,2"
   sshade-eval timings speed drag
 """
@@ -46,43 +45,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("kind", choices=KINDS, metavar="KIND", help=", ".join(KINDS))
     parser.add_argument("--methods", nargs="+", required=True, metavar="METHOD")
     parser.add_argument("--cases", nargs="+", default=(), metavar="CASE")
-    parser.add_argument("--name", help=f"of the CSV in {TIMING} (default: KIND)")
-    parser.add_argument("--rounds", type=int, default=3, metavar="R", help="kept repeats (default: 3)")
+    parser.add_argument("--name", help=f"name of the CSV in {TIMING} (default: KIND)")
+    parser.add_argument("--rounds", type=int, default=3, metavar="R", help="accepted repeats (default: 3)")
     parser.add_argument("--extrapolate", nargs="+", default=(), metavar="LABEL", help="methods, for speed")
     parser.add_argument("--block", type=int, default=10, metavar="I", help="iterations (default: 10)")
-    parser.add_argument(
-        "--sizes", type=int, nargs="+", default=(), metavar="N", help="vertices, not for speed"
-    )
+    parser.add_argument("--sizes", type=int, nargs="+", default=(), metavar="N", help="numbers of vertices")
 
 
 def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
-    name = options.name or options.kind
+    name, rounds = options.name or options.kind, options.rounds
     _check(options, name)
-    sources = read_cases(options.cases)
+    sizes = options.sizes or (scaling.SIZES if options.kind == scaling.KIND else ())
+    cases = read_cases(options.cases, sizes=sizes)
     if options.kind == whole.KIND:
-        rows = whole.time_commands(options.methods, sources, rounds=options.rounds, sizes=options.sizes)
+        rows = whole.time_commands(options.methods, cases, rounds=rounds)
+    elif options.kind == drag.KIND:
+        rows = drag.time_drags(read_methods(options.methods), cases, rounds=rounds)
+    elif options.kind == scaling.KIND:
+        rows = scaling.time_scaling(read_methods(options.methods), cases, rounds=rounds)
     else:
-        methods = read_methods(options.methods)
-        if options.kind == drag.KIND:
-            rows = drag.time_drags(methods, sources, rounds=options.rounds, sizes=options.sizes)
-        elif options.kind == scaling.KIND:
-            rows = scaling.time_scaling(
-                methods, sources, rounds=options.rounds, sizes=options.sizes or scaling.SIZES
-            )
-        else:
-            rows = speed.time_methods(
-                methods,
-                sources,
-                rounds=options.rounds,
-                extrapolated=options.extrapolate,
-                block=options.block,
-            )
+        extrapolated = {"extrapolated": options.extrapolate, "block": options.block}
+        rows = speed.time_methods(read_methods(options.methods), cases, rounds=rounds, **extrapolated)
     require_unchanged(())
     path = TIMING / f"{name}.csv"
     write_csv(path, to_frame(rows))
     lost = sum(not row["kept"] for row in rows)
-    print(f"{path}: repeats kept {len(rows) - lost}, thrown away {lost}; `sshade-eval timings {name}`")  # noqa: T201
+    print(f"{path}: repeats kept {len(rows) - lost}, rejected {lost}; `sshade-eval timings {name}`")  # noqa: T201
     return 0
 
 
@@ -93,7 +82,7 @@ def _check(options: argparse.Namespace, name: str) -> None:
     if min(options.rounds, *options.sizes, 1) < 1:
         raise InputError("--rounds and --sizes take numbers from 1")
     if not options.cases and (options.kind != whole.KIND or options.sizes):
-        raise InputError(f"{options.kind} needs --cases; `sshade-eval bench --help` tells more")
+        raise InputError(f"{options.kind} needs --cases; see `sshade-eval bench --help`")
     if options.extrapolate and options.kind != speed.KIND:
         raise InputError(f"{options.kind} takes no --extrapolate, which is for {speed.KIND}")
     require_free(name)

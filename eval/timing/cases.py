@@ -1,13 +1,16 @@
-"""What is timed: methods of ``conf`` and the tasks of its datasets, chosen on the command line."""
+"""The methods and cases to time, chosen on the command line by their names in ``conf``."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
-from eval.configure.compose import Choice, one_each, read_choice, resolved
+import igl
+import numpy as np
+
+from eval.configure.compose import one_each, read_choice, resolved
 from eval.configure.sweep import check_root, source_of
 from eval.metrics import Task
 from eval.rows.store import Row
@@ -15,35 +18,40 @@ from eval.run.provenance import config_hash, library_versions, task_checksum
 from eval.run.targets import flat, instantiate, require_kind, settings, target_modules
 from eval.run.warmup import warm_up
 from sshade.errors import InputError
-from sshade.task import DeformationResult
+from sshade.mesh.mesh import Mesh
+from sshade.task import DeformationResult, DeformationTask
+
+#: Largest number of subdivisions of a case.
+DEEPEST = 5
 
 
 @dataclass(frozen=True)
 class TimedMethod:
-    """A method with its parameters.
+    """A method and its parameters.
 
     Parameters
     ----------
     label : str
-        Its name in rows.
+        Name of the method in rows.
     config : dict
-        Its configuration, resolved.
+        Resolved configuration.
     """
 
     label: str
     config: dict[str, Any]
 
     def with_parameters(self, **parameters: Any) -> TimedMethod:
-        """The same method with other values of some parameters."""
+        """Return the method with other values of some parameters."""
         return TimedMethod(self.label, self.config | parameters)
 
     def on(self, task: Task) -> partial[DeformationResult]:
-        """A call of the method, compiled by a run on a tiny task.
+        """Compile the method by a run on a tiny task; return its call on the task.
 
         Raises
         ------
         InputError
-            When it takes no such task or parameters, or needs a library that is not installed.
+            If the method does not accept the task or its parameters, or needs a library that is not
+            installed.
         """
         try:
             call = instantiate({**self.config, "_partial_": True})
@@ -57,20 +65,45 @@ class TimedMethod:
 
     @property
     def facts(self) -> Row:
-        """The columns ``method.*``, and the versions of the libraries that it uses."""
+        """The columns ``method.*``, and the versions of the libraries that the method uses."""
         plain = settings(self.config)
         facts = {"method.name": self.label, "method.hash": config_hash(plain)} | flat(plain, "method")
         versions = library_versions(target_modules(self.config))
         return facts | {f"env.version.{library}": version for library, version in versions.items()}
 
 
+class TimedCase(NamedTuple):
+    """A task, or a midpoint subdivision of it.
+
+    Attributes
+    ----------
+    source : dict
+        Configuration that loads the task.
+    level : int, optional
+        Number of subdivisions; None for the task as it is.
+    """
+
+    source: dict[str, Any]
+    level: int | None = None
+
+    def load(self) -> Task:
+        """Load the task and subdivide it. Subdivision keeps the vertices and the handles on them."""
+        task = instantiate(self.source)
+        if self.level is None:
+            return task
+        V, F = np.array(task.mesh.V), np.array(task.mesh.F)
+        for _ in range(self.level):
+            V, F = igl.upsample(V, F)
+        return DeformationTask(f"{task.name}, level {self.level}", Mesh(V, F), task.handles)
+
+
 def read_methods(texts: Iterable[str]) -> list[TimedMethod]:
-    """The methods that choices name.
+    """Resolve the choices of methods.
 
     Raises
     ------
     InputError
-        On a choice that cannot be, or a label that stands for two of them.
+        If a choice cannot be resolved, or two methods have the same label.
     """
     choices = [read_choice(text) for text in texts]
     labels = [choice.label for choice in choices]
@@ -80,25 +113,51 @@ def read_methods(texts: Iterable[str]) -> list[TimedMethod]:
     return [TimedMethod(choice.label, resolved("method", choice)) for choice in choices]
 
 
-def read_cases(texts: Iterable[str]) -> list[dict[str, Any]]:
-    """The configurations that load the tasks which choices name.
+def read_cases(texts: Iterable[str], *, sizes: Sequence[int] = ()) -> list[TimedCase]:
+    """Resolve the choices of datasets to cases.
+
+    Parameters
+    ----------
+    texts : iterable of str
+    sizes : sequence of int
+        Numbers of vertices. If given, the cases are replaced by their subdivisions with the nearest numbers
+        of vertices.
 
     Raises
     ------
     InputError
-        On a choice that cannot be, or a dataset that is not there.
+        If a choice cannot be resolved, or the dataset is missing.
     """
-    choices: list[Choice] = [one for text in texts for one in one_each(read_choice(text))]
     sources = []
-    for choice in choices:
+    for choice in [one for text in texts for one in one_each(read_choice(text))]:
         config = resolved("dataset", choice)
         check_root(config)
         sources.append(source_of(config))
-    return sources
+    if not sizes:
+        return [TimedCase(source) for source in sources]
+    bases = [instantiate(source).mesh.n for source in sources]
+    return [TimedCase(sources[base], level) for _, base, level in nearest(bases, sizes)]
+
+
+def nearest(bases: Sequence[int], sizes: Sequence[int]) -> list[tuple[int, int, int]]:
+    """Return the subdivisions with the numbers of vertices nearest to `sizes`, each once.
+
+    Parameters
+    ----------
+    bases : sequence of int
+        Numbers of vertices of the meshes to subdivide.
+    sizes : sequence of int
+
+    Returns
+    -------
+    list of (vertices, index of the base, number of subdivisions)
+    """
+    subdivisions = [(4**level * n, i, level) for i, n in enumerate(bases) for level in range(DEEPEST + 1)]
+    return sorted({min(subdivisions, key=lambda case: abs(np.log(case[0] / size))) for size in sizes})
 
 
 def task_facts(task: Task) -> Row:
-    """The columns ``task.*``."""
+    """Return the columns ``task.*``."""
     return {
         "task.name": task.name,
         "task.checksum": task_checksum(task),

@@ -1,4 +1,4 @@
-"""A mesh that is bound once and follows its handles: bind, first solve, steps of a drag, and the way back."""
+"""Time drags of a bound mesh: bind, first solve, steps, and the way back."""
 
 from __future__ import annotations
 
@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 
 from eval.rows.store import Row
-from eval.run.targets import instantiate
-from eval.timing.cases import TimedMethod, task_facts
-from eval.timing.scaling import nearest, subdivided
+from eval.timing.cases import TimedCase, TimedMethod, task_facts
 from eval.timing.turns import Job, take_turns
 from sshade.errors import InputError
 from sshade.options import PROXIES, SOLVER
@@ -20,44 +18,26 @@ from sshade.pipeline.fast import sshade_fast
 from sshade.pipeline.paper import sshade
 from sshade.task import DeformationTask
 
-#: What these rows are of.
+#: The column ``kind`` of the rows.
 KIND = "drag"
-#: Steps of a drag from rest to the targets.
+#: Number of steps of a drag from rest to the targets.
 STEPS = 60
-#: Residual at which each of them stops.
+#: Residual at which each step stops.
 TOLERANCE = 1e-4
-#: Largest distance, over the diagonal, between what a bound mesh gives and what its method gives.
+#: Largest accepted distance between the results of the bound mesh and of the method, as a fraction of the
+#: bounding-box diagonal.
 SAME = 1e-6
 
 
-def time_drags(
-    methods: Sequence[TimedMethod],
-    sources: Sequence[dict[str, Any]],
-    *,
-    rounds: int,
-    sizes: Sequence[int] = (),
-) -> list[Row]:
-    """Time drags of methods on tasks in turns.
-
-    Parameters
-    ----------
-    methods : sequence of TimedMethod
-    sources : sequence of dict
-        Configurations that load the tasks.
-    rounds : int
-    sizes : sequence of int
-        Numbers of vertices: for each the midpoint subdivision of a task that comes nearest, in place of all
-        tasks as they are.
+def time_drags(methods: Sequence[TimedMethod], cases: Sequence[TimedCase], *, rounds: int) -> list[Row]:
+    """Time drags of methods on tasks, in turns.
 
     Raises
     ------
     InputError
-        See :func:`eval.timing.turns.take_turns`; and when a method cannot be bound.
+        As :func:`eval.timing.turns.take_turns`; and if a method cannot be bound.
     """
-    tasks = [instantiate(source) for source in sources]
-    if sizes:
-        near = nearest([task.mesh.n for task in tasks], sizes)
-        tasks = [subdivided(tasks[base], level) if level else tasks[base] for _, base, level in near]
+    tasks = [case.load() for case in cases]
     return take_turns([_job(method, task) for task in tasks for method in methods], rounds=rounds)
 
 
@@ -65,48 +45,52 @@ def _job(method: TimedMethod, task: DeformationTask) -> Job:
     call = method.on(task)
     if not isinstance(task, DeformationTask) or call.func not in (sshade, sshade_fast):
         raise InputError(
-            f"{method.label} on {task.name} cannot be bound: sshade.Deformer binds sshade and sshade_fast"
+            f"{method.label} on {task.name} cannot be bound: sshade.Deformer binds the methods paper and fast"
         )
-    taken = (*PROXIES, *SOLVER) if call.func is sshade_fast else PROXIES
-    options = {name: method.config[name] for name in taken if name in method.config}
+    accepted = (*PROXIES, *SOLVER) if call.func is sshade_fast else PROXIES
+    options = {name: method.config[name] for name in accepted if name in method.config}
     options["method"] = "fast" if call.func is sshade_fast else "paper"
     bound = _bound(task, options)(task.handles.target, rotations=task.handles.rotation)
     apart = np.linalg.norm(bound.vertices - call().vertices, axis=1).max() / task.mesh.diagonal
     if apart > SAME:
         raise InputError(
-            f"{method.label} on {task.name} cannot be bound: sshade.Deformer gives another shape, "
-            f"{apart:.2g} of the diagonal apart, as it begins at rest and solves proxies with its own "
-            "settings; with solver.start=rest and no settings of the proxy they are one"
+            f"{method.label} on {task.name} cannot be bound: results of the method and of sshade.Deformer "
+            f"differ by {apart:.2g} of the diagonal; sshade.Deformer starts at rest and has its own settings "
+            "of the proxy, so set solver.start=rest and leave the settings of the proxy out"
         )
     facts = {"kind": KIND} | method.facts | task_facts(task)
     return Job(facts, lambda: drag(task, options))
 
 
 def _bound(task: DeformationTask, options: dict[str, Any]) -> Deformer:
-    own = task.handles
-    return Deformer(task.mesh, own.index, group=own.group, weight=own.weight, **options)
+    handles = task.handles
+    return Deformer(task.mesh, handles.index, group=handles.group, weight=handles.weight, **options)
 
 
 def drag(task: DeformationTask, options: dict[str, Any]) -> Row:
-    """Bind, solve, drag the handles from rest to their targets and back, and change them.
+    """Bind, solve, drag the handles from rest to their targets and back, and change the handles.
 
     Parameters
     ----------
     task : DeformationTask
     options : dict
-        Of :class:`sshade.Deformer`, besides the handles.
+        Arguments of :class:`sshade.Deformer` other than the handles.
 
     Returns
     -------
     dict
-        ``seconds.bind``, ``seconds.first`` (from rest to the targets at once, to the default
-        tolerance), ``seconds.step`` and ``seconds.step_95``, the median and the 95th percentile of the
-        steps to the targets, of which ``seconds.step_solve`` the proxy takes, ``seconds.step_carry`` the
-        mesh and ``seconds.step_output`` the rest, medians too; ``seconds.settle``, from the last step to the
-        minimum; ``seconds.rebind``, the mean of leaving the last group of handles out and of taking it again.
-        Distances of the farthest vertex, % of the diagonal: ``drag.first``, of the first solve from the
-        minimum that it leads to; ``drag.last``, of the last step from the first solve; ``drag.settled``, of
-        where the drag settles from where the first solve does; ``drag.return``, of the way back from before.
+        Times in seconds:
+
+        - ``seconds.bind``; ``seconds.first``: from rest to the targets at once, to the default tolerance;
+        - ``seconds.step``, ``seconds.step_95``: median and 95th percentile of the steps to the targets;
+        - ``seconds.step_solve``, ``seconds.step_carry``, ``seconds.step_output``: medians of the time of
+          the proxy, of the mesh and of the rest of a step;
+        - ``seconds.settle``: from the last step to the minimum;
+        - ``seconds.rebind``: mean of removing the last group of handles and of adding it again.
+
+        Largest distances of a vertex, % of the diagonal: ``drag.first``, first solve to its minimum;
+        ``drag.last``, last step to first solve; ``drag.settled``, minimum of the drag to minimum of the
+        first solve; ``drag.return``, end of the way back to the rest solution.
     """
     rest, target = task.mesh.V[task.handles.index], task.handles.target
 
@@ -130,40 +114,40 @@ def drag(task: DeformationTask, options: dict[str, Any]) -> Row:
 
     for number in range(1, STEPS + 1):
         step(number)
-    last, there = out.copy(), np.array(steps)
+    last, forth = out.copy(), np.array(steps)
     start = perf_counter()
     settled = deformer.settle(out=out).vertices
     settling = perf_counter() - start
-    facts = {
+    distances = {
         "drag.first": apart(first.vertices, minimum),
         "drag.last": apart(last, first.vertices),
         "drag.settled": apart(settled, minimum),
     }
     for number in range(STEPS - 1, -1, -1):
         step(number)
-    whole, solve, carry = np.median(there, axis=0)
+    whole, solve, carry = np.median(forth, axis=0)
     return {
         "seconds.bind": bound - begin,
         "seconds.first": solved - bound,
         "seconds.step": float(whole),
-        "seconds.step_95": float(np.percentile(there[:, 0], 95)),
+        "seconds.step_95": float(np.percentile(forth[:, 0], 95)),
         "seconds.step_solve": float(solve),
         "seconds.step_carry": float(carry),
-        "seconds.step_output": float(np.median(there[:, 0] - there[:, 1] - there[:, 2])),
+        "seconds.step_output": float(np.median(forth[:, 0] - forth[:, 1] - forth[:, 2])),
         "seconds.settle": settling,
         "seconds.rebind": _rebinding(deformer, task),
         "seconds.total": perf_counter() - begin,
         "iterations": float(first.iterations),
-        **facts,
+        **distances,
         "drag.return": apart(out, before),
     }
 
 
 def _rebinding(deformer: Deformer, task: DeformationTask) -> float:
-    """Seconds of a change of handles: the last group is left out, where there are others, and comes back."""
-    own = task.handles
-    fewer = own.group != own.group.max()
+    """Return the mean seconds of removing the last group of handles, if there are several, and adding it."""
+    handles = task.handles
+    fewer = handles.group != handles.group.max()
     begin = perf_counter()
-    for taken in (fewer if fewer.any() else ~fewer, np.ones(len(own), dtype=bool)):
-        deformer.rebind_handles(own.index[taken], group=own.group[taken], weight=own.weight[taken])
+    for kept in (fewer if fewer.any() else ~fewer, np.ones(len(handles), dtype=bool)):
+        deformer.rebind_handles(handles.index[kept], group=handles.group[kept], weight=handles.weight[kept])
     return (perf_counter() - begin) / 2

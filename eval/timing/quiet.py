@@ -1,4 +1,4 @@
-"""Whether a machine was quiet: the CPU time that other processes used, and whether a clock jumped."""
+"""Check that a machine was quiet: the CPU time of other processes, and jumps of the clock."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from typing import NamedTuple
 
 import psutil
 
-#: Share of the machine's cores that others may use during a repeat.
+#: Largest CPU time of other processes during a repeat, as a fraction of all cores.
 OTHERS = 0.05
-#: Seconds, and share of a span, by which the wall clock may leave the monotonic one; NTP slews it by less.
+#: Largest drift of the wall clock from the monotonic clock: seconds, and a fraction of the span.
+#: NTP adjusts the wall clock by less.
 DRIFT = (0.1, 1e-3)
-#: Seconds over which the busiest other process is looked for.
+#: Seconds during which the busiest other process is observed.
 SEARCH = 1.0
 
 
@@ -23,11 +24,11 @@ class Reading(NamedTuple):
     Attributes
     ----------
     seconds, clock : float
-        The monotonic clock and the wall clock, seconds.
+        The monotonic clock and the wall clock, in seconds.
     busy : float
-        CPU seconds of all cores that were not idle, since boot. What a hypervisor gave to others counts.
+        CPU seconds of all cores since boot, without idle time. Time that a hypervisor took counts as busy.
     own : float
-        CPU seconds of this process and of those that it began.
+        CPU seconds of this process and its children.
     """
 
     seconds: float
@@ -37,17 +38,17 @@ class Reading(NamedTuple):
 
 
 class Use(NamedTuple):
-    """What happened between two readings.
+    """The use of the machine between two readings.
 
     Attributes
     ----------
     seconds : float
     cores_used : float
-        CPU seconds of the own process tree, over `seconds`.
+        CPU seconds of this process and its children, divided by `seconds`.
     others : float
-        CPU seconds of other processes, over those of all cores of the machine.
+        CPU time of other processes, as a fraction of all cores of the machine.
     problem : str
-        Why times taken meanwhile do not count; empty where they do.
+        Why times of this span do not count; empty if they count.
     """
 
     seconds: float
@@ -59,27 +60,27 @@ class Use(NamedTuple):
 def read_machine() -> Reading:
     """Read the counters of the machine."""
     times = psutil.cpu_times()
-    # Linux counts guests in user and nice, too.
+    # Linux counts the time of guests in user and nice already.
     idle = sum(getattr(times, name, 0.0) for name in ("idle", "iowait", "guest", "guest_nice"))
     ended = os.times()
     own = process_time() + ended.children_user + ended.children_system
     for child in psutil.Process().children(recursive=True):
-        with suppress(psutil.Error):  # it has just ended
+        with suppress(psutil.Error):  # the child has just ended
             own += sum(child.cpu_times()[:4])
     return Reading(perf_counter(), time(), sum(times) - idle, own)
 
 
 def between(before: Reading, after: Reading, *, cores: int | None = None) -> Use:
-    """Judge the time between two readings.
+    """Judge the span between two readings.
 
-    The system counts in ticks of 10 ms, so that spans under a second say little
-    about others.
+    The system counts CPU time in ticks of 10 ms. Spans under a second therefore say little about other
+    processes.
 
     Parameters
     ----------
     before, after : Reading
     cores : int, optional
-        Of the machine; by default those that it has.
+        Cores of the machine; by default the cores of this machine.
     """
     cores = cores or psutil.cpu_count()
     span = after.seconds - before.seconds
@@ -95,22 +96,19 @@ def between(before: Reading, after: Reading, *, cores: int | None = None) -> Use
 
 
 def busiest_other() -> str:
-    """The process of others that uses most CPU just now, in a few words; empty where none stands out."""
+    """Describe the other process that uses most CPU; empty if no process uses much."""
     own = {os.getpid(), *(child.pid for child in psutil.Process().children(recursive=True))}
-    before = {process: process.info["cpu_times"] for process in psutil.process_iter(["cpu_times"])}
-    begin = perf_counter()
-    sleep(SEARCH)
-    used: dict[psutil.Process, float] = {}
-    for process, times in before.items():
-        with suppress(psutil.Error):  # it has ended, or is not to be looked at
-            if process.pid not in own and times is not None:
-                used[process] = sum(process.cpu_times()[:2]) - sum(times[:2])
-    share = {process: seconds / (perf_counter() - begin) for process, seconds in used.items()}
-    for process in sorted(share, key=share.__getitem__, reverse=True):
-        if share[process] <= OTHERS:
-            break
-        with suppress(psutil.Error):
-            # A program of python -c has lines; this is a part of one sentence.
-            words = " ".join(" ".join(process.cmdline()).split()) or process.name()
-            return f"process {process.pid} ({words[:60]}) with {share[process]:.0%} of a core"
+    used: dict[psutil.Process, float] = dict.fromkeys(psutil.process_iter(), 0.0)
+    for wait in (0.0, SEARCH):  # the first call of cpu_percent sets the counters
+        sleep(wait)
+        for process in used:
+            with suppress(psutil.Error):  # the process has ended, or hides its counters
+                used[process] = 0.0 if process.pid in own else process.cpu_percent() / 100
+    busiest = max(used, key=used.__getitem__)
+    if used[busiest] <= OTHERS:
+        return ""
+    with suppress(psutil.Error):
+        # A program given by python -c has several lines.
+        words = " ".join(" ".join(busiest.cmdline()).split()) or busiest.name()
+        return f"process {busiest.pid} ({words[:60]}) with {used[busiest]:.0%} of a core"
     return ""

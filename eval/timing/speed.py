@@ -1,54 +1,51 @@
-"""Calls of methods on tasks, whole or extrapolated from some of their iterations."""
+"""Time calls of methods: complete calls, or a few iterations extrapolated to the cutoff."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from time import perf_counter
-from typing import Any
 
 from eval.metrics import Task
 from eval.rows.store import Row
-from eval.run.targets import instantiate
-from eval.timing.cases import TimedMethod, task_facts
+from eval.timing.cases import TimedCase, TimedMethod, task_facts
 from eval.timing.turns import Job, take_turns
 from sshade.errors import InputError
 from sshade.task import DeformationResult
 
-#: What these rows are of.
+#: The column ``kind`` of the rows.
 KIND = "speed"
 
 
 def time_methods(
     methods: Sequence[TimedMethod],
-    sources: Sequence[dict[str, Any]],
+    cases: Sequence[TimedCase],
     *,
     rounds: int,
     extrapolated: Collection[str] = (),
     block: int = 10,
 ) -> list[Row]:
-    """Time methods on tasks in turns.
+    """Time methods on tasks, in turns.
 
     Parameters
     ----------
     methods : sequence of TimedMethod
-    sources : sequence of dict
-        Configurations that load the tasks.
+    cases : sequence of TimedCase
     rounds : int
     extrapolated : collection of str
-        Labels of methods of which only `block` iterations run; their rows hold what the cutoff
-        ``max_iterations`` of their configuration would take.
+        Labels of methods that run `block` iterations only. Their rows hold the estimated time of
+        ``max_iterations`` of the configuration.
     block : int
 
     Raises
     ------
     InputError
-        See :func:`eval.timing.turns.take_turns`; and when a method to be extrapolated is not among
-        them, or counts no iterations.
+        As :func:`eval.timing.turns.take_turns`; and if a method to extrapolate is not among the methods,
+        or counts no iterations.
     """
     unknown = [label for label in extrapolated if label not in {method.label for method in methods}]
     if unknown:
-        raise InputError(f"{unknown[0]} is to be extrapolated, but is none of the methods")
-    tasks = [instantiate(source) for source in sources]
+        raise InputError(f"--extrapolate names {unknown[0]}, which is none of the methods")
+    tasks = [case.load() for case in cases]
     jobs = [
         job_of(method, task, block=block if method.label in extrapolated else None)
         for task in tasks
@@ -58,10 +55,10 @@ def time_methods(
 
 
 def job_of(method: TimedMethod, task: Task, *, block: int | None = None) -> Job:
-    """A job that calls a method on a task; with `block`, for so many of its iterations."""
+    """Return a job that calls a method on a task, for `block` iterations if given."""
     facts = {"kind": KIND} | method.facts | task_facts(task)
     if block is None:
-        return Job(facts, whole(method.on(task)))
+        return Job(facts, timed(method.on(task)))
     limit = method.config.get("max_iterations")
     if type(limit) is not int or "tolerance" not in method.config:
         raise InputError(
@@ -71,12 +68,12 @@ def job_of(method: TimedMethod, task: Task, *, block: int | None = None) -> Job:
         raise InputError(
             f"a block of {block} iterations does not fit {method.label}, whose cutoff is {limit}"
         )
-    call = method.with_parameters(max_iterations=block, tolerance=0.0).on(task)
-    return Job(facts, lambda: extrapolate(whole(call)(), to=limit))
+    call = timed(method.with_parameters(max_iterations=block, tolerance=0.0).on(task))
+    return Job(facts, lambda: extrapolate(call(), to=limit))
 
 
-def whole(call: Callable[[], DeformationResult]) -> Callable[[], Row]:
-    """A call that gives the seconds of its stages and the iterations."""
+def timed(call: Callable[[], DeformationResult]) -> Callable[[], Row]:
+    """Return a function that calls a method and returns the seconds of its stages and its iterations."""
 
     def run() -> Row:
         begin = perf_counter()
@@ -93,16 +90,16 @@ def whole(call: Callable[[], DeformationResult]) -> Callable[[], Row]:
 
 
 def extrapolate(row: Row, *, to: int) -> Row:
-    """What a run would take for `to` iterations, of which `row` has some in ``seconds.solve``.
+    """Return a row with ``seconds.solve`` scaled from the measured iterations to `to` iterations.
 
     Raises
     ------
     InputError
-        When the method ran no iteration, or does not say how long they took.
+        If the row has no iterations, or lacks ``seconds.solve``.
     """
     if not row["iterations"] or "seconds.solve" not in row:
         raise InputError(
-            "a method cannot be extrapolated that does not tell its iterations and the seconds of `solve`"
+            "extrapolation needs a method that reports its iterations and the seconds of the stage `solve`"
         )
     solve = row["seconds.solve"] * to / row["iterations"]
     return row | {

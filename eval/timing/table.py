@@ -1,8 +1,8 @@
-"""Tables of times: ``sshade-eval timings [NAME ...]`` from the rows that ``sshade-eval bench`` wrote.
+"""Tables of times: ``sshade-eval timings [NAME ...]`` from the rows of ``sshade-eval bench``.
 
-A line a method and case: the median of the kept repeats with their minimum and maximum, stages,
-cores used, iterations, and how many times faster than --reference it is. Those of subdivided meshes are
-drawn, too. With --publish rows, tables and pictures go into ``results``, if the rows come from a clean tree.
+A line a method and case: the median of the accepted repeats with their minimum and maximum, stages, cores
+used, iterations, and the ratio to the time of --reference. Times of subdivided meshes are drawn as well. With
+--publish, rows, tables and pictures go to ``results``; the rows must come from a clean checkout.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
+from eval.publish.markdown import markdown_lines
 from eval.publish.plotting import save
 from eval.rows.frame import distinct, numbers, read_csv
 from eval.rows.store import PUBLISHED, ROWS
@@ -27,11 +28,11 @@ from sshade.errors import InputError
 from sshade.io.files import make_folder, replacing
 from sshade.pipeline.deformer import SETTLED
 
-#: Where the rows of times lie: one CSV a name.
+#: Folder of the rows of times: one CSV a name.
 TIMING = Path("out/timing")
-#: What others are compared with where it is there.
+#: Default method of the column "times faster".
 REFERENCE = "elastic"
-#: Settings of the number of threads.
+#: Columns ``env.*`` with numbers of threads.
 THREADS = ("numba_threads", "omp_num_threads", "openblas_num_threads", "mkl_num_threads")
 
 
@@ -42,7 +43,7 @@ class TimeTable(NamedTuple):
     ----------
     title : str
     lines : DataFrame
-        A line a method and case. ``seconds.*`` are medians, but ``seconds.min`` and ``seconds.max``.
+        A line a method and case. ``seconds.*`` are medians, except ``seconds.min`` and ``seconds.max``.
     notes : list of str
     """
 
@@ -55,11 +56,10 @@ def _seconds(value: float) -> str:
     return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
 
 
-def _count(value: float) -> str:
-    return f"{value:,.0f}"
+_count = "{:,.0f}".format
+_percent = "{:.2g}".format
 
-
-#: Headings of Markdown and their formats, in this order; other stages follow.
+#: Column -> heading and format in Markdown, in order. Other stages follow in one column.
 _COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "method": ("method", str),
     "case": ("case", str),
@@ -70,21 +70,21 @@ _COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "seconds.max": ("max", _seconds),
     "repeats": ("repeats", _count),
     "speed_up": ("times faster", _seconds),
-    "seconds.method": ("of it the method (s)", _seconds),
+    "seconds.method": ("method alone (s)", _seconds),
     "seconds.precompute": ("precomputation (s)", _seconds),
     "seconds.solve": ("solve (s)", _seconds),
     "seconds.bind": ("bind (s)", _seconds),
     "seconds.first": ("first solve (s)", _seconds),
     "seconds.step_95": ("step, 95th percentile (s)", _seconds),
-    "seconds.step_solve": ("of it solve (s)", _seconds),
-    "seconds.step_carry": ("carry (s)", _seconds),
-    "seconds.step_output": ("output (s)", _seconds),
+    "seconds.step_solve": ("step: solve (s)", _seconds),
+    "seconds.step_carry": ("step: carry (s)", _seconds),
+    "seconds.step_output": ("step: output (s)", _seconds),
     "seconds.settle": ("settle (s)", _seconds),
-    "seconds.rebind": ("other handles (s)", _seconds),
-    "drag.first": ("first solve from its minimum (%)", "{:.2g}".format),
-    "drag.last": ("last step from first solve (%)", "{:.2g}".format),
-    "drag.settled": ("settled from that minimum (%)", "{:.2g}".format),
-    "drag.return": ("there and back (%)", "{:.2g}".format),
+    "seconds.rebind": ("new handles (s)", _seconds),
+    "drag.first": ("first solve to minimum (%)", _percent),
+    "drag.last": ("last step to first solve (%)", _percent),
+    "drag.settled": ("settled to minimum (%)", _percent),
+    "drag.return": ("there and back (%)", _percent),
     "iterations": ("iterations", _count),
     "extrapolated": ("extrapolated", str),
     "cores_used": ("cores used", "{:.2f}".format),
@@ -95,21 +95,20 @@ _COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
 
 
 def make_time_table(rows: pd.DataFrame, *, title: str, reference: str | None = None) -> TimeTable:
-    """Gather the rows of one file into a table.
+    """Make a table from the rows of one file.
 
     Parameters
     ----------
     rows : DataFrame
     title : str
     reference : str, optional
-        The method that others are compared with, on the same case; by default
-        :data:`REFERENCE` where it is there.
+        Method that the others are compared with, case by case; by default :data:`REFERENCE` if it has rows.
 
     Raises
     ------
     InputError
-        When rows come from several machines or versions, a method has rows of different
-        parameters, or the reference is not there.
+        If rows come from several machines or versions, a method has rows of different parameters, or the
+        reference has no rows.
     """
     _check(rows)
     if reference is not None and reference not in set(rows["method.name"]):
@@ -125,98 +124,94 @@ def make_time_table(rows: pd.DataFrame, *, title: str, reference: str | None = N
 
 
 def _check(rows: pd.DataFrame) -> None:
-    """Raise InputError unless the times of the rows compare."""
+    """Raise InputError unless the times of the rows can be compared."""
     if not {"kept", "kind"} <= set(rows) or not rows["kept"].eq(True).any():
         raise InputError("these are no rows of times; `sshade-eval bench` makes them")
-    for fact in ("env.machine", "env.machine_id"):
-        if len(found := distinct(rows, fact)) > 1:
+    same = {"env.machine": "machines", "env.machine_id": "machines"}
+    same |= {c: f"versions of {c.removeprefix('env.version.')}" for c in rows if c.startswith("env.version.")}
+    for column, what in same.items():
+        if len(found := distinct(rows, column)) > 1:
             raise InputError(
-                f"the rows come from {len(found)} machines ({'; '.join(found)}), whose times do not compare"
+                f"the rows come from {len(found)} {what} ({'; '.join(found)}), whose times do not compare"
             )
-    for fact in rows.columns[rows.columns.str.startswith("env.version.")]:
-        if len(found := distinct(rows, fact)) > 1:
-            what = fact.removeprefix("env.version.")
-            raise InputError(f"the rows come from {len(found)} versions of {what} ({'; '.join(found)})")
     hashes = rows.groupby("method.name")["method.hash"].nunique()
     if hashes.max() > 1:
         raise InputError(f"method {hashes.idxmax()!r} has rows of different parameters: give each a label")
 
 
-def _line(own: pd.DataFrame) -> dict[str, Any]:
-    """The line of a method and case."""
-    first = own.iloc[0]
+def _line(repeats: pd.DataFrame) -> dict[str, Any]:
+    """Return the line of a method and case."""
+    first = repeats.iloc[0]
     headline = "seconds.step" if first["kind"] == DRAG else "seconds.total"
     left_out = {"seconds.repeat", "seconds.total"} - {headline}
-    stages = [name for name in own if name.startswith("seconds.") and name not in left_out]
-    measured, cutoff = numbers(own, headline), numbers(own, "extrapolated_to").iloc[0]
-    iterations = numbers(own, "iterations").median()
-    peak = numbers(own, "peak_mib").max()
+    stages = [name for name in repeats if name.startswith("seconds.") and name not in left_out]
+    measured, cutoff = numbers(repeats, headline), numbers(repeats, "extrapolated_to").iloc[0]
+    iterations = numbers(repeats, "iterations").median()
+    peak = numbers(repeats, "peak_mib").max()
     line = {
         "kind": first["kind"],
         "method": first["method.name"],
         "case": first["task.name"],
         "checksum": first["task.checksum"],
         "vertices": first["task.vertices"],
-        "repeats": len(own),
-        **{name: numbers(own, name).median() for name in stages},
+        "repeats": len(repeats),
+        **{name: numbers(repeats, name).median() for name in stages},
         "seconds.min": measured.min(),
         "seconds.max": measured.max(),
-        "cores_used": numbers(own, "env.cores_used").median(),
+        "cores_used": numbers(repeats, "env.cores_used").median(),
         "iterations": iterations,
         "extrapolated": None,
-        **{name: numbers(own, name).max() for name in own if name.startswith("drag.")},
+        **{name: numbers(repeats, name).max() for name in repeats if name.startswith("drag.")},
         "peak_mib": peak,
         "bytes_per_vertex": peak * 2**20 / first["task.vertices"] if first["kind"] == SCALING else None,
     }
     if pd.notna(cutoff):
-        line |= {"iterations": cutoff, "extrapolated": f"from {len(own)} x {iterations:.0f} iterations"}
+        line |= {"iterations": cutoff, "extrapolated": f"from {len(repeats)} x {iterations:.0f} iterations"}
     return line
 
 
 def _notes(rows: pd.DataFrame, lines: pd.DataFrame, reference: str) -> list[str]:
-    identity = distinct(rows, "env.machine_id")
-    tree = {True: ", a modified tree", False: ""}.get(rows["env.modified"].iloc[0], "")
+    """Return the notes below a table."""
+    machine_id = "".join(f" ({identity})" for identity in distinct(rows, "env.machine_id"))
+    tree = ", a modified tree" if rows["env.modified"].iloc[0] is True else ""
     commits = ", ".join(commit[:10] for commit in distinct(rows, "env.commit")) or "unknown"
     days = sorted({date[:10] for date in rows["date"]})
-    given = {name: distinct(rows, f"env.{name}") for name in THREADS}
-    threads = ", ".join(f"{name} {', '.join(map(str, own))}" for name, own in given.items() if own)
-    notes = [
-        f"Machine: {distinct(rows, 'env.machine')[0]}{f' ({identity[0]})' if identity else ''}; {threads}.",
-        f"Code {distinct(rows, 'env.version.code')[0]} (commit {commits}{tree}), {' to '.join(days)}.",
-    ]
-    lost = rows[~rows["kept"].eq(True)]
-    most = numbers(rows[rows["kept"].eq(True)], "other_cores").max()
-    told = f" ({'; '.join(distinct(lost, 'reason'))})" if len(lost) else ""
+    counts = {name: distinct(rows, f"env.{name}") for name in THREADS}
+    threads = ", ".join(f"{name} {', '.join(map(str, own))}" for name, own in counts.items() if own)
+    kept = rows["kept"].eq(True)
+    reasons = "; ".join(distinct(rows[~kept], "reason"))
     left_out = "compilation" if rows["kind"].eq(WHOLE).all() else "reading of files and compilation"
-    notes.append(
-        f"Methods took turns, after a warm-up, with {left_out} outside of the clock. "
-        f"Other processes used {most:.1%} of the machine's cores at most during a repeat; "
-        f"repeats thrown away: {len(lost)}{told}."
-    )
+    notes = [
+        f"Machine: {distinct(rows, 'env.machine')[0]}{machine_id}; {threads}.",
+        f"Code {distinct(rows, 'env.version.code')[0]} (commit {commits}{tree}), {' to '.join(days)}.",
+        f"Methods took turns, after a warm-up; times do not include {left_out}. Other processes used at most "
+        f"{numbers(rows[kept], 'other_cores').max():.1%} of the machine's cores during a repeat; "
+        f"rejected repeats: {sum(~kept)}{f' ({reasons})' if reasons else ''}.",
+    ]
     if "speed_up" in lines:
-        notes.append(f"Times faster: the median of {reference} on the same case over that of the method.")
+        notes.append(
+            f"Times faster: median time of {reference} on the same case / median time of the method."
+        )
     if lines["extrapolated"].notna().any():
-        notes.append("Extrapolated: time before the iterations, and that of an iteration for each of them.")
+        notes.append("Extrapolated: time before the iterations + iterations x time of an iteration.")
     if "seconds.step" in lines:
         notes.append(
-            f"Step: one of a drag of {STEPS} from rest to the targets, each to a residual of {TOLERANCE:g}; "
-            "first solve: from rest to the targets at once. Settle: from the last step to the minimum; other "
-            "handles: a group less, or again. Distances are the farthest vertex's, of the bounding-box "
-            f"diagonal; a minimum is at {SETTLED:g} of the method's tolerance. There and back: after the "
-            "way back from before."
+            f"Step: a drag from rest to the targets has {STEPS} steps, each to a residual of {TOLERANCE:g}. "
+            "First solve: from rest to the targets at once. Settle: from the last step to the minimum, at "
+            f"{SETTLED:g} of the method's tolerance. New handles: a group is removed or added. Distances are "
+            "of the farthest vertex, as a fraction of the bounding-box diagonal; there and back: from the "
+            "solution at rest to the end of the way back."
         )
     if "seconds.remesh" in lines:
-        notes.append("Stages of samplings that run beside each other are added up.")
-    if not is_scaling(lines):
-        return notes
-    return notes + [
-        f"{method}: slope {slope:.2f} of log time against log vertices from {FIT_FROM:,} on."
-        for method, slope in slopes(lines).items()
-    ]
+        notes.append("Stages of samplings that run in parallel are summed.")
+    if is_scaling(lines):
+        fit = f"of log time against log vertices, from {FIT_FROM:,} vertices on"
+        notes += [f"{method}: slope {slope:.2f} {fit}." for method, slope in slopes(lines).items()]
+    return notes
 
 
 def to_markdown(table: TimeTable) -> str:
-    """The table with the columns that have a number, and the notes under it."""
+    """Return the columns that have a number, and the notes, in Markdown."""
     lines = table.lines.copy()
     stages = [name for name in lines if name.startswith("seconds.") and name not in _COLUMNS]
     lines["stages"] = [
@@ -224,26 +219,26 @@ def to_markdown(table: TimeTable) -> str:
         for _, line in lines.iterrows()
     ]
     used = [name for name in _COLUMNS if name in lines and lines[name].replace("", None).notna().any()]
-    texts = [lines[name].map(lambda value, name=name: _cell(name, value)) for name in used]
-    body = [f"| {' | '.join(cells)} |" for cells in zip(*texts, strict=True)]
-    sides = ["---" if _COLUMNS[name][1] is str else "---:" for name in used]
-    head = [f"| {' | '.join(_COLUMNS[name][0] for name in used)} |", f"| {' | '.join(sides)} |"]
+    body = [
+        ["" if pd.isna(value) else _COLUMNS[name][1](value) for name, value in zip(used, values, strict=True)]
+        for values in lines[used].itertuples(index=False)
+    ]
+    headings = [_COLUMNS[name][0] for name in used]
+    left = [heading for heading, form in _COLUMNS.values() if form is str]
     notes = [f"- {note}" for note in table.notes]
-    return "\n".join([f"### {table.title}", "", *head, *body, "", *notes]) + "\n"
-
-
-def _cell(name: str, value: Any) -> str:
-    return "" if pd.isna(value) else _COLUMNS[name][1](value)
+    return (
+        "\n".join([f"### {table.title}", "", *markdown_lines(headings, body, left=left), "", *notes]) + "\n"
+    )
 
 
 def to_csv(table: TimeTable) -> str:
-    """Numbers to six digits."""
+    """Return the numbers with six digits."""
     lines = table.lines.dropna(axis="columns", how="all")
     return lines.to_csv(index=False, float_format="%.6g", lineterminator="\n")
 
 
 def timing_file(name: str) -> Path:
-    """The CSV meant by a path, or by a name: in out/timing, or else in results/timing."""
+    """Return the CSV of a path, or of a name in out/timing or else results/timing."""
     if Path(name).suffix == ".csv":
         return Path(name)
     files = [folder / f"{name}.csv" for folder in (TIMING, PUBLISHED / "timing")]
@@ -251,7 +246,7 @@ def timing_file(name: str) -> Path:
 
 
 def require_free(name: str) -> None:
-    """Raise InputError where an experiment has a name, whose tables those of times would replace."""
+    """Raise InputError if an experiment has the name: the tables of times would replace its tables."""
     for folder in (ROWS, PUBLISHED / "rows"):
         if (folder / f"{name}.csv").exists():
             raise InputError(
@@ -261,27 +256,27 @@ def require_free(name: str) -> None:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("names", nargs="*", metavar="NAME", help="of a CSV in out/timing (default: all)")
-    parser.add_argument("--reference", metavar="METHOD", help=f"default: {REFERENCE}, where it is there")
-    parser.add_argument("--publish", action="store_true", help="into results instead of out")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="a CSV in out/timing (default: all)")
+    parser.add_argument("--reference", metavar="METHOD", help=f"default: {REFERENCE}, if it has rows")
+    parser.add_argument("--publish", action="store_true", help="write to results instead of out")
 
 
 def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
     files = [timing_file(name) for name in options.names] or sorted(TIMING.glob("*.csv"))
-    if not files or not all(path.is_file() for path in files):
-        where = next((path for path in files if not path.is_file()), TIMING)
-        raise InputError(f"{where}: no rows of times there; `sshade-eval bench` makes them")
+    missing = [path for path in files or [TIMING] if not path.is_file()]
+    if missing:
+        raise InputError(f"{missing[0]}: no rows of times there; `sshade-eval bench` makes them")
+    root = PUBLISHED if options.publish else TIMING.parent
+    if options.publish and not root.is_dir():
+        raise InputError(f"there is no {root} here; publish from the project's own folder")
     tables = {}
     for path in files:
         rows = read_csv(path)
         require_free(path.stem)
         tables[path] = make_time_table(rows, title=path.stem, reference=options.reference)
-        if options.publish:
-            _require_clean(rows, path)
-    root = PUBLISHED if options.publish else TIMING.parent
-    if options.publish and not root.is_dir():
-        raise InputError(f"there is no {root} here; publish from the project's own folder")
+        if options.publish and (distinct(rows, "env.modified") != [False] or not all(rows["env.commit"])):
+            raise InputError(f"{path}: rows of a modified tree are not published; commit, and time again")
     for path, table in tables.items():
         make_folder(root / "tables")
         for suffix, text_of in ((".csv", to_csv), (".md", to_markdown)):
@@ -295,9 +290,3 @@ def command(options: argparse.Namespace) -> int:
                 shutil.copyfile(path, temporary)
         print(to_markdown(table))  # noqa: T201
     return 0
-
-
-def _require_clean(rows: pd.DataFrame, path: Path) -> None:
-    """Raise InputError unless a commit holds the code that made the rows."""
-    if distinct(rows, "env.modified") != [False] or not all(rows["env.commit"]):
-        raise InputError(f"{path}: rows of a modified tree are not published; commit, and time again")

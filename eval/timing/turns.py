@@ -1,4 +1,4 @@
-"""Repeats of several runs that take turns, each on a machine that is quiet meanwhile."""
+"""Repeat several jobs in turns, each repeat on a quiet machine."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from eval.timing.quiet import between, busiest_other, read_machine
 from sshade.cli.console import say
 from sshade.errors import InputError
 
-#: Seconds that a repeat takes at least, in several calls where one is shorter: shares of CPU need them.
+#: Shortest repeat in seconds; a shorter call runs several times. CPU times of shorter spans are too coarse.
 SHORTEST = 1.0
-#: A run that takes more seconds is repeated once.
+#: A job whose warm-up takes more seconds has the warm-up as its only repeat.
 LONG = 60.0
-#: Repeats thrown away in a row after which a machine is not quiet.
+#: Number of consecutive rejected repeats after which the command gives up.
 ATTEMPTS = 5
 
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """Something to be timed.
+    """A call to time.
 
     Parameters
     ----------
     facts : dict
-        Who and on what: ``method.*``, ``task.*``, ``kind``.
+        Columns that identify the job: ``method.*``, ``task.*``, ``kind``.
     call : callable
-        Runs once and gives what its row says of it; ``seconds.total`` at least.
+        Runs once and returns further columns, at least ``seconds.total``.
     """
 
     facts: Row
@@ -44,28 +44,28 @@ class Job:
 
 
 def take_turns(jobs: Sequence[Job], *, rounds: int) -> list[Row]:
-    """Time several jobs, one after the other, several times: a drift of the machine meets all.
+    """Time several jobs in turns (A B C A B C ...), so that a slow drift of the machine affects all of them.
 
-    Each runs once before, which takes no part, unless it takes longer than
-    :data:`LONG`: then it is its only repeat. A repeat during which other
-    processes used too much, or a clock jumped, is thrown away and repeated.
+    Each job has a warm-up, which does not count unless it takes longer than :data:`LONG`. A repeat is
+    rejected and run again if other processes used too much CPU, or the clock jumped.
 
     Parameters
     ----------
     jobs : sequence of Job
     rounds : int
-        Kept repeats of each.
+        Number of accepted repeats of each job.
 
     Returns
     -------
     list of dict
-        A row a repeat: ``seconds.*`` are means over the ``calls`` in it, ``cores_used`` and
-        ``other_cores`` shares of CPU during it, ``kept`` whether it counts and ``reason`` why not.
+        A row a repeat. ``seconds.*`` are means over the ``calls`` of the repeat; ``cores_used`` and
+        ``other_cores`` are CPU use during the repeat; ``kept`` says whether the repeat counts, and
+        ``reason`` why not.
 
     Raises
     ------
     InputError
-        When :data:`ATTEMPTS` repeats in a row were thrown away.
+        When :data:`ATTEMPTS` consecutive repeats were rejected.
     """
     rows: list[Row] = []
     short = []
@@ -88,30 +88,26 @@ def take_turns(jobs: Sequence[Job], *, rounds: int) -> list[Row]:
 
 
 def _until_kept(job: Job, rows: list[Row]) -> list[Row]:
-    """A first repeat, and those that follow until one is kept."""
+    """Repeat the job until a repeat counts; return all repeats."""
     while True:
         row = rows[-1]
         end = " extrapolated" if "extrapolated_to" in row else ""
-        end += "" if row["kept"] else f", thrown away: {row['reason']}"
+        end += "" if row["kept"] else f", rejected: {row['reason']}"
         say(f"round {row['round']}, {job}: {row['seconds.total']:.3g} s{end}")
         if row["kept"]:
             return rows
         if len(rows) == ATTEMPTS:
-            raise _not_quiet(job, rows)
+            busiest = busiest_other()
+            who = f"; the busiest is {busiest}" if busiest else ""
+            raise InputError(
+                f"the machine is not quiet: {len(rows)} repeats of {job} in a row were rejected, the last "
+                f"because {row['reason']}{who}; end other programs and time again; nothing was written"
+            )
         rows.append(_repeat(job, number=row["round"], least=SHORTEST))
 
 
-def _not_quiet(job: Job, rows: list[Row]) -> InputError:
-    busiest = busiest_other()
-    who = f"; the busiest is {busiest}" if busiest else ""
-    return InputError(
-        f"the machine is not quiet: {len(rows)} repeats of {job} in a row were thrown away, the last because "
-        f"{rows[-1]['reason']}{who}; end what runs beside and time again; nothing was written"
-    )
-
-
 def _repeat(job: Job, *, number: int, least: float) -> Row:
-    """The row of calls that take at least so many seconds together."""
+    """Call the job until `least` seconds have passed; return the row of the repeat."""
     before = read_machine()
     results = [job.call()]
     while perf_counter() - before.seconds < least:

@@ -43,7 +43,7 @@ def machine(monkeypatch):
 
     set_load(0.0)
     monkeypatch.setattr(eval.timing.turns, "SHORTEST", 1e-3)
-    monkeypatch.setattr(eval.timing.scaling, "_in_own_process", lambda function, *given: function(*given))
+    monkeypatch.setattr(eval.timing.scaling, "_in_new_process", lambda function, *given: function(*given))
     return set_load
 
 

@@ -10,7 +10,7 @@ from eval.main import call, main
 from eval.rows.frame import numbers, read_csv
 from eval.run.provenance import SOURCES
 from eval.run.warmup import tiny_task
-from eval.timing.scaling import _in_own_process
+from eval.timing.scaling import _in_new_process
 from eval.timing.speed import extrapolate
 from sshade.errors import InputError
 from sshade.io.meshes import read_mesh
@@ -53,7 +53,7 @@ def test_what_an_extrapolation_is():
     given = extrapolate(row, to=1000)
     assert given["seconds.total"] == 203.0 and given["seconds.solve"] == 200.0
     assert given["seconds.precompute"] == 2.5 and given["extrapolated_to"] == 1000
-    with pytest.raises(InputError, match="does not tell its iterations"):
+    with pytest.raises(InputError, match="needs a method that reports its iterations"):
         extrapolate({"iterations": 10.0, "seconds.total": 5.0}, to=1000)
 
 
@@ -72,22 +72,12 @@ def test_a_drag(machine, case, method):
     assert 0 <= row["drag.settled"] < (0.1 if "rest" in method else 10)
     assert 0 < row["drag.first"] < 1 and 0 < row["drag.last"] < 10
     assert call("timings", ["drag"]) == 0
-    assert "other handles (s)" in Path("out/tables/drag.md").read_text()
+    assert "new handles (s)" in Path("out/tables/drag.md").read_text()
 
 
 def test_a_drag_of_a_subdivision(machine, case):
-    rows = bench(
-        "drag",
-        "--methods",
-        ONE + " solver.start=rest",
-        "--cases",
-        case,
-        "--sizes",
-        "2500",
-        "700",
-        "--rounds",
-        "1",
-    )
+    method, sizes = f"{ONE} solver.start=rest", ["--sizes", "2500", "700"]
+    rows = bench("drag", "--methods", method, "--cases", case, *sizes, "--rounds", "1")
     assert rows["task.vertices"].tolist() == [642, 2562] and (numbers(rows, "seconds.step_carry") > 0).all()
     assert rows["task.name"].str.endswith(", level 1").tolist() == [False, True]
 
@@ -101,9 +91,9 @@ def test_subdivisions_and_their_memory(machine, case):
 
 
 def test_a_process_of_its_own_hands_back_results_and_refusals():
-    assert _in_own_process(os.getpid) != os.getpid()
+    assert _in_new_process(os.getpid) != os.getpid()
     with pytest.raises(InputError, match=r"nowhere\.ply"):
-        _in_own_process(read_mesh, "nowhere.ply")
+        _in_new_process(read_mesh, "nowhere.ply")
 
 
 def test_the_command_line(machine, case):
@@ -127,18 +117,16 @@ CASE = "mesh mesh=rest.ply handles=pose.json"
         (["speed", "--methods", "elastik", "--cases", CASE], "there is no method 'elastik'"),
         (["speed", "--methods", "elastic tol=1", "--cases", CASE], "there is no setting method.tol"),
         (["speed", "--methods", "elastic start", "--cases", CASE], "'start' in 'elastic start'"),
-        (["speed", "--methods", "a=", "--cases", CASE], "'a=' is not understood"),
         (["speed", "--methods", "arap", "arap start=rigid", "--cases", CASE], "two methods are named 'arap'"),
-        (["speed", "--methods", "arap start=here", "--cases", CASE], "start='here'"),
-        (["speed", "--methods", "arap _target_=os.system", "--cases", CASE], "names the function os.system"),
         (["speed", "--methods", "transfer/paper", "--cases", CASE], "takes a TransferTask"),
         (["speed", "--methods", "arap", "--cases", "mash x=1"], "there is no dataset 'mash'"),
         (["speed", "--methods", "arap", "--cases", "mesh mesh=rest.ply"], "mesh needs handles=..."),
-        (["speed", "--methods", "arap", "--cases", CASE.replace("rest", "gone")], "gone.ply"),
-        (["speed", "--methods", "arap", "--cases", "defaust root=gone subject=0,1"], "gone does not exist"),
         (["speed", "--methods", "arap"], "speed needs --cases"),
         (["whole", "--methods", "paper", "--sizes", "9"], "whole needs --cases"),
-        (["speed", "--methods", "arap", "--cases", CASE, "--extrapolate", "x"], "none of the methods"),
+        (
+            ["speed", "--methods", "arap", "--cases", CASE, "--extrapolate", "x"],
+            "none of the methods",
+        ),
         (
             ["drag", "--methods", ONE, "--cases", CASE, "--extrapolate", "paper-1"],
             "drag takes no --extrapolate",
@@ -148,10 +136,10 @@ CASE = "mesh mesh=rest.ply handles=pose.json"
             ["speed", "--methods", "arap", "--cases", CASE, "--extrapolate", "arap", "--block", "1000"],
             "a block of 1000 iterations does not fit",
         ),
-        (["drag", "--methods", "arap", "--cases", CASE], "cannot be bound: sshade.Deformer binds sshade and"),
+        (["drag", "--methods", "arap", "--cases", CASE], "sshade.Deformer binds the methods paper and fast"),
         (
             ["drag", "--methods", f"{ONE} solver.start=rigid method.coarse.volume=1.0", "--cases", CASE],
-            "another shape",
+            "sshade.Deformer differ by",
         ),
         (["speed", "--methods", "arap", "--cases", CASE, "--rounds", "0"], "take numbers from 1"),
         (["drag", "--methods", ONE, "--cases", CASE, "--sizes", "0"], "take numbers from 1"),
@@ -177,8 +165,12 @@ def test_a_name_of_an_experiment_is_refused(machine, case, capsys):
 def test_an_extra_that_is_missing(machine, case, capsys, monkeypatch):
     import eval.timing.cases
 
+    load = eval.timing.cases.instantiate
+
     def instantiate(config):
-        raise ImportError("torch is not installed")
+        if config["_target_"] == "baselines.arap.arap":
+            raise ImportError("torch is not installed")
+        return load(config)
 
     monkeypatch.setattr(eval.timing.cases, "instantiate", instantiate)
     assert main(["bench", "speed", "--methods", "arap", "--cases", case]) == 2
