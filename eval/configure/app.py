@@ -29,7 +29,7 @@ from eval.configure import sweep as cli_sweep
 from eval.configure.sweep import SweepRefused, check_root, label_of, plain_config, runs_folder, source_of
 from eval.metrics import METRICS
 from eval.rows.bands import out_of_band
-from eval.rows.old_names import refuse_old_methods
+from eval.rows.old_names import refuse_old_names
 from eval.rows.splits import require_split
 from eval.run.allowed import OVERRIDE, allow_from, check_folders
 from eval.run.provenance import CodeChanged, require_unchanged
@@ -137,8 +137,7 @@ def _checked(arguments: list[str]) -> list[str]:
     check_folders([known.config_dir], overrides=known.overrides)
     keys = {text: text.lstrip("+~").partition("=")[0] for text in known.overrides}
     for text, key in keys.items():
-        if key.partition("@")[0] == "method":
-            refuse_old_methods(re.split(r"[=,]", text)[1:])
+        refuse_old_names(key, re.split(r"[=,]", text)[1:])
     cli_sweep.method_settings[:] = [
         text for text in known.overrides if known.multirun and keys[text].startswith("method.")
     ]

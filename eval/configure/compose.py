@@ -12,7 +12,7 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from eval.configure.sweep import CASE
-from eval.rows.old_names import refuse_old_methods
+from eval.rows.old_names import refuse_old_names
 from eval.run.allowed import require_allowed
 from sshade.cli.configuration import CONFIGURATION, one_sentence, unreadable_override
 from sshade.errors import InputError
@@ -63,8 +63,9 @@ def resolved(group: Literal["method", "dataset"], choice: Choice) -> dict[str, A
         On a name or a setting that does not exist, or a function that may not be called.
     """
     own = [word if {".", "@"} & set(word.split("=")[0]) else f"{group}.{word}" for word in choice.settings]
-    if group == "method":
-        refuse_old_methods([choice.name])
+    refuse_old_names(group, [choice.name])
+    for setting in own:
+        refuse_old_names(setting.partition("=")[0])
     try:
         with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
             config = compose("config", overrides=[f"{group}={choice.name}", *own])[group]

@@ -11,18 +11,10 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from sshade.errors import InputError
+from sshade.options import OLD_METHODS, OLD_NAMES
 
 #: Old name of a method -> new name, in rows and in ``conf/method``.
-METHODS = {
-    "sshade": "paper",
-    "sshade_paper": "paper_plain",
-    "sshade_fast": "fast",
-    "sshade_fine": "fine",
-    "sshade_fine_free": "fine_free",
-    "sshade_residual": "residual",
-}
-#: Old name of an option -> new name; also options of a nested method, ``method.coarse.parts``.
-OPTIONS = {"parts": "attachment", "proxy_parts": "proxy_attachment", "limit": "strain_limit"}
+METHODS = {**OLD_METHODS, "sshade_residual": "residual"}
 #: Old column of a row -> new column and the new names of its values.
 FACTS = {
     "extra.proxy_basin": ("extra.proxy_initialisation", {"lead": "guide", "start": "handles"}),
@@ -42,8 +34,8 @@ def new_column(column: str) -> str:
     if column in FACTS:
         return FACTS[column][0]
     path, _, option = column.rpartition(".")
-    if path.split(".")[0] == "method" and option in OPTIONS:
-        return f"{path}.{OPTIONS[option]}"
+    if path.split(".")[0] == "method" and option in OLD_NAMES:
+        return f"{path}.{OLD_NAMES[option]}"
     return column
 
 
@@ -58,9 +50,19 @@ def with_new_names(row: Mapping[str, Any]) -> dict[str, Any]:
     return renamed
 
 
-def refuse_old_methods(names: Iterable[str]) -> None:
-    """Raise InputError, with the new name, on the old name of a method in ``conf/method``."""
-    for name in names:
+def refuse_old_names(setting: str, values: Iterable[str] = ()) -> None:
+    """Raise InputError, with the new name, on the old name of an option or of a method in ``conf/method``.
+
+    Parameters
+    ----------
+    setting : str
+        ``method``, ``method@method.coarse``, or an option such as ``method.volume``.
+    values : iterable of str
+        Names of methods, if the setting chooses methods.
+    """
+    if (new := new_column(setting)) != setting:
+        raise InputError(f"the option {setting} is now named {new}; write {new} in place of {setting}")
+    for name in values if setting.partition("@")[0] == "method" else ():
         group, slash, method = name.rpartition("/")
         if method in METHODS:
             new = f"{group}{slash}{METHODS[method]}"

@@ -236,6 +236,7 @@ def test_runs_at_once_come_from_the_launcher(launcher, jobs):
         (["dataset=bumpy", "method=paper", "proxy.vertices=9"], "9 proxy vertices cannot hold"),
         (["dataset=bumpy", "method=sshade_fast"], "sshade_fast is now named fast; write fast in place"),
         (["-m", "dataset=bumpy", "method=arap,sshade"], "the method sshade is now named paper; write paper"),
+        (["dataset=bumpy", "method=fine", "method.limit=1"], "now named method.strain_limit; write"),
         (["dataset=bumpy", "method@method.coarse=sshade_fine"], "sshade_fine is now named fine"),
         (["-m", "dataset=defaust", "dataset.root=.", "subject=all"], "not a finished DeFAUST folder"),
         (["dataset=mesh", "method=arap"], "dataset.handles, dataset.mesh is not set"),

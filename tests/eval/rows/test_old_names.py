@@ -78,5 +78,7 @@ def test_method_files_name_only_methods_of_today():
 def test_an_old_method_is_refused_with_its_new_name(old):
     with pytest.raises(InputError, match=f"the method {old} is now named {METHODS[old]};"):
         resolved("method", read_choice(old))
+    with pytest.raises(InputError, match="the option method.parts is now named method.attachment;"):
+        resolved("method", read_choice("fast parts=0.1"))
     assert METHODS[old] in {path.stem for path in METHOD_FILES}
     assert old not in {path.stem for path in METHOD_FILES}
