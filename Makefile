@@ -71,7 +71,7 @@ bench: $(READY) $(FULL)/dataset.json $(BASES:%=%/dataset.json)
 
 # LARGEST=--largest: with a mesh of 44 million vertices, in 16 GiB.
 scaling: $(READY) $(FULL)/dataset.json data/bench/10000/dataset.json
-	$(BIN)/python docs/scaling.py --measure $(LARGEST)
+	$(BIN)/python -m docs.scaling --measure $(LARGEST)
 
 # docs/robustness.md says what came of it, and when.
 # Coverage is written here, not where a process of a test works; of baselines it takes their extras.

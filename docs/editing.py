@@ -1,7 +1,7 @@
-"""How fast the editor is in a browser, into edit.md: ``python docs/editing.py``, after ``make bench``.
+"""Measure the editor in a browser and write the table of edit.md: ``python -m docs.editing``.
 
-A group of a body is dragged in Chromium as by a person. It has no graphics card there, so that the processor
-draws, beside all else. The machine must do nothing else.
+Run ``make bench`` before: it builds the bodies. The script drags a group of a body in Chromium as a person would. There is no graphics card, so the
+processor also draws. The machine must do nothing else.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import numpy as np
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from defaust.tasks import load_task
+from docs.blocks import fill, markdown
 from eval.run.provenance import SOURCES, environment
 from sshade.cli.console import say
 from sshade.edit.session import Session
@@ -27,17 +28,17 @@ from sshade.edit.state import Motion
 from sshade.io.meshes import write_mesh
 
 PAGE = Path(__file__).with_name("edit.md")
-#: Bodies, and how often their triangles are split in four.
+#: Folders of bodies, and how often their triangles are split in four.
 BODIES = {"data/defaust_170k": 0, "data/bench/15625": 3}
-#: Drags, seconds of each, and the radius in pixels of the circle that the mouse goes around in two seconds.
+#: Number of drags, seconds of each, and radius in pixels of the circle that the mouse follows in two seconds.
 DRAGS, SECONDS, RADIUS = 5, 4.0, 60
-#: As tests/browser.py.
+#: The same flags as in tests/browser.py.
 FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
 PATIENCE = 600_000
 
 
 def write_task(root: str, level: int, folder: Path) -> None:
-    """A body whose feet and head are held, and whose left hand moves."""
+    """Write a body whose feet and head are fixed and whose left hand moves."""
     mesh = load_task(root, subject=0, pose=1).mesh
     V, F = np.array(mesh.V), np.array(mesh.F)
     for _ in range(level):
@@ -45,11 +46,11 @@ def write_task(root: str, level: int, folder: Path) -> None:
     write_mesh(folder / "body.ply", V, F)
     x, y, _ = ((V - V.min(axis=0)) / np.ptp(V, axis=0)).T
     groups = [
-        {"landmark": name, "kind": "static", "vertices": np.flatnonzero(own).tolist()}
-        for name, own in (("feet", y < 0.05), ("head", y > 0.93))
+        {"landmark": name, "kind": "static", "vertices": np.flatnonzero(inside).tolist()}
+        for name, inside in (("feet", y < 0.05), ("head", y > 0.93))
     ]
     hand = np.flatnonzero(x > 0.97)
-    targets = V[hand] + [0, 0.02, 0]  # a group that stays at rest in a file is static
+    targets = V[hand] + [0, 0.02, 0]  # a group at rest would be read as fixed
     groups.append(
         {"landmark": "hand", "kind": "dynamic", "vertices": hand.tolist(), "target": targets.tolist()}
     )
@@ -57,7 +58,7 @@ def write_task(root: str, level: int, folder: Path) -> None:
 
 
 def step_alone(folder: Path) -> tuple[int, float]:
-    """Vertices, and the median of the seconds of a step of a drag without a browser."""
+    """Return the number of vertices and the median time of a step without a browser, in seconds."""
     session = Session(folder / "body.ply", handles=folder / "handles.json")
     (group,) = (group for group in session.state.groups if group.kind == "moving")
     seconds = []
@@ -69,7 +70,7 @@ def step_alone(folder: Path) -> tuple[int, float]:
 
 
 def drag(page: Page, x: float, y: float) -> tuple[float, float, float]:
-    """Go around a circle and let go: steps a second, and where the mouse is then."""
+    """Drag around a circle; return steps per second and the last position of the mouse."""
     page.mouse.move(x, y)
     page.mouse.down()
     begin = perf_counter()
@@ -83,7 +84,7 @@ def drag(page: Page, x: float, y: float) -> tuple[float, float, float]:
 
 
 def in_browser(browser: Browser, folder: Path) -> tuple[float, list[float]]:
-    """Seconds until the mesh is there, and steps a second of drags."""
+    """Return the seconds until the mesh appears, and the steps per second of each drag."""
     command = [sys.executable, "-m", "sshade", "edit", "body.ply", "handles.json", "--no-browser"]
     with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True) as running:
         try:
@@ -94,7 +95,7 @@ def in_browser(browser: Browser, folder: Path) -> tuple[float, list[float]]:
             page.wait_for_selector("#stage[data-state=settled]", timeout=PATIENCE)
             loaded = perf_counter() - begin
             page.get_by_role("button", name="drag", exact=True).click()
-            sleep(5)  # the mesh is bound meanwhile
+            sleep(5)  # the editor binds the mesh meanwhile
             stage = page.locator("#stage")
             box, place = stage.bounding_box(), stage.get_attribute("data-gizmo")
             assert box is not None and place is not None
@@ -111,11 +112,9 @@ def in_browser(browser: Browser, folder: Path) -> tuple[float, list[float]]:
 
 
 def main() -> int:
-    """Measure, and fill in the page's table."""
-    lines = [
-        "| vertices | seconds until it is there | a step of a drag without a browser (ms) | steps a second |",
-        "| ---: | ---: | ---: | ---: |",
-    ]
+    """Measure and write the table of the page."""
+    head = ["vertices", "seconds until the mesh appears", "step without a browser (ms)", "steps a second"]
+    rows = []
     with sync_playwright() as running:
         browser = running.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
         for root, level in BODIES.items():
@@ -124,21 +123,15 @@ def main() -> int:
                 n, step = step_alone(Path(folder))
                 loaded, rates = in_browser(browser, Path(folder))
             rate = f"{np.median(rates):.1f} ({min(rates):.1f} to {max(rates):.1f})"
-            lines.append(f"| {n:,} | {loaded:.1f} | {1000 * step:.1f} | {rate} |")
-            say(lines[-1])
+            rows.append([f"{n:,}", f"{loaded:.1f}", f"{1000 * step:.1f}", rate])
+            say(" | ".join(rows[-1]))
         version = browser.version
         browser.close()
-    note = f"{DRAGS} drags of {SECONDS:.0f} s each; median, least and most. "
+    note = f"{DRAGS} drags of {SECONDS:.0f} s each: median, minimum and maximum. "
     facts = environment(jobs=1)
     note += f"Machine: {facts['machine']}; Chromium {version}, which draws by the processor. "
     note += f"Code: version {SOURCES[:8]}, commit {facts['commit'][:8]}."
-    block = "\n".join([*lines, "", note])
-    text = PAGE.read_text(encoding="utf-8")
-    head, mark, rest = text.partition("<!-- rates -->\n")
-    _, end, rest = rest.partition("\n<!-- end -->")
-    if not (mark and end):  # all that follows would be lost
-        raise ValueError("the page has no block rates")
-    PAGE.write_text(head + mark + block + end + rest, encoding="utf-8")
+    fill(PAGE, {"rates": f"{markdown(head, rows)}\n\n{note}"})
     return 0
 
 

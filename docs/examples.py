@@ -1,7 +1,4 @@
-"""What the examples of the pages use: a body of the project's, and pictures of it.
-
-``make docs`` builds the body into ``data/defaust_20k``.
-"""
+"""A body and pictures for the examples of the pages; ``make docs`` builds ``data/defaust_20k``."""
 
 from __future__ import annotations
 
@@ -20,13 +17,13 @@ DATA = Path(__file__).parents[1] / "data" / "defaust_20k"
 
 
 def body(*, pose: int) -> tuple[Mesh, Handles]:
-    """The first body, of 20,000 vertices, and its handles for a pose."""
+    """Return the first body, of 20,000 vertices, and its handles for a pose."""
     task = load_task(DATA, subject=0, pose=pose)
     return task.mesh, task.handles
 
 
 def picture(mesh: Mesh, V: np.ndarray, handles: Handles) -> str:
-    """A picture as HTML: the rest shape with its handles, and the deformed one with its errors."""
+    """Return a picture as HTML: the rest shape with its handles, and the deformed shape with its errors."""
     plotter = draw(mesh, handles, deformed=V, towards=np.array(TOWARDS), up=np.array(UP), window=False)
     with tempfile.NamedTemporaryFile(suffix=".png") as file:
         plotter.screenshot(file.name)

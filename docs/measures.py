@@ -1,6 +1,6 @@
-"""The pictures and the numbers of docs/measures.md: ``python docs/measures.py`` makes both again.
+"""Make the pictures and tables of docs/measures.md: ``python -m docs.measures``.
 
-Each example is a few shapes of one mesh, of which one is good in one measure and bad in another.
+Each example has a few shapes of one mesh. One shape is good in one measure and bad in another.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baselines.accelerated import accelerated_elastic
+from docs.blocks import fill, markdown
 from eval.metrics import METRICS, measure
 from sshade import DeformationTask, Handles, Mesh
 from sshade.figures import View, edge_error, picture
@@ -21,9 +22,9 @@ PAGE = FOLDER / "measures.md"
 
 
 class Example(NamedTuple):
-    """A task, shapes of its mesh by what they are called, the measures that tell them apart, and a view.
+    """A task, shapes of its mesh by title, the measures of the table, and a view.
 
-    Where `top` is set, colours show how much the edges at a vertex change, up to this percentage.
+    If `top` is set, colours show how much the edges at a vertex change, up to this percentage.
     """
 
     task: DeformationTask
@@ -34,7 +35,7 @@ class Example(NamedTuple):
 
 
 def revolved(radius: np.ndarray, height: np.ndarray, *, around: int = 24) -> Mesh:
-    """A closed surface about the z axis, through circles of these radii (k,) at these heights (k,)."""
+    """Return a closed surface of revolution about the z axis, with radii (k,) at heights (k,)."""
     turn = 2 * np.pi * np.arange(around) / around
     rings = np.stack([np.outer(radius, np.cos(turn)), np.outer(radius, np.sin(turn))], axis=2)
     V = np.concatenate([rings, np.broadcast_to(height[:, None, None], (*rings.shape[:2], 1))], axis=2)
@@ -69,25 +70,25 @@ def ball() -> Mesh:
 
 
 def crease() -> Example:
-    """A tube bent by 120 degrees: over an arc, and by what changes lengths least."""
+    """A tube bent by 120 degrees: over an arc, and with the smallest change of lengths."""
     mesh, angle, begin, end = tube(10.0), np.radians(120), 2.5, 7.5
     x, y, z = mesh.V.T
-    share, radius = np.clip((z - begin) / (end - begin), 0, 1), (end - begin) / angle
+    bent, radius = np.clip((z - begin) / (end - begin), 0, 1), (end - begin) / angle
     beyond = z - np.clip(z, begin, end)
-    sine, cosine = np.sin(angle * share), np.cos(angle * share)
+    sine, cosine = np.sin(angle * bent), np.cos(angle * bent)
     arc = np.stack(
         [radius - (radius - x) * cosine + beyond * sine, y, begin + (radius - x) * sine + beyond * cosine],
         axis=1,
     )
-    held = np.flatnonzero(np.abs(z - 5) > 3.8)
-    task = DeformationTask("bend", mesh, Handles(held, arc[held], group=(z[held] > 5).astype(int)), truth=arc)
+    ends = np.flatnonzero(np.abs(z - 5) > 3.8)
+    task = DeformationTask("bend", mesh, Handles(ends, arc[ends], group=(z[ends] > 5).astype(int)), truth=arc)
     shapes = {"over an arc": arc, "least stretch (Elastic)": accelerated_elastic(task).vertices}
     names = ("edge", "angle", "distortion_99", "volume", "bend", "bend_tail", "detail", "truth_normal")
     return Example(task, shapes, names)
 
 
 def size() -> Example:
-    """A sphere a little larger, one squeezed at the same volume, one reshaped at the same area."""
+    """A sphere enlarged a little, squeezed at equal volume, and reshaped at equal area."""
     mesh = ball()
     pear = mesh.V * (1 + mesh.V[:, 2:] * [0.4, 0.4, 0])
     shapes = {
@@ -99,7 +100,7 @@ def size() -> Example:
 
 
 def tails() -> Example:
-    """A tube that is longer everywhere, and one of which a single ring of faces has collapsed."""
+    """A tube lengthened everywhere, and a tube with one collapsed ring of faces."""
     mesh = tube(2.0)
     ring = np.unique(mesh.V[:, 2])[31:33]
     pinched = mesh.V.copy()
@@ -114,7 +115,7 @@ def tails() -> Example:
 
 
 def spike() -> Example:
-    """A vertex of a sphere pulled out alone, and with the hill around it."""
+    """A vertex of a sphere pulled out with its surroundings, and alone."""
     mesh = ball()
     top = int(np.argmin(np.linalg.norm(mesh.V - [0, -1, 0], axis=1)))
     distance = np.linalg.norm(mesh.V - mesh.V[top], axis=1)
@@ -128,29 +129,28 @@ def spike() -> Example:
 
 
 def free(mesh: Mesh) -> DeformationTask:
-    """A task that asks for nothing: a vertex held where it is."""
+    """Return a task with a single fixed handle."""
     return DeformationTask("free", mesh, Handles(np.array([0]), mesh.V[:1]))
 
 
-#: By the name of their picture and of their table in the page.
+#: Examples by the names of their pictures and blocks.
 EXAMPLES: dict[str, Callable[[], Example]] = {f.__name__: f for f in (crease, size, tails, spike)}
 
 
 def table(name: str) -> str:
-    """The Markdown table of an example: a line a shape, a column a measure."""
+    """Return the Markdown table of an example: one row per shape, one column per measure."""
     example = EXAMPLES[name]()
-    lines = [
-        ("shape", *(f"{m} ({METRICS[m].unit})" if METRICS[m].unit != "-" else m for m in example.measures))
-    ]
-    lines.append(("---", *("---:" for _ in example.measures)))
+    units = {name: METRICS[name].unit for name in example.measures}
+    head = [name if unit == "-" else f"{name} ({unit})" for name, unit in units.items()]
+    rows = []
     for title, V in example.shapes.items():
-        found = measure(example.task, V, only=example.measures)
-        lines.append((title, *(format(round(found[m], 3), ".4g") for m in example.measures)))
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+        values = measure(example.task, V, only=example.measures)
+        rows.append([title, *(format(round(values[name], 3), ".4g") for name in example.measures)])
+    return markdown(["shape", *head], rows)
 
 
 def draw(name: str) -> None:
-    """Write an example's picture: the rest shape, then the others, on one scale."""
+    """Write the picture of an example: the rest shape and the other shapes at one scale."""
     import matplotlib.image
 
     example = EXAMPLES[name]()
@@ -167,18 +167,7 @@ def draw(name: str) -> None:
     matplotlib.image.imsave(FOLDER / "figures" / f"measures_{name}.png", np.hstack(panels))
 
 
-def filled(page: str) -> str:
-    """The page with its tables made again; each stands between ``<!-- name -->`` and ``<!-- end -->``."""
-    for name in EXAMPLES:
-        head, mark, rest = page.partition(f"<!-- {name} -->\n")
-        _, end, rest = rest.partition("\n<!-- end -->")
-        if not (mark and end):  # all that follows would be lost
-            raise ValueError(f"the page has no block {name}")
-        page = head + mark + table(name) + end + rest
-    return page
-
-
 if __name__ == "__main__":
-    PAGE.write_text(filled(PAGE.read_text()))
+    fill(PAGE, {name: table(name) for name in EXAMPLES})
     for example in EXAMPLES:
         draw(example)

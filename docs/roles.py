@@ -1,4 +1,4 @@
-"""Docstrings of the code for the site: roles such as ``:func:`x``` become links, where the site has x."""
+"""Turn roles such as ``:func:`x``` in docstrings into links, if the website documents x."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ ROLE = re.compile(r":(?:func|class|mod|data|meth|attr):`(~?)([\w.]+)`")
 
 
 class Roles(Extension):
-    """Rewrites the docstring of each object that is read."""
+    """A griffe extension that rewrites the docstring of each object."""
 
     def on_instance(self, *, obj: Object, **_: Any) -> None:
-        """Called with each module, class, function and attribute."""
+        """Rewrite the docstring of a module, class, function or attribute."""
         if obj.docstring:
             obj.docstring.value = ROLE.sub(_link, obj.docstring.value)
 

@@ -1,9 +1,9 @@
-"""The cost model and the tables of scaling.md: ``python docs/scaling.py`` makes them from scaling.csv.
+"""Write the tables of scaling.md from scaling.csv: ``python -m docs.scaling``.
 
-With --measure it makes scaling.csv first (a quarter of an hour on a quiet machine of 2 cores), from
-subdivisions of the first body of ``data/defaust_170k``; with --largest a mesh of 44 million vertices, too,
-which needs 16 GiB. Each run has a process of its own; of its repeats the fastest counts. How busy the machine
-was beside stands in the column ``others``.
+``--measure`` writes scaling.csv first. It deforms subdivisions of the first body of ``data/defaust_170k``,
+which takes a quarter of an hour on a quiet machine with 2 cores. ``--largest`` adds a mesh of 44 million
+vertices and needs 16 GiB. Each run has a process of its own, and the fastest of its repeats counts. The
+column ``others`` says how busy the machine was with other processes.
 """
 
 from __future__ import annotations
@@ -22,31 +22,32 @@ import pandas as pd
 from scipy.optimize import nnls
 
 from defaust.tasks import load_task
+from docs.blocks import fill, markdown
 from eval.rows.store import Row
 from eval.run.provenance import SOURCES, environment, process_memory
 from eval.run.warmup import warm_up
 from eval.timing.quiet import between, read_machine
-from sshade import DeformationTask, Handles, Mesh, sshade_fast
+from sshade import DeformationTask, Handles, Mesh, deform
 from sshade.cli.console import say
 
 PAGE, ROWS = Path(__file__).with_suffix(".md"), Path(__file__).with_suffix(".csv")
 #: Times and memory of the command ``sshade deform``.
 COMMANDS = Path(__file__).parents[1] / "results" / "tables" / "whole.csv"
-#: Bytes a vertex of a closed mesh: positions, and twice as many faces of 64-bit ids.
+#: Bytes per vertex of a closed mesh: a position, and two faces of 64-bit ids.
 INPUT = 24 + 2 * 24
-#: Repeats of a run; the largest has one.
+#: Repeats of a run; the largest mesh has a single one.
 REPEATS = 3
-#: Vertices from which on the model is fitted: large meshes are sampled in another way than small ones.
+#: Fewest vertices of a run in the fit: smaller meshes are sampled by another algorithm.
 FITTED = 1_000_000
-#: The largest mesh has more, and takes no part in the fit.
+#: Fewest vertices of the largest mesh, which is not part of the fit.
 LARGE = 30_000_000
-#: What a term of the model is multiplied with: a million vertices, a thousand samples, a thousand handles.
+#: Units of the model's terms: a million vertices, a thousand samples, a thousand handles.
 TERMS = {"constant": None, "vertices": 1e6, "samples": 1e3, "handles": 1e3}
 STAGES = ("remesh", "bind", "solve", "carry")
 
 
 class Run(NamedTuple):
-    """A subdivision of a base, the vertices of the proxy, handles, threads."""
+    """Level of subdivision, vertices of the proxy, handles, threads, and the folder of the body."""
 
     level: int
     samples: int = 12_000
@@ -55,7 +56,7 @@ class Run(NamedTuple):
     base: str = "data/defaust_170k"
 
 
-#: One thing at a time about 2.7 million vertices, and sizes on one thread and on all.
+#: Sizes on one thread and on all threads; then samples and handles varied at 2.7 million vertices.
 RUNS = [
     *(Run(level, threads=threads) for level, threads in product((0, 1, 2, 3), {1, Run(0).threads})),
     *(Run(2, samples=samples) for samples in (3_000, 6_000, 24_000, 48_000)),
@@ -65,33 +66,33 @@ LARGEST = Run(6, base="data/bench/10000")
 
 
 def task_of(run: Run) -> DeformationTask:
-    """A body, subdivided, that is bent by some of its vertices."""
+    """Return a subdivided body with random handles that bend it."""
     base = load_task(run.base, subject=0, pose=1).mesh
     index = np.random.default_rng(0).permutation(base.n)[: run.handles]
     V, F = np.array(base.V), np.array(base.F)
-    for _ in range(run.level):  # keeps the vertices there are
+    for _ in range(run.level):  # keeps the vertices of the body
         V, F = igl.upsample(V, F)
     extent = np.ptp(V, axis=0)
     along, across = int(np.argmax(extent)), int(np.argmin(extent))
     target = V[index]
     target[:, across] += 0.2 * extent[along] * ((target[:, along] - V[:, along].min()) / extent[along]) ** 2
     for array in (V, F):
-        array.setflags(write=False)  # the mesh needs no copies
+        array.setflags(write=False)  # so that Mesh does not copy them
     return DeformationTask("bent body", Mesh(V, F), Handles(index, target))
 
 
 def measured(run: Run, repeats: int) -> Row:
-    """The fastest of some repeats of a run, in this process."""
+    """Return the fastest of some repeats of a run, in this process."""
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: run.threads])
-    warm_up(sshade_fast, {"vertices": 100}, key="scaling", kind=DeformationTask)
+    warm_up(deform, {"vertices": 100}, key="scaling", kind=DeformationTask)
     task = task_of(run)
     before = process_memory("VmRSS")
     rows = []
     for _ in range(repeats):
         if before is not None:
-            Path("/proc/self/clear_refs").write_text("5")  # the peak of memory is now what is in use
+            Path("/proc/self/clear_refs").write_text("5")  # resets the peak of memory
         machine, begin, cpu = read_machine(), perf_counter(), process_time()
-        result = sshade_fast(task, vertices=run.samples)
+        result = deform(task, vertices=run.samples)
         row = {"seconds": perf_counter() - begin, "cpu": process_time() - cpu}
         row |= {"others": between(machine, read_machine()).others}
         row |= {stage: result.seconds[stage] for stage in STAGES}
@@ -102,7 +103,7 @@ def measured(run: Run, repeats: int) -> Row:
 
 
 def measure(*, largest: bool) -> None:
-    """Make scaling.csv; without `largest` its row of before stays, if it is of this machine and code."""
+    """Write scaling.csv; without `largest`, keep its row of the largest mesh of the same machine and code."""
     facts = {"machine": environment(jobs=1)["machine"], "code": SOURCES}
     before = pd.read_csv(ROWS) if ROWS.is_file() else None
     if before is not None:
@@ -119,10 +120,7 @@ def measure(*, largest: bool) -> None:
 
 
 def fit(rows: pd.DataFrame, column: str) -> tuple[dict[str, float], float]:
-    """The coefficients of the model of a column, none negative, and its largest relative error.
-
-    Least squares of relative errors.
-    """
+    """Fit non-negative coefficients by least squares of relative errors; also return the largest error."""
     A = np.stack(
         [np.ones(len(rows)) if unit is None else rows[name] / unit for name, unit in TERMS.items()], 1
     )
@@ -131,7 +129,7 @@ def fit(rows: pd.DataFrame, column: str) -> tuple[dict[str, float], float]:
 
 
 def models(rows: pd.DataFrame) -> dict[str, tuple[dict[str, float], float]]:
-    """Fits of the time on one thread and on all, of CPU time, and of memory, by what they are called."""
+    """Return the fits of time, CPU time and memory by their titles."""
     rows = rows[(rows["vertices"] >= FITTED) & (rows["vertices"] < LARGE)]
     threads = rows["threads"].max()
     every = rows[rows["threads"] == threads]
@@ -143,7 +141,7 @@ def models(rows: pd.DataFrame) -> dict[str, tuple[dict[str, float], float]]:
 
 
 def table_of_rows(rows: pd.DataFrame) -> str:
-    """A line a run."""
+    """Return the table of runs."""
     head = [
         "vertices",
         "samples",
@@ -164,22 +162,22 @@ def table_of_rows(rows: pd.DataFrame) -> str:
     (machine,), (code,) = rows["machine"].unique(), rows["code"].unique()
     usual, most = rows["others"].median(), rows["others"].max()
     note = f"Machine: {machine}. Code: version {code[:8]}. "
-    note += f"Other processes used {usual:.0%} of it in the median, {most:.0%} at most."
-    return f"{_markdown(head, lines)}\n\n{note}"
+    note += f"Other processes used {usual:.0%} of the machine (median); the maximum was {most:.0%}."
+    return f"{markdown(head, lines)}\n\n{note}"
 
 
 def table_of_models(rows: pd.DataFrame) -> str:
-    """A line a fit, with what it says of a hundred million vertices."""
+    """Return the table of fits, with a prediction for a hundred million vertices."""
     head = ["", "constant", "a million vertices", "a thousand samples", "a thousand handles", "largest error"]
     lines = []
     for name, (found, error) in models(rows).items():
         hundred = found["constant"] + 100 * found["vertices"] + 12 * found["samples"] + 0.2 * found["handles"]
         lines.append([name, *(f"{value:.3g}" for value in found.values()), f"{error:.0%}", f"{hundred:,.0f}"])
-    return _markdown([*head, "100 million vertices"], lines)
+    return markdown([*head, "100 million vertices"], lines)
 
 
 def table_of_memory(rows: pd.DataFrame) -> str:
-    """What the largest meshes took, from Python and by the command, and what follows of it for others."""
+    """Return the table of memory: the largest meshes, and predictions for other sizes."""
     largest = rows.loc[rows["vertices"].idxmax()]
     commands = pd.read_csv(COMMANDS)
     command = commands.loc[commands["vertices"].idxmax()]
@@ -192,27 +190,13 @@ def table_of_memory(rows: pd.DataFrame) -> str:
         held, needed = 24 * 2**30 / each / 1e6, 1e8 * each / 2**30
         lines.append([name, f"{row['vertices']:,}", f"{each:.0f}", f"{held:.0f}", f"{needed:.0f}"])
     head = ["", "vertices", "bytes a vertex in all", "million vertices in 24 GiB", "GiB for 100 million"]
-    return _markdown(head, lines)
+    return markdown(head, lines)
 
 
-def _markdown(head: list[str], lines: list[list[str]]) -> str:
-    marks = ["---:" if name else "---" for name in head]
-    return "\n".join(f"| {' | '.join(line)} |" for line in [head, marks, *lines])
-
-
-#: By the mark that stands before them in the page.
-TABLES = {"runs": table_of_rows, "models": table_of_models, "memory": table_of_memory}
-
-
-def filled(page: str, rows: pd.DataFrame) -> str:
-    """The page with its tables made again; each stands between ``<!-- name -->`` and ``<!-- end -->``."""
-    for name, make in TABLES.items():
-        head, mark, rest = page.partition(f"<!-- {name} -->\n")
-        _, end, rest = rest.partition("\n<!-- end -->")
-        if not (mark and end):  # all that follows would be lost
-            raise ValueError(f"the page has no block {name}")
-        page = head + mark + make(rows) + end + rest
-    return page
+def tables(rows: pd.DataFrame) -> dict[str, str]:
+    """Return the tables of the page by the names of their blocks."""
+    makers = {"runs": table_of_rows, "models": table_of_models, "memory": table_of_memory}
+    return {name: make(rows) for name, make in makers.items()}
 
 
 if __name__ == "__main__":
@@ -224,4 +208,4 @@ if __name__ == "__main__":
     options = parser.parse_args()
     if options.measure:
         measure(largest=options.largest)
-    PAGE.write_text(filled(PAGE.read_text(), pd.read_csv(ROWS)))
+    fill(PAGE, tables(pd.read_csv(ROWS)))

@@ -1,8 +1,8 @@
-"""What the build of the documentation does besides: files elsewhere in the repository, and formulas.
+"""Hooks of mkdocs: add linked files from outside ``docs`` to the website, and render formulas.
 
-A link from a page of ``docs`` to a file elsewhere (``../results/tables/quick.md``) holds in a clone as it
-stands; on the site that file stands under ``files/``, a Markdown file as a page, any other as it is.
-``$...$`` and ``$$...$$`` become MathML, which browsers draw without a script.
+Pages of ``docs`` link to other files of the repository by relative paths (``../results/tables/quick.md``),
+which work in a clone. On the website these files appear under ``files/``: Markdown files as pages, others
+unchanged. ``$...$`` and ``$$...$$`` become MathML, which browsers draw without a script.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ INLINE = re.compile(r"(?<![\\$\w])\$((?:[^$\n]|\n(?!\n))+?)\$(?![\w$])")
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add what pages link to outside the folder of pages, and what these files link to."""
+    """Add the files that pages link to outside ``docs``, and the files that these files link to."""
     todo = [("", file) for file in files.documentation_pages()]
     while todo:
         _, file = todo.pop()
@@ -40,7 +40,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def _outside(file: File) -> list[str]:
-    """Files of the repository outside ``docs`` that a page links to."""
+    """Return the files of the repository outside ``docs`` that a page links to."""
     targets = (_target(file.src_uri, link) for _, link, *_ in LINK.findall(_text(file)))
     return [target for target in targets if target and not target.startswith("docs/")]
 
@@ -50,18 +50,18 @@ def _text(file: File) -> str:
 
 
 def _place(uri: str) -> str:
-    """Where a page stands in the repository."""
+    """Return the path of a page in the repository."""
     return uri.removeprefix("files/") if uri.startswith("files/") else f"docs/{uri}"
 
 
 def _target(uri: str, link: str) -> str | None:
-    """The file of the repository that a page's link names; None where there is none."""
+    """Return the path of the file that a link of a page leads to, or None if it is not in the repository."""
     path = posixpath.normpath(posixpath.join(posixpath.dirname(_place(uri)), link))
     return path if "://" not in link and (ROOT / path).is_file() else None
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Links to files elsewhere, and formulas, outside code."""
+    """Rewrite links and formulas of a page, except in code."""
     here = page.file.src_uri
 
     def relink(found: re.Match[str]) -> str:

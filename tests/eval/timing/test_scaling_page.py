@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import runpy
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
 
-DOCS = Path(__file__).parents[3] / "docs"
-SCRIPT = runpy.run_path(str(DOCS / "scaling.py"))
-ROWS = pd.read_csv(DOCS / "scaling.csv")
+from docs import scaling
+from docs.blocks import filled
+
+ROWS = pd.read_csv(scaling.ROWS)
 
 
 def test_the_tables_are_those_of_the_rows():
-    page = (DOCS / "scaling.md").read_text()
-    assert SCRIPT["filled"](page, ROWS) == page, "run: python docs/scaling.py"
+    page = scaling.PAGE.read_text()
+    assert filled(page, scaling.tables(ROWS)) == page, "run: python -m docs.scaling"
+    with pytest.raises(ValueError, match="0 blocks 'absent'"):
+        filled(page, {"absent": ""})
 
 
 def planted(noise: float) -> pd.DataFrame:
@@ -37,7 +37,7 @@ def planted(noise: float) -> pd.DataFrame:
 
 @pytest.mark.parametrize("noise", [0.0, 0.05])
 def test_the_model_finds_the_coefficients(noise):
-    for found, error in SCRIPT["models"](planted(noise)).values():
+    for found, error in scaling.models(planted(noise)).values():
         assert found["vertices"] == pytest.approx(0.7, rel=1e-6 + 2 * noise)
         assert found["samples"] == pytest.approx(0.2, rel=1e-6 + 3 * noise)
         assert min(found.values()) >= 0 and error <= 1e-6 + 3 * noise
@@ -48,8 +48,8 @@ def test_small_meshes_and_fewer_threads_are_left_out_of_the_fits():
     small, one = rows.copy(), rows.copy()
     small["vertices"] = 10_000
     one["threads"], one["seconds"], one["cpu"], one["peak_mib"] = 1, 99.0, 99.0, 99.0
-    found = SCRIPT["models"](pd.concat([rows, small, one]))
-    assert found == SCRIPT["models"](rows)
+    found = scaling.models(pd.concat([rows, small, one]))
+    assert found == scaling.models(rows)
 
 
 def test_a_run_is_measured(tmp_path, monkeypatch):
@@ -68,10 +68,7 @@ def measured_small(folder: str) -> dict:
     from eval.run.warmup import icosphere
     from sshade import DeformationTask, Handles
 
-    script = runpy.run_path(str(DOCS / "scaling.py"))
     mesh = icosphere(3)
-    script["measured"].__globals__["load_task"] = lambda root, *, subject, pose: DeformationTask(
-        root, mesh, Handles([0], mesh.V[:1])
-    )
-    run = script["Run"](level=1, samples=200, handles=30, threads=1, base=folder)
-    return script["measured"](run, 1)
+    scaling.load_task = lambda root, *, subject, pose: DeformationTask(root, mesh, Handles([0], mesh.V[:1]))
+    run = scaling.Run(level=1, samples=200, handles=30, threads=1, base=folder)
+    return scaling.measured(run, 1)

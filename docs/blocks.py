@@ -1,0 +1,35 @@
+"""Blocks of a page that a script writes: everything between ``<!-- NAME -->`` and ``<!-- end -->``."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+
+def filled(text: str, blocks: dict[str, str]) -> str:
+    """Return the text of a page with other contents of its blocks.
+
+    Raises
+    ------
+    ValueError
+        If the page does not have a block exactly once.
+    """
+    for name, content in blocks.items():
+        start, end = f"<!-- {name} -->\n", "\n<!-- end -->"
+        block = re.compile(f"(?<={start}).*?(?={end})", re.DOTALL)
+        text, count = block.subn(lambda _, new=content: new, text)
+        if count != 1:
+            raise ValueError(f"the page has {count} blocks {name!r}; it must have one")
+    return text
+
+
+def fill(page: Path, blocks: dict[str, str]) -> None:
+    """Rewrite blocks of a page."""
+    page.write_text(filled(page.read_text(encoding="utf-8"), blocks), encoding="utf-8")
+
+
+def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a Markdown table; all columns but the first are aligned as numbers."""
+    rule = ["---", *["---:"] * (len(head) - 1)]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in [head, rule, *rows])
