@@ -1,4 +1,4 @@
-"""Meshes in and out of files as the arrays that libigl, gpytoolbox and trimesh work on."""
+"""Read and write mesh files as arrays, as libigl, gpytoolbox and trimesh use them."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class Arrays(NamedTuple):
 def read(path: str | os.PathLike[str]) -> Arrays:
     """Read a mesh file: ``V, F = sshade.read("body.ply")``.
 
-    Nothing is merged, reordered or left out; polygons are fanned into triangles. A
-    :class:`sshade.Mesh`, which is checked, is ``Mesh(*sshade.read(path))``.
+    Vertices are not merged, reordered or left out. Polygons are fanned into triangles.
+    ``Mesh(*sshade.read(path))`` is a validated :class:`sshade.Mesh`.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def read(path: str | os.PathLike[str]) -> Arrays:
     Returns
     -------
     V : (n, 3) float64
-        In the file's order and unit of length.
+        Positions, in the order and the unit of length of the file.
     F : (m, 3) int64
 
     Raises
@@ -59,35 +59,35 @@ def write(
 ) -> None:
     """Write a mesh file: ``sshade.write("posed.ply", V, F)``.
 
-    Or the file that a mesh came from, with other positions: ``sshade.write("posed.glb", V,
-    like="body.glb")``. Texture coordinates, colours, materials, groups, polygons and all else stay, and
-    normals turn along. The file appears whole or not at all.
+    ``sshade.write("posed.glb", V, like="body.glb")`` writes an existing file with new positions. Texture
+    coordinates, colours, materials, groups, polygons and all other contents stay, and normals turn with
+    the surface. The file appears whole or not at all.
 
     Parameters
     ----------
     path : path
-        Its suffix picks the format. STL, GLB and glTF hold positions as float32.
+        The suffix selects the format. STL, GLB and glTF hold positions as float32.
     mesh : (n, 3) float64, or an object
-        Positions, or what has ``V`` and ``F``, as a :class:`sshade.Mesh`, or ``vertices`` and
-        ``faces``, as a trimesh.
+        Positions, or an object with ``V`` and ``F`` (:class:`sshade.Mesh`) or with ``vertices`` and
+        ``faces`` (trimesh).
     F : (m, 3) int, optional
-        With positions and without `like`.
+        Faces. Needed with positions, unless `like` is given.
     like : path or MeshFile, optional
-        The file to write again: its number and order of vertices, and its format.
+        Existing file with the same vertices in the same order. `path` needs the same format.
 
     Raises
     ------
     InputError
-        Without faces, on arrays of other shapes, or faces out of range; when `like` has another number
-        of vertices, or holds what a file at `path` cannot; on an unknown suffix, or a folder that
-        does not exist or is not writable.
+        When faces are missing, arrays have other shapes, or faces are out of range. When `like` has
+        another number of vertices, or contents that the format of `path` cannot hold. On an unknown
+        suffix, or a folder that does not exist or is not writable.
     """
     V = getattr(mesh, "V", getattr(mesh, "vertices", mesh))
     V = np.asarray(V, dtype=np.float64)
     if like is None:
         F = getattr(mesh, "F", getattr(mesh, "faces", F))
         if F is None:
-            raise InputError("there are no faces to write; give them, or with like= the file that has them")
+            raise InputError("there are no faces to write; pass F, or a file that has faces as like=")
         F = np.asarray(F)
         if V.ndim != 2 or V.shape[1] != 3 or F.ndim != 2 or F.shape[1] != 3:
             raise InputError(f"a mesh has vertices (n, 3) and faces (m, 3), not {V.shape} and {F.shape}")

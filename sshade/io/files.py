@@ -72,6 +72,15 @@ def _is_running(process: int) -> bool:
     return True
 
 
+@contextmanager
+def naming(place: object) -> Iterator[None]:
+    """Prefix messages of InputErrors with a place, such as the file that is being read."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{place}: {error}") from error
+
+
 def make_folder(path: str | os.PathLike[str]) -> None:
     """Create a folder and its parents unless they exist.
 

@@ -1,7 +1,7 @@
-"""glTF 2.0 files, .glb and .gltf: positions, normals and tangents are written into the buffers.
+"""glTF 2.0 files, .glb and .gltf: positions, normals and tangents change, all other bytes stay.
 
-The vertices are those of all triangle primitives, in the order of the file's meshes, where the
-scene's nodes put them. Read here and not by a library, so that buffers stay as they are.
+The vertices of all triangle primitives are read in the order of the meshes of the file, at the places where
+the nodes of the scene put them. Libraries would lay out the buffers anew.
 
 Khronos Group, "glTF 2.0 specification", 2021.
 """
@@ -31,16 +31,26 @@ from sshade.io.gltf_scene import (
 )
 from sshade.io.normals import vertex_turns
 
-#: Positions are written to this, x the largest extent of the mesh, unless those read were rounded more.
-HELD = 1e-5
+#: Greatest error of written positions, as a fraction of the largest extent of the mesh, unless the
+#: positions of the file were already rounded more coarsely.
+ROUNDING = 1e-5
 
 _MAGIC, _JSON, _BINARY = b"glTF", b"JSON", b"BIN\0"
 
 
 class _Part(NamedTuple):
-    """Vertices that one accessor of positions holds: `first` is the id of its first one.
+    """Vertices of one accessor of positions.
 
-    `normal` and `tangent` are accessors or None; `matrix` (4, 4) puts the positions into the scene.
+    Attributes
+    ----------
+    position : int
+        Accessor of the positions.
+    normal, tangent : int or None
+        Accessors of the normals and tangents.
+    first : int
+        Id of the first vertex.
+    matrix : (4, 4) float64
+        Maps the positions of the file to the scene.
     """
 
     position: int
@@ -51,7 +61,7 @@ class _Part(NamedTuple):
 
 
 class _Gltf(NamedTuple):
-    """A file: its JSON, the bytes of its buffers, and chunks of a .glb that are of no known kind."""
+    """A glTF file: its JSON, the bytes of its buffers, and further chunks of a .glb of unknown kinds."""
 
     source: Path
     tree: dict[str, Any]
@@ -65,10 +75,10 @@ def read_gltf(path: Path) -> MeshFile:
     Raises
     ------
     ValueError
-        When it is no glTF 2.0, or refers to what is not there.
+        When the file is no glTF 2.0 file, or refers to missing entries.
     InputError
-        When it has no triangles, or holds what cannot be deformed: skins, morph targets, compressed or
-        quantised buffers, instances of one mesh.
+        When there are no triangles, or contents that cannot be deformed: skins, morph targets,
+        compressed or quantised buffers, instances of one mesh.
     """
     gltf = _parsed(path)
     require_plain(gltf.tree, path)
@@ -80,20 +90,16 @@ def read_gltf(path: Path) -> MeshFile:
         if number not in matrices:
             continue  # no node shows it
         for primitive in mesh["primitives"]:
-            attributes = primitive["attributes"]
-            position = attributes["POSITION"]
+            attributes, M = primitive["attributes"], matrices[number]
+            position, shading = attributes["POSITION"], (attributes.get("NORMAL"), attributes.get("TANGENT"))
             key = accessor_bytes(gltf.tree, position)
             if key not in parts:
-                own = array_of(gltf.tree, gltf.buffers, position).astype(np.float64)
-                M = matrices[number]
-                V.append(own if (np.eye(4) == M).all() else own @ M[:3, :3].T + M[:3, 3])
-                parts[key] = _Part(position, attributes.get("NORMAL"), attributes.get("TANGENT"), count, M)
-                count += len(own)
+                P = array_of(gltf.tree, gltf.buffers, position).astype(np.float64)
+                V.append(P if (np.eye(4) == M).all() else P @ M[:3, :3].T + M[:3, 3])
+                parts[key] = _Part(position, *shading, count, M)
+                count += len(P)
             part = parts[key]
-            if (part.matrix != matrices[number]).any() or part[1:3] != (
-                attributes.get("NORMAL"),
-                attributes.get("TANGENT"),
-            ):
+            if (part.matrix != M).any() or part[1:3] != shading:
                 raise InputError(f"{path}: two of its meshes share positions but not their place or normals")
             size = gltf.tree["accessors"][position]["count"]
             corners = triangles_of(gltf.tree, gltf.buffers, primitive, size)
@@ -187,28 +193,31 @@ def _content(
     normals = np.zeros_like(rest)
     for part in parts:
         if part.normal is not None:
-            with np.errstate(invalid="ignore"):  # of bytes that are no number
+            with np.errstate(invalid="ignore"):  # the bytes may be no numbers
                 stored = array_of(tree, buffers, part.normal).astype(np.float64)
             normals[part.first : part.first + len(stored)] = stored @ np.linalg.inv(part.matrix[:3, :3])
     Q = vertex_turns(normals, F, rest, V)
     turned = (np.eye(3) != Q).any(axis=(1, 2))
     for part in parts:
-        own = slice(part.first, part.first + tree["accessors"][part.position]["count"])
+        vertices = slice(part.first, part.first + tree["accessors"][part.position]["count"])
         A = part.matrix[:3, :3]
         back = np.linalg.inv(A)
-        put = array_of(tree, buffers, part.position)
-        size = np.abs(A) @ np.abs(put).max(axis=0).astype(np.float64)
+        # The arrays are views of the buffers, which assignments change.
+        positions = array_of(tree, buffers, part.position)
+        size = np.abs(A) @ np.abs(positions).max(axis=0).astype(np.float64)
+        changes = moved[vertices]
         with np.errstate(over="ignore"):
-            put[moved[own]] = (V[own] - part.matrix[:3, 3])[moved[own]] @ back.T
-        _require_held(put @ A.T + part.matrix[:3, 3] - V[own], size.max(), V, path)
-        which = turned[own]
+            positions[changes] = (V[vertices] - part.matrix[:3, 3])[changes] @ back.T
+        _require_precision(positions @ A.T + part.matrix[:3, 3] - V[vertices], size.max(), V, path)
+        turns = turned[vertices]
+        rotations = Q[vertices][turns]
         if part.normal is not None:
-            put = array_of(tree, buffers, part.normal)
-            put[which] = _unit(np.einsum("kij,kj->ki", Q[own][which], normals[own][which]) @ A)
+            stored = array_of(tree, buffers, part.normal)
+            stored[turns] = _unit(np.einsum("kij,kj->ki", rotations, normals[vertices][turns]) @ A)
         if part.tangent is not None:
-            put = array_of(tree, buffers, part.tangent)
-            along = put[which, :3].astype(np.float64) @ A.T
-            put[which, :3] = _unit(np.einsum("kij,kj->ki", Q[own][which], along) @ back.T)
+            stored = array_of(tree, buffers, part.tangent)
+            tangents = stored[turns, :3].astype(np.float64) @ A.T
+            stored[turns, :3] = _unit(np.einsum("kij,kj->ki", rotations, tangents) @ back.T)
     changed = {accessor_bytes(tree, i) for part in parts for i in part[:3] if i is not None}
     for number, accessor in enumerate(tree["accessors"]):
         if "bufferView" in accessor and accessor_bytes(tree, number) in changed:
@@ -216,17 +225,22 @@ def _content(
     return _written(tree, buffers, gltf, path)
 
 
-def _require_held(error: np.ndarray, size: float, V: np.ndarray, path: Path) -> None:
-    """Raise InputError where positions (n, 3) of single precision miss theirs by more than at rest.
+def _require_precision(error: np.ndarray, size: float, V: np.ndarray, path: Path) -> None:
+    """Raise InputError if rounding to single precision moves positions more than it did at rest.
 
-    `size` is that of the numbers at rest that are rounded, in the scene. A node that is skewed or far
-    from its mesh makes such numbers large.
+    Parameters
+    ----------
+    error : (n, 3) float64
+        Differences between the written positions and `V`.
+    size : float
+        Size of the numbers at rest, in the scene. It is large for nodes that are skewed or far from
+        their mesh.
     """
-    allowed = max(HELD * float(np.ptp(V, axis=0).max()), 16 * np.finfo(np.float32).eps * size)
+    allowed = max(ROUNDING * float(np.ptp(V, axis=0).max()), 16 * np.finfo(np.float32).eps * size)
     if not np.abs(error).max() <= allowed:
         raise InputError(
-            f"{path}: the result cannot be written as numbers of single precision of its nodes; apply their "
-            "transformations to the meshes first, or write another format"
+            f"{path}: the transformations of the nodes leave too few digits in single precision; apply "
+            "them to the meshes first, or write another format"
         )
 
 
@@ -236,30 +250,30 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 
 def _bounds(tree: dict[str, Any], buffers: list[bytearray], number: int) -> None:
-    """Bring the least and greatest values of an accessor up to date, where it tells them."""
+    """Update the least and greatest values of an accessor, if it has them."""
     accessor = tree["accessors"][number]
     values = array_of(tree, buffers, number)
-    for name, of in (("min", values.min), ("max", values.max)):
+    for name, extremum in (("min", values.min), ("max", values.max)):
         if name in accessor:
-            accessor[name] = [float(x) for x in of(axis=0)]
+            accessor[name] = [float(x) for x in extremum(axis=0)]
 
 
 def _written(tree: dict[str, Any], buffers: list[bytearray], gltf: _Gltf, path: Path) -> bytes:
-    """The file: a .glb with its first buffer within, or a .gltf; a buffer that changed is embedded."""
-    whole = path.suffix.lower() == ".glb"
-    for number, (one, data) in enumerate(zip(tree.get("buffers", []), buffers, strict=True)):
-        uri = one.get("uri")
-        if whole and number == 0 and (uri is None or data != gltf.buffers[0]):
-            one.pop("uri", None)
+    """Return the bytes of a .glb, with the first buffer in it, or of a .gltf; embed changed buffers."""
+    binary = path.suffix.lower() == ".glb"
+    for number, (buffer, data) in enumerate(zip(tree.get("buffers", []), buffers, strict=True)):
+        uri = buffer.get("uri")
+        if binary and number == 0 and (uri is None or data != gltf.buffers[0]):
+            buffer.pop("uri", None)
         elif uri is None or data != gltf.buffers[number]:
-            body = base64.b64encode(data[: one["byteLength"]]).decode()
-            one["uri"] = f"data:application/octet-stream;base64,{body}"
-    for one in [*tree.get("buffers", []), *tree.get("images", [])]:
-        uri = one.get("uri", "data:")
+            body = base64.b64encode(data[: buffer["byteLength"]]).decode()
+            buffer["uri"] = f"data:application/octet-stream;base64,{body}"
+    for entry in [*tree.get("buffers", []), *tree.get("images", [])]:
+        uri = entry.get("uri", "data:")
         if not uri.startswith("data:"):
             moved = moved_reference(unquote(uri), gltf.source, path)
-            one["uri"] = uri if moved == unquote(uri) else quote(moved)
-    if not whole:
+            entry["uri"] = uri if moved == unquote(uri) else quote(moved)
+    if not binary:
         return json.dumps(tree, ensure_ascii=False, indent=2).encode() + b"\n"
     text = json.dumps(tree, ensure_ascii=False, separators=(",", ":")).encode()
     chunks = _chunk(_JSON, text + b" " * (-len(text) % 4))

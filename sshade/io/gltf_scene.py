@@ -1,4 +1,4 @@
-"""What the JSON of a glTF file says: arrays within its buffers, places of its meshes, what is refused."""
+"""Interpret the JSON of a glTF file: arrays in its buffers, matrices of its meshes, contents to refuse."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from sshade.mesh.mesh import repeats_vertex
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 _FLOAT = 5126
-#: Types of vertex ids.
+#: Component types of vertex ids.
 _INDICES = (5121, 5123, 5125)
-#: Attributes that change, and their types.
+#: Attributes that follow a deformation, and their types.
 _CHANGED = {"POSITION": "VEC3", "NORMAL": "VEC3", "TANGENT": "VEC4"}
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
-#: Extensions of meshes that are not read.
+#: Extensions that are not supported, and the contents that they stand for.
 _UNREAD = {
     "KHR_draco_mesh_compression": "compressed buffers",
     "EXT_meshopt_compression": "compressed buffers",
@@ -29,7 +29,10 @@ _UNREAD = {
 
 
 def require_plain(tree: dict[str, Any], path: Path) -> None:
-    """Raise InputError where a file holds what does not follow its positions."""
+    """Raise InputError if a file has contents that would not follow its positions.
+
+    Raises ValueError if attributes of its primitives do not fit together.
+    """
     primitives = [p for mesh in tree.get("meshes", []) for p in mesh["primitives"]]
     used = set(tree.get("extensionsUsed", [])) | set(tree.get("extensionsRequired", []))
     found = [what for name, what in _UNREAD.items() if name in used]
@@ -51,10 +54,12 @@ def require_plain(tree: dict[str, Any], path: Path) -> None:
             raise ValueError("one of its primitives has no positions")
         size = tree["accessors"][attributes["POSITION"]]["count"]
         for name, kind in _CHANGED.items():
-            own = tree["accessors"][attributes[name]] if name in attributes else None
-            if own and (own["type"], own["count"]) != (kind, size):
+            if name not in attributes:
+                continue
+            accessor = tree["accessors"][attributes[name]]
+            if (accessor["type"], accessor["count"]) != (kind, size):
                 raise ValueError(f"its attribute {name} is no {kind} for each position")
-            if own and "bufferView" not in own:
+            if "bufferView" not in accessor:
                 raise ValueError(f"its attribute {name} has no bytes")
     for accessor in corners:
         if accessor["componentType"] not in _INDICES or accessor["type"] != "SCALAR":
@@ -64,19 +69,20 @@ def require_plain(tree: dict[str, Any], path: Path) -> None:
 
 
 def require_apart(tree: dict[str, Any], buffers: list[bytes], path: Path) -> None:
-    """Raise InputError where numbers that change share bytes with each other or with what is kept.
+    """Raise InputError if numbers that change share bytes with each other or with numbers that stay.
 
-    Accessors that read the same numbers are one; normals or tangents only where their positions are, too.
+    Several accessors may read the same numbers. Accessors of the same normals or tangents must belong to
+    the same positions.
     """
     primitives = [p for mesh in tree.get("meshes", []) for p in mesh["primitives"]]
     owner: dict[tuple, tuple] = {}
     for attributes in (primitive["attributes"] for primitive in primitives):
         positions = accessor_bytes(tree, attributes["POSITION"])
         for name in _CHANGED.keys() & attributes.keys():
-            own = accessor_bytes(tree, attributes[name])
-            if owner.setdefault(own, (name, positions)) != (name, positions):
+            key = accessor_bytes(tree, attributes[name])
+            if owner.setdefault(key, (name, positions)) != (name, positions):
                 _refuse_shared(attributes[name], path)
-    taken = [bytearray(len(data)) for data in buffers]
+    taken = [bytearray(len(data)) for data in buffers]  # 1 for bytes that are in use
     changed: dict[tuple, int] = {}
     views = [image.get("bufferView") for image in tree.get("images", [])]
     for number, accessor in enumerate(tree["accessors"]):
@@ -91,10 +97,10 @@ def require_apart(tree: dict[str, Any], buffers: list[bytes], path: Path) -> Non
         begin = view.get("byteOffset", 0)
         taken[view["buffer"]][begin : begin + view["byteLength"]] = b"\1" * view["byteLength"]
     for number in changed.values():
-        own_bytes = array_of(tree, taken, number).view(np.uint8)
-        if own_bytes.any():
+        flags = array_of(tree, taken, number).view(np.uint8)
+        if flags.any():
             _refuse_shared(number, path)
-        own_bytes[:] = 1
+        flags[:] = 1
 
 
 def _refuse_shared(number: int, path: Path) -> None:
@@ -102,14 +108,14 @@ def _refuse_shared(number: int, path: Path) -> None:
 
 
 def accessor_bytes(tree: dict[str, Any], number: int) -> tuple[int, int, int, int, str]:
-    """What an accessor reads: its view, its offset there, its count, and of what type."""
+    """Return what identifies the bytes of an accessor: view, offset, count, component type and type."""
     accessor = tree["accessors"][number]
     place = accessor["bufferView"], accessor.get("byteOffset", 0), accessor["count"]
     return *place, accessor["componentType"], accessor["type"]
 
 
 def array_of(tree: dict[str, Any], buffers: list[Any], number: int) -> np.ndarray:
-    """(count, width) view of an accessor's numbers in the buffers; mutable if they are."""
+    """Return a (count, width) view of the numbers of an accessor; writable if the buffers are."""
     accessor = tree["accessors"][number]
     view = tree["bufferViews"][accessor["bufferView"]]
     offset, count = accessor.get("byteOffset", 0), accessor["count"]
@@ -130,7 +136,7 @@ def array_of(tree: dict[str, Any], buffers: list[Any], number: int) -> np.ndarra
 def triangles_of(
     tree: dict[str, Any], buffers: list[Any], primitive: dict[str, Any], size: int
 ) -> np.ndarray:
-    """(m, 3) int64 triangles of a primitive with `size` vertices; strips and fans are taken apart."""
+    """Return the triangles (m, 3) int64 of a primitive with `size` vertices; convert strips and fans."""
     if "indices" in primitive:
         ids = array_of(tree, buffers, primitive["indices"])[:, 0].astype(np.int64)
         if len(ids) and ids.max() >= size:
@@ -151,12 +157,13 @@ def triangles_of(
 
 
 def mesh_matrices(tree: dict[str, Any], path: Path) -> dict[int, np.ndarray]:
-    """The matrix (4, 4) that puts each mesh of the nodes into the scene; 1 for all where there are no nodes.
+    """Return the matrix (4, 4) that maps each mesh to the scene; the identity if there are no nodes.
 
     Raises
     ------
     InputError
-        When several nodes show one mesh, whose vertices would have several places, or a node flattens it.
+        When several nodes show one mesh, so that its vertices have several places, or a node flattens a
+        mesh.
     """
     nodes = tree.get("nodes", [])
     if not nodes:
@@ -181,7 +188,7 @@ def mesh_matrices(tree: dict[str, Any], path: Path) -> dict[int, np.ndarray]:
 
 
 def _matrix(node: dict[str, Any]) -> np.ndarray:
-    """The matrix (4, 4) of a node in its parent's coordinates."""
+    """Return the matrix (4, 4) that maps a node to the coordinates of its parent."""
     if "matrix" in node:
         return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
     x, y, z, w = node.get("rotation", [0.0, 0.0, 0.0, 1.0])

@@ -1,4 +1,4 @@
-"""The handle files of Implicit-ARAP: parts by name, in coordinates of their own."""
+"""Read handle files of Implicit-ARAP: named parts, in its coordinates."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from sshade.io.points import as_points, columns
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 
-#: Half the extent of a mesh in Implicit-ARAP's coordinates.
+#: Largest coordinate of a mesh in the coordinates of Implicit-ARAP.
 HALF_EXTENT = 0.8
-#: Largest mean distance, in those coordinates, between its points and the mesh they belong to.
+#: Greatest accepted mean distance between the points and the surface of the mesh, in these coordinates.
 ON_SURFACE = 0.01
 
 
 def read_implicit_arap(path: Path) -> list[np.ndarray]:
-    """Points, targets, dynamic flags and part numbers, in the file's own coordinates.
+    """Return points, targets, dynamic flags and part numbers, in the coordinates of the file.
 
     D. Baieri, F. Maggioli, Z. Laehner, S. Melzi, E. Rodola, "Implicit-ARAP", 2024.
     """
@@ -73,12 +73,17 @@ def _read_points(folder: Path, name: str) -> np.ndarray:
 
 
 def implicit_arap_frame(points: np.ndarray, mesh: Mesh):
-    """The map from Implicit-ARAP's coordinates to the mesh's own.
+    """Return the map from the coordinates of Implicit-ARAP to the coordinates of the mesh.
 
-    Its meshes are centred on the area-weighted surface centroid and scaled to
-    a largest coordinate of 0.8. Copies of a model differ in their axes and a
-    little in their centroid: of the 24 axis rotations the one that brings the
-    points nearest to the surface is refined by rigid ICP on all of them.
+    Implicit-ARAP centres meshes at the area-weighted centroid of the surface and scales the largest
+    coordinate to 0.8. Copies of a model differ in their axes and a little in their centroid. Of the 24
+    axis rotations, the map uses the rotation that brings the points nearest to the surface, refined by
+    rigid ICP on all points.
+
+    Raises
+    ------
+    InputError
+        When the points do not lie near the surface in any orientation.
     """
     import igl
     from scipy.spatial.transform import Rotation
@@ -88,7 +93,7 @@ def implicit_arap_frame(points: np.ndarray, mesh: Mesh):
     scale = HALF_EXTENT / np.abs(mesh.V - centre).max()
     V, F = (mesh.V - centre) * scale, np.array(mesh.F)
     tree = igl.AABB()
-    tree.init(V, F)  # once: it takes far longer than the queries
+    tree.init(V, F)
 
     def closest(queries: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         squared, _, nearest = tree.squared_distance(V, F, np.ascontiguousarray(queries))
@@ -108,8 +113,8 @@ def implicit_arap_frame(points: np.ndarray, mesh: Mesh):
         R, t, error = dR @ R, dR @ t + dt, refined
     if error >= ON_SURFACE:
         raise InputError(
-            f"its points lie {error:.3f} from the mesh in the mean, of a half-extent of {HALF_EXTENT}, in "
-            f"the best of 24 axis orientations (at most {ON_SURFACE} is accepted); "
+            f"its points have a mean distance of {error:.3f} from the mesh, of a half-extent of "
+            f"{HALF_EXTENT}, in the best of 24 axis orientations (at most {ON_SURFACE} is accepted); "
             "is this the mesh they were made for?"
         )
     return lambda x: (x @ R.T + t) / scale + centre

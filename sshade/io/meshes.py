@@ -1,4 +1,4 @@
-"""Reading and writing meshes; the order of vertices and faces is kept exactly."""
+"""Read and write mesh files. The order of vertices and faces is kept exactly."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.io.decimals import INTEGER, rows_of
 from sshade.io.document import MeshFile
-from sshade.io.files import check_output, check_suffix, replacing
+from sshade.io.files import check_output, check_suffix, naming, replacing
 from sshade.io.gltf import read_gltf, write_gltf
 from sshade.io.obj import read_obj
 from sshade.io.off import read_off
@@ -26,7 +26,7 @@ _READERS = {
     ".glb": read_gltf,
     ".gltf": read_gltf,
 }
-#: Formats read and written, by suffix.
+#: Suffixes of the formats that are read and written.
 SUFFIXES = tuple(_READERS)
 
 
@@ -36,34 +36,38 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
     Parameters
     ----------
     path : path
-        A .ply, .obj, .off, .stl, .glb or .gltf file. Polygons with more corners
-        are fanned into triangles by the reader; vertices are not merged.
+        A .ply, .obj, .off, .stl, .glb or .gltf file. Polygons with more corners are fanned into
+        triangles. Vertices are not merged.
 
     Raises
     ------
     InputError
-        When the file is missing, unreadable, empty, of another format, or
-        holds no valid :class:`Mesh`.
+        When the file is missing, unreadable, empty, of another format, or holds no valid
+        :class:`Mesh`.
     """
     return mesh_of(read_file(path), path)
 
 
 def mesh_of(file: MeshFile, path: str | os.PathLike[str]) -> Mesh:
-    """The mesh that a file holds; an InputError names the file."""
-    try:
+    """Return the mesh of a file that was read from `path`.
+
+    Raises
+    ------
+    InputError
+        When the file holds no valid :class:`Mesh`. The message names `path`.
+    """
+    with naming(path):
         return Mesh(file.V, file.F)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
 
 
 def read_arrays(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and faces of a mesh file as they stand there, without validation."""
+    """Return copies of the vertices and faces of a mesh file, without validation."""
     file = read_file(path)
     return np.array(file.V), np.array(file.F)
 
 
 def read_file(path: str | os.PathLike[str]) -> MeshFile:
-    """All that a mesh file holds, without validation, to be written again by :func:`write_file`.
+    """Read all contents of a mesh file, without validation. :func:`write_file` writes them again.
 
     Raises
     ------
@@ -80,24 +84,24 @@ def read_file(path: str | os.PathLike[str]) -> MeshFile:
         return _READERS[path.suffix.lower()](path)
     except InputError:
         raise
-    except Exception as error:  # any reader failure is the file's fault, and becomes one sentence
+    except Exception as error:  # readers fail in many ways on a damaged file: report each in one sentence
         reason = " ".join(str(error).split())
         raise InputError(f"{path}: not a readable {path.suffix[1:].upper()} file ({reason})") from error
 
 
 def write_file(path: str | os.PathLike[str], file: MeshFile, V: np.ndarray) -> None:
-    """Write a mesh file as it was read, with other positions; in another format, its mesh alone.
+    """Write a mesh file with all its contents and new positions.
 
-    The file appears whole or not at all. :meth:`MeshFile.lost` tells beforehand what another format
-    does not take over.
+    A file of another format receives the mesh alone; :meth:`MeshFile.lost` lists the contents that it
+    lacks. The file appears whole or not at all.
 
     Parameters
     ----------
     path : path
-        Its suffix picks the format.
+        The suffix selects the format.
     file : MeshFile
     V : (n, 3) float64
-        Of its vertices, in their order.
+        New positions, in the order of ``file.V``.
 
     Raises
     ------
@@ -115,15 +119,13 @@ def write_file(path: str | os.PathLike[str], file: MeshFile, V: np.ndarray) -> N
 
 
 def write_mesh(path: str | os.PathLike[str], V: np.ndarray, F: np.ndarray) -> None:
-    """Write a triangle mesh; PLY is binary with float64 positions.
-
-    The file appears whole or not at all.
+    """Write a triangle mesh. The file appears whole or not at all.
 
     Parameters
     ----------
     path : path
-        Its suffix picks the format: .ply, .obj, .off, .stl, .glb or .gltf. The last three hold
-        positions as float32.
+        The suffix selects the format: .ply (binary, positions as float64), .obj, .off, .stl, .glb or
+        .gltf. The last three hold positions as float32.
     V : (n, 3) float64
     F : (m, 3) int
 
@@ -134,43 +136,39 @@ def write_mesh(path: str | os.PathLike[str], V: np.ndarray, F: np.ndarray) -> No
     """
     path = Path(path)
     check_output(path, SUFFIXES)
+    V, F, suffix = np.asarray(V), np.asarray(F), path.suffix.lower()
     with replacing(path) as temporary:
-        if path.suffix.lower() == ".ply":
+        if suffix == ".ply":
             write_ply(temporary, V, F)
-        elif path.suffix.lower() in (".glb", ".gltf"):
-            write_gltf(temporary, np.asarray(V, dtype=np.float64), np.asarray(F))
-        elif path.suffix.lower() == ".stl":
+        elif suffix in (".glb", ".gltf"):
+            write_gltf(temporary, V.astype(np.float64, copy=False), F)
+        elif suffix == ".stl":
             import trimesh
 
             temporary.write_bytes(trimesh.Trimesh(V, F, process=False).export(file_type="stl"))
+        elif suffix == ".obj":
+            temporary.write_bytes(rows_of(b"v", V) + rows_of(b"f", F + 1, INTEGER))
         else:
-            V, F = np.asarray(V), np.asarray(F)
-            head, vertex, face, first = _TEXTS[path.suffix.lower()]
-            content = head.format(n=len(V), m=len(F)).encode()
-            temporary.write_bytes(content + rows_of(vertex, V) + rows_of(face, F + first, INTEGER))
-
-
-#: Of formats that are text: the head, what lines of vertices and faces begin with, the first id.
-_TEXTS = {".obj": ("", b"v", b"f", 1), ".off": ("OFF\n{n} {m} 0\n", b"", b"3", 0)}
+            head = f"OFF\n{len(V)} {len(F)} 0\n".encode()
+            temporary.write_bytes(head + rows_of(b"", V) + rows_of(b"3", F, INTEGER))
 
 
 def repair(V: np.ndarray, F: np.ndarray) -> tuple[Mesh, np.ndarray]:
-    """Weld coincident vertices and drop what no mesh needs.
+    """Weld coincident vertices and drop useless faces and vertices.
 
-    Vertices at exactly the same position become one (an unwelded soup becomes
-    a surface), then repeated-index faces and duplicates of faces go, then
-    vertices without a face.
+    Vertices at exactly the same position become one, so that an unwelded soup becomes a surface. Then
+    faces that repeat a vertex, duplicate faces, and vertices without a face are dropped.
 
     Returns
     -------
     mesh : Mesh
     vertex : (n,) int
-        For each input vertex its vertex in `mesh`, -1 where it has none.
+        Vertex of `mesh` for each input vertex; -1 for dropped vertices.
     """
     V = np.asarray(V, dtype=np.float64)
     F = np.asarray(F, dtype=np.int64)
     if len(F) and (F.min() < 0 or F.max() >= len(V)):
-        raise InputError(f"faces refer to vertices outside 0..{len(V) - 1}; no repair can mend that")
+        raise InputError(f"faces refer to vertices outside 0..{len(V) - 1}; no repair can mend this")
     _, first, weld = np.unique(V, axis=0, return_index=True, return_inverse=True)
     weld = first[weld.ravel()]
     F = weld[F]

@@ -1,4 +1,4 @@
-"""Stored normals and tangents follow a surface that is deformed."""
+"""Turn stored normals and tangents with a deformed surface."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from sshade.mesh.seams import same_rows
 
 
 def turns(group: np.ndarray, F: np.ndarray, rest: np.ndarray, posed: np.ndarray) -> np.ndarray:
-    """How the surface turns at each group of corners of its triangles.
+    """Compute the rotation of the surface at each group of corners of its triangles.
 
-    The frame of a group is its area-weighted mean normal and, perpendicular to it, the median of its
-    largest triangle through the corner. So a stored normal that is the mean normal stays that, and one
-    that an artist set keeps its place to the surface. Where nothing moves the rotation is exactly 1,
-    and so it is where a group has no area.
+    The frame of a group consists of its area-weighted mean normal and of the median of its largest
+    triangle, projected perpendicular to that normal. A stored normal that equals the mean normal
+    therefore stays the mean normal, and a normal that an artist set keeps its angle to the surface. The
+    rotation is exactly the identity where nothing moves, or where a group has no area.
 
     Parameters
     ----------
     group : (m, 3) int
-        Of each corner, from 0, those with one normal in common; -1 for none.
+        Group of each corner, counted from 0; corners of a group share a normal. -1 for no group.
     F : (m, 3) int
     rest, posed : (n, 3) float64
-        Positions before and after.
+        Positions before and after the deformation.
 
     Returns
     -------
@@ -34,7 +34,14 @@ def turns(group: np.ndarray, F: np.ndarray, rest: np.ndarray, posed: np.ndarray)
 
 
 def vertex_turns(N: np.ndarray, F: np.ndarray, rest: np.ndarray, posed: np.ndarray) -> np.ndarray:
-    """The same at each vertex with a normal of its own (n, 3); along a smooth seam both sides turn alike.
+    """Compute the rotation of the surface at each vertex; both sides of a smooth seam turn alike.
+
+    Parameters
+    ----------
+    N : (n, 3) float64
+        Normals at the vertices.
+    F, rest, posed
+        See :func:`turns`.
 
     Returns
     -------
@@ -42,12 +49,12 @@ def vertex_turns(N: np.ndarray, F: np.ndarray, rest: np.ndarray, posed: np.ndarr
     """
     group = same_rows(np.column_stack([rest, posed, N]))
     Q = np.tile(np.eye(3), (int(group.max(initial=-1)) + 1, 1, 1))
-    known = turns(group[F], F, rest, posed)  # ends with the last group that has a face
+    known = turns(group[F], F, rest, posed)  # groups behind the last one with a face are missing
     Q[: len(known)] = known
     return Q[group]
 
 
-# Inlined, as a call would count the references of each array anew.
+# The helpers are inlined, because each call would count references to the arrays.
 
 
 @njit(inline="always")
@@ -68,7 +75,7 @@ def _between(V, i, j):
 
 @njit(cache=True, nogil=True)
 def _mean_normals(group, F, V, groups):
-    """(k, 3) sums of the area normals of the corners of each group; its last corner of the largest area."""
+    """Return the sum (k, 3) of the area normals of each group, and its last corner of largest area."""
     normal, greatest = np.zeros((groups, 3)), np.full(groups, -1.0)
     largest = np.full(groups, -1, dtype=np.int64)
     for f in range(len(F)):
@@ -86,7 +93,7 @@ def _mean_normals(group, F, V, groups):
 
 @njit(cache=True, nogil=True)
 def _frame(normal, F, V, corner, frame):
-    """Fill the orthonormal rows of a group; False where it has no normal or no median."""
+    """Write the orthonormal rows of a group to `frame`; return False if it has no normal or no median."""
     n = _unit(normal[0], normal[1], normal[2])
     f, c = corner // 3, corner % 3
     one = _between(V, F[f, c], F[f, (c + 1) % 3])
@@ -115,7 +122,6 @@ def _turns(group, F, rest, posed, groups):
         if sound and (before != after).any():
             for a in range(3):
                 for b in range(3):
-                    Q[g, a, b] = (
-                        after[0, a] * before[0, b] + after[1, a] * before[1, b] + after[2, a] * before[2, b]
-                    )
+                    total = after[0, a] * before[0, b] + after[1, a] * before[1, b]
+                    Q[g, a, b] = total + after[2, a] * before[2, b]
     return Q

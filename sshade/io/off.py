@@ -1,31 +1,22 @@
-"""OFF files: lines are kept as they are but for positions and normals."""
+"""OFF files: positions and normals change, all other bytes stay."""
 
 from __future__ import annotations
 
 import re
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.io.decimals import edited, numbers_edited, numbers_of
+from sshade.io.decimals import Numbers, edited, vectors_of
 from sshade.io.document import MeshFile, fanned, present
 from sshade.io.normals import vertex_turns
-from sshade.io.words import Lines, array_of, columns_of, integers_of, lines_of
+from sshade.io.words import Lines, array_of, columns_of, integers_of, line_number, lines_of
 
-#: The first word: texture coordinates, colours, normals at the vertices. A small n is another thing:
-#: the number of coordinates.
+#: The first word: letters for texture coordinates, colours and normals of vertices. A small n means
+#: something else: the number of coordinates.
 _KEYWORD = re.compile(rb"(ST|st)?([Cc])?(N)?(?:OFF|off)$")
-
-
-class _Numbers(NamedTuple):
-    """Three numbers of each vertex, and where they stand: (n, 3)."""
-
-    begin: np.ndarray
-    end: np.ndarray
-    value: np.ndarray
 
 
 def read_off(path: Path) -> MeshFile:
@@ -34,7 +25,7 @@ def read_off(path: Path) -> MeshFile:
     Raises
     ------
     ValueError
-        When it is no OFF, or holds fewer or more lines than it announces.
+        When the file is no OFF file, or the number of lines differs from the announced one.
     InputError
         When there are no triangles.
     """
@@ -56,52 +47,45 @@ def read_off(path: Path) -> MeshFile:
     if n < 0 or m < 0 or len(body.begin) != n + m:
         raise ValueError(f"{n} vertices and {m} faces are announced, {len(body.begin)} lines follow")
     vertices = body.of(slice(n))
-    F, polygons, coloured = _faces(text, body.of(slice(n, None)))
+    F, polygons, face_colours = _faces(text, body.of(slice(n, None)))
     if not n or not len(F):
         raise InputError(f"{path}: the file holds no triangles")
-    positions, words = _numbers(text, vertices, 0)
-    normals = _numbers(text, vertices, 3)[0] if keyword[3] else None
+    positions, words = vectors_of(text, vertices, 0, "a vertex")
+    normals = vectors_of(text, vertices, 3, "a normal")[0] if keyword[3] else None
     holds = present(
         texture_coordinates=keyword[1],
         normals=keyword[3],
         vertex_colours=keyword[2] or not keyword[1] and (words > (6 if normals else 3)).any(),
-        face_colours=coloured,
+        face_colours=face_colours,
         polygons=polygons,
         comments=b"#" in data,
     )
     return MeshFile(positions.value, F, holds, (".off",), partial(_content, text, positions, F, normals))
 
 
-def _numbers(text: np.ndarray, lines: Lines, first: int) -> tuple[_Numbers, np.ndarray]:
-    """Three numbers of each line, from word `first` on, and how many words it has."""
-    begin, end, words = columns_of(text, lines, first, 3)
-    short = np.flatnonzero(words < first + 3)
-    if len(short):
-        raise ValueError(f"vertex {short[0]} needs three coordinates{' and a normal' if first else ''}")
-    return _Numbers(begin, end, numbers_of(text, begin, end)), words
-
-
 def _faces(text: np.ndarray, lines: Lines) -> tuple[np.ndarray, bool, bool]:
-    """(m, 3) triangles of the lines of polygons, whether some have more corners, and more words."""
-    begin, end, words = columns_of(text, lines, 0, 1)
+    """Return the triangles (m, 3), and whether some faces are larger polygons or have colours."""
+    begin, end, words = columns_of(text, lines.begin, lines.end, 0, 1)
     size = integers_of(text, begin, end)[:, 0]
     short = np.flatnonzero((size < 3) | (words < size + 1))
     if len(short):
-        raise ValueError(f"face {short[0]} is not complete")
+        number = line_number(text, lines.begin[short[0]])
+        raise ValueError(f"line {number}: a face needs at least three vertices and as many as it announces")
     of_size = [(size == k).nonzero()[0] for k in np.unique(size).tolist()]
-    polygons = [
-        integers_of(text, *columns_of(text, lines.of(which), 1, int(size[which[0]]))[:2]) for which in of_size
-    ]
+    polygons = []
+    for faces in of_size:
+        begin, end, _ = columns_of(text, lines.begin[faces], lines.end[faces], 1, size[faces[0]])
+        polygons.append(integers_of(text, begin, end))
     F = fanned(polygons, of_size)[0]
     return F, bool((size > 3).any()), bool((words > size + 1).any())
 
 
 def _content(
-    text: np.ndarray, positions: _Numbers, F: np.ndarray, normals: _Numbers | None, V: np.ndarray, path: Path
+    text: np.ndarray, positions: Numbers, F: np.ndarray, normals: Numbers | None, V: np.ndarray, path: Path
 ) -> bytes:
-    edits = [numbers_edited(*positions, V)]
+    edits = [positions.edits(V)]
     if normals is not None:
         N = normals.value
         turned = np.einsum("kij,kj->ki", vertex_turns(N, F, positions.value, V), N)
-        edits.append(numbers_edited(*normals, turned))
+        edits.append(normals.edits(turned))
     return edited(text, edits)

@@ -1,8 +1,7 @@
-"""PLY files: every number as it stands there, and only positions and normals change.
+"""PLY files: positions and normals change, all other numbers stay.
 
-Read here and not by a library, because a mesh must not change on its way in: a
-text file that ends early is an error, texture seams split no vertex, and no
-other file is opened that a header names.
+Libraries change meshes while they read them. This reader refuses text files that end early, splits no
+vertices at texture seams, and opens no other file that the header names.
 
 G. Turk, "The PLY polygon file format", 1994.
 """
@@ -15,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sshade.io.decimals import edited, numbers_edited, numbers_of
+from sshade.io.decimals import Numbers, edited, numbers_of
 from sshade.io.document import MeshFile, fanned, moved_reference, present
 from sshade.io.normals import turns, vertex_turns
 from sshade.io.ply_elements import Element, read_header, take
@@ -28,9 +27,19 @@ _NO_WORDS = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
 
 
 class _Ply(NamedTuple):
-    """A file: its bytes, where the numbers begin, their order ("" for text), and its elements by name.
+    """A PLY file.
 
-    The places of a text's rows count eight a word; `words` are where those begin and end behind `body`.
+    Attributes
+    ----------
+    data : bytes
+    body : int
+        Place where the header ends and the numbers begin.
+    order : str
+        Byte order of the numbers: "<", ">", or "" for text.
+    elements : dict
+        Elements by name. In a text, places of rows count eight bytes for each word.
+    words : (w,) int64, twice
+        Places behind `body` where the words of a text begin and end.
     """
 
     data: bytes
@@ -41,14 +50,12 @@ class _Ply(NamedTuple):
 
 
 def read_ply(path: Path) -> MeshFile:
-    """Read a PLY file, text or binary.
-
-    It has no triangles where it holds points only.
+    """Read a PLY file, text or binary. A file that holds points only has no triangles.
 
     Raises
     ------
     ValueError
-        When the file is no PLY, holds fewer or more numbers than it announces, or has no positions.
+        When the file is no PLY file, holds fewer or more numbers than it announces, or has no positions.
     """
     ply = _parsed(path.read_bytes())
     if "vertex" not in ply.elements:
@@ -59,7 +66,7 @@ def read_ply(path: Path) -> MeshFile:
     V = vertices.columns(vertices.numbers("x y z"))
     F, face = _triangles(faces) if faces else fanned([], [])
     properties = vertices.properties + (faces.properties if faces else [])
-    # Numbers that are whole in the file cannot hold what they become.
+    # Integer positions or normals cannot be written back after a deformation.
     whole = any(p.kind.kind != "f" for p in properties if p.name in _CHANGED)
     suffixes = () if whole else (".ply",)
     return MeshFile(V, F, _holds(ply, len(F)), suffixes, partial(_content, ply, V, F, face, path))
@@ -69,7 +76,7 @@ def _parsed(data: bytes) -> _Ply:
     order, elements, body = read_header(data)
     numbers, at, binary, words = data, body, order, _NO_WORDS
     if order == "":
-        # As numbers of one type, text is read the way binary is.
+        # Converted to doubles, a text is read like a binary file.
         text, double = array_of(data)[body:], np.dtype("float64")
         words = words_of(text)
         numbers, at, binary = numbers_of(text, *words).astype("<f8").tobytes(), 0, "<"
@@ -88,7 +95,7 @@ def _parsed(data: bytes) -> _Ply:
 
 
 def _triangles(faces: Element) -> tuple[np.ndarray, np.ndarray]:
-    """(m, 3) int64 of the element face, its polygons fanned, in the order of the file; (m,) their faces."""
+    """Return the triangles (m, 3) of the element "face", and the number of the face (m,) of each."""
     corners = [i for i, p in enumerate(faces.properties) if p.name in _CORNERS and p.length is not None]
     if faces.size and len(corners) != 1:
         raise ValueError("its faces have no list vertex_indices")
@@ -96,7 +103,7 @@ def _triangles(faces: Element) -> tuple[np.ndarray, np.ndarray]:
     return fanned(polygons, [rows.numbers for rows in faces.rows])
 
 
-#: What properties of vertices and faces are, by name.
+#: Properties of vertices and faces by their meaning.
 _MEANING = {
     "normals": [*_NORMAL, "normal_x", "normal_y", "normal_z"],
     "colours": ["red", "green", "blue", "alpha", "r", "g", "b", "a", "diffuse_red", "diffuse_green"]
@@ -106,7 +113,7 @@ _MEANING = {
 
 
 def _holds(ply: _Ply, triangles: int) -> tuple[str, ...]:
-    """What a file holds besides positions and triangles."""
+    """Return the names of the contents besides positions and triangles."""
     found = []
     for element in ply.elements.values():
         if element.name not in ("vertex", "face"):
@@ -114,7 +121,7 @@ def _holds(ply: _Ply, triangles: int) -> tuple[str, ...]:
             continue
         for name in [p.name for p in element.properties]:
             if name not in ("x", "y", "z", *_CORNERS):
-                known = next((what for what, names in _MEANING.items() if name in names), None)
+                known = next((meaning for meaning, names in _MEANING.items() if name in names), None)
                 found.append(known or f"property {name}")
                 if known in ("normals", "colours"):
                     found[-1] = f"{element.name} {known}"
@@ -140,13 +147,13 @@ def _content(
     normals = faces.numbers(" ".join(_NORMAL)) if faces and len(F) else []
     if faces and normals:
         N = faces.columns(normals)
-        Q = turns(np.repeat(face[:, None], 3, axis=1), F, rest, V)  # every face has a triangle
+        Q = turns(np.repeat(face[:, None], 3, axis=1), F, rest, V)  # one rotation a face: each has triangles
         changes.append((faces, normals, N, np.einsum("kij,kj->ki", Q, N)))
     header = _header_at(ply.data[: ply.body], source, path)
     return _patched(ply, changes, header) if ply.order else header + _patched_text(ply, changes)
 
 
-#: An element, its properties that change, and their values (rows, k) before and after.
+#: An element, the numbers of its properties that change, and their values (rows, k) before and after.
 Change = tuple[Element, list[int], np.ndarray, np.ndarray]
 
 
@@ -158,10 +165,9 @@ def _patched(ply: _Ply, changes: list[Change], header: bytes) -> bytearray:
         for column, i in enumerate(properties):
             kind = np.dtype(ply.order + element.properties[i].kind.char)
             for rows in element.rows:
-                # What is unchanged gets the bits that it had.
                 if rows.which is None:
-                    own = every[rows.begin - ply.body :][: rows.values.nbytes].view(rows.values.dtype)
-                    own[f"p{i}"] = new[:, column]
+                    values = every[rows.begin - ply.body :][: rows.values.nbytes].view(rows.values.dtype)
+                    values[f"p{i}"] = new[:, column]
                     continue
                 values = new[rows.which, column].astype(kind).view(np.uint8).reshape(-1, kind.itemsize)
                 every[rows.places(i)[:, None] - ply.body + np.arange(kind.itemsize)] = values
@@ -175,13 +181,13 @@ def _patched_text(ply: _Ply, changes: list[Change]) -> bytes:
         for column, i in enumerate(properties):
             for rows in element.rows:
                 word = rows.places(i) // 8
-                values = old[rows.picked, column], new[rows.picked, column]
-                edits.append(numbers_edited(begin[word], end[word], *values))
+                numbers = Numbers(begin[word], end[word], old[rows.selection, column])
+                edits.append(numbers.edits(new[rows.selection, column]))
     return edited(array_of(ply.data)[ply.body :], edits)
 
 
 def _header_at(header: bytes, source: Path, path: Path) -> bytes:
-    """A header whose texture files, named in comments, are those seen from `path`."""
+    """Return a header in which the names of texture files, in comments, are valid in `path`."""
     lines = header.splitlines(keepends=True)
     for i, line in enumerate(lines):
         words = line.split(None, 2)
@@ -193,7 +199,7 @@ def _header_at(header: bytes, source: Path, path: Path) -> bytes:
 
 
 def write_ply(path: Path, V: np.ndarray, F: np.ndarray) -> None:
-    """Write (n, 3) float64 positions and (m, 3) faces, binary."""
+    """Write positions (n, 3) and faces (m, 3) as a binary PLY file with float64 positions."""
     header = (
         "ply\nformat binary_little_endian 1.0\n"
         f"element vertex {len(V)}\n"
@@ -211,7 +217,7 @@ def write_ply(path: Path, V: np.ndarray, F: np.ndarray) -> None:
 
 
 def _vertex_ids(polygons: np.ndarray) -> np.ndarray:
-    """(m, k) int64 of polygons of any type."""
+    """Convert the corners (m, k) of polygons to int64."""
     if polygons.shape[1] < 3:
         raise ValueError(f"a face has {polygons.shape[1]} corners")
     whole = polygons.dtype.kind != "f"

@@ -1,4 +1,4 @@
-"""The header of a PLY file, and the rows of numbers of its elements."""
+"""Read the header of a PLY file and the rows of numbers of its elements."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _ORDER = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
 class Property(NamedTuple):
-    """A number of an element, or a list of them; `length` is the type of its length."""
+    """A number in each row of an element, or a list of numbers; `length` is the type of the list's length."""
 
     name: str
     kind: np.dtype
@@ -28,11 +28,11 @@ class Rows(NamedTuple):
     Attributes
     ----------
     which : (r,) int64, optional
-        Their numbers in it; None where they are all.
+        Numbers of the rows in the element. None stands for all rows.
     begin : (r,) int64 or int
-        The byte where each begins; of all rows that where the first one does: they follow each other.
+        Byte where each row begins. For all rows, which follow each other, the byte where the first begins.
     values : (r,) structured
-        With fields p0, p1, ... for the properties.
+        Fields p0, p1, ... hold the properties.
     """
 
     which: np.ndarray | None
@@ -41,16 +41,16 @@ class Rows(NamedTuple):
 
     @property
     def numbers(self) -> np.ndarray:
-        """(r,) int64 their numbers in the element."""
+        """Numbers of the rows in the element, (r,) int64."""
         return np.arange(len(self.values)) if self.which is None else self.which
 
     @property
-    def picked(self) -> np.ndarray | slice:
-        """What picks their values from those of all rows."""
+    def selection(self) -> np.ndarray | slice:
+        """Index of the rows into an array of all rows."""
         return slice(None) if self.which is None else self.which
 
     def places(self, number: int) -> np.ndarray:
-        """(r,) int64 bytes where the values of a property begin."""
+        """Return the bytes (r,) where the values of a property begin."""
         begin = np.asarray(self.begin)
         if self.which is None:
             begin = begin + np.arange(len(self.values)) * self.values.dtype.itemsize
@@ -67,21 +67,21 @@ class Element:
     rows: list[Rows] = field(default_factory=list)
 
     def numbers(self, names: str) -> list[int]:
-        """Places of the properties of these names that are no lists; none unless all are there."""
+        """Return the numbers of the named properties; empty unless all exist and none is a list."""
         place = {p.name: i for i, p in enumerate(self.properties) if p.length is None}
         return [place[name] for name in names.split()] if place.keys() >= set(names.split()) else []
 
     def columns(self, properties: list[int]) -> np.ndarray:
-        """(rows, k) float64 of some properties that are no lists."""
+        """Return the values (rows, k) float64 of k properties without lists."""
         values = np.empty((self.size, len(properties)))
         for rows in self.rows:
             for column, i in enumerate(properties):
-                values[rows.picked, column] = rows.values[f"p{i}"]
+                values[rows.selection, column] = rows.values[f"p{i}"]
         return values
 
 
 def read_header(data: bytes) -> tuple[str, list[Element], int]:
-    """Byte order ("" for text), elements, and where their numbers begin."""
+    """Return the byte order ("" for text), the elements, and the place where their numbers begin."""
     order, elements, begin, number = None, [], 0, 0
     while True:
         end = data.find(b"\n", begin)
@@ -117,13 +117,13 @@ def _property(words: list[str]) -> Property | None:
 
 
 def take(data: bytes, at: int, element: Element, order: str) -> tuple[list[Rows], int]:
-    """The rows of an element that begins at byte `at`, and where they end."""
+    """Read the rows of an element that begins at byte `at`; return the rows and the byte where they end."""
     if not element.size or not element.properties:
         return [], at
     lengths = _lengths(data, at, element, order)
     layout = _layout(element, lengths, order)
     end = at + element.size * layout.itemsize
-    if end <= len(data):  # all rows may be as the first one
+    if end <= len(data):  # all rows may have lists as long as those of the first row
         values = np.frombuffer(data, layout, element.size, at)
         if all((values[f"n{i}"] == n).all() for i, n in enumerate(lengths) if n is not None):
             return [Rows(None, at, values)], end
@@ -144,7 +144,7 @@ def take(data: bytes, at: int, element: Element, order: str) -> tuple[list[Rows]
 
 
 def _lengths(data: bytes, at: int, element: Element, order: str) -> tuple[int | None, ...]:
-    """Lengths of the lists of the row that begins at byte `at`, None for what is no list."""
+    """Return the lengths of the lists in the row that begins at byte `at`; None for plain numbers."""
     lengths: list[int | None] = []
     for one in element.properties:
         length = None

@@ -1,4 +1,4 @@
-"""Lists of numbers in handle files, checked."""
+"""Convert and check lists of numbers from handle files."""
 
 from __future__ import annotations
 
@@ -11,22 +11,38 @@ from sshade.errors import InputError
 
 
 def columns(rows: Sequence[tuple[np.ndarray, ...]]) -> list[np.ndarray]:
+    """Concatenate the first entries of all rows, the second entries, and so on."""
     return [np.concatenate(column) for column in zip(*rows, strict=True)]
 
 
-def as_points(values: Any, what: str) -> np.ndarray:
-    return as_array(values, what, (None, 3), "a list of points [x, y, z]")
+def as_points(values: Any, name: str) -> np.ndarray:
+    """Convert a list of points to a (k, 3) array; see :func:`as_array`."""
+    return as_array(values, name, (None, 3), "a list of points [x, y, z]")
 
 
-def as_array(values: Any, what: str, shape: tuple[int | None, ...], form: str) -> np.ndarray:
-    """Finite numbers of a shape (None: any length but 0); InputError that tells the form on anything else."""
+def as_array(values: Any, name: str, shape: tuple[int | None, ...], form: str) -> np.ndarray:
+    """Convert numbers to a float64 array.
+
+    Parameters
+    ----------
+    values : list
+    name, form : str
+        Name of the list and its form, for messages.
+    shape : tuple
+        None stands for any length but 0.
+
+    Raises
+    ------
+    InputError
+        When the numbers have another shape or are not finite.
+    """
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
         array = np.zeros(0)
     fits = array.ndim == len(shape) and all(a in (None, b) for a, b in zip(shape, array.shape, strict=True))
     if not fits or array.size == 0:
-        raise InputError(f"{what} must be {form}")
+        raise InputError(f"{name} must be {form}")
     if not np.isfinite(array).all():
-        raise InputError(f"{what} has a NaN or infinite position")
+        raise InputError(f"{name} has a NaN or infinite position")
     return array

@@ -1,4 +1,4 @@
-"""Regions as handles: all vertices in some boxes, moved rigidly."""
+"""Handle regions: all vertices in some boxes, moved rigidly."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from sshade.errors import InputError
 
 
 def vertices_in(V: np.ndarray, boxes: ArrayLike) -> np.ndarray:
-    """Find the vertices in some boxes along the axes, which their sides belong to.
+    """Find the vertices in some axis-aligned boxes. The sides belong to the boxes.
 
     Parameters
     ----------
     V : (n, 3) float64
     boxes : (b, 2, 3) float64
-        Lowest and highest corner of each.
+        Lowest and highest corner of each box.
 
     Returns
     -------
@@ -24,7 +24,7 @@ def vertices_in(V: np.ndarray, boxes: ArrayLike) -> np.ndarray:
     Raises
     ------
     InputError
-        When there is none.
+        When no vertex lies in the boxes.
     """
     inside = np.zeros(len(V), dtype=bool)
     for low, high in np.asarray(boxes, dtype=np.float64):
@@ -35,7 +35,7 @@ def vertices_in(V: np.ndarray, boxes: ArrayLike) -> np.ndarray:
 
 
 def rigidly_moved(points: np.ndarray, rotation: ArrayLike, translation: ArrayLike) -> np.ndarray:
-    """R p + t of each point; a point's result does not depend on the others, to the last bit.
+    """Compute R p + t for each point. The result for a point has the same bits among any other points.
 
     Parameters
     ----------

@@ -1,41 +1,31 @@
-"""STL files, text or binary: positions and facet normals change, all else stays as it is."""
+"""STL files, text or binary: positions and facet normals change, all other bytes stay."""
 
 from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.io.decimals import edited, numbers_edited, numbers_of
+from sshade.io.decimals import Numbers, edited, vectors_of
 from sshade.io.document import MeshFile, present
 from sshade.io.normals import turns
-from sshade.io.words import Lines, array_of, columns_of, key_of, lines_of
+from sshade.io.words import array_of, key_of, line_number, lines_of
 
-#: A facet of a binary STL.
+#: A facet of a binary STL file.
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-#: Keywords of a text STL between those of a solid; none has more letters than a key.
+#: Keywords inside a solid of a text STL file. None is longer than a key.
 _WORDS = (b"facet", b"outer", b"vertex", b"endloop", b"endfacet")
 
 
-class _Solid(NamedTuple):
-    """The numbers of a text and where they stand: of each facet the normal, then its corners, (m, 4, 3)."""
-
-    text: np.ndarray
-    begin: np.ndarray
-    end: np.ndarray
-    value: np.ndarray
-
-
 def read_stl(path: Path) -> MeshFile:
-    """Read an STL file: three vertices of its own for each face.
+    """Read an STL file. Each face has three vertices of its own.
 
     Raises
     ------
     ValueError
-        When it is no STL, or ends early.
+        When the file is no STL file, or ends early.
     InputError
         When there are no triangles, or several solids.
     """
@@ -47,9 +37,10 @@ def read_stl(path: Path) -> MeshFile:
         content = partial(_binary, data[:84], facets, V)
         holds = present(facet_attributes=facets["attribute"].any())
     elif data.lstrip()[:5].lower() == b"solid":
-        solid = _text_solid(array_of(data), path)
-        V = solid.value[:, 1:].reshape(-1, 3)
-        content, holds = partial(_text, solid), ()
+        text = array_of(data)
+        normals, corners = _solid(text, path)
+        V = corners.value
+        content, holds = partial(_text, text, normals, corners), ()
     else:
         raise ValueError("it is neither a text that begins with solid, nor as long as its header says")
     if len(V) == 0:
@@ -57,52 +48,39 @@ def read_stl(path: Path) -> MeshFile:
     return MeshFile(V, np.arange(len(V)).reshape(-1, 3), holds, (".stl",), content)
 
 
-def _text_solid(text: np.ndarray, path: Path) -> _Solid:
-    """The numbers of the one solid of a text."""
-    every = lines_of(text, fold=True)
-    number = np.flatnonzero(every.key)
-    lines = every if len(number) == len(every.key) else every.of(number)
+def _solid(text: np.ndarray, path: Path) -> tuple[Numbers, Numbers]:
+    """Read the normals (m, 3) and corners (3m, 3) of a text with one solid."""
+    lines = lines_of(text, fold=True)
+    lines = lines.of(lines.key != 0)
     key = lines.key
     solid, facet, vertex = (key == key_of(word) for word in (b"solid", b"facet", b"vertex"))
     inside = np.cumsum(solid) > np.cumsum(key == key_of(b"endsolid"))
     known = solid | (key == key_of(b"endsolid"))
     for word in _WORDS:
         known |= (key == key_of(word)) & inside
-    wrong = np.flatnonzero(~known)
-    if len(wrong):
-        words = text[lines.begin[wrong[0]] : lines.end[wrong[0]]].tobytes().decode("latin-1").split()
-        raise ValueError(f"line {number[wrong[0]] + 1} is not understood: {' '.join(words)[:60]!r}")
-    corner_words = _words(text, lines, vertex, number, first=1, what="a vertex")
-    normal_words = _words(text, lines, facet, number, first=2, what="a normal")
+
+    def require(wrong: np.ndarray, message: str) -> None:
+        if len(wrong):
+            words = text[lines.begin[wrong[0]] : lines.end[wrong[0]]].tobytes().decode("latin-1").split()
+            number = line_number(text, lines.begin[wrong[0]])
+            raise ValueError(f"line {number}{message}: {' '.join(words)[:60]!r}")
+
+    require(np.flatnonzero(~known), " is not understood")
+    corners, words = vectors_of(text, lines.of(vertex), 1, "a vertex")
+    require(np.flatnonzero(vertex)[words != 4], " has more than three coordinates")
+    normals, _ = vectors_of(text, lines.of(facet), 2, "a normal")
     loops = np.flatnonzero(key == key_of(b"endloop"))
-    uneven = loops[np.cumsum(vertex)[loops] != 3 * np.cumsum(facet)[loops]]
-    if len(uneven):
-        raise ValueError(f"line {number[uneven[0]] + 1}: a facet has no three vertices")
-    m = len(normal_words[0])
-    if inside[-1] or len(corner_words[0]) != 3 * m:
+    uneven = np.cumsum(vertex)[loops] != 3 * np.cumsum(facet)[loops]
+    require(loops[uneven], " ends a facet that does not have three vertices")
+    if inside[-1] or len(corners.value) != 3 * len(normals.value):
         raise ValueError("it ends within a solid")
     if solid.sum() > 1:
         raise InputError(f"{path}: the file holds {solid.sum()} meshes; give one mesh a file")
-    begin, end = (
-        np.concatenate([normals[:, None], corners.reshape(m, 3, 3)], axis=1)
-        for normals, corners in zip(normal_words, corner_words, strict=True)
-    )
-    return _Solid(text, begin, end, numbers_of(text, begin, end))
-
-
-def _words(
-    text: np.ndarray, lines: Lines, which: np.ndarray, number: np.ndarray, *, first: int, what: str
-) -> tuple[np.ndarray, np.ndarray]:
-    """Where the three numbers of each line (k, 3) begin and end."""
-    begin, end, words = columns_of(text, lines.of(which), first, 3)
-    short = np.flatnonzero(words < first + 3 if first == 2 else words != first + 3)
-    if len(short):
-        raise ValueError(f"line {number[which][short[0]] + 1}: {what} needs three coordinates")
-    return begin, end
+    return normals, corners
 
 
 def _turned(N: np.ndarray, rest: np.ndarray, V: np.ndarray) -> np.ndarray:
-    """Facet normals (m, 3) for positions V (3m, 3); one of zeros, which many programs write, stays that."""
+    """Turn facet normals (m, 3) with the surface; the zeros that many programs write stay zeros."""
     F = np.arange(len(rest)).reshape(-1, 3)
     return np.einsum("kij,kj->ki", turns(np.repeat(np.arange(len(N))[:, None], 3, axis=1), F, rest, V), N)
 
@@ -114,8 +92,6 @@ def _binary(head: bytes, facets: np.ndarray, rest: np.ndarray, V: np.ndarray, pa
     return head + facets.tobytes()
 
 
-def _text(solid: _Solid, V: np.ndarray, path: Path) -> bytes:
-    text, begin, end, old = solid
-    N, rest = old[:, 0], old[:, 1:].reshape(-1, 3)
-    new = np.concatenate([_turned(N, rest, V)[:, None], V.reshape(-1, 3, 3)], axis=1)
-    return edited(text, [numbers_edited(begin, end, old, new)])
+def _text(text: np.ndarray, normals: Numbers, corners: Numbers, V: np.ndarray, path: Path) -> bytes:
+    turned = _turned(normals.value, corners.value, V)
+    return edited(text, [normals.edits(turned), corners.edits(V)])

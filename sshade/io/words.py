@@ -1,7 +1,6 @@
-"""Words of a text at the speed of memory: where lines and words stand, and the whole numbers that they say.
+"""Split a text into lines, words and whole numbers, at the speed of memory.
 
-A text is a (b,) uint8 array; a word is given by the place of its first byte and the place behind its
-last one.
+A text is a (b,) uint8 array. A word is given by two places: its first byte, and the byte behind its last.
 """
 
 from __future__ import annotations
@@ -11,74 +10,65 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-_NEWLINE, _RETURN, _BACKSLASH = 10, 13, 92
+_NEWLINE, _RETURN = 10, 13
 
 
 class Lines(NamedTuple):
-    """Lines of a text, without their ends: (l,) int64 each.
+    """Lines of a text: three (l,) int64 arrays.
 
     Attributes
     ----------
     begin, end : arrays
-        Of the line; a comment is no part of it.
+        Places where each line begins and ends, without line end and comment.
     key : array
-        The first eight bytes of its first word, the first one lowest; 0 where it has no word.
+        First eight bytes of the first word, the first byte lowest; 0 for a line without words.
     """
 
     begin: np.ndarray
     end: np.ndarray
     key: np.ndarray
 
-    def of(self, which: np.ndarray | slice) -> Lines:
-        """Some of the lines."""
-        return Lines(*(column[which] for column in self))
+    def of(self, chosen: np.ndarray | slice) -> Lines:
+        """Return some of the lines."""
+        return Lines(*(column[chosen] for column in self))
 
 
 def key_of(word: bytes) -> int:
-    """The key of lines that begin with a word of eight bytes at most."""
+    """Return the key of lines that begin with `word`, which has at most eight bytes."""
     return int.from_bytes(word.ljust(8, b"\0"), "little")
 
 
 def array_of(data: bytes) -> np.ndarray:
-    """(b,) uint8 of a text."""
+    """Return the (b,) uint8 array of a text."""
     return np.frombuffer(data, np.uint8)
 
 
-def joined(text: np.ndarray) -> np.ndarray:
-    """The text with blanks for each backslash at the end of a line and that end, which joins the next one."""
-    places = np.flatnonzero(text[:-1] == _BACKSLASH) if len(text) else np.zeros(0, dtype=np.int64)
-    plain = places[text[places + 1] == _NEWLINE]
-    wide = places[(text[places + 1] == _RETURN) & (places + 2 < len(text))]
-    wide = wide[text[wide + 2] == _NEWLINE]
-    if not len(plain) + len(wide):
-        return text
-    text = text.copy()
-    for place, size in ((plain, 2), (wide, 3)):
-        text[place[:, None] + np.arange(size)] = 32
-    return text
+def line_number(text: np.ndarray, place: int) -> int:
+    """Return the number of the line that contains a place, counted from 1, for messages."""
+    before = text[:place].tobytes()
+    return max(before.count(b"\n"), before.count(b"\r")) + 1
 
 
 def lines_of(text: np.ndarray, *, comment: bytes = b"\0", fold: bool = False) -> Lines:
-    r"""Find the lines, which end in ``\n``, ``\r`` or both.
+    r"""Find the lines, which end in ``\n``, ``\r`` or ``\r\n``.
 
     Parameters
     ----------
     text : (b,) uint8
     comment : bytes
-        What begins a comment, which is no part of its line; by default nothing.
+        Character that begins a comment. By default no character does.
     fold : bool
-        Keys are in small letters.
+        Convert keys to lower case.
     """
-    ends, returns = text == _NEWLINE, text == _RETURN
-    returns_there = returns.any()
-    breaks = np.flatnonzero(ends | returns if returns_there else ends)
+    newlines, returns = text == _NEWLINE, text == _RETURN
+    has_returns = returns.any()
+    breaks = np.flatnonzero(newlines | returns if has_returns else newlines)
     after = breaks + 1
-    if returns_there:
+    if has_returns:
         returned = text[breaks] == _RETURN
-        # The newline behind a return is of the same end.
+        # A newline directly behind a return belongs to the same line end.
         second = np.append(False, returned[:-1] & ~returned[1:] & (breaks[1:] == after[:-1]))
-        ended = np.append(second[1:], False)
-        after[ended] += 1
+        after[np.append(second[1:], False)] += 1
         breaks, after = breaks[~second], after[~second]
     begin, end = np.append(0, after), np.append(breaks, len(text))
     if begin[-1] == len(text):
@@ -87,54 +77,26 @@ def lines_of(text: np.ndarray, *, comment: bytes = b"\0", fold: bool = False) ->
 
 
 def words_of(text: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(w,) int64 begins and ends of all words."""
-    return _words(text, np.zeros(1, dtype=np.int64), np.full(1, len(text)), 0)[:2]
-
-
-def words_in(text: np.ndarray, lines: Lines, first: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """All words of each line from number `first` on.
-
-    Returns
-    -------
-    begin, end : (w,) int64
-    words : (l,) int64
-        How many of them are of each line.
-    """
-    return _words(text, lines.begin, lines.end, first)
-
-
-def columns_of(text: np.ndarray, lines: Lines, first: int, count: int) -> tuple[np.ndarray, ...]:
-    """Words `first` to `first` + `count` of each line.
-
-    Returns
-    -------
-    begin, end : (l, count) int64
-        Both are the end of the line where it has no such word.
-    words : (l,) int64
-        How many words each line has in all.
-    """
-    return _columns(text, lines.begin, lines.end, first, count)
+    """Return the places where all words begin and end, (w,) int64 each."""
+    return words_in(text, np.zeros(1, dtype=np.int64), np.full(1, len(text)), 0)[:2]
 
 
 def integers_of(text: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """The whole numbers that words say, int64; ValueError when one is none."""
-    shape = begin.shape
-    begin, end = np.ascontiguousarray(begin).ravel(), np.ascontiguousarray(end).ravel()
-    values, wrong = _integers(text, begin, end)
+    """Read words as int64.
+
+    Raises
+    ------
+    ValueError
+        When a word is not a whole number of at most 18 digits.
+    """
+    values, wrong = _integers(text, np.ascontiguousarray(begin).ravel(), np.ascontiguousarray(end).ravel())
     if wrong >= 0:
-        word = text[begin[wrong] : end[wrong]].tobytes().decode("latin-1")
+        word = text[begin.flat[wrong] : end.flat[wrong]].tobytes().decode("latin-1")
         raise ValueError(f"{word[:60]!r} is no whole number")
-    return values.reshape(shape)
+    return values.reshape(begin.shape)
 
 
-def parts_of(
-    text: np.ndarray, begin: np.ndarray, end: np.ndarray, number: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Begins and ends of what stands in words (w,) behind so many slashes; both are the end if none does."""
-    return _parts(text, begin, end, number)
-
-
-# Called for every word or number: inlined, as a call would count the references of each array anew.
+# The helpers are inlined, because each call would count references to the arrays.
 
 
 @njit(inline="always")
@@ -144,7 +106,7 @@ def _is_space(byte):
 
 @njit(inline="always")
 def _next_word(text, p, end):
-    """Where the next word begins and ends; both are `end` if there is none."""
+    """Find the next word from place `p` on; both results are `end` if there is none."""
     while p < end and _is_space(text[p]):
         p += 1
     start = p
@@ -155,7 +117,7 @@ def _next_word(text, p, end):
 
 @njit(cache=True, nogil=True)
 def _first_words(text, begin, end, comment, fold):
-    """Ends of the lines without their comments, and their keys."""
+    """Return the ends of the lines without comments, and the keys."""
     stop, key = end.copy(), np.zeros(len(end), dtype=np.int64)
     for i in range(len(begin)):
         if comment != 0:
@@ -171,12 +133,21 @@ def _first_words(text, begin, end, comment, fold):
 
 
 @njit(cache=True, nogil=True)
-def _words(text, begin, end, first):
+def words_in(text, begin, end, first):
+    """Find the words of each line from number `first` on.
+
+    Returns
+    -------
+    start, stop : (w,) int64
+        Places of the words, line by line.
+    count : (l,) int64
+        Number of found words in each line.
+    """
     most = 0
     for i in range(len(begin)):
         most += (end[i] - begin[i] + 1) // 2
     start, stop = np.empty(most, dtype=np.int64), np.empty(most, dtype=np.int64)
-    words, count = np.zeros(len(begin), dtype=np.int64), 0
+    count, total = np.zeros(len(begin), dtype=np.int64), 0
     for i in range(len(begin)):
         p, number = begin[i], 0
         while True:
@@ -184,18 +155,27 @@ def _words(text, begin, end, first):
             if q == p:
                 break
             if number >= first:
-                start[count], stop[count] = q, p
-                count += 1
+                start[total], stop[total] = q, p
+                total += 1
             number += 1
-        words[i] = max(number - first, 0)
-    return start[:count].copy(), stop[:count].copy(), words
+        count[i] = max(number - first, 0)
+    return start[:total].copy(), stop[:total].copy(), count
 
 
 @njit(cache=True, nogil=True)
-def _columns(text, begin, end, first, count):
+def columns_of(text, begin, end, first, columns):
+    """Find the words with numbers `first` to `first` + `columns` of each line.
+
+    Returns
+    -------
+    start, stop : (l, columns) int64
+        Places of the words. Both are the end of the line where it has too few words.
+    count : (l,) int64
+        Number of all words of each line.
+    """
     size = len(begin)
-    start, stop = np.empty((size, count), dtype=np.int64), np.empty((size, count), dtype=np.int64)
-    words = np.zeros(size, dtype=np.int64)
+    start, stop = np.empty((size, columns), dtype=np.int64), np.empty((size, columns), dtype=np.int64)
+    count = np.zeros(size, dtype=np.int64)
     for i in range(size):
         start[i], stop[i] = end[i], end[i]
         p, number = begin[i], 0
@@ -203,22 +183,23 @@ def _columns(text, begin, end, first, count):
             q, p = _next_word(text, p, end[i])
             if q == p:
                 break
-            if first <= number < first + count:
+            if first <= number < first + columns:
                 start[i, number - first], stop[i, number - first] = q, p
             number += 1
-        words[i] = number
-    return start, stop, words
+        count[i] = number
+    return start, stop, count
 
 
 @njit(cache=True, nogil=True)
-def _parts(text, begin, end, number):
+def parts_of(text, begin, end, slashes):
+    """Find the part of each word behind a number of slashes; both places are the end if there is none."""
     start, stop = end.copy(), end.copy()
     for i in range(len(begin)):
-        p, slashes = begin[i], 0
-        while p < end[i] and slashes < number:
-            slashes += text[p] == 47
+        p, passed = begin[i], 0
+        while p < end[i] and passed < slashes:
+            passed += text[p] == 47
             p += 1
-        if slashes == number:
+        if passed == slashes:
             start[i] = p
             while p < end[i] and text[p] != 47:
                 p += 1
@@ -228,7 +209,7 @@ def _parts(text, begin, end, number):
 
 @njit(cache=True, nogil=True)
 def _integers(text, begin, end):
-    """Values of words of 18 digits at most, and the first one that is another, or -1."""
+    """Return the values of words with at most 18 digits, and the number of the first other word or -1."""
     values = np.empty(len(begin), dtype=np.int64)
     for i in range(len(begin)):
         p, size = begin[i], 0
@@ -238,10 +219,10 @@ def _integers(text, begin, end):
         if p == end[i] or end[i] - p > 18:
             return values, i
         while p < end[i]:
-            d = np.int64(text[p]) - 48
-            if d < 0 or d > 9:
+            digit = np.int64(text[p]) - 48
+            if digit < 0 or digit > 9:
                 return values, i
-            size = 10 * size + d
+            size = 10 * size + digit
             p += 1
         values[i] = -size if negative else size
     return values, -1

@@ -1,4 +1,4 @@
-"""OFF and STL as they are written elsewhere; what is not whole is refused."""
+"""OFF, OBJ and STL files as other programs write them; damaged files are refused with their place."""
 
 from __future__ import annotations
 
@@ -8,30 +8,18 @@ import numpy as np
 import pytest
 
 from sshade import InputError
-from sshade.io.document import MeshFile
-from sshade.io.meshes import write_mesh
-from sshade.io.obj import read_obj
-from sshade.io.off import read_off
-from sshade.io.stl import read_stl
+from sshade.io.meshes import read_arrays, read_file, write_mesh
 from tests.shapes import icosphere
 
 SPHERE = icosphere(1)
 
 
-def arrays(file: MeshFile) -> tuple[np.ndarray, np.ndarray]:
-    return file.V, file.F
-
-
 def test_they_agree_with_another_reader(tmp_path):
     trimesh = pytest.importorskip("trimesh")
     shape = trimesh.Trimesh(SPHERE.V / 3, SPHERE.F, process=False)
-    for name, read, options in (
-        ("a.off", read_off, {"digits": 17}),
-        ("a.stl", read_stl, {}),
-        ("b.stl", read_stl, {"file_type": "stl_ascii"}),
-    ):
+    for name, options in {"a.off": {"digits": 17}, "a.stl": {}, "b.stl": {"file_type": "stl_ascii"}}.items():
         shape.export(tmp_path / name, **options)
-        V, F = arrays(read(tmp_path / name))
+        V, F = read_arrays(tmp_path / name)
         other = trimesh.load(tmp_path / name, process=False, maintain_order=True)
         assert np.array_equal(V, other.vertices) and np.array_equal(F, other.faces), name
 
@@ -55,43 +43,9 @@ COFF
 def test_off_with_comments_colours_and_polygons(tmp_path):
     for text in (OFF, OFF.replace("\n", "\r\n"), OFF.replace("COFF\n# made by hand\n5", "OFF 5")):
         (tmp_path / "a.off").write_bytes(text.encode())
-        V, F = arrays(read_off(tmp_path / "a.off"))
+        V, F = read_arrays(tmp_path / "a.off")
         assert V.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 1]]
         assert F.tolist() == [[0, 1, 2], [0, 2, 3], [1, 4, 2], [0, 3, 2]]
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("COFF", "PLY", "does not begin with OFF"),
-        ("5 3 0", "5", "does not say how many"),
-        ("5 3 0", "5 4 0", "5 vertices and 4 faces are announced, 8 lines follow"),
-        ("5 3 0", "-5 13 0", "announced"),
-        ("2 0 1 255 0 0 255", "2 0", "vertex 4 needs three coordinates"),
-        ("2 0 1 255", "2 0 x 255", "could not convert"),
-        ("4 0 1 2 3", "4 0 1 2", "face 0 is not complete"),
-        ("3 0 3 2", "2 0 3", "face 2 is not complete"),
-        ("3 0 3 2", "3 0 3 2.5", "is no whole number"),
-    ],
-)
-def test_what_is_wrong_with_an_off_is_said(tmp_path, old, new, words):
-    assert old in OFF
-    (tmp_path / "a.off").write_text(OFF.replace(old, new))
-    with pytest.raises(ValueError, match=words):
-        read_off(tmp_path / "a.off")
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("v 0 0 0\nv 1 0\nv 0 1 0\nf 1 2 3\n", "line 2: .*three coordinates"),
-        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2\n", "line 4: a face needs three"),
-    ],
-)
-def test_what_is_wrong_with_an_obj_is_said(tmp_path, text, words):
-    (tmp_path / "a.obj").write_text(text)
-    with pytest.raises(ValueError, match=words):
-        read_obj(tmp_path / "a.obj")
 
 
 STL = """\
@@ -117,7 +71,7 @@ endsolid two
 @pytest.mark.parametrize("text", [STL, STL.upper(), STL.replace("\n", "\r\n"), "\n" + STL.replace("  ", "")])
 def test_stl_as_text(tmp_path, text):
     (tmp_path / "a.stl").write_bytes(text.encode())
-    V, F = arrays(read_stl(tmp_path / "a.stl"))
+    V, F = read_arrays(tmp_path / "a.stl")
     assert V.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
     assert F.tolist() == [[0, 1, 2], [3, 4, 5]]
 
@@ -126,39 +80,63 @@ def test_a_text_that_ends_anywhere_but_at_its_end_is_refused(tmp_path):
     whole = STL.rstrip()
     for end in range(6, len(whole) - len("endsolid two") + 1, 3):
         (tmp_path / "a.stl").write_text(whole[:end])
-        with pytest.raises(ValueError):
-            read_stl(tmp_path / "a.stl")
+        with pytest.raises(InputError, match="not a readable STL file"):
+            read_file(tmp_path / "a.stl")
+
+
+OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1//1 2//1 3//1\n"
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("suffix", "sound", "old", "new", "words"),
     [
-        (STL + STL, "2 meshes; give one mesh a file"),
-        ("solid a\nendsolid a\n", "no triangles"),
-        (STL.replace("vertex 1 1e0 0", "vertex 1 1e0"), "line 12: a vertex needs three"),
-        (STL.replace("vertex 1 1e0 0", "vertex 1 1e0 z"), "could not convert"),
-        (STL.replace("      vertex 1 1e0 0\n", ""), "line 13: a facet has no three vertices"),
-        (STL.replace("endsolid two", ""), "ends within a solid"),
-        (STL.replace("endfacet", "endfaces"), "line 8 is not understood: 'endfaces'"),
-        (STL + "vertex 1 2 3\n", "line 17 is not understood"),
-        ("<html>", "neither a text that begins with solid, nor"),
+        (".off", OFF, "COFF", "PLY", "does not begin with OFF"),
+        (".off", OFF, "COFF", "4OFF", "holds other than three coordinates"),
+        (".off", OFF, "COFF", "nOFF", "holds other than three coordinates"),
+        (".off", OFF, "5 3 0", "5", "does not say how many"),
+        (".off", OFF, "5 3 0", "5 4 0", "5 vertices and 4 faces are announced, 8 lines follow"),
+        (".off", OFF, "5 3 0", "-5 13 0", "announced"),
+        (".off", OFF, "2 0 1 255 0 0 255", "2 0", "line 9: a vertex needs three coordinates"),
+        (".off", OFF, "2 0 1 255", "2 0 x 255", "could not convert"),
+        (".off", OFF, "4 0 1 2 3", "4 0 1 2", "line 10: a face needs"),
+        (".off", OFF, "3 0 3 2", "2 0 3", "line 12: a face needs"),
+        (".off", OFF, "3 0 3 2", "3 0 3 2.5", "is no whole number"),
+        (".obj", OBJ, "1 0 0", "1 0", "line 2: a vertex needs three"),
+        (".obj", OBJ, " 3//1", "", "line 5: a face needs three"),
+        (".obj", OBJ, " 3//1", " 3//0", "line 5: .*counted from 1"),
+        (".obj", OBJ, " 3//1", " 3//2", "a normal outside 1..1"),
+        (".obj", OBJ, " 3//1", " 3//-2", "line 5: .*more normals than there are above it"),
+        (".stl", STL, "endsolid two", "endsolid\n" + STL, "2 meshes; give one mesh a file"),
+        (".stl", STL, STL[STL.index("\n") :], "\nendsolid", "no triangles"),
+        (".stl", STL, "vertex 1 1e0 0", "vertex 1 1e0", "line 12: a vertex needs three"),
+        (".stl", STL, "vertex 1 1e0 0", "vertex 1 1 1 1", "line 12 has more than three"),
+        (".stl", STL, "vertex 1 1e0 0", "vertex 1 1e0 z", "could not convert"),
+        (".stl", STL, "      vertex 1 1e0 0\n", "", "line 13 ends a facet .* not have three vertices"),
+        (".stl", STL, "endsolid two", "", "ends within a solid"),
+        (".stl", STL, "  endfacet\n  facet", "  endfaces\n  facet", "line 8 is not understood: 'endfaces'"),
+        (".stl", STL, "endsolid two", "endsolid\nvertex 1 2 3", "line 17 is not understood"),
+        (".stl", STL, STL, "<html>", "neither a text that begins with solid, nor"),
     ],
 )
-def test_what_is_wrong_with_an_stl_is_said(tmp_path, text, words):
-    (tmp_path / "a.stl").write_text(text)
-    with pytest.raises((ValueError, InputError), match=words):
-        read_stl(tmp_path / "a.stl")
+def test_damaged_files_are_refused_with_their_place(tmp_path, suffix, sound, old, new, words):
+    assert sound.count(old) == 1
+    path = tmp_path / f"a{suffix}"
+    path.write_text(sound)
+    read_file(path)
+    path.write_text(sound.replace(old, new))
+    with pytest.raises(InputError, match=rf"a\{suffix}: .*{words}"):
+        read_file(path)
 
 
 def test_a_binary_stl_that_begins_with_solid_and_one_of_another_length(tmp_path):
     write_mesh(tmp_path / "a.stl", SPHERE.V, SPHERE.F)
     data = b"solid" + (tmp_path / "a.stl").read_bytes()[5:]
     (tmp_path / "a.stl").write_bytes(data)
-    assert np.array_equal(read_stl(tmp_path / "a.stl").V, SPHERE.V.astype("f4")[SPHERE.F].reshape(-1, 3))
+    assert np.array_equal(read_file(tmp_path / "a.stl").V, SPHERE.V.astype("f4")[SPHERE.F].reshape(-1, 3))
     for wrong in (data[:-1], data + b"\0", data[:80] + struct.pack("<I", SPHERE.m + 1) + data[84:]):
         (tmp_path / "a.stl").write_bytes(wrong)
-        with pytest.raises(ValueError):
-            read_stl(tmp_path / "a.stl")
+        with pytest.raises(InputError, match="not a readable STL file"):
+            read_file(tmp_path / "a.stl")
     (tmp_path / "a.stl").write_bytes(bytes(84))
     with pytest.raises(InputError, match="no triangles"):
-        read_stl(tmp_path / "a.stl")
+        read_file(tmp_path / "a.stl")

@@ -129,81 +129,14 @@ def test_changed_numbers_are_refused_or_read_back(tmp_path, seed):
     assert min(found.count("refused"), found.count("written")) > 50
 
 
-def shared(tree, buffer):
-    """Normals that are the positions, as of a unit sphere."""
-    tree["meshes"][0]["primitives"][0]["attributes"]["NORMAL"] = 0
-
-
-def as_tangents(tree, buffer):
-    """Tangents that begin where the positions do, of another type."""
-    tree["accessors"][2].update(byteOffset=0)
-
-
-def two_owners(tree, buffer):
-    """Normals of two primitives that have positions of their own."""
+def test_normals_of_two_sets_of_positions_are_refused(tmp_path):
+    tree, buffer = exported()
     tree["accessors"].append({**tree["accessors"][0], "bufferView": 4})
     tree["bufferViews"].append({"buffer": 0, "byteOffset": len(buffer), "byteLength": 12 * SPHERE.n})
     tree["buffers"][0]["byteLength"] += 12 * SPHERE.n
     tree["meshes"][0]["primitives"].append({"attributes": {"POSITION": 6, "NORMAL": 1}, "indices": 4})
-    return buffer + SPHERE.V.astype("<f4").tobytes()
-
-
-def over_an_image(tree, buffer):
-    tree["bufferViews"][3].update(byteOffset=1000)
-
-
-def over_an_animation(tree, buffer):
-    tree["accessors"].append({"bufferView": 0, "componentType": 5126, "count": 9, "type": "SCALAR"})
-
-
-def narrow(tree, buffer):
-    """Positions that overlap each other."""
-    tree["bufferViews"][0]["byteStride"] = 8
-    tree["meshes"][0]["primitives"][0]["attributes"] = {"POSITION": 0}
-
-
-def sparse(tree, buffer):
-    part = {"bufferView": 1, "componentType": 5123}
-    tree["accessors"][4]["sparse"] = {"count": 1, "indices": part, "values": {"bufferView": 1}}
-
-
-def real(tree, buffer):
-    tree["accessors"][4].update(componentType=5126, count=12)
-
-
-def wide(tree, buffer):
-    tree["accessors"][4].update(type="VEC2", count=30)
-
-
-def bare(tree, buffer):
-    del tree["accessors"][4]["bufferView"]
-
-
-def beyond(tree, buffer):
-    """A view behind the end that its buffer announces."""
-    tree["buffers"][0]["byteLength"] -= 16
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (shared, "shares bytes"),
-        (as_tangents, "shares bytes"),
-        (two_owners, "shares bytes"),
-        (over_an_image, "shares bytes"),
-        (over_an_animation, "shares bytes"),
-        (narrow, "overlap each other"),
-        (sparse, "it holds sparse accessors"),
-        (real, "no whole numbers"),
-        (wide, "no whole numbers"),
-        (bare, "have no bytes"),
-        (beyond, "reaches out of its buffer"),
-    ],
-)
-def test_numbers_that_are_read_twice_are_refused(tmp_path, change, words):
-    tree, buffer = exported()
-    (tmp_path / "a.glb").write_bytes(glb(tree, change(tree, buffer) or buffer))
-    with pytest.raises(InputError, match=words):
+    (tmp_path / "a.glb").write_bytes(glb(tree, buffer + SPHERE.V.astype("<f4").tobytes()))
+    with pytest.raises(InputError, match="shares bytes"):
         read_file(tmp_path / "a.glb")
 
 

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 
 from sshade.io import decimals as module
-from sshade.io.decimals import INTEGER, NOTHING, Edits, edited, numbers_edited, numbers_of, rows_of
+from sshade.io.decimals import INTEGER, NOTHING, Edits, Numbers, edited, numbers_of, rows_of
 from sshade.io.words import (
     array_of,
     columns_of,
     integers_of,
-    joined,
     key_of,
+    line_number,
     lines_of,
     parts_of,
     words_in,
@@ -30,14 +32,15 @@ DOUBLES = {
     "beside powers of two": np.nextafter(2.0 ** np.arange(-1000, 1000), 0.0),
     "powers of ten": np.array([float(f"1e{k}") for k in range(-323, 309)]),
     "subnormal": RNG.integers(1, 2**52, 10000, dtype=np.uint64).view(np.float64),
-    "special": np.array([0.0, -0.0, 5e-324, 1.7976931348623157e308, 2.2250738585072014e-308, 1e16, 1e-4])
-    * 1.0,
+    "special": np.array([0.0, -0.0, 5e-324, 1.7976931348623157e308, 2.2250738585072014e-308, 1e16, 1e-4]),
     "not finite": np.array([np.inf, -np.inf, np.nan]),
 }
 
 
-def bits(x):
-    return np.asarray(x, dtype=np.float64).view(np.uint64)
+def require_same_bits(found, expected) -> None:
+    number = ~np.isnan(expected)
+    np.testing.assert_array_equal(found[number].view(np.uint64), expected[number].view(np.uint64))
+    assert np.isnan(found[~number]).all()
 
 
 @pytest.mark.parametrize("name", DOUBLES)
@@ -46,10 +49,7 @@ def test_doubles_are_written_as_by_repr_and_read_back(name):
     text = rows_of(b"", x[:, None])
     assert text.split() == [repr(value).encode() for value in x.tolist()]
     data = array_of(text)
-    again = numbers_of(data, *words_of(data))
-    number = ~np.isnan(x)
-    np.testing.assert_array_equal(bits(again[number]), bits(x[number]))
-    assert np.isnan(again[~number]).all()
+    require_same_bits(numbers_of(data, *words_of(data)), x)
 
 
 def random_decimals(count):
@@ -63,33 +63,20 @@ def random_decimals(count):
         yield word + power * int(rng.integers(2))
 
 
+#: Half way between two doubles, and next to it; the least and greatest; numbers that become zero or infinite.
+EDGES = """9007199254740993 9007199254740992.5 9007199254740993.0000000000001 4503599627370496.5
+1.7976931348623159e308 2.4703282292062327e-324 2.4703282292062328e-324 1e400 1e-400 .5 5. 0e999
+00000000000000000000000000000000000000007 1e00000000000000000000005 1_0 nan -Infinity inf"""
+
+
 def test_decimals_are_read_as_by_float():
-    words = list(random_decimals(20000))
-    # Half way between two doubles, and next to it; the least and greatest; what becomes zero or infinite.
-    words += [
-        "9007199254740993",
-        "9007199254740992.5",
-        "9007199254740993.0000000000001",
-        "4503599627370496.5",
-    ]
-    words += [
-        "1.7976931348623159e308",
-        "2.4703282292062327e-324",
-        "2.4703282292062328e-324",
-        "1e400",
-        "1e-400",
-    ]
-    words += ["4503599627370496.5", "1e-400"]
-    words += f".5 5. 0e999 {'0' * 40}7 1e00000000000000000000005 1_0 nan -Infinity inf".split()
+    words = [*random_decimals(20000), *EDGES.split()]
     data = array_of(" ".join(words).encode())
-    found, expected = numbers_of(data, *words_of(data)), [float(word) for word in words]
-    number = ~np.isnan(expected)
-    np.testing.assert_array_equal(bits(found)[number], bits(expected)[number])
-    assert np.isnan(found[~number]).all()
+    require_same_bits(numbers_of(data, *words_of(data)), np.array([float(word) for word in words]))
 
 
 @pytest.mark.parametrize("word", [".", "-", "+.", "e5", "1e", "1e+", "1.2.3", "--1", "0x10", "1f", "1e5.0"])
-def test_what_is_no_number_is_refused(word):
+def test_words_that_are_no_numbers_are_refused(word):
     data = array_of(f"7 {word}".encode())
     with pytest.raises(ValueError, match="could not convert"):
         numbers_of(data, *words_of(data))
@@ -104,7 +91,7 @@ def test_whole_numbers():
             integers_of(array_of(word), *words_of(array_of(word)))
 
 
-TEXT = b"v 1  2\t3\r\n\r\n  f 1/2/3 4//5 6\n# v\n\nlast\\ # 9\rgo \\\n on \\\r\n and on\x0bx\n\nendfacets 1"
+TEXT = b"v 1  2\t3\r\n\r\n  f 1/2/3 4//5 6\n# v\n\nlast # 9\rgo\x0bx\n\nendfacets 1"
 
 
 def test_lines_and_words_are_those_of_python():
@@ -114,57 +101,52 @@ def test_lines_and_words_are_those_of_python():
     assert [TEXT[b:e] for b, e in zip(lines.begin, lines.end, strict=True)] == rows
     first = [row.split()[0] if row.split() else b"" for row in rows]
     assert lines.key.tolist() == [key_of(word[:8]) for word in first]
-    begin, end, words = columns_of(data, lines, 1, 2)
+    begin, end, words = columns_of(data, lines.begin, lines.end, 1, 2)
     assert words.tolist() == [len(row.split()) for row in rows]
     for row, b, e in zip(rows, begin, end, strict=True):
-        expected = row.split()[1:3] + [b"", b""]
-        assert [TEXT[i:j] for i, j in zip(b, e, strict=True)] == expected[:2]
-    begin, end, words = words_in(data, lines, 1)
-    assert [TEXT[b:e] for b, e in zip(begin, end, strict=True)] == [
-        w for row in rows for w in row.split()[1:]
-    ]
+        assert [TEXT[i:j] for i, j in zip(b, e, strict=True)] == (row.split()[1:3] + [b"", b""])[:2]
+    begin, end, words = words_in(data, lines.begin, lines.end, 1)
+    expected = [word for row in rows for word in row.split()[1:]]
+    assert [TEXT[b:e] for b, e in zip(begin, end, strict=True)] == expected
     assert words.tolist() == [max(len(row.split()) - 1, 0) for row in rows]
     begin, end = words_of(data)
     assert [TEXT[b:e] for b, e in zip(begin, end, strict=True)] == TEXT.split()
     for text in (b"", b"\n", b"a", b"\r\n\r", b"a\r\rb\n\r"):
         found = lines_of(array_of(text))
         assert [text[b:e] for b, e in zip(found.begin, found.end, strict=True)] == text.splitlines()
+    assert [line_number(array_of(t), t.index(b"x")) for t in (b"x", b"\n\nx", b"a\r\nx", b"\rx\r")] == [
+        1,
+        3,
+        2,
+        2,
+    ]
 
 
-def test_comments_capitals_and_joined_lines():
-    data = array_of(TEXT)
-    lines = lines_of(data, comment=b"#")
+def test_comments_capitals_and_parts_of_words():
+    lines = lines_of(array_of(TEXT), comment=b"#")
     expected = [row.split(b"#")[0] for row in TEXT.splitlines()]
     assert [TEXT[b:e] for b, e in zip(lines.begin, lines.end, strict=True)] == expected
     folded = lines_of(array_of(b"VerTex 1\n[Odd_ Z"), fold=True)
     assert folded.key.tolist() == [key_of(b"vertex"), key_of(b"[odd_")]
-    whole = joined(data).tobytes()
-    assert len(whole) == len(TEXT) and whole == TEXT.replace(b"\\\r\n", b"   ").replace(b"\\\n", b"  ")
-    assert joined(array_of(b"a\\")) is not None and joined(array_of(b"")).size == 0
-
-
-def test_parts_between_slashes():
-    words = [b"1/2/3", b"4//5", b"6", b"7/", b"8/9", b"1/2/3/4"]
+    words = [b"1/22/333", b"4//5", b"6", b"/7/", b"///8"]
     data = array_of(b" ".join(words))
-    for number in range(4):
-        begin, end = parts_of(data, *words_of(data), number)
+    for slashes in range(4):
+        begin, end = parts_of(data, *words_of(data), slashes)
         found = [data[b:e].tobytes() for b, e in zip(begin, end, strict=True)]
-        assert found == [(word.split(b"/") + [b""] * 4)[number] for word in words]
+        assert found == [(word.split(b"/") + [b""] * 4)[slashes] for word in words]
 
 
-def test_edits_change_what_they_name():
+def test_edits_replace_the_numbers_that_change():
     text = b"a 1 b 2 c 3\n"
     data = array_of(text)
     begin, end = (place[1::2] for place in words_of(data))
-    old = numbers_of(data, begin, end)
-    assert edited(data, [numbers_edited(begin, end, old, old)]) == text
-    assert edited(data, [numbers_edited(begin, end, old, [1.0, -0.25, 1e22] * np.ones(3))]) == (
-        b"a 1 b -0.25 c 1e+22\n"
-    )
-    one = numbers_edited(begin[2:], end[2:], old[2:], np.array([-7]), kind=INTEGER)
-    other = numbers_edited(begin[:1], end[:1], old[:1], np.array([10]), kind=INTEGER)
-    assert edited(data, [one, other]) == b"a 10 b 2 c -7\n"
-    assert edited(data, [one, other], size=4) == b"a 10 b 2 c -7"[:4] + b" b 2 c -7"
+    numbers = Numbers(begin, end, numbers_of(data, begin, end))
+    assert edited(data, [numbers.edits(numbers.value)]) == text
+    assert edited(data, [numbers.edits(np.array([1.0, -0.25, 1e22]))]) == b"a 1 b -0.25 c 1e+22\n"
+    last = Numbers(*(column[2:] for column in numbers)).edits(np.array([-7]), kind=INTEGER)
+    first = Numbers(*(column[:1] for column in numbers)).edits(np.array([10]), kind=INTEGER)
+    assert edited(data, [last, first]) == b"a 10 b 2 c -7\n"
+    assert edited(data, [last, first], size=4) == b"a 10 b 2 c -7"[:4] + b" b 2 c -7"
     # Back to the beginning after the end, once.
     places = (np.array([p]) for p in (99, len(text), 0))
     again = Edits(*places, np.array([NOTHING], dtype=np.uint8), np.zeros(1))
@@ -181,12 +163,9 @@ def test_rows_of_numbers():
 
 def test_the_table_of_powers_is_exact():
     """Each entry is the first 128 bits of the power, rounded down."""
-    from fractions import Fraction
-
     for e, (high, low) in zip(range(-348, 348), module._POWERS.tolist(), strict=True):
         entry, power = (high << 64) | low, Fraction(10) ** e
         assert entry >> 127 == 1
-        scale = Fraction(2) ** (127 - (power.numerator.bit_length() - power.denominator.bit_length()))
-        scaled = power * scale
-        scaled = scaled * 2 if scaled < 2**127 else scaled
-        assert entry == int(scaled)
+        size = power.numerator.bit_length() - power.denominator.bit_length()
+        scaled = power * Fraction(2) ** (127 - size)
+        assert entry == int(scaled if scaled >= 2**127 else 2 * scaled)
