@@ -1,7 +1,7 @@
 """Measure the editor in a browser and write the table of edit.md: ``python -m docs.editing``.
 
-Run ``make bench`` before: it builds the bodies. The script drags a group of a body in Chromium as a person would. There is no graphics card, so the
-processor also draws. The machine must do nothing else.
+Run ``make bench`` first, which builds the bodies. The script drags a group of a body in Chromium as a person
+would. There is no graphics card, so the processor also draws. The machine must do nothing else.
 """
 
 from __future__ import annotations

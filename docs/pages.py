@@ -1,6 +1,7 @@
-"""Put the committed numbers into the pages: ``python docs/pages.py``, after rows or times were published.
+"""Update tables of the pages: ``python -m docs.pages``.
 
-The script rewrites two kinds of blocks, and a test compares them with the results:
+Run the script after rows or times were published, or options changed. It rewrites three kinds of blocks, and
+a test compares the blocks with the results and the code:
 
 - ``<!-- table NAME: HEADING, ... -->`` to ``<!-- end -->`` has these columns of all tables in
   ``results/tables/NAME.md``, below a caption. The block is empty if there is no such file. With ``; METHOD,
@@ -8,6 +9,7 @@ The script rewrites two kinds of blocks, and a test compares them with the resul
   are the best of the whole table.
 - ``<!-- rows -->`` to ``<!-- end -->`` is a table whose rows begin with the name of an experiment. Its last
   column summarises ``results/rows/NAME.csv``.
+- ``<!-- options -->`` to ``<!-- end -->`` is the reference of :mod:`sshade.options`.
 """
 
 from __future__ import annotations
@@ -17,17 +19,20 @@ import sys
 from pathlib import Path
 
 from eval.rows.frame import numbers, read_csv, valid
+from sshade.options import reference
 
 ROOT = Path(__file__).parents[1]
 PAGES = (
     ROOT / "README.md",
     *(
         ROOT / "docs" / f"{name}.md"
-        for name in ("results", "claims", "benchmark", "methods", "beyond", "deform")
+        for name in ("results", "claims", "benchmark", "methods", "beyond", "deform", "options")
     ),
 )
 BLOCK = re.compile(
-    r"(?P<begin><!-- (table (?P<name>\w+): (?P<columns>[^\n;]+)(; (?P<lines>[^\n]+))?|rows) -->\n)"
+    r"(?P<begin><!-- "
+    r"(table (?P<name>\w+): (?P<columns>[^\n;]+)(; (?P<lines>[^\n]+))?|rows|(?P<options>options))"
+    r" -->\n)"
     r"(?P<old>.*?)(?P<end><!-- end -->)",
     re.DOTALL,
 )
@@ -47,6 +52,8 @@ def filled(text: str, results: Path = ROOT / "results", *, link: str = "results"
             chosen = block["lines"].split(", ") if block["lines"] else None
             path = results / "tables" / f"{block['name']}.md"
             body = table(path, block["columns"].split(", "), chosen=chosen, link=link)
+        elif block["options"]:
+            body = f"{reference()}\n"
         else:
             body = "".join(line_of_rows(line, results / "rows") for line in block["old"].splitlines())
         return f"{block['begin']}{body}{block['end']}"

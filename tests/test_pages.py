@@ -24,16 +24,16 @@ def headings(page) -> set[str]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_a_page_is_what_the_committed_results_make_of_it(page):
-    assert filled_page(page) == page.read_text(encoding="utf-8"), "run: python docs/pages.py"
+def test_tables_of_a_page_are_up_to_date(page):
+    assert filled_page(page) == page.read_text(encoding="utf-8"), "run: python -m docs.pages"
 
 
-def test_a_number_that_changed_in_the_results_shows(tmp_path):
+def test_a_changed_number_of_the_results_appears_on_the_page(tmp_path):
     (tmp_path / "tables").mkdir()
     (tmp_path / "rows").mkdir()
     text = "a\n<!-- table tiny: EL (%), FA (deg) -->\n<!-- end -->\nb\n"
     text += "<!-- rows -->\n| `tiny` | x | 3 s |\n<!-- end -->\n"
-    assert filled(text, tmp_path) == text.replace("3 s", "")  # nothing of it is published
+    assert filled(text, tmp_path) == text.replace("3 s", "")  # nothing is published
     table = "| method | volume | FA (deg) | EL (%) |\n| --- | ---: | ---: | ---: |\n| {} |\n"
     table += "| identity | 1 | 2 | 3 |"
     notes = "- 2 cases of 9 vertices; means over all of them.\n- Held-out cases.\n- Best in bold."
@@ -46,7 +46,7 @@ def test_a_number_that_changed_in_the_results_shows(tmp_path):
         assert f"| --- | ---: | ---: |\n| arap | {edge} | {angle} |\n<!-- end -->\nb\n" in text
 
 
-def test_chosen_methods_come_in_their_order_without_marks_and_must_be_there(tmp_path):
+def test_chosen_methods_keep_their_order_lose_marks_and_must_exist(tmp_path):
     (tmp_path / "tables").mkdir()
     table = "| method | EL (%) |\n| --- | ---: |\n| a | **1** |\n| b | <u>2</u> |\n| c | 3 |\n| b | 4 |"
     (tmp_path / "tables" / "tiny.md").write_text(f"### tiny\n\n{table}\n\n- 2 cases of 9 vertices.\n")
@@ -77,7 +77,7 @@ def test_a_broken_link_is_found(tmp_path):
         test_links_lead_to_files_and_headings(page)
 
 
-def test_the_pictures_of_what_goes_beyond_the_paper_are_there_and_small():
+def test_the_pictures_of_beyond_are_there_and_small():
     page = ROOT / "docs" / "beyond.md"
     places = re.findall(r"\]\((figures/[^)]+)\)", page.read_text(encoding="utf-8"))
     assert len(places) > 5 and len(set(places)) == len(places)

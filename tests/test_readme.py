@@ -1,4 +1,4 @@
-"""README.md is short, and its Python runs; docs/benchmark.md names every experiment."""
+"""The Python of README.md runs, and docs/benchmark.md lists every experiment."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ ROOT = Path(__file__).parents[1]
 README, BENCHMARK = ((ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/benchmark.md"))
 
 
-def test_every_experiment_is_named_with_its_half():
+def test_the_page_lists_every_experiment_with_its_split():
     (rows,) = (block["old"] for block in BLOCK.finditer(BENCHMARK) if block["name"] is None)
-    told = {
+    listed = {
         name: half
         for line in rows.splitlines()[2:]
         for name in re.findall(r"`(\w+)`", line.split("|")[1])
         for half in [line.split("|")[2].strip()]
     }
-    stated = {
+    split = {
         path.stem: re.search(r"^  split: (\w+)$", path.read_text(), re.MULTILINE)
         for path in CONFIGURATION.glob("experiment/*.yaml")
     }
-    assert told == {name: match[1] for name, match in stated.items()}
-    assert set(told.values()) <= {*read_splits(), "both"}
+    assert listed == {name: match[1] for name, match in split.items()}
+    assert set(listed.values()) <= {*read_splits(), "both"}
 
 
-def test_the_python_does_what_it_says(tmp_path, monkeypatch):
+def test_the_python_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     body = bumpy(3)
     sshade.write("body.ply", body)
