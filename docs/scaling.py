@@ -24,7 +24,8 @@ from scipy.optimize import nnls
 from defaust.tasks import load_task
 from docs.blocks import fill, markdown
 from eval.rows.store import Row
-from eval.run.provenance import SOURCES, environment, process_memory
+from eval.run.code import code_version
+from eval.run.provenance import environment, process_memory
 from eval.run.warmup import warm_up
 from eval.timing.quiet import between, read_machine
 from sshade import DeformationTask, Handles, Mesh, deform
@@ -104,7 +105,7 @@ def measured(run: Run, repeats: int) -> Row:
 
 def measure(*, largest: bool) -> None:
     """Write scaling.csv; without `largest`, keep its row of the largest mesh of the same machine and code."""
-    facts = {"machine": environment(jobs=1)["machine"], "code": SOURCES}
+    facts = {"machine": environment(jobs=1)["machine"], "code": code_version(["sshade.deform"])}
     before = pd.read_csv(ROWS) if ROWS.is_file() else None
     if before is not None:
         before = before[(before["vertices"] > LARGE) & (before[[*facts]] == facts).all(axis=1)]

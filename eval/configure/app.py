@@ -32,10 +32,10 @@ from eval.rows.bands import out_of_band
 from eval.rows.old_names import refuse_old_names
 from eval.rows.splits import require_split
 from eval.run.allowed import OVERRIDE, allow_from, check_folders
-from eval.run.provenance import CodeChanged, require_unchanged
+from eval.run.code import CodeChanged, require_unchanged
 from eval.run.record import SweepRecord, status_text
 from eval.run.run import Outcome, run
-from eval.run.targets import instantiate, target_modules
+from eval.run.targets import instantiate, target_functions
 from sshade.cli.configuration import CONFIGURATION, PACKAGES, one_sentence, unreadable_override
 from sshade.cli.console import progress_bar
 from sshade.errors import InputError
@@ -215,7 +215,7 @@ def _outcome(
     """
     plain = plain_config(config)
     if begun_with is not None:
-        require_unchanged(target_modules(plain["method"]), begun_with=begun_with)
+        require_unchanged(target_functions(plain["method"]), begun_with=begun_with)
     progress("reading", 0, 1)
     task = _load_task(json.dumps(plain["dataset"]))
     progress("reading", 1, 1)

@@ -17,14 +17,14 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 
-from eval.rows.plan import Plan, write_plan
+from eval.rows.plan import write_plan
 from eval.rows.store import Row
 from eval.run.allowed import require_allowed
+from eval.run.code import METRICS, code_version, loaded_code
 from eval.run.monitor import Monitor
-from eval.run.provenance import METRICS, SOURCES, loaded_code
 from eval.run.record import QUEUES, Sweep, SweepRecord, summary, unfinished
 from eval.run.run import run
-from eval.run.targets import check_parameters, locate, target_modules
+from eval.run.targets import check_parameters, locate, target_functions
 from sshade.errors import InputError
 from sshade.io.files import reason
 
@@ -166,7 +166,7 @@ def _keep_plans(configs: Iterable[dict[str, Any]]) -> dict[str, str]:
         When a dataset is not there, or lacks a case.
     """
     plans: dict[Path, list[Row]] = {}
-    modules: set[str] = set()
+    functions: set[str] = set()
     cases_of = cache(lambda function, root: {(subject, pose) for subject, pose in locate(function)(root)})
     for plain in configs:
         dataset = plain["dataset"]
@@ -178,13 +178,20 @@ def _keep_plans(configs: Iterable[dict[str, Any]]) -> dict[str, str]:
                     f"the plan names subject {asked[0]}, pose {asked[1]}, which {dataset['root']} does not "
                     f"have; it has {len(there)} cases, and {ALL} takes them all"
                 )
-        modules.update(target_modules(plain["method"]))
-        planned = {"method.name": label_of(plain), "seed": plain["seed"]}
-        planned["task.source"] = json.dumps(source_of(dataset))
+        source = source_of(dataset)
+        functions_of_run = target_functions(plain["method"]) | target_functions(source)
+        functions |= functions_of_run
+        planned = {
+            "method.name": label_of(plain),
+            "seed": plain["seed"],
+            "task.source": json.dumps(source),
+            "env.version.code": code_version(functions_of_run),
+            "env.version.metrics": METRICS,
+        }
         plans.setdefault(runs_folder(plain), []).append(planned)
     for folder, runs in plans.items():
-        write_plan(folder, Plan(runs, (SOURCES, METRICS)))
-    return loaded_code(modules)
+        write_plan(folder, runs)
+    return loaded_code(functions)
 
 
 def _overrides(config: DictConfig) -> list[str]:

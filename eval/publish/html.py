@@ -79,7 +79,7 @@ def configuration(rows: pd.DataFrame, method: str) -> str:
         # A column that only other methods fill is none of this one's settings.
         place["_target_" if last == "target" else last] = value
     text = yaml.safe_dump(_pruned(nested), sort_keys=False, default_flow_style=False)
-    return f"# configuration {row['method.hash']}, sources {row['method.sources']}\n{text}"
+    return f"# configuration {row['method.hash']}, code {row.get('env.version.code')}\n{text}"
 
 
 def _pruned(settings: dict[str, Any]) -> dict[str, Any]:

@@ -60,17 +60,16 @@ def version_notes(rows: pd.DataFrame, *, mixed: bool) -> list[str]:
     InputError
         When there are several and they are not to be `mixed`.
     """
-    made = begun(rows).reindex(columns=["method.name", "method.sources", *VERSION])
+    made = begun(rows).reindex(columns=["method.name", *VERSION])
     made = made.where(made.notna(), "")
     code, metrics, commit, modified = (made[column].astype(str) for column in VERSION)
-    # A method of a user's own has files besides ours, of which the version of the code says nothing.
-    several = made.groupby([code, "method.name"])["method.sources"].transform("nunique") > 1
-    made["files"] = made["method.sources"].astype(str).str[:8].where(several & (code != ""), "")
-    identity = code.where(code != "", commit + modified) + " " + made["files"] + " " + metrics
-    versions = [own for _, own in made.groupby(identity, sort=False)]
-    if len(versions) < 2:
+    identity = code.where(code != "", commit + modified) + " " + metrics
+    # Each method has a version of its own, which covers the modules that it uses.
+    line = made["method.name"].where(code != "", "")
+    if metrics.nunique() < 2 and not (identity.groupby(line).nunique() > 1).any():
         unknown = "" if code.all() else "Warning: the rows name no version of the code. "
-        return [f"{unknown}Code: {_version(own)}." for own in versions]
+        return [f"{unknown}Code: {_version(made)}."] if len(made) else []
+    versions = [own for _, own in made.groupby(identity, sort=False)]
     named = [
         f"{_version(own)}: {len(own)} row{'s' * (len(own) > 1)} of {shortened(method_names(own))}"
         for own in versions
@@ -78,7 +77,7 @@ def version_notes(rows: pd.DataFrame, *, mixed: bool) -> list[str]:
     differing = f"{len(versions)} versions of the code, whose numbers need not compare"
     said = f"rows of {differing} ({'; '.join(named)})"
     if not mixed:
-        again = "measure" if (code + made["files"]).nunique() == 1 and code.all() else "run"
+        again = "measure" if code.groupby(line).nunique().max() == 1 and code.all() else "run"
         by = " with `sshade-eval remeasure`" if again == "measure" else ""
         raise InputError(f"{said}: {again} the older ones again{by}, or print all of them with --mixed")
     return [f"Warning: {said}."]
@@ -91,9 +90,7 @@ def _version(rows: pd.DataFrame) -> str:
     modified = distinct(rows, "env.modified")
     tree = "modified tree" if True in modified else "clean tree" if modified else "tree not known"
     of_metrics = f", metrics {metrics}" if metrics else ""
-    files = shortened(filter(None, distinct(rows, "files")))
-    of_files = f", files of its own {files}" if files else ""
-    return f"version {code or 'unknown'}{of_files}{of_metrics}, commit {commit or 'unknown'}, {tree}"
+    return f"version {code or 'unknown'}{of_metrics}, commit {commit or 'unknown'}, {tree}"
 
 
 def case_notes(rows: pd.DataFrame, comparison: Comparison, *, half: str | None) -> list[str]:

@@ -25,7 +25,7 @@ from eval.rows.collect import with_missing
 from eval.rows.csv_rows import read_rows
 from eval.rows.frame import write_csv
 from eval.rows.store import MISSING, PUBLISHED, ROWS, Row, version_of
-from eval.run.provenance import OWN
+from eval.run.code import OWN
 from sshade.errors import InputError
 from sshade.io.files import make_folder, replacing
 
@@ -63,17 +63,27 @@ def joined(name: str, *, replace: bool) -> pd.DataFrame:
             f"({_counts(users, 'method.name')}), so that the commit does not say what made them: "
             "`sshade-eval submit` takes such rows"
         )
-    if len(set(map(version_of, runs))) > 1:
-        raise InputError(f"{path} has rows of {_versions(runs)}; a table is of one: run the others again")
+    metrics = {version_of(row)[1] for row in runs}
+    versions = {row["method.name"]: version_of(row) for row in runs}
+    if len(metrics) > 1 or any(version_of(row) != versions[row["method.name"]] for row in runs):
+        raise InputError(
+            f"{path} has rows of {_versions(runs)}; all rows of a method must have one version of the code, "
+            "and all rows one of the metrics: run the others again"
+        )
     old = read_rows(target) if target.is_file() else []
     before = [row for row in old if row["status"] != MISSING]
-    if {*map(version_of, before)} - {version_of(runs[0])}:
+    outdated = set()
+    for row in before:
+        name, (code, metrics_of_row) = row["method.name"], version_of(row)
+        if code is None or metrics_of_row not in metrics or code != versions.get(name, version_of(row))[0]:
+            outdated.add(name)
+    if outdated:
         if not replace:
             raise InputError(
                 f"{target} has rows of {_versions(before)}, and {path} of {_versions(runs)}: "
-                "--replace publishes these in their place"
+                f"--replace removes the published rows of {', '.join(sorted(outdated))}"
             )
-        old = []
+        old = [row for row in old if row["method.name"] not in outdated]
     rows = [row for row in (*old, *new) if row["status"] != MISSING]
     return with_missing(rows, [row for row in (*old, *new) if row["status"] == MISSING])
 

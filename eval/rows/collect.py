@@ -62,15 +62,14 @@ def gather(name: str, folders: Sequence[Path]) -> pd.DataFrame:
     InputError
         When there are none.
     """
-    plans = [plan for folder in folders for plan in read_plans(folder)]
+    planned = [run for folder in folders for run in read_plans(folder)]
     own = [read_row(run) for folder in folders for run in run_folders(folder)]
-    versions = {plan.version for plan in plans} | {version_of(row) for row in own if version_of(row)[0]}
+    versions = {version_of(row) for row in (*planned, *own) if version_of(row)[0]}
     path = PUBLISHED / "rows" / f"{name}.csv"
     published = read_rows(path) if path.is_file() else []
     joined = [row for row in published if version_of(row) in versions]
     if not own and not joined:
         raise InputError(f"{folders[0]}: no runs there; `sshade-eval run -m experiment={name}` makes them")
-    planned = [run for plan in plans for run in plan.runs]
     planned += [row for row in published if joined and row["status"] == MISSING]
     return with_missing([*own, *joined], planned)
 

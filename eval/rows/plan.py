@@ -13,7 +13,7 @@ import json
 import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from eval.rows.store import MISSING, PLANS, Row
 from sshade.errors import InputError
@@ -27,38 +27,38 @@ _FACTS = {"method.name": str, "seed": int, "task.source": str}
 NUMBERED = {"subject": "subject_{:02d}", "pose": "pose_{}"}
 
 
-class Plan(NamedTuple):
-    """What a sweep is to run, and the version of the code and of the metrics that it began with."""
+def write_plan(experiment: Path, runs: Sequence[Row]) -> None:
+    """Write the planned runs of a sweep; an earlier plan of the same runs is replaced.
 
-    runs: Sequence[Row]
-    version: tuple[str, str]
-
-
-def write_plan(experiment: Path, plan: Plan) -> None:
-    """Keep a plan in the folder of its experiment, in place of an earlier one of the same runs."""
-    runs = json.dumps(plan.runs, sort_keys=True)
-    path = experiment / PLANS / f"{hashlib.sha256(runs.encode()).hexdigest()[:16]}.json"
+    Parameters
+    ----------
+    experiment : path
+        Folder of the experiment's runs.
+    runs : sequence of mapping
+        Each with ``method.name``, ``seed``, ``task.source`` and the two columns of
+        :func:`eval.rows.store.version_of`.
+    """
+    facts = json.dumps([[run[name] for name in _FACTS] for run in runs])
+    path = experiment / PLANS / f"{hashlib.sha256(facts.encode()).hexdigest()[:16]}.json"
     make_folder(path.parent)
     with replacing(path) as temporary:
-        temporary.write_text(json.dumps(plan._asdict()))
+        temporary.write_text(json.dumps({"runs": runs}))
 
 
-def read_plans(experiment: Path) -> list[Plan]:
-    """The plans of an experiment; none where no sweep was begun.
+def read_plans(experiment: Path) -> list[Row]:
+    """Return the planned runs of an experiment's sweeps; none before its first sweep.
 
     Raises
     ------
     InputError
         When a file there is damaged.
     """
-    return [_read(path) for path in sorted(experiment.glob(f"{PLANS}/*.json"))]
+    return [run for path in sorted(experiment.glob(f"{PLANS}/*.json")) for run in _read(path)]
 
 
-def _read(path: Path) -> Plan:
+def _read(path: Path) -> list[Row]:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        code, metrics = content["version"]
-        runs = content["runs"]
+        runs: list[Row] = json.loads(path.read_text(encoding="utf-8"))["runs"]
         if any(type(run[name]) is not kind for run in runs for name, kind in _FACTS.items()):
             raise TypeError("a run that is none")
     except (ValueError, KeyError, TypeError, RecursionError) as error:
@@ -66,7 +66,7 @@ def _read(path: Path) -> Plan:
             f"{path}: not a plan ({type(error).__name__}: {error}); remove it, and the sweep, begun again, "
             "writes it"
         ) from error
-    return Plan(runs, (code, metrics))
+    return runs
 
 
 def forget_plans(experiment: Path) -> None:

@@ -25,8 +25,9 @@ import psutil
 
 from eval.metrics import Task
 from eval.rows.store import Row
-from eval.run.provenance import CodeChanged, loaded_code, process_memory, require_unchanged
-from eval.run.targets import instantiate, settings, target_modules
+from eval.run.code import CodeChanged, loaded_code, require_unchanged
+from eval.run.provenance import process_memory
+from eval.run.targets import flat, instantiate, settings, target_functions
 from eval.run.warmup import warm_up
 from sshade.processes import end_with_parent
 from sshade.progress import Progress, silent
@@ -56,7 +57,8 @@ class Attempt(NamedTuple):
     Attributes
     ----------
     facts : dict
-        status, reason, iterations, converged, seconds.*, extra.*, env.warmed_up, env.cores_used.
+        status, reason, iterations, converged, seconds.*, extra.*, env.warmed_up, env.cores_used, and
+        ``method.*`` for the options that the method resolved (``extra["options"]`` of its result).
     vertices : (n, 3) float64 or None
         None where the method failed.
     curves : dict
@@ -131,7 +133,7 @@ def attempt_fresh(
     ):
         multiprocessing.set_start_method("spawn", force=True)
     context = multiprocessing.get_context("spawn")
-    begun_with = loaded_code(target_modules(method))
+    begun_with = loaded_code(target_functions(method))
     ours, theirs = context.Pipe()
     process = context.Process(target=_child, args=(theirs, progress is not silent), daemon=False)
     try:
@@ -205,7 +207,7 @@ def _child(connection: Connection, report: bool) -> None:
     method, task, seed, begun_with = connection.recv()
     send = _Sender(connection)
     try:
-        require_unchanged(target_modules(method), begun_with=begun_with)
+        require_unchanged(target_functions(method), begun_with=begun_with)
     except CodeChanged as changed:
         return send(changed)
     done = attempt(
@@ -262,6 +264,7 @@ def _facts(result: DeformationResult, seconds: float, cpu: float) -> Row:
     }
     row |= {f"seconds.{stage}": float(value) for stage, value in result.seconds.items() if stage != "total"}
     row |= {f"extra.{name}": _plain(value) for name, value in result.extra.items() if is_scalar(value)}
+    row |= flat(result.extra.get("options", {}), "method")
     return row
 
 

@@ -22,7 +22,7 @@ from eval.rows.store import (
     run_folders,
     write_row,
 )
-from eval.run.provenance import METRICS, require_unchanged
+from eval.run.code import METRICS, require_unchanged
 from eval.run.recall import load_task
 from sshade.cli.console import progress_bar
 from sshade.progress import Progress, silent

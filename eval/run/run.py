@@ -14,19 +14,10 @@ from eval.metrics import Task, measure
 from eval.rows.csv_rows import published_row
 from eval.rows.store import SCHEMA, TRANSFER, VALID, Row, read_row, run_folder, write_run
 from eval.run.attempt import attempt, attempt_fresh, is_scalar
-from eval.run.provenance import (
-    METRICS,
-    SOURCES,
-    config_hash,
-    digest,
-    environment,
-    library_versions,
-    method_sources,
-    require_unchanged,
-    task_checksum,
-)
+from eval.run.code import METRICS, code_version, digest, require_unchanged
+from eval.run.provenance import config_hash, environment, library_versions, task_checksum
 from eval.run.shared import take_along
-from eval.run.targets import flat, instantiate, require_kind, settings, target_modules
+from eval.run.targets import flat, instantiate, require_kind, settings, target_functions
 from sshade.errors import InputError
 from sshade.progress import Progress, silent
 from sshade.task import DeformationTask
@@ -111,8 +102,8 @@ def run(
     CodeChanged
         When files of the code are no longer those that this process began with; the run leaves nothing.
     """
-    modules = target_modules(method)
-    require_unchanged(modules)
+    functions = target_functions(method) | target_functions(source or {})
+    require_unchanged(functions)
     try:
         call = instantiate({**method, "_partial_": True})  # a mistake in the configuration ends here
         require_kind(call, task, target=method["_target_"])
@@ -142,7 +133,7 @@ def run(
         row |= {f"metric.{metric}": value for metric, value in measure(task, done.vertices).items()}
         progress("metrics", 1, 1)
     _check_clock(time() - clock, perf_counter() - steady, row)
-    require_unchanged(modules)  # the methods import as they go
+    require_unchanged(functions)  # methods import modules while they run
     write_run(folder, row, vertices=done.vertices, curves=done.curves)
     return Outcome(row, folder)
 
@@ -193,15 +184,16 @@ def _identity(
     row |= _task_facts(task)
     if source is not None:
         row["task.source"] = json.dumps(source)
-    modules = target_modules(method)
-    row["env.version.code"], row["method.sources"] = SOURCES, method_sources(modules)
-    versions = library_versions(modules)
+    data = target_functions(source or {})
+    row["env.version.code"] = code_version(target_functions(method) | data)
+    row["env.version.evaluator"] = code_version(data)
+    versions = library_versions(target_functions(method))
     row |= {f"env.version.{library}": version for library, version in versions.items()}
     row["env.version.metrics"] = METRICS  # not in the key: metrics are measured again from stored vertices
     row["key"] = digest(
         config_hash({"method": plain, "seed": seed, "schema": SCHEMA, "versions": versions}).encode(),
         row["task.checksum"].encode(),
-        row["method.sources"].encode(),
+        row["env.version.code"].encode(),
     )
     return row
 

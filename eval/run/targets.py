@@ -90,13 +90,13 @@ def require_kind(method: Callable[..., Any], task: Any, *, target: str) -> None:
         )
 
 
-def target_modules(config: Mapping[str, Any]) -> list[str]:
-    """Modules of the functions in a configuration, nested ones included."""
-    modules = {_split(config["_target_"])[0]} if "_target_" in config else set()
+def target_functions(config: Mapping[str, Any]) -> set[str]:
+    """Return the dotted names of all functions in a configuration, nested ones included."""
+    names = {config["_target_"]} if "_target_" in config else set()
     for value in config.values():
         if isinstance(value, Mapping):
-            modules.update(target_modules(value))
-    return sorted(modules)
+            names |= target_functions(value)
+    return names
 
 
 def settings(config: Mapping[str, Any]) -> dict[str, Any]:
@@ -116,7 +116,7 @@ def flat(config: Mapping[str, Any], prefix: str) -> dict[str, Any]:
         if isinstance(value, Mapping):
             columns.update(flat(value, label))
         else:
-            columns[label] = str(value) if isinstance(value, list) else value
+            columns[label] = str(value) if isinstance(value, (list, tuple)) else value
     return columns
 
 

@@ -24,7 +24,7 @@ from eval.metrics import Task, measure
 from eval.rows.csv_rows import read_rows
 from eval.rows.splits import HELD_OUT, split_of
 from eval.rows.store import VALID, Row, read_row, read_vertices, run_folders
-from eval.run.provenance import METRICS
+from eval.run.code import METRICS
 from eval.run.recall import load_task
 from eval.site.tracks import Track
 from sshade.errors import InputError
@@ -122,7 +122,7 @@ def check(folder: Path, track: Track, published: list[Row], *, progress: Progres
     rows = [row for row in read_rows(path) if row["status"] != "missing"]
     official = {row["task.name"]: row for row in published if row["status"] in VALID}
     _check_one_method(path, rows, name, settings)
-    _check_code(path, rows, {row["env.version.code"] for row in published})
+    _check_code(path, rows, {row.get("env.version.evaluator") for row in published} - {None})
     for row in rows:
         _check_row(f"{path}: the row of {row['task.name']}, seed {row['seed']},", row, official)
     _check_complete(path, rows, official)
@@ -164,7 +164,6 @@ def _check_one_method(path: Path, rows: list[Row], name: str, settings: Mapping[
     several = {
         "method.hash": "configurations",
         "env.version.code": "versions of the code",
-        "method.sources": "versions of the method's own files",
         "env.version.metrics": "versions of the metrics",
     }
     for column, what in several.items():
@@ -180,7 +179,8 @@ def _check_code(path: Path, rows: list[Row], known: Set[Any]) -> None:
     for row in rows:
         commit, modified = row.get("env.commit"), row.get("env.modified")
         committed = modified is False and re.fullmatch("[0-9a-f]{40}", str(commit))
-        if not committed and (commit or modified is not None or row.get("env.version.code") not in known):
+        known_wheel = not commit and modified is None and row.get("env.version.evaluator") in known
+        if not committed and not known_wheel:
             raise InputError(
                 f"{path}: the row of {row['task.name']} is of a modified tree, or of no commit and another "
                 "version of the code than the track's rows; run it again in a clean clone of the project, or "

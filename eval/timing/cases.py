@@ -15,7 +15,7 @@ from eval.configure.sweep import check_root, source_of
 from eval.metrics import Task
 from eval.rows.store import Row
 from eval.run.provenance import config_hash, library_versions, task_checksum
-from eval.run.targets import flat, instantiate, require_kind, settings, target_modules
+from eval.run.targets import flat, instantiate, require_kind, settings, target_functions
 from eval.run.warmup import warm_up
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
@@ -68,7 +68,7 @@ class TimedMethod:
         """The columns ``method.*``, and the versions of the libraries that the method uses."""
         plain = settings(self.config)
         facts = {"method.name": self.label, "method.hash": config_hash(plain)} | flat(plain, "method")
-        versions = library_versions(target_modules(self.config))
+        versions = library_versions(target_functions(self.config))
         return facts | {f"env.version.{library}": version for library, version in versions.items()}
 
 

@@ -11,7 +11,8 @@ from time import perf_counter
 import numpy as np
 
 from eval.rows.store import SCHEMA, Row
-from eval.run.provenance import SOURCES, digest, environment
+from eval.run.code import code_version, digest, require_unchanged
+from eval.run.provenance import environment
 from eval.timing.quiet import between, busiest_other, read_machine
 from sshade.cli.console import say
 from sshade.errors import InputError
@@ -20,6 +21,8 @@ from sshade.errors import InputError
 SHORTEST = 1.0
 #: A job whose warm-up takes more seconds has the warm-up as its only repeat.
 LONG = 60.0
+#: Functions behind the command and the bound deformer, whose code all times depend on.
+FUNCTIONS = frozenset({"sshade.deform", "sshade.Deformer"})
 #: Number of consecutive rejected repeats after which the command gives up.
 ATTEMPTS = 5
 
@@ -67,6 +70,10 @@ def take_turns(jobs: Sequence[Job], *, rounds: int) -> list[Row]:
     InputError
         When :data:`ATTEMPTS` consecutive repeats were rejected.
     """
+    functions = FUNCTIONS | {
+        value for job in jobs for name, value in job.facts.items() if name.endswith(".target")
+    }
+    version = code_version(functions)
     rows: list[Row] = []
     short = []
     for job in jobs:
@@ -83,7 +90,8 @@ def take_turns(jobs: Sequence[Job], *, rounds: int) -> list[Row]:
     for row in rows:
         job_id = row["method.name"], row["task.checksum"]
         seen[job_id] += 1
-        row["repeat"] = seen[job_id]
+        row |= {"repeat": seen[job_id], "env.version.code": version}
+    require_unchanged(functions)
     return rows
 
 
@@ -119,7 +127,7 @@ def _repeat(job: Job, *, number: int, least: float) -> Row:
     row |= {name: float(np.mean([r[name] for r in results])) for name in row if name.startswith("seconds.")}
     row |= {"seconds.repeat": use.seconds, "env.cores_used": use.cores_used, "other_cores": use.others}
     row["status"] = "not_converged" if row.get("converged") is False else "ok"
-    row |= {"kept": not use.problem, "reason": use.problem, "env.version.code": SOURCES}
+    row |= {"kept": not use.problem, "reason": use.problem}
     row["date"] = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
     row["key"] = digest(row["method.hash"].encode(), row["task.checksum"].encode(), row["date"].encode())
     return row

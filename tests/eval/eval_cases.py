@@ -126,3 +126,9 @@ def with_losses(task, *, seed, progress=silent):
     return DeformationResult(
         task.mesh.V, iterations=2, converged=None, extra={"loss_curve": curve, "rotations": np.eye(3)}
     )
+
+
+def with_options(task, *, vertices: int | None = None, seed: int, progress=silent) -> DeformationResult:
+    """A method that tells its options as resolved."""
+    options = {"vertices": vertices or 1000, "volume": np.inf, "frames": "blended"}
+    return DeformationResult(task.mesh.V, iterations=0, converged=None, extra={"options": options})

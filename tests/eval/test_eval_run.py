@@ -8,7 +8,6 @@ import os
 import re
 import shutil
 import subprocess
-import sys
 from dataclasses import replace
 from time import sleep, time
 
@@ -20,11 +19,10 @@ from eval_cases import bumpy_task
 import eval.run.attempt as attempt_module
 import eval.run.run as run_module
 from eval.metrics import METRICS
-from eval.rows.frame import to_frame, write_csv
+from eval.rows.frame import read_csv, to_frame, write_csv
 from eval.rows.store import read_curves, read_row, run_folders, write_run
-from eval.run import provenance
+from eval.run import code, provenance
 from eval.run.run import run
-from sshade.cli.configuration import PACKAGES
 from sshade.errors import InputError
 from sshade.progress import silent
 from sshade.task import DeformationResult
@@ -156,130 +154,6 @@ def test_the_key_follows_configuration_task_and_seed(task, tmp_path):
     assert key(method={**STRETCHING, "warm_up": {"factor": 1.0}, "_partial_": True}) == keys[0]
 
 
-@pytest.fixture
-def third_party(tmp_path, monkeypatch):
-    """A package of others whose method imports a part of it when called, and then writes `edit` into it."""
-    package = tmp_path / "third_party"
-    package.mkdir()
-    (package / "__init__.py").write_text("")
-    (package / "helper.py").write_text("FACTOR = 2.0\n")
-    (package / "method.py").write_text(
-        "from pathlib import Path\n"
-        "from eval_cases import stretching\n"
-        "def method(task, *, seed, edit='', progress=None):\n"
-        "    from .helper import FACTOR\n"
-        "    with Path(__file__).with_name('helper.py').open('a') as file:\n"
-        "        file.write(edit)\n"
-        "    return stretching(task, factor=FACTOR, seed=seed)\n"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
-    for name in [name for name in sys.modules if name.startswith("third_party")]:
-        del sys.modules[name]
-    provenance.foreign_code.cache_clear()
-    return package
-
-
-THEIRS = {"_target_": "third_party.method.method"}
-
-
-def test_the_key_follows_the_sources_of_a_method_of_others(task, tmp_path, third_party):
-    keys = []
-    for change in (
-        lambda: None,
-        lambda: (third_party / "README.md").write_text("changed"),
-        lambda: (third_party / "helper.py").write_text("FACTOR = 2.0  # changed\n"),
-        lambda: (third_party / "__init__.py").rename(third_party / "other.py"),
-    ):
-        change()
-        provenance.foreign_code.cache_clear()  # as a new process would
-        keys.append(run(task, THEIRS, name="t", root=tmp_path / "runs").row["key"])
-    assert keys[0] == keys[1] and len(set(keys)) == 3  # the text of a file, and its place
-
-
-def test_the_key_follows_the_files_beside_a_users_method(task, tmp_path, third_party):
-    """Also those that a file beside it imports, but neither what nothing imports nor libraries."""
-    (third_party / "method.py").write_text(
-        "from eval_cases import stretching\n"
-        "def method(task, *, seed, progress=None):\n"
-        "    import third_party_near\n"
-        "    return stretching(task, factor=third_party_near.FACTOR, seed=seed)\n"
-    )
-    near, far, other = (tmp_path / f"third_party_{name}.py" for name in ("near", "far", "other"))
-    near.write_text("import json, numpy\nfrom third_party_far import FACTOR\n")
-    far.write_text("FACTOR = 2.0\n")
-    other.write_text("")
-    (third_party / "broken.py").write_text("no python\n")
-
-    def row():
-        provenance.foreign_code.cache_clear()
-        for name in [name for name in sys.modules if name.startswith("third_party")]:
-            del sys.modules[name]
-        return run(task, THEIRS, name="t", root=tmp_path / "runs").row
-
-    first = row()
-    files = provenance.loaded_code(["third_party.method"])
-    assert {"third_party_near.py", "third_party_far.py", "third_party/method.py"} <= files.keys()
-    assert not {"third_party_other.py", "json/__init__.py", "numpy/__init__.py"} & files.keys()
-    other.write_text("# changed")
-    assert row()["date"] == first["date"]
-    far.write_text("FACTOR = 3.25\n")
-    with pytest.raises(provenance.CodeChanged, match="third_party_far.py has changed since the command"):
-        run(task, THEIRS, name="t", root=tmp_path / "runs")
-    assert row()["metric.area"] != first["metric.area"]
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda package: (package / "helper.py").write_text("FACTOR = 3.0\n"),
-        lambda package: (package / "new.py").write_text(""),
-        lambda package: (package / "__init__.py").unlink(),
-    ],
-    ids=["written", "added", "removed"],
-)
-def test_an_edit_between_runs_ends_them(task, tmp_path, third_party, change):
-    first = run(task, THEIRS, name="t", root=tmp_path / "runs")
-    change(third_party)
-    for method in (THEIRS, {**THEIRS, "edit": "#"}):  # even where the row is there
-        with pytest.raises(provenance.CodeChanged, match=r"third_party/\w+.py has changed since the command"):
-            run(task, method, name="t", root=tmp_path / "runs")
-    assert run_folders(tmp_path / "runs") == [first.folder]
-
-
-@pytest.mark.parametrize("fresh", [False, True])
-def test_an_edit_in_a_run_leaves_no_row_of_it(task, tmp_path, third_party, fresh):
-    with pytest.raises(provenance.CodeChanged, match="third_party/helper.py has changed"):
-        run(task, {**THEIRS, "edit": "#"}, name="t", root=tmp_path / "runs", fresh=fresh)
-    assert not (tmp_path / "runs").exists()
-
-
-def test_an_edit_of_our_own_code_ends_the_runs(task, tmp_path, monkeypatch):
-    (tmp_path / "ours").mkdir()
-    (tmp_path / "ours/arap.py").write_text("")
-    for name in ("LOADED", "MEASURES"):
-        monkeypatch.setattr(provenance, name, provenance.Code([tmp_path / "ours"], folder=tmp_path))
-        assert not run(task, STRETCHING, name="s", root=tmp_path / name).failed
-        (tmp_path / "ours/arap.py").write_text(name)
-        with pytest.raises(provenance.CodeChanged, match="ours/arap.py has changed"):
-            run(task, STRETCHING, name="s", root=tmp_path / name)
-        monkeypatch.undo()
-
-
-def test_a_version_leaves_out_what_shows_results_alone():
-    places = provenance.LOADED.hashes
-    assert {"sshade/solver/arap.py", "baselines/global_step.py", "eval/run/run.py"} <= places.keys()
-    assert all((PACKAGES / place).exists() for place in provenance.SHOWN)
-    assert not any(place.startswith(provenance.SHOWN) for place in places)
-
-
-def test_a_fresh_process_of_other_code_gives_no_row(task, tmp_path, monkeypatch):
-    own = provenance.loaded_code([]) | {"sshade/task.py": "another"}
-    monkeypatch.setattr(attempt_module, "loaded_code", lambda modules: own)
-    with pytest.raises(provenance.CodeChanged, match="sshade/task.py has changed"):
-        run(task, ARAP, name="a", root=tmp_path / "runs", fresh=True)
-    assert not (tmp_path / "runs").exists()
-
-
 @pytest.mark.parametrize("jump", [-3600.0, 1.5])
 def test_a_clock_that_jumps_in_a_run_is_told(task, tmp_path, monkeypatch, jump):
     jumps = iter([0.0, jump])
@@ -312,22 +186,34 @@ def test_a_published_row_of_the_same_version_answers_for_a_run(task, tmp_path, m
     assert not again(**{"env.version.metrics": "older"}).found
 
 
-def test_the_key_follows_our_own_packages_and_not_the_measures(task, tmp_path, monkeypatch):
+def test_the_key_follows_the_code_and_not_the_metrics(task, tmp_path, monkeypatch):
     first = run(task, STRETCHING, name="s", root=tmp_path).row
-    versions = {name: first[f"env.version.{name}"] for name in ("code", "metrics")}
-    assert versions == {"code": provenance.SOURCES, "metrics": provenance.METRICS}
+    versions = {name: first[f"env.version.{name}"] for name in ("code", "metrics", "evaluator")}
+    functions = [STRETCHING["_target_"]]
+    assert versions["code"] == code.code_version(functions) != versions["evaluator"] == code.code_version([])
+    assert versions["metrics"] == code.METRICS
     monkeypatch.setattr(run_module, "METRICS", "another")
     assert run(task, STRETCHING, name="s", root=tmp_path).row["key"] == first["key"]
-    monkeypatch.setattr(provenance, "SOURCES", "another")
+    monkeypatch.setattr(run_module, "code_version", lambda functions: "another")
     assert run(task, STRETCHING, name="s", root=tmp_path).row["key"] != first["key"]
 
 
 def test_versions_of_the_libraries_are_in_the_key(task, tmp_path, monkeypatch):
-    assert "torch" not in provenance.library_versions(["baselines.arap"])
-    assert {"numpy", "torch"} <= set(provenance.library_versions(["baselines.implicit_arap"]))
+    assert "torch" not in provenance.library_versions(["baselines.arap.arap"])
+    assert {"numpy", "torch"} <= provenance.library_versions(["baselines.implicit_arap.implicit_arap"]).keys()
     first = run(task, STRETCHING, name="s", root=tmp_path).row["key"]
     monkeypatch.setattr(provenance, "version_of", lambda name: "99")
     assert run(task, STRETCHING, name="s", root=tmp_path).row["key"] != first
+
+
+def test_options_as_a_method_resolved_them_reach_the_row(task, tmp_path):
+    method = {"_target_": "eval_cases.with_options", "vertices": None, "warm_up": None}
+    row = run(task, method, name="o", root=tmp_path).row
+    assert (row["method.vertices"], row["method.volume"], row["method.frames"]) == (1000, np.inf, "blended")
+    assert row["method.target"] == "eval_cases.with_options" and "extra.options" not in row
+    write_csv(tmp_path / "rows.csv", to_frame([row]))
+    rows = read_csv(tmp_path / "rows.csv")
+    assert (rows["method.vertices"].item(), rows["method.volume"].item()) == (1000, np.inf)
 
 
 def test_an_infinite_parameter_makes_a_row_of_valid_json(task, tmp_path):

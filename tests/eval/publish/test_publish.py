@@ -101,11 +101,24 @@ def test_another_version_replaces_the_published_one_only_if_asked(project, name)
     write_csv("results/rows/tiny.csv", frame(clean("early", **{name: None}), lacking("late", "t9")))
     before = contents()
     told = r"tiny.csv has rows of version \w+ \(metrics \w+\): 1, and out/rows/tiny.csv of version c"
-    with pytest.raises(InputError, match=rf"{told} \(metrics m\): 2: --replace publishes these"):
+    with pytest.raises(InputError, match=rf"{told} \(metrics m\): 2: --replace removes .* rows of early"):
         call("publish", ["tiny"])
     assert contents() == before
     assert call("publish", ["tiny", "--replace"]) == 0
-    assert sorted(published()) == [("arap", "t1"), ("paper", "t1")]
+    assert sorted(published()) == [("arap", "t1"), ("late", "t9"), ("paper", "t1")]
+
+
+def test_rows_of_other_methods_keep_their_version(project):
+    write_csv(
+        "results/rows/tiny.csv", frame(*(clean(name, env__version__code="b") for name in ("arap", "early")))
+    )
+    with pytest.raises(InputError, match="--replace removes the published rows of arap$"):
+        call("publish", ["tiny"])
+    assert call("publish", ["tiny", "--replace"]) == 0
+    versions = {name: row["env.version.code"] for (name, _), row in published().items()}
+    assert versions == {"arap": "c", "early": "b", "paper": "c"}
+    text = Path("results/tables/tiny.md").read_text(encoding="utf-8")
+    assert "Code: version b, c, metrics m, commit 1, clean tree." in text
 
 
 @pytest.mark.parametrize(
@@ -121,11 +134,11 @@ def test_another_version_replaces_the_published_one_only_if_asked(project, name)
         ),
         (
             [clean(), clean("b", env__version__code="d"), clean("c", env__version__metrics="n")],
-            r"version c \(metrics m\): 1, version c \(metrics n\): 1, version d \(metrics m\): 1; a table",
+            r"version c \(metrics m\): 1, version c \(metrics n\): 1, version d \(metrics m\): 1; all rows",
         ),
         (
-            [clean(method__sources="1"), clean(task="t2", method__sources="2")],
-            r"2 versions of the code.* files of its own 1, .* files of its own 2, .*: run the older",
+            [clean(), clean(task="t2", env__version__code="d")],
+            r"version c \(metrics m\): 1, version d \(metrics m\): 1; all rows of a method",
         ),
         (
             [clean("a", method__target="baselines.arap.arap"), clean("b", method__target="mine.method")],
@@ -137,7 +150,7 @@ def test_another_version_replaces_the_published_one_only_if_asked(project, name)
         ),
         ([lacking("a", "t1")], r"out/rows/other.csv has no rows of runs yet"),
     ],
-    ids=["modified", "no commit", "mixed", "files edited", "a user's", "a user's on a proxy", "nothing ran"],
+    ids=["modified", "no commit", "metrics", "a method", "a user's", "a user's on a proxy", "nothing ran"],
 )
 def test_what_is_not_of_one_version_and_commit_is_not_published(project, rows, told):
     write_csv("out/rows/other.csv", frame(*rows))

@@ -10,7 +10,7 @@ from eval_rows import row
 from eval.main import call
 from eval.rows.collect import collect
 from eval.rows.frame import read_csv, records, to_frame, write_csv
-from eval.rows.plan import Plan, write_plan
+from eval.rows.plan import write_plan
 from eval.rows.store import write_run
 from sshade.errors import InputError
 
@@ -77,8 +77,8 @@ def test_published_rows_of_the_same_version_and_what_is_missing_are_taken_in(tmp
     lacking = planned("d", "t1") | {"task.name": "t1", "status": "missing", "reason": "planned, never run"}
     published = [versioned("a", "t1", date="2025-01-01"), versioned("b", "t1"), versioned("c", "t1"), lacking]
     write_csv("results/rows/tiny.csv", to_frame(published))
-    runs = [planned(method, task) for method in "abc" for task in ("t1", "t2")]
-    write_plan(tmp_path / "out/runs/tiny", Plan(runs, ("c", "m")))
+    runs = [planned(method, task) | VERSION for method in "abc" for task in ("t1", "t2")]
+    write_plan(tmp_path / "out/runs/tiny", runs)
     assert call("collect", []) == 0  # all that was asked for may be published
     assert "tiny.csv: 3 rows, 4 of 7 planned runs missing\n" in capsys.readouterr().out
     write_run(tmp_path / "out/runs/tiny/0", versioned("a", "t1"))
@@ -102,7 +102,7 @@ def test_published_rows_of_another_version_are_not(tmp_path, monkeypatch, name):
     assert call("collect", ["tiny"]) == 0
     assert list(read_csv("out/rows/tiny.csv")["method.name"]) == ["a"]
     (tmp_path / "out/runs/tiny/0/row.json").unlink()
-    write_plan(tmp_path / "out/runs/tiny", Plan([planned("b", "t1")], ("c", "m")))
+    write_plan(tmp_path / "out/runs/tiny", [planned("b", "t1") | VERSION])
     with pytest.raises(InputError, match="no runs there"):
         call("collect", ["tiny"])
 
@@ -111,6 +111,6 @@ def test_pictures_of_rows_that_are_all_published_need_runs_of_ones_own(tmp_path,
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match="`sshade-eval run -m experiment=tiny` makes them"):
         collect(Path("out/runs/tiny"))
-    write_plan(tmp_path / "out/runs/tiny", Plan([planned("b", "t1")], ("c", "m")))
+    write_plan(tmp_path / "out/runs/tiny", [planned("b", "t1") | VERSION])
     with pytest.raises(InputError, match=r"published rows answered for all.*run\.experiment=my_tiny"):
         collect(Path("out/runs/tiny"))

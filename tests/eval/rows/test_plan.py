@@ -7,7 +7,7 @@ import json
 import pytest
 from eval_rows import row
 
-from eval.rows.plan import Plan, forget_plans, missing_rows, read_plans, write_plan
+from eval.rows.plan import forget_plans, missing_rows, read_plans, write_plan
 from sshade.errors import InputError
 
 
@@ -21,12 +21,10 @@ def done(task, **of):
 
 
 def test_plans_of_several_sweeps_stand_together_and_a_rerun_adds_none(tmp_path):
-    one, other = [planned()], [planned("b")]
-    for runs, version in ((one, ("c", "m")), (other, ("c", "m")), (one, ("d", "m"))):
-        write_plan(tmp_path, Plan(runs, version))
-    assert sorted(read_plans(tmp_path), key=str) == sorted(
-        [Plan(one, ("d", "m")), Plan(other, ("c", "m"))], key=str
-    )
+    one, other, again = ([planned(name) | {"env.version.code": code}] for name, code in ("ac", "bc", "ad"))
+    for runs in (one, other, again):
+        write_plan(tmp_path, runs)
+    assert sorted(read_plans(tmp_path), key=str) == sorted([*again, *other], key=str)
     forget_plans(tmp_path)
     assert read_plans(tmp_path) == []
 
@@ -36,13 +34,13 @@ def test_plans_of_several_sweeps_stand_together_and_a_rerun_adds_none(tmp_path):
     [
         "",
         "[]",
-        '{"runs": []}',
-        '{"runs": [{"seed": 0}], "version": ["c", "m"]}',
-        '{"runs": [1], "version": [1]}',
+        '{"version": []}',
+        '{"runs": [{"seed": 0}]}',
+        '{"runs": [1]}',
     ],
 )
 def test_a_damaged_plan_is_told(tmp_path, text):
-    write_plan(tmp_path, Plan([planned()], ("c", "m")))
+    write_plan(tmp_path, [planned()])
     (path,) = tmp_path.rglob("*.json")
     path.write_text(text)
     with pytest.raises(InputError, match=rf"{path.name}: not a plan \(.*\); remove it"):

@@ -8,7 +8,6 @@ import pytest
 
 from eval.main import call, main
 from eval.rows.frame import numbers, read_csv
-from eval.run.provenance import SOURCES
 from eval.run.warmup import tiny_task
 from eval.timing.scaling import _in_new_process
 from eval.timing.speed import extrapolate
@@ -30,7 +29,7 @@ def test_a_line_a_repeat(machine, case):
     assert rows["kept"].tolist() == [False, True, True, True, True]
     assert rows["round"].tolist() == [1, 1, 1, 2, 2]
     assert rows["repeat"].tolist() == [1, 2, 1, 3, 2]
-    assert (rows["task.vertices"] == 642).all() and (rows["env.version.code"] == SOURCES).all()
+    assert (rows["task.vertices"] == 642).all() and rows["env.version.code"].nunique() == 1
     assert (rows["method.samplings"].dropna() == 1).all() and "extrapolated_to" not in rows
     stages = numbers(rows, "seconds.precompute") + numbers(rows, "seconds.solve")
     whole = numbers(rows, "seconds.total")

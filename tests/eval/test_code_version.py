@@ -1,0 +1,207 @@
+"""The version of the code behind a row: which edits change it, and which end a run."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+from eval_cases import bumpy_task
+
+import eval.run.attempt as attempt_module
+import sshade
+from eval.rows.store import run_folders
+from eval.run import code
+from eval.run.run import run
+
+TARGET = "ours.method.method"
+FILES = {
+    "ours/__init__.py": """
+from importlib import import_module
+from typing import TYPE_CHECKING
+if TYPE_CHECKING:
+    from ours.lazy import solve
+    from ours.other import unneeded
+def __getattr__(name):
+    return getattr(import_module({"solve": "ours.lazy", "unneeded": "ours.other"}[name]), name)
+""",
+    "ours/method.py": '''
+"""A method."""
+from typing import TYPE_CHECKING
+import ours.absolute
+from ours import solve
+from ours.package.module import helper
+if TYPE_CHECKING:
+    from ours.hints import Hint
+def method(task):
+    """Deform."""
+    from .late import finish
+    return finish(task)
+''',
+    "ours/package/__init__.py": "ORDER = 1\n",
+    "ours/package/module.py": '"""Help."""\nfrom ..far import FAR\ndef helper():\n    return FAR\n',
+    **{f"ours/{name}.py": "VALUE = 1\n" for name in ("absolute", "far", "hints", "late", "lazy", "other")},
+}
+
+
+def forget() -> None:
+    """Forget all parsed files, as a new process would."""
+    for cached in (code.places, code._parsed, code._files):
+        cached.cache_clear()
+    for name in [name for name in sys.modules if name.split(".")[0] in ("ours", "theirs", "beside", "far")]:
+        del sys.modules[name]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder on Python's path, with the package `ours` as a package of the project."""
+    for place, text in FILES.items():
+        (tmp_path / place).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / place).write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(code, "OWN", code.OWN | {"ours"})
+    forget()
+    yield tmp_path
+    forget()
+
+
+@pytest.mark.parametrize(
+    ("place", "old", "new", "changes"),
+    [
+        ("method.py", '"""A method."""', '"""A better method."""', False),
+        ("method.py", '    """Deform."""\n', "", False),
+        ("method.py", "    return finish(task)", "    # why\n    return  finish( task )", False),
+        ("package/module.py", "def helper", "\n\ndef helper", False),
+        ("method.py", "return finish(task)", "return task", True),
+        ("package/module.py", "return FAR", "return -FAR", True),
+        ("package/__init__.py", "1", "2", True),
+        ("absolute.py", "1", "2", True),
+        ("far.py", "1", "2", True),
+        ("late.py", "1", "2", True),
+        ("lazy.py", "1", "2", True),
+        ("other.py", "1", "2", False),
+        ("hints.py", "1", "2", False),
+        ("__init__.py", "from importlib", "CONSTANT = 1\nfrom importlib", False),
+    ],
+)
+def test_a_version_follows_the_code_of_imported_modules(folder, place, old, new, changes):
+    before = code.code_version([TARGET])
+    text = (folder / "ours" / place).read_text()
+    assert old in text
+    (folder / "ours" / place).write_text(text.replace(old, new))
+    forget()
+    assert (code.code_version([TARGET]) != before) == changes
+
+
+def test_a_lazy_name_stands_for_the_module_that_defines_it(folder):
+    (folder / "theirs.py").write_text("import ours\ndef method(task):\n    return ours.solve(task)\n")
+    assert {"ours/lazy.py", "theirs.py"} <= code.loaded_code(["theirs.method"]).keys()
+    assert not {"ours/other.py", "ours/__init__.py"} & code.loaded_code(["theirs.method"]).keys()
+    for name in sshade.__all__:
+        home = getattr(sshade, name).__module__.replace(".", "/")
+        assert f"{home}.py" in code.loaded_code([f"sshade.{name}"])
+
+
+def test_libigls_rows_do_not_depend_on_the_pipeline():
+    places = code.loaded_code(["baselines.arap.arap"])
+    assert {"baselines/arap.py", "sshade/task.py", "eval/run/attempt.py"} <= places.keys()
+    parts = ("sshade/pipeline/", "sshade/sampling/", "sshade/carry/")
+    assert not [place for place in places if place.startswith(parts)]
+    ours = code.loaded_code(["sshade.deform"])
+    assert all(any(place.startswith(part) for place in ours) for part in parts)
+
+
+# What follows runs a user's own method, which no package of the project holds.
+
+METHOD = """
+from pathlib import Path
+from eval_cases import stretching
+def method(task, *, seed, edit='', progress=None):
+    import beside
+    from .helper import FACTOR
+    with Path(__file__).with_name('helper.py').open('a') as file:
+        file.write(edit)
+    return stretching(task, factor=FACTOR, seed=seed)
+"""
+THEIRS = {"_target_": "theirs.method.method"}
+
+
+@pytest.fixture
+def theirs(folder):
+    """A user's package, with a module beside it that imports another one."""
+    package = folder / "theirs"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    (package / "helper.py").write_text("FACTOR = 2.0\n")
+    (package / "method.py").write_text(METHOD)
+    (package / "broken.py").write_text("no python\n")
+    (folder / "beside.py").write_text("import json, numpy\nfrom far import FAR\n")
+    (folder / "far.py").write_text("FAR = 1\n")
+    return package
+
+
+@pytest.mark.parametrize(
+    ("change", "runs_again"),
+    [
+        (lambda package: (package / "README.md").write_text("changed"), False),
+        (lambda package: (package / "helper.py").write_text("FACTOR = 2.0  # changed\n"), False),
+        (lambda package: (package.parent / "unused.py").write_text("UNUSED = 1\n"), False),
+        (lambda package: (package / "helper.py").write_text("FACTOR = 3.0\n"), True),
+        (lambda package: (package / "new.py").write_text("NEW = 1\n"), True),
+        (lambda package: (package.parent / "far.py").write_text("FAR = 2\n"), True),
+    ],
+    ids=["text", "comment", "unused", "code", "new file", "beside"],
+)
+def test_the_key_follows_the_files_of_a_users_method(theirs, tmp_path, change, runs_again):
+    assert not run(bumpy_task(level=2), THEIRS, name="t", root=tmp_path / "runs").found
+    change(theirs)
+    forget()
+    assert bool(run(bumpy_task(level=2), THEIRS, name="t", root=tmp_path / "runs").found) != runs_again
+    assert not {"json/__init__.py", "numpy/__init__.py"} & code.loaded_code(["theirs.method.method"]).keys()
+
+
+@pytest.mark.parametrize("place", ["theirs/helper.py", "far.py"])
+@pytest.mark.parametrize("removed", [False, True])
+def test_an_edit_between_runs_ends_them(theirs, tmp_path, place, removed):
+    first = run(bumpy_task(level=2), THEIRS, name="t", root=tmp_path / "runs")
+    path = tmp_path / place
+    path.write_text(f"# A comment.\n{path.read_text()}")
+    assert run(bumpy_task(level=2), THEIRS, name="t", root=tmp_path / "runs").found
+    path.unlink() if removed else path.write_text("FACTOR = FAR = 3.0\n")
+    for method in (THEIRS, {**THEIRS, "edit": "#"}):  # even where the row is there
+        with pytest.raises(code.CodeChanged, match=f"{place} has changed since the command began"):
+            run(bumpy_task(level=2), method, name="t", root=tmp_path / "runs")
+    assert run_folders(tmp_path / "runs") == [first.folder]
+
+
+@pytest.mark.parametrize("fresh", [False, True])
+def test_an_edit_during_a_run_leaves_no_row(theirs, tmp_path, fresh):
+    with pytest.raises(code.CodeChanged, match="theirs/helper.py has changed"):
+        run(bumpy_task(), {**THEIRS, "edit": "X = 1"}, name="t", root=tmp_path / "runs", fresh=fresh)
+    assert not (tmp_path / "runs").exists()
+
+
+def test_the_projects_files_must_be_those_of_the_start(folder, monkeypatch):
+    monkeypatch.setattr(code, "PACKAGES", folder)
+    monkeypatch.setattr(code, "RUNNER", ())
+    path = folder / "ours" / "late.py"
+    monkeypatch.setitem(code._BEGUN, path, (0, 0))  # written before it was parsed for the first time
+    with pytest.raises(code.CodeChanged, match="ours/late.py has changed"):
+        code.code_version([TARGET])
+
+
+def test_an_edit_of_the_metrics_ends_the_runs(tmp_path, monkeypatch):
+    path = tmp_path / "metric.py"
+    path.write_text("X = 1\n")
+    monkeypatch.setitem(code.MEASURES, "eval/metrics/metric.py", code._read(path, "eval.metrics"))
+    code.require_unchanged([])
+    path.write_text("X = 2\n")
+    with pytest.raises(code.CodeChanged, match="eval/metrics/metric.py has changed"):
+        code.require_unchanged([])
+
+
+def test_a_fresh_process_with_other_code_gives_no_row(tmp_path, monkeypatch):
+    loaded = code.loaded_code(["eval_cases.stretching"]) | {"sshade/task.py": "another"}
+    monkeypatch.setattr(attempt_module, "loaded_code", lambda functions: loaded)
+    with pytest.raises(code.CodeChanged, match="sshade/task.py has changed"):
+        run(bumpy_task(), {"_target_": "eval_cases.stretching"}, name="a", root=tmp_path / "runs", fresh=True)
+    assert not (tmp_path / "runs").exists()
