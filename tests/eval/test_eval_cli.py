@@ -147,8 +147,8 @@ def test_an_edit_ends_a_sweep_and_leaves_no_row(tmp_path):
     done = run_eval(tmp_path, "-m", *arguments, "run.allow_targets=[theirs.]", "seed=0,1,2", "label=t")
     assert (done.returncode, done.stdout) == (2, ""), done.stderr
     assert done.stderr == (
-        "error: theirs/helper.py has changed since the command began, so that its runs would be of two "
-        "versions of the code; start the command again: the rows that are there stay\n"
+        "error: theirs/helper.py has changed since the command began, so its runs would mix two versions "
+        "of the code; start the command again: finished rows stay\n"
     )
     assert not list(tmp_path.rglob("row.json")) and not list(tmp_path.rglob("sweep.json"))
     assert (tmp_path / "theirs/helper.py").read_text() == "FACTOR = 3.0\n"  # once

@@ -71,7 +71,9 @@ def test_a_worker_of_other_code_ends_the_sweep(tmp_path):
     (tmp_path / "theirs/__init__.py").write_text("")
     (tmp_path / "theirs/method.py").write_text("from eval_cases import stretching as method\n")
     path = tmp_path / "theirs/method.py"
-    (tmp_path / "sitecustomize.py").write_text(f"with open({str(path)!r}, 'a') as file: file.write('#')\n")
+    (tmp_path / "sitecustomize.py").write_text(
+        f"with open({str(path)!r}, 'a') as file: file.write('A = 1;')\n"
+    )
     environment = ENVIRONMENT | {"PYTHONPATH": os.pathsep.join([str(tmp_path), ENVIRONMENT["PYTHONPATH"]])}
     arguments = [
         "-m",

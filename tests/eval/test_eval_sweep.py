@@ -14,7 +14,7 @@ from eval_cases import bumpy_task
 from eval_rows import row
 
 from eval.main import call
-from eval.rows.plan import Plan, read_plans, write_plan
+from eval.rows.plan import read_plans, write_plan
 from eval.run.monitor import Monitor
 from eval.run.record import TOLD, Ended, Sweep, SweepRecord, records, run_line, unfinished
 from eval.run.run import run
@@ -125,6 +125,7 @@ def test_the_command_tells_of_sweeps_under_way(tmp_path, capsys, monkeypatch):
         assert out.count("\n") == 1
     with pytest.raises(InputError, match="nothing_here"):
         call("status", ["nothing_here"])
-    write_plan(folder, Plan([], ("c", "m")))
+    write_plan(folder, [{"method.name": "a", "seed": 0, "task.source": "{}"}])
+    assert len(read_plans(folder)) == 1
     assert call("status", ["--forget"]) == 0
     assert records(folder) == [] and read_plans(folder) == []
