@@ -1,4 +1,4 @@
-"""How fronts advance over the edges of a mesh: delta-stepping, in kernels over plain arrays."""
+"""Kernels that advance fronts from samples over the edges of a mesh (delta-stepping)."""
 
 from __future__ import annotations
 
@@ -10,40 +10,43 @@ from numba import njit
 
 from sshade.mesh.adjacency import VertexGraph
 
-#: Candidates for the next farthest vertex are gathered down to the first fraction of the largest distance
-#: and, of these, queued down to the second: most are covered before their turn, and need no queue.
+#: Distances, as fractions of the largest, down to which vertices become candidates for the next farthest
+#: vertex, and down to which candidates enter the heap. Most candidates are covered before their turn and
+#: never need the heap.
 _GATHERED, _QUEUED = 0.8, 0.97
 
+#: Queue of a vertex.
 NOWHERE, NEAR, FAR = 0, 1, 2
-#: Instead of the number of a slab: fronts go everywhere.
+#: In place of a slab's number: fronts may go everywhere.
 EVERYWHERE = -1
 
 
 class State(NamedTuple):
-    """The graph, the cells so far, and the queues of the fronts that change them.
+    """The graph, the current Voronoi cells, and the queues of the fronts that change them.
 
-    Vertices are unsigned here: without the test for negative indices, which numba counts from the end,
-    fronts take two thirds of the time.
+    Vertex ids are unsigned. Numba then omits its test for negative indices, and fronts take two thirds of
+    the time.
 
     Attributes
     ----------
     indptr, indices, lengths : (n + 1,) uint32, (2e,) uint32, (2e,) float64
         See :class:`sshade.mesh.adjacency.VertexGraph`.
     width : float
-        Width of a band, in the unit of length; any positive one gives the same result.
+        Width of a band, in the unit of length. Every positive width gives the same result.
     distance, cell : (n,) float64 and (n,) int32
-        Fronts go where they are nearer than that, or as near and of a smaller cell.
+        Distance of each vertex to its sample, and the number of that sample. A front takes a vertex over
+        if it is nearer, or equally near and of a smaller number.
     queued : (n,) uint8
-        Which of the two queues a vertex is in, if any.
+        Queue that holds each vertex: :data:`NEAR`, :data:`FAR` or :data:`NOWHERE`.
     near : (r,) uint32
-        A ring of the vertices in the band at work; r is a power of two above the number of vertices
-        that fronts may reach.
+        Ring buffer of vertices in the current band. r is a power of two above the number of vertices that
+        fronts may reach.
     far : (r,) uint32
-        Those for later bands.
+        Vertices in later bands.
     slab : (n,) uint8
-        Of each vertex.
-    own : int
-        The slab that fronts stay in, or :data:`EVERYWHERE`.
+        Slab of each vertex.
+    confined_to : int
+        Slab that fronts stay in, or :data:`EVERYWHERE`.
     """
 
     indptr: np.ndarray
@@ -56,11 +59,11 @@ class State(NamedTuple):
     near: np.ndarray
     far: np.ndarray
     slab: np.ndarray
-    own: int
+    confined_to: int
 
     @classmethod
     def of(cls, graph: VertexGraph, *, width: float, distance: np.ndarray, cell: np.ndarray) -> State:
-        """Fronts that may go everywhere, given what they begin with."""
+        """Return fronts that may go everywhere, with initial distances (n,) and cells (n,)."""
         ring = 1 << graph.n.bit_length()
         return cls(
             indptr=_unsigned(graph.indptr),
@@ -73,13 +76,13 @@ class State(NamedTuple):
             near=np.empty(ring, dtype=np.uint32),
             far=np.empty(ring, dtype=np.uint32),
             slab=np.empty(0, dtype=np.uint8),
-            own=EVERYWHERE,
+            confined_to=EVERYWHERE,
         )
 
-    def within(self, slab: np.ndarray, own: int, vertices: int) -> State:
-        """The same state for fronts that stay in a slab of so many vertices, with queues of their own."""
+    def within(self, slab: np.ndarray, confined_to: int, vertices: int) -> State:
+        """Return this state with new queues, for fronts confined to a slab of `vertices` vertices."""
         near, far = np.empty((2, 1 << int(vertices).bit_length()), dtype=np.uint32)
-        return self._replace(slab=slab, own=own, near=near, far=far)
+        return self._replace(slab=slab, confined_to=confined_to, near=near, far=far)
 
 
 def _unsigned(ids: np.ndarray) -> np.ndarray:
@@ -88,19 +91,23 @@ def _unsigned(ids: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _advance(state, size):
-    """Relax the distances of all that is nearer to the first `size` entries of `near` than to its sample.
+    """Advance fronts from the first `size` entries of `near` to every vertex that is nearer to them.
 
-    Delta-stepping: labels are corrected in bands of equal width, in any order within a band; a
-    vertex may be visited again, but no heap is kept, which would cost several times as much. The
-    labels end the same to the last bit: each is the minimum of sums taken from the samples
-    outwards, and ties go to the smaller sample.
+    Delta-stepping corrects distances in bands of equal width, in any order within a band. A vertex may be
+    visited again; a heap would avoid this at several times the cost. The result does not depend on the
+    order: each distance is the minimum of sums taken from the samples outwards, and ties go to the smaller
+    sample.
 
     U. Meyer, P. Sanders, "Delta-stepping: a parallelizable shortest path algorithm", 2003.
     """
-    indptr, indices, lengths, slab, own = state.indptr, state.indices, state.lengths, state.slab, state.own
+    indptr, indices, lengths = state.indptr, state.indices, state.lengths
+    slab, confined_to = state.slab, state.confined_to
     distance, cell, queued, near, far = state.distance, state.cell, state.queued, state.near, state.far
-    inside = own != EVERYWHERE
-    one, mask = np.uint64(1), np.uint64(near.shape[0] - 1)  # with a signed number they would be floats
+    inside = confined_to != EVERYWHERE
+    one, mask = (
+        np.uint64(1),
+        np.uint64(near.shape[0] - 1),
+    )  # signed numbers would turn them into floats
     head, tail, waiting, limit = np.uint64(0), np.uint64(size), np.uint64(0), state.width
     while head != tail:
         while head != tail:
@@ -112,8 +119,9 @@ def _advance(state, size):
                 w = indices[p]
                 nd = d + lengths[p]
                 if nd < distance[w] or (nd == distance[w] and s < cell[w]):
-                    # Only now, for most are no nearer. Another thread may be at a foreign vertex: it is left.
-                    if inside and slab[w] != own:
+                    # Tested last, because most vertices are no nearer. Vertices of other slabs belong to
+                    # other threads.
+                    if inside and slab[w] != confined_to:
                         continue
                     distance[w] = nd
                     cell[w] = s
@@ -126,7 +134,7 @@ def _advance(state, size):
                         queued[w] = FAR
                         far[waiting] = w
                         waiting += one
-        # The next band begins at the nearest vertex that waits.
+        # The next band begins at the nearest waiting vertex.
         nearest = np.inf
         for q in range(waiting):
             if queued[far[q]] == FAR and distance[far[q]] < nearest:
@@ -136,7 +144,7 @@ def _advance(state, size):
         for q in range(waiting):
             w = far[q]
             if queued[w] != FAR:
-                continue  # it got nearer and was dealt with
+                continue  # it came nearer and was treated in an earlier band
             if distance[w] < limit:
                 queued[w] = NEAR
                 near[tail] = w
@@ -149,7 +157,7 @@ def _advance(state, size):
 
 @njit(cache=True, nogil=True)
 def start(state, first):
-    """Let the fronts of some samples, numbered from 0, advance together."""
+    """Insert samples (h,), numbered from 0, and advance their fronts together."""
     for s in range(first.shape[0]):
         _place(state, first[s], s, s)
     _advance(state, first.shape[0])
@@ -157,7 +165,7 @@ def start(state, first):
 
 @njit(cache=True, nogil=True)
 def insert(state, vertices, sample):
-    """Let the fronts of some samples advance one after the other, of numbers (k,) `sample`."""
+    """Insert vertices as samples with the numbers `sample` (k,), and advance their fronts one by one."""
     for i in range(vertices.shape[0]):
         _place(state, vertices[i], sample[i], 0)
         _advance(state, 1)
@@ -165,9 +173,9 @@ def insert(state, vertices, sample):
 
 @njit(cache=True, nogil=True)
 def cover(state, vertices, first):
-    """Insert the `first`, and every one of some vertices that no front has reached before its turn.
+    """Insert the vertices `first`, then each of `vertices` that no front has reached before its turn.
 
-    Returns the samples, numbered from 0 within this call.
+    Returns the inserted samples (k,). Their cells are numbered from 0.
     """
     samples = np.empty(len(vertices), dtype=np.int64)
     count = 0
@@ -183,7 +191,10 @@ def cover(state, vertices, first):
 
 @njit(cache=True, nogil=True)
 def from_outside(state, border):
-    """Those of some vertices that are nearer to a sample through a neighbour; how near, and to which."""
+    """Find the vertices of `border` that are nearer to a sample through a neighbour.
+
+    Returns these vertices, their new distances, and their new cells.
+    """
     distance, cell = state.distance, state.cell
     found, near, sample = np.empty_like(border), np.empty(len(border)), np.empty(len(border), dtype=np.int32)
     count = 0
@@ -202,7 +213,7 @@ def from_outside(state, border):
 
 @njit(cache=True, nogil=True)
 def resume(state, vertices, near, sample):
-    """Let fronts go on from some vertices, which they have reached from outside."""
+    """Advance fronts from vertices reached from outside, with distances `near` and cells `sample`."""
     for i in range(len(vertices)):
         state.distance[vertices[i]], state.cell[vertices[i]] = near[i], sample[i]
         state.near[i], state.queued[vertices[i]] = vertices[i], NEAR
@@ -211,7 +222,7 @@ def resume(state, vertices, near, sample):
 
 @njit(cache=True, nogil=True)
 def _place(state, vertex, sample, position):
-    """Make a vertex a sample, from which the next front begins."""
+    """Make a vertex a sample and put it into the queue, at `position`."""
     state.distance[vertex] = 0.0
     state.cell[vertex] = sample
     state.near[position] = vertex
@@ -227,7 +238,7 @@ def _largest(distance, vertices):
 
 @njit(cache=True, nogil=True)
 def _from(distance, vertices, low):
-    """Those of some vertices whose distance is `low` or more."""
+    """Return the vertices whose distance is at least `low`."""
     found, count = np.empty(len(vertices), dtype=np.int64), 0
     for v in vertices:
         if distance[v] >= low:
@@ -238,12 +249,15 @@ def _from(distance, vertices, low):
 
 @njit(cache=True, nogil=True)
 def insert_farthest(state, count, sample, among):
-    """Insert samples, numbered from `sample` on, each of some vertices the farthest from all before it."""
+    """Insert `count` samples, each the vertex of `among` farthest from all samples before it.
+
+    The samples get numbers from `sample` on; they are returned in this order.
+    """
     distance = state.distance
     samples = np.empty(count, dtype=np.int64)
-    # Distances only shrink, so an entry of the heap is an upper bound: it is brought up to date
-    # when it comes to the top. The heap holds the farthest vertices alone, (-distance, vertex), and is
-    # filled anew when they are used up, from all those down to `lowest`, until they are.
+    # Distances only shrink, so an entry (-distance, vertex) of the heap is an upper bound, which is updated
+    # when it comes to the top. The heap holds only the farthest candidates. When it is empty it is filled
+    # again from the candidates, and these from all vertices.
     gathered, lowest = among[:0], np.inf
     heap, low = [(0.0, among[0]) for _ in range(0)], np.inf
     for i in range(count):

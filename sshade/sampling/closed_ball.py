@@ -1,28 +1,31 @@
-"""The closed-ball test of Voronoi cells, and where samples must be added to pass it.
+"""The closed-ball test: find where the dual of Voronoi cells would have another topology than the mesh.
 
-The dual of the cells is a mesh of the same topology when every cell, every
-union of two adjacent ones and every union of three that meet in a triangle is
-a disc. A union C is a disc when its dual cell complex has Euler characteristic
+The dual of the cells is a mesh of the same topology as M if every cell, every union of two cells that share
+an edge of M, and every union of three cells that meet in a triangle is a topological disc. Where a union is
+no disc, :func:`refinements` returns vertices to add as samples. A union C is a disc if its Euler
+characteristic is one:
 
-    chi(C) = #(inner vertices in C) - #(inner edges with an end in C) + #(triangles with a corner in C) = 1
+    chi(C) = #(inner vertices in C) - #(inner edges with an end in C) + #(triangles with a corner in C) = 1 .
 
-(ReMatching, Maggioli et al. 2024). Edges and triangles are counted once for a
-union however many of its cells they touch, so by inclusion and exclusion
+This is the condition of ReMatching (F. Maggioli, D. Baieri, S. Melzi, E. Rodola, "ReMatching: low-resolution
+representations for scalable shape correspondence", 2024).
+
+A union counts an edge or triangle once, however many of its cells touch it. By inclusion and exclusion, with
+i, j and k for cells,
 
     chi(ij)  = chi(i) + chi(j) - c(ij),   c(ij) = #triangles touching both - #inner edges between them
-    chi(ijk) = chi(i) + chi(j) + chi(k) - c(ij) - c(jk) - c(ki) + #triangles touching all three
+    chi(ijk) = chi(i) + chi(j) + chi(k) - c(ij) - c(jk) - c(ki) + #triangles touching all three .
 
-and one pass over edges and triangles serves every union. A triangle that touches both i and j has
-two edges between them, or one if it touches a third cell too; an edge between them has two
-triangles, or one on the boundary. Counted both ways, these incidences give
+One pass over edges and triangles therefore serves all unions. To find c(ij), count incidences of edges and
+triangles: a triangle that touches i and j has two edges between them, or one if it touches a third cell; an
+edge between them has two triangles, or one on the boundary. Hence
 
-    2 c(ij) = #boundary edges between i and j + #triangles touching i, j and a third cell.
+    2 c(ij) = #boundary edges between i and j + #triangles touching i, j and a third cell .
 
-The count leaves the mesh's own boundary out, where each vertex, with its edge,
-cancels. So a cell that crosses a strip, whose trace on the boundary is two
-arcs, passes. On a mesh with boundary two more conditions are asked for: the
-trace of a cell is one arc (boundary vertices minus boundary edges inside it
-equals 1), and at most one boundary edge joins two cells.
+The sum leaves out the boundary of M, where each vertex cancels with an edge. It would accept a cell that
+crosses a strip and has two arcs on the boundary. On a mesh with boundary, two conditions are added: the trace
+of a cell on the boundary is one arc (boundary vertices minus boundary edges inside the cell equals 1), and at
+most one boundary edge joins two cells.
 """
 
 from __future__ import annotations
@@ -32,27 +35,28 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from sshade.mesh.sides import group_rows
 from sshade.sampling.fronts import Fronts
 from sshade.threads import in_ranges
 
 
 class Unions(NamedTuple):
-    """Cells, and the pairs and triples of them that meet, each with the counts that tell a disc.
+    """Cells, pairs of cells that share an edge, triples that meet in a triangle, and their counts.
 
     Attributes
     ----------
     chi, pair_chi, triple_chi : (k,), (p,), (t,) int64
-        Euler characteristics.
+        Euler characteristics of cells, pairs and triples.
     trace : (k,) int64
-        Boundary vertices less boundary edges inside a cell; 1 for cells off the boundary.
+        Boundary vertices minus boundary edges inside each cell; 1 for cells off the boundary.
     arcs : (p,) int64
-        Boundary edges that join the cells of a pair.
+        Boundary edges that join the two cells of a pair.
     pairs, triples : (p, 2), (t, 3) int32
-        Ids of cells, ascending.
+        Cells of each pair and triple, in ascending order.
     edges, edge_pair : (a, 2) int32 and (a,) int64
-        Ends of the edges between cells, and the pair that each joins.
+        Ends of the edges between two cells, and the pair of each edge.
     faces, face_triple : (b,) int64
-        Triangles that touch three cells, and their triple.
+        Triangles that touch three cells, and the triple of each triangle.
     """
 
     chi: np.ndarray
@@ -69,7 +73,7 @@ class Unions(NamedTuple):
 
 
 def refinements(F: np.ndarray, fronts: Fronts) -> tuple[np.ndarray, np.ndarray]:
-    """Find vertices to insert as samples because a union of cells near them is no disc.
+    """Find vertices to insert as samples near unions of cells that are no discs.
 
     Parameters
     ----------
@@ -81,11 +85,10 @@ def refinements(F: np.ndarray, fronts: Fronts) -> tuple[np.ndarray, np.ndarray]:
     Returns
     -------
     vertices : (a,) int64
-        Vertices to insert, farthest from their samples first, each once.
+        Distinct vertices to insert, farthest from their samples first.
     failed : (b,) int32
-        The first cell of each union that failed. Empty if and only if all are discs.
-        With `failed` and no `vertices` the cells cannot be refined: they
-        consist of samples alone.
+        First cell of each union that failed; empty if and only if all unions are discs. If `failed` is not
+        empty but `vertices` is, the failed cells consist of samples alone and cannot be refined.
     """
     u = count_unions(F, fronts)
     no_disc, no_arc = np.flatnonzero(u.chi != 1), np.flatnonzero(u.trace != 1)
@@ -95,38 +98,38 @@ def refinements(F: np.ndarray, fronts: Fronts) -> tuple[np.ndarray, np.ndarray]:
     if len(failed) == 0:
         return np.zeros(0, dtype=np.int64), failed.astype(np.int32)
 
-    cell, distance = fronts.cell, fronts.distance
-    sample = np.zeros(len(cell), dtype=bool)
-    sample[fronts.samples] = True
-    concerned = np.zeros(len(fronts.samples), dtype=bool)
+    cell, distance, k = fronts.cell, fronts.distance, len(fronts.samples)
+    is_sample = np.zeros(len(cell), dtype=bool)
+    is_sample[fronts.samples] = True
+    concerned = np.zeros(k, dtype=bool)
     for cells in (failed, u.pairs[pairs], split, u.triples[triples]):
         concerned[cells] = True
-    free = np.flatnonzero(concerned[cell] & ~sample)
-    outer = free[fronts.graph.on_boundary[free]]
-    inside = _farthest(free, cell[free], distance, len(concerned))
-    at_boundary = _farthest(outer, cell[outer], distance, len(concerned))
+    candidates = np.flatnonzero(concerned[cell] & ~is_sample)
+    outer = candidates[fronts.graph.on_boundary[candidates]]
+    inside = _farthest(candidates, cell[candidates], distance, k)
+    at_boundary = _farthest(outer, cell[outer], distance, k)
 
-    def farthest_of(candidates: np.ndarray) -> np.ndarray:
-        """Of each row the vertex farthest from its sample; -1 stands for none."""
-        d = np.where(candidates >= 0, distance[candidates], -1.0)
-        return np.take_along_axis(candidates, d.argmax(axis=1)[:, None], axis=1)[:, 0]
+    def farthest_in_row(vertices: np.ndarray) -> np.ndarray:
+        """Return the vertex of each row that is farthest from its sample; -1 stands for no vertex."""
+        d = np.where(vertices >= 0, distance[vertices], -1.0)
+        return np.take_along_axis(vertices, d.argmax(axis=1)[:, None], axis=1)[:, 0]
 
-    # Of two cells the farthest end of the edges between them, if that is no sample already.
+    # For a pair, the farthest end of the edges between its cells, unless all ends are samples.
     between = np.isin(u.edge_pair, pairs)
     ends, pair = u.edges[between].ravel().astype(np.int64), np.repeat(u.edge_pair[between], 2)
-    crossing = _farthest(ends[~sample[ends]], pair[~sample[ends]], distance, len(u.pairs))[pairs]
-    # Of three cells the farthest corner of each triangle between them.
+    crossing = _farthest(ends[~is_sample[ends]], pair[~is_sample[ends]], distance, len(u.pairs))[pairs]
+    # For a triple, the farthest corner of each triangle between its cells.
     between = np.isin(u.face_triple, triples)
     corners = F[u.faces[between]]
-    corner = farthest_of(np.where(sample[corners], -1, corners))
+    corner = farthest_in_row(np.where(is_sample[corners], -1, corners))
     refined = np.isin(triples, u.face_triple[between][corner >= 0])
     chosen = [
         inside[no_disc],
-        _either(at_boundary[no_arc], inside[no_arc]),
-        _either(crossing, farthest_of(inside[u.pairs[pairs]])),
-        _either(farthest_of(at_boundary[split]), farthest_of(inside[split])),
+        _first_found(at_boundary[no_arc], inside[no_arc]),
+        _first_found(crossing, farthest_in_row(inside[u.pairs[pairs]])),
+        _first_found(farthest_in_row(at_boundary[split]), farthest_in_row(inside[split])),
         corner,
-        farthest_of(inside[u.triples[triples[~refined]]]),
+        farthest_in_row(inside[u.triples[triples[~refined]]]),
     ]
     vertices = np.unique(np.concatenate(chosen))
     vertices = vertices[vertices >= 0]
@@ -134,12 +137,14 @@ def refinements(F: np.ndarray, fronts: Fronts) -> tuple[np.ndarray, np.ndarray]:
 
 
 def count_unions(F: np.ndarray, fronts: Fronts) -> Unions:
-    """Count the vertices, edges and triangles of all cells, of pairs at an edge and triples at a triangle.
+    """Compute the Euler characteristics of all cells, pairs that share an edge, and triples of a triangle.
 
     Parameters
     ----------
     F : (m, 3) int
+        Faces of a manifold mesh.
     fronts : Fronts
+        The cells.
     """
     graph, cell, k = fronts.graph, fronts.cell, len(fronts.samples)
     rows = graph.indptr, graph.indices, graph.boundary
@@ -167,12 +172,13 @@ def count_unions(F: np.ndarray, fronts: Fronts) -> Unions:
 
 
 def faces_of_three(F: np.ndarray, cell: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Count the triangles that touch each of k cells, and find those that touch three.
+    """Count the triangles that touch each of k cells, and find the triangles that touch three.
 
     Parameters
     ----------
     F : (m, 3) int
     cell : (n,) int32
+        Cell of each vertex.
     k : int
 
     Returns
@@ -187,65 +193,27 @@ def faces_of_three(F: np.ndarray, cell: np.ndarray, k: int) -> tuple[np.ndarray,
     return np.sum(touching, axis=0), np.concatenate(faces)
 
 
-def _either(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def _first_found(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return np.where(first >= 0, first, second)
 
 
 def _farthest(vertices: np.ndarray, owner: np.ndarray, distance: np.ndarray, count: int) -> np.ndarray:
-    """(count,) of each owner's vertices the farthest from its sample, the smallest id of several; or -1."""
+    """Return (count,) the vertex of each owner that is farthest from its sample; -1 without vertices.
+
+    Among equally far vertices the smallest id wins.
+    """
     nearest_first = np.lexsort((-vertices, distance[vertices]))
     found = np.full(count, -1, dtype=np.int64)
-    found[owner[nearest_first]] = vertices[nearest_first]  # the last one that is written stays
+    found[owner[nearest_first]] = vertices[nearest_first]  # the last assignment stays
     return found
 
 
 @njit(cache=True, nogil=True)
-def group_rows(rows, n):
-    """Group equal rows of ids in linear time; no key is made of a row, which could overflow.
-
-    Parameters
-    ----------
-    rows : (r, c) int
-    n : int
-        Above every id.
-
-    Returns
-    -------
-    first : (g,) int64
-        The first row of each group; the groups are in the lexicographic order of their rows.
-    group : (r,) int64
-        Group of each row.
-    """
-    # Counting sort by the last column first; each keeps the order of rows that are equal in it.
-    order = np.arange(rows.shape[0])
-    for c in range(rows.shape[1] - 1, -1, -1):
-        place = np.zeros(n + 1, dtype=np.int64)
-        for r in range(rows.shape[0]):
-            place[rows[r, c] + 1] += 1
-        for i in range(n):
-            place[i + 1] += place[i]
-        before, order = order, np.empty(rows.shape[0], dtype=np.int64)
-        for r in before:
-            order[place[rows[r, c]]] = r
-            place[rows[r, c]] += 1
-    group, first = np.empty(rows.shape[0], dtype=np.int64), np.empty(rows.shape[0], dtype=np.int64)
-    count = 0
-    for p in range(rows.shape[0]):
-        new = p == 0
-        for c in range(rows.shape[1]):
-            new = new or rows[order[p], c] != rows[order[p - 1], c]
-        if new:
-            first[count] = order[p]
-            count += 1
-        group[order[p]] = count - 1
-    return first[:count].copy(), group
-
-
-@njit(cache=True, nogil=True)
 def _count_edges(first, end, indptr, indices, boundary, cell, k):
-    """Count vertices and edges of cells; list the edges between two: ends, inner or not, both cells.
+    """Count vertices and edges of cells, for a range of vertices and their edges to larger vertices.
 
-    Of some vertices, and of their edges to those of larger ids.
+    Returns the sums `chi` and `trace` of :class:`Unions` without triangles, (2, k); and for the edges
+    between two cells their ends, whether they are inner edges, and the two cells.
     """
     counts = np.zeros((2, k), dtype=np.int64)
     chi, trace = counts
@@ -277,7 +245,7 @@ def _count_edges(first, end, indptr, indices, boundary, cell, k):
 
 @njit(cache=True, nogil=True)
 def _count_triangles(first, end, F, cell, k):
-    """As of :func:`faces_of_three`, of some triangles."""
+    """Do the work of :func:`faces_of_three` for a range of triangles."""
     touching, three, count = np.zeros(k, dtype=np.int64), np.empty(end - first, dtype=np.int64), 0
     for f in range(first, end):
         i, j, h = cell[F[f, 0]], cell[F[f, 1]], cell[F[f, 2]]

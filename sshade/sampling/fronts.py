@@ -1,10 +1,11 @@
-"""Graph-geodesic fronts: farthest point sampling and the Voronoi cells of its samples.
+"""Farthest point sampling of a mesh, and the Voronoi cells of the samples.
 
-Distances run along mesh edges, with Euclidean edge lengths, so that cells
-are connected by construction (ReMatching: F. Maggioli, D. Baieri, S. Melzi,
-E. Rodola, "ReMatching: low-resolution representations for scalable shape
-correspondence", 2024). Inserting a sample updates only what lies nearer to it
-than to every older one; k samples cost O(n log n log k) in expectation.
+Distances run along mesh edges, with Euclidean edge lengths; cells are therefore connected. A new sample
+updates only the vertices that are nearer to it than to every older sample. k samples cost O(n log n log k)
+in expectation.
+
+F. Maggioli, D. Baieri, S. Melzi, E. Rodola, "ReMatching: low-resolution representations for scalable shape
+correspondence", 2024.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from sshade.errors import InputError
 from sshade.mesh.adjacency import VertexGraph
 from sshade.sampling import advance
 
-#: Width of the bands in which fronts advance, in mean edge lengths; any positive one gives the same result.
+#: Width of the bands in which fronts advance, in mean edge lengths. It changes the speed, not the result.
 _BAND_EDGES = 4.0
 
 
@@ -25,14 +26,14 @@ class Fronts:
     Parameters
     ----------
     graph : VertexGraph
+        Edges of the mesh with their lengths.
     first : (h,) int
-        Samples to begin with, inserted in one multi-source front; ties of
-        distance go to the earlier one, as they would one at a time.
+        Initial samples, at least one. Vertices at equal distance belong to the earlier sample.
 
     Raises
     ------
     InputError
-        When `first` is empty, repeats a vertex, or is out of range.
+        If `first` is empty, repeats a vertex or is out of range, or all vertices coincide.
     """
 
     def __init__(self, graph: VertexGraph, first: np.ndarray) -> None:
@@ -57,7 +58,7 @@ class Fronts:
 
     @classmethod
     def advanced(cls, graph: VertexGraph, samples: np.ndarray, state: advance.State) -> Fronts:
-        """The fronts of some samples (k,) that have advanced as far as they go."""
+        """Return fronts of samples (k,) whose cells and distances are complete in `state`."""
         fronts = cls.__new__(cls)
         fronts.graph, fronts._samples, fronts._state = graph, [samples], state
         return fronts
@@ -72,7 +73,7 @@ class Fronts:
 
     @property
     def cell(self) -> np.ndarray:
-        """(n,) int32 for each vertex the sample (its position in `samples`) that is nearest."""
+        """(n,) int32 cell of each vertex: the position in `samples` of its nearest sample."""
         return self._state.cell
 
     @property
@@ -81,42 +82,42 @@ class Fronts:
         return self._state.distance
 
     def insert(self, vertices: np.ndarray) -> None:
-        """Insert vertices as samples, in the given order; none may be a sample already."""
+        """Insert vertices (k,) as samples, in this order. None of them may be a sample already."""
         vertices = np.asarray(vertices, dtype=np.int64)
         advance.insert(self._state, vertices, len(self) + np.arange(len(vertices)))
         self._samples.append(vertices)
 
     def insert_farthest(self, count: int, *, among: np.ndarray | None = None) -> None:
-        """Insert `count` samples, each the vertex farthest from all before it.
+        """Insert `count` samples, each the vertex farthest from all samples before it.
 
-        Of several at the same distance the smallest id is taken.
+        Among equally far vertices the smallest id is taken.
 
         Parameters
         ----------
         count : int
-            So many must be left.
+            Number of samples; at most as many as vertices of `among` that are no samples yet.
         among : (a,) int, optional
-            The vertices to choose from, in ascending order; by default all.
+            Candidates in ascending order; by default all vertices.
         """
         among = np.arange(self.graph.n) if among is None else among
         self._samples.append(advance.insert_farthest(self._state, count, len(self), among))
 
 
 def band(graph: VertexGraph) -> float:
-    """Width of the bands in which fronts advance on a graph."""
+    """Return the width of the bands in which fronts advance on a graph, in its unit of length."""
     return _BAND_EDGES * float(graph.lengths.mean())
 
 
 def thinned(graph: VertexGraph, vertices: np.ndarray, count: int) -> np.ndarray:
-    """At most `count` of some vertices, each the one farthest from those before it.
+    """Choose at most `count` of some vertices, each the vertex farthest from those chosen before it.
 
     Parameters
     ----------
     graph : VertexGraph
     vertices : (h,) int
-        Each once.
+        Distinct vertices. The first is always chosen.
     count : int
-        With no fewer, they come back as they are.
+        If at least h, `vertices` are returned themselves.
 
     Returns
     -------
@@ -130,12 +131,12 @@ def thinned(graph: VertexGraph, vertices: np.ndarray, count: int) -> np.ndarray:
 
 
 def farthest_point_sampling(graph: VertexGraph, count: int, *, first: np.ndarray) -> Fronts:
-    """Sample `count` vertices, beginning with `first`.
+    """Sample `count` vertices, beginning with the vertices `first` (h,).
 
     Raises
     ------
     InputError
-        When `count` exceeds the number of vertices or is under the number of first samples.
+        If `count` is larger than the number of vertices or smaller than h, or as :class:`Fronts`.
     """
     if count > graph.n:
         raise InputError(f"{count} samples were asked for, but the mesh has only {graph.n} vertices")

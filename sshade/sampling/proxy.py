@@ -1,8 +1,11 @@
-"""Remeshing by sampling: the proxy N is the dual of geodesic Voronoi cells of M.
+"""Build the proxy N of a mesh M: sample vertices of M and triangulate the dual of their Voronoi cells.
 
-F. Maggioli, D. Baieri, S. Melzi, E. Rodola, "ReMatching: low-resolution
-representations for scalable shape correspondence", 2024. The vertices of N are
-vertices of M, and every vertex of M belongs to the cell of one of them.
+The vertices of N are samples, vertices of M. Every vertex of M belongs to the cell of its nearest sample.
+Three cells that meet in a triangle of M make a triangle of N. Where cells are not discs, N would have
+another topology than M; more samples are added there (:mod:`sshade.sampling.closed_ball`).
+
+F. Maggioli, D. Baieri, S. Melzi, E. Rodola, "ReMatching: low-resolution representations for scalable shape
+correspondence", 2024.
 """
 
 from __future__ import annotations
@@ -15,31 +18,32 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.mesh.adjacency import VertexGraph, vertex_graph
 from sshade.mesh.mesh import Mesh
-from sshade.sampling.closed_ball import faces_of_three, group_rows, refinements
-from sshade.sampling.coarse import sample
+from sshade.mesh.sides import group_rows
+from sshade.sampling.closed_ball import faces_of_three, refinements
+from sshade.sampling.coarse import sample_farthest
 
-#: Rounds of closed-ball refinement after which remeshing gives up.
+#: Largest number of rounds in which samples are added until all cells pass the closed-ball test.
 MAX_ROUNDS = 50
 
 
 @dataclass(frozen=True, eq=False)
 class Sampling:
-    """A proxy N of a mesh M, with what links the two.
+    """The samples of a mesh M, their Voronoi cells, and the faces of the proxy N.
 
     Parameters
     ----------
     samples : (k,) int64
-        Vertex of M that each vertex of N is; the given first ones come first.
+        Vertices of M that are the vertices of N; prescribed samples come first.
     faces : (l, 3) int64
-        Faces of N, oriented as M, each with its smallest id first.
+        Faces of N, oriented like M, the smallest id of each face first.
     cell : (n,) int32
-        For each vertex of M the vertex of N whose cell it is in.
+        For each vertex of M, the vertex of N whose cell contains it.
     distance : (n,) float64
-        Graph distance of each vertex of M to that sample.
+        Distance along edges from each vertex of M to its sample, in the mesh's unit.
     rounds : int
-        Rounds of closed-ball refinement that added samples.
+        Rounds of the closed-ball test that added samples.
     added : int
-        Samples added by them.
+        Number of samples added in these rounds.
     """
 
     samples: np.ndarray
@@ -58,34 +62,33 @@ def sample_proxy(
     seed: int | Sequence[int] = 0,
     graph: VertexGraph | None = None,
 ) -> Sampling:
-    """Sample a mesh and triangulate the dual of the samples' cells.
+    """Sample a mesh and triangulate the dual of the samples' Voronoi cells.
 
     Parameters
     ----------
     mesh : Mesh
-        M: manifold, consistently oriented, one component; boundary loops are fine.
+        M: manifold, consistently oriented, one component, with or without boundary.
     vertices : int
-        Number of samples, before refinement adds the few that the topology needs.
+        Number of samples. The closed-ball test may add a few more.
     first : (h,) int, optional
-        Vertices that must be samples; they get the first ids, in this order.
+        Vertices that must be samples. They become the first vertices of N, in this order.
     seed : int or sequence of int
-        Chooses the random vertex that follows them, on which the rest depends.
+        Chooses the random vertex that follows `first`; all further samples depend on it.
     graph : VertexGraph, optional
-        The mesh's :func:`sshade.mesh.adjacency.vertex_graph`, where several remeshes share it.
+        :func:`sshade.mesh.adjacency.vertex_graph` of the mesh. Pass it to share it between samplings.
 
     Returns
     -------
     Sampling
-        Its faces form a manifold with M's Euler characteristic, number of
-        components and boundary loops, and use every sample.
+        The faces form a manifold that uses every sample and has M's Euler characteristic, number of
+        components and number of boundary loops.
 
     Raises
     ------
     InputError
-        When the mesh is not as required, `vertices` exceeds its number of
-        vertices or is below the number of first ones, `first` repeats a vertex
-        or is out of range, the seed is negative, or refinement ends without a
-        proxy of M's topology.
+        If the mesh is not as required, `vertices` is larger than its number of vertices or smaller than
+        h, `first` repeats a vertex or is out of range, the seed is negative, or the proxy still has
+        another topology than M after :data:`MAX_ROUNDS` rounds.
     """
     mesh.require_manifold()
     mesh.require_one_component()
@@ -100,7 +103,7 @@ def sample_proxy(
         )
     if vertices > len(start):
         start = np.append(start, _random_other_vertex(mesh.n, start, seed))
-    fronts = sample(mesh, graph or vertex_graph(mesh), vertices, first=start)
+    fronts = sample_farthest(mesh, graph or vertex_graph(mesh), vertices, first=start)
     rounds, sampled = 0, len(fronts)
     while True:
         new, failed = refinements(mesh.F, fronts)
@@ -126,7 +129,7 @@ def sample_proxy(
 
 
 def proxy_mesh(mesh: Mesh, sampling: Sampling) -> Mesh:
-    """The proxy N as a mesh: the samples' positions with the dual faces."""
+    """Return the proxy N as a mesh: the positions of the samples with the dual faces."""
     return Mesh(mesh.V[sampling.samples], sampling.faces)
 
 
@@ -136,13 +139,13 @@ def _random_other_vertex(n: int, taken: np.ndarray, seed: int | Sequence[int]) -
     except ValueError as error:
         raise InputError(f"seed {np.min(seed)} is negative; use 0 or a positive integer") from error
     vertex = int(rng.integers(n - len(taken)))
-    for other in np.sort(taken):  # the vertex of that rank among those not taken
+    for other in np.sort(taken):  # turns a rank among the other vertices into a vertex
         vertex += int(other <= vertex)
     return vertex
 
 
 def _dual_faces(F: np.ndarray, cell: np.ndarray, k: int) -> np.ndarray:
-    """(l, 3) triples of k cells that meet in a triangle, oriented as it, smallest first, each once."""
+    """Return the triples (l, 3) of cells that meet in a triangle, oriented like it, smallest cell first."""
     corners = cell[F[faces_of_three(F, cell, k)[1]]].astype(np.int64)
     turn = corners.argmin(axis=1)[:, None] + np.arange(3)
     faces = np.take_along_axis(corners, turn % 3, axis=1)
@@ -151,15 +154,14 @@ def _dual_faces(F: np.ndarray, cell: np.ndarray, k: int) -> np.ndarray:
 
 
 def _check_topology(mesh: Mesh, result: Sampling) -> None:
-    """Raise InputError unless the proxy is a manifold of M's topology that uses every sample."""
-    hint = "ask for more vertices"
+    """Raise InputError unless the proxy is a manifold with M's topology and uses every sample."""
+    failed = f"remeshing to {len(result.samples)} vertices failed"
     try:
         proxy = proxy_mesh(mesh, result)
         proxy.require_manifold()
     except InputError as error:
-        raise InputError(f"remeshing to {len(result.samples)} vertices failed: {error}; {hint}") from error
+        raise InputError(f"{failed}: {error}; ask for more vertices") from error
     if proxy.topology != mesh.topology:
         raise InputError(
-            f"remeshing to {len(result.samples)} vertices failed: the proxy has {proxy.topology}, "
-            f"the mesh {mesh.topology}; {hint}"
+            f"{failed}: the proxy has {proxy.topology}, the mesh {mesh.topology}; ask for more vertices"
         )

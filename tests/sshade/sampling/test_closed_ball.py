@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from sshade import Mesh
 from sshade.mesh.adjacency import vertex_graph
-from sshade.sampling.closed_ball import count_unions, group_rows, refinements
+from sshade.mesh.sides import group_rows
+from sshade.sampling.closed_ball import count_unions, refinements
 from sshade.sampling.fronts import Fronts, farthest_point_sampling
 from tests.shapes import double_torus, icosphere, jittered, strip, tetrahedron, torus, tube
 

@@ -150,7 +150,7 @@ def test_lengths_need_not_be_those_of_the_mesh():
 def test_small_meshes_are_sampled_exactly():
     mesh = SURFACES["bumpy"]
     graph = vertex_graph(mesh)
-    found = coarse.sample(mesh, graph, 30, first=np.array([4]))
+    found = coarse.sample_farthest(mesh, graph, 30, first=np.array([4]))
     assert np.array_equal(found.samples, farthest_point_sampling(graph, 30, first=np.array([4])).samples)
 
 
