@@ -1,4 +1,4 @@
-"""A mesh bound to a proxy: what carries any deformation of the proxy back to the mesh."""
+"""The binding of a mesh to its proxy: prolongs any deformation of the proxy to the mesh."""
 
 from __future__ import annotations
 
@@ -18,23 +18,24 @@ from sshade.threads import ThreadTeam
 
 @dataclass(frozen=True, eq=False)
 class Binding:
-    """A mesh M bound to a proxy N: M' for any N' of N's connectivity.
+    """A mesh M bound to a proxy N: gives M' for any deformed N'.
 
     Parameters
     ----------
     mesh : Mesh
         M.
     sampling : Sampling
+        Samples of M, their cells, and the faces of N.
     proxy : Mesh
         N at rest.
     projection : Projection
-        Where each vertex of M lies on N.
+        Projection of each vertex of M onto N.
     frames : Frames
-        Of N at rest.
+        Frames of N at rest.
     local : (n, 3) float64
         Coordinates of M's vertices in the frames.
     seconds : mapping
-        Time of the stages ``remesh`` and ``bind``.
+        Wall-clock seconds of the stages ``remesh`` and ``bind``.
     """
 
     mesh: Mesh
@@ -53,30 +54,32 @@ class Binding:
         team: ThreadTeam | None = None,
         out: np.ndarray | None = None,
     ) -> tuple[np.ndarray, int]:
-        """M' for the vertices of N', and the number of frames that N or N' leaves undefined.
+        """Return the vertices of M' for the vertices of N'.
 
         Parameters
         ----------
         NV : (k, 3) float64
-            Vertices of N', in the proxy's numbering.
+            Vertices of N', in the proxy's numbering and the mesh's unit.
         rotations : (k, 3, 3) float64, optional
-            Of N's vertices to those of N', for ``blended`` frames; by default fitted to the
-            edges around each.
+            Rotations of N's vertices, for ``blended`` frames. By default they are fitted to the edges
+            around each vertex.
         team : ThreadTeam, optional
-            Threads that share M's vertices.
+            Threads that divide M's vertices; by default the calling thread alone.
         out : (n, 3) float64, C-contiguous, optional
-            Where M' goes; by default to a new array.
+            Array for M'; by default a new one.
 
         Returns
         -------
         V : (n, 3) float64
+            Vertices of M'.
         degenerate : int
+            Number of frames that N or N' leaves undefined. Neighbouring frames replace them.
 
         Raises
         ------
         InputError
-            When `NV` or `rotations` do not fit the proxy's vertices, a position is not
-            finite, or a matrix is no rotation.
+            If the shapes of `NV` or `rotations` do not match the proxy, a position is not finite, or a
+            matrix is not a rotation.
         """
         NV = np.ascontiguousarray(NV, dtype=np.float64)
         if NV.shape != self.proxy.V.shape:
@@ -93,7 +96,7 @@ class Binding:
 def bind_proxy(
     mesh: Mesh, sampling: Sampling, *, frames: FrameMaker, projection: Projector = project_to_fans
 ) -> Binding:
-    """Project M's vertices onto a proxy N and encode them in its frames.
+    """Project the vertices of M onto a proxy N and encode them in its frames.
 
     Parameters
     ----------
@@ -104,20 +107,21 @@ def bind_proxy(
     frames : callable
         Makes the frames of N; see :data:`sshade.carry.frames.FrameMaker`.
     projection : callable
-        P, by default onto the fan around a vertex's sample; see :data:`sshade.carry.projection.Projector`.
+        P; by default onto the triangles around each vertex's sample. See
+        :data:`sshade.carry.projection.Projector`.
 
     Raises
     ------
     InputError
-        Those of `frames`.
+        As `frames`.
     """
     begin = perf_counter()
     proxy = proxy_mesh(mesh, sampling)
-    # Far from the origin, rounding would decide between triangles that are equally near.
+    # Far from the origin, rounding would choose among triangles at equal distance.
     V, near = mesh.V, proxy
     if mesh.origin.any():
         V, near = V - mesh.origin, Mesh(proxy.V - mesh.origin, proxy.F)
     on_proxy = projection(V, near, sampling)
-    made = frames(proxy, sampling.samples)
-    local = made.encode(mesh.V, on_proxy)
-    return Binding(mesh, sampling, proxy, on_proxy, made, local, {"bind": perf_counter() - begin})
+    at_rest = frames(proxy, sampling.samples)
+    local = at_rest.encode(mesh.V, on_proxy)
+    return Binding(mesh, sampling, proxy, on_proxy, at_rest, local, {"bind": perf_counter() - begin})

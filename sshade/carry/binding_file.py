@@ -1,4 +1,4 @@
-"""Bindings as files: what carries a proxy's edits back to its mesh, besides the mesh itself."""
+"""Save and load bindings: the .npz maps that `sshade remesh` writes and `sshade carry` reads."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from sshade.sampling.proxy import Sampling, proxy_mesh
 
 
 def save_binding(path: str | os.PathLike[str], binding: Binding) -> None:
-    """Write what :func:`load_binding` needs besides the mesh, as an .npz."""
+    """Write a binding as .npz, without the mesh itself; :func:`load_binding` reads it back."""
     frames, sampling, on_proxy = binding.frames, binding.sampling, binding.projection
     values: dict[str, Any] = {"values": frames.values} if isinstance(frames, TriangleFrames) else {}
     with open(path, "wb") as file:
@@ -40,20 +40,21 @@ def save_binding(path: str | os.PathLike[str], binding: Binding) -> None:
 
 
 def load_binding(path: str | os.PathLike[str], mesh: Mesh, *, frames: FrameKind | None = None) -> Binding:
-    """Read a binding written by :func:`save_binding`, for the mesh that it was made of.
+    """Read a binding written by :func:`save_binding`.
 
     Parameters
     ----------
     path : path
     mesh : Mesh
+        The mesh that the binding was made for. Its positions may differ.
     frames : {"triangle", "affine", "blended", "blended_affine"}, optional
-        Instead of the kind that the binding was saved with. ``triangle`` frames follow the
-        saved f, or the default one where other frames were saved.
+        Kind of frames; by default the saved kind. ``triangle`` frames use the saved frame function, or the
+        default function if other frames were saved.
 
     Raises
     ------
     InputError
-        When the file is unreadable, incomplete, or of a mesh with other counts or faces.
+        If the file is unreadable, incomplete, or made for a mesh with other counts or faces.
     """
     arrays = _read(path)
     try:
@@ -67,23 +68,23 @@ def load_binding(path: str | os.PathLike[str], mesh: Mesh, *, frames: FrameKind 
         on_proxy = Projection(*(arrays[name] for name in ("face", "barycentric", "to_proxy")))
         _require_fit(sampling, on_proxy, arrays.get("values"), mesh.n)
         proxy, saved = proxy_mesh(mesh, sampling), str(arrays["frames"])
-        made = frame_maker(saved, mesh)(proxy, sampling.samples)  # type: ignore[arg-type]
+        at_rest = frame_maker(saved, mesh)(proxy, sampling.samples)  # type: ignore[arg-type]
         if (frames or saved) == "triangle" and "values" in arrays:
-            made = TriangleFrames.of_values(proxy, arrays["values"])
+            at_rest = TriangleFrames.of_values(proxy, arrays["values"])
         elif frames:
-            made = frame_maker(frames, mesh)(proxy, sampling.samples)
+            at_rest = frame_maker(frames, mesh)(proxy, sampling.samples)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise _not_a_map(path, error) from error
-    return Binding(mesh, sampling, proxy, on_proxy, made, made.encode(mesh.V, on_proxy), {})
+    return Binding(mesh, sampling, proxy, on_proxy, at_rest, at_rest.encode(mesh.V, on_proxy), {})
 
 
 def _read(path: str | os.PathLike[str]) -> dict[str, Any]:
     try:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
             return {name: data[name] for name in data.files}
-    except Exception as error:  # zipfile and numpy fail in many ways, all of them the file's fault
+    except Exception as error:  # a damaged file makes zipfile and numpy fail in many ways
         raise _not_a_map(path, error) from error
 
 
@@ -97,7 +98,7 @@ def _digest(F: np.ndarray) -> str:
 
 
 def _require_fit(sampling: Sampling, on_proxy: Projection, values: np.ndarray | None, n: int) -> None:
-    """Raise ValueError unless the arrays of a map fit together: kernels would read out of bounds."""
+    """Raise ValueError unless the arrays of a map fit together; kernels would read out of bounds."""
     k, faces = len(sampling.samples), len(sampling.faces)
     ids = (
         (sampling.samples, (k,), n),

@@ -1,41 +1,39 @@
-"""Frames at the vertices of the proxy, blended over its triangles.
+"""Blended frames: a frame at each vertex of the proxy, blended over its triangles.
 
-Vertex i of N has a pose: where it goes, v_i', and how it turns, R_i. A point x
-of M that lies at p = w_a v_a + w_b v_b + w_c v_c on triangle (a, b, c) keeps
-its offset x - p and goes to
+Vertex i of N has a pose: its deformed position v_i' and its rotation R_i. A point x of M is projected to
+p = w_a v_a + w_b v_b + w_c v_c on triangle (a, b, c) and keeps its offset x - p. Its deformed position is
 
     x' = o(w) + R(w) (x - p),
     o(w) = sum_i w_i v_i' + sum_{i<j} w_i w_j b_ij .
 
-R(w) is the normalised blend of the corners' quaternions, and o(w) a quadratic
-triangle. Half-way, its edges pass through the middle of the screw motion from
-the pose of one end to that of the other: with (c, m) the scalar and the vector
-part of the quaternion of R_j R_i^T,
+R(w) is the normalised blend of the quaternions at the corners. o(w) is a quadratic triangle. The middle of
+each of its edges is the middle of the screw motion from the pose of one end to the pose of the other: with
+c and m the scalar and the vector part of the quaternion of R_j R_i^T,
 
     b_ij = 2 (v_j' - v_i') x m / (1 + c) .
 
-That is continuous across the triangles' edges, where only the two poses of the
-edge count, and exact at samples; equal rotations give b = 0, so that rigid
-motions come out as such. To the second order b_ij = (R_i - R_j) (v_j - v_i) / 2,
-which is what a quadratic map with these rotations does: a bent edge becomes an
-arc. The plain weighted sum of the motions x -> v_i' + R_i (x - v_i) has twice
-that b and bulges twice as far as the arc. Like every weighted sum of matrices
-it also falls onto the axis where N is twisted by half a turn from one vertex to
-the next (the candy wrapper); the screw goes around, the shorter way. Its limits:
-at half a turn exactly both ways are as short, and rotations fitted to the edges
-around a vertex see only a part of a twist that happens between two vertices.
-Where the corners of one triangle are turned by more than a full turn in all,
-R(w) has a jump at one of its edges, o(w) has none.
+Properties:
 
-Frames that stretch have symmetric S_i beside R_i: R_i S_i is the affine map of
-the edges around the vertex (:mod:`sshade.carry.vertex_maps`). The offset goes to
-R(w) S(w) (x - p), S(w) = sum_i w_i S_i, and b_ij has the second-order part of
-the stretch in addition, R (S_i - S_j) (v_j - v_i) / 2 with R of the edge's middle.
+- x' is continuous across edges, because on an edge only the poses of its two ends matter.
+- Samples are exact. Rigid motions are exact, because equal rotations give b = 0.
+- A bent edge becomes an arc: to second order b_ij = (R_i - R_j) (v_j - v_i) / 2, as in a quadratic map with
+  these rotations. A weighted sum of the motions x -> v_i' + R_i (x - v_i) has twice this b and bulges twice
+  as far as the arc.
+- A twist keeps its cross-section. A weighted sum of matrices collapses onto the axis where N turns by half a
+  turn from one vertex to the next (the candy wrapper). The screw motion goes around the axis, the shorter
+  way.
 
-L. Kavan, S. Collins, J. Zara, C. O'Sullivan, "Geometric skinning with
-approximate dual quaternion blending", 2008 (screw motions between poses);
-A. Vlachos, J. Peters, C. Boyd, J. L. Mitchell, "Curved PN triangles", 2001
-(curved triangles from what is known at their corners).
+Limits: at exactly half a turn both ways are equally short. Rotations fitted to the edges around a vertex see
+only a part of a twist between two vertices. If the corners of a triangle turn by more than a full turn in
+total, R(w) jumps at one of its edges; o(w) does not.
+
+Frames that stretch have symmetric matrices S_i in addition: R_i S_i is the affine map of the edges around the
+vertex (:mod:`sshade.carry.vertex_maps`). The offset becomes R(w) S(w) (x - p) with S(w) = sum_i w_i S_i, and
+b_ij gets the second-order term of the stretch, R (S_i - S_j) (v_j - v_i) / 2 with R at the edge's middle.
+
+Sources: L. Kavan, S. Collins, J. Zara, C. O'Sullivan, "Geometric skinning with approximate dual quaternion
+blending", 2008 (screw motions between poses); A. Vlachos, J. Peters, C. Boyd, J. L. Mitchell, "Curved PN
+triangles", 2001 (curved triangles from data at their corners).
 """
 
 from __future__ import annotations
@@ -46,7 +44,7 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 
-from sshade.carry.frames import in_rows
+from sshade.carry.frames import Frames, Placer
 from sshade.carry.projection import Projection
 from sshade.carry.vertex_maps import VertexMaps
 from sshade.errors import InputError
@@ -54,12 +52,12 @@ from sshade.mesh.mesh import Mesh
 from sshade.solver.rotations import fit_rotations, quaternions
 from sshade.threads import ThreadTeam, in_ranges
 
-#: How far R^T R of a given rotation may be from the identity.
+#: Largest deviation of R^T R from the identity for a prescribed rotation R.
 ORTHOGONAL = 1e-6
-#: Triangles whose frames a thread makes at a time.
+#: Number of triangles that a thread treats at a time.
 ROWS = 4096
 
-# What decoding needs of a triangle abc, side by side in memory, for a point reads all of it:
+# Each point reads all data of its triangle abc. They stand side by side in memory, in a row of T (l, WIDTH):
 #
 #   column      0     3     6     9      12     15     18    22    26    30
 #   T[t]        | v_a'| v_b'| v_c'| b_bc | b_ca | b_ab | q_a | q_b | q_c |
@@ -68,7 +66,7 @@ CORNER, BULGE, QUATERNION, WIDTH = 0, 9, 18, 30
 
 
 @dataclass(frozen=True, eq=False)
-class BlendedFrames:
+class BlendedFrames(Frames):
     """Frames at a proxy's vertices, blended over its triangles.
 
     Parameters
@@ -76,7 +74,7 @@ class BlendedFrames:
     proxy : Mesh
         N at rest.
     stretch : bool
-        Frames turn and stretch as the edges around their vertex do; otherwise they only turn.
+        Whether frames stretch like the edges around their vertex, or only turn.
     """
 
     proxy: Mesh
@@ -84,39 +82,30 @@ class BlendedFrames:
 
     @cached_property
     def maps(self) -> VertexMaps:
-        """Of N at rest; not needed where rotations are given."""
+        """Maps of the 1-rings of N at rest; not needed for prescribed rotations."""
         return VertexMaps.at_rest(self.proxy)
 
     @property
     def name(self) -> str:
-        """Of the kind, as users give it."""
+        """Kind of the frames; see :class:`sshade.carry.frames.Frames`."""
         return "blended_affine" if self.stretch else "blended"
 
     def encode(self, V: np.ndarray, on: Projection) -> np.ndarray:
-        """Offsets x - p, p = sum_i w_i v_i; see :class:`sshade.carry.frames.Frames`."""
-        local, given = np.empty_like(V), (V, on.face, on.barycentric, self.proxy.V, self.proxy.F)
-        in_ranges(lambda first, end: _offsets(first, end, *given, local), len(V))
+        """Return the offsets x - p; see :class:`sshade.carry.frames.Frames`."""
+        local, F, NV = np.empty_like(V), self.proxy.F, self.proxy.V
+        in_ranges(lambda first, end: _offsets(first, end, V, on.face, on.barycentric, NV, F, local), len(V))
         return local
 
-    def decode(
-        self,
-        local: np.ndarray,
-        NV: np.ndarray,
-        *,
-        on: Projection,
-        rotations: np.ndarray | None = None,
-        team: ThreadTeam | None = None,
-        out: np.ndarray | None = None,
-    ) -> tuple[np.ndarray, int]:
-        """Points o(w) + R(w) (x - p), or o(w) + R(w) S(w) (x - p); see :class:`sshade.carry.frames.Frames`.
+    def posed(self, NV: np.ndarray, rotations: np.ndarray | None, team: ThreadTeam) -> tuple[Placer, int]:
+        """Place points at o(w) + R(w) (x - p) or o(w) + R(w) S(w) (x - p).
 
-        Rotations that are not given, and those of frames that stretch, are the ones nearest to
-        the vertices' affine maps.
+        Without `rotations`, and for frames that stretch, R_i is the rotation nearest to the affine map of
+        vertex i. See also :class:`sshade.carry.frames.Frames`.
 
         Raises
         ------
         InputError
-            When a matrix in `rotations` is not a rotation.
+            If a matrix in `rotations` is not a rotation.
         """
         F, missing = self.proxy.F, 0
         if rotations is None or self.stretch:
@@ -129,20 +118,22 @@ class BlendedFrames:
         if not error <= ORTHOGONAL:
             raise InputError(f"a rotation of the proxy's vertices is off by {error:.1e}: it is no rotation")
         triangles = np.empty((len(F), WIDTH))
-        (team or ThreadTeam(1)).ranges(lambda *own: _triangles(*own, F, NV, Q, triangles), len(F), rows=ROWS)
+        team.ranges(lambda first, end: _triangles(first, end, F, NV, Q, triangles), len(F), rows=ROWS)
         if self.stretch:
             S = np.ascontiguousarray(R.transpose(0, 2, 1) @ A)
             _add_stretch(triangles, F, self.proxy.V, Q, S)
-            local = _stretched(local, on.face, on.barycentric, F, S)
 
-        def decode(first: int, end: int, V: np.ndarray) -> None:
+        def place(first: int, end: int, local: np.ndarray, on: Projection, V: np.ndarray) -> None:
+            if self.stretch:
+                _stretch(first, end, local, on.face, on.barycentric, F, S, V)
+                local = V
             _decode(first, end, local, on.face, on.barycentric, triangles, V)
 
-        return in_rows(decode, len(local), team, out), missing
+        return place, missing
 
 
 def nearest_rotations(A: np.ndarray) -> np.ndarray:
-    """(k, 3, 3) rotations R that maximise tr(R^T A): the nearest ones to matrices (k, 3, 3)."""
+    """Return the rotations R (k, 3, 3) nearest to matrices A (k, 3, 3): they maximise tr(R^T A)."""
     R = np.array(A.transpose(0, 2, 1), dtype=np.float64, order="C").reshape(-1, 9)
     fit_rotations(R, np.tile([1.0, 0.0, 0.0, 0.0], (len(A), 1)))
     return R.reshape(-1, 3, 3)
@@ -159,11 +150,10 @@ def _offsets(first, end, V, face, barycentric, NV, F, local):
 
 @njit(cache=True, nogil=True)
 def _triangles(first, end, F, V, Q, T):
-    """Write rows of T (l, WIDTH) as above, with quaternions whose signs agree.
+    """Write rows of T (l, WIDTH), with quaternions whose signs agree.
 
-    A quaternion and its negative are the same rotation; the signs are chosen
-    along the two edges with the smaller turns. Were they chosen along any two,
-    opposite ones could meet on the third edge and cancel.
+    A quaternion and its negative are the same rotation. Signs are chosen along the two edges with the
+    smallest turns. Along two other edges, opposite quaternions could meet on the third edge and cancel.
     """
     for t in range(first, end):
         a, b, c = F[t, 0], F[t, 1], F[t, 2]
@@ -187,7 +177,7 @@ def _triangles(first, end, F, V, Q, T):
 
 @njit(cache=True, nogil=True)
 def _bulge(V, Q, i, j, out):
-    """Write b_ij; return the product of the quaternions, the cosine of half the angle between them."""
+    """Write b_ij to `out`; return the product of the quaternions, the cosine of half their relative turn."""
     iw, ix, iy, iz = Q[i, 0], Q[i, 1], Q[i, 2], Q[i, 3]
     jw, jx, jy, jz = Q[j, 0], Q[j, 1], Q[j, 2], Q[j, 3]
     cosine = iw * jw + ix * jx + iy * jy + iz * jz
@@ -204,7 +194,7 @@ def _bulge(V, Q, i, j, out):
 
 @njit(cache=True, nogil=True)
 def _add_stretch(T, F, rest, Q, S):
-    """Add R (S_i - S_j) (v_j - v_i) / 2 to each b_ij, R the blend of R_i and R_j half-way."""
+    """Add R (S_i - S_j) (v_j - v_i) / 2 to each b_ij, with R the blend of R_i and R_j in equal parts."""
     q, g = np.empty(4), np.empty(3)
     for t in range(len(F)):
         for k in range(3):
@@ -225,17 +215,16 @@ def _add_stretch(T, F, rest, Q, S):
 
 @njit(cache=True, nogil=True)
 def _turned(w, x, y, z, u, v, s):
-    """The vector (u, v, s) turned by the quaternion (w, x, y, z) of any length."""
+    """Rotate the vector (u, v, s) by the quaternion (w, x, y, z) of any length."""
     n = 2.0 / (w * w + x * x + y * y + z * z)
     tx, ty, tz = n * (y * s - z * v), n * (z * u - x * s), n * (x * v - y * u)
     return u + w * tx + y * tz - z * ty, v + w * ty + z * tx - x * tz, s + w * tz + x * ty - y * tx
 
 
 @njit(cache=True, nogil=True)
-def _stretched(local, face, barycentric, F, S):
-    """(n, 3) stretched offsets S(w) (x - p)."""
-    result = np.empty_like(local)
-    for i in range(len(local)):
+def _stretch(first, end, local, face, barycentric, F, S, V):
+    """Write the stretched offsets S(w) (x - p) to V."""
+    for i in range(first, end):
         a, b, c = F[face[i], 0], F[face[i], 1], F[face[i], 2]
         wa, wb, wc = barycentric[i, 0], barycentric[i, 1], barycentric[i, 2]
         x, y, z = local[i, 0], local[i, 1], local[i, 2]
@@ -243,8 +232,7 @@ def _stretched(local, face, barycentric, F, S):
             u = wa * S[a, r, 0] + wb * S[b, r, 0] + wc * S[c, r, 0]
             v = wa * S[a, r, 1] + wb * S[b, r, 1] + wc * S[c, r, 1]
             w = wa * S[a, r, 2] + wb * S[b, r, 2] + wc * S[c, r, 2]
-            result[i, r] = u * x + v * y + w * z
-    return result
+            V[i, r] = u * x + v * y + w * z
 
 
 @njit(cache=True, nogil=True)

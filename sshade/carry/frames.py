@@ -1,39 +1,53 @@
-"""What kinds of frames have in common: points of M encoded on N at rest, decoded on N'."""
+"""Local frames of a proxy: points of M get coordinates on N at rest, and positions from them on N'."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
+from numba import njit
 
 from sshade.carry.projection import Projection
 from sshade.mesh.mesh import Mesh
 from sshade.threads import ThreadTeam
 
-#: A triangle whose doubled area is under this, times its longest edge squared, has no normal.
+#: Largest doubled area, over the squared longest edge, of a triangle that has no normal.
 ZERO_AREA = 1e-12
 
+#: Writes the positions of the points ``first`` to ``end``: ``place(first, end, local, on, V)``.
+Placer = Callable[[int, int, np.ndarray, Projection, np.ndarray], None]
 
-class Frames(Protocol):
+
+class Frames(ABC):
     """Local frames on a proxy N at rest, in which points keep their coordinates while N deforms."""
 
     @property
+    @abstractmethod
     def name(self) -> str:
-        """Of the kind, as users give it; a saved binding keeps it."""
+        """Kind of the frames, as users choose it; a saved binding keeps it."""
 
+    @abstractmethod
     def encode(self, V: np.ndarray, on: Projection) -> np.ndarray:
-        """Coordinates of points in the frames of N at rest.
+        """Return the coordinates of points in the frames of N at rest.
 
         Parameters
         ----------
         V : (n, 3) float64
+            Points.
         on : Projection
-            Where on N each point belongs.
+            Their projections onto N.
 
         Returns
         -------
         (n, 3) float64
+        """
+
+    @abstractmethod
+    def posed(self, NV: np.ndarray, rotations: np.ndarray | None, team: ThreadTeam) -> tuple[Placer, int]:
+        """Return a function that places points on N', and the number of undefined frames.
+
+        The parameters are those of :meth:`decode`.
         """
 
     def decode(
@@ -46,7 +60,7 @@ class Frames(Protocol):
         team: ThreadTeam | None = None,
         out: np.ndarray | None = None,
     ) -> tuple[np.ndarray, int]:
-        """Points with given coordinates in the frames of N'.
+        """Return the points with given coordinates in the frames of N'.
 
         Parameters
         ----------
@@ -55,35 +69,36 @@ class Frames(Protocol):
         NV : (k, 3) float64
             Vertices of N'.
         on : Projection
-            The one that `local` was encoded with.
+            The projections that `local` was encoded with.
         rotations : (k, 3, 3) float64, optional
-            Those of the vertices of N', where its solver gives them; only blended frames use them.
+            Rotations of the vertices of N, if a solver provides them. Only blended frames use them.
         team : ThreadTeam, optional
-            Threads that share the points.
+            Threads that divide the points; by default the calling thread alone.
         out : (n, 3) float64, C-contiguous, optional
-            Where the points go; by default to a new array.
+            Array for the points; by default a new one.
 
         Returns
         -------
         V : (n, 3) float64
         degenerate : int
-            Number of frames that N or N' leaves undefined, such as those of zero-area
-            triangles; in their place stands the mean of the neighbours' (see
-            :func:`sshade.carry.neighbours.fill_from_neighbours`).
+            Number of frames that N or N' leaves undefined, for example at zero-area triangles. The mean of
+            neighbouring frames replaces them (:func:`sshade.carry.neighbours.fill_from_neighbours`).
         """
+        V, team = np.empty((len(local), 3)) if out is None else out, team or ThreadTeam(1)
+        place, degenerate = self.posed(NV, rotations, team)
+        team.ranges(lambda first, end: place(first, end, local, on, V), len(local))
+        return V, degenerate
 
 
-def in_rows(
-    work: Callable[[int, int, np.ndarray], None],
-    n: int,
-    team: ThreadTeam | None,
-    out: np.ndarray | None,
-) -> np.ndarray:
-    """Points (n, 3) that ``work(first, end, points)`` writes, range by range, in `out` if there is one."""
-    V = np.empty((n, 3)) if out is None else out
-    (team or ThreadTeam(1)).ranges(lambda first, end: work(first, end, V), n)
-    return V
-
-
-#: Makes the frames of a proxy: of N at rest, and (k,) int, the vertex of M that each of N's is.
+#: Makes the frames of a proxy N at rest. The second argument (k,) int holds the samples, vertices of M.
 FrameMaker = Callable[[Mesh, np.ndarray], Frames]
+
+
+@njit(cache=True, nogil=True)
+def place_on_triangles(first, end, local, face, A, origin, V):
+    """Write V_i = A_t local_i + origin_t for points i in triangles t, with A (l, 3, 3) and origin (l, 3)."""
+    for i in range(first, end):
+        t = face[i]
+        x, y, z = local[i, 0], local[i, 1], local[i, 2]
+        for a in range(3):
+            V[i, a] = A[t, a, 0] * x + A[t, a, 1] * y + A[t, a, 2] * z + origin[t, a]

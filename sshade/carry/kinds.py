@@ -1,4 +1,4 @@
-"""The kinds of frames by the names that users give them."""
+"""The kinds of frames, by the names that users choose them with."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from sshade.carry.affine import AffineFrames
 from sshade.carry.blended import BlendedFrames
 from sshade.carry.frames import FrameMaker
-from sshade.carry.triangle import triangle_frames
+from sshade.carry.triangle import TriangleFrames
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 
@@ -19,24 +19,25 @@ FrameKind = Literal["triangle", "affine", "blended", "blended_affine"]
 def frame_maker(
     frames: FrameKind | FrameMaker, mesh: Mesh, *, frame_function: str | np.ndarray = "extent"
 ) -> FrameMaker:
-    """What makes the frames of a name.
+    """Return a function that makes frames of a named kind.
 
     Parameters
     ----------
     frames : {"triangle", "affine", "blended", "blended_affine"} or FrameMaker
-        The paper's rigid frames of triangles (:mod:`sshade.carry.triangle`); their affine maps
-        (:mod:`sshade.carry.affine`); or frames at the proxy's vertices, blended over each triangle,
-        that turn, or turn and stretch (:mod:`sshade.carry.blended`). A maker is given back.
+        ``triangle``: the paper's rigid frames (:mod:`sshade.carry.triangle`). ``affine``: affine maps of
+        triangles (:mod:`sshade.carry.affine`). ``blended`` and ``blended_affine``: frames at the proxy's
+        vertices, blended over each triangle, that turn, or turn and stretch (:mod:`sshade.carry.blended`).
+        A function is returned itself.
     mesh : Mesh
         M.
     frame_function : {"extent", "best", "x", "y", "z"} or (n,) float64
-        f of ``triangle`` frames, by name or by its value at each vertex of M; see
+        f of ``triangle`` frames, by name or by the value at each vertex of M; see
         :func:`sshade.carry.triangle.frame_values`.
 
     Raises
     ------
     InputError
-        On an unknown name, or another number of values.
+        On an unknown name, or a wrong number of values.
     """
     if not isinstance(frame_function, str) and np.shape(frame_function) != (mesh.n,):
         raise InputError(
@@ -44,8 +45,13 @@ def frame_maker(
         )
     if callable(frames):
         return frames
+
+    def triangle(proxy: Mesh, samples: np.ndarray) -> TriangleFrames:
+        f = frame_function if isinstance(frame_function, str) else np.asarray(frame_function)[samples]
+        return TriangleFrames.at_rest(proxy, f)
+
     makers: dict[str, FrameMaker] = {
-        "triangle": triangle_frames(frame_function),
+        "triangle": triangle,
         "affine": lambda proxy, _: AffineFrames(proxy),
         "blended": lambda proxy, _: BlendedFrames(proxy),
         "blended_affine": lambda proxy, _: BlendedFrames(proxy, stretch=True),

@@ -1,10 +1,12 @@
-"""What stands in for a frame or a map that is undefined: the mean of its neighbours'."""
+"""Replace undefined frames and maps by the mean of their neighbours."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 import numpy as np
+
+from sshade.mesh.sides import sides_by_edge
 
 
 def fill_from_neighbours(
@@ -14,21 +16,22 @@ def fill_from_neighbours(
     pairs: np.ndarray,
     onto: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> np.ndarray:
-    """Replace unknown 3 x 3 matrices by the mean of their known neighbours', ring by ring inwards.
+    """Replace unknown 3 x 3 matrices by the mean of their known neighbours, ring by ring inwards.
 
     Parameters
     ----------
     values : (k, 3, 3) float64
     known : (k,) bool
+        Entries that are defined.
     pairs : (e, 2) int
-        Which entries are neighbours.
+        Pairs of neighbouring entries.
     onto : callable, optional
-        Takes the means (j, 3, 3) of a ring to what stands for them, such as the nearest rotations.
+        Maps the means (j, 3, 3) of a ring to admissible matrices, for example to the nearest rotations.
 
     Returns
     -------
     (k, 3, 3) float64
-        `values` itself where all are known. The identity where no known entry is connected.
+        `values` itself if all are known. The identity where no known entry is connected.
     """
     if known.all():
         return values
@@ -48,9 +51,7 @@ def fill_from_neighbours(
 
 
 def adjacent_triangles(F: np.ndarray) -> np.ndarray:
-    """(p, 2) pairs of triangles that share an edge; F (l, 3) must be manifold."""
-    import igl
-
-    beside = np.asarray(igl.triangle_triangle_adjacency(np.array(F))[0])
-    pairs = np.stack([np.repeat(np.arange(len(F)), 3), beside.ravel()], axis=1)
-    return pairs[pairs[:, 0] < pairs[:, 1]]
+    """Return the pairs (p, 2) of triangles that share an edge; F (l, 3) int must be manifold."""
+    sides = sides_by_edge(F, int(F.max()) + 1)
+    first = sides.start[:-1][sides.faces == 2]
+    return np.stack([sides.side[first], sides.side[first + 1]], axis=1) // 3

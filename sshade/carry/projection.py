@@ -1,7 +1,7 @@
-"""The projection P: where each vertex of M lies on the proxy N.
+"""The projection P of the vertices of a mesh M onto its proxy N.
 
-P takes a vertex of M to the nearest point of the triangle fan around its own sample: O(n) in
-all, and a vertex of an arm never lands on the torso that the arm touches.
+P maps a vertex of M to the nearest point of the triangles around its sample. It takes O(n) in total, and a
+vertex of an arm never lands on the torso that the arm touches.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from sshade.mesh.sides import faces_around_vertices
 from sshade.sampling.proxy import Sampling
 from sshade.threads import in_ranges
 
-#: Distances closer than this, times the largest coordinate, count as equal when triangles compete.
+#: Difference, as a fraction of the largest coordinate, below which two triangles are equally near.
 TIE = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """The nearest points of some vertices on a proxy.
+    """Points of a proxy N, one for each vertex of M.
 
     Parameters
     ----------
     face : (n,) int64
-        Triangle of N.
+        Triangle of N that contains the point.
     barycentric : (n, 3) float64
-        Coordinates of the nearest point in it; they sum to one.
+        Barycentric coordinates of the point in this triangle; they sum to one.
     distance : (n,) float64
-        Euclidean distance to that point.
+        Euclidean distance from the vertex to the point, in the mesh's unit.
     """
 
     face: np.ndarray
@@ -40,37 +40,37 @@ class Projection:
     distance: np.ndarray
 
 
-#: Takes the vertices of M (n, 3), N at rest, and how N was sampled.
+#: Projects the vertices of M (n, 3) onto N at rest; the third argument is the sampling that made N.
 Projector = Callable[[np.ndarray, Mesh, Sampling], Projection]
 
 
 def project_to_fans(V: np.ndarray, proxy: Mesh, sampling: Sampling) -> Projection:
-    """P: the nearest point of the triangles of N at the vertex's own sample.
+    """Project each vertex of M to the nearest point of the triangles around its sample (the paper's P).
 
-    Where two triangles are equally near, as at samples and along ridges, the
-    one whose barycentre is nearer is taken, whatever their numbers.
+    If two triangles are equally near, as at samples and along ridges, the triangle with the nearer
+    barycentre is taken. The result does not depend on the order of the triangles.
 
     Parameters
     ----------
     V : (n, 3) float64
         Vertices of M.
     proxy : Mesh
-        N; each of its vertices has a triangle.
+        N at rest.
     sampling : Sampling
-        Its `region` tells the sample of each vertex of M.
+        The sampling that made N; only `cell` is used.
     """
     start, fan = faces_around_vertices(proxy.F, proxy.n)
     tie = TIE * float(np.abs(proxy.V).max())
-    n, given = len(V), (V, sampling.cell, start, fan, proxy.V, proxy.F, tie)
-    on = Projection(np.empty(n, dtype=np.int64), np.empty((n, 3)), np.empty(n))
-    in_ranges(lambda first, end: _project(first, end, *given, on.face, on.barycentric, on.distance), n)
+    on = Projection(np.empty(len(V), dtype=np.int64), np.empty((len(V), 3)), np.empty(len(V)))
+    arrays = V, sampling.cell, start, fan, proxy.V, proxy.F, tie, on.face, on.barycentric, on.distance
+    in_ranges(lambda first, end: _project(first, end, *arrays), len(V))
     return on
 
 
 @njit(cache=True, nogil=True)
-def _project(first, end, V, region, start, fan, NV, NF, tie, face, barycentric, distance):
+def _project(first, end, V, cell, start, fan, NV, NF, tie, face, barycentric, distance):
     for i in range(first, end):
-        x, s = _row(V, i), region[i]
+        x, s = _row(V, i), cell[i]
         best, best_v, best_w, best_face = np.inf, 0.0, 0.0, np.int64(-1)
         for p in range(start[s], start[s + 1]):
             t = fan[p]
@@ -94,7 +94,7 @@ def _project(first, end, V, region, start, fan, NV, NF, tie, face, barycentric, 
 
 @njit(cache=True, nogil=True)
 def _closest_in_triangle(x, a, b, c):
-    """Weights v, w of b and c in the point of triangle (a, b, c) nearest to x, and the squared distance.
+    """Find the point of triangle (a, b, c) nearest to x: the weights of b and c, and the squared distance.
 
     C. Ericson, "Real-time collision detection", 2004, section 5.1.5.
     """
@@ -117,15 +117,15 @@ def _closest_in_triangle(x, a, b, c):
         w = (d4 - d3) / ((d4 - d3) + (d5 - d6))
         v = 1.0 - w
     else:
-        # Ericson divides by va + vb + vc, which loses all digits on slivers; the normal loses half.
+        # Ericson divides by va + vb + vc, which loses all digits on slivers. The normal loses half of them.
         normal = _cross(ab, ac)
         squared = _dot(normal, normal)
         v, w = _dot(normal, _cross(ax, ac)), _dot(normal, _cross(ab, ax))
         if v >= 0.0 and w >= 0.0 and v + w <= squared and squared > 0.0:
             v, w = v / squared, w / squared
-        else:  # what looks like the inside of a triangle without area: the nearest point of its edges
-            on_ab, on_ac = _share(d1, d1 - d3), _share(d2, d2 - d6)
-            on_bc = _share(d4 - d3, (d4 - d3) + (d5 - d6))
+        else:  # a triangle without area has no inside: take the nearest point of its edges
+            on_ab, on_ac = _fraction(d1, d1 - d3), _fraction(d2, d2 - d6)
+            on_bc = _fraction(d4 - d3, (d4 - d3) + (d5 - d6))
             least = np.inf
             for on_v, on_w in ((on_ab, 0.0), (0.0, on_ac), (1.0 - on_bc, on_bc)):
                 distance = _squared_gap(ax, ab, ac, on_v, on_w)
@@ -144,13 +144,13 @@ def _squared_gap(ax, ab, ac, v, w):
 
 
 @njit(cache=True, nogil=True)
-def _share(part, whole):
+def _fraction(part, whole):
     return min(max(part / whole, 0.0), 1.0) if whole > 0.0 else 0.0
 
 
 @njit(cache=True, nogil=True)
 def _to_barycentre(x, a, b, c):
-    """Squared distance."""
+    """Return the squared distance from x to the barycentre of triangle (a, b, c)."""
     middle = (a[0] + b[0] + c[0]) / 3.0, (a[1] + b[1] + c[1]) / 3.0, (a[2] + b[2] + c[2]) / 3.0
     gap = _minus(middle, x)
     return _dot(gap, gap)

@@ -1,14 +1,15 @@
-"""The paper's local reference frames, rigid ones on triangles, and coordinates in them.
+"""The paper's local reference frames: a rigid frame on each triangle of the proxy.
 
-    v_t = L_t^-1 (v - b_t)          encoded on N at rest
-    v'  = L_t' v_t + b_t'           decoded on N'
+    v_t = L_t^-1 (v - b_t)          coordinates on N at rest
+    v'  = L_t' v_t + b_t'           position on N'
 
-L_t = (g_t, w_t, n_t): g_t the direction of the gradient of a scalar f on
-triangle t, n_t its unit normal, w_t = g_t x n_t; the origin b_t is the barycentre. (SShaDe; after
-S. Melzi, R. Spezialetti, F. Tombari, M. Bronstein, L. Di Stefano, E. Rodola, "GFrames:
-gradient-based local reference frame for 3D shape matching", 2019.) The gradient is normalised:
-with its own length in L, a stretch of the triangle along g would come out inverted. L_t is
-orthogonal with determinant -1, which cancels between the rest and the deformed frame.
+The origin b_t is the barycentre of triangle t. The columns of L_t = (g_t, w_t, n_t) are the direction g_t of
+the gradient of a scalar function f on the triangle, the unit normal n_t, and w_t = g_t x n_t. The gradient is
+normalised; with its length in L, a stretch of the triangle along g would be inverted. L_t is orthogonal
+with determinant -1, which cancels between the frames at rest and deformed.
+
+Source: SShaDe, after S. Melzi, R. Spezialetti, F. Tombari, M. Bronstein, L. Di Stefano, E. Rodola, "GFrames:
+gradient-based local reference frame for 3D shape matching", 2019.
 """
 
 from __future__ import annotations
@@ -19,32 +20,32 @@ from typing import ClassVar
 import numpy as np
 from numba import njit
 
-from sshade.carry.frames import ZERO_AREA, FrameMaker, in_rows
+from sshade.carry.blended import nearest_rotations
+from sshade.carry.frames import ZERO_AREA, Frames, Placer, place_on_triangles
 from sshade.carry.neighbours import adjacent_triangles, fill_from_neighbours
 from sshade.carry.projection import Projection
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.threads import ThreadTeam
 
-#: Under this length of its tangential gradient, f is replaced on a triangle (coordinates are unitless).
+#: Length of the tangential gradient below which another function replaces f on a triangle. A coordinate has a
+#: gradient of length up to 1.
 FLAT = 0.1
 
 
 def frame_values(proxy: Mesh, function: str | np.ndarray = "extent") -> np.ndarray:
-    """The values of f at the corners of each triangle of the rest proxy, chosen once and for all.
+    """Return the values of the frame function f at the corners of each triangle of N at rest.
 
     Parameters
     ----------
     proxy : Mesh
         N at rest.
     function : {"extent", "best", "x", "y", "z"} or (k,) float64
-        ``extent``: the coordinate of largest extent, as in the paper. ``best``:
-        on each triangle the coordinate of largest gradient, which is never
-        under sqrt(2/3). Or one value for each vertex of N. Where the tangential
-        gradient is under :data:`FLAT` another function takes over: for a
-        coordinate, the one of next largest extent; for given values, ``best``.
-        Given values are divided by their range over the diagonal first, so
-        that the threshold means the same.
+        ``extent`` is the coordinate of largest extent, as in the paper. ``best`` is, on each triangle, the
+        coordinate with the largest tangential gradient, whose length is at least sqrt(2/3). An array holds
+        one value for each vertex of N; it is scaled to a range of one bounding-box diagonal. Where the
+        gradient is shorter than :data:`FLAT`, another function replaces f: the coordinate of next largest
+        extent in place of a coordinate, ``best`` in place of an array.
 
     Returns
     -------
@@ -53,7 +54,7 @@ def frame_values(proxy: Mesh, function: str | np.ndarray = "extent") -> np.ndarr
     Raises
     ------
     InputError
-        On an unknown name, values of another length, or constant values.
+        On an unknown name, a wrong number of values, values that are not finite, or constant values.
     """
     # Along axis c the tangential gradient has length sqrt(1 - n_c^2).
     steepest = np.argmin(np.abs(proxy.face_normals), axis=1)
@@ -82,7 +83,7 @@ def frame_values(proxy: Mesh, function: str | np.ndarray = "extent") -> np.ndarr
 
 
 def _gradient_length(mesh: Mesh, values: np.ndarray) -> np.ndarray:
-    """(l,) lengths of the tangential gradient; 0 on zero-area triangles."""
+    """Return the lengths (l,) of the tangential gradient; 0 on zero-area triangles."""
     a, b, c = (mesh.V[mesh.F[:, i]] for i in range(3))
     normal = np.cross(b - a, c - a)
     gradient = (values[:, 1] - values[:, 0])[:, None] * np.cross(c - a, normal)
@@ -92,25 +93,12 @@ def _gradient_length(mesh: Mesh, values: np.ndarray) -> np.ndarray:
     return np.divide(length, squared, out=np.zeros(len(squared)), where=squared > 0)
 
 
-def triangle_frames(function: str | np.ndarray = "extent") -> FrameMaker:
-    """The maker of :class:`TriangleFrames` for a frame function f.
-
-    Parameters
-    ----------
-    function : {"extent", "best", "x", "y", "z"} or (n,) float64
-        See :func:`frame_values`; an array gives f at each vertex of M.
-    """
-
-    def make(proxy: Mesh, samples: np.ndarray) -> TriangleFrames:
-        named = isinstance(function, str)
-        return TriangleFrames.at_rest(proxy, function if named else np.asarray(function)[samples])
-
-    return make
-
-
 @dataclass(frozen=True, eq=False)
-class TriangleFrames:
+class TriangleFrames(Frames):
     """The rigid frames of a proxy's triangles at rest.
+
+    A zero-area triangle of N' has no frame L'. R L replaces it, with R the rotation nearest to the mean of
+    L' L^T over the edge neighbours.
 
     Parameters
     ----------
@@ -119,14 +107,14 @@ class TriangleFrames:
     values : (l, 3) float64
         f at their corners; see :func:`frame_values`.
     L : (l, 3, 3) float64
-        Rest frames, g, w and n as columns; the identity on zero-area triangles.
+        Frames at rest, with g, w and n as columns; the identity on zero-area triangles.
     origin : (l, 3) float64
         Barycentres at rest.
     degenerate : (l,) bool
-        Zero-area triangles of the rest proxy.
+        Zero-area triangles at rest.
     """
 
-    name: ClassVar[str] = "triangle"
+    name: ClassVar[str] = "triangle"  # type: ignore[misc]
 
     F: np.ndarray
     values: np.ndarray
@@ -136,34 +124,21 @@ class TriangleFrames:
 
     @classmethod
     def at_rest(cls, proxy: Mesh, function: str | np.ndarray = "extent") -> TriangleFrames:
-        """Frames of a rest proxy for a frame function; see :func:`frame_values`."""
+        """Return the frames of N at rest for a frame function; see :func:`frame_values`."""
         return cls.of_values(proxy, frame_values(proxy, function))
 
     @classmethod
     def of_values(cls, proxy: Mesh, values: np.ndarray) -> TriangleFrames:
-        """Frames of a rest proxy for the (l, 3) corner values of f."""
+        """Return the frames of N at rest for the corner values (l, 3) of f."""
         L, origin, degenerate = _frames(proxy.V, proxy.F, values, ZERO_AREA)
         return cls(proxy.F, values, L, origin, degenerate)
 
     def encode(self, V: np.ndarray, on: Projection) -> np.ndarray:
-        """Coordinates v_t = L_t^-1 (v - b_t); see :class:`sshade.carry.frames.Frames`."""
+        """Return the coordinates v_t = L_t^-1 (v - b_t); see :class:`sshade.carry.frames.Frames`."""
         return _encode(V, on.face, self.L, self.origin)
 
-    def decode(
-        self,
-        local: np.ndarray,
-        NV: np.ndarray,
-        *,
-        on: Projection,
-        rotations: np.ndarray | None = None,
-        team: ThreadTeam | None = None,
-        out: np.ndarray | None = None,
-    ) -> tuple[np.ndarray, int]:
-        """Points L_t' v_t + b_t'; see :class:`sshade.carry.frames.Frames`.
-
-        A zero-area triangle has no frame L': R L stands in its place, R the rotation nearest to
-        the mean of L' L^T over its edge neighbours.
-        """
+    def posed(self, NV: np.ndarray, rotations: np.ndarray | None, team: ThreadTeam) -> tuple[Placer, int]:
+        """Place points at L_t' v_t + b_t'; see :class:`sshade.carry.frames.Frames`."""
         L, origin, degenerate = _frames(NV, self.F, self.values, ZERO_AREA)
         missing = degenerate | self.degenerate
         if missing.any():
@@ -171,19 +146,14 @@ class TriangleFrames:
                 L @ self.L.transpose(0, 2, 1),
                 ~missing,
                 pairs=adjacent_triangles(self.F),
-                onto=_nearest_rotations,
+                onto=nearest_rotations,
             )
             L[missing] = turns[missing] @ self.L[missing]
-        given = local, on.face, L, origin
-        V = in_rows(lambda first, end, V: _decode(first, end, *given, V), len(local), team, out)
-        return V, int(missing.sum())
 
+        def place(first: int, end: int, local: np.ndarray, on: Projection, V: np.ndarray) -> None:
+            place_on_triangles(first, end, local, on.face, L, origin, V)
 
-def _nearest_rotations(M: np.ndarray) -> np.ndarray:
-    """(k, 3, 3) rotations R that maximise tr(R^T M), of matrices (k, 3, 3)."""
-    U, _, Vt = np.linalg.svd(M)
-    U[:, :, 2] *= np.linalg.det(U @ Vt)[:, None]
-    return U @ Vt
+        return place, int(missing.sum())
 
 
 @njit(cache=True, nogil=True)
@@ -208,7 +178,7 @@ def _frames(V, F, values, zero_area):
         longest = max(l1, l2, l3)
         doubled = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
         df1, df2 = values[t, 1] - values[t, 0], values[t, 2] - values[t, 0]
-        # The gradient times the squared doubled area; only its direction counts.
+        # The gradient times the squared doubled area; only the direction matters.
         for x in range(3):
             y, z = (x + 1) % 3, (x + 2) % 3
             g[x] = df1 * (e2[y] * normal[z] - e2[z] * normal[y])
@@ -236,12 +206,3 @@ def _encode(V, face, L, origin):
         for a in range(3):
             local[i, a] = L[t, 0, a] * x + L[t, 1, a] * y + L[t, 2, a] * z
     return local
-
-
-@njit(cache=True, nogil=True)
-def _decode(first, end, local, face, L, origin, V):
-    for i in range(first, end):
-        t = face[i]
-        x, y, z = local[i, 0], local[i, 1], local[i, 2]
-        for a in range(3):
-            V[i, a] = L[t, a, 0] * x + L[t, a, 1] * y + L[t, a, 2] * z + origin[t, a]

@@ -1,12 +1,12 @@
-"""Least-squares affine maps of the 1-rings of a surface: how it turns and stretches at its vertices.
+"""Affine maps of the 1-rings of a surface, by least squares: how the surface turns and stretches.
 
-The linear part A_i minimises, over the edges e_ij at vertex i and its unit normal n_i,
+The linear part A_i at vertex i minimises, over the edges e_ij at the vertex and its unit normal n_i,
 
     sum_j w_ij |e_ij' - A e_ij|^2 + lambda_i |n_i' - A n_i|^2 ,
     w_ij = 1 / |e_ij|^3 ,   lambda_i = 1/2 sum_j w_ij |e_ij|^2 .
 
-Short edges weigh most, as they are nearest to the derivative at the vertex. Edges in a plane
-leave A n open; lambda_i, the mean of their weight along the plane's two axes, settles it.
+Short edges weigh most, because they are nearest to the derivative at the vertex. Edges in a plane do not
+determine A n. The term with lambda_i, the mean weight of the edges along the two axes of the plane, does.
 """
 
 from __future__ import annotations
@@ -19,29 +19,30 @@ from sshade.carry.frames import ZERO_AREA
 from sshade.carry.neighbours import fill_from_neighbours
 from sshade.mesh.mesh import Mesh
 
-#: Edges shorter than this, times the mean, count as so long; coincident vertices have a finite weight.
+#: Least length of an edge in its weight, as a fraction of the mean: coincident vertices have a finite weight.
 SHORTEST = 1e-3
-#: A ring whose edges' scatter has a determinant under this, times its trace cubed, is nearly on a line.
+#: Largest determinant of the scatter of a ring's edges, over its cubed trace, of a ring nearly on a line.
 FLATTEST = 1e-6
-#: The same for a map, relative to its largest entries: it has fewer than two dimensions.
+#: Largest norm of the cofactors of a map, over its squared norm, of a map with fewer than two dimensions.
 RANK_ONE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class VertexMaps:
-    """The linear fit at each vertex of a rest shape, ready for any deformed one.
+    """The fit at each vertex of a rest shape, prepared for any deformed shape.
 
-    A_i is a fixed combination of the deformed edges and normals:
-    A_i = sum_j e_ij' c_ij^T + n_i' d_i^T.
+    A_i is a fixed combination of deformed edges and normals: A_i = sum_j e_ij' c_ij^T + n_i' d_i^T.
 
     Parameters
     ----------
     F : (l, 3) int64
+        Faces.
     edges : (e, 2) int64
+        Edges, as :attr:`sshade.mesh.mesh.Mesh.edges`.
     c : (e, 2, 3) float64
-        c_ij and c_ji of each edge, in 1 / length. Zero, like d_i, where the rest
-        edges at i are on a line.
+        c_ij and c_ji of each edge, in 1 / length. Zero where the edges at i lie on a line at rest.
     d : (k, 3) float64
+        d_i of each vertex, without unit; zero in the same places.
     """
 
     F: np.ndarray
@@ -63,13 +64,15 @@ class VertexMaps:
         Parameters
         ----------
         V : (k, 3) float64
+            Deformed vertices.
 
         Returns
         -------
         A : (k, 3, 3) float64
+            Linear parts of the maps.
         known : (k,) bool
-            False where the rest or the deformed edges lie on a line or in a point; in place of such
-            a map stands the mean of the neighbours' (:func:`sshade.carry.neighbours.fill_from_neighbours`).
+            False where the rest or the deformed edges lie on a line or in a point. There A is the mean of
+            the neighbours (:func:`sshade.carry.neighbours.fill_from_neighbours`).
         """
         e = V[self.edges[:, 1]] - V[self.edges[:, 0]]
         of_edges = np.stack([e, -e], axis=1)[:, :, :, None] * self.c[:, :, None, :]
@@ -77,14 +80,14 @@ class VertexMaps:
         index = np.concatenate([np.arange(len(V)), self.edges.ravel()])
         terms = np.concatenate([of_normals.reshape(-1, 9), of_edges.reshape(-1, 9)])
         A = _sums(index, terms, len(V)).reshape(-1, 3, 3)
-        # The cofactors are the areas that a map makes: of one dimension, nothing but rounding.
+        # The cofactors of a map are the areas that it makes. A map of one dimension leaves only rounding.
         cofactors = np.cross(A[:, [1, 2, 0]], A[:, [2, 0, 1]])
         known = np.sqrt((cofactors**2).sum(axis=(1, 2))) > RANK_ONE * (A**2).sum(axis=(1, 2))
         return fill_from_neighbours(A, known, pairs=self.edges), known
 
 
 def _normals(V: np.ndarray, F: np.ndarray) -> np.ndarray:
-    """(k, 3) unit normals at the vertices, means by area; zero where they cancel."""
+    """Return the unit normals (k, 3) at vertices, averaged by area; zero where they cancel."""
     a, b, c = (V[F[:, corner]] for corner in range(3))
     e1, e2 = b - a, c - a
     size = (e1**2).sum(axis=1) + (e2**2).sum(axis=1)
@@ -99,7 +102,7 @@ def _normals(V: np.ndarray, F: np.ndarray) -> np.ndarray:
 def _dual(
     V: np.ndarray, normals: np.ndarray, edges: np.ndarray, weight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """M^-1 w_ij e_ij and M^-1 lambda n, with M = sum_j w_ij e e^T + lambda n n^T: c and d of the maps."""
+    """Return c = M^-1 w_ij e_ij and d = M^-1 lambda n of the maps, M = sum_j w_ij e e^T + lambda n n^T."""
     e = V[edges[:, 1]] - V[edges[:, 0]]
     # The six entries of symmetric matrices, xx, xy, xz, yy, yz, zz.
     row, column = [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]
@@ -118,5 +121,5 @@ def _dual(
 
 
 def _sums(index: np.ndarray, rows: np.ndarray, count: int) -> np.ndarray:
-    """(count, r) sums of the rows (m, r) that have the same index (m,)."""
+    """Return the sums (count, r) of rows (m, r) with the same index (m,)."""
     return np.stack([np.bincount(index, column, count) for column in rows.T], axis=1)

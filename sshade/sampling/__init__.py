@@ -1,1 +1,1 @@
-"""From M to N: fronts, farthest point sampling, the closed-ball test, the dual triangulation."""
+"""From M to N: farthest point sampling, Voronoi cells, the closed-ball test, the dual triangulation."""
