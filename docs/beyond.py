@@ -73,14 +73,14 @@ def softening() -> Example:
     return Example(task, [without(task, "softening"), without(task, "nothing")], top=10.0)
 
 
-def parts() -> Example:
+def attachment() -> Example:
     """A head fixed at its nose: without attachment, with attachment, and the true pose."""
     task = body(7, 3)
     shapes = [without(task, "parts_and_lead"), without(task, "nothing"), truth(task)]
     return Example(task, shapes, shown=task.mesh.V[:, 1] > 1.15, handles=True, towards=(1, 0.1, 0.8))
 
 
-def lead() -> Example:
+def guide() -> Example:
     """A sitting body: without the guide energy, with the guide energy, and the true pose."""
     task = body(5, 9)
     return Example(
@@ -112,7 +112,7 @@ def truth(task: DeformationTask) -> np.ndarray:
 
 #: Examples by the names of their pictures.
 EXAMPLES: dict[str, Callable[[], Example]] = {
-    f.__name__: f for f in (frames, volume, softening, parts, lead, regions)
+    f.__name__: f for f in (frames, volume, softening, attachment, guide, regions)
 }
 
 
