@@ -35,10 +35,6 @@ def test_anything_else_is_not(name, key):
         require_allowed([{"method": {"coarse": {key: name}}}], where="the file")
 
 
-def test_parameters_called_cases_may_be_anything_but_a_name():
-    require_allowed({"cases": {"a": [1]}, "list": [{"_target_": "baselines.arap.arap"}]}, where="x")
-
-
 def test_the_command_line_allows_beginnings():
     allow_from(["method=x", "run.allow_targets=[mypackage., other.f]"])
     allow_from(["+run.allow_targets='third.'"])
@@ -76,11 +72,6 @@ def test_folders_are_checked_whole(quick, tmp_path, text, words):
     for override in (f"hydra.searchpath=[file://{tmp_path}]", f"+hydra.searchpath=['{tmp_path}', pkg://x]"):
         with pytest.raises(InputError, match=words):
             check_folders([None], overrides=[override])
-
-
-def test_a_folder_of_known_names_passes_and_one_that_is_not_there(quick, tmp_path):
-    quick.write_text("_target_: baselines.arap.arap\n---\nmore: 1\n")
-    check_folders([str(tmp_path), None, str(tmp_path / "missing")])
 
 
 @pytest.fixture

@@ -9,18 +9,13 @@ from pathlib import Path
 
 import pytest
 from eval_cases import bumpy_task, run_eval
-from omegaconf import OmegaConf
 
-from eval.configure import app as cli
-from eval.configure.sweep import check_settings
 from eval.rows.collect import collect, gather
 from eval.rows.frame import records, write_csv
 from eval.rows.store import run_folders
 from eval.run.record import Sweep, SweepRecord
-from sshade.errors import InputError
 from sshade.io.handles import write_handles
 from sshade.io.meshes import write_mesh
-from sshade.threads import available_cpus
 
 EDITING = """
 import shutil
@@ -187,47 +182,12 @@ def test_settings_of_a_sweep_are_held_against_the_method_of_each_run(tmp_path):
         assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1), wrong.stderr
 
 
-def test_a_dataset_without_a_list_has_one_case(tmp_path):
-    overrides = ["dataset=bumpy", "method=identity", "subject=all", "pose=all", "label=5"]
-    done = run_eval(tmp_path, "-m", *overrides)
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "out/runs/single/5").is_dir()  # a label may be a number
-    assert done.stdout.splitlines()[-1].startswith("1 runs: 1 new")
-
-
 def test_a_row_out_of_its_band_is_exit_code_1(tmp_path):
     done = run_eval(
         tmp_path, "dataset=bumpy", "method=stretching", "bands={stretching:{bumpy_30:{metric.volume:[0,5]}}}"
     )
     assert done.returncode == 1
     assert "metric.volume is" in done.stderr
-
-
-@pytest.mark.parametrize(
-    "change", [{"seed": True}, {"force": "yes"}, {"fresh": 1}, {"time_limit": "1h"}, {"jobs": 1.5}], ids=str
-)
-def test_settings_of_another_type_are_input_errors(change):
-    plain = {"seed": 0, "run": {"force": False, "fresh": False, "time_limit": None, "jobs": None}}
-    check_settings(plain)
-    name, value = next(iter(change.items()))
-    (plain if name == "seed" else plain["run"])[name] = value
-    with pytest.raises(InputError, match=f"{name}={value!r} does not fit"):
-        check_settings(plain)
-
-
-@pytest.mark.parametrize(
-    ("launcher", "jobs"),
-    [
-        ({"_target_": "hydra._internal.core_plugins.basic_launcher.BasicLauncher"}, 1),
-        ({"n_jobs": 4}, 4),
-        ({"n_jobs": -1}, available_cpus()),
-        ({"array_parallelism": 8}, 8),
-        ({"array_parallelism": 256}, 100),
-        ({}, 100),  # submitit on this machine starts all at once
-    ],
-)
-def test_runs_at_once_come_from_the_launcher(launcher, jobs):
-    assert cli._jobs(OmegaConf.create({"_target_": "a.Launcher", **launcher}), 100) == jobs
 
 
 @pytest.mark.parametrize(

@@ -70,14 +70,6 @@ def test_the_coarse_solver_of_the_yaml_is_the_default_one():
     np.testing.assert_array_equal(named(task, seed=0).vertices, local_global(task).vertices)
 
 
-def test_another_method_fits_into_the_coarse_slot():
-    config = composed("method=paper", "method@method.coarse=arap", "solver.max_iterations=7")
-    call = instantiate(method_of(config))
-    assert call.keywords["coarse"].func is locate("baselines.arap.arap")
-    assert call.keywords["coarse"].keywords["max_iterations"] == 7
-    assert config.label == "paper"
-
-
 @pytest.mark.parametrize("name", names("dataset"))
 def test_dataset_composes_and_names_a_loader(name):
     plain = OmegaConf.to_container(composed(f"dataset={name}").dataset, resolve=True)
@@ -136,12 +128,6 @@ def test_experiment_takes_other_data_by_its_name_and_folder(name, data):
 def test_every_method_of_the_ci_experiment_has_bands():
     config = composed("experiment=ci")
     assert set(read_bands(config.bands)) == set(swept(config))
-
-
-@pytest.mark.parametrize("name", names("experiment"))
-def test_an_experiment_names_its_methods(name):
-    """A YAML that someone adds joins no sweep that does not ask for it."""
-    assert not any("*" in method for method in swept(composed(f"experiment={name}")))
 
 
 def swept(config) -> list[str]:

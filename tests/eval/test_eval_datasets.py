@@ -12,7 +12,6 @@ from omegaconf import OmegaConf
 from defaust.cli import main as defaust
 from eval.configure.app import _load_task
 from eval.run.targets import locate
-from sshade.cli.configuration import CONFIGURATION
 from sshade.errors import InputError
 from sshade.io.meshes import write_mesh
 from tests.defaust.registrations import write_faust
@@ -66,15 +65,6 @@ def test_the_build_command_of_an_entry_makes_what_it_loads(name, tmp_path, monke
     assert len(locate(config["cases"])(config["root"])) == count
     with pytest.raises(InputError, match=r"no subject 5; it has \[0"):
         _load_task(json.dumps(dataset(name, "subject=5")))
-
-
-def test_entries_of_one_source_differ_in_size_and_folder_only():
-    common = dataset("defaust")
-    for name in (path.stem for path in CONFIGURATION.glob("dataset/defaust_*.yaml")):
-        config = dataset(name)
-        assert config["root"] == f"./data/{name}"
-        assert config["build"].startswith(f"defaust build source=synthetic out={config['root']}")
-        assert config == common | {key: config[key] for key in ("root", "build")}
 
 
 def test_a_mesh_and_its_handles(tmp_path):

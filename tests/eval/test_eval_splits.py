@@ -48,27 +48,6 @@ def test_an_experiment_states_the_halves_that_its_cases_are_of(name):
     assert halves == ({TUNING, HELD_OUT} if config.run.split == BOTH else {config.run.split})
 
 
-def test_all_handles_of_a_scan_are_of_one_half():
-    assert {
-        split_of(f"defaust-scans/subject_0{s}/pose_{p}{h}")
-        for s in (1, 2)
-        for p in (1, 2, 3)
-        for h in ("", "/landmarks", "/points")
-    } == {HELD_OUT}
-    assert {split_of(f"defaust-scans/subject_0{s}/pose_1{h}") for s in (0, 3) for h in ("", "/points")} == {
-        TUNING
-    }
-    assert (
-        composed("experiment=peers_scans").hydra.sweeper.params.method
-        == composed("experiment=peers").hydra.sweeper.params.method
-    )
-
-
-def test_what_constants_were_chosen_on_is_for_tuning():
-    for name in ("quick", "ci", "table1", "front", *(n for n in EXPERIMENTS if "ablation" in n)):
-        assert composed(f"experiment={name}").run.split == TUNING
-
-
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_the_papers_tables_start_at_rest_and_the_others_from_the_best_rigid_motion(name):
     rest = ("paper", "table1", "table1_lowres", "ci")  # ci: its bands are of that start

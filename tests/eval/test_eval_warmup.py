@@ -10,17 +10,12 @@ import numpy as np
 import pytest
 
 from eval.run.warmup import (
-    compile_rare_kernels,
-    compile_sampling,
-    icosphere,
     tiny_task,
     tiny_transfer,
     warm_up,
 )
 from sshade.pipeline.fast import sshade_fast
 from sshade.pipeline.fine import sshade_fine
-from sshade.sampling.advance import cover, insert
-from sshade.solver.substitution import _rows
 from sshade.task import DeformationResult, DeformationTask, TransferTask
 
 #: Prints the kernels that a method compiles, or loads, after its warm-up: by two caps, then by two wide ones.
@@ -57,16 +52,6 @@ for cap in (0.9, 0.2):
 """
 
 
-@pytest.mark.parametrize("level", [0, 1, 3])
-def test_icosphere(level):
-    edge = 4 / np.sqrt(10 + 2 * np.sqrt(5))
-    assert level or icosphere(level).volume == pytest.approx(5 / 12 * (3 + 5**0.5) * edge**3)
-    mesh = icosphere(level)
-    assert mesh.m == 20 * 4**level and mesh.topology == (2, 1, 0)
-    assert mesh.is_closed and mesh.is_manifold and mesh.is_oriented and mesh.volume > 0
-    np.testing.assert_allclose(np.linalg.norm(mesh.V, axis=1), 1, rtol=1e-15)
-
-
 def test_a_method_is_warmed_up_once_for_each_key_with_its_overrides():
     calls = []
 
@@ -96,12 +81,6 @@ def test_the_tiny_task_has_handles_of_both_kinds_and_the_tiny_transfer_is_edited
 def test_after_a_warm_up_nothing_is_compiled_by_landmarks_or_regions(name):
     told = subprocess.run([sys.executable, "-c", COMPILED, name], capture_output=True, text=True, check=True)
     assert told.stdout.splitlines() == ["", ""]
-
-
-def test_kernels_that_a_tiny_task_does_not_need_are_compiled():
-    compile_rare_kernels()
-    compile_sampling()
-    assert all(kernel.signatures for kernel in (cover, insert, _rows))
 
 
 @pytest.mark.parametrize(("method", "times"), [(sshade_fine, 1), (sshade_fast, 0)])

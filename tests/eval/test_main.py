@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 
@@ -18,23 +17,6 @@ def test_help_names_every_command_and_imports_none():
     *text, modules = done.stdout.splitlines()
     assert {line.split()[0] for line in text if line.startswith("  ")} >= set(COMMANDS)
     assert not {"numpy", "pandas", "hydra", "matplotlib"} & set(modules.split())
-
-
-def test_the_state_of_a_checkout_is_asked_for_without_a_lock(tmp_path):
-    """A program that is killed while git writes its index leaves it locked."""
-    file, index = tmp_path / "file", tmp_path / ".git/index"
-    file.write_text("same")
-    git = ["git", "-C", str(tmp_path)]
-    for arguments in (["init", "-q"], ["add", "file"]):
-        subprocess.run([*git, *arguments], check=True)
-    before = index.read_bytes()
-    os.utime(file, (1, 1))  # which the index would take note of
-    subprocess.run([*git, "status", "--porcelain"], check=True, capture_output=True)
-    assert index.read_bytes() == before
-    subprocess.run(
-        [*git, "status"], check=True, capture_output=True, env=os.environ | {"GIT_OPTIONAL_LOCKS": "1"}
-    )
-    assert index.read_bytes() != before
 
 
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name != "run"])

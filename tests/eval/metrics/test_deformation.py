@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import igl
 import numpy as np
 import pytest
-import trimesh
 from eval_cases import ends_task
 from scipy.spatial.transform import Rotation
 
@@ -44,23 +42,6 @@ def test_unit_cube_stretched_to_twice_its_height(cube):
     assert found["angle"] == pytest.approx(16 * change / 36)
     assert found["angle_relative"] == pytest.approx(100 * 16 * change / 45 / 36)
     assert found["flips"] == found["self_intersections"] == found["zero_area_faces"] == 0
-
-
-def test_cube_turned_inside_out_keeps_its_volume_error_honest(cube):
-    # Signed volume: -1 instead of 1 is an error of 200 %, not of 0.
-    assert measure(held(cube), -cube.V)["volume"] == pytest.approx(200.0)
-
-
-def test_bent_strip_changes_nothing_inside_and_has_no_volume():
-    flat = np.array([[x, y, 0.0] for x in (0, 1, 2) for y in (0, 1)])
-    strip = Mesh(flat, np.array([[0, 2, 3], [0, 3, 1], [2, 4, 5], [2, 5, 3]]))
-    bent = flat.copy()
-    bent[4:] = [[1, 0, 1], [1, 1, 1]]
-    found = measure(held(strip, index=[4, 5], target=bent[4:] + [0, 0.3, 0.4]), bent)
-    assert found["volume"] is None
-    for name in ("area", "edge", "angle", "angle_relative", "flips", "self_intersections"):
-        assert found[name] == pytest.approx(0, abs=1e-12)
-    assert found["handle"] == pytest.approx(100 * 0.5 / 5**0.5)
 
 
 def test_zero_area_rest_faces_are_left_out_and_counted():
@@ -104,15 +85,6 @@ def test_flips_face_by_face():
     assert not any(opposed(mesh.V)) and measure(held(mesh), moved)["flips"] == sum(opposed(moved)) > 0
 
 
-def test_rest_shape_has_no_error():
-    task = ends_task(bumpy(2), angle=0, lift=0)
-    # Distortion multiplies what it divides by again: rounding is left.
-    assert measure(task, task.mesh.V) == pytest.approx(
-        dict.fromkeys(measure(task, task.mesh.V), 0.0), abs=1e-5
-    )
-    assert {measure(task, task.mesh.V)[name] for name in ("volume", "area", "edge", "angle", "bend")} == {0.0}
-
-
 @pytest.mark.parametrize("seed", [0, 1])
 def test_invariant_under_rigid_motion_scale_and_renumbering(seed):
     rng = np.random.default_rng(seed)
@@ -137,20 +109,6 @@ def test_invariant_under_rigid_motion_scale_and_renumbering(seed):
     expected["handle"] *= scale * mesh.diagonal / other.mesh.diagonal
     assert found == pytest.approx(expected, rel=1e-9)
     assert expected["self_intersections"] > 0
-
-
-def test_against_trimesh_and_igl():
-    task = ends_task(bumpy(3))
-    V, F = task.mesh.V, np.array(task.mesh.F)
-    vertices = V * [1.1, 0.8, 1.05] + 0.05 * np.sin(7 * V[:, [1, 2, 0]])
-    before, after = (trimesh.Trimesh(X, F, process=False) for X in (V, vertices))
-    found = measure(task, vertices)
-    assert found["volume"] == pytest.approx(100 * abs(after.volume / before.volume - 1), rel=1e-9)
-    assert found["area"] == pytest.approx(100 * abs(after.area / before.area - 1), rel=1e-9)
-    angles = [igl.internal_angles(np.array(X), F) for X in (V, vertices)]
-    change = np.abs(angles[1] - angles[0])
-    assert found["angle"] == pytest.approx(np.degrees(change.mean()), rel=1e-9)
-    assert found["angle_relative"] == pytest.approx(100 * (change / angles[0]).mean(), rel=1e-9)
 
 
 def test_angles_keep_their_digits_at_a_needle():

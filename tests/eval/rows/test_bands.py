@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from eval_cases import ends_task
 from eval_rows import frame, lost, row
 
 from eval.main import call
-from eval.metrics import METRICS, measure
 from eval.rows.bands import out_of_band, read_bands, suggest
 from eval.rows.frame import write_csv
-from tests.shapes import bumpy
 
 CI = read_bands("ci")
 
@@ -61,40 +58,11 @@ def typical(method: str, task: str) -> dict:
     return row(method, task) | {column: (low + high) / 2 for column, (low, high) in bands.items()}
 
 
-@pytest.mark.parametrize("method", sorted(CI))
-def test_the_committed_bands_hold_every_measure_of_every_method(method):
-    measures = {f"metric.{name}" for name, metric in METRICS.items() if set(metric.needs) <= {"handles"}}
-    for task, bands in CI[method].items():
-        fair = typical(method, task)
-        assert set(bands) >= measures and out_of_band(fair, CI) == []
-        for column, value in fair.items():
-            if column in measures:
-                for broken in (None, 2 * value + 1):
-                    problems = out_of_band(fair | {column: broken}, CI)
-                    assert [problem.split()[0] for problem in problems] == [column]
-        # The paper's method averages five results, which meet the handles to a few metres in a million.
-        if method != "paper":
-            assert bands["metric.handle"] == [0.0, 1e-7]
-
-
 @pytest.mark.parametrize("column", ["self_intersections", "flips", "collapsed"])
 def test_what_sshade_fine_promises_is_zero_in_its_bands(column):
     for task in CI["fine"]:
         broken = typical("fine", task) | {f"metric.{column}": 1.0}
         assert out_of_band(broken, CI) == [f"metric.{column} is 1.0, not in [0.0, 0.0]"]
-
-
-def test_a_tenth_more_stretch_and_one_handle_of_many_a_millionth_off_are_caught():
-    task = ends_task(bumpy(4), angle=0, lift=0)  # 2562 vertices, a tenth of them handles
-    moved = task.mesh.V.copy()
-    moved[task.handles.index[0], 0] += 1e-6 * task.mesh.diagonal
-    assert len(task.handles) > 200
-    for case in CI["fine"]:
-        fair = typical("fine", case)
-        off = fair | {"metric.handle": measure(task, moved, only=["handle"])["handle"]}
-        assert [text.split()[0] for text in out_of_band(off, CI)] == ["metric.handle"]
-        stretched = fair | {"metric.edge": 1.1 * fair["metric.edge"]}
-        assert [text.split()[0] for text in out_of_band(stretched, CI)] == ["metric.edge"]
 
 
 def test_command(tmp_path, capsys):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from eval.publish.summary import make_table
 from eval.publish.tables import to_markdown
-from eval.rows.frame import newest, numbers, read_csv, records, split_label, to_frame, write_csv
+from eval.rows.frame import newest, read_csv, records, split_label, to_frame, write_csv
 from eval.rows.store import read_row, write_row
 from sshade.errors import InputError
 
@@ -78,19 +78,6 @@ def test_a_label_that_looks_like_a_number_is_a_name(label, tmp_path):
     write_row(tmp_path, row(label))
     assert read_row(tmp_path)["method.name"] == label
     assert f"| {label} | 1 |" in to_markdown(make_table(rows, title="t"))
-
-
-def test_a_column_of_numbers():
-    rows = frame(row(metric__volume=None), row(metric__volume=2))
-    assert numbers(rows, "metric.volume").isna().tolist() == [True, False]
-    assert numbers(rows, "metric.volume").sum() == 2.0 and numbers(rows, "no.such").isna().all()
-
-
-def test_the_newest_of_equal_runs_is_kept():
-    old, new = row(date="2026-01-01"), row(date="2026-01-02")
-    other_seed = row(seed=1, date="2025-01-01")
-    other_method = row(method__hash="i")
-    assert records(newest(frame(new, other_seed, old, other_method))) == [new, other_seed, other_method]
 
 
 def test_a_rebuilt_dataset_replaces_the_old_and_copies_of_one_are_one():

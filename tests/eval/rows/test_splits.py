@@ -21,18 +21,6 @@ def test_new_poses_of_the_last_five_bodies_are_held_out():
     assert {split_of(case) for case in cases} == {HELD_OUT}
 
 
-def test_a_pose_by_another_kind_of_handles_is_of_the_half_of_the_pose():
-    poses = [f"defaust-synthetic/subject_{s:02d}/pose_{p}" for s in range(10) for p in (*OLD, *NEW)]
-    poses += [f"defaust-shapes/subject_0{k}/pose_1" for k in range(4)]
-    for pose in poses:
-        assert split_of(f"{pose}/regions") == split_of(pose) is not None
-
-
-def test_of_the_shapes_plane_and_cylinder_are_for_tuning_bar_and_cactus_held_out():
-    halves = [split_of(f"defaust-shapes/subject_0{k}/pose_1") for k in range(4)]
-    assert halves == [TUNING, TUNING, HELD_OUT, HELD_OUT]
-
-
 def test_a_case_of_a_readers_own_belongs_to_neither():
     assert split_of("mine/pose") is None
 
