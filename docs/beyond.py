@@ -1,4 +1,4 @@
-"""Draw the pictures of docs/beyond.md: ``python -m docs.beyond [NAME ...]``; without a name, all of them.
+"""Draw the pictures of docs/beyond.md: ``python -m docs.beyond [NAME ...]``; the default is all.
 
 The pictures need the bodies that ``defaust build source=synthetic out=data/defaust`` builds. Each picture
 shows a body without one change of `fast`, and with it.
@@ -47,7 +47,7 @@ def body(subject: int, pose: int) -> DeformationTask:
 
 
 def without(task: DeformationTask, left_out: str) -> np.ndarray:
-    """Return the result of `fast` without one of its changes."""
+    """Return the result of `fast` without one change."""
     return sshade_fast_without(task, without=left_out).vertices
 
 

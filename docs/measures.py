@@ -150,7 +150,7 @@ def table(name: str) -> str:
 
 
 def draw(name: str) -> None:
-    """Write the picture of an example: the rest shape and the other shapes at one scale."""
+    """Write the picture of an example: the rest shape and all shapes at one scale."""
     import matplotlib.image
 
     example = EXAMPLES[name]()

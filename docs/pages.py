@@ -3,8 +3,8 @@
 Run the script after rows or times were published, or options changed. It rewrites three kinds of blocks, and
 a test compares the blocks with the results and the code:
 
-- ``<!-- table NAME: HEADING, ... -->`` to ``<!-- end -->`` has these columns of all tables in
-  ``results/tables/NAME.md``, below a caption. The block is empty if there is no such file. With ``; METHOD,
+- ``<!-- table NAME: HEADING, ... -->`` to ``<!-- end -->`` has the named columns of all tables in
+  ``results/tables/NAME.md``, below a caption. The block is empty if the file does not exist. With ``; METHOD,
   ...`` after the headings, only the rows of these methods appear, without marks: bold and underlined numbers
   are the best of the whole table.
 - ``<!-- rows -->`` to ``<!-- end -->`` is a table whose rows begin with the name of an experiment. Its last
@@ -62,13 +62,13 @@ def filled(text: str, results: Path = ROOT / "results", *, link: str = "results"
 
 
 def filled_page(page: Path) -> str:
-    """Return the text of one of :data:`PAGES` with its blocks rewritten."""
+    """Return the text of a page of :data:`PAGES` with its blocks rewritten."""
     link = "results" if page.parent == ROOT else "../results"
     return filled(page.read_text(encoding="utf-8"), link=link)
 
 
 def table(path: Path, headings: list[str], *, chosen: list[str] | None = None, link: str) -> str:
-    """Return columns of the tables of a file below a caption, or nothing if there is no file.
+    """Return columns of the tables of a file below a caption, or nothing if the file does not exist.
 
     `chosen` are the methods to take, in this order; None takes all.
     """

@@ -2,7 +2,7 @@
 
 ``--measure`` writes scaling.csv first. It deforms subdivisions of the first body of ``data/defaust_170k``,
 which takes a quarter of an hour on a quiet machine with 2 cores. ``--largest`` adds a mesh of 44 million
-vertices and needs 16 GiB. Each run has a process of its own, and the fastest of its repeats counts. The
+vertices and needs 16 GiB. Each run is a new process, and its fastest repeat counts. The
 column ``others`` says how busy the machine was with other processes.
 """
 

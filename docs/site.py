@@ -1,7 +1,7 @@
 """Hooks of mkdocs: add linked files from outside ``docs`` to the website, and render formulas.
 
 Pages of ``docs`` link to other files of the repository by relative paths (``../results/tables/quick.md``),
-which work in a clone. On the website these files appear under ``files/``: Markdown files as pages, others
+which work in a clone. On the website, linked files appear under ``files/``: Markdown files as pages, others
 unchanged. ``$...$`` and ``$$...$$`` become MathML, which browsers draw without a script.
 """
 
@@ -25,7 +25,7 @@ INLINE = re.compile(r"(?<![\\$\w])\$((?:[^$\n]|\n(?!\n))+?)\$(?![\w$])")
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the files that pages link to outside ``docs``, and the files that these files link to."""
+    """Add the files that pages link to outside ``docs``, and every file that these link to."""
     todo = [("", file) for file in files.documentation_pages()]
     while todo:
         _, file = todo.pop()
