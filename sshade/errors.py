@@ -1,9 +1,9 @@
-"""The one exception that stands for a mistake in the input rather than in the program."""
+"""The exception for mistakes in the input."""
 
 
 class InputError(ValueError):
     """Input that cannot be used as it is.
 
-    The message is one sentence that says what was found and what would work;
-    the command line prints it alone and exits with code 2.
+    The message says what was found and what to do. The command line prints it without a traceback and exits
+    with code 2.
     """

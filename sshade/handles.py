@@ -1,4 +1,4 @@
-"""Handles: vertices that are to reach given positions, exactly or as far as their weight pulls."""
+"""Handles: vertices with prescribed positions, met exactly (hard) or approximately (soft)."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 from sshade.snapping import snap_to_vertices
 
-#: Two targets of one vertex that differ by more than this (x diagonal) contradict each other.
+#: Largest difference between two equal targets of one vertex, as a fraction of the extent of all targets.
 SAME_TARGET = 1e-9
 
-#: Least area of a soft handle's vertex, over the mean of the mesh's.
-LEAST_PORTION = 1e-3
+#: Least area of a soft handle's vertex, as a fraction of the mean vertex area of the mesh.
+LEAST_AREA = 1e-3
 
-#: Largest entry of R R^T - 1 of a rotation R.
+#: Largest entry of R R^T - 1 for a rotation R.
 ROTATION = 1e-6
 
 NO_HANDLES = "there are no handles; at least one vertex needs a prescribed position"
@@ -27,52 +27,48 @@ NO_HANDLES = "there are no handles; at least one vertex needs a prescribed posit
 
 @dataclass(frozen=True, eq=False)
 class Handles:
-    """Vertices with prescribed positions, and rotations where those are known too.
+    """Vertices with prescribed positions and, optionally, prescribed rotations.
 
-    A soft handle, one with a finite weight, is no constraint but a pull. Beside the energy of a
-    deformation, in which each edge ij counts once with ``w_ij |e'_ij - R_i e_ij|^2``, w_ij its cotangent
-    weight, the soft handles of a group with weight w cost w times the mean of ``|p_i - target_i|^2``, in
-    which each vertex counts by its area: :attr:`stiffness` times each square, in all. As the
-    cotangents have no unit, and as it is a mean, w has the same meaning in
-    any unit of length, at any resolution and for a landmark or a region: with 1 a group is held about as
-    strongly as the surface around it holds it, with 100 it gives way by about a hundredth.
+    A handle of infinite weight is hard: the deformation meets its target exactly. A handle of finite weight w
+    is soft: its group adds w times the mean of ``|p_i - target_i|^2`` to the elastic energy, where each
+    vertex counts by its area. The elastic energy counts each edge once, with its cotangent weight, which has
+    no unit. The effect of w therefore depends neither on the unit of length nor on the resolution nor on the
+    size of the group. With w = 1 the handles hold a group about as strongly as the surface around it; with
+    w = 100 the group yields by about a hundredth.
 
     Parameters
     ----------
     index : (k,) int
-        Vertex ids, each at most once after construction. A repeated id with
-        equal targets is kept once; with different ones it is an error.
+        Vertex ids. A repeated id with equal targets is kept once.
     target : (k, 3) float64
         Prescribed positions, in the mesh's unit of length.
     dynamic : (k,) bool, optional
-        True where the handle moves; by default everywhere.
+        True where the handle moves, False where it is fixed; by default True everywhere.
     group : (k,) int, optional
-        Which landmark each handle belongs to; by default all to one.
+        Landmark or handle region of each handle; by default 0 everywhere.
     snap_distance : (k,) float64, optional
-        Distance from each stored position to its vertex, set by :meth:`from_positions`.
+        Distance from each stored position to its vertex, as :meth:`from_positions` finds it.
     weight : (k,) float64 or float, optional
-        Above 0; inf, the default, is a hard handle.
+        Above 0. Smaller weights let the surface deviate from the targets; inf, the default, is hard.
     portion : (k,) float64, optional
-        Of its group's mean, that of each soft handle; by default by area, in a task.
+        Portion of each soft handle in the area of its group. A task sets it from the mesh.
     rotation : (k, 3, 3) float64, optional
-        How the surface turns at each handle; NaN, the default, where that is open. The local step of
-        the solver takes it as R_i instead of fitting one; elsewhere rotations are fitted, so that a
-        disc of such handles in a large sheet turns about half as far, and all that is held does not turn.
-        In a region that is hard, positions say how it turns, and prescribed rotations how the surface
-        beside its edge does.
+        Prescribed rotations of the surface at the handles; NaN, the default, leaves a rotation free. The
+        local step of the solver uses a prescribed rotation in place of R_i. Positions already determine how a
+        hard handle region turns; there, prescribed rotations affect the surface beside the border.
     merged : int
-        How many handles were dropped because another of their landmark took the same vertex.
+        Number of handles dropped because another handle of their group has the same vertex.
 
     Raises
     ------
     InputError
-        On wrong shapes, fewer targets than handles, non-finite targets, weights that are not positive,
-        matrices that are no rotations, or contradictory targets or weights on one vertex.
+        On wrong shapes, no handles, negative ids, targets that are not finite, weights that are not
+        positive, matrices that are not rotations, or one vertex with different targets or weights.
     """
 
     index: np.ndarray
     target: np.ndarray
-    # None only as a parameter: arrays once the object is made.
+    # None only as a parameter; arrays once the object is made.
     dynamic: np.ndarray = None  # type: ignore[assignment]
     group: np.ndarray = None  # type: ignore[assignment]
     snap_distance: np.ndarray = None  # type: ignore[assignment]
@@ -91,10 +87,7 @@ class Handles:
         k = len(index)
         if k == 0:
             raise InputError(NO_HANDLES)
-        target = np.asarray(self.target, dtype=np.float64)
-        if target.shape != (k, 3):
-            raise InputError(f"{k} handles need targets of shape ({k}, 3), not {target.shape}")
-        _require_finite(target, index)
+        target = _checked_target(self.target, index)
         if index.min() < 0:
             raise InputError(f"handle id {index.min()} is negative")
         fields = {
@@ -120,73 +113,74 @@ class Handles:
 
     @property
     def hard(self) -> np.ndarray:
-        """(k,) bool: the handles that are constraints."""
+        """(k,) bool: handles that the deformation meets exactly."""
         return np.isinf(self.weight)
 
     @property
     def stiffness(self) -> np.ndarray:
-        """(k,) float64: weight times portion, inf of hard handles. No unit."""
+        """(k,) float64: weight times portion, the factor of each squared distance; inf for hard handles."""
         if self.hard.all():
             return self.weight
         if self.portion is None:
-            raise InputError("soft handles have no shares yet; make a task of them and its mesh")
+            raise InputError("soft handles need their portions of area; make a task of them and the mesh")
         return np.where(self.hard, np.inf, self.weight * self.portion)
 
     @property
     def has_rotation(self) -> np.ndarray:
-        """(k,) bool: the handles whose rotations are prescribed."""
+        """(k,) bool: handles with a prescribed rotation."""
         if self.rotation is None:
             return np.zeros(len(self), dtype=bool)
         return np.isfinite(self.rotation).all(axis=(1, 2))
 
     @property
     def prescribed_rotations(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Handle vertices (j,) whose rotations are prescribed, and these (j, 3, 3); None without any."""
-        if self.rotation is None:
+        """Vertices (j,) with a prescribed rotation, and the rotations (j, 3, 3); None if there are none."""
+        rows = self.has_rotation
+        if self.rotation is None or not rows.any():
             return None
-        given = self.has_rotation
-        return (self.index[given], self.rotation[given]) if given.any() else None
+        return self.index[rows], self.rotation[rows]
 
     def with_portions(self, mesh: Mesh) -> Handles:
-        """With the portion that the soft handles of each group have by their areas, if there is none yet."""
+        """Return handles with the portion of each soft handle in the area of its group on `mesh`.
+
+        Existing portions are kept.
+        """
         soft = np.flatnonzero(~self.hard)
         if self.portion is not None or len(soft) == 0:
             return self
-        area = mesh.vertex_areas[self.index]
-        area = np.maximum(area, LEAST_PORTION * mesh.area / mesh.n)
+        area = mesh.vertex_areas[self.index[soft]]
+        area = np.maximum(area, LEAST_AREA * mesh.area / mesh.n)
         _, group = np.unique(self.group[soft], return_inverse=True)
-        group = group.ravel()
         portion = np.ones(len(self))
-        portion[soft] = area[soft] / np.bincount(group, area[soft])[group]
+        portion[soft] = area / np.bincount(group, area)[group]
         return replace(self, portion=portion)
 
     def at(self, target: np.ndarray, rotation: np.ndarray | None = None) -> Handles:
-        """The same handles with other targets (k, 3) and rotations (k, 3, 3); nothing else is checked again.
+        """Return the same handles with other targets (k, 3) and rotations (k, 3, 3).
 
         Raises
         ------
         InputError
-            On another shape, targets that are not finite, or matrices that are no rotations.
+            On another shape, targets that are not finite, or matrices that are not rotations.
         """
-        k, target = len(self), np.array(target, dtype=np.float64)
-        if target.shape != (k, 3):
-            raise InputError(f"{k} handles need targets of shape ({k}, 3), not {target.shape}")
-        _require_finite(target, self.index)
-        rotation = None if rotation is None else _checked_rotation(rotation, k)
-        other = copy(self)
+        moved = copy(self)
+        target = _checked_target(np.array(target, dtype=np.float64), self.index)
+        rotation = None if rotation is None else _checked_rotation(rotation, len(self))
         for name, values in (("target", target), ("rotation", rotation)):
             if values is not None:
                 values.setflags(write=False)
-            object.__setattr__(other, name, values)
-        return other
+            object.__setattr__(moved, name, values)
+        return moved
 
     def sampled(self, number: np.ndarray, index: np.ndarray, V: np.ndarray) -> Handles:
-        """Some handles as those of a proxy; what the others pull, the nearest of these of their group do.
+        """Return some of the handles as handles of a proxy.
+
+        The portion of every soft handle left out goes to the nearest remaining soft handle of its group.
 
         Parameters
         ----------
         number : (s,) int
-            Those, each once, and of each group with soft handles one of these at least.
+            Positions of the remaining handles, each once; at least one for each group with soft handles.
         index : (s,) int
             Their vertices on the proxy.
         V : (n, 3) float64
@@ -206,24 +200,24 @@ class Handles:
         )
 
     def require_hard(self, method: str) -> None:
-        """Raise InputError where a handle is soft or has a rotation, which `method` does not know."""
+        """Raise InputError if a handle is soft or has a prescribed rotation, which `method` cannot use."""
         if not self.hard.all():
-            raise InputError(f"{method} takes no soft handles: leave their weights out, or take sshade_fast")
+            raise InputError(f"{method} takes no soft handles: leave their weights out, or use method fast")
         if self.prescribed_rotations:
-            raise InputError(f"{method} takes no rotations of handles: leave them out, or take sshade_fast")
+            raise InputError(f"{method} takes no rotations of handles: leave them out, or use method fast")
 
     def _gathered(self, portion: np.ndarray, number: np.ndarray, V: np.ndarray) -> np.ndarray:
-        """(s,) shares of some handles with those of the soft ones of their group that are nearest to each."""
+        """Return the portions (s,) of the remaining handles with those of the handles left out."""
         from scipy.spatial import cKDTree
 
         gathered, soft = portion[number], ~self.hard
         for group in np.unique(self.group[soft]):
-            own = np.flatnonzero(soft & (self.group == group))
-            ours = np.flatnonzero(~self.hard[number] & (self.group[number] == group))
-            _, nearest = cKDTree(V[self.index[number[ours]]]).query(V[self.index[own]])
-            # In units of stiffness: handles of one group may differ in weight.
-            pull = np.bincount(nearest, self.weight[own] * portion[own], minlength=len(ours))
-            gathered[ours] = pull / self.weight[number[ours]]
+            members = np.flatnonzero(soft & (self.group == group))
+            kept = np.flatnonzero(~self.hard[number] & (self.group[number] == group))
+            _, nearest = cKDTree(V[self.index[number[kept]]]).query(V[self.index[members]])
+            # Sums of stiffness, because handles of one group may differ in weight.
+            stiffness = np.bincount(nearest, self.weight[members] * portion[members], minlength=len(kept))
+            gathered[kept] = stiffness / self.weight[number[kept]]
         return gathered
 
     @classmethod
@@ -241,32 +235,30 @@ class Handles:
     ) -> Handles:
         """Snap handles given by position to the nearest vertices of a mesh.
 
-        The stored positions need not be vertices of `mesh`, so a target is
-        corrected for the offset: a static handle stays where its vertex is; a
-        dynamic one goes to ``t_i + R (p_i - s_i)``, with s_i and t_i the stored
-        positions, p_i the vertex, and R the rotation that is prescribed for it, or else
-        the one that best carries the sources of its group to their targets (Kabsch). Handles of a
-        group that portion a vertex are merged: the mean of their targets, the largest of their weights,
-        the rotation of the first.
+        Targets are corrected for the distance between position and vertex. A fixed handle stays at its
+        vertex p_i. A dynamic handle goes to ``t_i + R (p_i - s_i)``, where s_i and t_i are its stored
+        positions. R is its prescribed rotation; without one, R is the rotation that best maps the sources of
+        its group to their targets (Kabsch). Handles of a group with the same vertex are merged: they get the
+        mean of their targets, the largest of their weights, and the first rotation.
 
         Parameters
         ----------
         mesh : Mesh
+            Any mesh.
         source, target : (k, 3) float64
-            Positions at rest and prescribed, in the mesh's coordinates.
+            Positions at rest and prescribed positions, in the mesh's coordinates.
         dynamic : (k,) bool or bool
-        group : (k,) int, optional
-        weight : (k,) float64 or float, optional
-        rotation : (k, 3, 3) float64, optional
+            False for fixed handles.
+        group, weight, rotation
+            As for :class:`Handles`.
         raw : bool
-            Keep the stored targets as they are.
+            Keep the stored targets without correction.
 
         Raises
         ------
         InputError
-            When counts differ, a position is not finite or farther than
-            :data:`sshade.snapping.FARTHEST_SNAP` allows from the mesh's vertices, or one vertex gets
-            different targets from two groups.
+            If counts differ, a position is not finite, a source is too far from the mesh
+            (:data:`sshade.snapping.FARTHEST_SNAP`), or one vertex gets different targets from two groups.
         """
         source = np.asarray(source, dtype=np.float64).reshape(-1, 3)
         target = np.asarray(target, dtype=np.float64).reshape(-1, 3)
@@ -280,51 +272,55 @@ class Handles:
         dynamic = np.broadcast_to(np.asarray(dynamic, dtype=bool), (k,))
         group = _per_handle(group, 0, np.int64, k, "group")
         weight = _checked_weight(weight, k)
+        rotation = None if rotation is None else _checked_rotation(rotation, k)
 
         distance, index = snap_to_vertices(mesh, source, group)
         moved = target.copy()
         if not raw:
+            offset = mesh.V[index] - source
             moved[~dynamic] = mesh.V[index[~dynamic]]
-            turned = np.zeros(k, dtype=bool)
+            fitted = dynamic.copy()
             if rotation is not None:
-                rotation = _checked_rotation(rotation, k)
                 turned = dynamic & np.isfinite(rotation).all(axis=(1, 2))
-                offset = mesh.V[index[turned]] - source[turned]
-                moved[turned] += np.einsum("iab,ib->ia", rotation[turned], offset)
-            for g in np.unique(group[dynamic & ~turned]):
-                own = dynamic & ~turned & (group == g)
-                R, _ = rigid_motion(source[own], target[own])
-                moved[own] += (mesh.V[index[own]] - source[own]) @ R.T
+                moved[turned] += np.einsum("iab,ib->ia", rotation[turned], offset[turned])
+                fitted &= ~turned
+            for g in np.unique(group[fitted]):
+                rows = fitted & (group == g)
+                R, _ = rigid_motion(source[rows], target[rows])
+                moved[rows] += offset[rows] @ R.T
 
-        # One row per (group, vertex); the constructor sees to equal vertices of different groups.
-        rows = np.stack([group, index], axis=1)
+        # One row for each group and vertex. The constructor compares groups on one vertex.
         pairs, first, inverse, count = np.unique(
-            rows, axis=0, return_index=True, return_inverse=True, return_counts=True
+            np.stack([group, index], axis=1),
+            axis=0,
+            return_index=True,
+            return_inverse=True,
+            return_counts=True,
         )
         inverse = inverse.ravel()
         mean = np.stack([np.bincount(inverse, moved[:, c]) for c in range(3)], axis=1) / count[:, None]
-        farthest = np.zeros(len(pairs))
-        np.maximum.at(farthest, inverse, distance)
-        heaviest = np.zeros(len(pairs))
-        np.maximum.at(heaviest, inverse, weight)
-        any_dynamic = np.zeros(len(pairs), dtype=bool)
-        np.logical_or.at(any_dynamic, inverse, dynamic)
+        order, begin = np.argsort(inverse, kind="stable"), np.cumsum(count) - count
         return cls(
             index=pairs[:, 1],
             target=mean,
-            dynamic=any_dynamic,
+            dynamic=np.logical_or.reduceat(dynamic[order], begin),
             group=pairs[:, 0],
-            snap_distance=farthest,
-            weight=heaviest,
-            rotation=None if rotation is None else _checked_rotation(rotation, k)[first],
+            snap_distance=np.maximum.reduceat(distance[order], begin),
+            weight=np.maximum.reduceat(weight[order], begin),
+            rotation=None if rotation is None else rotation[first],
             merged=k - len(pairs),
         )
 
 
-def _require_finite(target: np.ndarray, index: np.ndarray) -> None:
-    if not np.isfinite(target).all():
-        bad = int(np.flatnonzero(~np.isfinite(target).all(axis=1))[0])
+def _checked_target(target: Any, index: np.ndarray) -> np.ndarray:
+    target = np.asarray(target, dtype=np.float64)
+    if target.shape != (len(index), 3):
+        raise InputError(f"{len(index)} handles need targets of shape ({len(index)}, 3), not {target.shape}")
+    finite = np.isfinite(target).all(axis=1)
+    if not finite.all():
+        bad = int(np.argmin(finite))
         raise InputError(f"the target of handle {bad} (vertex {index[bad]}) is NaN or infinite")
+    return target
 
 
 def _per_handle(values: Any, default: Any, dtype: Any, k: int, name: str) -> np.ndarray:
@@ -341,7 +337,7 @@ def _checked_weight(weight: Any, k: int) -> np.ndarray:
     weight = _per_handle(weight, np.inf, np.float64, k, "weight")
     if not (weight > 0).all():
         bad = weight[~(weight > 0)][0]
-        raise InputError(f"the weight of a handle goes from above 0 to inf (hard); {bad} does not")
+        raise InputError(f"the weight of a handle goes from above 0 to inf (hard), not {bad}")
     return weight
 
 
@@ -349,8 +345,7 @@ def _checked_rotation(rotation: Any, k: int) -> np.ndarray:
     R = np.array(rotation, dtype=np.float64)
     if R.shape != (k, 3, 3):
         raise InputError(f"{k} handles need rotations of shape ({k}, 3, 3), not {R.shape}")
-    given = ~np.isnan(R).all(axis=(1, 2))
-    require_rotations(R[given])
+    require_rotations(R[~np.isnan(R).all(axis=(1, 2))])
     return R
 
 
@@ -365,18 +360,18 @@ def require_rotations(R: np.ndarray) -> None:
 
 
 def _first_of_each(index: np.ndarray, target: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Positions of the first occurrence of every id, in input order; targets and weights must agree."""
+    """Return where each id first occurs, in input order; all its targets and weights must agree."""
     _, first, inverse = np.unique(index, return_index=True, return_inverse=True)
     if len(first) < len(index):
-        scale = np.linalg.norm(np.ptp(target, axis=0))
-        gap = np.linalg.norm(target - target[first[inverse.ravel()]], axis=1)
-        if (gap > SAME_TARGET * scale).any():
+        earlier = first[inverse]
+        gap = np.linalg.norm(target - target[earlier], axis=1)
+        if (gap > SAME_TARGET * np.linalg.norm(np.ptp(target, axis=0))).any():
             bad = int(np.argmax(gap))
             raise InputError(
                 f"vertex {index[bad]} has contradictory targets, {gap[bad]:.3g} apart; "
                 "give each handle vertex one target"
             )
-        if (weight != weight[first[inverse.ravel()]]).any():
-            bad = int(np.argmax(weight != weight[first[inverse.ravel()]]))
+        if (weight != weight[earlier]).any():
+            bad = int(np.argmax(weight != weight[earlier]))
             raise InputError(f"vertex {index[bad]} has two weights; give each handle vertex one")
     return np.sort(first)

@@ -1,4 +1,4 @@
-"""What freed arrays leave with the C library."""
+"""Return freed memory to the operating system."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ import sys
 
 
 def give_back() -> None:
-    """Give freed memory back to the system, in milliseconds, where the C library can do that: glibc's.
+    """Return the memory that the C library keeps after arrays are freed, where it is glibc.
 
-    Of arrays of some megabytes, made and freed in several threads, it keeps a fifth of what a polish needs.
+    After arrays of some megabytes in several threads, glibc keeps about a fifth of the memory of a polish.
+    The call takes milliseconds.
     """
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
     if trim is not None:

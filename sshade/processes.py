@@ -1,4 +1,4 @@
-"""Processes that multiprocessing begins."""
+"""Worker processes of multiprocessing."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from threading import Thread
 
 
 def end_with_parent() -> None:
-    """From now on end this process, at once, when the process that began it ends.
+    """End this process as soon as its parent process ends.
 
-    A parent that is killed cannot tell its children, which would work on for nobody.
+    A parent that is killed cannot stop its children, and they would go on working.
     """
     parent = multiprocessing.parent_process()
 

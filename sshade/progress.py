@@ -1,4 +1,4 @@
-"""How long computations say how far they are."""
+"""The callback through which long computations report their progress."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from typing import Protocol
 
 
 class Progress(Protocol):
-    """Receives the advance of a long computation: stage, steps done, steps in all, a short note."""
+    """Receives progress reports: the stage, the number of steps done, their total, and a short note."""
 
     def __call__(self, stage: str, done: int, total: int, note: str = "") -> None: ...
 
 
 def silent(stage: str, done: int, total: int, note: str = "") -> None:
-    """Show nothing: the default progress callback."""
+    """Report nothing; the default progress callback."""

@@ -1,4 +1,4 @@
-"""Independent chunks of work in threads; the heavy kernels run without the GIL."""
+"""Independent chunks of work in threads. Heavy kernels run without the GIL."""
 
 from __future__ import annotations
 
@@ -11,43 +11,45 @@ from sshade.errors import InputError
 
 Result = TypeVar("Result")
 
-#: Rows of arrays that a thread of :func:`in_ranges` works on at a time, each time with arrays of its own.
+#: Number of rows in a range of :func:`in_ranges`, for work that allocates arrays for each range.
 CHUNK = 65_536
-#: As of :meth:`ThreadTeam.ranges`, which little work is done with, many times: they stay in the cache.
+#: Number of rows in a range of :meth:`ThreadTeam.ranges`, for short repeated work: rows stay in the cache.
 ROWS = 16_384
 
 
 def available_cpus() -> int:
-    """Number of CPUs that this process may use: fewer than the machine's under Slurm or taskset."""
+    """Return the number of CPUs that this process may use, which Slurm or taskset may restrict."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def number_of_workers(workers: int | None, *, default: int) -> int:
-    """`workers`, or `default` for None; InputError on fewer than one."""
+    """Return `workers`, or `default` for None; raise InputError on fewer than one."""
     if workers is not None and workers < 1:
         raise InputError(f"{workers} workers were asked for; at least one is needed")
     return workers or default
 
 
 def in_threads(chunk: Callable[[int], Result], count: int, *, workers: int | None = None) -> list[Result]:
-    """``[chunk(0), ..., chunk(count - 1)]``, in that order whatever the number of threads.
+    """Return ``[chunk(0), ..., chunk(count - 1)]``, in this order for any number of threads.
 
     Parameters
     ----------
     chunk : callable
+        Work for a number in [0, count).
     count : int
+        Number of chunks.
     workers : int, optional
-        Threads at most; by default two for each CPU, so that the scheduler evens out a
-        number of chunks that the CPUs do not divide. With one, the calling thread works.
+        Largest number of threads. The default, two for each CPU, balances the load if the CPUs do not divide
+        the number of chunks. With one, the calling thread does all work.
 
     Raises
     ------
     InputError
         On fewer than one worker.
     Exception
-        As of :class:`ThreadTeam`.
+        The error of the first chunk that failed; see :class:`ThreadTeam`.
     """
     workers = number_of_workers(workers, default=2 * available_cpus())
     with ThreadTeam(max(1, min(workers, count))) as team:
@@ -55,21 +57,21 @@ def in_threads(chunk: Callable[[int], Result], count: int, *, workers: int | Non
 
 
 def in_ranges(work: Callable[[int, int], Result], n: int) -> list[Result]:
-    """``[work(first, end), ...]`` for ranges that cover n rows in order, in a thread for each CPU.
+    """Return ``[work(first, end), ...]`` for ranges that cover n rows in order, with a thread for each CPU.
 
-    The ranges do not depend on the number of threads; few rows are one range, of the calling thread.
+    Ranges have :data:`CHUNK` rows for any number of threads. The calling thread works on a single range.
     """
     with ThreadTeam(available_cpus() if n > CHUNK else 1) as team:
         return team.ranges(work, n, rows=CHUNK)
 
 
 class ThreadTeam:
-    """Threads that stay for many short chunks of work, in a ``with`` block or as long as something has them.
+    """Threads for many short chunks of work. They end with a ``with`` block or with the object.
 
     Parameters
     ----------
     workers : int
-        Threads, the calling one among them.
+        Number of threads, including the calling one.
 
     Raises
     ------
@@ -89,10 +91,10 @@ class ThreadTeam:
             self._pool.shutdown()
 
     def __call__(self, chunk: Callable[[int], Result], count: int) -> list[Result]:
-        """``[chunk(0), ..., chunk(count - 1)]``, once all are done.
+        """Return ``[chunk(0), ..., chunk(count - 1)]``.
 
-        Where chunks fail, those not yet begun are dropped, and the error of the first
-        one in their order is raised.
+        If a chunk fails, chunks that have not begun are dropped, and the error of the smallest failed number
+        is raised.
         """
         if self._pool is None or count == 1:
             return [chunk(i) for i in range(count)]
@@ -102,7 +104,7 @@ class ThreadTeam:
         numbers = iter(range(count))
 
         def work() -> None:
-            for i in numbers:  # whoever is free takes the next: threads may not be equally fast
+            for i in numbers:  # threads may differ in speed, so each takes the next number when it is free
                 if errors:
                     return
                 try:
@@ -118,6 +120,6 @@ class ThreadTeam:
         return cast(list[Result], results)
 
     def ranges(self, work: Callable[[int, int], Result], n: int, *, rows: int | None = None) -> list[Result]:
-        """``[work(first, end), ...]`` for ranges that cover n rows in order, :data:`ROWS` each by default."""
+        """Return ``[work(first, end), ...]`` for ranges of `rows` rows, by default :data:`ROWS`, out of n."""
         bounds = [*range(0, n, rows or ROWS), n]
         return self(lambda i: work(bounds[i], bounds[i + 1]), len(bounds) - 1)

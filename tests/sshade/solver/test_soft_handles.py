@@ -184,7 +184,7 @@ def test_what_is_no_weight_is_refused():
         Handles([0, 1], BODY.V[:2], weight=[1.0])
     with pytest.raises(InputError, match="vertex 4 has two weights"):
         Handles([4, 4], BODY.V[[4, 4]], weight=[1.0, 2.0])
-    with pytest.raises(InputError, match="no shares yet"):
+    with pytest.raises(InputError, match="need their portions"):
         Handles([0], BODY.V[:1], weight=1.0).stiffness  # noqa: B018
     with pytest.raises(InputError, match="stiffnesses above 0"):
         LocalGlobal(BODY, [0, 1], stiffness=[1.0, 0.0])
