@@ -80,7 +80,7 @@ def drag(page: Page, x: float, y: float) -> tuple[float, float, float]:
         page.mouse.move(*at)
         sleep(1 / 100)
     page.mouse.up()
-    page.wait_for_selector("#stage[data-state=settled]", timeout=PATIENCE)
+    page.wait_for_selector("#stage[data-state=converged]", timeout=PATIENCE)
     return float(page.locator("#stage").get_attribute("data-rate") or 0), *at
 
 
@@ -93,7 +93,7 @@ def in_browser(browser: Browser, folder: Path) -> tuple[float, list[float]]:
             address, begin = running.stdout.readline().strip(), perf_counter()
             page = browser.new_page(viewport={"width": 1280, "height": 900})
             page.goto(address, timeout=PATIENCE)
-            page.wait_for_selector("#stage[data-state=settled]", timeout=PATIENCE)
+            page.wait_for_selector("#stage[data-state=converged]", timeout=PATIENCE)
             loaded = perf_counter() - begin
             page.get_by_role("button", name="drag", exact=True).click()
             sleep(5)  # the editor binds the mesh meanwhile

@@ -1,7 +1,9 @@
-"""The editor behind ``sshade edit``: regions of a mesh are picked and moved in a browser, and it follows.
+"""The editor behind ``sshade edit``: select vertices of a mesh in a browser, move them, and the mesh follows.
 
-:mod:`sshade.edit.state` is what undo goes back to, :mod:`sshade.edit.history` how;
-:mod:`sshade.edit.follower` deforms while the mouse moves and when it rests, :mod:`sshade.edit.session` does
-what a person asks for, without any browser, :mod:`sshade.edit.saving` says which files may be written,
-:mod:`sshade.edit.server` lends a session to a page, and the folder ``page`` is that page.
+The folder ``page`` holds the page in the browser. :mod:`sshade.edit.server` answers its requests,
+:mod:`sshade.edit.commands` translates them into calls of the :mod:`sshade.edit.session`, which works without
+a browser. :mod:`sshade.edit.state` describes one step that undo returns to, and :mod:`sshade.edit.history`
+keeps the steps. :mod:`sshade.edit.follower` deforms the mesh during a drag and at rest,
+:mod:`sshade.edit.document` reads and writes files, and :mod:`sshade.edit.saving` says which files may be
+written.
 """

@@ -1,4 +1,4 @@
-"""The states of an editor, with a way back and forth."""
+"""States of the editor for undo and redo."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import numpy as np
 
 from sshade.edit.state import State
 
-#: States kept, and bytes of their shapes; those of older states are computed again when they are needed.
+#: Number of kept states, and bytes of their shapes. Shapes of older states are computed again on demand.
 STATES, BYTES = 1000, 500_000_000
 
 
 class History:
-    """A list of states, one of which is the present one.
+    """A list of states and a current state.
 
     Parameters
     ----------
@@ -25,37 +25,37 @@ class History:
 
     @property
     def state(self) -> State:
-        """The present one."""
+        """Current state."""
         return self._states[self._at]
 
     @property
     def can_undo(self) -> bool:
-        """Whether there is one before it."""
+        """Whether there is an earlier state."""
         return self._at > 0
 
     @property
     def can_redo(self) -> bool:
-        """Whether there is one after it."""
+        """Whether there is a later state."""
         return self._at < len(self._states) - 1
 
     def push(self, state: State) -> None:
-        """Make a state the present one; those that were undone are gone."""
+        """Append a state and make it the current one; states that were undone are dropped."""
         self._states = [*self._states[: self._at + 1], state][-STATES:]
         self._at = len(self._states) - 1
 
     def go(self, steps: int) -> None:
-        """Go so many states on, or back, as far as there are any."""
+        """Go forth, or back if `steps` is negative, as far as there are states."""
         self._at = min(max(self._at + steps, 0), len(self._states) - 1)
 
-    def settle(self, state: State, shape: np.ndarray) -> None:
-        """The shape of a state is known, and so that of others that differ in what is picked alone."""
+    def store_shape(self, state: State, shape: np.ndarray) -> None:
+        """Store the converged shape of a state, also for states that differ in the selection only."""
         for i, other in enumerate(self._states):
             if other.same_shape(state):
                 self._states[i] = replace(other, shape=shape)
         self._drop_shapes()
 
     def _drop_shapes(self) -> None:
-        """Forget the shapes of the oldest states where all together are too large."""
+        """Drop shapes of the oldest states until the others fit in :data:`BYTES`."""
         kept = {id(self.state.shape): 0 if self.state.shape is None else self.state.shape.nbytes}
         for i in range(len(self._states) - 1, -1, -1):
             shape = self._states[i].shape

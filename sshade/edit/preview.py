@@ -1,4 +1,4 @@
-"""A coarser mesh to look at while a large one is dragged: the browser could not draw all of it in time."""
+"""A coarser mesh that the browser draws during a drag, because it cannot draw a large mesh in time."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ import numpy as np
 
 from sshade.mesh.mesh import Mesh
 
-#: About how many vertices it has, by what draws: a graphics card, or the processor that computes it too.
+#: Approximate number of vertices for a graphics card, and for a processor, which also computes the shape.
 VERTICES = {"card": 50_000, "processor": 8_000}
-#: Meshes have one from so many times as many vertices on.
+#: Smallest ratio of the vertices of the mesh to the vertices of the preview.
 LARGE = 2
-#: Cells along the diagonal at most, so that a number of 64 bits names each.
+#: Greatest number of cells along the diagonal, so that 64 bits can number all cells.
 CELLS = 100_000
 
 
 class Preview(NamedTuple):
-    """Some vertices of a mesh, and triangles between them.
+    """Some vertices of a mesh and triangles between them, which need not be a manifold.
 
     Attributes
     ----------
     vertices : (k,) int64
-        Their ids in the mesh, ascending.
+        Ids in the mesh, ascending.
     faces : (l, 3) int64
-        Numbers in `vertices`. It is no manifold everywhere.
+        Places in `vertices`.
     """
 
     vertices: np.ndarray
@@ -32,21 +32,22 @@ class Preview(NamedTuple):
 
 
 def preview(mesh: Mesh, drawn: str) -> Preview | None:
-    """Clusters of a mesh's vertices, each the vertex that is nearest to its middle; None of a small mesh.
+    """Cluster the vertices of a mesh in the cells of a grid; return None for a small mesh.
+
+    Each cluster is represented by the vertex nearest to its mean.
 
     Parameters
     ----------
     mesh : Mesh
-        Any.
-    drawn : str
-        By what: a key of :data:`VERTICES`.
+    drawn : {"card", "processor"}
+        Device that draws the preview.
 
     Source: J. Rossignac, P. Borrel, "Multi-resolution 3D approximations for rendering complex scenes", 1993.
     """
     wanted = VERTICES[drawn]
     if mesh.n < LARGE * wanted:
         return None
-    # A surface meets about 1.5 cells for each square of a cell that it covers.
+    # A surface meets about 1.5 cells for each area of a cell side.
     size = max(np.sqrt(1.5 * mesh.area / wanted), mesh.diagonal / CELLS)
     cell = ((mesh.V - mesh.V.min(axis=0)) / size).astype(np.int64)
     key = (cell[:, 0] * (CELLS + 1) + cell[:, 1]) * (CELLS + 1) + cell[:, 2]

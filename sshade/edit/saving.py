@@ -1,95 +1,90 @@
-"""Where an editor may write: beside the mesh, or where the command line said."""
+"""Paths that the editor may write: beside the mesh, or given on the command line."""
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
 
-from sshade.edit.state import Settings
 from sshade.errors import InputError
 from sshade.io.files import check_output
 from sshade.io.meshes import SUFFIXES
 
-#: What is saved, and the formats of it.
+#: Suffixes of the files that are saved, by content.
 FORMATS = {"handles": (".json",), "mesh": SUFFIXES}
-#: Characters of a name, which every file system takes.
+#: Greatest length of a file name, which every file system accepts.
 LONGEST = 120
 
 
 class FileExists(InputError):
-    """A file of that name stands there, which this editor did not write."""
+    """A file of this name exists, and this editor did not write it."""
 
 
 class Outputs:
-    """The files that an editor writes, by what they hold: ``handles`` and ``mesh``.
+    """Files that the editor writes, by content: ``handles`` and ``mesh``.
 
     Parameters
     ----------
     mesh : path
-        The mesh that is edited.
+        The edited mesh.
     output, handles : path, optional
-        The files for the deformed mesh and the handles; by default they lie beside the mesh and have its
-        name. Those named here are written over without a question.
+        Files for the deformed mesh and the handles. They are replaced without a question. By default the
+        files lie beside the mesh and are named after it.
+
+    Attributes
+    ----------
+    path : dict
+        Path of the file that is proposed for the next save, by content.
 
     Raises
     ------
     InputError
-        When one that is named could not be written, or is the mesh itself.
+        When a given path cannot be written, or is the mesh itself.
     """
 
     def __init__(self, mesh: Path, *, output: Path | None = None, handles: Path | None = None) -> None:
         self._mesh = mesh
-        named = {"mesh": output, "handles": handles}
-        self._own = {path.resolve() for path in named.values() if path is not None}
-        beside = {
-            "mesh": mesh.with_name(f"{mesh.stem}_deformed{mesh.suffix}"),
-            "handles": mesh.with_name(f"{mesh.stem}_handles.json"),
+        self.path = {
+            "mesh": output or mesh.with_name(f"{mesh.stem}_deformed{mesh.suffix}"),
+            "handles": handles or mesh.with_name(f"{mesh.stem}_handles.json"),
         }
-        self.path = {what: path or beside[what] for what, path in named.items()}
-        for what, path in named.items():
+        self._replaceable: set[Path] = set()
+        for content, path in (("mesh", output), ("handles", handles)):
             if path is not None:
-                self._check(what, path)
+                self._check(content, path)
+                self._replaceable.add(path.resolve())
 
-    def choose(self, what: str, name: str, *, over: bool = False) -> Path:
-        """The path for a name that a person gave: in the folder of the usual one.
+    def choose(self, content: str, name: str, *, over: bool = False) -> Path:
+        """Return the path for a file name that the user typed, in the folder of the proposed path.
 
         Parameters
         ----------
-        what : {"handles", "mesh"}
+        content : {"handles", "mesh"}
         name : str
-            Of a file, without a folder.
+            Name of a file, without a folder.
         over : bool
-            An existing file may be replaced.
+            Allow replacing an existing file.
 
         Raises
         ------
         InputError
-            On anything but the plain name of a file of such a format, or on the mesh that is edited.
+            When `name` is not the plain name of a file with a suffix of the content, or is the edited mesh.
         FileExists
-            Where there is one that may not.
+            When the file exists and may not be replaced.
         """
         plain = Path(name).name == name and "\\" not in name and ":" not in name and name.isprintable()
         if not (name and plain) or name.startswith(".") or len(name) > LONGEST:
             raise InputError(f"{name!r}: give the name of a file alone, without a folder")
-        path = self.path[what].with_name(name)
-        self._check(what, path)
-        if path.exists() and not over and path.resolve() not in self._own:
+        path = self.path[content].with_name(name)
+        self._check(content, path)
+        if path.exists() and not over and path.resolve() not in self._replaceable:
             raise FileExists(f"{name} exists already")
         return path
 
-    def written(self, what: str, path: Path) -> None:
-        """Take a path as the usual one from now on."""
-        self.path[what] = path
-        self._own.add(path.resolve())
+    def written(self, content: str, path: Path) -> None:
+        """Propose a path from now on; it may be replaced without a question."""
+        self.path[content] = path
+        self._replaceable.add(path.resolve())
 
-    def command(self, settings: Settings, *, carry_unconstrained: bool) -> str:
-        """The command that deforms the mesh with these files as the editor does."""
-        method = [] if settings.method == "sshade_fast" else ["--method", settings.method]
-        carry = ["--carry-unconstrained"] if carry_unconstrained else []
-        paths = [str(self._mesh), str(self.path["handles"]), "-o", str(self.path["mesh"])]
-        return shlex.join(["sshade", "deform", *paths, *method, *carry])
-
-    def _check(self, what: str, path: Path) -> None:
-        check_output(path, FORMATS[what])
+    def _check(self, content: str, path: Path) -> None:
+        check_output(path, FORMATS[content])
         if path.resolve() == self._mesh.resolve():
             raise InputError(f"{path} is the mesh that is edited; save under another name")

@@ -1,4 +1,4 @@
-"""Sets of vertices as a person picks them."""
+"""Selections of vertices."""
 
 from __future__ import annotations
 
@@ -7,50 +7,47 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 
-#: Ways to pick: with vertices given, and from those picked alone.
+#: Ways to change a selection. The first three take vertices.
 WAYS = ("replace", "add", "remove", "all", "none", "invert", "grow", "shrink")
 
 
 def selected(mesh: Mesh, before: np.ndarray, vertices: np.ndarray, how: str) -> np.ndarray:
-    """The vertices picked after a step.
+    """Change a selection.
 
     Parameters
     ----------
     mesh : Mesh
     before : (j,) int64
-        Those picked before.
+        Selected vertices.
     vertices : (k,) int
-        Those given, for "replace", "add" and "remove".
+        Vertices for "replace", "add" and "remove".
     how : str
-        One of :data:`WAYS`; "grow" adds the neighbours of those picked, "shrink" removes those
-        with a neighbour that is not.
+        A word of :data:`WAYS`. "grow" adds the neighbours of selected vertices; "shrink" removes selected
+        vertices with a neighbour that is not selected.
 
     Returns
     -------
     (j',) int64
-        Ascending.
+        Selected vertices, ascending.
 
     Raises
     ------
     InputError
-        On another word, or a vertex out of range.
+        When `how` is another word, or a vertex is out of range.
     """
     if how not in WAYS:
-        raise InputError(f"{how!r} is no way to pick; use {', '.join(WAYS)}")
+        raise InputError(f"{how!r} is no way to pick vertices; use {', '.join(WAYS)}")
     if vertices.ndim != 1 or (len(vertices) and (vertices.min() < 0 or vertices.max() >= mesh.n)):
         raise InputError(f"vertices to pick are numbers from 0 to {mesh.n - 1}")
-    picked = np.zeros(mesh.n, dtype=bool)
-    picked[before] = how not in ("replace", "none")
-    if how in ("replace", "add"):
-        picked[vertices] = True
-    elif how == "remove":
-        picked[vertices] = False
+    chosen = np.zeros(mesh.n, dtype=bool)
+    chosen[before] = how not in ("replace", "none")
+    if how in ("replace", "add", "remove"):
+        chosen[vertices] = how != "remove"
     elif how == "all":
-        picked[:] = True
+        chosen[:] = True
     elif how == "invert":
-        picked = ~picked
+        chosen = ~chosen
     elif how in ("grow", "shrink"):
-        grows = how == "grow"
-        across = mesh.edges[picked[mesh.edges].any(axis=1) & ~picked[mesh.edges].all(axis=1)]
-        picked[across] = grows
-    return np.flatnonzero(picked)
+        ends = chosen[mesh.edges]
+        chosen[mesh.edges[ends[:, 0] != ends[:, 1]]] = how == "grow"
+    return np.flatnonzero(chosen)

@@ -1,13 +1,12 @@
-"""A session lent to one browser of this machine, over HTTP.
+"""HTTP server that connects a session with one page in a browser of this machine.
 
-The page is our own, over the standard library's server, and needs no further package. One that brings a
-scene of its own, such as viser, sends whole meshes where 12 bytes a vertex do, picks no vertices by brush or
-lasso, and answers any page of the browser. A page asks for one step of a drag after the other, so that no
-more are under way than it can draw. What a websocket would add, messages that nobody asked for, one answer
-gives that never ends: how far a computation is and, when it breaks off, that the page is closed.
+The server uses the standard library alone. Viewers such as viser send whole meshes where 12 bytes a vertex
+suffice, have no brush or lasso, and answer any page of the browser. The page asks for one step of a drag
+after the other, so that it draws every computed step. The request "alive" never ends: its answer reports the
+progress of computations, and its end tells the server that the page was closed.
 
-Whoever is answered knows the token in the address, came to this machine by its own name (the Host, which a
-name that was bound anew to 127.0.0.1 does not give), and is not sent by a page of another origin.
+The server answers a request only if the address contains the secret token, the Host header names this
+machine (which protects against DNS rebinding), and no page of another origin sent the request.
 """
 
 from __future__ import annotations
@@ -21,7 +20,6 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from select import select
 from threading import Condition, Thread
-from time import monotonic
 from typing import Any
 from urllib.parse import parse_qsl, urlsplit
 
@@ -44,7 +42,7 @@ PAGE = {
     "panel.js": ("panel.js", "text/javascript"),
     "page.js": ("page.js", "text/javascript"),
 }
-#: What every answer says: nothing from elsewhere, in no other page, to be kept nowhere.
+#: Headers of every answer: load nothing from elsewhere, stay out of other pages, cache nothing.
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
     "img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -54,37 +52,38 @@ HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Cache-Control": "no-store",
 }
-#: Bytes of a request at most, beside those of a list of all vertices.
+#: Greatest size of a request in bytes, plus 4 for each vertex.
 LARGEST = 100_000_000
-#: Seconds between signs of life to a page, after the last page was closed, and for a request to come whole.
+#: Seconds between signs of life to a page, from the closing of the last page to the end of the server, and
+#: until an incomplete request is dropped.
 BEAT, GRACE, PATIENCE = 0.5, 3.0, 60.0
 
 
 class Server(ThreadingHTTPServer):
-    """Serves an editor on 127.0.0.1, until its page is closed or says that it is done.
+    """Serve an editor on 127.0.0.1 until its page is closed or ends the editor.
 
     Parameters
     ----------
     session : Session
     port : int
-        0 for any that is free.
+        0 selects a free port.
 
     Attributes
     ----------
     address : str
-        To be opened in a browser.
+        Address to open in a browser.
 
     Raises
     ------
     OSError
-        When the port is taken.
+        When the port is in use.
     """
 
     daemon_threads = True
 
     def __init__(self, session: Session, *, port: int = 0) -> None:
         self.token = secrets.token_urlsafe(24)
-        self.commands, self.vertices = Commands(session), session.mesh.n
+        self.commands, self.vertices = Commands(session, self.progress), session.mesh.n
         super().__init__(("127.0.0.1", port), _Handler)
         self.hosts = {f"{name}:{self.server_port}" for name in ("127.0.0.1", "localhost")}
         self.address = f"http://127.0.0.1:{self.server_port}/{self.token}/"
@@ -93,13 +92,13 @@ class Server(ThreadingHTTPServer):
         self._pages, self._closed = 0, False
 
     def progress(self, stage: str, done: int, total: int, note: str = "") -> None:
-        """Tell the page how far a computation is."""
+        """Report the progress of a computation to the page."""
         with self._changed:
             self._stage = {"stage": stage, "done": done, "total": total, "note": note}
             self._changed.notify_all()
 
     def close(self) -> None:
-        """End :meth:`serve_forever`; from any thread, and more than once."""
+        """End :meth:`serve_forever`. Any thread may call this, also repeatedly."""
         with self._changed:
             already, self._closed = self._closed, True
             self._changed.notify_all()
@@ -107,7 +106,7 @@ class Server(ThreadingHTTPServer):
             Thread(target=self.shutdown, daemon=True).start()
 
     def stages(self, write: Any) -> None:
-        """Call `write` with each stage that is new, and else now and then, until the page is gone."""
+        """Write each new stage, and a line from time to time, until the page is closed."""
         with self._changed:
             self._pages += 1
         last = None
@@ -122,25 +121,20 @@ class Server(ThreadingHTTPServer):
             with self._changed:
                 self._pages -= 1
             if not self._closed:
-                self._end_unless_it_comes_back()
-
-    def _end_unless_it_comes_back(self) -> None:
-        """A page that is loaded anew is gone for a moment only."""
-        end = monotonic() + GRACE
-        with self._changed:
-            back = self._changed.wait_for(lambda: self._pages > 0, timeout=max(0.0, end - monotonic()))
-        if not back:
-            self.close()
+                with self._changed:  # a page that is reloaded comes back soon
+                    back = self._changed.wait_for(lambda: self._pages > 0, timeout=GRACE)
+                if not back:
+                    self.close()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A browser that hangs up is no error."""
-        log.debug("a connection broke off", exc_info=True)
+        """Ignore lost connections, which browsers cause all the time."""
+        log.debug("a connection was lost", exc_info=True)
 
 
 class _Handler(BaseHTTPRequestHandler):
     server: Server
     protocol_version = "HTTP/1.1"
-    #: Answers are written at once; waiting for more would cost a drag some 40 ms a step.
+    #: Send answers at once. Nagle's algorithm would add about 40 ms to each step of a drag.
     disable_nagle_algorithm = True
     timeout = PATIENCE
     server_version, sys_version = "sshade", ""
@@ -160,7 +154,7 @@ class _Handler(BaseHTTPRequestHandler):
         elif name == "alive":
             self._alive()
         else:
-            self._refuse(HTTPStatus.NOT_FOUND, "there is no such page")
+            self._refuse(HTTPStatus.NOT_FOUND, f"the editor has no page {name!r}")
 
     def do_POST(self) -> None:
         name = self._allowed()
@@ -172,7 +166,7 @@ class _Handler(BaseHTTPRequestHandler):
         commands, query = self.server.commands, self._query()
         if name == "select":
             if len(content) % 4:
-                self._refuse(HTTPStatus.BAD_REQUEST, "vertices are sent as 4 bytes each")
+                self._refuse(HTTPStatus.BAD_REQUEST, "vertices must be sent as 4 bytes each")
                 return
             vertices = np.frombuffer(content, dtype="<u4").astype(np.int64)
             self._packet(lambda: commands.select(vertices, query.get("how", "")))
@@ -183,41 +177,41 @@ class _Handler(BaseHTTPRequestHandler):
             self.server.close()
         else:
             try:
-                given = json.loads(content or b"{}")
+                arguments = json.loads(content or b"{}")
             except (ValueError, RecursionError):
-                self._refuse(HTTPStatus.BAD_REQUEST, "a command comes as JSON")
+                self._refuse(HTTPStatus.BAD_REQUEST, "commands must be sent as JSON")
                 return
-            self._packet(lambda: commands(name, given, self.server.progress))
+            self._packet(lambda: commands(name, arguments))
 
     def _query(self) -> dict[str, str]:
         return dict(parse_qsl(urlsplit(self.path).query))
 
     def _allowed(self) -> str | None:
-        """The name that is asked for; None, and an answer, for whom may not ask."""
+        """Return the requested name, or answer and return None if the request is not allowed."""
         hosts = self.server.hosts
         origins = {f"http://{host}" for host in hosts}
-        # A link to the page, in a terminal that is a page itself, may be followed.
+        # The user may follow a link to the page, also in a terminal that is itself a page.
         visited = self.command == "GET" and self.headers.get("Sec-Fetch-Dest") == "document"
         _, token, *rest = [*urlsplit(self.path).path.split("/", 2), ""]
-        own = (
+        allowed = (
             self.headers.get("Host") in hosts
             and self.headers.get("Origin", f"http://{self.headers.get('Host')}") in origins
             and (self.headers.get("Sec-Fetch-Site", "none") in ("none", "same-origin") or visited)
             and secrets.compare_digest(token.encode(), self.server.token.encode())
         )
-        if own:
+        if allowed:
             return rest[0]
-        self._refuse(HTTPStatus.FORBIDDEN, "this address is of no editor: open the one that it printed")
+        self._refuse(HTTPStatus.FORBIDDEN, "wrong address: open the address that the editor printed")
         return None
 
     def _content(self) -> bytes | None:
-        """The body; None, and an answer, where its length is missing or too large."""
+        """Return the body, or answer and return None if its length is missing or too large."""
         length = self.headers.get("Content-Length", "")
         if not length.isascii() or not length.isdecimal() or "Transfer-Encoding" in self.headers:
-            self._refuse(HTTPStatus.LENGTH_REQUIRED, "the request does not say how long it is")
+            self._refuse(HTTPStatus.LENGTH_REQUIRED, "the request needs a Content-Length")
             return None
         if len(length) > 12 or int(length) > LARGEST + 4 * self.server.vertices:
-            self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"at most {LARGEST:,} bytes are taken")
+            self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"a request has at most {LARGEST:,} bytes")
             return None
         content = self.rfile.read(int(length))
         if len(content) < int(length):
@@ -226,51 +220,50 @@ class _Handler(BaseHTTPRequestHandler):
         return content
 
     def _packet(self, answer: Any) -> None:
-        """Send what a command answers, or why it does not, in a sentence."""
+        """Send the answer of a command, or the reason why it was refused."""
         try:
             self._send(HTTPStatus.OK, answer(), "application/octet-stream")
         except FileExists as error:
             self._refuse(HTTPStatus.CONFLICT, str(error), exists=True)
         except Superseded:
-            self._refuse(HTTPStatus.CONFLICT, "the handles have changed meanwhile", superseded=True)
+            self._refuse(HTTPStatus.CONFLICT, "the handles changed during the computation", superseded=True)
         except (InputError, FloatingPointError) as error:
             self._refuse(HTTPStatus.BAD_REQUEST, str(error))
         except MemoryError:
             self._refuse(HTTPStatus.INSUFFICIENT_STORAGE, "there is not enough memory")
-        except OSError:  # the browser hung up
+        except OSError:  # the browser closed the connection
             raise
-        except Exception:  # the page must not wait for ever; the person is told where to look
+        except Exception:  # the page must not wait for ever
             log.exception("the editor failed")
-            self._refuse(HTTPStatus.INTERNAL_SERVER_ERROR, "the editor failed; the terminal tells why")
+            self._refuse(HTTPStatus.INTERNAL_SERVER_ERROR, "the editor failed; its terminal shows the error")
 
     def _alive(self) -> None:
-        self.send_response(HTTPStatus.OK)
-        for name, value in {**HEADERS, "Content-Type": "text/plain; charset=utf-8"}.items():
-            self.send_header(name, value)
-        self.send_header("Connection", "close")
-        self.end_headers()
         self.close_connection = True
+        self._begin(HTTPStatus.OK, {"Content-Type": "text/plain; charset=utf-8"})
         self.server.stages(self._beat)
 
     def _beat(self, line: bytes) -> None:
-        """Write a line; an OSError tells that the page is gone."""
+        """Write a line; raise OSError if the page was closed."""
         readable, _, _ = select([self.connection], [], [], 0)
         if readable and not self.connection.recv(1, socket.MSG_PEEK):
             raise ConnectionResetError
         self.wfile.write(line)
 
     def _refuse(self, status: HTTPStatus, sentence: str, **facts: Any) -> None:
-        self.close_connection = True  # what is left of the request is not read
+        self.close_connection = True  # the rest of the request is not read
         self._send(status, json.dumps({"error": sentence, **facts}).encode(), "application/json")
 
     def _send(self, status: HTTPStatus, content: bytes, kind: str) -> None:
+        self._begin(status, {"Content-Type": kind, "Content-Length": str(len(content))})
+        self.wfile.write(content)
+
+    def _begin(self, status: HTTPStatus, headers: dict[str, str]) -> None:
         self.send_response(status)
-        for name, value in {**HEADERS, "Content-Type": kind, "Content-Length": str(len(content))}.items():
+        for name, value in {**HEADERS, **headers}.items():
             self.send_header(name, value)
         if self.close_connection:
             self.send_header("Connection", "close")
         self.end_headers()
-        self.wfile.write(content)
 
-    def log_message(self, format: str, *given: Any) -> None:
-        """Requests are not told: the address has the token."""
+    def log_message(self, format: str, *arguments: Any) -> None:
+        """Do not log requests, because their address contains the token."""

@@ -1,4 +1,4 @@
-"""What a person does to a mesh and its handles, one call each; it knows of no browser."""
+"""A session of the editor: one method for each action of the user, without a browser."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ from sshade.errors import InputError
 from sshade.handles import Handles
 from sshade.progress import Progress, silent
 
-#: Where all of a new static group is this near to rest, over the diagonal, it is at rest.
+#: Greatest distance from rest, over the diagonal, at which a new static group counts as being at rest.
 AT_REST = 1e-6
 
 
 class Superseded(Exception):
-    """What was computed is out of date: the handles have changed meanwhile."""
+    """The handles changed during a computation, whose result is therefore out of date."""
 
 
 class Session:
-    """A mesh, what is picked of it, its handle groups, and a history of these.
+    """A mesh, a selection of vertices, handle groups, and their history.
 
-    Every method may be called from any thread. Those that change something are undone by :meth:`undo`, but
-    for :meth:`drag`, which :meth:`release` ends, and the saving of files.
+    Every method may be called from any thread. :meth:`undo` reverts all changes, except for files that were
+    saved. A :meth:`drag` counts as a change when :meth:`release` ends it.
 
     Parameters
     ----------
     path : path
-        Of the mesh: any that ``sshade deform`` takes.
+        Any mesh file that ``sshade deform`` takes.
     handles : path, optional
-        A handle file to begin with.
+        Handle file with the first groups.
     output, handles_output : path, optional
         See :class:`sshade.edit.saving.Outputs`.
     settings : Settings
@@ -51,14 +51,14 @@ class Session:
     document : Document
     history : History
     mesh : Mesh
-        What can be deformed of the file.
+        The surface in the file that can be deformed.
     shown : (n, 3) float64
-        The latest shape: of a drag, or of the handles at rest.
+        Latest positions of the mesh: of a drag, or converged.
 
     Raises
     ------
     InputError
-        On files that cannot be read, or written.
+        When a file cannot be read or written.
     """
 
     def __init__(
@@ -80,9 +80,9 @@ class Session:
         self._saved: tuple[Group, ...] = ()
         self._lock, self._following = RLock(), RLock()
         self._follower = Follower(mesh)
-        #: Whether the handles are elsewhere than a drag left them.
+        #: Whether the handles moved since the last step of a drag.
         self._jumped = False
-        #: The groups of the last step of a drag, and its handles.
+        #: Groups and handles of the last step of a drag.
         self._dragged: tuple[tuple[Group, ...], Handles] | None = None
         if handles is not None:
             self._take(self.document.read_groups(handles, first=1))
@@ -90,23 +90,23 @@ class Session:
 
     @property
     def state(self) -> State:
-        """The present one."""
+        """Current state."""
         return self.history.state
 
     @property
-    def is_settled(self) -> bool:
-        """Whether the shape of the present handles is known, and shown."""
+    def is_converged(self) -> bool:
+        """Whether the converged shape of the current handles is known and shown."""
         return self.state.shape is self.shown
 
     @property
     def is_unsaved(self) -> bool:
-        """Whether there are groups that no file has."""
+        """Whether there are groups that were not saved."""
         return bool(self.state.groups) and self.state.groups is not self._saved
 
-    # What can be undone.
+    # Actions that can be undone.
 
     def select(self, vertices: np.ndarray, how: str) -> None:
-        """Pick vertices.
+        """Change the selection.
 
         Parameters
         ----------
@@ -117,7 +117,7 @@ class Session:
         Raises
         ------
         InputError
-            On a vertex out of range or another word.
+            When a vertex is out of range, or `how` is another word.
         """
         with self._lock:
             new = selected(self.mesh, self.state.selection, np.asarray(vertices), how)
@@ -125,43 +125,42 @@ class Session:
                 self._push(replace(self.state, selection=new))
 
     def mark(self, kind: Kind) -> int:
-        """Make a group of the vertices that are picked, where they are now; return its number.
+        """Create a group of the selected vertices at their current positions; return its number.
 
-        They leave the groups that had them.
+        The vertices leave the groups that contained them.
 
         Raises
         ------
         InputError
-            When nothing is picked, or on another kind.
+            When no vertex is selected, or on another kind.
         """
         with self._lock:
-            own = self.state.selection
-            if len(own) == 0:
-                raise InputError("nothing is picked; pick vertices by click, brush, rectangle or lasso first")
-            start, rest = self.shown[own], self.mesh.V[own]
+            vertices = self.state.selection
+            if len(vertices) == 0:
+                raise InputError("no vertex is picked; pick some by click, brush, rectangle or lasso")
+            start, rest = self.shown[vertices], self.mesh.V[vertices]
             if kind == "static" and np.abs(start - rest).max() <= AT_REST * self.mesh.diagonal:
                 start = rest
             number, self._number = self._number, self._number + 1
-            new = Group(number, f"group {number}", kind, own, start)
-            self._push(self.state.marked(new))
-        self._prepare(new)
+            self._push(self.state.marked(Group(number, f"group {number}", kind, vertices, start)))
+        self._prepare(vertices)
         return number
 
     def remove(self, number: int) -> None:
-        """Let the vertices of a group go."""
+        """Remove a group; its vertices become unconstrained."""
         with self._lock:
-            own = self.state.group(number)
-            self._push(replace(self.state, groups=tuple(g for g in self.state.groups if g is not own)))
+            group = self.state.group(number)
+            self._push(replace(self.state, groups=tuple(g for g in self.state.groups if g is not group)))
 
     def restore(self, number: int) -> None:
-        """Put a group back to where it is at rest."""
+        """Move a group back to its rest positions."""
         with self._lock:
             start = self.mesh.V[self.state.group(number).vertices]
             self._push(self.state.changed(number, start=start, motion=Motion.none(), turn=None))
             self._jumped = True
 
     def alter(self, number: int, **fields: Any) -> None:
-        """Give a group another ``kind``, ``weight`` (inf for hard) or ``name``.
+        """Change the ``kind``, ``weight`` (inf for hard) or ``name`` of a group.
 
         Raises
         ------
@@ -171,26 +170,26 @@ class Session:
         with self._lock:
             before, shape = self.shown, self.state.shape
             self._push(self.state.changed(number, **fields))
-            if set(fields) == {"name"} and shape is not None:  # it is the same shape by another name
-                self.history.settle(self.state, shape)
+            if set(fields) == {"name"} and shape is not None:  # a name does not change the shape
+                self.history.store_shape(self.state, shape)
                 self.shown = before
 
     def set_up(self, settings: Settings) -> None:
-        """Follow by another method, or with other constraints."""
+        """Change the method or the constraints."""
         with self._lock:
             if settings != self.state.settings:
                 self._push(replace(self.state, settings=settings))
                 self._jumped = True
 
     def open(self, content: bytes, name: str) -> None:
-        """Take the groups of a handle file instead of those there are.
+        """Replace all groups by the groups of a handle file.
 
         Parameters
         ----------
         content : bytes
-            Of this project's JSON.
+            Handle file in this project's JSON.
         name : str
-            For messages.
+            Name of the file, for messages.
 
         Raises
         ------
@@ -201,28 +200,28 @@ class Session:
             self._take(self.document.received_groups(content, name, first=self._number))
 
     def undo(self) -> None:
-        """Go a step back, if there is one."""
+        """Return to the previous state, if there is one."""
         self._go(-1)
 
     def redo(self) -> None:
-        """Go the step again that was undone last."""
+        """Revert the last undo."""
         self._go(1)
 
     # Shapes.
 
     def drag(self, number: int, motion: Motion) -> np.ndarray:
-        """Show the mesh with a group moved, from where it was released last.
+        """Show the mesh with a group moved from the place of its last release.
 
         Parameters
         ----------
         number : int
-            Of a moving group.
+            Number of a moving group.
         motion : Motion
 
         Returns
         -------
         (n, 3) float64
-            The positions that are :attr:`shown` now.
+            Positions of the mesh, which :attr:`shown` holds as well.
 
         Raises
         ------
@@ -240,8 +239,7 @@ class Session:
                 self._follower.forget()
                 self._jumped = False
             shape = np.array(shape, order="C")
-            on = int(state.group(number).vertices[0])
-            self._follower.follow(handles, on, state.settings, shape)
+            self._follower.follow(handles, int(state.group(number).vertices[0]), state.settings, shape)
             shape.setflags(write=False)
             with self._lock:
                 if self._revision == revision:
@@ -249,7 +247,7 @@ class Session:
         return shape
 
     def release(self, number: int, motion: Motion) -> None:
-        """End a drag: the group stays there.
+        """End a drag; the group stays at its place.
 
         Raises
         ------
@@ -260,7 +258,7 @@ class Session:
             self._push(self.state.moved(number, motion))
 
     def settle(self, progress: Progress = silent) -> None:
-        """Compute the shape for the handles, as ``sshade deform`` does, unless it is known, and show it.
+        """Compute the converged shape, as ``sshade deform`` does, unless it is known, and show it.
 
         Parameters
         ----------
@@ -269,9 +267,9 @@ class Session:
         Raises
         ------
         InputError
-            Where the method refuses them.
+            When the method refuses the handles.
         Superseded
-            When the handles changed meanwhile.
+            When the handles changed during the computation.
         """
         with self._lock:
             state, revision = self.state, self._revision
@@ -287,18 +285,18 @@ class Session:
         with self._lock:
             if self._revision != revision:
                 raise Superseded
-            self.history.settle(state, V)
+            self.history.store_shape(state, V)
             self.shown = V
 
     # Files.
 
     def save_handles(self, name: str, *, over: bool = False) -> Path:
-        """Write the groups as a handle file; return where.
+        """Write the groups as a handle file and return its path.
 
         Raises
         ------
         InputError
-            See :meth:`sshade.edit.saving.Outputs.choose`; when there are no groups.
+            See :meth:`sshade.edit.saving.Outputs.choose`; also when there are no groups.
         """
         with self._lock:
             path = self.document.write_handles(self.state, name, over=over)
@@ -308,23 +306,23 @@ class Session:
     def save_mesh(
         self, name: str, *, over: bool = False, progress: Progress = silent
     ) -> tuple[Path, tuple[str, ...]]:
-        """Write the mesh as the handles deform it; return where, and what of its file that format has not.
+        """Write the deformed mesh; return its path, and the contents that its format cannot hold.
 
         Raises
         ------
         InputError
-            See :meth:`sshade.edit.saving.Outputs.choose`; where the method refuses the handles.
+            See :meth:`sshade.edit.saving.Outputs.choose`; also when the method refuses the handles.
         Superseded
-            When the handles changed meanwhile.
+            When the handles changed during the computation.
         """
         path = self.document.outputs.choose("mesh", name, over=over)
         self.settle(progress)
         return path, self.document.write_mesh(self.shown, path)
 
-    # Within.
+    # Helpers.
 
     def _take(self, groups: tuple[Group, ...]) -> None:
-        """Groups of a file instead of those there are."""
+        """Replace all groups by the groups of a file."""
         state = replace(self.state, groups=groups)
         self.mesh.require_handles(state.handles(self.mesh).index, everywhere=False)
         self._number += len(groups)
@@ -332,7 +330,7 @@ class Session:
         self._saved, self._jumped = groups, True
 
     def _push(self, state: State) -> None:
-        """Make a step; its shape is open unless groups and method stay, or all is at rest."""
+        """Append a state. Its shape is unknown unless groups and settings stay, or all groups are at rest."""
         if not state.same_shape(self.state):
             state = replace(state, shape=None if state.displaced(self.mesh) else self.mesh.V)
             self._advance()
@@ -352,19 +350,18 @@ class Session:
         self._jumped = True
 
     def _advance(self) -> int:
-        """Let everything that is being computed know that it is out of date."""
+        """Mark all running computations as out of date; return the new revision."""
         with self._lock:
             self._revision += 1
             return self._revision
 
-    def _prepare(self, group: Group) -> None:
-        """Bind the mesh with the present handles while the person looks for the gizmo."""
+    def _prepare(self, vertices: np.ndarray) -> None:
+        """Bind the mesh with the current handles before the user begins to drag."""
         with self._lock:
             handles, settings = self.state.handles(self.mesh), self.state.settings
 
         def prepare() -> None:
-            with self._following, suppress(InputError, FloatingPointError):  # the drag itself tells it
-                shared = handles.with_portions(self.mesh)
-                self._follower.prepare(shared, int(group.vertices[0]), settings)
+            with self._following, suppress(InputError, FloatingPointError):  # the drag reports the error
+                self._follower.prepare(handles.with_portions(self.mesh), int(vertices[0]), settings)
 
         Thread(target=prepare, daemon=True).start()

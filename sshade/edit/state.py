@@ -1,4 +1,4 @@
-"""What an editor holds at one time: the vertices picked, the handle groups and where they are, the method."""
+"""A state of the editor: selected vertices, handle groups with their motions, and the method."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from sshade.mesh.mesh import Mesh
 Kind = Literal["static", "moving"]
 MethodName = Literal["sshade_fast", "sshade_fine", "sshade"]
 
-#: Second extent of vertices over their first one, up to which they lie on a line: no rotation moves
-#: a vertex then, or only some of them, and the surface is told how it turns.
+#: Greatest ratio of the second extent of vertices to the first, at which they count as a line. Their targets
+#: do not determine a rotation, which is therefore prescribed.
 LINE = 1e-6
-#: Characters of a group's name.
+#: Greatest length of a group's name.
 LONGEST = 80
 
 
 class Motion(NamedTuple):
-    """x goes to R x + t.
+    """A rigid motion: x moves to R x + t.
 
     Attributes
     ----------
@@ -36,31 +36,31 @@ class Motion(NamedTuple):
 
     @classmethod
     def none(cls) -> Motion:
-        """All stays."""
+        """Return the identity."""
         return cls(np.eye(3), np.zeros(3))
 
     @classmethod
     def about(cls, pivot: np.ndarray, quaternion: np.ndarray, move: np.ndarray) -> Motion:
-        """A turn about a point, then a move.
+        """Return a rotation about the point `pivot`, followed by the translation `move`.
 
         Parameters
         ----------
         pivot, move : (3,) float64
         quaternion : (4,) float64
-            x, y, z, w, of any length but zero.
+            Rotation x, y, z, w, of any length but zero.
         """
         from scipy.spatial.transform import Rotation
 
-        # A move alone leaves no rounding in R, which would be a rotation to :attr:`Group.rotation`.
+        # A translation must not leave rounding in R: :attr:`Group.rotation` would take it for a rotation.
         R = Rotation.from_quat(quaternion).as_matrix() if np.any(quaternion[:3]) else np.eye(3)
         return cls(R, pivot - R @ pivot + move)
 
     def after(self, first: Motion) -> Motion:
-        """The motion `first`, then this one."""
+        """Return the composition: `first`, then this motion."""
         return Motion(self.R @ first.R, self.R @ first.t + self.t)
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
-        """(k, 3) points where they go."""
+        """Move points (k, 3)."""
         if np.array_equal(self.R, np.eye(3)) and not self.t.any():
             return points
         return points @ self.R.T + self.t
@@ -68,28 +68,28 @@ class Motion(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """Vertices that are held, or moved as one.
+    """Vertices that are fixed, or moved rigidly.
 
     Parameters
     ----------
     number : int
-        Its own for as long as it exists.
+        Unique among all groups of a session.
     name : str
     kind : {"static", "moving"}
     vertices : (k,) int64
     start : (k, 3) float64
-        Where they were when they were marked, or where a file wants them.
+        Positions when the group was created, or targets from a file.
     motion : Motion
-        From there.
+        Motion since then.
     weight : float
-        Of a soft group, see :class:`sshade.Handles`.
+        Weight of a soft group, inf for a hard one; see :class:`sshade.Handles`.
     turn : (3, 3) float64, optional
-        Rotation of the surface around them that a file prescribes.
+        Prescribed rotation of the surface at the vertices, from a file.
 
     Raises
     ------
     InputError
-        On another kind, a name that is empty or long, a weight that is not above 0.
+        On another kind, an empty or too long name, or a weight that is not above 0.
     """
 
     number: int
@@ -107,16 +107,16 @@ class Group:
         if not 0 < len(self.name) <= LONGEST:
             raise InputError(f"a name has 1 to {LONGEST} characters")
         if not self.weight > 0:
-            raise InputError("a weight is a number above 0; without one the group is held")
+            raise InputError("a weight is a number above 0; leave it empty for a hard group")
 
     @property
     def target(self) -> np.ndarray:
-        """(k, 3) where the vertices are to go."""
+        """Targets of the vertices, (k, 3)."""
         return self.motion(self.start)
 
     @property
     def rotation(self) -> np.ndarray | None:
-        """(3, 3) how the surface is to turn around the vertices, where their targets do not say it."""
+        """Prescribed rotation (3, 3) of the surface, unless the targets determine the rotation."""
         if self.turn is not None:
             return self.motion.R @ self.turn
         if np.array_equal(self.motion.R, np.eye(3)):
@@ -126,13 +126,13 @@ class Group:
 
 
 class Settings(NamedTuple):
-    """How the mesh follows.
+    """Method and constraints.
 
     Attributes
     ----------
-    method : {"sshade_fast", "sshade_fine", "sshade"}
+    method : {"fast", "fine", "paper"}
     volume, area : bool
-        Whether the constraints of the first two methods are as usual, or free.
+        Whether `fast` and `fine` constrain volume and area.
     """
 
     method: MethodName = "sshade_fast"
@@ -141,7 +141,7 @@ class Settings(NamedTuple):
 
     @property
     def constraints(self) -> dict[str, float]:
-        """Options of a method that is not the paper's, which are 0 where something is free."""
+        """Options of `fast` and `fine` that switch constraints off."""
         return {name: 0.0 for name in ("volume", "area") if not getattr(self, name)}
 
 
@@ -152,12 +152,12 @@ class State:
     Parameters
     ----------
     selection : (k,) int64
-        Vertices picked, ascending.
+        Selected vertices, ascending.
     groups : tuple of Group
-        No vertex is in two.
+        Disjoint groups.
     settings : Settings
     shape : (n, 3) float64, optional
-        The mesh with these groups by this method, once it is known.
+        Converged positions of the mesh, once they are known.
     """
 
     selection: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
@@ -166,16 +166,16 @@ class State:
     shape: np.ndarray | None = None
 
     def same_shape(self, other: State) -> bool:
-        """Whether both have the same groups and method."""
+        """Whether both states have the same groups and settings."""
         return self.groups is other.groups and self.settings == other.settings
 
     def group(self, number: int) -> Group:
-        """One of the groups.
+        """Return the group with a number.
 
         Raises
         ------
         InputError
-            When there is none of that number.
+            When there is no such group.
         """
         for group in self.groups:
             if group.number == number:
@@ -183,17 +183,17 @@ class State:
         raise InputError(f"there is no group {number}")
 
     def changed(self, number: int, **fields: Any) -> State:
-        """With some fields of a group changed."""
-        own = self.group(number)
-        return replace(self, groups=tuple(replace(g, **fields) if g is own else g for g in self.groups))
+        """Return a state with changed fields of a group."""
+        old = self.group(number)
+        return replace(self, groups=tuple(replace(g, **fields) if g is old else g for g in self.groups))
 
     def moved(self, number: int, motion: Motion) -> State:
-        """With a group moved from where it is.
+        """Return a state with a group moved from its current place.
 
         Raises
         ------
         InputError
-            When it is static.
+            When the group is static.
         """
         group = self.group(number)
         if group.kind != "moving":
@@ -201,7 +201,7 @@ class State:
         return self.changed(number, motion=motion.after(group.motion))
 
     def marked(self, new: Group) -> State:
-        """With a group more, of the vertices that were picked; other groups lose them."""
+        """Return a state with another group, whose vertices leave the selection and all other groups."""
         groups = []
         for group in self.groups:
             keep = ~np.isin(group.vertices, new.vertices, assume_unique=True)
@@ -212,18 +212,18 @@ class State:
         return replace(self, selection=new.vertices[:0], groups=(*groups, new))
 
     def handles(self, mesh: Mesh) -> Handles:
-        """The groups as handles, numbered from 0 in their order.
+        """Return the groups as handles, numbered from 0.
 
         Raises
         ------
         InputError
-            When there are none.
+            When there are no groups.
         """
         if not self.groups:
             raise InputError(NO_HANDLES)
         count = [len(group.vertices) for group in self.groups]
-        # What is static in a file stays at rest: a group that was fixed in another place is no such one.
-        still = [
+        # Static handles of a file stay at rest. A static group elsewhere is therefore written as dynamic.
+        at_rest = [
             group.kind == "static" and np.array_equal(group.target, mesh.V[group.vertices])
             for group in self.groups
         ]
@@ -231,23 +231,26 @@ class State:
         return Handles(
             np.concatenate([group.vertices for group in self.groups]),
             target,
-            dynamic=~np.repeat(still, count),
+            dynamic=~np.repeat(at_rest, count),
             group=np.repeat(np.arange(len(count)), count),
             weight=np.repeat([group.weight for group in self.groups], count),
             rotation=rotation,
         )
 
     def aims(self) -> tuple[np.ndarray, np.ndarray | None]:
-        """Targets (k, 3) of all groups' vertices, and rotations (k, 3, 3), NaN where open, if one has any."""
+        """Return the targets (k, 3) of all groups and their prescribed rotations (k, 3, 3).
+
+        Rotations are NaN where none is prescribed, and None if no group has one.
+        """
         target = np.concatenate([group.target for group in self.groups])
-        turns = [group.rotation for group in self.groups]
-        if all(turn is None for turn in turns):
+        rotations = [group.rotation for group in self.groups]
+        if all(rotation is None for rotation in rotations):
             return target, None
-        given = [np.full((3, 3), np.nan) if turn is None else turn for turn in turns]
-        return target, np.repeat(given, [len(group.vertices) for group in self.groups], axis=0)
+        filled = [np.full((3, 3), np.nan) if rotation is None else rotation for rotation in rotations]
+        return target, np.repeat(filled, [len(group.vertices) for group in self.groups], axis=0)
 
     def displaced(self, mesh: Mesh) -> bool:
-        """Whether a group is to be elsewhere than at rest."""
+        """Whether a group has targets away from rest, or a prescribed rotation."""
         return any(
             group.rotation is not None or not np.array_equal(group.target, mesh.V[group.vertices])
             for group in self.groups
@@ -255,24 +258,29 @@ class State:
 
 
 def groups_of(handles: Handles, names: dict[int, str], *, first: int) -> tuple[Group, ...]:
-    """Handles of a file as groups.
+    """Convert handles of a file to groups.
 
     Parameters
     ----------
     handles : Handles
     names : mapping
-        Of their groups, where those have names.
+        Names of groups of `handles`. Other groups are named by their number.
     first : int
         Number of the first group.
     """
     groups = []
-    for number, own in enumerate(np.unique(handles.group)):
-        members = np.flatnonzero(handles.group == own)
-        some: dict[str, Any] = {"weight": float(handles.weight[members[0]])}
-        if handles.rotation is not None and np.isfinite(handles.rotation[members[0]]).all():
-            some["turn"] = handles.rotation[members[0]]
-        kind: Kind = "moving" if handles.dynamic[members].any() else "static"
-        name = names.get(int(own), "")[:LONGEST] or f"group {first + number}"
-        given = handles.index[members], handles.target[members]
-        groups.append(Group(first + number, name, kind, *given, **some))
+    for number, group in enumerate(np.unique(handles.group), start=first):
+        members = np.flatnonzero(handles.group == group)
+        turn = None if handles.rotation is None else handles.rotation[members[0]]
+        groups.append(
+            Group(
+                number,
+                names.get(int(group), "")[:LONGEST] or f"group {number}",
+                "moving" if handles.dynamic[members].any() else "static",
+                handles.index[members],
+                handles.target[members],
+                weight=float(handles.weight[members[0]]),
+                turn=None if turn is None or np.isnan(turn).any() else turn,
+            )
+        )
     return tuple(groups)

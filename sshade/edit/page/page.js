@@ -1,4 +1,4 @@
-// What happens: pointers and buttons become commands, answers become what is shown.
+// Translate pointers and buttons into commands, and answers into the shown mesh and panel.
 /* global THREE */
 import { Panel, byId, checked, say } from "./panel.js";
 import { Picking } from "./picking.js";
@@ -6,15 +6,15 @@ import { View } from "./view.js";
 
 const TYPES = { float32: Float32Array, uint32: Uint32Array, uint8: Uint8Array };
 const HINTS = {
-  view: "Drag to turn, right button to shift, wheel to zoom.",
-  click: "Click on a vertex. Right button turns the view.",
-  brush: "Paint over vertices. Shift adds, Ctrl removes, the right button turns the view.",
-  rectangle: "Draw a rectangle. Shift adds, Ctrl removes, the right button turns the view.",
-  lasso: "Draw around vertices. Shift adds, Ctrl removes, the right button turns the view.",
+  view: "Drag to rotate the view, right button to pan, wheel to zoom.",
+  click: "Click on a vertex. The right button rotates the view.",
+  brush: "Paint over vertices. Shift adds, Ctrl removes, the right button rotates the view.",
+  rectangle: "Draw a rectangle. Shift adds, Ctrl removes, the right button rotates the view.",
+  lasso: "Draw around vertices. Shift adds, Ctrl removes, the right button rotates the view.",
 };
 const stage = byId("stage");
 
-// Colours are linear to three.js.
+// three.js computes with linear colours.
 const linear = (css) => new THREE.Color(css).toArray();
 const BODY = linear("#d9d5cf"), PICKED = linear("#1a9850");
 const KINDS = { static: linear("#2166ac"), moving: linear("#f2c200") };
@@ -24,19 +24,19 @@ const RAMP = Array.from({ length: 256 }, (_, i) => {
   return new THREE.Color(STOPS[k]).lerp(new THREE.Color(STOPS[k + 1]), at - k).toArray();
 });
 
-let facts = null; // what the session said last
-const arrays = {}; // and the arrays it sent
+let facts = null; // latest facts from the session
+const arrays = {}; // latest arrays from the session
 let active = null; // number of the group with the gizmo
-let painted = null; // vertices under the brush, and what it does to them
-let settling = null; // the order of what is being computed
-let order = 0; // of requests that change the shape: a shape that was overtaken is not shown
+let painted = null; // vertices under the brush, and the effect of the brush
+let settling = null; // number of the computation that runs
+let order = 0; // counts requests that change the shape, so that outdated shapes are not shown
 let queue = Promise.resolve();
 
 let view;
 try {
   view = new View(stage, byId("canvas"), byId("overlay"));
 } catch {
-  say("This browser draws no WebGL, which the editor needs.");
+  say("The editor needs WebGL, which this browser does not support.");
   throw new Error("no WebGL");
 }
 const panel = new Panel(ask, choose);
@@ -49,7 +49,7 @@ const picking = new Picking(view, byId("overlay"), {
   painting: paint,
 });
 
-// One request after the other.
+// Send one request after the other.
 function send(path, body) {
   const answer = queue.then(() => request(path, body));
   queue = answer.then(() => {}, () => {});
@@ -67,7 +67,7 @@ async function request(path, body) {
   try {
     response = await fetch(path, body === undefined ? {} : { method: "POST", body });
   } catch {
-    throw Object.assign(new Error("The editor does not answer; has it been ended?"), { gone: true });
+    throw Object.assign(new Error("The editor does not answer; check whether its program still runs."), { gone: true });
   }
   if (!response.ok) {
     const refused = await response.json().catch(() => ({ error: `the editor answers ${response.status}` }));
@@ -100,14 +100,14 @@ function take(said) {
   facts = { ...facts, ...said };
   const { sent } = said;
   Object.assign(arrays, sent);
-  if (!sent.change && (sent.positions || !facts.settled)) arrays.change = null;
+  if (!sent.change && (sent.positions || !facts.converged)) arrays.change = null;
   if (sent.positions && !view.gizmo.dragging) view.setPositions(sent.positions);
   if ("marked" in said && facts.groups.some((group) => group.number === said.marked && group.kind === "moving")) {
     active = said.marked;
     byId("tools").querySelector("[value=view]").click();
   }
   refresh();
-  if (!facts.settled) settle();
+  if (!facts.converged) settle();
   else if (!arrays.change && byId("errors").checked) settle();
   return said;
 }
@@ -120,7 +120,7 @@ function refresh() {
   byId("gizmo-bar").hidden = active === null;
   panel.show(facts, active);
   colour();
-  stage.dataset.state = facts.settled ? "settled" : "unsettled";
+  stage.dataset.state = facts.converged ? "converged" : "computing";
   stage.dataset.picked = facts.picked;
 }
 
@@ -130,7 +130,7 @@ function choose(number) {
   refresh();
 }
 
-// The shape that the method makes of the handles; a later change makes it worthless.
+// Compute the converged shape; a later change makes it outdated.
 async function settle() {
   const mine = order;
   if (settling === mine) return;
@@ -153,7 +153,7 @@ function paint(found, how) {
   colour();
 }
 
-// Colours of all vertices: picked, in a group, by the change of their edges, or plain.
+// Colour the vertices: picked, in a group, by the change of edge length, or plain.
 let toColour = false;
 function colour() {
   if (toColour || !arrays.labels) return;
@@ -178,8 +178,8 @@ function colour() {
   });
 }
 
-// A drag: the latest place of the gizmo is asked for as soon as the one before has been answered.
-// While the mouse rests, some steps more let the mesh come to rest too.
+// A drag requests the latest place of the gizmo as soon as the previous request was answered. While the mouse
+// rests, a few further steps let the mesh converge.
 const drag = { wanted: null, last: null, idle: 0, busy: null, steps: 0, since: 0 };
 const IDLE = 20;
 
@@ -196,14 +196,14 @@ function step() {
   return request("drag", JSON.stringify({ group: active, drawn: view.drawn, ...drag.last }));
 }
 
-// The next step is computed while this one is drawn.
+// The server computes the next step while this step is drawn.
 async function follow() {
   for (let asked = step(); asked; ) {
     try {
       const { sent } = await asked;
       asked = step();
       view.setStep(sent.positions);
-      await new Promise(requestAnimationFrame); // more steps than pictures would only take time from these
+      await new Promise(requestAnimationFrame); // a step without a picture would be wasted
       drag.steps += 1;
     } catch (error) {
       complain(error);
@@ -266,7 +266,7 @@ for (const what of ["handles", "mesh"]) {
       delete name.dataset.edited;
       if (!said) return;
       take(said);
-      const lost = said.lost.length ? `, without ${said.lost.join(" and ")}, which its format does not hold` : "";
+      const lost = said.lost.length ? `, without ${said.lost.join(" and ")}: the format cannot hold them` : "";
       byId("saved").textContent = `Saved ${said.saved}${lost}.`;
       byId("command").textContent = said.command;
       byId("command").hidden = !facts.groups.length;
@@ -312,7 +312,7 @@ window.addEventListener("keydown", (event) => {
 });
 
 byId("quit").addEventListener("click", async () => {
-  if (facts?.unsaved && !window.confirm("The handles are not saved. End all the same?")) return;
+  if (facts?.unsaved && !window.confirm("The handles are not saved. End the editor?")) return;
   await request("quit", "").catch(() => {});
   ended("The editor has ended; this page can be closed.");
 });
@@ -325,7 +325,7 @@ function ended(sentence) {
   say(sentence);
 }
 
-// An answer without an end: how far the computation is, until the editor ends.
+// This request is answered until the editor ends, with the progress of computations.
 async function listen() {
   const reader = (await fetch("alive")).body.pipeThrough(new TextDecoderStream()).getReader();
   for (let text = "", part; !(part = await reader.read()).done; ) {

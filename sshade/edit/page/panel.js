@@ -1,4 +1,4 @@
-// The panel beside the mesh: it shows what the session says, and tells what is pressed.
+// The panel beside the mesh shows the state of the session and sends commands.
 
 export const byId = (name) => document.getElementById(name);
 export const checked = (name) => document.querySelector(`input[name=${name}]:checked`).value;
@@ -16,7 +16,7 @@ export function say(sentence) {
   byId("message").firstElementChild.textContent = sentence ?? "";
 }
 
-// `ask(command, given)` sends, `choose(number)` makes a group the one with the gizmo.
+// `ask(command, args)` sends a command; `choose(number)` moves the gizmo to a group.
 export class Panel {
   constructor(ask, choose) {
     Object.assign(this, { ask, choose });
@@ -54,7 +54,7 @@ export class Panel {
 
   list(groups, active) {
     const text = JSON.stringify([groups, active]);
-    if (text === this.listed) return; // what somebody is typing in stays
+    if (text === this.listed) return; // keep an input in which the user is typing
     this.listed = text;
     byId("groups").replaceChildren(...groups.map((group) => this.entry(group, group.number === active)));
   }
@@ -62,12 +62,12 @@ export class Panel {
   entry(group, active) {
     const { number, kind } = group, button = (label, title, press) =>
       element("button", { type: "button", textContent: label, title, onclick: press });
-    const name = element("input", { type: "text", className: "name", value: group.name, title: "its name" });
+    const name = element("input", { type: "text", className: "name", value: group.name, title: "name of the group" });
     name.setAttribute("aria-label", "name of the group");
     name.onchange = () => this.ask("alter", { group: number, name: name.value.trim() });
     const weight = element("input", { type: "number", min: "0", step: "any", placeholder: "hard" });
     weight.value = group.weight ?? "";
-    weight.title = "empty: the group is held; a number pulls it, with 1 about as strongly as the surface does";
+    weight.title = "empty: the group reaches its targets; a number: the group is pulled, at 1 about as strongly as the surface resists";
     weight.setAttribute("aria-label", "weight");
     weight.onchange = () => {
       this.ask("alter", { group: number, weight: weight.value === "" ? null : Number(weight.value) });
@@ -77,16 +77,16 @@ export class Panel {
       element("span", { className: "small", textContent: whole(group.vertices) }));
     const row = element("div", { className: "row small" });
     if (kind === "moving") {
-      const drag = button("drag", "show its gizmo", () => this.choose(active ? null : number));
+      const drag = button("drag", "show the gizmo of the group", () => this.choose(active ? null : number));
       drag.setAttribute("aria-pressed", active);
       row.append(drag);
     }
     row.append(
-      button(kind === "moving" ? "hold" : "free", `make it ${other}`, () => this.ask("alter", { group: number, kind: other })),
-      button("pick", "pick its vertices", () => this.ask("pick", { group: number })),
-      button("rest", "back to where it was at rest", () => this.ask("restore", { group: number })),
+      button(kind === "moving" ? "fix" : "make movable", kind === "moving" ? "fix the group where it is" : "make the group movable", () => this.ask("alter", { group: number, kind: other })),
+      button("pick", "pick the vertices of the group", () => this.ask("pick", { group: number })),
+      button("rest", "move the group back to its rest positions", () => this.ask("restore", { group: number })),
       weight,
-      button("×", "let its vertices go", () => this.ask("remove", { group: number })),
+      button("×", "remove the group", () => this.ask("remove", { group: number })),
     );
     return element("li", { className: `${kind}${active ? " active" : ""}` }, head, row);
   }

@@ -1,9 +1,9 @@
-// Vertices picked by click, brush, rectangle and lasso, sketched over the mesh.
+// Pick vertices by click, brush, rectangle and lasso, with a sketch over the mesh.
 
-const CLICK = 16; // pixels from the pointer to the nearest vertex
+const CLICK = 16; // greatest distance from the pointer to a vertex, in pixels
 
 export class Picking {
-  // `picked(vertices, how)` takes what a stroke found; `painting(vertices)` what a brush has so far.
+  // `picked(vertices, how)` receives the vertices of a stroke; `painting(vertices)` the vertices under the brush.
   constructor(view, overlay, { tool, how, through, radius, picked, painting }) {
     Object.assign(this, { view, overlay, tool, how, through, radius, picked, painting });
     this.stroke = null;
@@ -16,7 +16,7 @@ export class Picking {
     overlay.addEventListener("contextmenu", (event) => event.preventDefault());
   }
 
-  // Left button and one finger pick, the right button and two fingers turn; or, to view, as usual.
+  // With a picking tool the right button and two fingers rotate the view; else the controls work as usual.
   use(tool) {
     const { controls } = this.view, picks = tool !== "view";
     controls.mouseButtons = picks ? { LEFT: null, MIDDLE: 1, RIGHT: 0 } : { LEFT: 0, MIDDLE: 1, RIGHT: 2 };
@@ -31,7 +31,7 @@ export class Picking {
   }
 
   begin(event) {
-    if (this.stroke && event.pointerType === "touch") this.cancel(); // a second finger turns
+    if (this.stroke && event.pointerType === "touch") this.cancel(); // a second finger rotates the view
     else if (this.tool() !== "view" && event.button === 0 && event.isPrimary && !this.view.gizmo.axis) {
       const shown = this.view.project(this.through());
       const how = event.shiftKey ? "add" : event.ctrlKey || event.metaKey ? "remove" : this.how();
@@ -71,7 +71,7 @@ export class Picking {
     if (brushed) this.painting(null);
   }
 
-  // All vertices nearer than the radius to the line from one point to another.
+  // Find the vertices within the radius of the line between two points.
   paint([ax, ay], [bx, by]) {
     const { x, y, seen } = this.stroke.shown, { found } = this.stroke, r = this.radius();
     const dx = bx - ax, dy = by - ay, square = dx * dx + dy * dy || 1;
@@ -121,7 +121,7 @@ function inRectangle({ x, y, seen }, [ax, ay], [bx, by], found) {
   }
 }
 
-// Inside is where a line to the right meets the path an odd number of times.
+// A vertex is inside if a line to the right meets the path an odd number of times.
 function inLasso({ x, y, seen }, path, found) {
   const across = path.map((point) => point[0]), down = path.map((point) => point[1]);
   const box = [Math.min(...across), Math.max(...across), Math.min(...down), Math.max(...down)];

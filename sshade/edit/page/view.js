@@ -1,13 +1,13 @@
-// The mesh on the canvas: positions, colours, the camera, the gizmo, and where its vertices are on the screen.
+// The mesh on the canvas: positions, colours, camera, gizmo, and the places of vertices on the screen.
 /* global THREE */
 
 const FAR = 50;
 const UP = new THREE.Vector3(0, 1, 0);
 const TOWARDS = new THREE.Vector3(0.5, 0.25, 1);
-// Milliseconds: a picture of a large mesh that takes longer is not drawn before the view has rested for so long.
+// Milliseconds: pictures that take longer than SLOW are drawn only after the view has rested for REST.
 const SLOW = 50, REST = 400;
 
-// 24 bits of the distance to the camera, over FAR; alpha tells the surface from nothing.
+// Encode the distance to the camera, over FAR, in 24 bits; alpha marks the surface.
 const DEPTH = {
   side: 2,
   vertexShader: `
@@ -25,7 +25,7 @@ const DEPTH = {
     }`,
 };
 
-// Sums of the normals of the faces around each vertex, by their areas.
+// Sum the area-weighted face normals around each vertex.
 function addNormals(faces, P, N) {
   N.fill(0);
   for (let i = 0; i < faces.length; i += 3) {
@@ -40,7 +40,7 @@ function addNormals(faces, P, N) {
   }
 }
 
-// Room for a mesh of as many vertices.
+// Allocate a geometry for a number of vertices.
 function emptyGeometry(faces, vertices) {
   const geometry = new THREE.BufferGeometry();
   geometry.setIndex(new THREE.BufferAttribute(faces, 1));
@@ -57,7 +57,7 @@ function place(geometry, positions) {
   position.needsUpdate = normal.needsUpdate = true;
 }
 
-// Three numbers of each of some vertices.
+// Copy three numbers for each of some vertices.
 function gather(vertices, from, into) {
   for (let i = 0, k = 0; i < vertices.length; i += 1, k += 3) {
     const v = 3 * vertices[i];
@@ -67,7 +67,7 @@ function gather(vertices, from, into) {
   }
 }
 
-// Milliseconds that a picture takes which has nothing to send to the graphics card before.
+// Measure the milliseconds for a picture whose data is on the graphics card already.
 function secondPicture(renderer, render) {
   const gl = renderer.getContext(), pixel = new Uint8Array(4);
   let begin;
@@ -79,8 +79,8 @@ function secondPicture(renderer, render) {
   return performance.now() - begin;
 }
 
-// Whether a graphics card draws, or the processor, which takes 50 ms for a ball of 20,000 triangles. Browsers do not
-// always say.
+// Whether a graphics card draws, which browsers do not always say. A processor takes 50 ms for a ball of 20,000
+// triangles.
 function drawnByCard() {
   const renderer = new THREE.WebGLRenderer();
   renderer.setSize(600, 600, false);
@@ -95,7 +95,7 @@ function drawnByCard() {
 }
 
 export class View {
-  // `surface` is the element that takes the mouse.
+  // `surface` is the element that receives mouse events.
   constructor(stage, canvas, surface) {
     this.stage = stage;
     this.drawn = drawnByCard() ? "card" : "processor";
@@ -123,11 +123,11 @@ export class View {
     this.depthScene = new THREE.Scene();
     this.target = new THREE.WebGLRenderTarget(1, 1);
     this.waiting = false;
-    // While a button is down, a picture of a large mesh that takes long would only hold the pointer up.
-    this.held = false;
-    for (const [name, held] of [["pointerdown", true], ["pointerup", false], ["pointercancel", false]]) {
+    // While a button is down, slow pictures would delay the pointer.
+    this.pressed = false;
+    for (const [name, pressed] of [["pointerdown", true], ["pointerup", false], ["pointercancel", false]]) {
       surface.addEventListener(name, () => {
-        this.held = held;
+        this.pressed = pressed;
         if (this.slow) this.draw();
       });
     }
@@ -137,7 +137,7 @@ export class View {
     }).observe(stage);
   }
 
-  // Of a large mesh `coarse` has the vertices and the faces of its preview.
+  // `coarse` holds the vertices and faces of the preview of a large mesh.
   setMesh(faces, positions, coarse) {
     const geometry = emptyGeometry(faces, positions.length / 3);
     this.attributes = geometry.attributes;
@@ -169,7 +169,7 @@ export class View {
     this.draw();
   }
 
-  // Positions of a step of a drag: of a large mesh those of its preview, until all of it is known again.
+  // Show a step of a drag; for a large mesh, `positions` are of its preview.
   setStep(positions) {
     if (!this.coarse) {
       this.setPositions(positions);
@@ -180,7 +180,7 @@ export class View {
     this.draw();
   }
 
-  // `paint` fills linear colours, three a vertex.
+  // `paint` fills an array with three linear colour values for each vertex.
   setColours(paint) {
     const { color } = this.attributes;
     paint(color.array);
@@ -193,7 +193,7 @@ export class View {
     this.draw();
   }
 
-  // The whole shape in sight.
+  // Show the whole shape.
   home() {
     this.resize();
     const low = new THREE.Vector3(Infinity, Infinity, Infinity), high = low.clone().negate();
@@ -242,12 +242,12 @@ export class View {
     this.camera.updateProjectionMatrix();
   }
 
-  // A processor draws half as many in each direction while a preview is shown.
+  // A processor draws half the pixels in each direction while a preview is shown.
   setPixels() {
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2) * (this.fine ? 1 : 0.5));
   }
 
-  // Many changes, one picture.
+  // Draw one picture for many changes.
   draw() {
     if (this.slow) {
       clearTimeout(this.resting);
@@ -264,7 +264,7 @@ export class View {
   render() {
     this.waiting = false;
     if (this.coarse) {
-      this.coarse.visible = Boolean(this.stale || this.resting || (this.slow && this.held));
+      this.coarse.visible = Boolean(this.stale || this.resting || (this.slow && this.pressed));
       this.solid.visible = !this.coarse.visible;
       const fine = this.solid.visible || this.drawn === "card";
       if (fine !== this.fine) {
@@ -278,7 +278,7 @@ export class View {
     this.renderer.render(this.scene, this.camera);
   }
 
-  // Pixels x, y of every vertex, and whether it is in sight: on the screen, and not behind the surface.
+  // Return the pixels x, y of every vertex, and whether it is on the screen and not behind the surface.
   project(through) {
     const { clientWidth: width, clientHeight: height } = this.stage;
     const P = this.attributes.position.array, n = P.length / 3;
@@ -298,7 +298,7 @@ export class View {
     return { x, y, seen };
   }
 
-  // Distances to the surface, a pixel each, from the top; 0 where there is none.
+  // Return the distance to the surface for each pixel, from the top; 0 where there is no surface.
   readDepth(width, height) {
     this.target.setSize(width, height);
     const alpha = this.renderer.getClearAlpha();
@@ -322,7 +322,8 @@ export class View {
   }
 }
 
-// Of the surface in the pixels around one: steep surfaces are deeper at a vertex than in the middle of its pixel.
+// Return the greatest distance in the pixels around one pixel: a steep surface may be deeper at a vertex than in
+// the centre of its pixel.
 function farthest(depth, width, height, column, row) {
   let found = 0;
   for (let r = Math.max(row - 1, 0); r <= Math.min(row + 1, height - 1); r += 1) {

@@ -39,7 +39,7 @@ def page(request, browser, session):
         opened.on("pageerror", lambda error: opened.said.append(str(error)))
         opened.on("request", lambda asked: opened.asked.append(asked.url))
         opened.goto(server.address)
-        opened.wait_for_selector("#stage[data-state=settled]")
+        opened.wait_for_selector("#stage[data-state=converged]")
         yield opened
         assert all(url.startswith((server.address, "data:")) for url in opened.asked)
         opened.close()
@@ -89,14 +89,14 @@ def asked(page, name: str, action) -> None:
 
 
 def mark(page, session, shown: np.ndarray) -> np.ndarray:
-    """Hold the lower end and make the upper one movable, by rectangles; the pixels of all vertices."""
+    """Fix the lower end and make the upper end movable, by rectangles; return the relative heights."""
     V = session.mesh.V
     height = (V[:, 1] - V[:, 1].min()) / np.ptp(V[:, 1])
     page.locator("#through").check()
     tool(page, "Rectangle")
-    for keep, button in (height < 0.12, "Hold"), (height > 0.88, "Make movable"):
+    for keep, button in (height < 0.12, "Fix"), (height > 0.88, "Make movable"):
         stroke(page, *corners(shown[keep]))
-        asked(page, "mark", page.get_by_role("button", name=button).click)
+        asked(page, "mark", page.get_by_role("button", name=button, exact=True).click)
     page.wait_for_selector("#groups li.moving.active")
     return height
 
@@ -180,7 +180,7 @@ def test_a_region_is_dragged_and_what_is_saved_deforms_to_the_same_on_the_comman
         page.mouse.move(x + 60, y - 30)
     with page.expect_response(re.compile("/settle$")):
         page.mouse.up()
-    page.wait_for_selector("#stage[data-state=settled]")
+    page.wait_for_selector("#stage[data-state=converged]")
     page.wait_for_timeout(100)
     group = session.state.groups[1]
     move = (group.target - group.start).mean(axis=0)
@@ -228,7 +228,7 @@ def test_a_gizmo_turns_a_group_and_a_mistake_is_told_on_the_page(page, session):
     page.mouse.move(x + 40, y + 5, steps=6)
     with page.expect_response(re.compile("/settle$")):
         page.mouse.up()
-    page.wait_for_selector("#stage[data-state=settled]")
+    page.wait_for_selector("#stage[data-state=converged]")
     group = session.state.groups[1]
     assert np.arccos((np.trace(group.motion.R) - 1) / 2) > 0.1
     assert np.abs((group.target - group.start).mean(axis=0)).max() < 1e-6 * session.mesh.diagonal
@@ -271,7 +271,7 @@ def test_of_a_large_mesh_a_preview_follows_and_all_of_it_is_shown_at_rest(browse
         said: list[str] = []
         page.on("pageerror", lambda error: said.append(str(error)))
         page.goto(server.address)
-        page.wait_for_selector("#stage[data-state=settled]")
+        page.wait_for_selector("#stage[data-state=converged]")
         page.get_by_role("button", name="drag", exact=True).click()
         page.wait_for_timeout(200)
         resting = pixels(page.locator("#stage"))
@@ -291,7 +291,7 @@ def test_of_a_large_mesh_a_preview_follows_and_all_of_it_is_shown_at_rest(browse
         assert changed(resting, following) > 0.01
         with page.expect_response(re.compile("/settle$")):
             page.mouse.up()
-        page.wait_for_selector("#stage[data-state=settled]")
+        page.wait_for_selector("#stage[data-state=converged]")
         page.wait_for_timeout(600)
         # The same shape, but for the facets of the preview and the last steps of the solution.
         assert changed(following, pixels(page.locator("#stage"))) < 0.1

@@ -12,7 +12,6 @@ from sshade.edit.session import Session
 from sshade.errors import InputError
 from sshade.io.meshes import write_mesh
 from sshade.mesh.mesh import Mesh
-from sshade.progress import silent
 from tests.shapes import bumpy
 from tests.sshade.edit.lent import unpacked
 
@@ -62,7 +61,7 @@ def test_a_page_drawn_by_something_else_is_refused(tmp_path):
     assert "coarse" not in unpacked(commands.whole({})) and "coarse" not in unpacked(
         commands.whole({"drawn": "card"})
     )
-    with pytest.raises(InputError, match="'hand' draws no page: one of card, processor does"):
+    with pytest.raises(InputError, match="must be card or processor, not 'hand'"):
         commands.whole({"drawn": "hand"})
 
 
@@ -78,8 +77,8 @@ def test_a_drag_sends_the_vertices_of_the_preview_and_the_release_all(large, tmp
         session.select(np.flatnonzero(own), "replace")
         number = session.mark(kind)
     motion = {"group": number, "drawn": "card", **STILL, "move": [0.1, 0, 0]}
-    step = unpacked(commands("drag", motion, silent))["positions"]
-    released = unpacked(commands("release", motion, silent))["positions"].reshape(-1, 3)
+    step = unpacked(commands("drag", motion))["positions"]
+    released = unpacked(commands("release", motion))["positions"].reshape(-1, 3)
     assert len(released) == BODY.n
     assert np.array_equal(step.reshape(-1, 3), released[few.vertices])
     assert np.abs(released - whole["positions"].reshape(-1, 3)).max() > 0.09

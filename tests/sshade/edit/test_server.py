@@ -154,9 +154,9 @@ def test_a_request_says_how_long_it_is_and_is_not_too_long(server, monkeypatch):
     [
         ("explode", {}, "no command"),
         ("__init__", {}, "no command"),
-        ("mark", [], "an object"),
+        ("mark", [], "a JSON object"),
         ("mark", {}, '"kind"'),
-        ("mark", {"kind": "moving"}, "nothing is picked"),
+        ("mark", {"kind": "moving"}, "no vertex is picked"),
         ("remove", {"group": 5}, "no group 5"),
         ("remove", {"group": "5"}, "whole number"),
         ("remove", {"group": True}, "whole number"),
@@ -201,7 +201,7 @@ def test_an_error_of_the_program_is_told_without_its_traceback(server, monkeypat
     monkeypatch.setattr(server.commands._session, "undo", broken)
     with caplog.at_level(logging.ERROR):
         answer = command(server, "undo")
-    assert answer == {"status": 500, "error": "the editor failed; the terminal tells why"}
+    assert answer == {"status": 500, "error": "the editor failed; its terminal shows the error"}
     assert "ZeroDivisionError" in caplog.text
 
 
@@ -222,9 +222,9 @@ def test_commands_do_what_the_session_does(server, tmp_path):
     dragged = command(server, "drag", move)["positions"].reshape(-1, 3)
     assert np.allclose(dragged, (session.shown - centre) / BODY.diagonal, atol=1e-7)
     assert np.abs(dragged[HIGH].mean(axis=0) - P[HIGH].mean(axis=0) - [0.05, 0, 0.05]).max() < 0.01
-    assert not command(server, "release", move)["settled"]
+    assert not command(server, "release", move)["converged"]
     answer = command(server, "settle")
-    assert answer["settled"] and answer["change"].max() == 255 and answer["top"] > 0.1
+    assert answer["converged"] and answer["change"].max() == 255 and answer["top"] > 0.1
     target = session.state.group(number).target
     assert np.allclose(answer["positions"].reshape(-1, 3)[HIGH], (target - centre) / BODY.diagonal, atol=1e-6)
     command(server, "pick", {"group": number})

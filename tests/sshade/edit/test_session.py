@@ -101,7 +101,7 @@ def test_what_cannot_be_picked_or_marked_is_told():
     for vertices, how in ([BODY.n], "add"), ([-1], "add"), ([0], "nearly"):
         with pytest.raises(InputError):
             session.select(np.array(vertices), how)
-    with pytest.raises(InputError, match="nothing is picked"):
+    with pytest.raises(InputError, match="no vertex is picked"):
         session.mark("moving")
     session.select(np.array([0]), "add")
     with pytest.raises(InputError, match="static or moving"):
@@ -146,9 +146,9 @@ def test_what_is_saved_deforms_to_the_same_file_on_the_command_line(shape, metho
     session.drag(number, turned(session.mesh.V, 0.2))
     session.drag(number, motion)
     session.release(number, motion)
-    assert not session.is_settled and session.is_unsaved
+    assert not session.is_converged and session.is_unsaved
     session.settle()
-    assert session.is_settled
+    assert session.is_converged
     assert session.save_handles("pose.json").name == "pose.json" and not session.is_unsaved
     path, lost = session.save_mesh("posed.ply")
     assert (
@@ -197,10 +197,10 @@ def test_undo_and_redo_bring_back_what_was_and_its_shape():
         session.settle()
         seen.append((session.state, session.shown))
     session.select(np.arange(3), "replace")
-    assert session.is_settled and session.state.shape is seen[-1][1]
+    assert session.is_converged and session.state.shape is seen[-1][1]
     session.undo()
     session.undo()
-    assert session.state is seen[1][0] and session.shown is seen[1][1] and session.is_settled
+    assert session.state is seen[1][0] and session.shown is seen[1][1] and session.is_converged
     session.redo()
     assert session.state is seen[2][0] and session.shown is seen[2][1]
     while session.history.can_undo:
@@ -253,9 +253,9 @@ def test_what_is_overtaken_while_it_is_computed_is_not_shown():
 
     with pytest.raises(Superseded):
         session.settle(impatient)
-    assert not session.is_settled
+    assert not session.is_converged
     session.settle()
-    assert session.is_settled
+    assert session.is_converged
 
 
 def test_what_changes_when_all_is_computed_is_overtaken_too(monkeypatch):
@@ -272,7 +272,7 @@ def test_what_changes_when_all_is_computed_is_overtaken_too(monkeypatch):
     monkeypatch.setattr(editing, "settled", late)
     with pytest.raises(Superseded):
         session.settle()
-    assert not session.is_settled
+    assert not session.is_converged
 
 
 def test_after_undo_a_drag_begins_as_the_first_one_did():
@@ -319,7 +319,7 @@ def test_groups_marked_on_a_deformed_shape_stay_where_they_are():
     session.restore(session.state.groups[-1].number)
     assert np.array_equal(session.state.groups[-1].target, BODY.V[middle])
     session.restore(number)
-    assert session.is_settled and np.array_equal(session.shown, BODY.V)
+    assert session.is_converged and np.array_equal(session.shown, BODY.V)
 
 
 def test_another_name_leaves_the_shape_and_another_weight_does_not():
@@ -329,9 +329,9 @@ def test_another_name_leaves_the_shape_and_another_weight_does_not():
     session.settle()
     shape = session.shown
     session.alter(number, name="tip")
-    assert session.is_settled and session.shown is shape and session.is_unsaved
+    assert session.is_converged and session.shown is shape and session.is_unsaved
     session.alter(number, weight=1.0)
-    assert not session.is_settled
+    assert not session.is_converged
     session.settle()
     gap = np.linalg.norm(session.shown - shape, axis=1)[session.state.group(number).vertices]
     assert gap.min() > 1e-3 * BODY.diagonal  # a soft group gives way
@@ -349,7 +349,7 @@ def test_saved_groups_are_opened_as_they_were():
     session.release(number, LIFT)
     session.save_handles("pose.json")
     again = Session(Path("body.ply"), handles=Path("pose.json"))
-    assert not again.history.can_undo and not again.is_unsaved and not again.is_settled
+    assert not again.history.can_undo and not again.is_unsaved and not again.is_converged
     session.open(Path("pose.json").read_bytes(), "pose.json")
     for other in again, session:
         for group, new in zip(session.state.groups, other.state.groups, strict=True):
@@ -518,7 +518,7 @@ def test_only_files_beside_the_mesh_or_named_in_advance_are_written(folder):
     session.save_handles("other.json")  # it is the editor's own now
     assert read_handles("other.json", BODY).index.size
     assert session.save_mesh("posed.obj")[0] == folder / "out" / "posed.obj"
-    command = session.document.outputs.command(Settings(), carry_unconstrained=False)
+    command = session.document.command(Settings())
     assert "out/posed.obj" in command and "other.json" in command
     plain = begun()
     with pytest.raises(InputError, match="is the mesh"):
