@@ -1,6 +1,6 @@
-"""Pictures of shapes: handles in blue (static) and yellow (dynamic), edge errors in colours.
+"""Draw shapes with handles, in blue (static) and yellow (dynamic), and with errors of edges in colours.
 
-Needs pyvista, of the extra ``figures``; it is imported where something is drawn.
+The functions that draw need pyvista, from the extra ``figures``.
 """
 
 from __future__ import annotations
@@ -20,30 +20,30 @@ from sshade.task import Handles
 
 STATIC, DYNAMIC, BODY, PATH = "#2166ac", "#f2c200", "#d9d5cf", "#8c8c8c"
 
-#: Colours of errors, light to dark.
+#: Colour map of errors, from light to dark.
 COLOURS = "magma_r"
 
-#: From the scene to the camera, and upright: the defaults.
+#: Default direction from the scene to the camera, and upward direction.
 TOWARDS, UP = (0.5, 0.25, 1.0), (0.0, 1.0, 0.0)
 
-#: Radius of a handle's sphere over the bounding-box diagonal.
+#: Radius of the sphere of a handle, over the bounding-box diagonal.
 SPHERE = 0.006
 
-#: The few most stretched vertices, or a shape that is nothing but stretched, would take all of a scale.
+#: Percentiles over vertices and over shapes for the end of a colour scale, which ignores few extreme values.
 PERCENTILE, SHAPES = 98, 75
 
 
 @dataclass(frozen=True)
 class View:
-    """A parallel projection that shows a box whole.
+    """A parallel projection that shows a whole box.
 
     Parameters
     ----------
     right, up, towards : (3,) float64
-        Axes of the picture, and the direction from the scene to the camera.
+        Axes of the picture, and direction from the scene to the camera.
     centre : (3,) float64
     width, height, depth : float
-        Extent of the scene along the axes, in the mesh's unit of length.
+        Extent of the scene along the axes, in the unit of length of the mesh.
     """
 
     right: np.ndarray
@@ -56,17 +56,17 @@ class View:
 
     @classmethod
     def of(cls, shapes: Iterable[np.ndarray], *, towards: ArrayLike = TOWARDS, up: ArrayLike = UP) -> View:
-        """The view in which every shape (n, 3) fits, with a margin.
+        """Return a view that contains all shapes (n, 3), with a margin.
 
         Raises
         ------
         InputError
-            When the camera would look along the upright direction.
+            When the camera looks along the upward direction.
         """
         forward, upright = np.asarray(towards, dtype=np.float64), np.asarray(up, dtype=np.float64)
         right = np.cross(upright, forward)
         if np.linalg.norm(right) <= 1e-9 * np.linalg.norm(upright) * np.linalg.norm(forward):
-            raise InputError("the camera looks along the upright direction; choose another --towards or --up")
+            raise InputError("the camera looks along the upward direction; choose another --towards or --up")
         forward = forward / np.linalg.norm(forward)
         right = right / np.linalg.norm(right)
         axes = np.stack([right, np.cross(forward, right), forward])
@@ -76,21 +76,21 @@ class View:
         width, height, depth = (float(extent) for extent in size)
         return cls(axes[0], axes[1], axes[2], 0.5 * (low + high) @ axes, width, height, depth)
 
-    def with_foot(self, share: float) -> View:
-        """The same view with free space below, of a share of its height."""
-        free = share * self.height
-        return replace(self, height=self.height + free, centre=self.centre - 0.5 * free * self.up)
+    def with_foot(self, fraction: float) -> View:
+        """Return a view with additional space below, as a fraction of the height."""
+        foot = fraction * self.height
+        return replace(self, height=self.height + foot, centre=self.centre - 0.5 * foot * self.up)
 
     def pixels(self, width: int) -> tuple[int, int]:
-        """Width and height of a picture that this view fills."""
+        """Return the width and height of a picture of this view."""
         return width, max(1, round(width * self.height / self.width))
 
 
 def edge_error(rest: Mesh, vertices: np.ndarray) -> np.ndarray:
-    """(n,) relative length change of the edges at each vertex, the mean, in percent."""
+    """Return the mean relative length change of the edges at each vertex (n,), in percent."""
     edges = rest.edges
     before, after = (np.linalg.norm(V[edges[:, 0]] - V[edges[:, 1]], axis=1) for V in (rest.V, vertices))
-    # An edge without length at rest counts as unchanged as long as it has none.
+    # Edges without length at rest count as unchanged.
     change = np.abs(after - before) / np.where(before > 0, before, np.inf)
     ends = edges.T.ravel()
     total = np.bincount(ends, np.tile(change, 2), rest.n)
@@ -98,9 +98,9 @@ def edge_error(rest: Mesh, vertices: np.ndarray) -> np.ndarray:
 
 
 def colour_range(errors: Iterable[np.ndarray]) -> float:
-    """Upper end of one colour scale for several shapes, 1 if that is zero.
+    """Return the upper end of a common colour scale for several shapes.
 
-    The upper quartile, over the shapes, of the 98th percentile of each.
+    It is the upper quartile over the shapes of the 98th percentile of each shape, or 1 if that is 0.
     """
     top = float(np.percentile([np.percentile(error, PERCENTILE) for error in errors], SHAPES))
     return top if top > 0 else 1.0
@@ -116,22 +116,22 @@ def picture(
     top: float = 1.0,
     handles: Handles | None = None,
 ) -> np.ndarray:
-    """Render one shape, without a display.
+    """Render a shape without a display.
 
     Parameters
     ----------
     mesh : Mesh
-        Its faces, its rest shape, and the unit of the handles' size.
+        Rest shape, which gives the faces and the size of the handles.
     V : (n, 3) float64
         Positions to show.
     view : View
     width : int
-        In pixels; the height follows from the view.
+        Width in pixels; the view determines the height.
     error : (n,) float64, optional
-        Colours the surface on a scale from 0 to `top`.
+        Values that colour the surface, on a scale from 0 to `top`.
     top : float
     handles : Handles, optional
-        Shown at their vertices of `V`.
+        Handles, shown at their vertices of `V`.
 
     Returns
     -------
@@ -148,16 +148,16 @@ def picture(
 
 
 def new_plotter(**options: Any) -> Any:
-    """An off-screen plotter of pyvista on white; `options` override that.
+    """Return a pyvista plotter, by default off-screen; the background is white.
 
     Raises
     ------
     InputError
-        Where there is neither a screen nor a library that draws without one.
+        When there is neither a screen nor a library that draws without a screen.
     """
     import pyvista
 
-    # Without a display VTK warns about it, then renders off-screen as it should.
+    # Without a display VTK prints a needless warning.
     pyvista.vtk_verbosity("error")
     _require_renderer()
     plotter = pyvista.Plotter(**{"off_screen": True, "border": False, **options})
@@ -167,13 +167,13 @@ def new_plotter(**options: Any) -> Any:
 
 @cache
 def _require_renderer() -> None:
-    """Raise InputError where VTK would end the process, having nothing to draw with."""
+    """Raise InputError if VTK finds no library to draw with; it would end the process."""
     from ctypes import CDLL
 
-    import vtkmodules.vtkRenderingOpenGL2  # noqa: F401 - what vtkRenderWindow() chooses from
+    import vtkmodules.vtkRenderingOpenGL2  # noqa: F401 - registers the classes of vtkRenderWindow()
     from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
-    # VTK's last resort, which it takes without asking whether its library is there.
+    # VTK falls back on this class without checking that its library exists.
     if vtkRenderWindow().GetClassName() == "vtkOSOpenGLRenderWindow":
         for name in ("libOSMesa.so.8", "libOSMesa.so"):
             with suppress(OSError):
@@ -194,7 +194,7 @@ def add_shape(
     top: float = 1.0,
     bar: str | None = None,
 ) -> None:
-    """Add a surface, in one colour or coloured by `error` on a scale to `top`, with a bar titled `bar`."""
+    """Add a surface in one colour, or coloured by `error` from 0 to `top`, with a colour bar titled `bar`."""
     import pyvista
 
     surface = pyvista.PolyData.from_regular_faces(V, mesh.F)
@@ -218,13 +218,13 @@ def add_shape(
             "width": 0.6,
             "height": 0.07,
         },
-        ambient=0.4,  # or shading darkens the colours away from those of the bar
+        ambient=0.4,  # keeps the colours close to the colour bar
         diffuse=0.6,
     )
 
 
 def add_handles(plotter: Any, V: np.ndarray, handles: Handles, *, size: float, targets: bool = False) -> None:
-    """Add handles as spheres at their vertices of `V`, and where they are to go.
+    """Add handles as spheres at their vertices of `V`.
 
     Parameters
     ----------
@@ -232,9 +232,9 @@ def add_handles(plotter: Any, V: np.ndarray, handles: Handles, *, size: float, t
     V : (n, 3) float64
     handles : Handles
     size : float
-        The bounding-box diagonal that the spheres are measured by.
+        Bounding-box diagonal, which determines the size of the spheres.
     targets : bool
-        Show the targets of dynamic handles too, paler, with a line to each.
+        Also show the targets of dynamic handles, pale and with lines.
     """
     import pyvista
 
@@ -260,20 +260,20 @@ def add_handles(plotter: Any, V: np.ndarray, handles: Handles, *, size: float, t
 
 
 def aim(plotter: Any, view: View) -> None:
-    """Turn the camera of the plotter's active panel."""
+    """Point the camera of the active panel of a plotter."""
     width, height = plotter.renderer.GetSize()
     plotter.enable_parallel_projection()
     plotter.camera.focal_point = view.centre
     plotter.camera.position = view.centre + 2 * (view.width + view.height + view.depth) * view.towards
     plotter.camera.up = view.up
-    # Half the height of what is seen; a panel narrower than the view must show more of it.
+    # Half the visible height, which is larger if the panel is narrower than the view.
     plotter.camera.parallel_scale = 0.5 * max(view.height, view.width * height / width)
     plotter.reset_camera_clipping_range()
     plotter.enable_anti_aliasing("ssaa")
 
 
 def require_extra(*libraries: str) -> None:
-    """Raise InputError where a library of the extra ``figures`` is missing: by default one that draws."""
+    """Raise InputError if a library of the extra ``figures`` is missing, by default matplotlib or pyvista."""
     from importlib.util import find_spec
 
     for library in libraries or ("matplotlib", "pyvista"):

@@ -1,1 +1,1 @@
-"""The command ``sshade``, and what all commands of the project share."""
+"""The command ``sshade``, and helpers for all commands of the project."""

@@ -1,4 +1,4 @@
-"""Carry an edited proxy of `sshade remesh` back to the mesh:
+"""Apply the edits of a proxy from `sshade remesh` to the mesh:
 
 sshade remesh body.ply -o proxy.ply --map map.npz
 ... move vertices of proxy.ply, keeping their order ...
@@ -25,9 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_files(
         parser,
         output="OUT",
-        mesh="the mesh that was remeshed",
-        map="the .npz of `sshade remesh`",
-        edited="the proxy with vertices moved",
+        mesh="mesh that was remeshed",
+        map=".npz map from `sshade remesh`",
+        edited="proxy with moved vertices",
     )
     add_frames(parser)
 
@@ -35,7 +35,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 @announced_compilation()
 def command(options: argparse.Namespace) -> int:
     """Write the output; return the exit code."""
-
     check_output(options.output, SUFFIXES)
     file = read(options.mesh, options.output)
     mesh, vertex = join_seams(mesh_of(file, options.mesh))
@@ -47,5 +46,5 @@ def command(options: argparse.Namespace) -> int:
     write_file(options.output, file, V[vertex])
     say(f"{options.output}: {len(vertex)} vertices carried by {binding.proxy.n}")
     if degenerate:
-        say(f"note: {degenerate} frames of the proxy stand on no area; they turn with their neighbours")
+        say(f"note: {degenerate} frames of the proxy have no area; they rotate with their neighbours")
     return 0

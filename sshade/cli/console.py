@@ -1,4 +1,4 @@
-"""What the commands of this project share: arguments, a progress bar, how they end on bad input."""
+"""Helpers for all commands: arguments, progress bars, and exit codes on bad input."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
 
 class CommandParser(argparse.ArgumentParser):
-    """Raises a mistake in the arguments as an InputError: one sentence, without the usage before it."""
+    """An argument parser that raises InputError, so that a mistake is reported in one sentence."""
 
     def error(self, message: str) -> NoReturn:
-        raise InputError(f"{message}; `{self.prog} --help` tells more")
+        raise InputError(f"{message}; see `{self.prog} --help`")
 
 
 def say(text: str) -> None:
@@ -31,7 +31,7 @@ def say(text: str) -> None:
 
 @contextmanager
 def progress_bar() -> Iterator[Progress]:
-    """Draw progress on standard error; silent where that is no terminal."""
+    """Draw progress on standard error if it is a terminal."""
     if not sys.stderr.isatty():
         yield silent
         return
@@ -40,15 +40,15 @@ def progress_bar() -> Iterator[Progress]:
 
 
 def stage_bars(*, remaining: str = "", **options: Any) -> Bars:
-    """Bars for standard error, of rich's kind, to be used in a ``with`` block; they vanish at its end.
+    """Return progress bars of rich for standard error. They vanish at the end of a ``with`` block.
 
     Parameters
     ----------
     remaining : str
-        The stage whose bar shows an estimate of the time left. Most have none: an
+        Stage whose bar shows the estimated remaining time. Other stages have no estimate, because an
         iteration may converge at any time.
     **options
-        Of ``rich.progress.Progress``.
+        Options of ``rich.progress.Progress``.
     """
     from rich import progress as rich
     from rich.console import Console
@@ -62,14 +62,14 @@ def stage_bars(*, remaining: str = "", **options: Any) -> Bars:
         *(rich.TextColumn("{task.description:<24}"), rich.BarColumn(), rich.MofNCompleteColumn()),
         *(rich.TimeElapsedColumn(), Remaining(), rich.TextColumn("{task.fields[note]}")),
     )
-    # What is printed meanwhile goes above the bars, unless standard output is elsewhere.
+    # Print above the bars if standard output is the same terminal.
     redirect = sys.stdout.isatty()
     console = Console(stderr=True)
     return rich.Progress(*columns, console=console, redirect_stdout=redirect, transient=True, **options)
 
 
 def stage_progress(bars: Bars) -> Progress:
-    """A callback that draws a bar a stage."""
+    """Return a callback that draws one bar for each stage."""
     tasks: dict[str, Any] = {}
 
     def progress(stage: str, done: int, total: int, note: str = "") -> None:
@@ -82,11 +82,11 @@ def stage_progress(bars: Bars) -> Progress:
 
 @contextmanager
 def announced_compilation() -> Iterator[None]:
-    """Say so on standard error when kernels are compiled, as at their first use, and how long it took."""
+    """Report on standard error when kernels are compiled, at their first use, and how long it took."""
     from numba.core import event
 
     class Announcement(event.TimingListener):
-        """Times the outermost of nested compilations, of all threads together."""
+        """Measure the time of compilations in all threads; nested compilations count once."""
 
         announced = False
 
@@ -104,11 +104,11 @@ def announced_compilation() -> Iterator[None]:
 
 
 def run_command(main: Callable[[], int]) -> int:
-    """Call `main`; turn an InputError into one line on standard error and exit code 2.
+    """Call `main`; report a mistake in one line on standard error and return exit code 2.
 
-    So too a FloatingPointError: a mesh on which the numbers gave out, as with zero-area
-    triangles; and an OSError or a MemoryError: what the system refused. Where nobody reads
-    the output any more, as after ``| head``, the command ends silently.
+    Mistakes are an InputError; a FloatingPointError, when numbers fail on a mesh, for example with
+    zero-area triangles; an OSError; and a MemoryError. If the reader of standard output has ended, as
+    after ``| head``, the command ends silently.
     """
     try:
         code = main()
@@ -132,7 +132,7 @@ def run_command(main: Callable[[], int]) -> int:
 
 
 def _drop_output() -> None:
-    """What standard output did not take would fail again when the interpreter ends: let it go."""
+    """Discard pending output, which would fail again at the end of the interpreter."""
     try:
         sys.stdout.flush()
     except OSError:

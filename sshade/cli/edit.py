@@ -1,12 +1,12 @@
-"""Edit a mesh in the browser: pick regions, hold some, drag and turn others, and the mesh follows.
+"""Edit a mesh in the browser: pick regions, fix some, drag and turn others, and the mesh follows.
 
-The page opens at an address of this machine that nobody else knows; with --no-browser it is printed
-alone. HANDLES are groups to begin with, as `sshade deform` takes them. What is saved, handles and
-deformed mesh, lies beside MESH or where -o and --handles-out say, and
+The page opens at a secret address of this machine; --no-browser only prints the address. HANDLES gives the
+first groups, as for `sshade deform`. The editor saves the handles and the deformed mesh beside MESH, or at
+the paths of -o and --handles-out. Then
 
   sshade deform MESH SAVED_HANDLES -o OUT
 
-makes the same shape of it. The program ends when the page is closed, by its button, or by Ctrl-C.
+computes the same shape. The program ends when the page is closed, by its button End, or by Ctrl-C.
 
 examples:
   sshade edit body.ply
@@ -16,7 +16,6 @@ examples:
 from __future__ import annotations
 
 import argparse
-import sys
 import webbrowser
 from pathlib import Path
 from typing import get_args
@@ -35,10 +34,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("mesh", type=Path, metavar="MESH", help=f"rest shape ({FORMATS})")
     parser.add_argument("handles", type=Path, nargs="?", metavar="HANDLES", help="handle file (.json, .yaml)")
     parser.add_argument(
-        "-o", "--output", type=Path, metavar="OUT", help="deformed mesh (default: MESH's name, _deformed)"
+        "-o",
+        "--output",
+        type=Path,
+        metavar="OUT",
+        help="deformed mesh to write (default: MESH's name, _deformed)",
     )
     parser.add_argument(
-        "--handles-out", type=Path, metavar="JSON", help="handles (default: MESH's name, _handles.json)"
+        "--handles-out",
+        type=Path,
+        metavar="JSON",
+        help="handle file to write (default: MESH's name, _handles.json)",
     )
     parser.add_argument(
         "--method",
@@ -49,10 +55,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--carry-unconstrained",
         action="store_true",
-        help="move components without handles rigidly with the nearest one, as eyes with a head",
+        help="move components without handles rigidly with the nearest component that has handles, such as "
+        "eyes with a head",
     )
-    parser.add_argument("--port", type=int, default=0, metavar="P", help="port (default: one that is free)")
-    parser.add_argument("--no-browser", action="store_true", help="open no browser, print the address alone")
+    parser.add_argument("--port", type=int, default=0, metavar="P", help="port (default: any free port)")
+    parser.add_argument(
+        "--no-browser", action="store_true", help="do not open a browser, only print the address"
+    )
 
 
 def command(options: argparse.Namespace) -> int:
@@ -83,5 +92,4 @@ def command(options: argparse.Namespace) -> int:
         server.close()
     if session.is_unsaved:
         say("note: the handles were not saved")
-    sys.stdout.flush()
     return 0

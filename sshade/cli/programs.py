@@ -1,7 +1,7 @@
-"""Programs with sub-commands, each a module that is imported only when it is asked for.
+"""Programs with sub-commands. The module of a sub-command is imported only when the sub-command is called.
 
-The module of a sub-command gives its description (the module's docstring),
-``add_arguments(parser)`` and ``command(options) -> exit code``.
+Such a module has a docstring, which is the help text, and functions ``add_arguments(parser)`` and
+``command(options)``, which returns the exit code.
 """
 
 from __future__ import annotations
@@ -14,22 +14,22 @@ from typing import NamedTuple
 
 
 def version_of(program: str) -> str:
-    """What ``--version`` prints: the three programs are of one package."""
+    """Return the text of ``--version``; all programs have the version of the package."""
     from importlib.metadata import version
 
     return f"{program} {version('sshade')}"
 
 
 class Program(NamedTuple):
-    """What a program is called, its sub-commands, and its help.
+    """A program with sub-commands.
 
     Attributes
     ----------
     name : str
     commands : mapping
-        Sub-command -> the module that does it, and what it does in one line.
+        Module and one-line summary of each sub-command.
     text : str
-        With ``{commands}`` where these lines are to stand.
+        Help text, with ``{commands}`` for the list of sub-commands.
     """
 
     name: str
@@ -49,13 +49,13 @@ class Program(NamedTuple):
             from sshade.cli.console import run_command
 
             return run_command(lambda: self.call(arguments[0] if arguments else "", arguments[1:]))
-        except KeyboardInterrupt:  # while the libraries are read
+        except KeyboardInterrupt:  # while libraries are imported
             print("interrupted", file=sys.stderr)  # noqa: T201
             return 130
 
     @property
     def help(self) -> str:
-        """What ``--help`` prints."""
+        """Text of ``--help``."""
         width = max(map(len, self.commands))
         lines = (f"  {name:<{width}} {summary}" for name, (_, summary) in self.commands.items())
         return self.text.format(commands="\n".join(lines))
@@ -71,23 +71,20 @@ class Program(NamedTuple):
         Returns
         -------
         int
-            The exit code.
+            Exit code.
 
         Raises
         ------
         InputError
-            On a mistake in the arguments or in what they name.
+            On a mistake in the arguments or in a named file.
         """
         if name not in self.commands:
             from sshade.errors import InputError
 
             found = f"{name!r} is no command" if name else "a command is missing"
-            raise InputError(
-                f"{found}; {self.name} takes one of {', '.join(self.commands)}; "
-                f"`{self.name} --help` tells more"
-            )
+            raise InputError(f"{found}; use {self.name} {'|'.join(self.commands)}; see `{self.name} --help`")
         module = import_module(self.commands[name][0])
-        if not hasattr(module, "add_arguments"):  # a Hydra program, which reads them itself
+        if not hasattr(module, "add_arguments"):  # a Hydra program, which reads sys.argv
             sys.argv[:] = [f"{self.name} {name}", *arguments]
             return module.main()
         from sshade.cli.console import CommandParser

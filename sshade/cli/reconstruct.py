@@ -1,4 +1,4 @@
-"""Rebuild a pose that is known vertex by vertex from its samples, to see what the proxies lose:
+"""Rebuild a known pose from its samples, to measure the error of the proxies:
 
   sshade reconstruct rest.ply posed.ply -o rebuilt.ply
 

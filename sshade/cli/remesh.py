@@ -1,9 +1,8 @@
-"""Write a proxy of a mesh to edit by hand or in any other program, and the map that
-carries the edit back:
+"""Write a proxy of a mesh, to be edited in any program, and the map that carries the edits back:
 
-  sshade remesh body.ply -o proxy.ply --map map.npz
-  ... move vertices of proxy.ply, keeping their order ...
-  sshade carry body.ply map.npz edited.ply -o posed.ply
+sshade remesh body.ply -o proxy.ply --map map.npz
+... move vertices of proxy.ply, keeping their order ...
+sshade carry body.ply map.npz edited.ply -o posed.ply
 """
 
 from __future__ import annotations
@@ -30,13 +29,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 @announced_compilation()
 def command(options: argparse.Namespace) -> int:
     """Write the output; return the exit code."""
-
     check_output(options.output, SUFFIXES)
     check_output(options.map, (".npz",))
     mesh, _ = join_seams(read_mesh(options.mesh))
     binding = bind(mesh, options.vertices, seed=options.seed)
     with replacing(options.map) as temporary:
         save_binding(temporary, binding)
-        write_mesh(options.output, binding.proxy.V, binding.proxy.F)  # without it there shall be no map
+        write_mesh(options.output, binding.proxy.V, binding.proxy.F)  # if this fails, no map is written
     say(f"{options.output}: {binding.proxy.n} vertices, {binding.proxy.m} faces; map in {options.map}")
     return 0

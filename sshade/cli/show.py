@@ -1,6 +1,7 @@
-"""Show a mesh; with HANDLES, where they are (blue: static, yellow: dynamic) and, paler, where the
-dynamic ones are to go; with --deformed, that shape beside it, coloured by how much the edges
-at a vertex changed their length. With -o into a picture, else into a window.
+"""Show a mesh in a window, or write a picture with -o.
+
+HANDLES are drawn in blue (static) and yellow (dynamic), with pale targets of dynamic handles. --deformed adds
+a second shape beside the mesh, coloured by the change of edge length at each vertex.
 
 example:
   sshade show body.ply pose.json --deformed posed.ply -o posed.png
@@ -36,22 +37,25 @@ from sshade.io.meshes import SUFFIXES, read_arrays, read_mesh
 from sshade.mesh.mesh import Mesh
 from sshade.task import Handles
 
-#: Formats of pictures, by suffix.
+#: Suffixes of pictures.
 PICTURES = (".png", ".jpg", ".jpeg")
 
-#: Width of a panel in pixels, and the height that it must not exceed.
+#: Width of a panel, and its greatest height, in pixels.
 PANEL = 900
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
+    """Declare the arguments."""
     parser.add_argument("mesh", type=Path, metavar="MESH", help=f"rest shape ({', '.join(SUFFIXES)})")
     parser.add_argument("handles", type=Path, nargs="?", metavar="HANDLES", help="handle file (.json, .yaml)")
-    parser.add_argument("--deformed", type=Path, metavar="OUT", help="the same vertices, deformed")
+    parser.add_argument("--deformed", type=Path, metavar="OUT", help="deformed shape, with the same vertices")
     parser.add_argument(
-        "-o", "--output", type=Path, metavar="PICTURE", help=f"{', '.join(PICTURES)} to write"
+        "-o", "--output", type=Path, metavar="PICTURE", help=f"picture to write ({', '.join(PICTURES)})"
     )
-    for name, default, text in (("towards", TOWARDS, "direction to the camera"), ("up", UP, "upright")):
+    for name, default, text in (
+        ("towards", TOWARDS, "direction to the camera"),
+        ("up", UP, "upward direction"),
+    ):
         shown = " ".join(f"{x:g}" for x in default)
         parser.add_argument(
             f"--{name}",
@@ -64,11 +68,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def command(options: argparse.Namespace) -> int:
-    """Show it, or write the picture; return the exit code."""
+    """Show the shapes, or write the picture; return the exit code."""
     require_extra()
     path = options.output
     if path is None and not has_display():
-        raise InputError("there is no display for a window; name a picture to write, such as -o picture.png")
+        raise InputError("there is no display for a window; write a picture with -o, such as -o picture.png")
     if path is not None:
         check_output(path, PICTURES)
     mesh = read_mesh(options.mesh)
@@ -94,7 +98,7 @@ def command(options: argparse.Namespace) -> int:
 
 
 def has_display() -> bool:
-    """Whether a window can be opened: of X11 and Wayland the environment says so, elsewhere it is assumed."""
+    """Whether a window can be opened. On Linux the environment says so, elsewhere it is assumed."""
     if not sys.platform.startswith("linux"):
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
@@ -109,7 +113,7 @@ def draw(
     up: np.ndarray,
     window: bool,
 ):
-    """A pyvista plotter with the rest shape and, beside it, the deformed one; the panels turn together."""
+    """Return a pyvista plotter with the rest shape and the deformed shape side by side, with linked views."""
     shapes = [mesh.V] if deformed is None else [mesh.V, deformed]
     around = [*shapes] if handles is None else [*shapes, handles.target]
     view = View.of(around, towards=towards, up=up)

@@ -1,9 +1,9 @@
-"""Put an edited shape into a pose that is known vertex by vertex, through the proxies' samples:
+"""Transfer a known pose to an edited shape, through the samples of proxies:
 
   sshade transfer-pose rest.ply posed.ply edited.ply -o edited_posed.ply
 
-puts an edited copy of rest.ply into the pose of posed.ply. All files have the same number of vertices,
-in the same order.
+moves edited.ply, an edited copy of rest.ply, into the pose of posed.ply. All files have the same number of
+vertices, in the same order.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ REST, POSED = f"rest shape ({FORMATS})", "the same vertices in a pose"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    add_files(parser, output="OUT", mesh=REST, posed=POSED, edited="the rest shape with vertices moved")
+    add_files(parser, output="OUT", mesh=REST, posed=POSED, edited="rest shape with moved vertices")
     parser.add_argument(
         "--residual",
         action="store_true",
-        help="carry the edit alone: what was not edited ends exactly on POSED",
+        help="transfer only the edit: vertices that were not edited end exactly at their places in POSED",
     )
     add_sampling(parser)
 
 
 def add_sampling(parser: argparse.ArgumentParser) -> None:
-    """Declare how the rest shape is sampled, and what carries it along."""
+    """Declare the options of sampling and frames."""
     add_vertices(parser)
     add_samplings(parser, default=10)
     add_frames(parser)
@@ -47,7 +47,7 @@ def command(options: argparse.Namespace) -> int:
 
 @announced_compilation()
 def carry_pose(options: argparse.Namespace) -> int:
-    """Do it; `options` has no edited shape for the rest shape itself."""
+    """Transfer the pose to the edited shape, or to the rest shape if `options` have no edited shape."""
     check_output(options.output, SUFFIXES)
     file = read(options.mesh, options.output)
     mesh = mesh_of(file, options.mesh)

@@ -108,7 +108,7 @@ def test_show_writes_a_picture_with_targets_and_errors(files, tmp_path, capsys):
     [
         (["-o", "shape.pdf"], "unknown format '.pdf'"),
         (["-o", "shape.png", "--deformed", "OTHER.ply"], "shape (3, 3), the mesh (642, 3)"),
-        (["-o", "shape.png", "--towards", "0", "2", "0"], "looks along the upright direction"),
+        (["-o", "shape.png", "--towards", "0", "2", "0"], "looks along the upward direction"),
     ],
 )
 def test_what_cannot_be_shown_is_one_sentence(files, tmp_path, monkeypatch, capsys, options, message):

@@ -45,7 +45,10 @@ def test_a_seam_stays_closed_and_changes_nothing(folder, capsys):
     capsys.readouterr()
     assert main(["deform", "seam.obj", *options, "-o", "out.obj"]) == 0
     said = capsys.readouterr().err
-    assert f"{len(SEAM)} vertices are a second one at a place along a seam" in said and "keeps no" not in said
+    assert (
+        f"{len(SEAM)} vertices share their place with another vertex along a seam" in said
+        and "keeps no" not in said
+    )
     moved, faces = read_arrays("out.obj")
     assert np.array_equal(moved[: BODY.n], read_mesh("whole_out.ply").V) and np.array_equal(faces, F)
     assert np.array_equal(moved[BODY.n :], moved[SEAM])
