@@ -29,15 +29,16 @@ from typing import get_args
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
-from baselines.global_step import GlobalStep, iterate, iterated
+from baselines.global_step import iterate, iterated
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.options import Energy, Start
 from sshade.progress import Progress, silent
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
+from sshade.solver.linear import Factorised
 from sshade.solver.rotations import fit_rotations
 from sshade.solver.start import initial_guess
-from sshade.solver.terms import Terms, Triangles, covariances, right_hand_side
+from sshade.solver.terms.arap import Edges, Elements, Triangles, covariances, forces
 from sshade.task import DeformationResult, DeformationTask
 
 #: Least area of a vertex over the mean, where triangles have none: it is divided by.
@@ -100,24 +101,25 @@ def smooth_arap(
     edges, weights = edge_weights(mesh, h)
     laplacian = laplacian_matrix(mesh.n, edges, weights)
     blend = blending_matrix(mesh, laplacian, smoothness)
-    global_step = GlobalStep(csr_array(blend @ laplacian), handles.index, targets=handles.target)
+    linear = Factorised(csr_array(blend @ laplacian), handles.index)
     if energy == "spokes":
         i, j = edges.T
-        terms: Terms | Triangles = Terms(
+        elements: Elements = Edges(
             edges, (weights[:, None] * (mesh.V[i] - mesh.V[j]))[:, None], weights[:, None]
         )
     else:
-        terms = Triangles(mesh.F.astype(np.uint32), mesh.V, h)
+        elements = Triangles(mesh.F.astype(np.uint32), mesh.V, h)
     precomputed = perf_counter()
 
     R, B = np.empty((mesh.n, 9)), np.empty((mesh.n, 3))
     Q = np.tile([1.0, 0.0, 0.0, 0.0], (mesh.n, 1))
 
     def advance(u: np.ndarray, out: np.ndarray) -> None:
-        covariances(terms, u, R, 0, mesh.n)
+        covariances(elements, u, R, 0, mesh.n)
         fit_rotations(R, Q)
-        right_hand_side(terms, R, B, 0, mesh.n)
-        global_step.solve(blend @ B, out)
+        forces(elements, u, R, B, 0, mesh.n)
+        linear.solve(blend @ B, out)
+        out += u
 
     residuals = iterate(
         advance,

@@ -26,14 +26,16 @@ from scipy.spatial.transform import Rotation
 
 from baselines.arap_sr.anderson import Anderson
 from baselines.arap_sr.smooth_rotations import Cells, band_position, largest_turn, matrices, vertex_colours
-from baselines.global_step import GlobalStep, iterate, iterated
+from baselines.global_step import Plain, iterated
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 from sshade.options import Start
 from sshade.progress import Progress, silent
+from sshade.solver.linear import Factorised
+from sshade.solver.run import Stop, run
 from sshade.solver.start import initial_guess
-from sshade.solver.terms import right_hand_side
+from sshade.solver.terms.arap import forces
 from sshade.task import DeformationResult, DeformationTask
 
 #: Differences that the acceleration keeps.
@@ -118,39 +120,28 @@ def arap_sr(
     position = np.empty_like(order)
     position[order] = np.arange(mesh.n)
     cells = Cells(Mesh(mesh.V[order], position[mesh.F]), alpha=alpha, clamp=clamp, colour=colour[order])
-    held = position[handles.index]
-    global_step = GlobalStep(cells.laplacian, held, targets=handles.target)
+    linear = Factorised(cells.laplacian, position[handles.index])
     precomputed = perf_counter()
 
-    step = _Iteration(cells, global_step, R0, accelerate=accelerate, scale=mesh.diagonal)
-    u = U[order]
+    state = _State(cells, linear, R0, U[order], accelerate=accelerate, diagonal=mesh.diagonal)
     if task.guess is not None:
-        cells.fit(u, step.Q, step.R, smooth=False)
-    residuals = iterate(
-        step.advance,
-        u,
-        scale=mesh.diagonal,
-        tolerance=tolerance,
-        max_iterations=max_iterations,
-        progress=progress,
-        mix=step.mix,
-        other_move=step.turn,
-    )
+        cells.fit(state.u, state.Q, state.R, smooth=False)
+    done = run(state, Stop(tolerance, max_iterations), progress=progress)
     return iterated(
-        u[position],
-        residuals,
+        state.u[position],
+        done.residual_curve,
         tolerance=tolerance,
         seconds={"precompute": precomputed - begin, "solve": perf_counter() - precomputed},
         extra={
-            "rotations": step.R.reshape(-1, 3, 3)[position],
-            "restarts": step.restarts,
+            "rotations": state.R.reshape(-1, 3, 3)[position],
+            "restarts": state.restarts,
             "colours": int(colour.max()) + 1,
         },
     )
 
 
-class _Iteration:
-    """One local and one global step on positions u, with the rotations kept here.
+class _State(Plain):
+    """Positions and rotations, under a local and a global step.
 
     Attributes
     ----------
@@ -161,36 +152,43 @@ class _Iteration:
     """
 
     def __init__(
-        self, cells: Cells, global_step: GlobalStep, R0: np.ndarray, *, accelerate: bool, scale: float
+        self,
+        cells: Cells,
+        linear: Factorised,
+        R0: np.ndarray,
+        u: np.ndarray,
+        *,
+        accelerate: bool,
+        diagonal: float,
     ) -> None:
-        n = cells.laplacian.shape[0]
+        super().__init__(self._iterate, u, diagonal=diagonal)
         x, y, z, w = Rotation.from_matrix(R0).as_quat()
-        self.Q, self.R = np.tile([w, x, y, z], (n, 1)), np.tile(R0.ravel(), (n, 1))
-        self._cells, self._global = cells, global_step
-        self._before, self._B = self.Q.copy(), np.empty((n, 3))
-        self._acceleration = _Acceleration(n, scale=scale) if accelerate else None
+        self.Q, self.R = np.tile([w, x, y, z], (len(u), 1)), np.tile(R0.ravel(), (len(u), 1))
+        self._cells, self._linear = cells, linear
+        self._before, self._B = self.Q.copy(), np.empty_like(u)
+        self._acceleration = _Acceleration(len(u), scale=diagonal) if accelerate else None
 
     @property
     def restarts(self) -> int:
         return self._acceleration.restarts if self._acceleration else 0
 
-    def advance(self, u: np.ndarray, out: np.ndarray) -> None:
-        """The plain iterate, written to the free rows of `out`."""
+    def _iterate(self, u: np.ndarray, out: np.ndarray) -> None:
         self._before[:] = self.Q
         self._cells.fit(u, self.Q, self.R)
-        right_hand_side(self._cells.terms, self.R, self._B, 0, len(self._B))
-        self._global.solve(self._B, out)
+        forces(self._cells.elements, u, self.R, self._B, 0, len(u))
+        self._linear.solve(self._B, out)
+        out += u
 
-    def turn(self) -> float:
-        """Largest change of a rotation, as a unit quaternion, in the last sweep."""
-        return float(largest_turn(self.Q, self._before))
+    def step(self) -> float:
+        """Return the residual: the largest move of a vertex, or of a rotation as a unit quaternion."""
+        return max(super().step(), float(largest_turn(self.Q, self._before)))
 
-    def mix(self, u: np.ndarray, g: np.ndarray) -> None:
-        """Replace u by the next iterate, and the rotations with it."""
-        if self._acceleration is None:
-            u[:] = g
+    def move(self, *, last: bool) -> None:
+        """Go on to the plain iterate, or to an accelerated one, rotations included."""
+        if last or self._acceleration is None:
+            super().move(last=last)
         else:
-            self._acceleration.mix(u, g, before=self._before, Q=self.Q)
+            self._acceleration.mix(self.u, self.g, before=self._before, Q=self.Q)
             matrices(self.Q, self.R)
 
 

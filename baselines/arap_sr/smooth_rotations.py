@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from sshade.mesh.mesh import Mesh
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
 from sshade.solver.rotations import fit_rotations
-from sshade.solver.terms import Terms
+from sshade.solver.terms.arap import Edges
 
 
 def vertex_colours(mesh: Mesh) -> np.ndarray:
@@ -52,7 +52,7 @@ class Cells:
     Attributes
     ----------
     laplacian : (n, n) sparse float64
-    terms : Terms
+    elements : Edges
         The edges, as in the spokes energy.
     """
 
@@ -65,7 +65,7 @@ class Cells:
         edges, weights = edge_weights(mesh, h)
         self.laplacian = laplacian_matrix(mesh.n, edges, weights)
         Y = (weights[:, None] * (mesh.V[edges[:, 0]] - mesh.V[edges[:, 1]]))[:, None]
-        self.terms = Terms(edges.astype(np.int32), Y, weights[:, None])
+        self.elements = Edges(edges.astype(np.int32), Y, weights[:, None])
         star = _symmetric(mesh, weights, edges=edges)
         degree = np.diff(star.indptr)
         centre = np.repeat(np.arange(mesh.n), degree)

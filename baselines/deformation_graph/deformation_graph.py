@@ -25,7 +25,7 @@ import numpy as np
 from numba import njit
 
 from baselines.deformation_graph.node_graph import NodeGraph, bind_to_nodes, node_graph
-from baselines.global_step import GlobalStep, iterate, iterated
+from baselines.global_step import iterate, iterated
 from sshade.errors import InputError
 from sshade.mesh.adjacency import vertex_graph
 from sshade.options import Start
@@ -34,9 +34,10 @@ from sshade.pipeline.regions import HandleRegions, all_on_targets
 from sshade.progress import Progress, silent
 from sshade.sampling.fronts import farthest_point_sampling
 from sshade.solver.cotangents import laplacian_matrix
+from sshade.solver.linear import Factorised
 from sshade.solver.rotations import fit_rotations
 from sshade.solver.start import initial_guess
-from sshade.solver.terms import Terms, covariances, right_hand_side
+from sshade.solver.terms.arap import Edges, covariances, forces
 from sshade.task import DeformationResult, DeformationTask
 
 
@@ -105,7 +106,7 @@ def deformation_graph(
     precomputed = perf_counter()
 
     q = initial_guess(task, start)[fronts.samples]
-    solver = _NodeSolver(coarse, held=held, targets=handles.target[handle[held]])
+    solver = _NodeSolver(coarse, held=held)
     residuals = iterate(
         solver.advance,
         q,
@@ -142,24 +143,25 @@ def deformation_graph(
 class _NodeSolver:
     """Local and global steps on a node graph."""
 
-    def __init__(self, coarse: NodeGraph, *, held: np.ndarray, targets: np.ndarray) -> None:
+    def __init__(self, coarse: NodeGraph, *, held: np.ndarray) -> None:
         k, edges = len(coarse.P), coarse.edges
         weights = np.ones(len(edges))
         Y = np.ascontiguousarray((coarse.P[edges[:, 0]] - coarse.P[edges[:, 1]])[:, None])
-        self._terms = Terms(edges.astype(np.int32), Y, weights[:, None])
+        self._elements = Edges(edges.astype(np.int32), Y, weights[:, None])
         self._Q, self._R, self._B = np.tile([1.0, 0.0, 0.0, 0.0], (k, 1)), np.empty((k, 9)), np.empty((k, 3))
-        self._global = GlobalStep(laplacian_matrix(k, edges, weights), held, targets=targets)
+        self._linear = Factorised(laplacian_matrix(k, edges, weights), held)
 
     def rotations(self, q: np.ndarray) -> np.ndarray:
         """(k, 9) the local step at q."""
-        covariances(self._terms, q, self._R, 0, len(q))
+        covariances(self._elements, q, self._R, 0, len(q))
         fit_rotations(self._R, self._Q)
         return self._R
 
     def advance(self, q: np.ndarray, out: np.ndarray) -> None:
         """One local and one global step."""
-        right_hand_side(self._terms, self.rotations(q), self._B, 0, len(q))
-        self._global.solve(self._B, out)
+        forces(self._elements, q, self.rotations(q), self._B, 0, len(q))
+        self._linear.solve(self._B, out)
+        out += q
 
 
 @njit(cache=True, nogil=True)

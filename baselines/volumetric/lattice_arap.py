@@ -32,7 +32,7 @@ from sshade.progress import Progress, silent
 from sshade.solver.cotangents import laplacian_matrix
 from sshade.solver.factorisation import Factorisation
 from sshade.solver.rotations import fit_rotations
-from sshade.solver.terms import Terms, covariances, right_hand_side
+from sshade.solver.terms.arap import Edges, covariances, forces
 from sshade.task import DeformationResult, DeformationTask
 
 Carry = Literal["trilinear", "motions"]
@@ -99,7 +99,7 @@ def lattice_arap(
     require_handles(grid.component, np.unique(C.indices))
     weights = grid.sharing / 4
     i, j = grid.edges.T
-    terms = Terms(
+    elements = Edges(
         grid.edges.astype(np.int32),
         (weights[:, None] * (grid.V[i] - grid.V[j]))[:, None],
         weights[:, None],
@@ -107,17 +107,16 @@ def lattice_arap(
     # Divide by the number of handles, so that w does not depend on how densely they are sampled.
     pull = handle_weight * weights.sum() / len(handles)
     factor = Factorisation(csc_array(laplacian_matrix(p, grid.edges, weights) + pull * (C.T @ C)))
-    pulled = pull * (C.T @ handles.target)
     watch.end("precompute")
 
     q = grid.V @ R0.T + t0
     R, Q, B = np.empty((p, 9)), np.tile([1.0, 0.0, 0.0, 0.0], (p, 1)), np.empty((p, 3))
 
     def advance(q: np.ndarray, out: np.ndarray) -> None:
-        covariances(terms, q, R, 0, p)
+        covariances(elements, q, R, 0, p)
         fit_rotations(R, Q)
-        right_hand_side(terms, R, B, 0, p)
-        out[:] = factor.solve(B + pulled)
+        forces(elements, q, R, B, 0, p)
+        out[:] = q + factor.solve(B + pull * (C.T @ (handles.target - C @ q)))
 
     residuals = iterate(
         advance,
@@ -130,7 +129,7 @@ def lattice_arap(
     watch.end("solve")
     V = grid.carry @ q
     if carry == "motions":
-        covariances(terms, q, R, 0, p)
+        covariances(elements, q, R, 0, p)
         fit_rotations(R, Q)
         turns = R.reshape(-1, 3, 3)
         # sum_m phi_m (R_m (v - p_m) + q_m)

@@ -14,11 +14,8 @@ from eval.metrics import Task
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.pipeline.deform import METHODS
-from sshade.pipeline.fine import sshade_fine
 from sshade.sampling.coarse import sample_coarsely
-from sshade.solver.substitution import Factors, divide, substitute_together
 from sshade.task import DeformationResult, DeformationTask, Handles, TransferTask
-from sshade.threads import ThreadTeam
 
 _done: set[str] = set()
 
@@ -29,8 +26,7 @@ def warm_up(
     """Run a method once on a tiny task of a kind, unless this process has done so for `key`.
 
     The methods of :func:`sshade.deform` do otherwise where handles are regions: they run on
-    :func:`tiny_regions`, and :func:`compile_sampling`, too, and :func:`compile_rare_kernels` for
-    :func:`sshade.sshade_fine`.
+    :func:`tiny_regions`, and :func:`compile_sampling`, too.
 
     Parameters
     ----------
@@ -50,17 +46,7 @@ def warm_up(
         if kind is DeformationTask:
             method(tiny_regions(), seed=0, **overrides)
         compile_sampling()
-    if function is sshade_fine:
-        compile_rare_kernels()
     _done.add(key)
-
-
-def compile_rare_kernels() -> None:
-    """Compile the kernels that only large meshes need, on something small."""
-    chain = Factors(np.array([0, 1, 2, 2]), np.array([1, 2], dtype=np.int32), np.ones(2), np.ones(3))
-    _, factors, branches = divide(chain, chunks=2)
-    with ThreadTeam(1) as team:
-        substitute_together(factors, branches, np.zeros((3, 3)), team=team)
 
 
 def compile_sampling() -> None:

@@ -1,6 +1,6 @@
 """Beyond the paper: one proxy that holds its volume and area, carried back with blended frames.
 
-The proxy's triangles soften where they are strained (:mod:`sshade.solver.strain_softening`), its handle
+The proxy's triangles soften where they are strained (:mod:`sshade.solver.terms.arap`), its handle
 groups pull the parts that they lie on along (:mod:`sshade.solver.attachment`), and its
 motion is blended over each of its triangles (:mod:`sshade.carry.blended`), so that one sampling does.
 """

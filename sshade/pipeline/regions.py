@@ -29,9 +29,9 @@ from sshade.mesh.mesh import Mesh
 from sshade.pipeline.proxies import proxy_vertices
 from sshade.sampling.fronts import Fronts, thinned
 from sshade.sampling.proxy import Sampling, sample_proxy
-from sshade.solver.volume_area import ROUNDING, VOLUME, Surface, gradients, volume_and_area
+from sshade.solver.constraints import ROUNDING, add_gradients, volume_and_area
 from sshade.task import DeformationResult, DeformationTask
-from sshade.threads import ThreadTeam, in_ranges
+from sshade.threads import in_ranges
 
 #: Length of an edge between handle vertices, to the sampling, over its own.
 INSIDE = 1 / 3
@@ -221,14 +221,14 @@ class HandleRegions:
         lacking = self.volume - volume
         if lacking == 0.0:
             return V
-        G = np.empty((1, mesh.n, 3))
-        gradients(self._surface, np.array([VOLUME]), np.ones((1, 1)), V - mesh.origin, G, team=ThreadTeam(1))
-        length = np.linalg.norm(G[0], axis=1, keepdims=True)
-        Z = np.divide(G[0], length, out=np.zeros((mesh.n, 3)), where=length > 0)
+        G = np.zeros((mesh.n, 3))
+        add_gradients(mesh.F.astype(np.uint32), V - mesh.origin, 1.0, 0.0, G, G, 0, mesh.n)
+        length = np.linalg.norm(G, axis=1, keepdims=True)
+        Z = np.divide(G, length, out=np.zeros((mesh.n, 3)), where=length > 0)
         own, _, phi = self._beside
         Z[own] *= 1 - phi[:, None]
         Z[self._held] = 0.0
-        slope, shift = float((G[0] * Z).sum()), 0.0
+        slope, shift = float((G * Z).sum()), 0.0
         most = SHIFT * np.sqrt(area / self.vertices)
         for _ in range(NEWTON_STEPS if slope > 0 else 0):
             shift = float(np.clip(shift + lacking / slope, -most, most))
@@ -239,15 +239,8 @@ class HandleRegions:
 
     def _measured(self, V: np.ndarray) -> np.ndarray:
         """(2,) volume and area at positions V (n, 3)."""
-        F, origin = self._surface.F, V[self._surface.F[0, 0]]
+        F, origin = self._mesh.F, V[self._mesh.F[0, 0]]
         return sum(in_ranges(lambda first, end: volume_and_area(first, end, F, V, origin), len(F)))
-
-    @cached_property
-    def _surface(self) -> Surface:
-        """The one component."""
-        F, n = self._mesh.F.astype(np.int32), self._mesh.n
-        ends, all_of_it = np.array([0, len(F)]), [(slice(0, len(F)), 0, n)]
-        return Surface(F, ends, np.zeros(n, dtype=np.int32), by_vertex=F, ranges=all_of_it)
 
     def _rotations(self, moved: np.ndarray, handles: Handles) -> np.ndarray:
         """(n, 3, 3) rotations of the regions at the vertices of their edges, NaN where there is none."""

@@ -1,8 +1,8 @@
-"""From N to N': as-rigid-as-possible energies, their local/global iteration, and what may be added to it.
+"""Deform a proxy: minimise an as-rigid-as-possible energy under handles and constraints.
 
-To be read in this order: `options` and `start` (what a user sets), `local_global` (the solver and
-the method), `arap` (system and iteration) with `cotangents`, `terms`, `rotations` (local step) and
-`global_step` with `factorisation`, `substitution` or `multigrid`, `quasi_newton` (acceleration and
-its safeguard);
-then what goes beyond the published energy: `constraints` with `volume_area`, `strain_softening`.
+Read in this order: `local_global` (the solver and the method), `system` (all that depends on mesh and handle
+vertices), `energy` with its `terms`, `linear` (the solve of the global step) with `factorisation` and
+`multigrid`, `constraints` (volume and area), `descent` (one iteration) with `quasi_newton`, `run` (the loop),
+and `following` (solves in a row). `attachment` decides which vertices are pulled along with handle groups, and
+`start` where iterations begin. `order`, `cotangents` and `rotations` are shared.
 """

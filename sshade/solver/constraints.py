@@ -1,350 +1,467 @@
-"""Volume and area held during local/global iterations, exactly or with a weight.
+"""Constraints on the volume and the area of a shape, exact or weighted, during local/global iterations.
 
-A global step of the free problem solves ``L u = b``. With constraints C_q, the
-volume and the area of a component over their rest values, it becomes ``L u = b
-+ sum_q lambda_q grad C_q(u)``, with the multipliers of the step before; Newton's
-method on their changes then moves along directions ``z_q = L^-1 grad C_q`` to
-where ``C_q - goal_q + s_q lambda_q = 0``. An exact constraint has s = 0; a
-weighted one is the penalty ``weight / 2 x rest energy x (C_q - goal_q)^2``, for
-which ``s = 1 / (weight x rest area)``. At convergence the multipliers do not change:
-the directions need not be those of the present shape, and are renewed, a right-hand
-side for each constraint, every few steps only.
+The global step of the unconstrained problem solves ``L u = b``. Let C_q be the volume and the area of the
+shape, divided by their values at rest. With constraints the step solves ``L u = b + sum_q lambda_q grad
+C_q(u)`` for the multipliers lambda_q of the step before. Newton's method then changes the multipliers and
+moves the shape along the directions ``z_q = L^-1 grad C_q`` until ``C_q - goal_q + s_q lambda_q = 0``. An
+exact constraint has s = 0. A weighted constraint is the penalty ``weight / 2 x rest energy x (C_q -
+goal_q)^2``, for which ``s = 1 / (weight x rest area)``. The multipliers are constant at convergence, so the
+directions may belong to an earlier shape. They are renewed every few steps only, because each direction
+takes a linear solve.
+
+The volume's derivative with respect to vertex i is a third of the vector area of the triangles at i. This
+form depends on edges alone, unlike the one with cross products of positions, and loses no digits far from
+the origin.
 """
 
 from __future__ import annotations
 
 import logging
 import math
-from dataclasses import asdict, dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.solver.assembly import faces_in_order, vertex_ranges
-from sshade.solver.volume_area import (
-    AREA,
-    ROUNDING,
-    VOLUME,
-    Equations,
-    Surface,
-    add_gradients,
-    along,
-    gradients,
-    measure,
-    measured,
-    newton,
-    shift,
-)
+from sshade.solver.order import faces_in_order, vertex_ranges
 from sshade.threads import ThreadTeam
 
 log = logging.getLogger(__name__)
-#: Steps that share the directions; fewer where both constraints are exact, as an error of one direction
-#: can then not be balanced along the other.
+
+VOLUME, AREA = 0, 1
+#: Steps that share the directions. With two exact constraints there are fewer, because an error of one
+#: direction cannot be balanced along the other.
 EVERY, EVERY_OF_BOTH = 8, 4
-
-#: Relative error up to which an exact constraint counts as reached.
+#: Largest relative error of an exact constraint that counts as fulfilled.
 REACHED = 1e-6
-#: Weight of an area that cannot be held exactly, and the steps after which it is given up.
+#: Weight of an area that cannot be met exactly, and number of failed steps after which it keeps this weight.
 RELAXED, GIVE_UP = 1.0, 30
-#: A volume below this (x area^1.5) is that of a flat body: nothing to be relative to.
+#: Least volume of a body, as a multiple of area^1.5. A flat body has less, and no volume constraint.
 FLAT = 1e-9
-
-
-@dataclass(frozen=True)
-class VolumeArea:
-    """What a solve is asked to hold.
-
-    Parameters
-    ----------
-    volume, area : float
-        Weights: 0 leaves it free, inf holds it exactly. In between, an error e
-        (relative, of a component) costs ``weight / 2 x e^2`` times the
-        component's rest energy: the energy of its rest shape shrunk to a point.
-        Neither the unit of length nor the resolution matters.
-
-    Raises
-    ------
-    InputError
-        On a weight that is negative or NaN.
-    """
-
-    volume: float = 0.0
-    area: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name, weight in asdict(self).items():
-            if not weight >= 0:
-                raise InputError(f"the {name} weight goes from 0 (free) to inf (exact); {weight} does not")
+#: Error of an equation at which Newton's method stops.
+CLOSE = 1e-9
+#: Predicted error below which a step is not measured again.
+CERTAIN = 1e-10
+#: Error that counts as rounding if a step does not halve it.
+ROUNDING = 1e-9
+#: Condition number beyond which two gradients count as parallel.
+PARALLEL = 1e10
+#: Ratio of successive errors above which Newton's method computes new slopes.
+SLOW = 0.1
+#: Largest number of evaluations of the equations; 3 are usual.
+MOST_EVALUATIONS = 12
+#: Number of faces that a thread measures at a time.
+FACES = 65_536
 
 
 class Errors(NamedTuple):
-    """Relative errors of a shape: the largest over components, NaN where none has a volume, or an area."""
+    """Relative errors of a shape; NaN if the rest shape has no volume or no area."""
 
     volume: float
     area: float
 
 
-class Components:
-    """The volumes and areas of a mesh's components, to be held in any number of solves.
+class Surface:
+    """The faces of a mesh in the solver's order, with their volume and area at rest.
 
     Parameters
     ----------
     mesh : Mesh
-        Rest shape. Components that are not closed and consistently oriented, or
-        are flat, have no volume to hold.
+        Rest shape. Constraints need a connected mesh, and the volume constraint a closed and consistently
+        oriented one that is not flat.
     place : (n,) int32
-        Place of each vertex in the order of the solver's arrays.
+        Place of each vertex in the solver's order.
     faces : (m, 3) uint32, optional
-        The faces by their lowest places, if the solver has them: to be shared.
+        The faces in the order of :func:`sshade.solver.order.faces_in_order`, if the solver has them.
+
+    Attributes
+    ----------
+    F : (m, 3) uint32
+    ranges : list of (slice, int, int)
+        See :func:`sshade.solver.order.vertex_ranges`.
+    rest : (2,) float64
+        Volume and area at rest.
     """
 
     def __init__(self, mesh: Mesh, place: np.ndarray, faces: np.ndarray | None = None) -> None:
-        by_vertex = faces_in_order(mesh.F, place)[0] if faces is None else faces
-        component = np.empty(mesh.n, dtype=np.int32)
-        component[place] = mesh.component
-        faces, start = by_vertex, np.array([0, mesh.m])
-        if mesh.connectivity.components > 1:
-            owner = component[by_vertex[:, 0]]
-            near = np.argsort(owner, kind="stable")
-            faces = by_vertex[near]
-            start = np.searchsorted(owner[near], np.arange(mesh.connectivity.components + 1))
-        self.surface = Surface(faces, start, component, by_vertex, vertex_ranges(by_vertex, mesh.n))
+        self.F = faces_in_order(mesh.F, place)[0] if faces is None else faces
+        self.ranges, self._connected = vertex_ranges(self.F, mesh.n), mesh.connectivity.components == 1
         rest = np.empty((mesh.n, 3))
         rest[place] = mesh.V
-        self.rest = measure(faces, start, rest)
-        self._lacking = _lacking_volume(mesh, self.rest)
+        self.rest = self.measure(rest, ThreadTeam(1))
+        self._reason = _reason_for_no_volume(mesh, self.rest)
 
-    @property
-    def has_volume(self) -> np.ndarray:
-        """(c,) bool: which components enclose a volume that can be held."""
-        return self._lacking == ""
+    def measure(self, P: np.ndarray, team: ThreadTeam) -> np.ndarray:
+        """Return (2,) volume and area at positions P (n, 3); the same bits with any number of threads."""
+        origin = P[self.F[0, 0]]
+        parts = team.ranges(lambda *own: volume_and_area(*own, self.F, P, origin), len(self.F), rows=FACES)
+        return sum(parts[1:], start=parts[0])
 
-    def held(
-        self,
-        asked: VolumeArea,
-        *,
-        corners: int,
-        team: ThreadTeam,
-        volume_goal: float = 1.0,
-        single: bool = False,
-    ) -> HeldConstraints | None:
-        """The constraints of a solve; None where it holds nothing.
+    def constraints(
+        self, volume: float, area: float, *, corners: int, team: ThreadTeam, single: bool = False
+    ) -> Constraints | None:
+        """Prepare the constraints of a solve; None if both quantities are unconstrained.
 
         Parameters
         ----------
-        asked : VolumeArea
+        volume, area : float
+            Weights. 0 leaves the quantity unconstrained, inf fixes it exactly. With a weight in between, a
+            relative error e costs ``weight / 2 x e^2`` times the rest energy, which is the energy of the
+            rest shape shrunk to a point. Neither the unit of length nor the resolution matters.
         corners : int
-            How often the energy counts an edge.
+            Number of times that the energy counts each edge.
         team : ThreadTeam
-        volume_goal : float
-            What each volume is to be, over that of the rest shape; positive.
         single : bool
-            Keep gradients and directions in single precision; what is held is as exact.
+            Store gradients and directions in single precision. Exact constraints stay exact.
+
+        Raises
+        ------
+        InputError
+            When a mesh of several components has a constraint.
         """
-        if asked.volume > 0 and not self.has_volume.all():
-            log.warning("the volume constraint is %s", self._off())
-        kinds = [VOLUME] * bool(asked.volume > 0 and self.has_volume.any()) + [AREA] * (asked.area > 0)
-        if not kinds:
-            return None
-        return HeldConstraints(
-            self,
-            asked,
-            np.array(kinds),
-            corners=corners,
-            team=team,
-            volume_goal=volume_goal,
-            single=single,
-        )
+        if volume > 0 and self._reason:
+            log.warning("the volume constraint is off: %s", self._reason)
+        kinds = [VOLUME] * (volume > 0 and not self._reason) + [AREA] * bool(area > 0 and self.rest[AREA] > 0)
+        weights = np.array([volume, area])
+        if kinds and not self._connected:
+            raise InputError("constraints on volume and area need a connected mesh: solve for each component")
+        return Constraints(self, weights, kinds, corners=corners, team=team, single=single) if kinds else None
 
     def errors(self, P: np.ndarray, *, volume_goal: float = 1.0) -> Errors:
-        """How far volumes and areas at positions P (n, 3), in the solver's order, are from their goals."""
-        now, has = measure(self.surface.F, self.surface.start, P), self.has_volume
-        volume = np.abs(now[VOLUME, has] / self.rest[VOLUME, has] - volume_goal)
-        has = self.rest[AREA] > 0
-        area = np.abs(now[AREA, has] / self.rest[AREA, has] - 1)
-        return Errors(*(float(error.max()) if len(error) else math.nan for error in (volume, area)))
+        """Return the relative errors of volume and area at positions P (n, 3)."""
+        now, (volume, area) = self.measure(P, ThreadTeam(1)), self.rest
+        return Errors(
+            math.nan if self._reason else float(abs(now[VOLUME] / volume - volume_goal)),
+            float(abs(now[AREA] / area - 1)) if area > 0 else math.nan,
+        )
 
-    def status(self, asked: VolumeArea, errors: Errors) -> tuple[str, str]:
-        """What became of the volume and of the area, in words for a row.
+    def status(self, volume: float, area: float, errors: Errors) -> tuple[str, str]:
+        """Describe the constraints of given weights after a solve.
 
         Returns
         -------
         volume, area : str
-            "free", "weighted", "exact", or "infeasible" where the last error of
-            an exact one is above `REACHED`. The volume may be "off", and why.
+            "free", "weighted", "exact", or "infeasible" if the error of an exact constraint is above
+            :data:`REACHED`. The volume may be "off: ", followed by the reason.
         """
         words = []
-        for weight, error in ((asked.volume, errors.volume), (asked.area, errors.area)):
+        for weight, error in ((volume, errors.volume), (area, errors.area)):
             reached = "exact" if error <= REACHED else "infeasible"
             words.append("free" if weight == 0 else "weighted" if weight < math.inf else reached)
-        if asked.volume > 0 and not self.has_volume.all():
-            words[0] = f"{words[0]}; {self._off()}" if self.has_volume.any() else self._off()
+        if volume > 0 and self._reason:
+            words[0] = f"off: {self._reason}"
         return words[0], words[1]
 
-    def _off(self) -> str:
-        lacking = self._lacking[self._lacking != ""]
-        where = f" on {len(lacking)} of {len(self._lacking)} components" * (len(lacking) < len(self._lacking))
-        return f"off{where}: {', '.join(sorted(set(lacking.tolist())))}"
 
+class Constraints:
+    """Multipliers and directions of one solve. P and B are (n, 3) float64 in the solver's order.
 
-class HeldConstraints:
-    """Multipliers and directions of one solve; a :class:`sshade.solver.interfaces.Constraints`.
-
-    The multiplier of a constraint grows by each move along its direction. With
-    which weights the constraints are held at a step, :class:`InfeasibleAreas` decides.
+    Volume and area may contradict each other. If Newton's method fails, the area has the weight
+    :data:`RELAXED` in this step, and after :data:`GIVE_UP` failures in a row in all later ones.
     """
 
     def __init__(
         self,
-        components: Components,
-        asked: VolumeArea,
-        kinds: np.ndarray,
+        surface: Surface,
+        weights: np.ndarray,
+        kinds: list[int],
         *,
         corners: int,
         team: ThreadTeam,
-        volume_goal: float,
         single: bool,
     ) -> None:
-        self._team = team
-        rest, has = components.rest, components.has_volume
-        on = np.stack([has, rest[AREA] > 0])[kinds]
-        weight = np.where(on, np.array([asked.volume, asked.area])[kinds, None], math.inf)
-        # A component in a line or a point has no area; it holds nothing, and any number does.
-        self._area, self._corners = np.where(rest[AREA] > 0, rest[AREA], 1.0), corners
-        self._equations = Equations(
-            components.surface,
-            kinds,
-            scale=np.empty(on.shape),
-            compliance=np.zeros(on.shape),
-            active=on,
-        )
-        self._asked, self._rest_scale = weight, on / np.where(on, rest[kinds], 1.0)
-        self.retry(volume_goal)
-        precision = np.float32 if single else np.float64
-        self._G, self._Z = np.zeros((2, len(kinds), len(components.surface.component), 3), dtype=precision)
-        self._slope = np.empty((on.shape[1], len(kinds), len(kinds)))
-        self._violation = np.zeros(on.shape[1])
-        self._multiplier, self._grown = np.zeros((2, on.shape[1], len(kinds)))
-        self.count, self._steps = len(kinds), 0
-        both = math.isinf(asked.volume) and math.isinf(asked.area)
-        self._every = EVERY_OF_BOTH if both else EVERY
+        self._surface, self._team, self._kinds, self._corners = surface, team, kinds, corners
+        self._asked, self._area = weights[kinds], surface.rest[AREA] or 1.0
+        count, n = len(kinds), surface.ranges[-1][2]
+        self._G, self._Z = np.zeros((2, count, n, 3), dtype=np.float32 if single else np.float64)
+        self._slope, self._multiplier, self._grown = np.empty((count, count)), *np.zeros((2, count))
+        self._violation, self._steps = 0.0, 0
+        self._every = EVERY_OF_BOTH if np.isinf(weights).all() else EVERY
+        self.aim(1.0)
 
-    def retry(self, volume_goal: float) -> None:
-        """Hold exactly again what could not be held, as targets have moved, and volumes at another goal."""
-        goal = np.where(self._equations.kind == VOLUME, volume_goal, 1.0)
-        self._equations.scale[:] = self._rest_scale / goal[:, None]
-        self._policy = InfeasibleAreas(self._equations.kind, self._asked)
-        self._weight = self._asked
+    def aim(self, volume_goal: float) -> None:
+        """Set the goal of the volume, as a multiple of its value at rest, and try an exact area again."""
+        goal = np.where(np.array(self._kinds) == VOLUME, volume_goal, 1.0)
+        self._scale = 1.0 / self._surface.rest[self._kinds] / goal
+        self._lasting = self._weight = self._asked
+        self._failures = 0
+
+    @property
+    def ranges(self) -> int:
+        """Number of ranges of vertices for :meth:`add_forces`."""
+        return len(self._surface.ranges)
 
     @property
     def renews_directions(self) -> bool:
+        """Whether the next global step renews the directions."""
         return self._steps % self._every == 0
 
     def penalty(self, P: np.ndarray) -> float:
+        """Return the energy of the weighted constraints."""
         weight = np.where(np.isinf(self._weight), 0.0, self._weight)
         if not weight.any():
             return 0.0
-        surface, kinds, scale, *_ = self._equations
-        error = scale * measured(surface, P, team=self._team)[kinds] - 1.0
-        # The rest energy of a component is 2 corners x area; of the penalty's 1/2 a 1 remains.
+        error = self._scale * self._surface.measure(P, self._team)[self._kinds] - 1.0
+        # The rest energy is 2 corners x area; with the penalty's 1/2 a factor of 1 remains.
         return float((weight * self._corners * self._area * error**2).sum())
 
     def add_forces(self, number: int, P: np.ndarray, B: np.ndarray) -> None:
-        surface, kinds, scale, *_ = self._equations
-        add_gradients(surface, number, kinds, scale * self._multiplier.T, P, B)
+        """Add ``sum_q lambda_q grad C_q(P)`` to B in one range of vertices."""
+        factor = np.zeros(2)
+        factor[self._kinds] = self._scale * self._multiplier
+        self._add_gradients(number, P, factor, B, B)
+
+    def _add_gradients(
+        self, number: int, P: np.ndarray, factor: np.ndarray, to_volume: np.ndarray, to_area: np.ndarray
+    ) -> None:
+        own, first, end = self._surface.ranges[number]
+        add_gradients(self._surface.F[own], P, factor[VOLUME], factor[AREA], to_volume, to_area, first, end)
 
     def gradients(self, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        surface, kinds, scale, *_ = self._equations
-        gradients(surface, kinds, scale, P, self._G, team=self._team)
+        """Write ``grad C_q(P)``; return it and the directions, (q, n, 3) each, which the caller replaces.
+
+        The caller may set gradients to 0 at vertices whose directions are 0.
+        """
+        self._write_gradients(P, self._G)
         return self._G, self._Z
 
-    def take_directions(self) -> None:
-        component, count = self._equations.surface.component, len(self._slope)
-        self._slope[:] = along(self._G, component, self._Z, count=count, team=self._team)
+    def _write_gradients(self, P: np.ndarray, G: np.ndarray) -> None:
+        factor = np.zeros(2)
+        factor[self._kinds] = self._scale
 
-    def add_moves(self, G: np.ndarray) -> None:
-        component = self._equations.surface.component
-        self._team.ranges(lambda *own: shift(*own, G, component, self._G, self._grown), len(G))
+        def write(number: int) -> None:
+            _, first, end = self._surface.ranges[number]
+            G[:, first:end] = 0.0
+            self._add_gradients(number, P, factor, G[0], G[-1])
+
+        self._team(write, len(self._surface.ranges))
+
+    def take_directions(self) -> None:
+        """Use the directions in the second array of :meth:`gradients`, ``L^-1 grad C_q``, from now on."""
+        self._slope[:] = self._along(self._G)
+
+    def _along(self, G: np.ndarray) -> np.ndarray:
+        """(q, q) derivatives ``sum_i G_i . Z_i`` of each quantity along each direction."""
+        parts = self._team.ranges(lambda *own: _along(*own, G, self._Z), G.shape[1])
+        return sum(parts[1:], start=parts[0])
+
+    def add_moves(self, B: np.ndarray) -> None:
+        """Add the gradients, times the changes of the multipliers in the last :meth:`project`, to B."""
+        self._team.ranges(lambda *own: _shift(*own, B, self._G, self._grown), len(B))
 
     def project(self, P: np.ndarray) -> None:
+        """Move P along the directions until the equations hold, and update the multipliers."""
         self._steps += 1
-        policy, multiplier = self._policy, self._multiplier
-        self._weight = policy.weight
-        before = P.copy() if policy.may_fail.any() else P, multiplier.copy()
+        self._weight, multiplier = self._lasting, self._multiplier
+        may_fail = self._kinds[-1] == AREA and math.isinf(self._weight[-1])
+        before = P.copy() if may_fail else P, multiplier.copy()
         self._violation = self._newton(P, multiplier)
-        failed = policy.may_fail & (self._violation > REACHED)
-        if failed.any():
-            again = failed[self._equations.surface.component]
-            P[again], multiplier[failed] = before[0][again], before[1][failed]
-            self._weight = policy.relaxed(failed)
-            self._violation = np.where(failed, self._newton(P, multiplier, only=failed), self._violation)
+        failed = may_fail and self._violation > REACHED
+        self._failures = self._failures + 1 if failed else 0
+        if failed:
+            P[:], multiplier[:] = before
+            self._weight = np.append(self._weight[:-1], RELAXED)
+            self._violation = self._newton(P, multiplier)
+        if self._failures >= GIVE_UP:
+            self._lasting = self._weight
         self._grown = multiplier - before[1]
-        lost = self._violation > REACHED
-        if lost.any():  # their multipliers would add up from step to step: begin anew
-            multiplier[lost], self._steps = 0.0, 0
-        policy.record(failed)
+        if self._violation > REACHED:  # the multipliers would add up from step to step: start again from 0
+            multiplier[:], self._steps = 0.0, 0
 
     def restore(self, P: np.ndarray) -> bool:
+        """Move P until the exact constraints hold; False if their error is larger than after `project`."""
         exact = np.isinf(self._weight)
         if not exact.any():
             return True
-        violation = self._newton(P, np.zeros_like(self._multiplier), only=exact)
-        return bool((violation <= np.maximum(self._violation, ROUNDING)).all())
+        violation = self._newton(P, np.zeros_like(self._multiplier), active=exact)
+        return violation <= max(self._violation, ROUNDING)
 
-    def _newton(self, P: np.ndarray, multiplier: np.ndarray, *, only: np.ndarray | bool = True) -> np.ndarray:
-        """Newton's method on the equations, or on those of them `only` (q, c) or (c,) bool."""
-        equations = self._equations._replace(
-            compliance=1.0 / (self._weight * self._area), active=self._equations.active & only
-        )
-        return newton(equations, self._Z, self._slope, multiplier, P, team=self._team)
+    def _newton(self, P: np.ndarray, multiplier: np.ndarray, *, active: np.ndarray | None = None) -> float:
+        """Move P along the directions until the active equations hold; return their largest error.
 
-
-class InfeasibleAreas:
-    """Which exact areas are held with a weight, as they cannot be met together with the volume.
-
-    Where Newton's method fails on a component, its area has the weight `RELAXED` at this
-    step; after `GIVE_UP` such steps in a row, for good.
-
-    Parameters
-    ----------
-    kinds : (q,) int64
-    weight : (q, c) float64
-        Those asked for.
-
-    Attributes
-    ----------
-    weight : (q, c) float64
-        Those of the next step.
-    """
-
-    def __init__(self, kinds: np.ndarray, weight: np.ndarray) -> None:
-        self._areas, self.weight = (kinds == AREA)[:, None], weight
-        self._failures = np.zeros(weight.shape[1])
-
-    @property
-    def may_fail(self) -> np.ndarray:
-        """(c,) bool: components whose area is to hold exactly."""
-        return (self._areas & np.isinf(self.weight)).any(axis=0)
-
-    def relaxed(self, failed: np.ndarray) -> np.ndarray:
-        """(q, c) weights of a step at which the components `failed` (c,) bool."""
-        return np.where(self._areas & failed, RELAXED, self.weight)
-
-    def record(self, failed: np.ndarray) -> None:
-        """Count a step at which the components `failed` (c,) bool."""
-        self._failures = np.where(failed, self._failures + 1, 0)
-        self.weight = self.relaxed(self._failures >= GIVE_UP)
+        Each multiplier grows by the move along its direction. Steps use the stored slopes while these
+        shrink the worst equation tenfold, and then the slopes at P. A step that increases the error is
+        halved, and undone if halving does not help. The last step is not measured if the gain of the
+        step before predicts an error of at most :data:`CERTAIN`; the prediction is returned.
+        """
+        active = np.ones(len(self._kinds), dtype=bool) if active is None else active
+        compliance, kinds = 1.0 / (self._weight * self._area), np.array(self._kinds)
+        residual, step, last = np.zeros((3, len(kinds)))
+        error, G = math.inf, np.empty(0)
+        for left in range(MOST_EVALUATIONS - 1, -1, -1):
+            value = self._surface.measure(P, self._team)[kinds]
+            now = _evaluate(value, self._scale, compliance, active, multiplier, residual)
+            slow = SLOW * error < now <= error
+            if slow:
+                G = G if len(G) else np.empty_like(self._Z)
+                self._write_gradients(P, G)
+                self._slope[:] = self._along(G)
+            state = compliance, residual, self._slope, multiplier, step, last, error
+            error, done = _take_step(slow, left == 0, now, active, *state)
+            if not step.any():
+                break
+            self._team.ranges(lambda *own: _shift(*own, P, self._Z, step), len(P))
+            if done:
+                break
+        return error
 
 
-def _lacking_volume(mesh: Mesh, rest: np.ndarray) -> np.ndarray:
-    """(c,) str: why a component has no volume to hold, or nothing."""
-    volume, area = rest
-    lacking = np.where(np.abs(volume) <= FLAT * area**1.5, "flat", "").astype("<U11")
+def _reason_for_no_volume(mesh: Mesh, rest: np.ndarray) -> str:
+    """Why a mesh has no volume to constrain; empty if it has one."""
+    if len(mesh.boundary_edges):
+        return "boundary"
     if not (mesh.is_closed and mesh.is_oriented):
-        directed = (mesh.F * mesh.n + np.roll(mesh.F, -1, axis=1)).ravel()
-        ways, times = np.unique(directed, return_counts=True)
-        lacking[mesh.component[ways[times > 1] // mesh.n]] = "orientation"
-        lacking[mesh.component[mesh.boundary_edges[:, 0]]] = "boundary"
-    return lacking
+        return "orientation"
+    return "flat" if abs(rest[VOLUME]) <= FLAT * rest[AREA] ** 1.5 else ""
+
+
+@njit(cache=True, nogil=True)
+def volume_and_area(first, end, F, P, origin):
+    """(2,) volume of the cones from an origin over a range of faces, and area of the faces."""
+    x, y, z = origin[0], origin[1], origin[2]
+    volume = area = 0.0
+    for t in range(first, end):
+        i, j, k = F[t, 0], F[t, 1], F[t, 2]
+        ax, ay, az = P[j, 0] - P[i, 0], P[j, 1] - P[i, 1], P[j, 2] - P[i, 2]
+        bx, by, bz = P[k, 0] - P[i, 0], P[k, 1] - P[i, 1], P[k, 2] - P[i, 2]
+        nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        volume += (P[i, 0] - x) * nx + (P[i, 1] - y) * ny + (P[i, 2] - z) * nz
+        area += np.sqrt(nx * nx + ny * ny + nz * nz)
+    return np.array([volume / 6.0, 0.5 * area])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def add_gradients(F, P, volume, area, to_volume, to_area, first, end):
+    """Add the gradients of volume and area, times the factors `volume` and `area`, to rows `first` to `end`.
+
+    Arrays `to_volume` and `to_area` (n, 3) may be the same. F (m, 3) has at least the faces at these
+    vertices, in the order of all faces.
+    """
+    volume, area = volume / 6.0, area / 2.0
+    for t in range(len(F)):
+        i, j, k = F[t, 0], F[t, 1], F[t, 2]
+        ax, ay, az = P[j, 0] - P[i, 0], P[j, 1] - P[i, 1], P[j, 2] - P[i, 2]
+        bx, by, bz = P[k, 0] - P[i, 0], P[k, 1] - P[i, 1], P[k, 2] - P[i, 2]
+        x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        if volume != 0.0:
+            vx, vy, vz = volume * x, volume * y, volume * z
+            for corner in (i, j, k):
+                if first <= corner < end:
+                    to_volume[corner, 0] += vx
+                    to_volume[corner, 1] += vy
+                    to_volume[corner, 2] += vz
+        length = np.sqrt(x * x + y * y + z * z)
+        if area != 0.0 and length > 0.0:  # without a normal, no direction is better than another
+            size = area / length
+            x, y, z = size * x, size * y, size * z
+            # Each corner: the unit normal times the edge opposite. The three add up to nothing.
+            jx, jy, jz = z * by - y * bz, x * bz - z * bx, y * bx - x * by
+            kx, ky, kz = y * az - z * ay, z * ax - x * az, x * ay - y * ax
+            if first <= i < end:
+                to_area[i, 0] -= jx + kx
+                to_area[i, 1] -= jy + ky
+                to_area[i, 2] -= jz + kz
+            if first <= j < end:
+                to_area[j, 0] += jx
+                to_area[j, 1] += jy
+                to_area[j, 2] += jz
+            if first <= k < end:
+                to_area[k, 0] += kx
+                to_area[k, 1] += ky
+                to_area[k, 2] += kz
+
+
+@njit(cache=True, nogil=True)
+def _evaluate(value, scale, compliance, active, multiplier, residual):
+    """Write the errors of the active equations to `residual` (q,); return the largest absolute value."""
+    for q in range(len(value)):
+        if active[q]:
+            residual[q] = scale[q] * value[q] - 1.0
+            residual[q] += compliance[q] * multiplier[q]
+    return np.abs(residual).max()
+
+
+@njit(cache=True, nogil=True)
+def _take_step(slow, out, now, active, compliance, residual, slope, multiplier, step, last, error):
+    """Write the next step to `step` (q,) and add it to the multipliers; return the error and if it is done.
+
+    `now` is the error at the present place, `error` the one at the best place so far. `slow`: the slopes
+    belong to the present place. `out`: this was the last evaluation.
+    """
+    step[:] = 0.0
+    certain = False
+    stalled = error < ROUNDING and now > 0.5 * error
+    final = stalled or out
+    if now > error:
+        fraction = 1.0 if final else 0.5
+        step[:] = -fraction * last
+        last *= 1.0 - fraction
+    else:
+        if not slow:
+            _broyden(slope, residual, last)
+        predicted = now * now / error if error < np.inf else np.inf
+        error = now
+        if now > CLOSE and not final:
+            newton_step(slope, active, compliance, residual, step)
+            last[:] = step
+            if predicted <= CERTAIN:
+                error, certain = predicted, True
+    multiplier += step
+    return error, stalled or certain or now <= CLOSE
+
+
+@njit(cache=True, nogil=True)
+def _broyden(J, left, step):
+    """Broyden's update of the slopes J (q, q) after a step with remaining errors `left`."""
+    square = 0.0
+    for p in range(len(step)):
+        square += step[p] * step[p]
+    if square > 0.0:
+        for q in range(len(left)):
+            for p in range(len(step)):
+                J[q, p] += left[q] * step[p] / square
+
+
+@njit(cache=True, nogil=True)
+def newton_step(J, active, compliance, r, x):
+    """Newton step ``(J + diag(compliance)) x = -r`` for one or two unknowns; 0 for inactive ones.
+
+    If the two gradients are parallel, it is the least-squares step.
+    """
+    x[:] = 0.0
+    if not active.all() or len(r) == 1:
+        for q in range(len(r)):
+            slope = J[q, q] + compliance[q]
+            if active[q] and slope != 0.0:
+                x[q] = -r[q] / slope
+        return
+    a, b, c, d = J[0, 0] + compliance[0], J[0, 1], J[1, 0], J[1, 1] + compliance[1]
+    determinant, square = a * d - b * c, a * a + b * b + c * c + d * d
+    if PARALLEL * abs(determinant) > square:  # the condition is about square / determinant
+        x[0], x[1] = (b * r[1] - d * r[0]) / determinant, (c * r[0] - a * r[1]) / determinant
+    elif square > 0.0:
+        x[0], x[1] = -(a * r[0] + c * r[1]) / square, -(b * r[0] + d * r[1]) / square
+
+
+@njit(cache=True, nogil=True)
+def _along(first, end, G, Z):
+    slope = np.zeros((len(G), len(G)))
+    for q in range(len(G)):
+        for p in range(len(G)):
+            total = 0.0
+            for i in range(first, end):
+                total += G[q, i, 0] * Z[p, i, 0] + G[q, i, 1] * Z[p, i, 1] + G[q, i, 2] * Z[p, i, 2]
+            slope[q, p] = total
+    return slope
+
+
+@njit(cache=True, nogil=True)
+def _shift(first, end, P, Z, move):
+    """Add ``sum_q move_q Z_q`` to a range of P (n, 3)."""
+    for q in range(len(Z)):
+        m = move[q]
+        for i in range(first, end):
+            for d in range(3):
+                P[i, d] += m * Z[q, i, d]

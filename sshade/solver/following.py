@@ -1,13 +1,13 @@
-"""Solves of one system that follow each other, as targets move: a drag.
+"""Solves of one system in a row, as targets move: a drag.
 
-A solve begins at the shape, the rotations, the weights of softened triangles and the multipliers of
-constraints that the last one ended with, and goes on as that one did as far as this brings the targets
-nearer: where they stop, or turn, so does the shape. What is left of the targets' move takes the shape along
-as the quadratic energy of the Laplacian asks for, with no rotation fitted before: handles that go alone would
-tear the rotations around them along. Quasi-Newton steps follow, at least two. They begin with the pairs of
-earlier solves, for the energy's curvature hardly changes from one to the next, and only a second step tells
-what there is to learn from the first. What lags in a drag are slow modes, which plain steps hardly move:
-the more pairs, the more of these they know.
+A solve begins at the state in which the last one ended: positions, rotations, strain weights and multipliers
+of constraints. First it repeats the last move of the shape, as far as this brings the targets nearer; if the
+targets stop or turn, so does the shape. The rest of the targets' move deforms the shape by the quadratic
+energy of the Laplacian, without a local step in between: rotations fitted to handles that move alone would
+turn with the handles. At least two quasi-Newton steps follow. They begin with the pairs of earlier solves,
+because the curvature of the energy hardly changes from one solve to the next, and the second step uses the
+pair of the first. A drag lags mostly in slow modes, which plain steps hardly move. More pairs know more of
+these modes.
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ from typing import Any
 import numpy as np
 
 from sshade.errors import InputError
+from sshade.options import ENERGY, complete
 from sshade.solver.local_global import LocalGlobal
-from sshade.solver.quasi_newton import ENERGY_ROUNDING, QuasiNewton, largest_move
+from sshade.solver.run import Stop, run
 from sshade.solver.solution import Solution
 from sshade.threads import ThreadTeam
 
-#: Iterations of a solve at least, where targets have moved and its cutoff allows.
+#: Least number of iterations of a solve whose targets have moved, if its cutoff allows.
 LEAST = 2
 
 
@@ -35,20 +36,20 @@ class Following:
         With a factorisation.
     positions : (n, 3) float64
     rotations : (n, 3, 3) float64
-        Where to begin, as of a solution; hard handles go to their targets first.
+        Where to begin, as of a solution. Hard handles are first put on their targets.
     targets : (k, 3) float64
-        Of the handle vertices there.
+        Positions of the handle vertices there.
     prescribed, fraction, volume_goal
-        There; as of :meth:`LocalGlobal.solve`.
+        Their values there; as of :meth:`LocalGlobal.solve`.
     window : int
-        Quasi-Newton steps that are remembered.
+        Number of stored quasi-Newton steps.
     **energy
         See :data:`sshade.options.ENERGY`.
 
     Raises
     ------
     InputError
-        As :meth:`LocalGlobal.solve`, and where the solver goes by multigrid.
+        As :meth:`LocalGlobal.solve`, and if the solver has no factorisation.
     """
 
     def __init__(
@@ -64,20 +65,26 @@ class Following:
         window: int = 10,
         **energy: Any,
     ) -> None:
-        if (factorised := solver.system.factorised) is None:
+        system = solver.system
+        if system.matrix is None or system.factorised is None:
             raise InputError("a solver that follows moving targets needs a factorisation, not multigrid")
         targets, positions = solver.checked_positions(targets, positions)
-        self.solver, self._factorised, team = solver, factorised, ThreadTeam(1)
-        self._held, self._iteration = solver.iteration(
-            targets, team=team, volume_goal=volume_goal, prescribed=prescribed, fraction=fraction, **energy
+        self.solver, self._options, team = solver, complete(energy, ENERGY), ThreadTeam(1)
+        self._factorised = system.factorised
+        self._to_handles = system.matrix[system.vertex][:, system.index[system.hard]]
+        self._state = solver.descent(
+            solver.to_system(positions, targets),
+            self._options,
+            team=team,
+            window=window,
+            single=True,
+            accelerate_last=True,
         )
-        self._iteration.begin_with(rotations)
-        self._u = solver.to_system(positions, targets)
-        self._iteration.local_step(self._u)
-        self._last_u, self._move = self._u.copy(), np.empty_like(self._u)
+        self._state.aim(targets, prescribed, fraction, volume_goal)
+        self._state.energy.begin_with(rotations)
+        self._state.begin()
+        self._last_u = self._state.u.copy()
         self._targets = self._last_targets = targets
-        unit = solver.mesh.diagonal
-        self._mixer = QuasiNewton(len(self._u), window, self._iteration.gradient, unit=unit, single=True)
         self._has_directions = False
 
     def solve(
@@ -90,82 +97,37 @@ class Following:
         tolerance: float = 1e-5,
         max_iterations: int = 1000,
     ) -> Solution:
-        """As :meth:`LocalGlobal.solve`, from where the last solve ended.
-
-        Parameters
-        ----------
-        targets : (k, 3) float64
-        prescribed, fraction, volume_goal, tolerance, max_iterations
-        """
-        solver, iteration, u = self.solver, self._iteration, self._u
-        targets, _ = solver.checked_positions(targets, None)
-        iteration.aim(targets - solver.mesh.origin, volume_goal, prescribed=prescribed, fraction=fraction)
+        """Solve from where the last solve ended; parameters as of :meth:`LocalGlobal.solve`."""
+        state = self._state
+        targets, _ = self.solver.checked_positions(targets, None)
+        state.aim(targets, prescribed, fraction, volume_goal)
         moved = not np.array_equal(targets, self._targets)
         if max_iterations > 0:
-            self._go_on(targets, fraction)
-        self._mixer.cut()
-        facts = self._iterate(tolerance, max_iterations, least=LEAST if moved else 1)
-        return solver.solution(iteration, u, targets, self._held, volume_goal, facts)
+            self._predict(targets, fraction)
+        state.begin()
+        stop = Stop(tolerance, max_iterations, least_iterations=LEAST if moved else 1)
+        return self.solver.solution(state, run(state, stop), targets, self._options)
 
-    def _go_on(self, targets: np.ndarray, fraction: np.ndarray | None) -> None:
-        """Repeat the last move, or a part of it, or take back as much, and go to the targets from there."""
-        system, u, last = self.solver.system, self._u, self._targets - self._last_targets
-        move, square = targets - self._targets, float((last * last).sum())
+    def _predict(self, targets: np.ndarray, fraction: np.ndarray | None) -> None:
+        """Repeat the last move, or a part of it, or undo it, and go on to the targets."""
+        system, state, u = self.solver.system, self._state, self._state.u
+        last, move = self._targets - self._last_targets, targets - self._targets
+        square = float((last * last).sum())
         part = float(np.clip((move * last).sum() / square, -1.0, 1.0)) if square > 0 else 0.0
-        np.subtract(u, self._last_u, out=self._move)
+        step = u - self._last_u
         self._last_u[:] = u
         self._last_targets, self._targets = self._targets, targets
         if part:
-            self._move *= part
-            u += self._move
-        factorised, soft = self._factorised, system.soft
-        held = targets[system.hard] - self.solver.mesh.origin
-        pull = system.pull if fraction is None else system.pull * fraction[soft]
-        right = np.zeros_like(u)
-        right[system.pulled] = pull[:, None] * (move - part * last)[soft]
-        free = system.place[factorised.free]
-        X = right[free] - factorised.to_handles @ (held - u[system.held])
-        factorised.factorisation.solve_ordered(X)
-        u[free] += X
-        u[system.held] = held
+            u += part * step
+        springs, fixed = system.springs, targets[system.hard] - self.solver.mesh.origin
+        stiffness = springs.stiffness if fraction is None else springs.stiffness * fraction[springs.handle]
+        B = -(self._to_handles @ (fixed - u[system.fixed]))
+        B[springs.place] += stiffness[:, None] * (move - part * last)[springs.handle]
+        self._factorised.solve(B, step)
+        u += step
+        u[system.fixed] = fixed
         if self._has_directions:
-            self._iteration.restore(u)
+            state.restore()
         else:
-            self._iteration.project(u)
+            state.project()
             self._has_directions = True
-
-    def _iterate(self, tolerance: float, max_iterations: int, *, least: int) -> dict[str, Any]:
-        """As :func:`sshade.solver.quasi_newton.iterate`, but the last step is a quasi-Newton one as well."""
-        u, mixer, iteration, system = self._u, self._mixer, self._iteration, self.solver.system
-        g, slack = np.empty_like(u), ENERGY_ROUNDING * abs(system.rest_energy)
-        first = energy = iteration.local_step(u)
-        residuals: list[float] = []
-        rejected, converged = 0, False
-        while not converged and len(residuals) < max_iterations:
-            before = energy
-            iteration.global_step(u, g)
-            residuals.append(float(largest_move(g, u)) / system.mesh.diagonal)
-            if not np.isfinite(residuals[-1]):
-                raise FloatingPointError(f"the positions are not finite after {len(residuals)} iterations")
-            converged = residuals[-1] < tolerance and len(residuals) >= least
-            mixed = mixer.advance(u, g)
-            if mixed:
-                iteration.restore(u)
-            energy = iteration.local_step(u)
-            if mixed and not (energy <= before + slack and iteration.restored):
-                rejected += 1
-                mixer.halve(u)
-                iteration.restore(u)
-                energy = iteration.local_step(u)
-                if not (energy <= before + slack and iteration.restored):
-                    mixer.fall_back(u)
-                    energy = iteration.local_step(u)
-        return {
-            "iterations": len(residuals),
-            "residual": residuals[-1] if residuals else np.inf,
-            "residual_curve": np.array(residuals),
-            "energy": system.rest_energy + energy,
-            "energy_initial": system.rest_energy + first,
-            "converged": converged,
-            "rejected": rejected,
-        }

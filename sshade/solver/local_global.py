@@ -1,12 +1,12 @@
-"""As-rigid-as-possible deformation by a local/global solver of our own, with quasi-Newton steps.
+"""As-rigid-as-possible deformation by our local/global solver with quasi-Newton steps.
 
-The mesh and the choice of handle vertices are bound once (:class:`LocalGlobal`:
-weights, terms, factorisation or not), then solved for any number of handle positions. All
-heavy steps run without the GIL: solvers in several threads proceed at the same time.
+:class:`LocalGlobal` binds the mesh and the handle vertices once (weights, elements, factorisation), and then
+solves for any number of handle positions. All heavy steps run without the GIL, so that solvers in several
+threads proceed at the same time.
 
-O. Sorkine, M. Alexa, "As-rigid-as-possible surface modeling", 2007 (spokes);
-I. Chao, U. Pinkall, P. Sanan, P. Schroeder, "A simple geometric model for
-elastic deformations", 2010 (spokes and rims: the paper's "Elastic").
+O. Sorkine, M. Alexa, "As-rigid-as-possible surface modeling", 2007 (spokes); I. Chao, U. Pinkall, P. Sanan,
+P. Schroeder, "A simple geometric model for elastic deformations", 2010 (spokes and rims: the paper's
+"Elastic").
 """
 
 from __future__ import annotations
@@ -20,24 +20,25 @@ import numpy as np
 
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.options import ENERGY, Energy, complete
+from sshade.options import ENERGY, Energy, Options, complete
 from sshade.progress import Progress, silent
-from sshade.solver.arap import ArapIteration, ArapSystem
+from sshade.solver import energy as terms
 from sshade.solver.attachment import Attachment
-from sshade.solver.constraints import Components, VolumeArea
-from sshade.solver.quasi_newton import QuasiNewton, iterate
+from sshade.solver.constraints import Surface
+from sshade.solver.descent import Descent
+from sshade.solver.quasi_newton import QuasiNewton
+from sshade.solver.run import Run, Stop, run
 from sshade.solver.solution import Solution
 from sshade.solver.start import initial_guess
-from sshade.solver.strain_softening import StrainSoftening
-from sshade.solver.terms import Triangles
+from sshade.solver.system import System
 from sshade.task import DeformationResult, DeformationTask
 from sshade.threads import ThreadTeam
 
-#: Vertices up to which :func:`local_global` factorises by default. At 170,000 V-cycles take as long, in a
-#: sixth of the memory, at 680,000 half as long.
+#: Largest number of vertices for which :func:`local_global` factorises by default. V-cycles take as long at
+#: 170,000 vertices, in a sixth of the memory, and half as long at 680,000.
 FACTORISED = 100_000
-#: Of a solve without a factorisation: so many decide which minimum it ends in. With 5, some bodies whose
-#: handles were torn far away ended in higher ones.
+#: Nearly exact steps of :func:`local_global` without a factorisation. They decide which minimum is found:
+#: with 5, some bodies with handles moved far ended in higher minima.
 EXACT_STEPS = 20
 
 
@@ -47,34 +48,32 @@ class LocalGlobal:
     Parameters
     ----------
     mesh : Mesh
-        Rest shape. May have a boundary, and triangles without area: see
-        :func:`sshade.solver.cotangents.half_cotangents`.
+        Rest shape. May have a boundary, and triangles of zero area: see
+        :func:`sshade.solver.cotangents.half_cotangents`. Constraints on volume or area need a connected mesh.
     index : (k,) int
-        Vertices with prescribed positions, each once, at least one per component.
+        Handle vertices, each once, at least one per component.
     energy : {"spokes", "spokes_and_rims"}
-        Sorkine and Alexa's energy ("ARAP"), or Chao et al.'s ("Elastic"), both
-        with raw cotangents: ``sum_i sum_{ij} w_ij |e'_ij - R_i e_ij|^2``, and
-        ``sum_i sum_{t at i} sum_{kl in t} h_t(kl) |e'_kl - R_i e_kl|^2``. The
-        first can be negative where angles are obtuse.
+        Sorkine and Alexa's energy ("ARAP") or Chao et al.'s ("Elastic"), both with raw cotangents:
+        ``sum_i sum_{ij} w_ij |e'_ij - R_i e_ij|^2``, and ``sum_i sum_{t at i} sum_{kl in t} h_t(kl)
+        |e'_kl - R_i e_kl|^2``. The first can be negative if angles are obtuse.
     stiffness : (k,) float64, optional
-        Of soft handles, see :attr:`sshade.Handles.stiffness`; by default inf, which is a hard one.
+        Stiffness of soft handles, see :attr:`sshade.Handles.stiffness`; inf, the default, for hard handles.
     multigrid : bool
-        Global steps by a V-cycle, which is set up in each solve, in place of a factorisation: linear in
-        time and memory, and quicker to low energies where triangles soften. Such a plain iteration
-        does not end in the minimum for its rotations, but moves towards it: see
-        :mod:`sshade.solver.global_step`.
+        Use a V-cycle, which is set up in each solve, in place of a factorisation. Time and memory are linear
+        in the size of the mesh, and low energies are reached sooner if triangles soften. Choose it beyond
+        100,000 vertices. See :mod:`sshade.solver.linear`.
     exact_steps : int
-        With multigrid, so many first steps are all but exact, for a start far from the minimum; and so is the
-        one whose residual ends a solve, which therefore is that of a factorisation.
+        With multigrid, number of nearly exact first steps, for a start far from the minimum. The step that
+        proves convergence is then nearly exact, too.
     bending : float
-        Length over which the energy of bending spreads a fold, over the square root of the mesh's area; by
-        default 0, none. Not with multigrid. See :mod:`sshade.solver.bending`.
+        Length over which the bending energy spreads a fold, as a fraction of the square root of the mesh's
+        area; 0 for none. Needs a factorisation. See :mod:`sshade.solver.terms.bending`.
 
     Raises
     ------
     InputError
-        On an unknown energy, a bending that is no such length, vertices as above that are out of range,
-        repeated, or leave a component free, or a Laplacian that is not positive definite to rounding.
+        On an unknown energy, a bending length that is negative or infinite, handle vertices that are out of
+        range, repeated or missing in a component, or a Laplacian that is not positive definite to rounding.
     """
 
     def __init__(
@@ -88,24 +87,30 @@ class LocalGlobal:
         exact_steps: int = 0,
         bending: float = 0.0,
     ) -> None:
-        self.system = ArapSystem(
+        self.mesh, self.system = (
             mesh,
-            index,
-            energy=energy,
-            stiffness=stiffness,
-            multigrid=multigrid,
-            exact_steps=exact_steps,
-            bending=bending,
+            System(
+                mesh,
+                index,
+                energy=energy,
+                stiffness=stiffness,
+                multigrid=multigrid,
+                exact_steps=exact_steps,
+                bending=bending,
+            ),
         )
-        self.mesh, self.index = mesh, self.system.index
-        terms = self.system.terms
-        shared = terms.corners if isinstance(terms, Triangles) else None
-        self._components = Components(mesh, self.system.place, shared)
+        corners = self.system.elements.corners
+        self._surface = Surface(mesh, self.system.place, corners if corners.shape[1] == 3 else None)
+
+    @property
+    def index(self) -> np.ndarray:
+        """(k,) int64 the handle vertices."""
+        return self.system.index
 
     def with_handles(self, index: np.ndarray, *, stiffness: np.ndarray | None = None) -> LocalGlobal:
-        """The solver of the same mesh and energy with other handles, by a new factorisation.
+        """Bind other handles of the same mesh and energy, by a new factorisation.
 
-        What does not depend on handles is shared: both may be used.
+        Both solvers stay usable, and share all data that do not depend on handles.
 
         Parameters
         ----------
@@ -115,11 +120,10 @@ class LocalGlobal:
         Raises
         ------
         InputError
-            As for the class, but of the energy.
+            As for the class, and with multigrid.
         """
         other = copy(self)
         other.system = self.system.with_handles(index, stiffness=stiffness)
-        other.index = other.system.index
         return other
 
     def solve(
@@ -140,48 +144,43 @@ class LocalGlobal:
         progress: Progress = silent,
         **energy: Any,
     ) -> Solution:
-        """Iterate local and global steps to a residual.
+        """Iterate local and global steps until the residual is below a tolerance.
 
-        The residual is the largest move of a vertex in one *plain* iteration
-        over the rest shape's diagonal, also under acceleration; with multigrid and no exact steps, of one
-        by a V-cycle. The safeguard compares energies after local steps: where an accelerated iterate has a
-        higher one than the iterate before, or cannot be projected onto the exact
-        constraints, half of its step is tried, and then the plain one takes its
-        place. Deterministic, and safe to call from several threads at once.
+        The residual is the largest move of a vertex in one *plain* iteration over the rest shape's diagonal,
+        also under acceleration; with multigrid and no exact steps, in one iteration with a V-cycle.
+        Deterministic, and safe to call from several threads at once.
 
         Parameters
         ----------
         targets : (k, 3) float64
             Positions of the handle vertices, in the order of `index`.
         start : (n, 3) float64, optional
-            Where to begin, by default the rest shape; hard handles go to their targets first.
+            Where to begin, by default the rest shape. Hard handles are first put on their targets.
         rotations : (n, 3, 3) float64, optional
-            Those of an earlier solution near `start`: from there the first local
-            step is as quick as the others, and it ends in the same rotations.
+            Rotations of an earlier solution near `start`. They make the first local step faster and do not
+            change its result.
         prescribed : ((j,) int, (j, 3, 3) float64), optional
-            Vertices, each once, whose rotations are given: the local step leaves them as they are. As of
+            Vertices, each once, and their prescribed rotations, which the local step does not fit. See
             :attr:`sshade.Handles.prescribed_rotations`.
         fraction : (k,) float64, optional
-            Of the stiffness of each soft handle, in [0, 1], by default 1. The system is the same, so that a
-            pull may vary from solve to solve.
+            Fraction of the stiffness of each soft handle, in [0, 1], by default 1. It may vary from solve to
+            solve with one factorisation.
         tolerance : float
-            Residual under which iteration stops. 0 never stops early.
+            Residual below which iteration stops. 0 never stops early.
         max_iterations : int
         accelerate : bool
-            Quasi-Newton steps, L-BFGS; see :mod:`sshade.solver.quasi_newton`.
+            Take quasi-Newton steps, L-BFGS; see :mod:`sshade.solver.quasi_newton`.
         window : int
-            Steps that they remember.
+            Number of steps that L-BFGS stores.
         max_seconds : float
-            Another cutoff: no iteration begins later. The result then depends on the machine.
+            No iteration begins later. The result then depends on the machine.
         volume_goal : float
-            The volume to be held, where one is, over that of the rest shape; positive.
+            Volume to reach if the volume is constrained, as a multiple of the volume at rest; positive.
         workers : int
-            Threads that share each iteration, from some 20,000 vertices on; no
-            influence on the result.
+            Threads that share each iteration, useful from 20,000 vertices on; no influence on the result.
         progress : Progress
         **energy
-            Weights of the constraints, and how triangles soften; see
-            :data:`sshade.options.ENERGY`. By default neither.
+            Constraints and strain weights, see :data:`sshade.options.ENERGY`; none by default.
 
         Returns
         -------
@@ -189,105 +188,102 @@ class LocalGlobal:
 
         Raises
         ------
-        TypeError
-            On an unknown option.
         InputError
-            On a wrong shape, a window or workers under 1, a negative weight, a goal of no volume,
-            a stiffness out of (0, 1], one under 1 with spokes, or matrices that are no rotations.
+            On an unknown option, a value out of its range, a wrong shape, or matrices that are no rotations.
         FloatingPointError
             When an iterate is not finite.
         """
         targets, start = self.checked_positions(targets, start)
         if window < 1:
             raise InputError(f"the acceleration window must be at least 1, not {window}")
-        if not 0 < volume_goal < inf:
-            raise InputError(f"the volume to be held must be positive, not {volume_goal} times that at rest")
-        u = self.to_system(start, targets)
-        del start  # which may be the caller's last, of no more use
+        options, u = complete(energy, ENERGY), self.to_system(start, targets)
+        del start  # which may be the caller's last reference to a large array
         with ThreadTeam(workers) as team:
-            held, iteration = self.iteration(
-                targets,
-                team=team,
-                volume_goal=volume_goal,
-                prescribed=prescribed,
-                fraction=fraction,
-                **energy,
-            )
+            single = self.system.factorised is None
+            state = self.descent(u, options, team=team, window=window if accelerate else 0, single=single)
+            state.aim(targets, prescribed, fraction, volume_goal)
             if rotations is not None:
-                iteration.begin_with(rotations)
-            facts = iterate(
-                iteration,
-                u,
-                mixer=self._mixer(iteration, window, team) if accelerate else None,
-                tolerance=tolerance,
-                max_iterations=max_iterations,
-                deadline=perf_counter() + max_seconds,
-                progress=progress,
-            )
-        return self.solution(iteration, u, targets, held, volume_goal, facts)
+                state.energy.begin_with(rotations)
+            state.begin()
+            done = run(state, Stop(tolerance, max_iterations, max_seconds), progress=progress)
+        return self.solution(state, done, targets, options)
 
-    def _mixer(self, iteration: ArapIteration, window: int, team: ThreadTeam) -> QuasiNewton:
-        unit, single = self.mesh.diagonal, self.system.factorised is None
-        return QuasiNewton(self.mesh.n, window, iteration.gradient, unit=unit, single=single, team=team)
-
-    def iteration(
-        self, targets: np.ndarray, *, team: ThreadTeam, volume_goal: float, **options: Any
-    ) -> tuple[VolumeArea, ArapIteration]:
-        """What is held, and an iteration with these options of it and of the energy."""
-        given = {name: options.pop(name) for name in ENERGY if name in options}
-        asked, system = complete(given, ENERGY), self.system
-        held = VolumeArea(asked.volume, asked.area)
-        softening = StrainSoftening(asked.stiffness, asked.strain, asked.strain_limit)
-        iteration = ArapIteration(
-            system,
-            targets - self.mesh.origin,
-            team=team,
-            constraints=self._components.held(
-                held,
-                corners=system.terms.corners.shape[1],
-                team=team,
-                volume_goal=volume_goal,
-                single=system.factorised is None and not system.exact_steps,
-            ),
-            softening=softening.of(system.terms, system.rest),
-            **options,
-        )
-        return held, iteration
-
-    def solution(
+    def descent(
         self,
-        iteration: ArapIteration,
         u: np.ndarray,
-        targets: np.ndarray,
-        held: VolumeArea,
-        volume_goal: float,
-        facts: dict[str, Any],
-    ) -> Solution:
-        """What an iteration has come to: its positions u, in the system's order, and the rest."""
-        R = np.take(iteration.R, self.system.place, axis=0).reshape(-1, 3, 3)
-        errors = self._components.errors(u, volume_goal=volume_goal)
-        states = self._components.status(held, errors)
+        options: Options,
+        *,
+        team: ThreadTeam,
+        window: int = 0,
+        single: bool = False,
+        accelerate_last: bool = False,
+    ) -> Descent:
+        """Prepare the state of a solve.
+
+        Parameters
+        ----------
+        u : (n, 3) float64
+            Where it begins, in the solver's order.
+        options : Options
+        team : ThreadTeam
+        window : int
+            Number of stored quasi-Newton steps; 0 for plain iterations.
+        single : bool
+            Store these steps in single precision.
+        accelerate_last : bool
+            See :class:`sshade.solver.descent.Descent`.
+        """
+        system, unit = self.system, self.mesh.diagonal
+        constraints = self._surface.constraints(
+            options.volume,
+            options.area,
+            corners=system.corners,
+            team=team,
+            single=system.factorised is None and not system.exact_steps,
+        )
+        return Descent(
+            system,
+            terms.Energy(system, options, team=team),
+            constraints,
+            u,
+            quasi_newton=QuasiNewton(len(u), window, unit=unit, single=single, team=team) if window else None,
+            accelerate_last=accelerate_last,
+            team=team,
+        )
+
+    def solution(self, state: Descent, done: Run, targets: np.ndarray, options: Options) -> Solution:
+        """Return the result of a finished run, in the mesh's order of vertices."""
+        errors = self._surface.errors(state.u, volume_goal=state.volume_goal)
+        volume, area = self._surface.status(options.volume, options.area, errors)
         return Solution(
-            positions=self.from_system(u, targets),
-            rotations=R,
+            positions=self.from_system(state.u, targets),
+            rotations=np.take(state.energy.R, self.system.place, axis=0).reshape(-1, 3, 3),
+            iterations=done.iterations,
+            residual=done.residual,
+            residual_curve=done.residual_curve,
+            energy=self.system.rest_energy + state.value,
+            energy_initial=self.system.rest_energy + state.initial_value,
+            converged=done.converged,
+            rejected=state.rejected,
             volume_error=errors.volume,
             area_error=errors.area,
-            volume_constraint=states[0],
-            area_constraint=states[1],
-            **facts,
+            volume_constraint=volume,
+            area_constraint=area,
         )
 
     def project(
         self, positions: np.ndarray, *, volume: float = 0.0, area: float = 0.0, workers: int = 1
     ) -> np.ndarray:
-        """Project positions onto the exact constraints, by what costs the energy least, multigrid nearly so.
+        """Project positions onto the exact constraints with the least rise of the energy.
+
+        With multigrid the rise is nearly the least.
 
         Parameters
         ----------
         positions : (n, 3) float64
-            Near a shape that fulfils them. Hard handles stay.
+            Near a shape that fulfils the constraints. Hard handles stay.
         volume, area : float
-            Weights; only inf matters.
+            Weights; only inf has an effect.
         workers : int
             Threads; no influence on the result.
 
@@ -301,21 +297,21 @@ class LocalGlobal:
             As :meth:`solve`.
         """
         targets, positions = self.checked_positions(np.asarray(positions)[self.index], positions)
-        system, u = self.system, self.to_system(positions, targets)
         with ThreadTeam(workers) as team:
-            corners = system.terms.corners.shape[1]
-            held = self._components.held(VolumeArea(volume, area), corners=corners, team=team)
-            around = targets - self.mesh.origin
-            ArapIteration(system, around, team=team, constraints=held).project(u)
-        return self.from_system(u, targets)
+            state = self.descent(
+                self.to_system(positions, targets), Options(volume=volume, area=area), team=team
+            )
+            state.project()
+        return self.from_system(state.u, targets)
 
     def to_system(self, positions: np.ndarray, targets: np.ndarray) -> np.ndarray:
-        """(n, 3) in the system's order, about the mesh's origin, hard handles on their targets."""
+        """(n, 3) in the solver's order, relative to the mesh's origin, with hard handles on their targets."""
         u = positions[self.system.vertex] - self.mesh.origin
-        u[self.system.held] = targets[self.system.hard] - self.mesh.origin
+        u[self.system.fixed] = targets[self.system.hard] - self.mesh.origin
         return u
 
     def from_system(self, u: np.ndarray, targets: np.ndarray) -> np.ndarray:
+        """(n, 3) in the mesh's order, with hard handles exactly on their targets."""
         positions = np.take(u, self.system.place, axis=0) + self.mesh.origin
         hard = self.system.hard
         positions[self.index[hard]] = targets[hard]
@@ -324,7 +320,7 @@ class LocalGlobal:
     def checked_positions(
         self, targets: np.ndarray, start: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Targets (k, 3) and a start (n, 3), by default the rest shape; InputError where they are no such."""
+        """Check targets (k, 3) and a start (n, 3), by default the rest shape."""
         k, n = len(self.index), self.mesh.n
         targets = np.asarray(targets, dtype=np.float64)
         start = self.mesh.V if start is None else np.asarray(start, dtype=np.float64)
@@ -349,20 +345,21 @@ def local_global(
     progress: Progress = silent,
     **options: Any,
 ) -> DeformationResult:
-    """Minimise an as-rigid-as-possible energy with our own accelerated local/global solver.
+    """Minimise an as-rigid-as-possible energy with our accelerated local/global solver.
 
     Parameters
     ----------
     task : DeformationTask
+        Constraints on volume or area need a connected mesh.
     energy : {"spokes", "spokes_and_rims"}
     accelerate : bool
-        Quasi-Newton steps (L-BFGS, window 5), to the same minimum in a fraction of the steps.
+        Take quasi-Newton steps (L-BFGS, window 5), to the same minimum in a fraction of the steps.
     factorised : bool, optional
-        Global steps by a factorisation of the Laplacian; else by V-cycles, after :data:`EXACT_STEPS` steps
-        that are all but exact, in memory that grows like the mesh, to the same minimum but for what the
-        tolerance leaves open. By default up to :data:`FACTORISED` vertices, and with bending, which needs it.
+        Factorise the Laplacian; otherwise use V-cycles after :data:`EXACT_STEPS` nearly exact steps. V-cycles
+        need memory in proportion to the mesh, and reach the same minimum up to the tolerance. By default
+        meshes of up to :data:`FACTORISED` vertices are factorised, and all meshes with bending.
     volume_goal : float
-        The volume to be held, where one is, over that of the rest shape; positive.
+        Volume to reach if the volume is constrained, as a multiple of the volume at rest; positive.
     workers : int
         Threads that share each iteration; no influence on the result.
     seed : int
@@ -374,15 +371,13 @@ def local_global(
     Returns
     -------
     DeformationResult
-        ``extra`` holds, as of :class:`Solution`, ``rotations``, ``residual``, the energies,
-        ``rejected``, and the errors and states of volume and area.
+        ``extra`` holds ``rotations``, ``residual``, the energies, ``rejected``, and the errors and states of
+        volume and area, as of :class:`Solution`.
 
     Raises
     ------
-    TypeError
-        On an unknown option.
     InputError
-        On an unknown energy or start, a negative weight or length, or a stiffness out of (0, 1].
+        On an unknown option or energy, or a value out of its range.
     FloatingPointError
         When an iterate is not finite.
     """

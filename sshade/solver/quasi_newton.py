@@ -1,46 +1,38 @@
-"""Quasi-Newton steps between those of a local/global iteration: L-BFGS in the metric of its global step.
+"""Quasi-Newton steps between plain local/global iterations: L-BFGS in the metric of the global step.
 
-A plain iteration from u ends in ``g = u - M G`` with the energy's gradient G at u, up to a
-factor: a descent step in the metric M^-1, the Laplacian L of the rest shape or close to it
-(:mod:`sshade.solver.global_step`). L-BFGS corrects M by the pairs (s, y) of the last steps and the
-gradient's changes along them. Under exact constraints u and g are both on the constraint
-surface, and the component of G tangential to it is that of the Lagrangian's gradient.
+A plain iteration from u ends in ``g = u - M G`` with the energy's gradient G at u, up to a factor. It is a
+descent step in the metric M^-1, which is the Laplacian L of the rest shape or close to it
+(:mod:`sshade.solver.linear`). L-BFGS corrects M by pairs (s, y): the last steps and the changes of the
+gradient along them. Under exact constraints, u and g both lie on the constraint surface, and the component
+of G tangential to it is that of the Lagrangian's gradient.
 
-The usual two loops run over scalars: of y only ``z = M y`` is stored, the difference of two plain
-moves, and what they ask for are products s.y, z.y, s.G and z.G, one new row of each at a step. So
-each stored array is read twice a step, by as many threads as there are. Sums are by blocks and then
-by chunks of a size of their own: the same bits with any number of threads. Pairs and gradients may have
-single precision, which halves memory and its traffic: they only say where to go, and how far it went
-down is for the energy to say; sums of their products have double.
+The two loops of L-BFGS run over scalars. Instead of y, ``z = M y`` is stored, the difference of two plain
+moves. The loops need the products s.y, z.y, s.G and z.G, with one new row of each in a step, so that each
+stored array is read twice a step, by all threads. Sums are over blocks and then over chunks of constant size:
+they have the same bits with any number of threads. Pairs and gradients may have single precision, which halves
+memory and its traffic. They only give a direction, and the energy decides about the step. Sums of their
+products have double precision.
 
-T. Liu, S. Bouaziz, L. Kavan, "Quasi-Newton methods for real-time simulation of
-hyperelastic materials", ACM TOG 36(3), 2017; J. Nocedal, "Updating quasi-Newton
-matrices with limited storage", Mathematics of Computation 35, 1980; W. Chen, Z. Wang, J. Zhou,
-"Large-scale L-BFGS using MapReduce", NIPS 2014 (the loops over scalars).
+T. Liu, S. Bouaziz, L. Kavan, "Quasi-Newton methods for real-time simulation of hyperelastic materials", ACM
+TOG 36(3), 2017; J. Nocedal, "Updating quasi-Newton matrices with limited storage", Mathematics of Computation
+35, 1980; W. Chen, Z. Wang, J. Zhou, "Large-scale L-BFGS using MapReduce", NIPS 2014 (the loops over scalars).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from time import perf_counter
 from typing import Any
 
 import numpy as np
 from numba import njit
 
-from sshade.progress import Progress
-from sshade.solver.arap import ArapIteration
 from sshade.threads import ThreadTeam
 
-#: A rise of the energy below this (x the rest shape's Dirichlet energy) is rounding, not a bad step.
-ENERGY_ROUNDING = 1e-14
-#: Iterations between two calls of the progress callback.
-REPORT_EVERY = 10
-#: Cosine between a step and the change of the gradient along it, up to which the pair is not stored.
+#: Least cosine between a step and the change of the gradient along it for which the pair is stored.
 CURVED = 1e-10
-#: In place of a pair's number.
+#: Number that stands for "no pair".
 NONE = -1
-#: Numbers that are worked on at a time, and by a thread.
+#: Numbers that a kernel works on at a time, and that a thread does.
 BLOCK, CHUNK = 1024, 96 * 1024
 
 
@@ -52,11 +44,9 @@ class QuasiNewton:
     n : int
         Number of vertices.
     window : int
-        How many steps are remembered.
-    product : callable
-        ``product(F)`` gives M^-1 F for a plain move F, both (n, 3) float64, in an array that may be reused.
+        Number of stored steps. More steps save iterations and cost memory.
     unit : float
-        About the size of positions: what is stored is over it.
+        Typical size of positions; stored arrays are divided by it.
     single : bool
         Store in single precision.
     team : ThreadTeam, optional
@@ -67,13 +57,12 @@ class QuasiNewton:
         self,
         n: int,
         window: int,
-        product: Callable[[np.ndarray], np.ndarray],
         *,
         unit: float = 1.0,
         single: bool = False,
         team: ThreadTeam | None = None,
     ) -> None:
-        self._product, self._window, self._team = product, window, team or ThreadTeam(1)
+        self._window, self._team = window, team or ThreadTeam(1)
         self._per_unit = 1.0 / unit
         self._u, self._F = np.zeros((2, 3 * n))
         precision = np.float32 if single else np.float64
@@ -83,17 +72,24 @@ class QuasiNewton:
         self._along_z, self._along_s = np.empty((2, window))
         self._begun, self._steps = False, 0
 
-    def advance(self, u: np.ndarray, g: np.ndarray) -> bool:
-        """Replace u (n, 3) by the next iterate, for g (n, 3), one plain iteration from u; g is overwritten.
+    def advance(self, u: np.ndarray, g: np.ndarray, force: np.ndarray) -> bool:
+        """Replace u by the next iterate.
+
+        Parameters
+        ----------
+        u : (n, 3) float64
+        g : (n, 3) float64
+            Plain iterate from u; overwritten.
+        force : (n, 3) float64
+            ``M^-1 (g - u)``.
 
         Returns
         -------
         bool
-            False where that is the plain one: no pair is stored, or the step does not descend.
+            False if the next iterate is g: no pair is stored, or the quasi-Newton step does not descend.
         """
-        F, flat = g.reshape(-1), u.reshape(-1)
+        F, flat, product = g.reshape(-1), u.reshape(-1), force.reshape(-1)
         self._sum(lambda own: _subtract(*own, flat, F))
-        product = self._product(g).reshape(-1)
         descends = self._directed(flat, F, product)
         self._begun = True
         if descends:
@@ -103,7 +99,7 @@ class QuasiNewton:
         return descends
 
     def cut(self) -> None:
-        """Make no pair of the last iterate and the next: what they minimise is not the same."""
+        """Store no pair of the last iterate and the next one, because the energy changes in between."""
         self._begun = False
 
     def halve(self, u: np.ndarray) -> None:
@@ -115,7 +111,7 @@ class QuasiNewton:
         np.add(self._u, self._F, out=u.reshape(-1))
 
     def _directed(self, u: np.ndarray, F: np.ndarray, product: np.ndarray) -> bool:
-        """Store the new pair, if it curves upwards, and find the step; False where there is none.
+        """Store the new pair if the energy curves upwards along it, and find the step; False without one.
 
         u, F and the product become the last ones.
         """
@@ -132,118 +128,23 @@ class QuasiNewton:
             self._zy[self._pairs, new] = self._zy[new, self._pairs] = rows[:-1, 1]
         if len(self._pairs) == 0:
             return False
-        shares = self._along_s, self._along_z
-        descends = _two_loops(self._sy, self._zy, rows[:, 2], rows[:, 3], self._pairs, *shares)
+        factors = self._along_s, self._along_z
+        descends = _two_loops(self._sy, self._zy, rows[:, 2], rows[:, 3], self._pairs, *factors)
         self._steps *= descends
         return descends
 
-    def _move(self, u: np.ndarray, share: float) -> None:
-        """Write the last iterate and a share of the step to u."""
+    def _move(self, u: np.ndarray, fraction: float) -> None:
+        """Write the last iterate plus a fraction of the step to u."""
         step = self._F, self._S, self._Z, self._pairs, self._along_s, self._along_z
         flat = u.reshape(-1)
-        self._sum(lambda own: _add_step(*own, share, self._per_unit, self._u, *step, flat))
+        self._sum(lambda own: _add_step(*own, fraction, self._per_unit, self._u, *step, flat))
 
     def _sum(self, part: Callable[[tuple[int, int]], Any]) -> Any:
-        """The sum of what a kernel returns for each chunk of the numbers."""
+        """Sum the values that a kernel returns for all chunks."""
         size = len(self._F)
         bounds = [*range(0, size, CHUNK), size]
         parts = self._team(lambda number: part((bounds[number], bounds[number + 1])), len(bounds) - 1)
         return sum(parts[1:], start=parts[0])
-
-
-def iterate(
-    iteration: ArapIteration,
-    u: np.ndarray,
-    *,
-    mixer: QuasiNewton | None,
-    tolerance: float,
-    max_iterations: int,
-    deadline: float,
-    progress: Progress,
-) -> dict[str, Any]:
-    """Repeat a plain iteration, accelerated by a mixer, until its residual is below a tolerance.
-
-    Parameters
-    ----------
-    iteration : ArapIteration
-    u : (n, 3) float64
-        Where to begin; replaced by the last iterate.
-    mixer : QuasiNewton, optional
-    tolerance, max_iterations
-        See :meth:`sshade.solver.local_global.LocalGlobal.solve`.
-    deadline : float
-        Value of `perf_counter` after which no iteration begins.
-    progress : Progress
-
-    Returns
-    -------
-    dict
-        The fields of :class:`sshade.solver.solution.Solution` that the iteration determines.
-
-    Raises
-    ------
-    FloatingPointError
-        When an iterate is not finite.
-    """
-    rest_energy, diagonal = iteration.system.rest_energy, iteration.system.mesh.diagonal
-    g, slack = u.copy(), ENERGY_ROUNDING * abs(rest_energy)
-    iterations, rejected, residual, mixed, converged = 0, 0, np.inf, False, False
-    energies, residuals = [np.inf], []
-    while True:
-        energy = iteration.local_step(u)
-        if mixer and mixed and not (energy <= energies[-1] + slack and iteration.restored):
-            rejected += 1
-            mixer.halve(u)
-            iteration.restore(u)
-            energy = iteration.local_step(u)
-            if not (energy <= energies[-1] + slack and iteration.restored):
-                mixer.fall_back(u)
-                energy = iteration.local_step(u)
-        energies.append(energy)
-        if converged or iterations >= max_iterations or perf_counter() >= deadline:
-            break
-        rough = iteration.rough
-        iteration.global_step(u, g)
-        residual = float(largest_move(g, u)) / diagonal
-        residuals.append(residual)
-        iterations += 1
-        if not np.isfinite(residual):
-            raise FloatingPointError(f"the positions are not finite after {iterations} iterations")
-        mixed, converged = False, residual < tolerance and not rough
-        if residual < tolerance and rough:
-            iteration.refine()
-        if mixer and not converged and iterations < max_iterations:
-            mixed = mixer.advance(u, g)
-            if mixed:
-                iteration.restore(u)
-        else:
-            u[:] = g
-        if iterations % REPORT_EVERY == 0:
-            progress("iterations", iterations, max_iterations, f"residual {residual:.1e}")
-    progress("iterations", iterations, max_iterations, f"residual {residual:.1e}")
-    return {
-        "iterations": iterations,
-        "residual": residual,
-        "residual_curve": np.array(residuals),
-        "energy": rest_energy + energies[-1],
-        "energy_initial": rest_energy + energies[1],
-        "converged": converged,
-        "rejected": rejected,
-    }
-
-
-@njit(cache=True, nogil=True)
-def largest_move(A, B):
-    """Return ``max_i |A_i - B_i|`` of two (n, 3) arrays; NaN where one has NaN."""
-    largest = 0.0
-    for i in range(len(A)):
-        x, y, z = A[i, 0] - B[i, 0], A[i, 1] - B[i, 1], A[i, 2] - B[i, 2]
-        square = x * x + y * y + z * z
-        if not square <= largest:  # also true for NaN, which then stays
-            largest = square
-            if np.isnan(square):
-                break
-    return np.sqrt(largest)
 
 
 @njit(cache=True, nogil=True)
@@ -255,9 +156,9 @@ def _subtract(first, end, u, g):
 
 @njit(cache=True, nogil=True)
 def _curvature(first, end, per_unit, u, last_u, product, last_G):
-    """Products s.y, s.s, y.y of the step s and the gradient's change ``y = last_G - G`` along it.
+    """Products s.y, s.s, y.y of the step s and the change ``y = last_G - G`` of the gradient along it.
 
-    The product is minus the gradient; G is the same in units as what is stored, as u and F are not.
+    `product` is minus the gradient, and G is `product` divided by the unit.
     """
     sums = np.zeros(3)
     for i in range(first, end):
@@ -268,13 +169,13 @@ def _curvature(first, end, per_unit, u, last_u, product, last_G):
     return sums
 
 
-# The compiler may sum in an order of its own: in a single sum each addition waits for the last. All sums are
-# in this function, as what it calls would be compiled with it or apart from it, in one order or another.
+# The compiler may reorder these sums, so that an addition need not wait for the last one. All sums are in
+# this function, because the compiler may inline other functions or not, with different orders.
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
 def _products(first, end, per_unit, u, F, product, last_u, last_F, last_G, S, Z, pairs, new):
-    """Rows of s.y, z.y, s.G, z.G for each pair, with the `new` one's y, which is stored first.
+    """Rows of s.y, z.y, s.G, z.G for each pair, with the y of the pair `new`, which is stored first.
 
-    A last row has F.G in the third place, where F takes that of s. u, F and G replace the last ones.
+    The last row has F.G in the third place, because F takes the place of s. u, F and G replace the last ones.
     """
     count = len(pairs)
     rows, change, gradient = np.zeros((count + 1, 4)), np.empty(BLOCK), np.empty(BLOCK)
@@ -309,9 +210,9 @@ def _products(first, end, per_unit, u, F, product, last_u, last_F, last_G, S, Z,
 
 @njit(cache=True, nogil=True)
 def _two_loops(sy, zy, sG, zG, pairs, along_s, along_z):
-    """Write the step's shares of each s and z; False where it does not descend.
+    """Write the step's factors of each s and z; False if the step does not descend.
 
-    Upwards in sign: q begins as G, minus the gradient, and the step, M q all along, as F.
+    The signs differ from the textbook: q begins as G, minus the gradient, and the step M q as F.
     """
     count = len(pairs)
     for a in range(count):
@@ -334,19 +235,19 @@ def _two_loops(sy, zy, sG, zG, pairs, along_s, along_z):
 
 
 @njit(cache=True, nogil=True)
-def _add_step(first, end, share, per_unit, last_u, F, S, Z, pairs, along_s, along_z, u):
-    """Write ``last_u + share (F + sum_k along_s s_k + along_z z_k)`` to u."""
+def _add_step(first, end, fraction, per_unit, last_u, F, S, Z, pairs, along_s, along_z, u):
+    """Write ``last_u + fraction (F + sum_k along_s s_k + along_z z_k)`` to u."""
     for begin in range(first, end, BLOCK):
         own = slice(begin, min(begin + BLOCK, end))
         u[own] = last_u[own]
-        _add(share, F[own], u[own])
+        _add(fraction, F[own], u[own])
         for k in range(len(pairs)):
-            _add(share * along_s[k] / per_unit, S[pairs[k]][own], u[own])
-            _add(share * along_z[k] / per_unit, Z[pairs[k]][own], u[own])
+            _add(fraction * along_s[k] / per_unit, S[pairs[k]][own], u[own])
+            _add(fraction * along_z[k] / per_unit, Z[pairs[k]][own], u[own])
     return 0
 
 
 @njit(cache=True, nogil=True)
-def _add(share, a, b):
+def _add(factor, a, b):
     for i in range(len(a)):
-        b[i] += share * a[i]
+        b[i] += factor * a[i]

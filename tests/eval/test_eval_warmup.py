@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from functools import partial
 
 import numpy as np
 import pytest
@@ -14,8 +13,6 @@ from eval.run.warmup import (
     tiny_transfer,
     warm_up,
 )
-from sshade.pipeline.fast import sshade_fast
-from sshade.pipeline.fine import sshade_fine
 from sshade.task import DeformationResult, DeformationTask, TransferTask
 
 #: Prints the kernels that a method compiles, or loads, after its warm-up: by two caps, then by two wide ones.
@@ -81,13 +78,3 @@ def test_the_tiny_task_has_handles_of_both_kinds_and_the_tiny_transfer_is_edited
 def test_after_a_warm_up_nothing_is_compiled_by_landmarks_or_regions(name):
     told = subprocess.run([sys.executable, "-c", COMPILED, name], capture_output=True, text=True, check=True)
     assert told.stdout.splitlines() == ["", ""]
-
-
-@pytest.mark.parametrize(("method", "times"), [(sshade_fine, 1), (sshade_fast, 0)])
-def test_they_are_compiled_for_sshade_fine_once(monkeypatch, method, times):
-    calls = []
-    monkeypatch.setattr("eval.run.warmup.compile_rare_kernels", lambda: calls.append(1))
-    for _ in range(2):
-        key = f"{__name__} {method.__name__}"
-        warm_up(partial(method, vertices=150), {"max_iterations": 2}, key=key, kind=DeformationTask)
-    assert len(calls) == times

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numba.core.registry import CPUDispatcher
-from scipy.sparse import csc_array, csr_array
+from scipy.sparse import csr_array
 
 from baselines.accelerated import accelerated_arap
 from baselines.arap import arap
@@ -39,10 +39,9 @@ from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.cutting import cut_to_manifold
 from sshade.sampling.coarse import sample_coarsely
 from sshade.sampling.proxy import sample_proxy
-from sshade.solver.conjugate_gradients import conjugate_gradients
+from sshade.solver.linear import ConjugateGradients
 from sshade.solver.local_global import local_global
 from sshade.solver.multigrid import Multigrid
-from sshade.solver.substitution import Factors, divide, substitute, substitute_together
 from sshade.threads import ThreadTeam
 from tests.robustness.inputs import BODY, pose
 from tests.robustness.test_trust import ROOT, SOURCES
@@ -108,29 +107,6 @@ def _on_needles() -> np.ndarray:
     return np.array(found)
 
 
-def _substituted() -> np.ndarray:
-    """A tree of eight branches below a top."""
-    rng, n = np.random.default_rng(0), 60
-    L = np.zeros((n, n))
-    for j in range(n - 1):
-        L[j + 1 if j >= 48 or (j + 1) % 6 else 48, j] = rng.normal()
-    L[50:, 48:50] = rng.normal(size=(10, 2))
-    lower = csc_array(np.tril(L, -1))
-    parts = lower.indptr.astype(np.int64), lower.indices.astype(np.int32), lower.data
-    factors = Factors(*parts, rng.uniform(1, 2, n))
-    found = []
-    for columns in (1, 3, 6):
-        X = rng.normal(size=(n, columns))
-        Y = X.copy()
-        substitute(factors, X)
-        _, divided, branches = divide(factors, chunks=2)
-        if columns > 1:
-            with ThreadTeam(1) as team:
-                substitute_together(divided, branches, Y, team=team)
-        found += [X.ravel(), Y.ravel()]
-    return np.concatenate(found)
-
-
 def _written() -> np.ndarray:
     """Numbers of texts with normals that are read, bent and written, compared by their magnitudes."""
     body = icosphere(1)
@@ -168,7 +144,8 @@ def _cycled() -> np.ndarray:
     multigrid = Multigrid(A, held, coarsest=5)
     with ThreadTeam(1) as team:
         multigrid.apply(B, X, team=team)
-        conjugate_gradients(multigrid, B, Y, held=np.flatnonzero(held), tolerance=1e-3, team=team)
+        Y[:] = X
+        ConjugateGradients(multigrid, np.flatnonzero(held), steps=1, team=team).refine(B, Y, 1e-3)
     return np.concatenate([X, Y])
 
 
@@ -194,7 +171,6 @@ WORK: dict[str, Callable[[], np.ndarray]] = {
     "cutting": _cut,
     "remeshing with few samples": partial(_remeshed, double_torus(cells=2), 4),
     "points near needles": _on_needles,
-    "substitution": _substituted,
     "files": _written,
     "multigrid cycles": _cycled,
 }

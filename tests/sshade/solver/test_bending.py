@@ -168,9 +168,9 @@ def test_faces_without_area_change_the_shape_little():
 def test_vertices_on_the_boundary_and_inside_of_held_regions_have_no_term():
     mesh = strip(8, 8)
     held = np.flatnonzero(mesh.V[:, 0] < 3.5)
-    bending = LocalGlobal(mesh, held, bending=0.1).system
+    system = LocalGlobal(mesh, held, bending=0.1).system
     share = np.empty(mesh.n)
-    share[bending.vertex] = bending.bending.share
+    share[system.vertex] = system.plate.stiffness
     x, y, _ = mesh.V.T
     inside = (x > 0) & (x < 8) & (y > 0) & (y < 8)
     assert np.array_equal(share > 0, inside & (x > 2.5))

@@ -9,8 +9,8 @@ from baselines.arap import libigl_arap
 from sshade import DeformationTask, Handles, InputError, Mesh
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
 from sshade.solver.local_global import LocalGlobal, local_global
-from sshade.solver.quasi_newton import largest_move
 from sshade.solver.rotations import fit_rotations, quaternions
+from sshade.solver.run import largest_move
 from sshade.solver.start import initial_guess
 from tests.shapes import bumpy, icosphere, jittered, rotation, strip, tetrahedron, tube
 from tests.sshade.naive import TASKS, Naive, svd_rotations
@@ -386,9 +386,8 @@ def test_ranges_and_workers_change_no_bit(monkeypatch, energy, options):
     if energy == "spokes":  # only triangles soften
         options = {name: value for name, value in options.items() if name != "stiffness"}
     task, options = TASKS["bar"], {"max_iterations": 12, "tolerance": 0, **options}
-    monkeypatch.setattr("sshade.solver.factorisation.SHARED", 0)
     whole = solver_of(task, energy).solve(task.handles.target, **options)
-    monkeypatch.setattr("sshade.solver.assembly.CHUNK", 30)
+    monkeypatch.setattr("sshade.solver.order.CHUNK", 30)
     solver = solver_of(task, energy)
     parts = [solver.solve(task.handles.target, workers=workers, **options) for workers in (1, 2, 3)]
     for part in parts:

@@ -98,7 +98,7 @@ def weighted_laplacian(
     start, column
         From :func:`pattern_in_order`.
     corners, H
-        As of :class:`sshade.solver.terms.Terms`.
+        As of :class:`sshade.solver.terms.arap.Edges`.
     weight : (m,) float64, optional
     """
     value, n = np.zeros(len(column)), len(start) - 1

@@ -1,0 +1,155 @@
+"""Local/global iterations: local and global steps of an energy, constraints, and quasi-Newton steps."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from math import inf
+
+import numpy as np
+
+from sshade.errors import InputError
+from sshade.solver.constraints import Constraints
+from sshade.solver.energy import Energy
+from sshade.solver.linear import Linear
+from sshade.solver.quasi_newton import QuasiNewton
+from sshade.solver.run import largest_move
+from sshade.solver.system import System
+from sshade.threads import ThreadTeam
+
+#: Rise of the energy, as a fraction of the rest energy, that counts as rounding.
+ENERGY_ROUNDING = 1e-14
+
+
+class Descent:
+    """The state of local/global iterations; a :class:`sshade.solver.run.State`.
+
+    It may go from solve to solve as targets move: positions, rotations, strain weights, multipliers of
+    constraints and quasi-Newton pairs are those where the last solve ended.
+
+    The safeguard compares energies after local steps. If an accelerated iterate has a higher energy than
+    the iterate before, or cannot be projected onto the exact constraints, half of its step is tried, and then
+    the plain iterate.
+
+    Parameters
+    ----------
+    system : System
+    energy : Energy
+    constraints : Constraints or None
+    u : (n, 3) float64
+        Where to begin, in the solver's order; hard handles are on their targets.
+    quasi_newton : QuasiNewton or None
+        Without, all iterates are plain.
+    accelerate_last : bool
+        Take a quasi-Newton step also from the last plain iterate, if another solve follows.
+    team : ThreadTeam
+
+    Attributes
+    ----------
+    u : (n, 3) float64
+        The present iterate.
+    value, initial_value : float
+        Energy at the present iterate and at the beginning of the solve, minus the rest energy.
+    rejected : int
+        Accelerated iterates given up in this solve.
+    volume_goal : float
+        Volume to reach, as a multiple of the volume at rest.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        energy: Energy,
+        constraints: Constraints | None,
+        u: np.ndarray,
+        *,
+        quasi_newton: QuasiNewton | None = None,
+        accelerate_last: bool = False,
+        team: ThreadTeam,
+    ) -> None:
+        self._system, self.energy, self._constraints = system, energy, constraints
+        self.u, self._g = u, np.empty_like(u)
+        self._quasi_newton, self._accelerate_last, self._team = quasi_newton, accelerate_last, team
+        self._slack = ENERGY_ROUNDING * abs(system.rest_energy)
+
+    def aim(
+        self,
+        targets: np.ndarray,
+        prescribed: tuple[np.ndarray, np.ndarray] | None,
+        fraction: np.ndarray | None,
+        volume_goal: float,
+    ) -> None:
+        """Set the targets of a solve, as of :meth:`sshade.solver.local_global.LocalGlobal.solve`."""
+        if not 0 < volume_goal < inf:
+            raise InputError(f"the volume goal must be positive and finite, not {volume_goal}")
+        self.energy.aim(targets - self._system.mesh.origin, prescribed, fraction)
+        self.volume_goal = volume_goal
+        if self._constraints:
+            self._constraints.aim(volume_goal)
+
+    def begin(self) -> None:
+        """Fit the rotations to the present iterate, where a solve begins."""
+        if self._quasi_newton:
+            self._quasi_newton.cut()
+        self.value = self.initial_value = self._local_step()
+        self.rejected = 0
+
+    def _local_step(self) -> float:
+        value = self.energy.local_step(self.u)
+        return value + self._constraints.penalty(self.u) if self._constraints else value
+
+    @cached_property
+    def _linear(self) -> Linear:
+        """The linear solve, made when the first strain weights are known."""
+        return self._system.linear(self.energy.weight, team=self._team)
+
+    def step(self) -> float:
+        u, g, B, constraints = self.u, self._g, self.energy.forces, self._constraints
+        if constraints:
+            self._team(lambda number: constraints.add_forces(number, u, B), constraints.ranges)
+        self._linear.solve(B, g)
+        g += u
+        if constraints:
+            if constraints.renews_directions:
+                self._renew_directions(constraints)
+            constraints.project(g)
+        return float(largest_move(g, u)) / self._system.mesh.diagonal
+
+    def end_step(self, short: bool) -> bool:
+        return self._linear.end_step(short)
+
+    def move(self, *, last: bool) -> None:
+        before, guess = self.value + self._slack, self._advance(last)
+        fits = self.restore() if guess else True
+        self.value = self._local_step()
+        if guess and self._quasi_newton and not (self.value <= before and fits):
+            self.rejected += 1
+            self._quasi_newton.halve(self.u)
+            fits = self.restore()
+            self.value = self._local_step()
+            if not (self.value <= before and fits):
+                self._quasi_newton.fall_back(self.u)
+                self.value = self._local_step()
+
+    def _advance(self, last: bool) -> bool:
+        """Go on to the next iterate; False if it is the plain one."""
+        if not self._quasi_newton or (last and not self._accelerate_last):
+            self.u[:] = self._g
+            return False
+        if self._constraints:
+            self._constraints.add_moves(self.energy.forces)
+        return self._quasi_newton.advance(self.u, self._g, self.energy.forces)
+
+    def _renew_directions(self, constraints: Constraints) -> None:
+        for right, direction in zip(*constraints.gradients(self.u), strict=True):
+            self._linear.solve(right, direction)
+        constraints.take_directions()
+
+    def restore(self) -> bool:
+        """Project the iterate onto the exact constraints, along the present directions; False if missed."""
+        return self._constraints.restore(self.u) if self._constraints else True
+
+    def project(self) -> None:
+        """Project the iterate onto the exact constraints, along new directions."""
+        if self._constraints:
+            self._renew_directions(self._constraints)
+            self.restore()

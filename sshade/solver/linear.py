@@ -1,0 +1,212 @@
+"""The linear solve of the global step: a factorisation, V-cycles, or conjugate gradients.
+
+The forces B at positions u are minus half of the energy's gradient, over the number of corners. The global
+step is ``u + M B`` with a symmetric positive definite M. A factorisation has ``M = L^-1`` for the Laplacian L
+of the rest shape, and the step ends in the minimum for the present rotations. A V-cycle
+(:mod:`sshade.solver.multigrid`) approximates L^-1, and the step descends in its metric. The directions of
+constraints are M times their gradients. So the whole step, constraints included, is M times a vector, which
+is all that quasi-Newton steps require.
+
+The V-cycle belongs to a Laplacian with strain weights, as they are where a solve begins, because the energy
+lies below the quadratic with the present weights. The better metric outweighs the error of the V-cycle: a
+polish of bodies of 25,000 and 170,000 vertices reaches lower energies in as many steps than with L^-1.
+Directions solved exactly are no better than one V-cycle each, and two V-cycles a step hardly pay.
+
+M. R. Hestenes, E. Stiefel, "Methods of conjugate gradients for solving linear systems", Journal of Research
+of the National Bureau of Standards 49, 1952.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numba import njit
+from scipy.sparse import csr_array
+
+from sshade.errors import InputError
+from sshade.solver.factorisation import Factorisation
+from sshade.solver.multigrid import Multigrid, multiply
+from sshade.threads import ThreadTeam
+
+#: Error of a solve by conjugate gradients, as a fraction of the solution's energy norm.
+TOLERANCE = 1e-2
+#: Largest number of conjugate gradient steps. Three or four are usual, and each leaves a fifth of the error.
+MOST_STEPS = 40
+
+
+class Linear(Protocol):
+    """The linear solve of the global step. B and X are (n, 3) float64, in the solver's order."""
+
+    def solve(self, B: np.ndarray, X: np.ndarray) -> None:
+        """Write M B to X. Rows of fixed vertices become 0 in both."""
+
+    def end_step(self, short: bool) -> bool:
+        """Count a global step; return whether it proves convergence.
+
+        Parameters
+        ----------
+        short : bool
+            The residual of the step is below the tolerance.
+        """
+
+
+class Factorised:
+    """M is the inverse of a matrix without the rows and columns of fixed vertices.
+
+    Any number of solves may use it at the same time.
+
+    Parameters
+    ----------
+    matrix : (n, n) csr_array
+        Symmetric; in the order of the mesh's vertices.
+    fixed : (k,) int
+        Fixed vertices.
+    place : (n,) int, optional
+        Place of each vertex in the order of B and X; by default the same order.
+
+    Attributes
+    ----------
+    factorisation : Factorisation
+
+    Raises
+    ------
+    InputError
+        When the matrix is not positive definite to rounding.
+    """
+
+    def __init__(self, matrix: csr_array, fixed: np.ndarray, place: np.ndarray | None = None) -> None:
+        movable = np.delete(np.arange(matrix.shape[0]), fixed)
+        try:
+            self.factorisation = Factorisation(matrix[movable][:, movable])
+        except FloatingPointError as error:  # every component has a handle, so the mesh is the cause
+            raise not_positive_definite() from error
+        rows = movable[self.factorisation.order]
+        self._rows: np.ndarray = rows if place is None else place[rows]
+        self._fixed: np.ndarray = fixed if place is None else place[fixed]
+
+    def solve(self, B: np.ndarray, X: np.ndarray) -> None:
+        B[self._fixed] = X[self._fixed] = 0.0
+        part = np.take(B, self._rows, axis=0)
+        self.factorisation.solve_ordered(part)
+        X[self._rows] = part
+
+    def end_step(self, short: bool) -> bool:
+        return short
+
+
+class VCycle:
+    """M is one V-cycle.
+
+    Parameters
+    ----------
+    multigrid : Multigrid
+    fixed : (k,) int
+        Places of fixed vertices.
+    team : ThreadTeam
+    """
+
+    def __init__(self, multigrid: Multigrid, fixed: np.ndarray, *, team: ThreadTeam) -> None:
+        self._multigrid, self._fixed, self._team = multigrid, fixed, team
+
+    def solve(self, B: np.ndarray, X: np.ndarray) -> None:
+        B[self._fixed] = 0.0
+        self._multigrid.apply(B, X, team=self._team)
+
+    def end_step(self, short: bool) -> bool:
+        return short
+
+
+class ConjugateGradients(VCycle):
+    """The first solves are nearly exact, by conjugate gradients; later ones are V-cycles.
+
+    Far from a minimum, V-cycles lead to other minima than exact steps do, and to higher ones if handles are
+    far from their targets. The step that proves convergence is nearly exact, too.
+
+    Parameters
+    ----------
+    multigrid, fixed, team
+        As of :class:`VCycle`.
+    steps : int
+        Number of nearly exact solves.
+    """
+
+    def __init__(self, multigrid: Multigrid, fixed: np.ndarray, *, steps: int, team: ThreadTeam) -> None:
+        super().__init__(multigrid, fixed, team=team)
+        self._steps = steps
+
+    def solve(self, B: np.ndarray, X: np.ndarray) -> None:
+        """Solve by conjugate gradients up to :data:`TOLERANCE`, or by one V-cycle."""
+        super().solve(B, X)
+        if self._steps > 0:
+            self.refine(B, X, TOLERANCE)
+
+    def end_step(self, short: bool) -> bool:
+        converged = short and self._steps > 0
+        self._steps = max(self._steps - 1, int(short and not converged))
+        return converged
+
+    def refine(self, B: np.ndarray, X: np.ndarray, tolerance: float) -> None:
+        """Replace a V-cycle X of B by the solution, up to an error of `tolerance` in the energy norm.
+
+        The three columns are solved at once. Both norms are estimates by V-cycles, and the matrix has single
+        precision.
+        """
+        A, n, team = self._multigrid.finest, len(B), self._team
+        if A is None:
+            return
+        P, R, Q = X.copy(), B.copy(), np.empty_like(B)
+        X[:] = 0.0
+
+        def product(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+            return np.sum(team.ranges(lambda *own: _products(*own, one, other), n), axis=0)
+
+        def divided(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+            return np.divide(one, other, out=np.zeros(3), where=other > 0)
+
+        start = now = product(R, P)
+        for _ in range(MOST_STEPS):
+            team.ranges(lambda *own: multiply(*own, *A, P, Q), n)
+            Q[self._fixed] = 0.0
+            step = divided(now, product(P, Q))
+            team.ranges(lambda *own, step=step: _add(*own, step, P, Q, X, R), n)
+            self._multigrid.apply(R, Q, team=team)
+            now, last = product(R, Q), now
+            if (now <= tolerance**2 * start).all():
+                break
+            ratio = divided(now, last)
+            team.ranges(lambda *own, ratio=ratio: _turn(*own, ratio, Q, P), n)
+
+
+def not_positive_definite() -> InputError:
+    return InputError(
+        "the Laplacian of the rest mesh is not positive definite to rounding, as triangles of "
+        "nearly no area make it, or weights near 0 where all handles of a component are soft"
+    )
+
+
+@njit(cache=True, nogil=True)
+def _products(first, end, A, B):
+    """Scalar products of the columns."""
+    sums = np.zeros(3)
+    for i in range(first, end):
+        for c in range(3):
+            sums[c] += A[i, c] * B[i, c]
+    return sums
+
+
+@njit(cache=True, nogil=True)
+def _add(first, end, step, P, Q, X, R):
+    """``X += step P``, ``R -= step Q``."""
+    for i in range(first, end):
+        for c in range(3):
+            X[i, c] += step[c] * P[i, c]
+            R[i, c] -= step[c] * Q[i, c]
+
+
+@njit(cache=True, nogil=True)
+def _turn(first, end, ratio, Q, P):
+    """``P = Q + ratio P``."""
+    for i in range(first, end):
+        for c in range(3):
+            P[i, c] = Q[i, c] + ratio[c] * P[i, c]

@@ -1,0 +1,118 @@
+"""The loop of every iterative method: plain or accelerated steps until the residual is below a tolerance."""
+
+from __future__ import annotations
+
+from math import inf
+from time import perf_counter
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numba import njit
+
+from sshade.progress import Progress, silent
+
+#: Iterations between two calls of the progress callback.
+REPORT_EVERY = 10
+
+
+class State(Protocol):
+    """Unknowns of an iteration, and the steps that change them."""
+
+    def step(self) -> float:
+        """Compute the plain iterate g(u) from the present one u.
+
+        Returns
+        -------
+        float
+            The residual: the largest move ``max_i |g(u)_i - u_i|`` over the rest shape's bounding-box
+            diagonal, or a larger move of another unknown.
+        """
+
+    def end_step(self, short: bool) -> bool:
+        """Return whether the last step proves convergence; `short`: its residual is below the tolerance."""
+
+    def move(self, *, last: bool) -> None:
+        """Go on to g(u), or unless it is the last iterate to an accelerated one."""
+
+
+class Stop(NamedTuple):
+    """When an iteration stops.
+
+    Attributes
+    ----------
+    tolerance : float
+        Residual below which it stops; 0 never stops early.
+    max_iterations : int
+    max_seconds : float
+        No iteration begins later. The result then depends on the machine.
+    least_iterations : int
+        Convergence counts from this iteration on.
+    """
+
+    tolerance: float = 1e-5
+    max_iterations: int = 1000
+    max_seconds: float = inf
+    least_iterations: int = 0
+
+
+class Run(NamedTuple):
+    """How an iteration went: the residual of each step, and whether the last one is below the tolerance."""
+
+    residual_curve: np.ndarray
+    converged: bool
+
+    @property
+    def iterations(self) -> int:
+        return len(self.residual_curve)
+
+    @property
+    def residual(self) -> float:
+        """The last residual; infinite without an iteration."""
+        return float(self.residual_curve[-1]) if self.iterations else inf
+
+
+def run(state: State, stop: Stop, *, progress: Progress = silent, report_every: int = REPORT_EVERY) -> Run:
+    """Iterate until a plain step moves no vertex by more than a tolerance.
+
+    Parameters
+    ----------
+    state : State
+        Changed in place.
+    stop : Stop
+    progress : Progress
+    report_every : int
+        Iterations between two calls of `progress`.
+
+    Raises
+    ------
+    FloatingPointError
+        When a residual is not finite.
+    """
+    residuals: list[float] = []
+    deadline, residual, converged = perf_counter() + stop.max_seconds, inf, False
+    while not converged and len(residuals) < stop.max_iterations and perf_counter() < deadline:
+        residual = state.step()
+        residuals.append(residual)
+        iterations = len(residuals)
+        if not np.isfinite(residual):
+            raise FloatingPointError(f"the positions are not finite after {iterations} iterations")
+        converged = state.end_step(residual < stop.tolerance) and iterations >= stop.least_iterations
+        state.move(last=converged or iterations == stop.max_iterations)
+        if iterations % report_every == 0:
+            progress("iterations", iterations, stop.max_iterations, f"residual {residual:.1e}")
+    progress("iterations", len(residuals), stop.max_iterations, f"residual {residual:.1e}")
+    return Run(np.array(residuals), converged)
+
+
+@njit(cache=True, nogil=True)
+def largest_move(A, B):
+    """Return ``max_i |A_i - B_i|`` of two (n, 3) arrays; NaN if one has NaN."""
+    largest = 0.0
+    for i in range(len(A)):
+        x, y, z = A[i, 0] - B[i, 0], A[i, 1] - B[i, 1], A[i, 2] - B[i, 2]
+        square = x * x + y * y + z * z
+        if not square <= largest:  # also true for NaN, which then stays
+            largest = square
+            if np.isnan(square):
+                break
+    return np.sqrt(largest)
