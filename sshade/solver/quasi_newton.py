@@ -9,9 +9,9 @@ of G tangential to it is that of the Lagrangian's gradient.
 The two loops of L-BFGS run over scalars. Instead of y, ``z = M y`` is stored, the difference of two plain
 moves. The loops need the products s.y, z.y, s.G and z.G, with one new row of each in a step, so that each
 stored array is read twice a step, by all threads. Sums are over blocks and then over chunks of constant size:
-they have the same bits with any number of threads. Pairs and gradients may have single precision, which halves
-memory and its traffic. They only give a direction, and the energy decides about the step. Sums of their
-products have double precision.
+they have the same bits with any number of threads. Pairs and gradients may have single precision, which
+halves memory and its traffic. They only give a direction, and the energy decides about the step. Sums of
+their products have double precision.
 
 T. Liu, S. Bouaziz, L. Kavan, "Quasi-Newton methods for real-time simulation of hyperelastic materials", ACM
 TOG 36(3), 2017; J. Nocedal, "Updating quasi-Newton matrices with limited storage", Mathematics of Computation
