@@ -1,4 +1,4 @@
-"""The command ``defaust``: build, verify and info."""
+"""The command ``defaust`` with its subcommands build, verify and info."""
 
 from __future__ import annotations
 
@@ -16,22 +16,35 @@ if TYPE_CHECKING:
     from defaust.build.options import BuildOptions
 
 EPILOG = """examples:
-  defaust build out=data/defaust                                   all subjects, 170,000 vertices
+  defaust build out=data/defaust                                   ten synthetic bodies, 170,000 vertices each
   defaust build source=synthetic out=DIR 'subjects=[0,1]' target_vertices=20000 seed=0
   defaust build source=faust source.root=MPI-FAUST out=DIR         your own copy of FAUST
   defaust build source=tosca source.root=TOSCA_DIR 'source.classes=[cat,dog]' out=DIR
+  defaust build source=sequence source.root=MESHES out=DIR         your own meshes in correspondence
   defaust build source=shapes out=data/shapes                      plane, cylinder, bar and cactus
   defaust build source=scans out=data/scans                        koala, cat and hand
-  defaust build source=scans source.root=MESHES out=DIR            and the armadillo of your own armadillo.ply
+  defaust build source=scans source.root=MESHES out=DIR            the same and your own armadillo.ply
   defaust verify DIR
   defaust info DIR"""
 
-#: Shown where an option without a default is not given.
+BUILD_EPILOG = """Arguments have the form key=value. All options and their defaults are in
+conf/defaust/build.yaml, the options of a source in conf/defaust/source/NAME.yaml.
+The most important options:
+  source=NAME             synthetic (default), faust, tosca, sequence, shapes or scans
+  source.root=DIR         folder of your own meshes
+  out=DIR                 folder to make, or to resume after an interruption
+  subjects=[0,1]          subjects to build; default: all
+  target_vertices=N       vertices of the high-resolution meshes; null keeps the registered meshes
+  seed=N                  seed of the handles
+  strict=true             stop at a mesh that cannot be used, instead of leaving it out
+  workers=N               processes; does not change the result"""
+
+#: Examples for required options that are missing.
 EXAMPLES = {"out": "out=data/defaust", "source.root": "source.root=MPI-FAUST"}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; 0 on success, 1 where verify finds faults, 2 on bad input."""
+    """Run the command line; return 0 on success, 1 if verify finds faults, 2 on bad input."""
     parser = CommandParser(
         prog="defaust",
         description="Build and check DeFAUST, a benchmark for the deformation of large meshes.",
@@ -39,12 +52,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=version_of("defaust"))
-    parser.add_argument("-v", "--verbose", action="store_true", help="log what is done")
+    parser.add_argument("-v", "--verbose", action="store_true", help="report every step")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    build = commands.add_parser("build", help="build a dataset, or resume one")
-    build.add_argument("overrides", nargs="+", metavar="key=value", help="see conf/defaust/build.yaml")
-    for name, text in (("verify", "check every file of a dataset"), ("info", "print its card")):
-        commands.add_parser(name, help=text).add_argument("folder", type=Path, metavar="DIR")
+    build = commands.add_parser(
+        "build",
+        help="build a dataset, or resume a build",
+        description="Build a dataset, or resume an interrupted build.",
+        epilog=BUILD_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    build.add_argument("overrides", nargs="+", metavar="key=value", help="options of the build, see below")
+    for name, text in (("verify", "check every file of a dataset"), ("info", "print the card of a dataset")):
+        command = commands.add_parser(name, help=text, description=f"{text.capitalize()}.")
+        command.add_argument("folder", type=Path, metavar="DIR", help="folder of the dataset")
 
     def run() -> int:
         args = parser.parse_args(argv)
@@ -57,9 +77,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _build(args: argparse.Namespace) -> int:
     from defaust.build.dataset import build
 
-    source, out, options, how = configure(args.overrides)
+    source, out, options, settings = configure(args.overrides)
     with progress_bar() as progress:
-        document = build(source, out, options=options, progress=progress, **how)
+        document = build(source, out, options=options, progress=progress, **settings)
     counts = ", ".join(f"{s['high']['vertices']:,}" for s in document["subjects"])
     number = len(document["subjects"])
     print(f"{out}: {number} subject{'s' if number > 1 else ''} ({counts} vertices)")  # noqa: T201
@@ -67,12 +87,12 @@ def _build(args: argparse.Namespace) -> int:
 
 
 def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, dict[str, Any]]:
-    """Source, folder, options, and workers and strict, which are no part of the result, from overrides.
+    """Read a source, an output folder, build options, and the settings `workers` and `strict` from overrides.
 
     Raises
     ------
     InputError
-        On anything wrong with them, in one sentence.
+        On any mistake in the overrides, in one sentence.
     """
     from hydra import compose, initialize_config_dir
     from hydra.errors import HydraException, OverrideParseException
@@ -94,24 +114,26 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, dict[s
         plain = OmegaConf.to_container(config, resolve=True)
         target = config.source.get("_target_")
         if target not in named_functions():
-            raise InputError(f"source._target_={target} is named by no file of conf; put one there for it")
+            raise InputError(
+                f"source._target_={target} is named by no file of conf; add a file that names it"
+            )
         source = instantiate(config.source, _convert_="all")
     except OverrideParseException as error:
         raise InputError(unreadable_override(error.override, example="out")) from error
     except (HydraException, OmegaConfBaseException) as error:
-        # instantiate wraps what a source raises; its own sentence is the useful one.
+        # instantiate wraps the error of a source in an error of its own.
         if isinstance(error.__cause__, InputError):
             raise error.__cause__ from error
         raise InputError(one_sentence(str(error))) from error
-    out, how = Path(str(plain.pop("out"))), {name: plain.pop(name) for name in ("workers", "strict")}
+    out, settings = Path(str(plain.pop("out"))), {name: plain.pop(name) for name in ("workers", "strict")}
     del plain["source"]
     unknown = sorted(set(plain) - set(OPTIONS))
     if unknown:
         raise InputError(f"there is no option {unknown[0]}; see conf/defaust/build.yaml")
-    problem = mismatch(plain | how, OPTIONS | {"workers": (int, None), "strict": bool})
+    problem = mismatch(plain | settings, OPTIONS | {"workers": (int, None), "strict": bool})
     if problem:
         raise InputError(problem)
-    return source, out, BuildOptions(**plain), how
+    return source, out, BuildOptions(**plain), settings
 
 
 def _verify(args: argparse.Namespace) -> int:
@@ -122,7 +144,7 @@ def _verify(args: argparse.Namespace) -> int:
     for fault in faults:
         print(f"{fault.file}: {fault.text}")  # noqa: T201
     files = len({fault.file for fault in faults})
-    print(f"{args.folder}: {f'{files} files fail' if faults else 'every file is as listed'}")  # noqa: T201
+    print(f"{args.folder}: {f'{files} files are damaged' if faults else 'every file is as listed'}")  # noqa: T201
     return 1 if faults else 0
 
 

@@ -1,10 +1,9 @@
-"""Edits of a rest shape: what pose transfer is tried on.
+"""Edits of a rest shape, for tests of pose transfer.
 
-Each displaces the vertices of a region smoothly; faces and numbering stay. A
-place is given as fractions of the mesh's bounding box and means the vertex
-nearest to it; lengths are multiples of the box's diagonal. So an edit fits any
-oriented manifold mesh, whatever its unit and its number of vertices. A mesh or a
-place that an edit does not fit is an InputError.
+An edit displaces the vertices of a region smoothly; faces and numbering stay. A place is given as fractions
+of the mesh's bounding box and means the nearest vertex. Lengths are fractions of the box's diagonal. An edit
+therefore fits any oriented manifold mesh, whatever its unit and number of vertices. It raises InputError on
+a mesh or place that it does not fit.
 """
 
 from __future__ import annotations
@@ -21,43 +20,44 @@ from sshade import InputError, Mesh
 from sshade.mesh.adjacency import vertex_graph
 from sshade.solver.factorisation import Factorisation
 
-#: Shorter edges count as so long (x diagonal) where normals are smoothed.
+#: Minimum edge length for smoothing normals, as a fraction of the diagonal.
 SHORTEST = 1e-9
 
 
 class Edit(Protocol):
-    """A rest shape's edit, as the configuration names it."""
+    """Interface of the edits."""
 
     @property
     def name(self) -> str:
-        """Short identifier, part of a task's name; empty where nothing is changed."""
+        """Short identifier, added to a task's name; empty if the mesh stays."""
 
     def __call__(self, mesh: Mesh) -> np.ndarray:
-        """(n, 3) edited vertices."""
+        """Edited vertices (n, 3)."""
 
 
 @dataclass(frozen=True)
 class Unedited:
-    """Return the mesh as it is: transferring it reconstructs the pose."""
+    """Keep the mesh. Transferring a pose to it reconstructs the pose."""
 
     name: str = ""
 
     def __call__(self, mesh: Mesh) -> np.ndarray:
-        """The vertices of the mesh, the same array."""
+        """The mesh's own array of vertices."""
         return mesh.V
 
 
 @dataclass(frozen=True)
 class Inflate:
-    """Move a region outwards along its normals, which are smoothed over half of its radius.
+    """Move a region outwards along its normals, smoothed over half of its radius.
 
     Parameters
     ----------
     at : (3,) float
-        Middle of the region, as fractions of the bounding box.
-    radius, amount : float
-        Distance at which the displacement has fallen to zero, and that of the
-        middle, both x diagonal.
+        Centre of the region, as fractions of the bounding box.
+    radius : float
+        Distance from the centre at which the displacement reaches zero, as a fraction of the diagonal.
+    amount : float
+        Displacement of the centre, as a fraction of the diagonal.
     """
 
     at: Sequence[float]
@@ -66,7 +66,7 @@ class Inflate:
     name: str = "inflate"
 
     def __call__(self, mesh: Mesh) -> np.ndarray:
-        """(n, 3) edited vertices."""
+        """Edited vertices (n, 3)."""
         region = _around(mesh, self.at, self.radius)
         normals = _smooth_normals(mesh, region.vertices, 0.5 * self.radius * mesh.diagonal)
         V = mesh.V.copy()
@@ -78,15 +78,16 @@ class Inflate:
 class Stretch:
     """Move the tip of a limb, a tail or an ear outwards along its axis.
 
-    The axis runs from the centre of the vertices that move to the tip.
+    The axis runs from the mean of the moved vertices to the tip.
 
     Parameters
     ----------
     at : (3,) float
         The tip, as fractions of the bounding box.
-    radius, amount : float
-        Distance from the tip at which the displacement has fallen to zero, and
-        that of the tip, both x diagonal.
+    radius : float
+        Distance from the tip at which the displacement reaches zero, as a fraction of the diagonal.
+    amount : float
+        Displacement of the tip, as a fraction of the diagonal.
     """
 
     at: Sequence[float]
@@ -95,7 +96,7 @@ class Stretch:
     name: str = "stretch"
 
     def __call__(self, mesh: Mesh) -> np.ndarray:
-        """(n, 3) edited vertices."""
+        """Edited vertices (n, 3)."""
         region = _around(mesh, self.at, self.radius)
         axis = mesh.V[region.seed] - mesh.V[region.vertices].mean(axis=0)
         axis = axis / np.linalg.norm(axis)
@@ -106,14 +107,14 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Horns:
-    """Add horns, each straight along the mean normal of the region that it stands on.
+    """Add straight horns along the mean normal of their region.
 
     Parameters
     ----------
     at : (k, 3) float
-        Their places, as fractions of the bounding box.
+        Places of the horns, as fractions of the bounding box.
     radius, height : float
-        Of each, x diagonal.
+        Size of each horn, as fractions of the diagonal.
     """
 
     at: Sequence[Sequence[float]]
@@ -122,7 +123,7 @@ class Horns:
     name: str = "horns"
 
     def __call__(self, mesh: Mesh) -> np.ndarray:
-        """(n, 3) edited vertices."""
+        """Edited vertices (n, 3)."""
         V = mesh.V.copy()
         for place in self.at:
             region = _around(mesh, place, self.radius)
@@ -139,10 +140,11 @@ class Fin:
     Parameters
     ----------
     start, end : (3,) float
-        As fractions of the bounding box.
-    width, height : float
-        Half of its thickness at the surface, and its height in the middle, from
-        which it falls to zero at both ends; both x diagonal.
+        Ends of the fin, as fractions of the bounding box.
+    width : float
+        Half the thickness of the fin at the surface, as a fraction of the diagonal.
+    height : float
+        Height in the middle of the fin, as a fraction of the diagonal. The height falls to zero at both ends.
     """
 
     start: Sequence[float]
@@ -152,7 +154,7 @@ class Fin:
     name: str = "fin"
 
     def __call__(self, mesh: Mesh) -> np.ndarray:
-        """(n, 3) edited vertices."""
+        """Edited vertices (n, 3)."""
         import igl
 
         _require_length(self.width, "width")
@@ -181,14 +183,14 @@ class _Region(NamedTuple):
 
 
 def _around(mesh: Mesh, at: Sequence[float], radius: float) -> _Region:
-    """Vertices within a ball about a place that are connected, inside the ball, to the vertex there."""
+    """Vertices within a ball about a place, connected inside the ball to the vertex at the place."""
     _require_length(radius, "radius")
     seed = _place(mesh, at)
     distance = np.linalg.norm(mesh.V - mesh.V[seed], axis=1) / (radius * mesh.diagonal)
     vertices = _connected(mesh, distance < 1, np.array([seed]))
     if len(vertices) == 1:
         raise InputError(
-            f"an edit of radius {radius:g} x the diagonal moves one vertex of this mesh; use a larger one"
+            f"an edit of radius {radius:g} x the diagonal moves one vertex of this mesh; use a larger radius"
         )
     return _Region(seed, vertices, _bump(distance[vertices]))
 
@@ -199,7 +201,7 @@ def _require_length(value: float, name: str) -> None:
 
 
 def _bump(t: np.ndarray) -> np.ndarray:
-    """1 at t = 0 and 0 from t = 1 on, with two continuous derivatives."""
+    """Falls from 1 at t = 0 to 0 at t = 1, with two continuous derivatives."""
     return np.maximum(0.0, 1 - t**2) ** 3
 
 
@@ -211,7 +213,7 @@ def _place(mesh: Mesh, at: Sequence[float]) -> int:
 
 
 def _connected(mesh: Mesh, inside: np.ndarray, seeds: np.ndarray) -> np.ndarray:
-    """Vertices of a subset that are connected within it to one of the seeds, which are in it."""
+    """Vertices of a subset that are connected, within the subset, to a seed."""
     vertices = np.flatnonzero(inside)
     _, label = connected_components(vertex_graph(mesh).matrix[vertices][:, vertices], directed=False)
     wanted = np.unique(label[np.isin(vertices, seeds)])
@@ -219,30 +221,32 @@ def _connected(mesh: Mesh, inside: np.ndarray, seeds: np.ndarray) -> np.ndarray:
 
 
 def _path(mesh: Mesh, start: int, end: int) -> np.ndarray:
-    """Vertices of the shortest path along edges."""
+    """Vertices of the shortest path along the edges."""
     if start == end:
-        raise InputError("a fin needs two places that are not at the same vertex")
+        raise InputError("both ends of a fin are at the same vertex; move them apart")
     _, before = dijkstra(vertex_graph(mesh).matrix, indices=start, return_predecessors=True)
     path = [end]
     while path[-1] != start:
         if before[path[-1]] < 0:
-            raise InputError("a fin needs two places on the same component of the mesh")
+            raise InputError(
+                "the ends of a fin are on two components of the mesh; choose ends on the same component"
+            )
         path.append(before[path[-1]])
     return np.array(path[::-1])
 
 
 def _smoothed(points: np.ndarray, length: float) -> np.ndarray:
-    """A polyline averaged over a length, its ends kept."""
+    """Smooth a polyline over a length, with fixed ends."""
     step = np.linalg.norm(np.diff(points, axis=0), axis=1).mean()
     points = points.copy()
-    # Each round spreads a point over a variance of half a squared step.
+    # Each round adds half a squared step to the variance of the smoothing kernel.
     for _ in range(round(2 * (length / step) ** 2)):
         points[1:-1] = 0.5 * points[1:-1] + 0.25 * (points[:-2] + points[2:])
     return points
 
 
 def _normals(mesh: Mesh) -> np.ndarray:
-    """(n, 3) unit normals at vertices, weighted by area."""
+    """Area-weighted unit normals (n, 3) at vertices."""
     total = np.zeros((mesh.n, 3))
     for c in range(3):
         for corner in range(3):
@@ -251,9 +255,9 @@ def _normals(mesh: Mesh) -> np.ndarray:
 
 
 def _smooth_normals(mesh: Mesh, vertices: np.ndarray, length: float) -> np.ndarray:
-    """Unit normals of some vertices, diffused among them over a length."""
+    """Unit normals of a subset of vertices, smoothed by diffusion over a length."""
     near = vertex_graph(mesh).matrix[vertices][:, vertices].tocoo()
-    # Weights 1 / length^2 spread as far over short edges as over long ones.
+    # With weights 1 / length^2 the smoothing does not depend on the lengths of the edges.
     near.data = 0.5 * (length / np.maximum(near.data, SHORTEST * mesh.diagonal)) ** 2
     near = near.tocsr()
     system = diags_array(1 + near.sum(axis=1)) - near

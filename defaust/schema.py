@@ -1,12 +1,13 @@
-"""Checks plain values, as JSON and YAML give them, against a schema before anything uses them.
+"""Check plain values, as JSON and YAML give them, against a schema.
 
 A schema is
 
 - ``int``, ``float`` (any finite number), ``str``, ``bool`` or ``None``;
-- ``[item]``, a list of any length, or ``[a, b, ...]``, one of just these items;
-- ``{"key": schema, "other?": schema}``, an object: a key with ``?`` may be missing, and keys that are
-  not named are left alone; ``{str: schema}``, one with any keys;
-- a tuple of schemas, of which one must fit.
+- ``[item]``, a list of any length, or ``[a, b, ...]``, a list of exactly these items;
+- ``{"key": schema, "optional?": schema}``, an object. A key that ends in ``?`` may be missing. Keys that
+  the schema does not name are not checked;
+- ``{str: schema}``, an object with any keys;
+- a tuple of alternatives.
 """
 
 from __future__ import annotations
@@ -28,19 +29,24 @@ _WORDS = {
 
 
 def mismatch(value: Any, schema: Any, place: str = "") -> str:
-    """The first place where a value is not as the schema wants it, in words; empty where it fits.
+    """Describe the first place where a value differs from a schema.
 
     Parameters
     ----------
     value
-        A plain value: numbers, texts, lists and mappings of them.
+        A plain value: numbers, texts, lists and mappings.
     schema
         See the head of this module.
     place : str
-        What the value is called in the answer; "it" by default.
+        Name of the value in the answer; "it" by default.
+
+    Returns
+    -------
+    str
+        Empty if the value fits.
     """
     if isinstance(schema, tuple):
-        found = [mismatch(value, one, place) for one in schema]
+        found = [mismatch(value, alternative, place) for alternative in schema]
         return "" if "" in found else found[0]
     kind = type(schema) if isinstance(schema, (list, dict)) else schema
     if not _is(value, kind):
@@ -53,11 +59,11 @@ def mismatch(value: Any, schema: Any, place: str = "") -> str:
         inside = [(v, s, f"{place}[{i}]") for i, (v, s) in enumerate(zip(value, items, strict=False))]
     elif kind is dict:
         keys = dict.fromkeys(value, schema[str]) if str in schema else schema
-        for key, one in keys.items():
+        for key, entry in keys.items():
             name = key if key in value else key.removesuffix("?")
             at = f"{place}.{name}" if place else name
             if name in value:
-                inside.append((value[name], one, at))
+                inside.append((value[name], entry, at))
             elif name == key:
                 return f"it has no {at}"
     return next(filter(None, (mismatch(*each) for each in inside)), "")

@@ -1,4 +1,4 @@
-"""Builds a DeFAUST folder from a source, subject by subject, and resumes an unfinished one."""
+"""Build a DeFAUST folder from a source, subject by subject, or resume an unfinished build."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ from sshade.threads import available_cpus, number_of_workers
 
 log = logging.getLogger(__name__)
 
-#: In WORK: what determines the result.
+#: File in WORK with everything that determines the result.
 RECIPE = "recipe.json"
-#: Packages whose version can change the result.
+#: Packages whose versions can change the result.
 TOOLS = ("numpy", "scipy", "pymeshlab")
 
 
@@ -51,25 +51,24 @@ def build(
     workers: int | None = None,
     progress: Progress = silent,
 ) -> dict[str, Any]:
-    """Build a DeFAUST folder, or what is missing of it.
+    """Build a DeFAUST folder, or the missing parts of it.
 
-    A mesh that cannot be used is left out, and with it its pose, or its subject where it is the rest
-    mesh or no pose is left: a warning says so, and dataset.json keeps the reason.
+    A mesh that cannot be used is left out with its pose; an unusable rest mesh leaves out the subject. A
+    warning and dataset.json state the reason.
 
-    A rerun with the same source and options keeps the subjects that are
-    complete and intact; the result does not depend on interruptions nor on the
-    number of workers.
+    A rerun with the same source and options keeps all complete and intact subjects. The result depends
+    neither on interruptions nor on the number of workers.
 
     Parameters
     ----------
     source : Source
     out : path
-        The folder; its parent must exist.
+        The folder to make or to resume.
     options : BuildOptions
     strict : bool
-        Stop at the first mesh that cannot be used.
+        Stop at the first mesh that cannot be used, instead of leaving it out.
     workers : int, optional
-        Processes; by default one for each CPU that this process may use. 1 works in this process.
+        Number of processes; by default one for each CPU that this process may use. 1 builds in this process.
     progress : Progress
 
     Returns
@@ -80,9 +79,8 @@ def build(
     Raises
     ------
     InputError
-        When `out` holds something else or a dataset built with other options,
-        when another process builds there, when no subject can be built, or when one cannot
-        and the build is `strict`.
+        When `out` holds other files or a dataset with other options, another process builds there, or no
+        subject can be built. With `strict`, when any mesh cannot be used.
     """
     out = Path(out)
     workers = number_of_workers(workers, default=available_cpus())
@@ -92,13 +90,13 @@ def build(
     with sole_builder(out):
         _prepare(out, recipe)
         subjects = recipe["build"]["subjects"]
-        _tell(recipe["source"], strict=strict)
+        _report_left_out(recipe["source"], strict=strict)
         done = _finished(out, subjects)
         if strict:
             done = {s: record for s, record in done.items() if "left_out" not in record}
         unusable: dict[int, UnusableError] = {}
         missing = [s for s in subjects if s not in done]
-        log.info("%d of %d subjects are there already", len(done), len(subjects))
+        log.info("%d of %d subjects are already built", len(done), len(subjects))
         progress("subjects", len(done), len(subjects))
         workers = min(workers, max(1, len(missing)))
         for subject, record in build_subjects(
@@ -118,11 +116,11 @@ def build(
         return _finish(out, recipe, records=[done[s] for s in subjects if s in done], unusable=unusable)
 
 
-def _tell(source: dict[str, Any], *, strict: bool) -> None:
-    """Say which classes of a source are not taken; InputError where that was not to be and `strict`."""
+def _report_left_out(source: dict[str, Any], *, strict: bool) -> None:
+    """Warn about data that a source leaves out; with `strict`, raise InputError unless it was configured."""
     if source.get("without"):
         log.warning(
-            "left out: %s, as source.without says; source.classes=[...] chooses others",
+            "left out: %s, as source.without says; source.classes=[...] includes them",
             ", ".join(source["without"]),
         )
     for name, why in source.get("left_out", {}).items():
@@ -132,7 +130,7 @@ def _tell(source: dict[str, Any], *, strict: bool) -> None:
 
 
 def _recipe(source: Source, options: BuildOptions) -> dict[str, Any]:
-    """What determines the result: the first part of dataset.json, as it reads back from JSON."""
+    """Everything that determines the result: the first part of dataset.json, as JSON reads it back."""
     for subject in options.subjects or ():
         if subject not in source.subjects:
             raise InputError(
@@ -159,12 +157,12 @@ def _recipe(source: Source, options: BuildOptions) -> dict[str, Any]:
 
 
 def _prepare(out: Path, recipe: dict[str, Any]) -> None:
-    """Check that what is in the folder was built by the same recipe, and begin or go on with it."""
+    """Check that the folder was built by the same recipe, and begin or resume the build."""
     started, finished = out / WORK / RECIPE, out / DATASET
     others = [path for path in out.iterdir() if path.name not in (LOCK, WORK)]
     if others and not started.is_file() and not finished.is_file():
         raise InputError(f"{out} is not empty and holds no DeFAUST build; give another out")
-    # A recipe under which no subject was finished binds nobody.
+    # A recipe without a finished subject may be replaced.
     begun = any((out / WORK).glob("subject_*.json"))
     for path in (started, finished) if begun else (finished,):
         if path.is_file():
@@ -179,7 +177,7 @@ def _prepare(out: Path, recipe: dict[str, Any]) -> None:
                 )
     make_folder(out / WORK)
     for folder in (out, out / WORK):
-        for path in folder.glob(".*.partial*"):  # what a killed build left half written
+        for path in folder.glob(".*.partial*"):  # leftovers of a killed build
             if path.is_dir():
                 shutil.rmtree(path)
             else:
@@ -188,7 +186,7 @@ def _prepare(out: Path, recipe: dict[str, Any]) -> None:
 
 
 def _difference(before: Any, now: Any, *, where: str = "") -> str:
-    """First difference of two JSON documents, in words; empty if there is none."""
+    """Describe the first difference of two JSON documents; empty if they are equal."""
     if isinstance(before, dict) and isinstance(now, dict):
         for key in [*now, *(k for k in before if k not in now)]:
             found = _difference(before.get(key), now.get(key), where=f"{where}.{key}" if where else key)
@@ -203,9 +201,9 @@ def _record_path(out: Path, subject: int) -> Path:
 
 
 def _finished(out: Path, subjects: Sequence[int]) -> dict[int, dict[str, Any]]:
-    """Records of the subjects whose files are all there and intact."""
+    """Records of the subjects whose files are complete and intact."""
     records: dict[int, dict[str, Any]] = {}
-    if (out / DATASET).is_file():  # a finished dataset to be mended
+    if (out / DATASET).is_file():  # a finished dataset, perhaps with damaged files
         document = read_dataset(out, intact=False)
         for record in document["subjects"]:
             inside = f"{subject_folder(record['subject'])}/"
@@ -235,7 +233,7 @@ def _finish(
     records: list[dict[str, Any]],
     unusable: dict[int, UnusableError],
 ) -> dict[str, Any]:
-    """Write the card and dataset.json, and drop what was kept for resuming."""
+    """Write the card and dataset.json, and remove the records for resuming."""
     files = {name: entry for record in records for name, entry in record["files"].items()}
     subjects = [{key: value for key, value in record.items() if key != "files"} for record in records]
     left_out = [{"subject": s, "reason": str(unusable[s])} for s in sorted(unusable)]

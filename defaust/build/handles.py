@@ -1,4 +1,4 @@
-"""Chooses handles near landmarks and tells static ones from dynamic ones."""
+"""Choose handles near landmarks, and classify landmarks as static or dynamic."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from sshade import InputError, Mesh
 from sshade.io.regions import rigidly_moved, vertices_in
 from sshade.mesh.adjacency import edge_graph
 
-#: Handles of one landmark, and the vertices they are drawn from: its graph-nearest ones.
+#: Number of handles of a landmark, and number of graph-nearest vertices that they are drawn from.
 PER_LANDMARK = 30
 NEIGHBOURHOOD = 60
-#: A landmark is static if its handles move less than this (x diagonal of the rest mesh) on average.
-#: About 0.1 m on a body, 3 m as the paper's sum over 30 handles.
+#: Maximum mean displacement of a static landmark, as a fraction of the rest mesh's bounding-box diagonal:
+#: about 0.1 m on a body, or 3 m as the paper's sum over 30 handles.
 STATIC_BELOW = 0.05
 
 STATIC, DYNAMIC, UNUSED = "static", "dynamic", "unused"
 
 
 class Displacement(NamedTuple):
-    """Delta (sum over the handles, the paper's), its mean, and what follows from it."""
+    """Sum over the handles (the paper's Delta), mean, and the resulting kind of the landmark."""
 
     delta: float
     delta_mean: float
@@ -31,12 +31,12 @@ class Displacement(NamedTuple):
 
 
 def nearest_vertices(mesh: Mesh, vertex: int, *, count: int) -> np.ndarray:
-    """Find the vertices nearest along the edges (Dijkstra, Euclidean lengths).
+    """Find the vertices nearest to a vertex along the edges (Dijkstra, Euclidean lengths).
 
     Returns
     -------
     (count,) int64
-        In order of their distance, `vertex` first; equal distances by vertex id.
+        In order of distance, `vertex` first; equal distances by vertex id.
 
     Raises
     ------
@@ -64,10 +64,10 @@ def choose_handles(
     per_landmark: int = PER_LANDMARK,
     neighbourhood: int = NEIGHBOURHOOD,
 ) -> dict[str, np.ndarray]:
-    """Draw random vertices near each landmark, H_l of the paper; no two landmarks share one.
+    """Draw random vertices near each landmark (H_l of the paper). No two landmarks share a vertex.
 
-    Every pose of a subject uses the same ones. They depend on the subject, the
-    seed and the order of the landmarks.
+    Every pose of a subject uses the same handles. They depend on the subject, the seed and the order of the
+    landmarks.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def choose_handles(
         Vertex of each landmark.
     subject, seed : int
     per_landmark, neighbourhood : int
-        How many handles, and among how many nearest vertices.
+        Number of handles, and number of nearest vertices that they are drawn from.
 
     Returns
     -------
@@ -86,7 +86,7 @@ def choose_handles(
     Raises
     ------
     InputError
-        When landmarks are so close that too few vertices are left.
+        When landmarks are too close to each other, so that too few vertices are left.
     """
     taken = np.zeros(mesh.n, dtype=bool)
     chosen = {}
@@ -107,17 +107,17 @@ def choose_handles(
 def displacement(
     source: np.ndarray, target: np.ndarray, *, diagonal: float, static_below: float = STATIC_BELOW
 ) -> Displacement:
-    """Compute Delta_l = sum over H_l of |v - pi(v)|, its mean, and whether the landmark is static.
+    """Compute Delta_l, the sum over H_l of |v - pi(v)|, its mean, and the kind of the landmark.
 
     Parameters
     ----------
     source, target : (k, 3) float64
-        Rest and posed positions of one landmark's handles.
+        Rest and posed positions of a landmark's handles.
     diagonal : float
-        Of the rest mesh's bounding box.
+        Diagonal of the rest mesh's bounding box.
     static_below : float
-        Threshold on the mean, relative to the diagonal. The mean, not the sum,
-        so that it depends neither on units nor on the number of handles.
+        Threshold on the mean displacement, as a fraction of the diagonal. Unlike a threshold on the sum, it
+        depends neither on the unit nor on the number of handles.
     """
     moved = np.linalg.norm(target - source, axis=1)
     mean = float(moved.mean())
@@ -132,7 +132,7 @@ def handle_records(
     used: Sequence[str],
     static_below: float = STATIC_BELOW,
 ) -> list[dict[str, Any]]:
-    """Make the entries of a pose file, one for each landmark in the order of `chosen`.
+    """Make the entries of a pose file, one for each landmark, in the order of `chosen`.
 
     Parameters
     ----------
@@ -140,20 +140,20 @@ def handle_records(
     posed : (n, 3) float64
         Vertices of the registered target pose.
     chosen : mapping
-        From :func:`choose_handles`.
+        See :func:`choose_handles`.
     used : sequence of str
-        Landmarks with handles in this pose; the others are listed as unused.
+        Landmarks with handles in this pose; other landmarks are listed as unused.
     static_below : float
+        See :func:`displacement`.
     """
     records: list[dict[str, Any]] = []
     for name, index in chosen.items():
-        record = _unused(name)
-        if name in used:
-            source, target = rest.V[index], posed[index]
-            d = displacement(source, target, diagonal=rest.diagonal, static_below=static_below)
-            record |= {"kind": d.kind, "delta": d.delta, "delta_mean": d.delta_mean}
-            record |= {"source": source.tolist(), "target": target.tolist()}
-        records.append(record)
+        if name not in used:
+            records.append(_unused(name))
+            continue
+        source, target = rest.V[index], posed[index]
+        d = displacement(source, target, diagonal=rest.diagonal, static_below=static_below)
+        records.append(_facts(name, d) | {"source": source.tolist(), "target": target.tolist()})
     return records
 
 
@@ -169,12 +169,13 @@ def region_records(
     Parameters
     ----------
     rest : Mesh
-        The registered one, on which displacements are measured.
+        Registered rest mesh, on which displacements are measured.
     regions : sequence of Region
     landmarks : sequence of str
-        All of them in the order of their ids: those of no region are listed as unused.
-        By default those of the regions alone.
+        All landmarks in the order of their ids; landmarks without a region are listed as unused. By default
+        only the landmarks of the regions.
     static_below : float
+        See :func:`displacement`.
 
     Raises
     ------
@@ -186,12 +187,24 @@ def region_records(
         source = rest.V[vertices_in(rest.V, region.boxes)]
         target = rigidly_moved(source, region.rotation, region.translation)
         d = displacement(source, target, diagonal=rest.diagonal, static_below=static_below)
-        record = {"landmark": region.landmark, "kind": d.kind, "delta": d.delta, "delta_mean": d.delta_mean}
-        record |= {"boxes": region.boxes, "rotation": region.rotation.tolist()}
-        records[region.landmark] = record | {"translation": region.translation.tolist()}
+        records[region.landmark] = _facts(region.landmark, d) | {
+            "boxes": region.boxes,
+            "rotation": region.rotation.tolist(),
+            "translation": region.translation.tolist(),
+        }
     return list(records.values())
 
 
+def _facts(landmark: str, d: Displacement) -> dict[str, Any]:
+    return {"landmark": landmark, "kind": d.kind, "delta": d.delta, "delta_mean": d.delta_mean}
+
+
 def _unused(landmark: str) -> dict[str, Any]:
-    record = {"landmark": landmark, "kind": UNUSED, "delta": None, "delta_mean": None}
-    return record | {"source": [], "target": []}
+    return {
+        "landmark": landmark,
+        "kind": UNUSED,
+        "delta": None,
+        "delta_mean": None,
+        "source": [],
+        "target": [],
+    }

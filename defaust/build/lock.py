@@ -1,13 +1,12 @@
-"""One build at a time in a folder."""
+"""Allow one build at a time in a folder."""
 
 from __future__ import annotations
 
-import errno
 import logging
 import os
 import platform
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
@@ -21,63 +20,44 @@ except ImportError:  # Windows
 
 log = logging.getLogger(__name__)
 
-#: Inside a folder under construction.
+#: Lock file inside a folder under construction.
 LOCK = ".lock"
 
 
 @contextmanager
 def sole_builder(out: Path) -> Iterator[None]:
-    """Make a folder and be the only one that builds in it.
+    """Make a folder and lock it for this process.
 
-    The system drops the lock with the process, so that a killed build leaves
-    none; its file is taken over. A folder that was made for it and stays empty
-    is removed.
+    The operating system releases the lock when the process ends, so a killed build blocks no later one.
 
     Raises
     ------
     InputError
         When another process builds there, or the folder cannot be made.
     """
-    new = not out.exists()
     make_folder(out)
+    if fcntl is None:
+        log.warning("%s: this system has no file locks; start no second build there", out)
+        yield
+        return
     path = out / LOCK
-    file = _locked(path)
-    try:
+    with path.open("a+", encoding="utf-8") as file:
+        _lock(file, out)
         file.truncate(0)
         file.write(f"process {os.getpid()} on {platform.node()}")
         file.flush()
-        yield
-    finally:
-        if fcntl is None:
-            file.close()  # such systems keep files that are open
-        # Others that wait see that it is gone, and begin with a file of their own.
-        path.unlink(missing_ok=True)
-        file.close()
-        if new:
-            with suppress(OSError):
-                out.rmdir()
-
-
-def _locked(path: Path) -> IO[str]:
-    while True:
-        file = path.open("a+", encoding="utf-8")
-        if fcntl is None:
-            log.warning("%s: this system has no such locks; start no second build there", path)
-            return file
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            if error.errno not in (errno.EAGAIN, errno.EACCES):
-                # A file system without locks: better unguarded than not at all.
-                log.warning("%s: no lock can be had (%s); start no second build there", path, error.strerror)
-                return file
-            file.seek(0)
-            who = file.read().strip() or "another process"
-            file.close()
-            raise InputError(
-                f"{path.parent}: {who} builds there; wait until it is done, or give another out"
-            ) from error
-        with suppress(FileNotFoundError):
-            if os.stat(path).st_ino == os.fstat(file.fileno()).st_ino:
-                return file
-        file.close()  # it was removed between opening and locking
+            yield
+        finally:
+            path.unlink(missing_ok=True)
+
+
+def _lock(file: IO[str], out: Path) -> None:
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (BlockingIOError, PermissionError) as error:
+        file.seek(0)
+        who = file.read().strip() or "another process"
+        raise InputError(f"{out}: {who} builds there; wait until it is done, or give another out") from error
+    except OSError as error:  # a file system without locks, such as some network file systems
+        log.warning("%s: cannot be locked (%s); start no second build there", out, error.strerror)

@@ -1,4 +1,4 @@
-"""Parameters of a build."""
+"""Options of a build."""
 
 from __future__ import annotations
 
@@ -9,30 +9,34 @@ from defaust.build.upsample import check_window
 from defaust.folder.record import BUILD
 from sshade import InputError
 
-#: What a configuration may give; see :mod:`defaust.schema`.
+#: Schema of the options in a configuration; see :mod:`defaust.schema`.
 OPTIONS = BUILD | {"subjects": ([int], None)}
 
 
 @dataclass(frozen=True)
 class BuildOptions:
-    """Everything besides the source that the result depends on.
+    """Everything that determines the dataset, besides its source.
 
     Parameters
     ----------
     subjects : sequence of int, optional
         By default every subject of the source.
     seed : int
-        Of the handles.
+        Seed of the handles.
     target_vertices : int, optional
-        Of the high-resolution rest mesh; None keeps the registered mesh as it is.
+        Number of vertices of the high-resolution rest mesh; None keeps the registered mesh.
     window : (2,) float
         Accepted vertex counts, as multiples of `target_vertices`.
     ls3_steps : int, optional
-        Subdivisions before the remeshing; by default from the target.
+        Number of subdivisions before the remeshing. The default comes closest to the target.
     remesh_iterations : int
-    handles_per_landmark, neighbourhood : int
+        Rounds of the remesher. More rounds give more regular triangles.
+    handles_per_landmark : int
+    neighbourhood : int
+        Number of vertices nearest to a landmark that its handles are drawn from.
     static_below : float
-        Relative to the bounding-box diagonal.
+        A landmark is static if its mean displacement is below this fraction of the rest mesh's
+        bounding-box diagonal.
     """
 
     subjects: tuple[int, ...] | None = None

@@ -1,13 +1,11 @@
-"""Builds the files of one subject."""
+"""Build the files of one subject."""
 
 from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,7 +22,7 @@ from defaust.folder.layout import (
     subject_folder,
     write_text,
 )
-from defaust.sources.source import FromFiles, Generator, Source, SourcePose
+from defaust.sources.source import Source, SourcePose
 from sshade import InputError, Mesh
 from sshade.io.files import make_folder
 from sshade.io.meshes import write_mesh
@@ -32,7 +30,15 @@ from sshade.progress import Progress, silent
 
 
 class UnusableError(InputError):
-    """The source gives nothing to build a subject from."""
+    """The source's data of a subject cannot be used."""
+
+
+class _Content(NamedTuple):
+    """The files of a subject by name, and its entry in dataset.json without the list of files."""
+
+    meshes: dict[str, Mesh]
+    texts: dict[str, str]
+    record: dict[str, Any]
 
 
 def build_subject(
@@ -44,78 +50,69 @@ def build_subject(
     strict: bool = False,
     progress: Progress = silent,
 ) -> dict[str, Any]:
-    """Write a subject's folder, under a temporary name until it is complete.
+    """Write a subject's folder. It gets its name when it is complete.
 
     Returns
     -------
     dict
-        The subject's entry in dataset.json: number, landmark vertices, poses,
-        measured facts, and its files with sha256, size and counts; poses that cannot be used are
-        ``left_out``, each with its reason.
+        The subject's entry in dataset.json: number, landmark vertices, poses, measured facts, and files with
+        sha256, size and counts. ``left_out`` lists unusable poses and the reasons.
 
     Raises
     ------
     UnusableError
-        When the rest mesh or all poses cannot be used, or the subject cannot be
-        upsampled or has too few vertices for its handles; when `strict`, for one pose too.
+        When the rest mesh or all poses cannot be used, the subject cannot be upsampled, or it has too few
+        vertices for its handles. With `strict`, a single unusable pose suffices.
     InputError
         When files cannot be written.
     """
+    try:
+        content = _content(source, subject=subject, options=options, strict=strict, progress=progress)
+    except InputError as error:
+        raise UnusableError(f"subject {subject}: {error}") from error
     name = subject_folder(subject)
     final, folder = out / name, out / f".{name}.{os.getpid()}.partial"
     make_folder(folder)
     try:
-        record = _fill(source, folder, subject=subject, options=options, strict=strict, progress=progress)
+        for file, mesh in content.meshes.items():
+            write_mesh(folder / file, mesh.V, mesh.F)
+        for file, text in content.texts.items():
+            write_text(folder / file, text)
     except InputError as error:
         shutil.rmtree(folder)
-        raise type(error)(f"subject {subject}: {error}") from error
+        raise InputError(f"subject {subject}: {error}") from error
+    files = {f"{name}/{path.name}": _entry(path, content.meshes) for path in sorted(folder.iterdir())}
     shutil.rmtree(final, ignore_errors=True)
     folder.rename(final)
-    return record
+    return content.record | {"files": files}
 
 
-@contextmanager
-def _unusable() -> Iterator[None]:
-    """An InputError is the source's fault, and not that of the folder that is written."""
-    try:
-        yield
-    except InputError as error:
-        raise UnusableError(str(error)) from error
-
-
-def _fill(
-    source: Source, folder: Path, *, subject: int, options: BuildOptions, strict: bool, progress: Progress
-) -> dict[str, Any]:
-    """Write the files of a subject and return its entry in dataset.json."""
+def _content(
+    source: Source, *, subject: int, options: BuildOptions, strict: bool, progress: Progress
+) -> _Content:
     stage = f"subject {subject}"
     poses = source.poses(subject)
     steps = len(poses) + 2
     progress(stage, 0, steps, "rest pose")
-    with _unusable():
-        rest = source.rest(subject)
-        landmarks = source.landmark_vertices(subject)
-        chosen = choose_handles(
-            rest,
-            landmarks,
-            subject=subject,
-            seed=options.seed,
-            per_landmark=options.handles_per_landmark,
-            neighbourhood=options.neighbourhood,
-        )
-    meshes = {REST_LOW: rest}
+    rest = source.rest(subject)
+    landmarks = source.landmark_vertices(subject)
+    chosen = choose_handles(
+        rest,
+        landmarks,
+        subject=subject,
+        seed=options.seed,
+        per_landmark=options.handles_per_landmark,
+        neighbourhood=options.neighbourhood,
+    )
+    regions = [name for name in source.landmark_names if name not in chosen]
+    meshes, texts = {REST_LOW: rest}, {}
     facts, left_out = [], []
     for k, pose in enumerate(poses, start=1):
         progress(stage, k, steps, pose.name)
         try:
-            with _unusable():
-                posed = _posed(source, rest, subject=subject, pose=pose)
-                handles = region_records(
-                    rest,
-                    pose.regions,
-                    landmarks=[name for name in source.landmark_names if name not in chosen],
-                    static_below=options.static_below,
-                )
-        except UnusableError as error:
+            posed = _posed(source, rest, subject=subject, pose=pose)
+            handles = region_records(rest, pose.regions, landmarks=regions, static_below=options.static_below)
+        except InputError as error:
             if strict:
                 raise
             left_out.append({"pose": k, "name": pose.name, "reason": str(error)})
@@ -125,20 +122,16 @@ def _fill(
             handles += handle_records(
                 rest, posed.V, chosen=chosen, used=pose.landmarks, static_below=options.static_below
             )
-        write_text(folder / pose_file(k), dump({"source_pose": pose.name, "handles": handles}, indent=None))
+        texts[pose_file(k)] = dump({"source_pose": pose.name, "handles": handles}, indent=None)
         facts.append({"pose": k, "name": pose.name} | _pose_facts(handles, posed))
     if not facts:
-        raise UnusableError(left_out[0]["reason"])
+        raise InputError(left_out[0]["reason"])
 
     progress(stage, steps - 1, steps, "upsampling")
-    with _unusable():
-        high = _high_resolution(source, rest, subject=subject, options=options)
+    high = _high_resolution(source, rest, subject=subject, options=options)
     meshes[REST] = high.mesh
-    dropped = source.dropped(subject) if isinstance(source, FromFiles) else {}
-    for name, mesh in meshes.items():
-        write_mesh(folder / name, mesh.V, mesh.F)
-    progress(stage, steps, steps)
-    return {
+    dropped = source.dropped(subject)
+    record = {
         "subject": subject,
         "landmark_vertices": {name: int(vertex) for name, vertex in landmarks.items()},
         **({"left_out": left_out} if left_out else {}),
@@ -147,11 +140,9 @@ def _fill(
         "low": _mesh_facts(rest),
         "high": _mesh_facts(high.mesh)
         | {"ls3_steps": high.ls3_steps, "edge_length": high.edge_length, "remeshings": high.attempts},
-        "files": {
-            f"{subject_folder(subject)}/{path.name}": _entry(path, meshes.get(path.name))
-            for path in sorted(folder.iterdir())
-        },
     }
+    progress(stage, steps, steps)
+    return _Content(meshes, texts, record)
 
 
 def _posed(source: Source, rest: Mesh, *, subject: int, pose: SourcePose) -> Mesh | None:
@@ -172,9 +163,10 @@ def _pose_facts(handles: list[dict[str, Any]], posed: Mesh | None) -> dict[str, 
 
 
 def _high_resolution(source: Source, rest: Mesh, *, subject: int, options: BuildOptions) -> Upsampled:
-    """The rest mesh at the wanted resolution: generated, or upsampled from the registered one."""
+    """Generate the rest mesh at the target resolution, or upsample the registered mesh."""
     target, (least, most) = options.target_vertices, options.window
-    if target is None or not isinstance(source, Generator):
+    mesh = None if target is None else source.generated(subject, vertices=target)
+    if target is None or mesh is None:
         return upsample(
             rest,
             target_vertices=target,
@@ -182,7 +174,6 @@ def _high_resolution(source: Source, rest: Mesh, *, subject: int, options: Build
             ls3_steps=options.ls3_steps,
             iterations=options.remesh_iterations,
         )
-    mesh = source.generated(subject, vertices=target)
     if not least * target <= mesh.n <= most * target:
         raise InputError(
             f"the mesh generated for {target} vertices has {mesh.n}, not {least:g} to {most:g} times that; "
@@ -192,7 +183,7 @@ def _high_resolution(source: Source, rest: Mesh, *, subject: int, options: Build
 
 
 def _volume(mesh: Mesh) -> float | None:
-    """What the mesh encloses, where it is closed and every edge has two faces that agree."""
+    """Enclosed volume; None if the mesh is open or inconsistently oriented."""
     return mesh.volume if mesh.is_closed and mesh.is_oriented else None
 
 
@@ -212,6 +203,7 @@ def _mesh_facts(mesh: Mesh) -> dict[str, Any]:
     }
 
 
-def _entry(path: Path, mesh: Mesh | None) -> dict[str, Any]:
-    entry = {"sha256": sha256(path), "bytes": path.stat().st_size}
+def _entry(path: Path, meshes: dict[str, Mesh]) -> dict[str, Any]:
+    entry: dict[str, Any] = {"sha256": sha256(path), "bytes": path.stat().st_size}
+    mesh = meshes.get(path.name)
     return entry if mesh is None else entry | {"vertices": mesh.n, "faces": mesh.m}

@@ -1,4 +1,4 @@
-"""Raises the resolution of a registered mesh: LS3 Loop subdivision, then isotropic remeshing."""
+"""Raise the resolution of a registered mesh by LS3 Loop subdivision and isotropic remeshing."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ import numpy as np
 
 from sshade import InputError, Mesh
 
-#: Remeshed vertex counts land a few per cent under what the target edge length predicts.
+#: Ratio of the remeshed vertex count to the count that the target edge length predicts.
 COUNT_BIAS = 0.97
-#: Remeshings tried before the window of vertex counts counts as missed.
+#: Maximum number of remeshings to reach the window of vertex counts.
 ATTEMPTS = 6
 
 
 @dataclass(frozen=True)
 class Upsampled:
-    """A remeshed surface and how it came about.
+    """A remeshed surface, and facts about the remeshing.
 
     Parameters
     ----------
     mesh : Mesh
     ls3_steps : int
-        Subdivisions before the remeshing.
+        Number of subdivisions before the remeshing.
     edge_length : float, optional
-        Target edge length of the last remeshing, in the mesh's unit; None without one.
+        Target edge length of the last remeshing, in the mesh's unit; None without remeshing.
     attempts : int
-        Remeshings made until the vertex count was in the window.
+        Number of remeshings until the vertex count was in the window.
     """
 
     mesh: Mesh
@@ -46,27 +46,27 @@ def upsample(
 ) -> Upsampled:
     """Resample a closed surface to about a given number of vertices.
 
-    Deterministic for given versions of the libraries.
+    The result is deterministic for fixed versions of the libraries.
 
     Parameters
     ----------
     mesh : Mesh
         Closed, manifold, consistently oriented, one component.
     target_vertices : int, optional
-        None keeps the mesh as it is, which then may have holes.
+        None keeps the mesh; it may then have holes.
     window : (2,) float
         Accepted vertex counts, as multiples of `target_vertices`.
     ls3_steps : int, optional
-        Subdivisions (each has four times the faces) before remeshing; by
-        default as many as come closest to the target on a logarithmic scale.
+        Number of subdivisions before the remeshing; each multiplies the faces by four. The default comes
+        closest to the target on a logarithmic scale.
     iterations : int
         Rounds of split, collapse, flip, smooth and reproject.
 
     Raises
     ------
     InputError
-        When the mesh is not as needed, the window is not met, or the remeshing
-        changes the topology (too few vertices for the thin parts).
+        When the mesh does not fit, the window is missed, or the remeshing changes the topology because the
+        vertices are too few for thin parts.
 
     References
     ----------
@@ -101,22 +101,22 @@ def check_window(window: tuple[float, ...]) -> None:
 
 
 def default_steps(n: int, target_vertices: int) -> int:
-    """Number of subdivisions whose vertex count comes closest to the target, never less than 0."""
+    """Number of subdivisions whose vertex count comes closest to the target, at least 0."""
     return max(0, round(float(np.log(target_vertices / n) / np.log(4.0))))
 
 
 def edge_length_for(area: float, vertices: float) -> float:
-    """Edge length of the equilateral triangulation of an area with so many vertices (2 faces each)."""
+    """Edge length of an equilateral triangulation of an area, with two faces for each vertex."""
     return float(np.sqrt(4.0 / np.sqrt(3.0) * area / (2.0 * vertices)))
 
 
 def subdivide(mesh: Mesh, *, steps: int) -> Mesh:
-    """LS3 Loop subdivision of all edges; the mesh itself where `steps` is 0."""
+    """Apply LS3 Loop subdivision to all edges; return the mesh itself if `steps` is 0."""
     if steps == 0:
         return mesh
     pymeshlab = load_pymeshlab()
     meshes = _mesh_set(mesh)
-    # The default threshold, 1 % of the diagonal, would leave short edges alone.
+    # The default threshold, 1 % of the diagonal, would keep short edges unsplit.
     meshes.meshing_surface_subdivision_ls3_loop(
         iterations=steps, threshold=pymeshlab.PureValue(0), selected=False
     )
@@ -124,7 +124,7 @@ def subdivide(mesh: Mesh, *, steps: int) -> Mesh:
 
 
 def remesh(mesh: Mesh, *, edge_length: float, iterations: int) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and faces of an isotropic remeshing, not yet checked."""
+    """Remesh isotropically; return vertices and faces, not yet checked."""
     pymeshlab = load_pymeshlab()
     meshes = _mesh_set(mesh)
     meshes.meshing_isotropic_explicit_remeshing(
@@ -134,7 +134,7 @@ def remesh(mesh: Mesh, *, edge_length: float, iterations: int) -> tuple[np.ndarr
 
 
 def self_intersecting(mesh: Mesh) -> np.ndarray:
-    """(m,) bool: which faces intersect another one."""
+    """Mark the faces that intersect another face, (m,) bool."""
     meshes = _mesh_set(mesh)
     meshes.compute_selection_by_self_intersections_per_face()
     return meshes.current_mesh().face_selection_array()
@@ -165,19 +165,13 @@ def _checked(V: np.ndarray, F: np.ndarray, *, original: Mesh) -> Mesh:
 
 
 def load_pymeshlab() -> ModuleType:
-    """pymeshlab, which needs a library of the system's that others do without.
-
-    Raises
-    ------
-    InputError
-        Where it cannot be loaded.
-    """
+    """Import pymeshlab; raise InputError if it cannot be loaded, for example for lack of a system library."""
     try:
         import pymeshlab
     except ImportError as error:
         raise InputError(
-            f"pymeshlab, which refines meshes, cannot be loaded ({error}); what it mostly lacks, Debian and "
-            "Ubuntu have as libgl1"
+            f"pymeshlab, which refines meshes, cannot be loaded ({error}); on Debian and Ubuntu install "
+            "libgl1, which is the library most often missing"
         ) from error
     return pymeshlab
 

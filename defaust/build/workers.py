@@ -1,10 +1,10 @@
-"""Subjects built in this process or in several at a time."""
+"""Build subjects in this process, or several at a time in worker processes."""
 
 from __future__ import annotations
 
 import multiprocessing
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from functools import partial
 from pathlib import Path
@@ -16,10 +16,10 @@ from defaust.sources.source import Source
 from sshade.processes import end_with_parent
 from sshade.progress import Progress
 
-#: Seconds between two looks at what the workers report.
+#: Time between two polls of the workers' progress, in seconds.
 POLL = 0.2
 
-#: In a worker: where its progress goes. A queue cannot travel with each job, only at the start.
+#: In a worker: queue for progress reports. A queue can be passed only when the worker starts.
 _stages: Any = None
 
 
@@ -33,19 +33,21 @@ def build_subjects(
     workers: int,
     progress: Progress,
 ) -> Iterator[tuple[int, dict[str, Any] | UnusableError]]:
-    """Build subjects and yield each with its record as it is done, or why it has none, in no certain order.
+    """Build subjects; yield each with its record, or with the reason why it cannot be used.
+
+    The order of the subjects depends on which is finished first.
 
     Parameters
     ----------
     source : Source
     out : Path
-        The dataset's folder, which is there.
+        The dataset's folder, which must exist.
     subjects : sequence of int
     options : BuildOptions
     strict : bool
-        Raise what cannot be used; else it is left out.
+        Raise an UnusableError instead of yielding it.
     workers : int
-        Processes; with 1, this one works.
+        Number of processes; 1 builds in this process.
     progress : Progress
 
     Raises
@@ -53,20 +55,10 @@ def build_subjects(
     InputError
         See :func:`defaust.build.subject.build_subject`.
     """
-    settings = {"options": options, "strict": strict}
-
-    def record(build: Callable[[], dict[str, Any]]) -> dict[str, Any] | UnusableError:
-        try:
-            return build()
-        except UnusableError as error:
-            if strict:
-                raise
-            return error
-
+    job = partial(_build, source, out, options=options, strict=strict)
     if workers == 1:
         for s in subjects:
-            job = partial(build_subject, source, out, subject=s, progress=progress, **settings)
-            yield s, record(job)
+            yield s, job(subject=s, progress=progress)
         return
     # Spawned, because forking a process with threads (numba, BLAS) can hang.
     context = multiprocessing.get_context("spawn")
@@ -74,31 +66,37 @@ def build_subjects(
     with ProcessPoolExecutor(
         workers, mp_context=context, initializer=_start_worker, initargs=(stages,)
     ) as pool:
-        jobs = {
-            pool.submit(build_subject, source, out, subject=s, progress=_report, **settings): s
-            for s in subjects
-        }
+        jobs = {pool.submit(job, subject=s, progress=_report): s for s in subjects}
         waiting = set(jobs)
         try:
             while waiting:
                 done, waiting = wait(waiting, timeout=POLL, return_when=FIRST_COMPLETED)
                 while not stages.empty():
                     progress(*stages.get())
-                for job in done:
-                    yield jobs[job], record(job.result)
+                for finished in done:
+                    yield jobs[finished], finished.result()
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
 
 
+def _build(source: Source, out: Path, *, strict: bool, **settings: Any) -> dict[str, Any] | UnusableError:
+    try:
+        return build_subject(source, out, strict=strict, **settings)
+    except UnusableError as error:
+        if strict:
+            raise
+        return error
+
+
 def _start_worker(stages: Any) -> None:
     global _stages
     _stages = stages
-    # Ctrl-C reaches the workers too: they end at once, and the main process says so.
+    # Ctrl-C reaches the workers too. They end silently; the main process reports it.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     end_with_parent()
 
 
 def _report(stage: str, done: int, total: int, note: str = "") -> None:
-    """Progress of a worker, sent to the process that draws."""
+    """Send a worker's progress to the main process."""
     _stages.put((stage, done, total, note))

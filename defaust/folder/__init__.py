@@ -1,1 +1,1 @@
-"""The files of a DeFAUST folder: names, records, checks, the dataset card."""
+"""Format of a DeFAUST folder: names of its files, its record, its dataset card."""

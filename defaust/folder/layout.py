@@ -1,4 +1,4 @@
-"""Names and bytes of the files in a DeFAUST folder, for whoever writes or reads one."""
+"""Names and checksums of the files in a DeFAUST folder."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import Any
 
 from sshade.io.files import replacing
 
-#: Of dataset.json.
+#: Version of the format of dataset.json.
 FORMAT = 1
-#: Inside a folder under construction: holds the records of finished subjects.
+#: Folder inside a dataset under construction; holds the records of finished subjects.
 WORK = ".build"
 DATASET = "dataset.json"
 CARD = "README.md"
-#: Rest mesh at high resolution, and the registered one.
+#: Rest mesh at high resolution, and the registered rest mesh.
 REST, REST_LOW = "rest.ply", "rest_low.ply"
 
 
@@ -25,12 +25,12 @@ def subject_folder(subject: int) -> str:
 
 
 def pose_file(pose: int) -> str:
-    """Handles of a pose, inside the subject's folder."""
+    """File of a pose's handles, inside the subject's folder."""
     return f"pose_{pose}.json"
 
 
 def pose_mesh(pose: int) -> str:
-    """Registered target pose, inside the subject's folder."""
+    """File of the registered target pose, inside the subject's folder."""
     return f"pose_{pose}_low.ply"
 
 
@@ -41,17 +41,17 @@ def sha256(path: Path) -> str:
 
 
 def dump(document: Any, *, indent: int | None = 1) -> str:
-    """JSON text, the same for the same document."""
+    """JSON text of a document; equal documents give equal text."""
     return json.dumps(document, indent=indent, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file that appears whole or not at all."""
+    """Write a text file; on failure nothing is left at `path`."""
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
 def checksum(document: dict[str, Any]) -> str:
-    """sha256 of a dataset's record without its own ``checksum`` entry."""
+    """sha256 of a dataset's record, without its ``checksum`` entry."""
     rest = {key: value for key, value in document.items() if key != "checksum"}
     return hashlib.sha256(dump(rest).encode("utf-8", "surrogatepass")).hexdigest()

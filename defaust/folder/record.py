@@ -1,4 +1,4 @@
-"""The JSON files of a DeFAUST folder: what they hold, read and checked before anything in them is used."""
+"""Schemas of the JSON files in a DeFAUST folder, and their reader, which checks every file before use."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from defaust.folder.layout import DATASET, FORMAT, WORK, checksum
 from defaust.schema import mismatch
 from sshade import InputError
 
-#: Of a mesh.
+#: Measured facts of a mesh.
 FACTS = {
     **dict.fromkeys(("vertices", "faces", "euler", "self_intersecting_faces"), int),
     **dict.fromkeys(("boundary_loops?", "components?"), int),
@@ -24,7 +24,7 @@ SUBJECT = {
     "landmark_vertices": {str: int},
     "left_out?": [{"pose": int, "name": str, "reason": str}],
     "dropped?": {str: int},
-    # Without `registered: false` there is a mesh of the pose.
+    # A pose has a registered mesh unless it says `registered: false`.
     "poses": [
         {
             "pose": int,
@@ -39,7 +39,7 @@ SUBJECT = {
     "high": FACTS | {"ls3_steps": int, "edge_length": (float, None), "remeshings": int},
 }
 FILES = {str: {"sha256": str, "bytes": int, "vertices?": int, "faces?": int}}
-#: A subject that is done, as a build under way keeps it.
+#: A finished subject, as an unfinished build stores it.
 FINISHED = SUBJECT | {"files": FILES}
 #: Parameters of a build; see :class:`defaust.build.options.BuildOptions`.
 BUILD = {
@@ -71,7 +71,7 @@ LANDMARK = {
     **dict.fromkeys(("landmark", "kind"), str),
     **dict.fromkeys(("delta", "delta_mean"), (float, None)),
 }
-#: The handles of a pose: for each landmark positions, or a region.
+#: Handles of a pose: each landmark has positions or is a region.
 POSE = {
     "source_pose": str,
     "handles": [
@@ -93,13 +93,13 @@ def read_dataset(root: str | os.PathLike[str], *, intact: bool = True) -> dict[s
     ----------
     root : path
     intact : bool
-        Refuse a record that is not as the build left it, by its own checksum.
+        Refuse a record whose checksum does not match its content.
 
     Raises
     ------
     InputError
-        When the folder is missing, is no finished DeFAUST folder of this format,
-        or its record is damaged or leads out of the folder.
+        When the folder is missing, is not a finished DeFAUST folder of this format, or its record is
+        damaged or lists files outside the folder.
     """
     root = Path(root)
     path = root / DATASET
@@ -107,10 +107,10 @@ def read_dataset(root: str | os.PathLike[str], *, intact: bool = True) -> dict[s
         raise InputError(f"{root}: no such folder")
     if not path.is_file():
         hint = (
-            "run the same defaust build again, which goes on"
+            "run the same defaust build again to continue it"
             if (root / WORK).is_dir()
-            else f"if it holds your meshes, make one of them: defaust build source=faust source.root={root} "
-            "out=DIR, with source=tosca or source=sequence for meshes other than FAUST's"
+            else f"if it holds your meshes, build a dataset from them: defaust build source=faust "
+            f"source.root={root} out=DIR; use source=tosca or source=sequence for meshes other than FAUST's"
         )
         raise InputError(f"{root} is not a finished DeFAUST folder (it has no {DATASET}); {hint}")
     document = read_json(path)
@@ -121,7 +121,7 @@ def read_dataset(root: str | os.PathLike[str], *, intact: bool = True) -> dict[s
     _require(document, DOCUMENT, path)
     _check_subjects(document, path)
     if intact and checksum(document) != document["checksum"]:
-        raise InputError(f"{path}: it was changed after the build; restore it, or build the dataset again")
+        raise InputError(f"{path}: changed after the build; restore the file or build the dataset again")
     return document
 
 
@@ -131,7 +131,7 @@ def read_record(path: Path, schema: dict[str, Any]) -> dict[str, Any]:
     Raises
     ------
     InputError
-        When the file is no JSON, or its content is not as the schema wants it.
+        When the file is not JSON, or does not match the schema.
     """
     record: dict[str, Any] = read_json(path)
     _require(record, schema, path)
@@ -139,7 +139,7 @@ def read_record(path: Path, schema: dict[str, Any]) -> dict[str, Any]:
 
 
 def read_json(path: Path) -> Any:
-    """Read a JSON file; InputError when it is no JSON."""
+    """Read a JSON file; raise InputError when it is not JSON."""
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
@@ -157,18 +157,20 @@ def _require(record: Any, schema: dict[str, Any], path: Path) -> None:
 
 
 def _is_inside(name: str) -> bool:
-    """Whether a listed file lies below the folder that lists it."""
+    """Whether a listed name stays inside the folder of the dataset."""
     path = PurePosixPath(name)
     return bool(path.parts) and ".." not in path.parts and not PureWindowsPath(name).anchor
 
 
 def _check_subjects(document: dict[str, Any], path: Path) -> None:
-    """Raise InputError unless the parts of a record speak of the same subjects."""
+    """Raise InputError unless all parts of a record name the same subjects."""
     numbers = [subject["subject"] for subject in document["subjects"]]
     left_out = [entry["subject"] for entry in document.get("left_out", ())]
     if not numbers or sorted(numbers + left_out) != document["build"]["subjects"]:
-        raise InputError(f"{path}: damaged, its subjects are not those of its build; restore the file")
+        raise InputError(f'{path}: damaged, "subjects" and "build.subjects" differ; restore the file')
     classes = document["source"].get("classes")
     for number in numbers:
         if str(number) not in document["poses"] or (classes is not None and not 0 <= number < len(classes)):
-            raise InputError(f"{path}: damaged, it does not say all of subject {number}; restore the file")
+            raise InputError(
+                f"{path}: damaged, poses or class of subject {number} are missing; restore the file"
+            )

@@ -1,1 +1,1 @@
-"""Where registered shapes come from: synthetic bodies, FAUST, TOSCA, sequences."""
+"""Sources of registered shapes: synthetic bodies, FAUST, TOSCA, sequences, generated shapes, scans."""

@@ -1,8 +1,8 @@
-"""Animation files ``.anime``, of DeformingThings4D: one list of triangles, and the vertices in every frame.
+"""Animation files ``.anime`` of DeformingThings4D: one list of triangles, and the vertices of every frame.
 
-Little-endian, without padding: three int32, the numbers of frames nf, vertices nv and triangles nt; then
-float32 (nv, 3), the vertices in the first frame; int32 (nt, 3), the triangles; float32
-(nf - 1, nv, 3), how far the vertices are in each later frame from where they are in the first.
+A file is little-endian, without padding. It begins with three int32, the counts of frames nf, vertices nv and
+triangles nt. Three arrays follow: float32 (nv, 3), the vertices of the first frame; int32 (nt, 3), the
+triangles; float32 (nf - 1, nv, 3), the displacements of each later frame from the first.
 
 References
 ----------
@@ -20,11 +20,11 @@ from sshade import InputError
 from sshade.mesh.rigid import rigid_motion
 
 SUFFIX = ".anime"
-#: Bytes of the three counts, and of three numbers: a point, an offset or a triangle.
+#: Size of the three counts, and of three numbers (a point, a displacement or a triangle), in bytes.
 _COUNTS, _TRIPLE = 12, 12
-#: Frames nearer to each other (x diagonal of the rest frame) are the same pose.
+#: Maximum distance of frames that count as the same pose, as a fraction of the rest frame's diagonal.
 SAME = 1e-3
-#: Points that frames are told apart by: evenly many of the vertices.
+#: Maximum number of vertices that frames are compared by.
 _POINTS = 2000
 
 
@@ -37,80 +37,75 @@ class Counts(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Bytes of the whole file."""
+        """Size of the whole file in bytes."""
         return _COUNTS + _TRIPLE * (self.frames * self.vertices + self.triangles)
 
 
 def read_counts(path: Path) -> Counts:
-    """Read the counts of a file, which must be as long as they say.
+    """Read the counts of a file, and check the size of the file against them.
 
     Raises
     ------
     InputError
-        When a count is less than 1, or the file is shorter or longer.
+        When a count is less than 1, or the file has another size.
     """
     try:
         size = path.stat().st_size
         with path.open("rb") as file:
             counts = Counts(*np.frombuffer(file.read(_COUNTS), dtype="<i4").tolist())
     except (OSError, ValueError, TypeError) as error:
-        raise InputError(f"{path}: not readable as {SUFFIX} ({_reason(error)})") from error
+        raise InputError(f"{path}: not readable as {SUFFIX} ({' '.join(str(error).split())})") from error
     if min(counts) < 1:
-        said = f"{counts.frames} frames, {counts.vertices} vertices and {counts.triangles} triangles"
-        raise InputError(f"{path}: not a {SUFFIX} file, it would have {said}")
+        found = f"{counts.frames} frames, {counts.vertices} vertices and {counts.triangles} triangles"
+        raise InputError(f"{path}: not a {SUFFIX} file, it would have {found}")
     if size != counts.size:
         raise InputError(
             f"{path}: has {size:,} bytes, but {counts.frames:,} frames of {counts.vertices:,} vertices with "
-            f"{counts.triangles:,} triangles take {counts.size:,}; it is cut off, or no {SUFFIX} file"
+            f"{counts.triangles:,} triangles take {counts.size:,}; it is cut off, or not a {SUFFIX} file"
         )
     return counts
 
 
 def read_frame(path: Path, number: int) -> tuple[np.ndarray, np.ndarray]:
-    """Read one frame.
-
-    Parameters
-    ----------
-    path : Path
-    number : int
-        From 0.
+    """Read a frame; frames count from 0.
 
     Returns
     -------
     V : (n, 3) float64
     F : (m, 3) int64
-        As they stand in the file, not validated.
+        Not validated.
 
     Raises
     ------
     InputError
-        As :func:`read_counts`, or when there is no such frame.
+        As :func:`read_counts`, or when the frame does not exist.
     """
     counts, first, F, offsets = _mapped(path)
     if not 0 <= number < counts.frames:
-        raise InputError(f"{path}: has no frame {number}, they are 0 to {counts.frames - 1}")
+        raise InputError(f"{path}: has no frame {number}; its frames are 0 to {counts.frames - 1}")
     V = first.astype(np.float64)
     return (V if number == 0 else V + offsets[number - 1]), F.astype(np.int64)
 
 
 def far_frames(path: Path, *, rest: int, count: int) -> list[int]:
-    """Choose frames that differ from one another: each is the farthest from those before it and from `rest`.
+    """Choose frames that differ from one another, by farthest point sampling from the rest frame.
 
-    The distance of two frames is the root mean square of that of their vertices, after the best rigid
-    motion: a walk through the scene is no other pose. Of large meshes every so many vertices count.
+    The distance of two frames is the root mean square distance of their vertices after the best rigid
+    motion, so a walk through the scene is not another pose. At most :data:`_POINTS` vertices are compared.
 
     Parameters
     ----------
     path : Path
     rest : int
-        The rest frame, which is not chosen.
+        The rest frame; it is not part of the result.
     count : int
-        How many, at most; fewer where the others are nearer than :data:`SAME` to one of them.
+        Maximum number of frames. Sampling stops early when every remaining frame is within :data:`SAME` of
+        a chosen frame.
 
     Returns
     -------
     list of int
-        In their order in time.
+        In order of time.
 
     Raises
     ------
@@ -127,25 +122,22 @@ def far_frames(path: Path, *, rest: int, count: int) -> list[int]:
     least = SAME * np.linalg.norm(np.ptp(points[rest], axis=0))
     chosen, nearest = [rest], np.full(counts.frames, np.inf)
     while len(chosen) <= count:
-        nearest = np.minimum(nearest, [_apart(points[chosen[-1]], frame) for frame in points])
+        nearest = np.minimum(nearest, [_distance(points[chosen[-1]], frame) for frame in points])
         if nearest.max() <= least:
             break
         chosen.append(int(nearest.argmax()))
     return sorted(chosen[1:])
 
 
-def _apart(a: np.ndarray, b: np.ndarray) -> float:
+def _distance(a: np.ndarray, b: np.ndarray) -> float:
     R, t = rigid_motion(a, b)
     return float(np.sqrt(((a @ R.T + t - b) ** 2).sum(axis=1).mean()))
 
 
 def _mapped(path: Path) -> tuple[Counts, np.ndarray, np.ndarray, np.ndarray]:
-    """Counts, first frame, triangles and offsets, read as they are looked at."""
+    """Counts, first frame, triangles and displacements, mapped to memory."""
     counts = read_counts(path)
-    try:
-        content = np.memmap(path, dtype=np.uint8, mode="r", offset=_COUNTS)
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: not readable as {SUFFIX} ({_reason(error)})") from error
+    content = np.memmap(path, dtype=np.uint8, mode="r", offset=_COUNTS)
     ends = _TRIPLE * np.cumsum([counts.vertices, counts.triangles])
     first, F, offsets = np.split(content, ends)
     return (
@@ -154,7 +146,3 @@ def _mapped(path: Path) -> tuple[Counts, np.ndarray, np.ndarray, np.ndarray]:
         F.view("<i4").reshape(-1, 3),
         offsets.view("<f4").reshape(counts.frames - 1, counts.vertices, 3),
     )
-
-
-def _reason(error: Exception) -> str:
-    return " ".join(str(error).split())

@@ -1,4 +1,4 @@
-"""What a configuration chooses of a source, checked."""
+"""Check the lists and mappings that a configuration gives to a source."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 from defaust.schema import mismatch
-from defaust.sources.source import SourcePose
+from defaust.sources.source import Source, SourcePose
 from sshade import InputError
 
-#: Names listed in a sentence before it says "and so many more".
+#: Maximum number of names in an error message; further names are counted.
 LISTED = 6
 
 
 def require_choice(
     value: Any, *, known: Collection[Any], option: str, empty: bool = False
 ) -> tuple[Any, ...]:
-    """The items of a list that chooses some of the known ones.
+    """Return the items of a list after checking them.
 
     Raises
     ------
     InputError
-        When it is no list, names another item, or one twice; or is empty, unless allowed.
+        When the value is not a list, or has an unknown or repeated item, or is empty unless `empty`.
     """
     kind = int if isinstance(next(iter(known), ""), int) else str
     items = list(value) if isinstance(value, tuple) else value
@@ -29,7 +29,7 @@ def require_choice(
     if problem:
         raise InputError(problem)
     if not items and not empty:
-        raise InputError(f"{option} is empty; it needs one entry at least")
+        raise InputError(f"{option} is empty; it needs at least one entry")
     for item in items:
         if item not in known:
             raise InputError(f"{option}: there is no {item!r}; choose from {shortened(list(known))}")
@@ -39,14 +39,14 @@ def require_choice(
 
 
 def check_choice(source: Any, attribute: str, *, known: Collection[Any], empty: bool = False) -> None:
-    """Check a parameter of a source by :func:`require_choice`, and keep it as a tuple."""
+    """Check a parameter of a source by :func:`require_choice`, and store it as a tuple."""
     value = getattr(source, attribute)
-    chosen = require_choice(value, known=known, option=f"source.{attribute}", empty=empty)
-    object.__setattr__(source, attribute, chosen)
+    items = require_choice(value, known=known, option=f"source.{attribute}", empty=empty)
+    object.__setattr__(source, attribute, items)
 
 
 def require_landmarks(value: Any, *, option: str) -> dict[str, int]:
-    """A mapping of names to vertex ids, of which no two are the same; InputError on anything else."""
+    """Check a mapping of names to distinct vertex ids; raise InputError on anything else."""
     problem = mismatch(dict(value) if isinstance(value, Mapping) else value, {str: int}, option)
     if problem or not value:
         raise InputError(f"{problem or f'{option} is empty'}; give names and vertices, e.g. {{nose: 332}}")
@@ -60,54 +60,48 @@ def require_landmarks(value: Any, *, option: str) -> dict[str, int]:
 
 
 def shortened(names: Sequence[Any]) -> str:
-    """The names, or the first of them and how many follow."""
+    """Join names by commas; names beyond :data:`LISTED` are only counted."""
     more = len(names) - LISTED
     return ", ".join(map(str, names[:LISTED])) + (f" and {more} more" if more > 0 else "")
 
 
-class OneTemplate:
-    """Part of a source whose subjects have one numbering of vertices, and all the same poses.
+class OneTemplate(Source):
+    """A source whose subjects share one vertex numbering and the same poses.
 
     Attributes
     ----------
     landmarks : mapping
-        Vertex of each landmark that can be chosen.
-    base_landmarks, more_landmarks : tuple of str
-        Landmarks with handles in every pose, and those added where a pose is not aligned with the rest
-        pose, so that few points do not have to fix its motion as a whole.
+        Vertex of each landmark.
+    base_landmarks : tuple of str
+        Landmarks with handles in every pose.
+    more_landmarks : tuple of str
+        Additional landmarks in poses that are turned as a whole against the rest pose. They keep the
+        motion of the whole body from being determined by a few points.
     """
 
-    name: str
-    subjects: tuple[int, ...]
     landmarks: Mapping[str, int]
     base_landmarks: tuple[str, ...]
     more_landmarks: tuple[str, ...]
 
     @property
     def landmark_names(self) -> tuple[str, ...]:
-        """Base landmarks, then the others."""
+        """Base landmarks, then the additional ones."""
         return (*self.base_landmarks, *self.more_landmarks)
 
     def landmark_vertices(self, subject: int) -> dict[str, int]:
         """The same vertices on every subject."""
-        self._require(subject)
         return {name: self.landmarks[name] for name in self.landmark_names}
 
     def _check_landmarks(self) -> None:
-        """Raise InputError unless the landmarks are known ones, each listed once."""
+        """Raise InputError unless every landmark is known and listed once."""
         for attribute, empty in (("base_landmarks", False), ("more_landmarks", True)):
             check_choice(self, attribute, known=self.landmarks, empty=empty)
         both = "source.base_landmarks and source.more_landmarks"
         require_choice(self.landmark_names, known=self.landmarks, option=both)
 
-    def _poses(self, subject: int, names: Iterable[tuple[str, bool]]) -> tuple[SourcePose, ...]:
-        """Poses of these names, aligned or not."""
-        self._require(subject)
+    def _poses(self, names: Iterable[tuple[str, bool]]) -> tuple[SourcePose, ...]:
+        """Poses of the given names; each name comes with whether the pose is aligned."""
         return tuple(
             SourcePose(name, self.base_landmarks if aligned else self.landmark_names, aligned)
             for name, aligned in names
         )
-
-    def _require(self, subject: int) -> None:
-        if subject not in self.subjects:
-            raise InputError(f"there is no {self.name} subject {subject}; they are 0 to {self.subjects[-1]}")

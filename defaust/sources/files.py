@@ -1,4 +1,4 @@
-"""Files of registered meshes and animations: found by name, read with that name in every complaint."""
+"""Find and read the files of registered meshes and animations. Error messages name the file."""
 
 from __future__ import annotations
 
@@ -19,28 +19,32 @@ from defaust.sources.matlab import read_surface
 from sshade import InputError, Mesh
 from sshade.io.meshes import read_arrays
 
-#: Mesh formats that keep shared vertices, the first that is there first.
+#: Mesh formats that keep shared vertices, in order of preference.
 MESH_SUFFIXES = (".ply", ".off", ".obj")
-#: All formats of one mesh a file. A .vert has its .tri beside it.
+#: All formats with one mesh a file, in order of preference. A .vert file needs a .tri file beside it.
 SUFFIXES = (*MESH_SUFFIXES, ".vert", ".mat")
 LAYOUTS = ("auto", "tosca", "sequence")
-#: Name of the class where a folder is one sequence: the folder's own must not enter the record.
+#: Name of the only class of a sequence. The folder's own name must not enter the record.
 SEQUENCE = "sequence"
+#: Reason to leave out a file in the layout ``tosca``.
+NO_CLASS = "its name does not read as a class and a number, like cat0"
+
+Classes = dict[str, tuple["Shape", ...]]
 
 
 @dataclass(frozen=True)
 class Shape:
-    """One mesh in a file.
+    """A mesh in a file.
 
     Parameters
     ----------
     name : str
-        The file's name without its suffix, or that of the array or the frame.
+        Name of the file without suffix, of the array, or of the frame.
     path : Path
     array : str
-        Name of the positions in an archive; empty for a file of its own.
+        Name of the positions in an archive; empty for other files.
     frame : int, optional
-        Of an animation.
+        Number of the frame in an animation.
     """
 
     name: str
@@ -50,15 +54,9 @@ class Shape:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """What it is read from."""
+        """The files that hold the mesh."""
         second = (self.path.with_suffix(".tri"),) if self.path.suffix.lower() == ".vert" else ()
         return (self.path, *second)
-
-    @property
-    def label(self) -> str:
-        """What complaints about it begin with."""
-        inside = self.array or self.frame is not None
-        return f"{self.path.name}, {self.name}" if inside else self.path.name
 
     def mesh(self, *, whole: bool = False) -> Mesh:
         """Read the mesh.
@@ -66,12 +64,12 @@ class Shape:
         Parameters
         ----------
         whole : bool
-            It must be manifold and of one component.
+            Require a manifold mesh of one component.
 
         Raises
         ------
         InputError
-            With the file's name.
+            When the mesh cannot be read; the message names the file.
         """
         V, F = self.arrays()
         with self.named():
@@ -82,13 +80,14 @@ class Shape:
             return mesh
 
     def arrays(self) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices and faces as they stand in the file, not validated; InputError with its name."""
+        """Read vertices and faces without validating them; an InputError names the file."""
         with self.named():
             for path in self.files:
                 if not path.is_file():
                     raise InputError(f"{path}: no such file")
             if self.array:
-                return _read_archive(self.path, array=self.array)
+                with _open_archive(self.path) as archive:
+                    return _reading(self.path, lambda: _arrays(archive, self.array))
             if self.frame is not None:
                 return read_frame(self.path, self.frame)
             read = {".vert": _read_vert_tri, ".mat": _read_mat}.get(self.path.suffix.lower(), read_arrays)
@@ -96,17 +95,19 @@ class Shape:
 
     @contextmanager
     def named(self) -> Iterator[None]:
-        """Begin the text of an InputError with the file's name, without its folder, which no record names."""
+        """Begin the text of an InputError with the file's name; remove the folder, which no record names."""
         try:
             yield
         except InputError as error:
             text = str(error).replace(f"{self.path.parent}{os.sep}", "")
-            own = tuple(f"{path.name}:" for path in self.files)
-            raise InputError(text if text.startswith(own) else f"{self.label}: {text}") from error
+            inside = f", {self.name}" if self.array or self.frame is not None else ""
+            if not text.startswith(tuple(f"{path.name}:" for path in self.files)):
+                text = f"{self.path.name}{inside}: {text}"
+            raise InputError(text) from error
 
 
 def mesh_files(folder: Path, suffixes: Sequence[str] = SUFFIXES) -> dict[str, Path]:
-    """Find the meshes in a folder, by name without suffix; of several formats the first of `suffixes`."""
+    """Find the meshes in a folder by name without suffix; earlier `suffixes` take precedence."""
     found: dict[str, Path] = {}
     for suffix in reversed(suffixes):
         for path in folder.iterdir():
@@ -115,26 +116,30 @@ def mesh_files(folder: Path, suffixes: Sequence[str] = SUFFIXES) -> dict[str, Pa
     return found
 
 
-def find_shapes(root: Path, *, layout: str) -> tuple[dict[str, tuple[Shape, ...]], dict[str, str]]:
-    """The classes of a folder, by name, or the one sequence of a folder or of an .npz file.
-
-    Beside them what is of no class, by name, and why: meshes that do not fit the layout ``tosca``,
-    animations that cannot be read.
+def find_shapes(root: Path, *, layout: str) -> tuple[Classes, dict[str, str]]:
+    """Find the meshes of a folder or file, sorted into classes.
 
     Parameters
     ----------
     root : Path
-        Of animations the file, or a folder that holds some at any depth and no other meshes: each
-        file is a class, its frames are ``frame_0``, ``frame_1``, ...
+        A folder of meshes, an .npz file, an .anime file, or a folder with .anime files at any depth and no
+        other meshes. Each animation is a class with the meshes ``frame_0``, ``frame_1``, ...
     layout : str
-        ``tosca``: <class><number>.<suffix>, in the order of the numbers;
-        ``sequence``: all files are one sequence, sorted by name, numbers in
-        the names as numbers; ``auto``: tosca where every name fits it. Of no matter to animations.
+        ``tosca``: files are named <class><number>.<suffix>. ``sequence``: all files are one sequence,
+        sorted by name; numbers in the names are sorted as numbers. ``auto``: tosca if all names fit.
+        Animations and archives ignore the layout.
+
+    Returns
+    -------
+    dict
+        Meshes of each class.
+    dict
+        Names of unusable meshes and animations, and the reasons.
 
     Raises
     ------
     InputError
-        When there are no meshes, or none whose name fits the layout, or none that can be read.
+        When there is no usable mesh.
     """
     if root.suffix.lower() == SUFFIX and root.is_file():
         return _animations([root])
@@ -149,28 +154,29 @@ def find_shapes(root: Path, *, layout: str) -> tuple[dict[str, tuple[Shape, ...]
             f"{root} holds no meshes ({', '.join((*SUFFIXES, SUFFIX))}); set source.root to their folder, or "
             "to an .npz"
         )
-    shapes = [Shape(name, files[name]) for name in sorted(files, key=_natural)]
-    parts = [re.fullmatch(r"([A-Za-z]+)\d+", shape.name) for shape in shapes]
-    if layout == "sequence" or (layout == "auto" and not all(parts)):
-        return {SEQUENCE: tuple(shapes)}, {}
-    unfit = [shape.name for shape, match in zip(shapes, parts, strict=True) if not match]
-    if not any(parts):
+    names = sorted(files, key=_natural)
+    match = {name: re.fullmatch(r"([A-Za-z]+)\d+", name) for name in names}
+    if layout == "sequence" or (layout == "auto" and not all(match.values())):
+        return {SEQUENCE: tuple(Shape(name, files[name]) for name in names)}, {}
+    unfit = [name for name in names if not match[name]]
+    if len(unfit) == len(names):
         raise InputError(
             f"{root}: {shortened(unfit)} do not read as a class and a number, like cat0; "
             "rename them, or set source.layout=sequence"
         )
-    of = [match[1] if match else "" for match in parts]
-    classes = sorted(set(of) - {""})
-    found = {name: tuple(s for s, own in zip(shapes, of, strict=True) if own == name) for name in classes}
-    return found, dict.fromkeys(unfit, "its name does not read as a class and a number, like cat0")
+    classes: dict[str, list[Shape]] = {}
+    for name in names:
+        if found := match[name]:
+            classes.setdefault(found[1], []).append(Shape(name, files[name]))
+    return {name: tuple(classes[name]) for name in sorted(classes)}, dict.fromkeys(unfit, NO_CLASS)
 
 
-def _animations(paths: Sequence[Path]) -> tuple[dict[str, tuple[Shape, ...]], dict[str, str]]:
-    found: dict[str, tuple[Shape, ...]] = {}
-    unreadable = {}
+def _animations(paths: Sequence[Path]) -> tuple[Classes, dict[str, str]]:
+    found: Classes = {}
+    unreadable: dict[str, str] = {}
     for path in paths:
         if path.stem in found or path.stem in unreadable:
-            raise InputError(f"{path}: another file is called {path.name}; classes need names of their own")
+            raise InputError(f"{path}: another file is called {path.name}; rename one of the files")
         try:
             with Shape(path.stem, path).named():
                 frames = read_counts(path).frames
@@ -184,7 +190,7 @@ def _animations(paths: Sequence[Path]) -> tuple[dict[str, tuple[Shape, ...]], di
 
 
 def existing(root: Any, *, option: str) -> Path:
-    """The path that the user named; InputError where nothing is there."""
+    """Path that the user named; InputError if nothing is there."""
     path = Path(str(root)).expanduser()
     if not path.exists():
         raise InputError(f"{path}: no such folder; set {option}")
@@ -192,7 +198,7 @@ def existing(root: Any, *, option: str) -> Path:
 
 
 def _natural(name: str) -> list[tuple[int, str]]:
-    """Sorts frame9 before frame10."""
+    """Sorting key that puts frame9 before frame10."""
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]
 
 
@@ -217,13 +223,12 @@ def _open_archive(path: Path) -> Iterator[Any]:
             yield archive
 
 
-def _read_archive(path: Path, *, array: str) -> tuple[np.ndarray, np.ndarray]:
-    with _open_archive(path) as archive:
-        return _reading(path, lambda: (archive[array].astype(np.float64), archive["F"].astype(np.int64)))
+def _arrays(archive: Any, positions: str) -> tuple[np.ndarray, np.ndarray]:
+    return archive[positions].astype(np.float64), archive["F"].astype(np.int64)
 
 
 def _read_vert_tri(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Two text tables; the triangles count from 1."""
+    """Read two text tables; the triangles count from 1."""
     V = _reading(path, lambda: np.loadtxt(path, dtype=np.float64, ndmin=2))
     tri = path.with_suffix(".tri")
     return V, _from_one(_reading(tri, lambda: np.loadtxt(tri, dtype=np.int64, ndmin=2)), path=tri)
@@ -235,17 +240,18 @@ def _read_mat(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _reading(path: Path, read: Callable[[], Any]) -> Any:
-    """What `read` returns; any failure becomes one sentence that names the file."""
+    """Return the result of `read`; report any failure as an InputError that names the file."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # an empty table: the next check says so
+            warnings.simplefilter("ignore", UserWarning)  # an empty table fails the next check
             return read()
-    except Exception as error:  # a reader fails in many ways, all of them the file's fault
+    except Exception as error:  # a reader fails in many ways, always because of the file
         reason = " ".join(str(error).split())
         raise InputError(f"{path}: not readable as {path.suffix} ({reason})") from error
 
 
 def _from_one(F: np.ndarray, *, path: Path) -> np.ndarray:
+    """Count vertices from 0 instead of 1."""
     if F.size and F.min() < 1:
         raise InputError(f"{path}: its vertices must count from 1, but one is {int(F.min())}")
     return F - 1

@@ -1,8 +1,7 @@
-"""MATLAB's files of surfaces, read in a process of their own.
+"""MATLAB files of surfaces, read in a separate process.
 
-SciPy's compiled reader can end its process on a damaged file; so it ends one
-that was begun for that file. ``python -m defaust.sources.matlab FILE`` writes the arrays to
-standard output; nothing but NumPy and SciPy is imported, to begin soon.
+SciPy's compiled reader can crash on a damaged file. The separate process keeps a crash from ending the build.
+``python -m defaust.sources.matlab FILE`` writes the arrays to standard output.
 """
 
 from __future__ import annotations
@@ -30,15 +29,15 @@ def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray]:
     Raises
     ------
     ValueError
-        When the file has none, or cannot be read, whatever that does to the reader.
+        When the file has no such struct, or cannot be read.
     """
     command = [sys.executable, "-m", "defaust.sources.matlab", str(path)]
     done = subprocess.run(command, capture_output=True)
     if done.returncode < 0:
         raise ValueError(f"its reader was ended by {signal.Signals(-done.returncode).name}")
     if done.returncode:
-        lines = done.stderr.decode(errors="replace").split("\n")
-        raise ValueError(" ".join(line for line in lines[-2:] if line) or "its reader failed")
+        lines = done.stderr.decode(errors="replace").strip().split("\n")
+        raise ValueError(lines[-1] or "its reader failed")
     with np.load(io.BytesIO(done.stdout), allow_pickle=False) as arrays:
         return arrays["V"], arrays["F"]
 
@@ -56,7 +55,7 @@ def _surface(path: str) -> tuple[np.ndarray, np.ndarray]:
 def _main(path: str) -> int:
     try:
         V, F = _surface(path)
-    except Exception as error:  # a reader fails in many ways, all of them the file's fault
+    except Exception as error:  # a reader fails in many ways, always because of the file
         sys.stderr.write(f"{' '.join(str(error).split()) or type(error).__name__}\n")
         return 1
     np.savez(sys.stdout.buffer, V=V, F=F)

@@ -1,14 +1,14 @@
-"""Scans and models as others published them, with whole regions as handles: koala, cat, hand, armadillo.
+"""Published scans and models with whole regions as handles: koala, cat, hand, armadillo.
 
-The first three ship with the package; the armadillo is read from a folder of the user's. Regions and poses
-are this project's own and stand in data/scans.yaml. What is known of a pose are its regions alone.
+The package ships koala, cat and hand; the armadillo is read from the user's folder. data/scans.yaml holds the
+regions and poses, which are this project's choice. The true poses are unknown.
 """
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -20,40 +20,42 @@ from scipy.spatial.transform import Rotation
 
 from defaust.folder.layout import sha256
 from defaust.sources.files import existing
-from defaust.sources.packing import STEPS, unpack
-from defaust.sources.source import Region, SourcePose
+from defaust.sources.source import Region, Source, SourcePose, provenance_texts
 from sshade import InputError, Mesh
 from sshade.io.meshes import read_mesh
 
-#: Of each scan its credits, what tells that it is this mesh, its regions and its poses.
+#: Credits, identity, regions and poses of each scan.
 SCANS: Mapping[str, Mapping[str, Any]] = yaml.safe_load(
     resources.files("defaust").joinpath("data/scans.yaml").read_text(encoding="utf-8")
 )
 NAMES = tuple(SCANS)
-#: Those of the package; the others are files of the user's.
+#: Scans that the package ships; the user has the others.
 SHIPPED = tuple(name for name in NAMES if "asset_sha256" in SCANS[name])
-#: Formats, of those that keep the order of vertices and faces, in which others are looked for.
+#: Formats of the user's files; these keep the order of vertices and faces.
 SUFFIXES = (".ply", ".obj", ".off")
+#: Number of steps of the asset's lattice along the longest side of the bounding box.
+STEPS = 2**16 - 1
 
 
 @dataclass(frozen=True)
-class Scans:
-    """Source of the scans; a subject is one of :data:`NAMES`.
+class Scans(Source):
+    """Source of the scans; a subject is an index into :data:`NAMES`.
 
     Parameters
     ----------
     root : path, optional
-        Folder of the scans that may not be shipped, such as ``armadillo.ply``; without it there
-        are those of the package alone.
+        Folder of scans that cannot be shipped, such as ``armadillo.ply``. By default only the shipped scans
+        are built.
 
     Raises
     ------
     InputError
-        When the folder is missing or holds none of them.
+        When the folder is missing or holds no such scan.
     """
 
     root: str | None = None
-    name: str = field(default="scans", init=False)
+
+    name = "scans"
 
     def __post_init__(self) -> None:
         if self.root is not None and self.subjects == tuple(map(NAMES.index, SHIPPED)):
@@ -62,72 +64,58 @@ class Scans:
 
     @property
     def subjects(self) -> tuple[int, ...]:
-        """Numbers of the scans that are there."""
+        """Numbers of the available scans."""
         return tuple(s for s, name in enumerate(NAMES) if name in SHIPPED or self._file(name))
 
     @property
     def landmark_names(self) -> tuple[str, ...]:
-        """The regions of all scans, whether they are there or not."""
+        """Regions of all scans, available or not."""
         return tuple(dict.fromkeys(region for scan in SCANS.values() for region in scan["regions"]))
 
     @property
     def provenance(self) -> Mapping[str, Any]:
-        """For the dataset card; the scans' own credits."""
-        own = [NAMES[s] for s in self.subjects]
+        """Facts for the dataset card, including the credits of each scan."""
+        texts, names = provenance_texts("scans"), [NAMES[s] for s in self.subjects]
+        origin, licence, citation = (
+            "; ".join(f"{name}: {SCANS[name][fact]}" for name in names)
+            for fact in ("origin", "licence", "credit")
+        )
         return {
-            "title": "scans",
-            "origin": "; ".join(f"{name}: {SCANS[name]['origin']}" for name in own)
-            + "; as collected in https://github.com/odedstein/meshes",
-            "licence": "; ".join(f"{name}: {SCANS[name]['licence']}" for name in own),
-            "citation": "; ".join(f"{name}: {SCANS[name]['credit']}" for name in own),
-            "limits": [
-                "Koala and cat were published as meshes, scanned or modelled; the hand is of a model that "
-                "was learned from scans; the armadillo is a range scan. All were remeshed.",
-                "No true pose is known: of a pose, only the regions that are held or moved.",
-                "Regions and poses are this project's choice.",
-                f"The scans of the package are rounded to a lattice of {STEPS} steps along their longest "
-                "side, and renumbered.",
-            ],
-            "axes": "y up",
-            "unit": "none (each scan's own)",
+            **texts,
+            "origin": f"{origin}; as collected in https://github.com/odedstein/meshes",
+            "licence": licence,
+            "citation": citation,
+            "limits": [limit.format(steps=STEPS) for limit in texts["limits"]],
             "classes": list(NAMES),
-            "scans": {name: dict(SCANS[name]) for name in own},
+            "scans": {name: dict(SCANS[name]) for name in names},
         }
 
     def checksums(self, subjects: Sequence[int]) -> Mapping[str, str]:
-        """sha256 of the user's files; those of the package's are among the facts."""
+        """sha256 of the user's files; `provenance` holds the checksums of the shipped scans."""
         files = [self._file(NAMES[s]) for s in subjects if NAMES[s] not in SHIPPED]
         return {file.name: sha256(file) for file in files if file is not None}
 
-    def landmark_vertices(self, subject: int) -> Mapping[str, int]:
-        """None: landmarks are regions."""
-        return {}
-
     def poses(self, subject: int) -> tuple[SourcePose, ...]:
         """The poses of a scan."""
-        self._require(subject)
-        name = NAMES[subject]
-        V = self.rest(subject).V
-        poses = SCANS[name]["poses"]
-        return tuple(SourcePose(pose, *_regions(SCANS[name]["regions"], poses[pose], V)) for pose in poses)
+        scan, V = SCANS[NAMES[subject]], self.rest(subject).V
+        regions = {pose: _regions(scan["regions"], content, V) for pose, content in scan["poses"].items()}
+        return tuple(
+            SourcePose(pose, tuple(region.landmark for region in found), regions=found)
+            for pose, found in regions.items()
+        )
 
     def rest(self, subject: int) -> Mesh:
         """The scan."""
-        self._require(subject)
         name = NAMES[subject]
         if name in SHIPPED:
             return shipped(name)
         file = self._file(name)
         if file is None:
-            raise InputError(f"{self.root}: holds no {name}.ply any more")
+            raise InputError(f"{self.root}: no longer holds {name}.ply")
         return _recognised(file, name)
 
     def posed(self, subject: int, pose: SourcePose) -> None:
-        """None: what is known are the regions."""
-
-    def _require(self, subject: int) -> None:
-        if subject not in self.subjects:
-            raise InputError(f"there is no subject {subject}; they are {list(self.subjects)}")
+        """None: only the regions are known."""
 
     def _file(self, name: str) -> Path | None:
         if self.root is None:
@@ -139,22 +127,17 @@ class Scans:
 
 @cache
 def shipped(name: str) -> Mesh:
-    """A scan of the installed package.
+    """Read a scan of the installed package: a closed manifold of one component.
 
     Parameters
     ----------
     name : str
-        One of :data:`SHIPPED`.
-
-    Returns
-    -------
-    Mesh
-        Closed and manifold, one component.
+        Name in :data:`SHIPPED`.
 
     Raises
     ------
     InputError
-        When the checksum of its asset is not the recorded one.
+        When the asset's checksum differs from the recorded one.
     """
     path = resources.files("defaust") / "data" / f"{name}.npz"
     found, known = hashlib.sha256(path.read_bytes()).hexdigest(), SCANS[name]["asset_sha256"]
@@ -164,14 +147,40 @@ def shipped(name: str) -> Mesh:
         return Mesh(*unpack(arrays))
 
 
+def unpack(arrays: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Decode an asset.
+
+    Parameters
+    ----------
+    arrays : mapping
+        ``corner`` (3,) and ``step`` () float64: the lattice. ``vertices`` (b, n, 3) and ``faces`` (b, m, 3)
+        uint8: differences of successive integers, one array for each of the b bytes.
+
+    Returns
+    -------
+    V : (n, 3) float64
+    F : (m, 3) int64
+    """
+    V = arrays["corner"] + arrays["step"] * np.cumsum(_integers(arrays["vertices"]), axis=0)
+    F = _integers(arrays["faces"])
+    F[:, 0] = np.cumsum(F[:, 0])
+    return V, np.cumsum(F, axis=1)
+
+
+def _integers(planes: np.ndarray) -> np.ndarray:
+    """Signed integers (k, 3) from their bytes (b, k, 3); odd numbers encode negative integers."""
+    unsigned = sum(plane.astype(np.int64) << 8 * k for k, plane in enumerate(planes))
+    return np.where(unsigned & 1, -(unsigned >> 1) - 1, unsigned >> 1)
+
+
 def identity(mesh: Mesh) -> dict[str, Any]:
-    """What tells a mesh from others, in whatever unit and format: its faces, and where its extremes lie.
+    """Describe a mesh in a way that does not depend on its unit and file format.
 
     Returns
     -------
     dict
-        ``vertices``: how many, ``faces_sha256``: of the faces as little-endian int64, and ``extremes``:
-        the vertices of lowest, then of highest x, y and z.
+        ``vertices``: the number of vertices. ``faces_sha256``: checksum of the faces as little-endian int64.
+        ``extremes``: the vertices of lowest, then of highest x, y and z.
     """
     low, high = mesh.V.argmin(axis=0), mesh.V.argmax(axis=0)
     return {
@@ -182,24 +191,19 @@ def identity(mesh: Mesh) -> dict[str, Any]:
 
 
 def _recognised(file: Path, name: str) -> Mesh:
-    """The mesh of a file, which must be the one that the regions were chosen on."""
+    """Read a file and check that it holds the mesh that the regions were chosen on."""
     mesh, wanted = read_mesh(file), SCANS[name]["identity"]
     if identity(mesh) != wanted:
         raise InputError(
             f"{file}: is another mesh, of {mesh.n:,} vertices, than the {name} of {wanted['vertices']:,} in "
-            "https://github.com/odedstein/meshes, or the same turned or numbered anew; the regions fit that "
-            "one alone"
+            "https://github.com/odedstein/meshes; use that file, neither rotated nor renumbered, because the "
+            "regions fit no other mesh"
         )
     return mesh
 
 
-def _regions(
-    regions: Mapping[str, Any], pose: Mapping[str, Any], V: np.ndarray
-) -> tuple[tuple[str, ...], bool, tuple[Region, ...]]:
-    """Names, whether the pose is aligned with the rest pose, and regions of a pose.
-
-    Boxes and pivots are fractions of the bounding box of V (n, 3), shifts are multiples of its diagonal.
-    """
+def _regions(regions: Mapping[str, Any], pose: Mapping[str, Any], V: np.ndarray) -> tuple[Region, ...]:
+    """Regions of a pose of a scan with vertices V (n, 3); data/scans.yaml says what the numbers mean."""
     low = V.min(axis=0)
     size = V.max(axis=0) - low
     motions: dict[str, tuple[np.ndarray, np.ndarray]] = {
@@ -216,4 +220,4 @@ def _regions(
         corners = (low + size * np.array(regions[name])).tolist()
         boxes = tuple((tuple(a), tuple(b)) for a, b in corners)
         found.append(Region(name, boxes, *motions[name]))
-    return tuple(region.landmark for region in found), True, tuple(found)
+    return tuple(found)

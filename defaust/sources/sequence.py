@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -14,28 +14,30 @@ from defaust.folder.layout import sha256
 from defaust.schema import mismatch
 from defaust.sources.animations import far_frames
 from defaust.sources.choices import check_choice, require_choice, require_landmarks, shortened
-from defaust.sources.files import LAYOUTS, Shape, existing, find_shapes
-from defaust.sources.source import SourcePose
+from defaust.sources.files import LAYOUTS, Classes, Shape, existing, find_shapes
+from defaust.sources.source import Source, SourcePose, provenance_texts
 from defaust.sources.winding import same_triangles, wound_outward
 from sshade import InputError, Mesh
 from sshade.mesh.adjacency import edge_graph
 from sshade.mesh.surface import cleaned, without_duplicates
 from sshade.sampling.fronts import Fronts, farthest_point_sampling
 
-#: Facts that nobody but the user knows.
+#: Facts for the dataset card that only the user knows.
 FACTS = ("title", "origin", "unit", "axes", "licence", "citation")
-
-#: Of target poses that were chosen, for the card.
-_FRAMES = (
-    "Target poses of an animation are at most {} of its frames, each the farthest from those before it and "
-    "from the rest pose, after the best rigid motion."
-)
 
 
 class _Surface(NamedTuple):
-    """The rest mesh of a class, and what its file holds.
+    """The cleaned rest mesh of a class.
 
-    `F` are the file's faces, `vertex` (n,) is the vertex of `rest` of each of the file's vertices, or -1.
+    Attributes
+    ----------
+    rest : Mesh
+    F : (k, 3) int
+        Faces of the file.
+    vertex : (j,) int
+        For each vertex of the file the vertex of `rest`, or -1.
+    dropped : dict
+        Counts of removed vertices and faces.
     """
 
     rest: Mesh
@@ -44,47 +46,53 @@ class _Surface(NamedTuple):
     dropped: dict[str, int]
 
 
-@dataclass(frozen=True)
-class RegisteredSequence:
-    """Source of registered sequences; a subject is a class of TOSCA's, or the one sequence.
+class _Class(NamedTuple):
+    """The meshes of a subject; `targets` are possible target poses."""
 
-    Meshes may have boundary loops, edges of more than two faces, and several components. Vertices
-    that no face uses, and faces that repeat a vertex or another face, are no part of the surface
-    and are not taken over.
-    Files of a class may list the same triangles in another order or winding:
-    all meshes of the class get the rest pose's list, wound outward where it can be.
+    name: str
+    rest: Shape
+    targets: tuple[Shape, ...]
+
+
+@dataclass(frozen=True)
+class RegisteredSequence(Source):
+    """Source of registered sequences; a subject is a class of files, an animation, or the only sequence.
+
+    Meshes may have boundaries, edges of more than two faces, and several components. Vertices without a
+    face, and faces that repeat a vertex or another face, are removed. Files of a class may list the same
+    triangles in different order or orientation. All meshes of the class get the rest pose's list, oriented
+    outward where possible.
 
     Parameters
     ----------
     root : path
-        A folder of .ply, .off, .obj, .vert with .tri, or .mat files, an
-        .npz file with positions V_0, V_1, ... and triangles F, or .anime files, each of them a class.
+        A folder of .ply, .off, .obj, .vert with .tri, or .mat files; an .npz file with positions V_0, V_1,
+        ... and triangles F; or .anime files, each of which is a class.
+    facts : mapping
+        ``title``, ``origin``, ``unit``, ``axes``, ``licence``, ``citation``.
     layout : str
         ``auto``, ``tosca`` or ``sequence``; see :func:`defaust.sources.files.find_shapes`.
     classes : sequence of str, optional
-        Use only these, in this order: they are the subjects 0, 1, ...; by default all that
-        have a target pose, but for those `without`.
+        Classes to use, in this order: subjects 0, 1, ... By default all classes that have a target pose,
+        except the classes in `without`.
     without : sequence of str
-        Classes that are not taken unless `classes` names them; they need not be there.
+        Classes to leave out if `classes` is not given. Unknown names are ignored.
     rest_pose : str, optional
-        Name of the rest pose, where it is not the first of its class.
+        Name of the rest pose; by default the first mesh of the class.
     poses_used : sequence of str, optional
-        Names of the target poses; by default all but the rest pose, of an animation `frames`.
+        Names of the target poses; by default all other meshes, or `frames` frames of an animation.
     frames : int
-        Of an animation so many target poses, each the frame that is farthest from those before it and
-        from the rest pose; see :func:`defaust.sources.animations.far_frames`.
+        Maximum number of target poses of an animation; see :func:`defaust.sources.animations.far_frames`.
     landmarks : int or mapping
-        So many by farthest point sampling on the rest pose, or the vertex of
-        each by name, as its file counts (one class only). All of them are used in every pose.
+        Number of landmarks, sampled farthest from each other on the rest pose; or the vertex of each
+        landmark by name, as the file counts vertices (for one class only). Every pose uses all of them.
     name : str
         Short identifier of the dataset.
-    facts : mapping
-        ``title``, ``origin``, ``unit``, ``axes``, ``licence``, ``citation``.
 
     Raises
     ------
     InputError
-        On a wrong folder, or names that are not there.
+        On a wrong folder, or unknown names.
     """
 
     root: str
@@ -97,8 +105,6 @@ class RegisteredSequence:
     frames: int = 4
     landmarks: int | Mapping[str, int] = 8
     name: str = "sequence"
-    _surfaces: dict[int, _Surface] = field(default_factory=dict, init=False, repr=False, compare=False)
-    _chosen: dict[str, tuple[Shape, ...]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[A-Za-z0-9_-]+", str(self.name)):
@@ -116,7 +122,7 @@ class RegisteredSequence:
             raise InputError(f"source.frames is {self.frames}; it must be at least 1")
         if self.classes is not None:
             check_choice(self, "classes", known=self._found[0])
-        names = [shape.name for of_class in self._shapes.values() for shape in of_class]
+        names = [shape.name for one in self._subjects for shape in self._found[0][one.name]]
         if self.rest_pose is not None:
             require_choice([self.rest_pose], known=names, option="source.rest_pose")
         if self.poses_used is not None:
@@ -126,56 +132,54 @@ class RegisteredSequence:
                 raise InputError(f"source.landmarks is {self.landmarks}; it must be at least 1")
             return
         object.__setattr__(self, "landmarks", require_landmarks(self.landmarks, option="source.landmarks"))
-        if len(self._shapes) > 1:
+        if len(self.subjects) > 1:
             raise InputError(
-                f"source.landmarks gives vertices, but there are the classes {', '.join(self._shapes)}; "
-                "choose one with source.classes=[...], or give a number for farthest point sampling"
+                "source.landmarks gives vertices, but there are the classes "
+                f"{', '.join(one.name for one in self._subjects)}; choose one with source.classes=[...], or "
+                "give a number for farthest point sampling"
             )
 
     @property
     def subjects(self) -> tuple[int, ...]:
         """One number a class."""
-        return tuple(range(len(self._shapes)))
+        return tuple(range(len(self._subjects)))
 
     @property
     def landmark_names(self) -> tuple[str, ...]:
-        """Those given, or fps_0, fps_1, ... in order of sampling."""
+        """The configured names, or fps_0, fps_1, ... in order of sampling."""
         if isinstance(self.landmarks, int):
             return tuple(f"fps_{k}" for k in range(self.landmarks))
         return tuple(self.landmarks)
 
     @property
     def provenance(self) -> Mapping[str, Any]:
-        """Facts for the card."""
+        """Facts for the dataset card."""
+        texts = provenance_texts("sequence")
         sampled = isinstance(self.landmarks, int)
-        without = [name for name in self.without if name in self._found[0] and name not in self._shapes]
+        names = [one.name for one in self._subjects]
+        limits = [text.format(landmarks=texts["sampled" if sampled else "named"]) for text in texts["limits"]]
+        if self.poses_used is None and any(one.rest.frame is not None for one in self._subjects):
+            limits.append(texts["frames"].format(frames=self.frames))
+        without = [name for name in self.without if name in self._found[0] and name not in names]
         return {
             **{name: str(self.facts[name]) for name in FACTS},
-            "limits": [
-                "The meshes are as they were found, but for triangles: all poses of a subject have those of "
-                "the rest pose, wound outward; and without vertices that no face uses and faces that "
-                "repeat a vertex or another face.",
-                "Landmarks are sampled farthest from each other on the rest pose and have no meaning."
-                if sampled
-                else "Landmarks are vertices that the configuration names.",
-                "Whether a pose is turned as a whole against the rest pose was not examined.",
-                *([_FRAMES.format(self.frames)] if self.poses_used is None and self._animated else []),
-            ],
-            "classes": list(self._shapes),
-            "rest_poses": [self._rest(subject).name for subject in self.subjects],
+            "limits": limits,
+            "classes": names,
+            "rest_poses": [one.rest.name for one in self._subjects],
             "landmark_choice": self.landmarks if sampled else dict(self.landmarks),
             **({"without": without} if without else {}),
-            **({"left_out": self._usable[1]} if self._usable[1] else {}),
+            **({"left_out": self._unused} if self._unused else {}),
         }
 
     def checksums(self, subjects: Sequence[int]) -> Mapping[str, str]:
-        """sha256 of each file of these subjects that is there, by the file's name."""
-        shapes = [shape for s in subjects for shape in (self._rest(s), *self._targets_among(self._of(s)[1]))]
+        """sha256 of each existing file of the subjects, by file name."""
+        chosen = [self._subjects[s] for s in subjects]
+        shapes = [shape for one in chosen for shape in (one.rest, *one.targets)]
         paths = {path.name: path for shape in shapes for path in shape.files if path.is_file()}
         return {name: sha256(path) for name, path in paths.items()}
 
     def landmark_vertices(self, subject: int) -> Mapping[str, int]:
-        """Vertices as given, or sampled on the rest mesh, beginning at an end of its largest component."""
+        """Configured vertices, or samples of the rest mesh that begin at an end of its largest component."""
         surface = self._surface(subject)
         rest, stored = surface.rest, surface.vertex
         if isinstance(self.landmarks, int):
@@ -186,7 +190,7 @@ class RegisteredSequence:
                 )
             graph = edge_graph(rest)
             largest = rest.component == np.bincount(rest.component).argmax()
-            # Farthest from any vertex is an end of the shape.
+            # The vertex farthest from any vertex is an end of the shape.
             distance = Fronts(graph, np.flatnonzero(largest)[:1]).distance
             end = np.where(largest, distance, -1.0).argmax()
             samples = farthest_point_sampling(graph, self.landmarks, first=np.array([end])).samples
@@ -201,39 +205,47 @@ class RegisteredSequence:
         return {name: int(stored[vertex]) for name, vertex in self.landmarks.items()}
 
     def poses(self, subject: int) -> tuple[SourcePose, ...]:
-        """The other meshes of the class, in order."""
-        return tuple(
-            SourcePose(name=shape.name, landmarks=self.landmark_names, aligned=None)
-            for shape in self._targets(subject)
-        )
+        """The target poses, in order."""
+        name, rest, targets = self._subjects[subject]
+        if rest.frame is not None and self.poses_used is None:
+            with rest.named():
+                frames = far_frames(rest.path, rest=rest.frame, count=self.frames)
+            targets = tuple(shape for shape in targets if shape.frame in frames)
+        if not targets:
+            raise InputError(
+                f"the class {name} has no target pose besides its rest pose {rest.name}; "
+                "leave it out with source.classes or subjects"
+            )
+        return tuple(SourcePose(shape.name, self.landmark_names, aligned=None) for shape in targets)
 
     def rest(self, subject: int) -> Mesh:
-        """Rest mesh, wound outward where it can be."""
+        """Rest mesh, oriented outward where possible."""
         return self._surface(subject).rest
 
     def dropped(self, subject: int) -> Mapping[str, int]:
-        """Numbers of vertices and faces of the rest mesh's file that are no part of its surface."""
+        """Counts of vertices and faces in the rest mesh's file that are not part of its surface."""
         return self._surface(subject).dropped
 
     def posed(self, subject: int, pose: SourcePose) -> Mesh:
         """A mesh of the class, with the triangles of the rest mesh."""
         surface = self._surface(subject)
-        shape = next(s for s in self._targets(subject) if s.name == pose.name)
+        _, rest, targets = self._subjects[subject]
+        shape = next(s for s in targets if s.name == pose.name)
         V, F = shape.arrays()
-        first, n = self._rest(subject).name, len(surface.vertex)
+        n = len(surface.vertex)
         with shape.named():
             if len(V) != n:
-                raise InputError(f"{len(V)} vertices, but the rest pose {first} has {n}")
+                raise InputError(f"{len(V)} vertices, but the rest pose {rest.name} has {n}")
             if not same_triangles(F, surface.F):
                 raise InputError(
-                    f"other triangles than the rest pose {first}; the meshes of a sequence must be in "
+                    f"other triangles than the rest pose {rest.name}; the meshes of a sequence must be in "
                     "correspondence"
                 )
             return Mesh(V[surface.vertex >= 0], surface.rest.F)
 
     def _surface(self, subject: int) -> _Surface:
         if subject not in self._surfaces:
-            shape = self._rest(subject)
+            shape = self._subjects[subject].rest
             V, F = shape.arrays()
             with shape.named():
                 whole = cleaned(V, F)
@@ -248,69 +260,40 @@ class RegisteredSequence:
         return self._surfaces[subject]
 
     @cached_property
-    def _found(self) -> tuple[dict[str, tuple[Shape, ...]], dict[str, str]]:
+    def _surfaces(self) -> dict[int, _Surface]:
+        return {}
+
+    @cached_property
+    def _found(self) -> tuple[Classes, dict[str, str]]:
         root = existing(self.root, option="source.root to a folder of meshes, or an .npz file")
         return find_shapes(root, layout=self.layout)
 
     @property
-    def _shapes(self) -> dict[str, tuple[Shape, ...]]:
-        """The classes that are used: the subjects, in their order."""
+    def _subjects(self) -> list[_Class]:
+        """The classes in use."""
         return self._usable[0]
 
-    @cached_property
-    def _usable(self) -> tuple[dict[str, tuple[Shape, ...]], dict[str, str]]:
-        """The classes that are used, and why others, and files of no class, are not."""
-        found, left_out = self._found
-        left_out = dict(left_out)
-        if self.classes is not None:
-            return {name: found[name] for name in self.classes}, left_out
-        usable = {name: shapes for name, shapes in found.items() if name not in self.without}
-        single = [name for name, shapes in usable.items() if not self._targets_among(shapes)]
-        if len(single) < len(usable):
-            for name in single:
-                del usable[name]
-                left_out[name] = "it has no target pose besides its rest pose"
-        if not usable:
-            raise InputError(f"source.without leaves no class of {shortened(list(found))}")
-        return usable, left_out
-
-    def _of(self, subject: int) -> tuple[str, tuple[Shape, ...]]:
-        if subject not in self.subjects:
-            raise InputError(f"there is no subject {subject}; they are 0 to {len(self._shapes) - 1}")
-        return list(self._shapes.items())[subject]
-
-    def _rest(self, subject: int) -> Shape:
-        return self._rest_among(self._of(subject)[1])
-
-    def _targets(self, subject: int) -> tuple[Shape, ...]:
-        name, shapes = self._of(subject)
-        if name not in self._chosen:
-            self._chosen[name] = self._far(subject, self._targets_among(shapes))
-        targets = self._chosen[name]
-        if not targets:
-            raise InputError(
-                f"the class {name} has no target pose besides its rest pose {self._rest(subject).name}; "
-                "leave it out with source.classes or subjects"
-            )
-        return targets
-
-    def _far(self, subject: int, targets: tuple[Shape, ...]) -> tuple[Shape, ...]:
-        """Of the frames of an animation those that make the poses, where none are named."""
-        rest = self._rest(subject)
-        if rest.frame is None or self.poses_used is not None:
-            return targets
-        with rest.named():
-            chosen = far_frames(rest.path, rest=rest.frame, count=self.frames)
-        return tuple(shape for shape in targets if shape.frame in chosen)
-
     @property
-    def _animated(self) -> bool:
-        return any(shapes[0].frame is not None for shapes in self._shapes.values())
+    def _unused(self) -> dict[str, str]:
+        """Names of unused classes and files, and the reasons."""
+        return self._usable[1]
 
-    def _rest_among(self, shapes: tuple[Shape, ...]) -> Shape:
-        return next((s for s in shapes if s.name == self.rest_pose), shapes[0])
+    @cached_property
+    def _usable(self) -> tuple[list[_Class], dict[str, str]]:
+        found, unused = self._found[0], dict(self._found[1])
+        if self.classes is not None:
+            return [self._class(name) for name in self.classes], unused
+        classes = [self._class(name) for name in found if name not in self.without]
+        if not classes:
+            raise InputError(f"source.without leaves no class of {shortened(list(found))}")
+        usable = [one for one in classes if one.targets]
+        if usable:
+            single = [one.name for one in classes if not one.targets]
+            unused |= dict.fromkeys(single, "it has no target pose besides its rest pose")
+        return usable or classes, unused
 
-    def _targets_among(self, shapes: tuple[Shape, ...]) -> tuple[Shape, ...]:
-        rest = self._rest_among(shapes)
-        used = self.poses_used
-        return tuple(s for s in shapes if s != rest and (used is None or s.name in used))
+    def _class(self, name: str) -> _Class:
+        shapes, used = self._found[0][name], self.poses_used
+        rest = next((s for s in shapes if s.name == self.rest_pose), shapes[0])
+        targets = tuple(s for s in shapes if s != rest and (used is None or s.name in used))
+        return _Class(name, rest, targets)

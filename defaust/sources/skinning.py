@@ -1,4 +1,4 @@
-"""Dual quaternion skinning: what turns a body at rest into a posed one."""
+"""Dual quaternion skinning."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ import numpy as np
 def bone_motions(joints: np.ndarray, parents: np.ndarray, *, rotations: np.ndarray) -> np.ndarray:
     """Rigid motion of each bone as a unit dual quaternion.
 
-    A bone turns about its joint by its own rotation, then follows its parent.
-    The rotations are about world axes, so a zero pose is the rest pose.
+    A bone turns about its joint, then follows its parent. Rotations are about world axes, so zero
+    rotations give the rest pose.
 
     Parameters
     ----------
     joints : (b, 3) float64
-        Rest position of the joint that each bone turns about, in metres.
+        Rest position of each bone's joint, in metres.
     parents : (b,) int
-        Parent of each bone, before its children; -1 at the root.
+        Parent of each bone, -1 at the root. Parents come before their children.
     rotations : (b, 3) float64
         Rotation vectors, in radians.
 
     Returns
     -------
     (b, 8) float64
-        Real part (w, x, y, z), then dual part. Signs follow the chain: the real
-        part of a child is the product of its parent's and of a rotation of less
-        than half a turn, so blending never crosses hemispheres.
+        Real part (w, x, y, z), then dual part. The real part of a child is its parent's real part times a
+        rotation of less than half a turn. Neighbouring bones therefore lie in one hemisphere, and
+        blending them is safe.
     """
     local = _from_rotation_vectors(rotations)
     real = np.empty((len(joints), 4))
@@ -42,7 +42,7 @@ def bone_motions(joints: np.ndarray, parents: np.ndarray, *, rotations: np.ndarr
 
 
 def apply_motions(motions: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Move points by one dual quaternion each; it need not have unit length.
+    """Move each point by its dual quaternion, which need not have unit length.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def blend_motions(motions: np.ndarray, *, bone: np.ndarray, weight: np.ndarray) 
     motions : (b, 8) float64
         From :func:`bone_motions`.
     bone : (n, k) int
-        The bones that each vertex hangs on.
+        Bones of each vertex.
     weight : (n, k) float64
         Their weights; each row sums to 1.
 
@@ -85,12 +85,12 @@ def blend_motions(motions: np.ndarray, *, bone: np.ndarray, weight: np.ndarray) 
 def _from_rotation_vectors(vectors: np.ndarray) -> np.ndarray:
     """(b, 4) unit quaternions (w, x, y, z)."""
     half = 0.5 * np.linalg.norm(vectors, axis=1, keepdims=True)
-    # sin(h) / (2 h) by sinc, which is exact at zero.
+    # sinc computes sin(h) / h exactly at zero.
     return np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * vectors], axis=1)
 
 
 def _multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Quaternion product, along the last axis."""
+    """Multiply quaternions along the last axis."""
     aw, av, bw, bv = a[..., :1], a[..., 1:], b[..., :1], b[..., 1:]
     w = aw * bw - (av * bv).sum(axis=-1, keepdims=True)
     return np.concatenate([w, aw * bv + bw * av + np.cross(av, bv)], axis=-1)

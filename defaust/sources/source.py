@@ -1,12 +1,14 @@
-"""What a source of registered shapes offers to the build."""
+"""The interface between a source of registered shapes and the build."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, runtime_checkable
+from importlib import resources
+from typing import Any
 
 import numpy as np
+import yaml
 
 from sshade import Mesh
 
@@ -16,7 +18,7 @@ Box = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """A landmark that is all vertices in some boxes, whatever the resolution, moved rigidly.
+    """A landmark whose handles are all vertices in some boxes. The region moves rigidly.
 
     Parameters
     ----------
@@ -24,7 +26,7 @@ class Region:
     boxes : tuple of boxes
     rotation : (3, 3) float64, optional
     translation : (3,) float64, optional
-        v goes to R v + t; by default it stays.
+        A vertex v goes to R v + t. The default keeps it in place.
     """
 
     landmark: str
@@ -35,18 +37,18 @@ class Region:
 
 @dataclass(frozen=True)
 class SourcePose:
-    """One target pose of a subject.
+    """A target pose of a subject.
 
     Parameters
     ----------
     name : str
-        What the source calls it.
+        Name of the pose in the source.
     landmarks : tuple of str
-        Landmarks that carry handles in this pose.
+        Landmarks with handles in this pose.
     aligned : bool, optional
-        False where the pose is turned or moved as a whole against the rest pose; None: not known.
+        False if the whole body is turned or moved against the rest pose; None if unknown.
     regions : tuple of Region, optional
-        Landmarks whose handles are a region, not some vertices near one.
+        Landmarks whose handles are a region.
     """
 
     name: str
@@ -55,62 +57,69 @@ class SourcePose:
     regions: tuple[Region, ...] = ()
 
 
-class Source(Protocol):
-    """Subjects with a rest pose and target poses in vertex correspondence.
+class Source:
+    """Base class of sources: subjects with a rest pose and target poses in vertex correspondence.
 
-    A source is built with plain parameters and pickles, because subjects are
-    built in worker processes. Whatever it returns depends on nothing but its
+    Subjects are built in worker processes, so a source must pickle. Its meshes depend only on its
     parameters and its data.
+
+    Attributes
+    ----------
+    name : str
+        Short identifier, e.g. ``synthetic``.
+    provenance : mapping
+        Facts for the dataset card: ``title``, ``origin``, ``licence``, ``citation``, ``limits``, ``axes``,
+        ``unit``, and everything else that the result depends on, as plain values without paths.
+        ``without`` lists classes that the configuration leaves out. ``left_out`` maps the names of other
+        unused data to a reason.
+    subjects : tuple of int
+        Numbers of the subjects.
+    landmark_names : tuple of str
+        Every landmark of every pose, in the order of their ids.
     """
 
-    @property
-    def name(self) -> str:
-        """Short identifier, e.g. ``synthetic``."""
-
-    @property
-    def provenance(self) -> Mapping[str, Any]:
-        """Flat facts for the dataset card: ``title``, ``origin``, ``licence``, ``citation``, ``limits``,
-        ``axes``, ``unit`` and what else the result depends on: text, numbers, or lists
-        and mappings of them; no path. ``without`` are the names of classes that were not to be
-        taken, ``left_out`` says of others why they are not."""
-
-    @property
-    def subjects(self) -> tuple[int, ...]:
-        """Numbers of the subjects."""
-
-    @property
-    def landmark_names(self) -> tuple[str, ...]:
-        """Every landmark that some pose uses, in the order of their ids."""
-
-    def checksums(self, subjects: Sequence[int]) -> Mapping[str, str]:
-        """sha256 of each file that these subjects are read from, by the file's name; empty where the
-        data ship with the package. Raises InputError where a file is missing."""
-
-    def landmark_vertices(self, subject: int) -> Mapping[str, int]:
-        """Vertex of each landmark that is no region, on the subject's registered meshes."""
+    name: str
+    provenance: Mapping[str, Any]
+    subjects: tuple[int, ...]
+    landmark_names: tuple[str, ...]
 
     def poses(self, subject: int) -> tuple[SourcePose, ...]:
-        """Target poses; pose k of the dataset is the k-th of them, counted from 1."""
+        """Target poses; the dataset counts them from 1."""
+        raise NotImplementedError
 
     def rest(self, subject: int) -> Mesh:
-        """Registered rest mesh, in which every vertex has a face. InputError where it cannot be used."""
+        """Registered rest mesh, in which every vertex has a face; InputError if it cannot be used."""
+        raise NotImplementedError
 
     def posed(self, subject: int, pose: SourcePose) -> Mesh | None:
-        """Registered mesh in a target pose, with the faces of the rest mesh; None where all that is
-        known of the pose are its regions. InputError where the pose cannot be used."""
+        """Registered mesh in a target pose, with the faces of the rest mesh.
 
+        None if only the regions of the pose are known; InputError if the pose cannot be used.
+        """
+        raise NotImplementedError
 
-@runtime_checkable
-class FromFiles(Protocol):
-    """A source whose files may hold what is no part of a surface, and is not taken over."""
+    def checksums(self, subjects: Sequence[int]) -> Mapping[str, str]:
+        """sha256 of each file that the subjects are read from, by file name; InputError if one is missing."""
+        return {}
+
+    def landmark_vertices(self, subject: int) -> Mapping[str, int]:
+        """Vertex of each landmark that is not a region, on the subject's registered meshes."""
+        return {}
 
     def dropped(self, subject: int) -> Mapping[str, int]:
-        """How many of what, such as ``unused_vertices``; empty where there is none."""
+        """Counts of the vertices and faces in a file that are not part of the surface."""
+        return {}
+
+    def generated(self, subject: int, *, vertices: int) -> Mesh | None:
+        """Rest mesh of about this many vertices, with the topology of the registered mesh.
+
+        None if the source cannot generate meshes; the build upsamples the registered mesh.
+        """
+        return None
 
 
-@runtime_checkable
-class Generator(Protocol):
-    """A source that makes its rest meshes at any resolution itself, so that none is upsampled."""
-
-    def generated(self, subject: int, *, vertices: int) -> Mesh:
-        """Rest mesh of about so many vertices, of the same topology as the registered one."""
+def provenance_texts(source: str) -> dict[str, Any]:
+    """Texts of a source for the dataset card, from data/provenance.yaml."""
+    text = resources.files("defaust").joinpath("data/provenance.yaml").read_text(encoding="utf-8")
+    texts: dict[str, Any] = yaml.safe_load(text)[source]
+    return texts

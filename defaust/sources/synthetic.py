@@ -1,29 +1,28 @@
-"""Synthetic bodies in correspondence, from the asset that :mod:`defaust.bake` made.
+"""Ten synthetic adults in vertex correspondence.
 
-Ten adults with FAUST's counts (6890 vertices, 13776 faces), a rest pose and
-ten target poses each: nothing touches in the first four, parts touch and cross
-a little in the others. Metres, y up, facing +z, feet on y = 0.
+Each has FAUST's counts (6890 vertices, 13776 faces), a rest pose and ten target poses. In the first four
+target poses nothing touches. In the others, parts of the body touch and cross a little. The unit is the
+metre; y points up, the bodies face +z, and the feet stand on y = 0. :mod:`tools.bake` made the asset.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
-from types import MappingProxyType
 
 import numpy as np
 
 from defaust.sources.choices import OneTemplate, require_choice
 from defaust.sources.skinning import apply_motions, blend_motions, bone_motions
-from defaust.sources.source import SourcePose
+from defaust.sources.source import SourcePose, provenance_texts
 from sshade import InputError, Mesh
 
-#: Length of one step of the stored integers, in metres.
+#: Unit of the stored integer coordinates, in metres.
 QUANTUM = 2e-5
-#: Of the asset; a new bake changes it.
+#: Checksum of the asset; a new bake changes it.
 SHA256 = "b85c3dfd44ed40ddfbdba348a8f7275fa96dc03c34a3c0f00612eb84b75db1e9"
 
 BASE_LANDMARKS = ("nose", "hand_l", "hand_r", "toe_l", "toe_r", "heel_l", "heel_r")
@@ -31,37 +30,32 @@ MORE_LANDMARKS = (
     *("elbow_l", "elbow_r", "knee_l", "knee_r", "hip_l", "hip_r"),
     *("chest", "upper_back"),
 )
-#: Poses that are turned against the rest pose.
+#: Poses that are turned as a whole against the rest pose.
 UNALIGNED = ("bend_twist",)
-#: For the dataset card.
-FACTS = {
-    "title": "synthetic bodies",
-    "origin": (
-        "MakeHuman/MPFB2 base mesh, macro targets and game-engine rig, morphed to ten adults, "
-        "closed, decimated to 6890 vertices and posed by dual quaternion skinning"
-    ),
-    "licence": "CC0 1.0 Universal (see the NOTICE file of the package)",
-    "citation": "MakeHuman community, base mesh hm08 and its targets, CC0 since September 2020",
-    "limits": [
-        "The bodies are synthetic: no scan, no hair, neutral faces, closed mouth and eyes.",
-        "Skinning stands for soft tissue: shoulders bulge when the arms go up, creases stretch.",
-        "In the first four poses no part touches another; in the others parts touch and cross a little, but "
-        "for the crossed arms of subject 6.",
-        "Fingers and toes are thin; remeshed below about 100,000 vertices they are coarse.",
-    ],
-    "axes": "y up, facing +z, the person's left at +x",
-    "unit": "metre",
-    "asset_sha256": SHA256,
-}
 
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """The asset, decoded.
+    """The decoded asset of s subjects, n vertices, b bones and p poses.
 
-    rest (s, n, 3) float64 metres; faces (m, 3) int64; joints (s, b, 3);
-    parents (b,); bone, weight (n, 4); rotations (s, p, b, 3) radians about
-    world axes; shifts (s, p, 3) metres; landmarks: name -> vertex.
+    Attributes
+    ----------
+    rest : (s, n, 3) float64
+        Rest positions in metres.
+    faces : (m, 3) int64
+    joints : (s, b, 3) float64
+        Joint that each bone turns about, in metres.
+    parents : (b,) int64
+        Parent of each bone, -1 at the root.
+    bone, weight : (n, 4)
+        Bones of each vertex, and their weights.
+    rotations : (s, p, b, 3) float64
+        Rotation vectors about world axes, in radians.
+    shifts : (s, p, 3) float64
+        Translations of the whole body, in metres.
+    pose_names : tuple of str
+    landmarks : mapping
+        Vertex of each landmark.
     """
 
     rest: np.ndarray
@@ -94,18 +88,18 @@ class Bodies:
         )
 
     def pose(self, subject: int, *, rotations: np.ndarray, shift: np.ndarray) -> np.ndarray:
-        """(n, 3) vertices of a subject under any rotations (b, 3) and shift (3,)."""
+        """Vertices (n, 3) of a subject posed by bone rotations (b, 3) and a shift (3,)."""
         return apply_motions(self.motions(subject, rotations=rotations), self.rest[subject]) + shift
 
     def motions(self, subject: int, *, rotations: np.ndarray) -> np.ndarray:
-        """(n, 8) dual quaternion that moves each vertex of a subject under any rotations (b, 3)."""
+        """Dual quaternion (n, 8) of each vertex of a subject posed by bone rotations (b, 3)."""
         motions = bone_motions(self.joints[subject], self.parents, rotations=rotations)
         return blend_motions(motions, bone=self.bone, weight=self.weight)
 
 
 @cache
 def load_bodies() -> Bodies:
-    """Read and decode the asset of the installed package; InputError when it is damaged."""
+    """Read and decode the asset of the installed package; raise InputError when it is damaged."""
     return Bodies.from_arrays(read_asset())
 
 
@@ -115,7 +109,7 @@ def read_asset() -> dict[str, np.ndarray]:
     Raises
     ------
     InputError
-        When its checksum is not the recorded one.
+        When its checksum differs from :data:`SHA256`.
     """
     path = resources.files("defaust") / "data" / "bodies.npz"
     data = path.read_bytes()
@@ -135,9 +129,9 @@ class SyntheticBodies(OneTemplate):
     base_landmarks : sequence of str
         Landmarks with handles in every pose.
     more_landmarks : sequence of str
-        Added in the pose that is not aligned with the rest pose.
+        Additional landmarks in the pose that is turned as a whole against the rest pose.
     poses_used : sequence of str, optional
-        Names of the target poses, in order; by default all of the asset.
+        Names of the target poses, in order; by default all poses of the asset.
 
     Raises
     ------
@@ -148,10 +142,9 @@ class SyntheticBodies(OneTemplate):
     base_landmarks: tuple[str, ...] = BASE_LANDMARKS
     more_landmarks: tuple[str, ...] = MORE_LANDMARKS
     poses_used: tuple[str, ...] | None = None
-    name: str = field(default="synthetic", init=False)
 
+    name = "synthetic"
     subjects = tuple(range(10))
-    provenance = MappingProxyType(FACTS)
 
     def __post_init__(self) -> None:
         self._check_landmarks()
@@ -160,27 +153,26 @@ class SyntheticBodies(OneTemplate):
         object.__setattr__(self, "poses_used", require_choice(used, known=known, option="source.poses_used"))
 
     @property
+    def provenance(self) -> Mapping[str, object]:
+        """Facts for the dataset card."""
+        return {**provenance_texts("synthetic"), "asset_sha256": SHA256}
+
+    @property
     def landmarks(self) -> Mapping[str, int]:
         """Vertex of each landmark of the asset."""
         return load_bodies().landmarks
 
-    def checksums(self, subjects: Sequence[int]) -> Mapping[str, str]:
-        """None: the asset's own checksum is one of the facts."""
-        return {}
-
     def poses(self, subject: int) -> tuple[SourcePose, ...]:
-        """The target poses of the asset."""
-        return self._poses(subject, ((name, name not in UNALIGNED) for name in self.poses_used))
+        """The chosen target poses."""
+        return self._poses((name, name not in UNALIGNED) for name in self.poses_used)
 
     def rest(self, subject: int) -> Mesh:
         """Rest mesh."""
-        self._require(subject)
         bodies = load_bodies()
         return Mesh(bodies.rest[subject], bodies.faces)
 
     def posed(self, subject: int, pose: SourcePose) -> Mesh:
         """Posed mesh, by dual quaternion skinning."""
-        self._require(subject)
         bodies = load_bodies()
         k = bodies.pose_names.index(pose.name)
         V = bodies.pose(subject, rotations=bodies.rotations[subject, k], shift=bodies.shifts[subject, k])

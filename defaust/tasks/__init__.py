@@ -1,4 +1,4 @@
-"""From a DeFAUST folder to deformation and transfer tasks."""
+"""Load deformation and transfer tasks from a DeFAUST folder."""
 
 from defaust.tasks.load import TaskId, list_tasks, load_task
 

@@ -1,11 +1,9 @@
-"""Target poses of a rest mesh of any resolution, in vertex correspondence with it.
+"""Ground truth at high resolution: target poses of a remeshed rest mesh, in vertex correspondence with it.
 
-A dataset stores its poses at the resolution of the registered meshes. For a
-finer rest mesh they are computed when a task is loaded, in a second or two. The
-registered mesh is subdivided as it was before the remeshing, so that each vertex
-of the rest mesh lies on a triangle of the subdivided one. Bodies of the package
-are skinned: the weights, subdivided with the mesh, are interpolated there.
-For other meshes the registered pose is subdivided too, and interpolated.
+A dataset stores target poses at the resolution of the registered meshes only. For a finer rest mesh they are
+computed when a task is loaded. The registered mesh is subdivided as in the build, so every vertex of the rest
+mesh lies on a triangle of the subdivided mesh. Synthetic bodies are skinned: the skinning weights are
+subdivided and interpolated on that triangle. For other meshes the subdivided registered pose is interpolated.
 """
 
 from __future__ import annotations
@@ -22,21 +20,21 @@ from defaust.sources.synthetic import SHA256, load_bodies
 from defaust.tasks.loop import loop_matrix
 from sshade import InputError, Mesh
 
-#: A remeshed surface lies so near to the one that it was made from (x diagonal).
+#: Maximum distance of a remeshed surface from the subdivided one, as a fraction of the diagonal.
 ON_SURFACE = 1e-6
 
 
 class Registered(NamedTuple):
-    """What a dataset stores of a subject in a pose.
+    """The stored meshes of a subject in a pose.
 
     Attributes
     ----------
     rest : Mesh
-        Rest mesh at the resolution of the task; `low` itself at low resolution.
+        Rest mesh at the resolution of the task; the same object as `low` at low resolution.
     low, posed : Mesh
         Registered rest mesh and target pose.
     steps : int
-        Subdivisions between `low` and `rest`.
+        Number of subdivisions between `low` and `rest`.
     """
 
     rest: Mesh
@@ -46,18 +44,18 @@ class Registered(NamedTuple):
 
 
 def true_pose(meshes: Registered, skin: Skin | None) -> tuple[np.ndarray, str]:
-    """Where the vertices of the rest mesh are in the pose.
+    """Compute the positions of the rest mesh's vertices in the pose.
 
     Returns
     -------
     (n, 3) float64
     str
-        ``registration``, ``skinning`` or ``subdivision``: what it was made by.
+        Origin of the positions: ``registration``, ``skinning`` or ``subdivision``.
 
     Raises
     ------
     InputError
-        As :func:`subdivided_pose`.
+        See :func:`subdivided_pose`.
     """
     rest, low, posed, steps = meshes
     if rest is low:
@@ -68,48 +66,36 @@ def true_pose(meshes: Registered, skin: Skin | None) -> tuple[np.ndarray, str]:
 
 
 def find_skin(meshes: Registered, source: Mapping[str, Any], *, subject: int, pose: str) -> Skin | None:
-    """The skinning of a subject, where a dataset's record of its source says that there is one.
+    """Skinning of a subject; None if the dataset's source has none.
 
     Raises
     ------
     InputError
-        As :func:`has_skin` and :class:`Skin`.
+        When the dataset was built from the bodies of another version of the package; and see :class:`Skin`.
     """
-    if not has_skin(source):
+    asset = source.get("asset_sha256")
+    if asset is None:
         return None
+    if asset != SHA256:
+        raise InputError(
+            f"the dataset was made from other bodies (asset {asset[:12]}) than the bodies of this version "
+            f"({SHA256[:12]}); build it again"
+        )
     return Skin(meshes.rest, meshes.low, steps=meshes.steps, subject=subject, pose=pose)
 
 
-def has_skin(source: Mapping[str, Any]) -> bool:
-    """Whether a dataset's record of its source says that it can be skinned.
-
-    Raises
-    ------
-    InputError
-        When its bodies are those of another version of the package.
-    """
-    asset = source.get("asset_sha256")
-    if asset not in (None, SHA256):
-        raise InputError(
-            f"the dataset was made from other bodies (asset {asset[:12]}) than those of this version "
-            f"({SHA256[:12]}); build it again"
-        )
-    return asset is not None
-
-
 class Skin:
-    """The dual quaternion skinning of a synthetic body into a pose, at the vertices of a mesh of it.
+    """Dual quaternion skinning of a synthetic body into a pose, at the vertices of a mesh of the body.
 
     Parameters
     ----------
     rest : Mesh
-        The points' mesh: the registered rest mesh, or the one remeshed from it.
+        The mesh to be skinned: the registered rest mesh, or a mesh remeshed from it.
     low : Mesh
         The registered rest mesh.
     steps : int
-        Subdivisions between the two. The weights are subdivided too, by Loop's
-        rules: interpolated linearly over the registered triangles they would have
-        creases along the edges, and so would the posed surface.
+        Number of subdivisions between the two. The weights are subdivided by Loop's rules. Linear
+        interpolation on the registered triangles would crease weights and posed surface along edges.
     subject : int
     pose : str
         Name of the pose.
@@ -117,7 +103,7 @@ class Skin:
     Raises
     ------
     InputError
-        When the package has no such body or pose, and as :func:`subdivided_pose`.
+        When the package has no such body or pose; and see :func:`subdivided_pose`.
     """
 
     def __init__(self, rest: Mesh, low: Mesh, *, steps: int, subject: int, pose: str) -> None:
@@ -128,19 +114,19 @@ class Skin:
         k = bodies.pose_names.index(pose)
         motions = bodies.motions(subject, rotations=bodies.rotations[subject, k])
         if rest is not low:
-            # Blending is linear: subdivided and interpolated motions are those of such weights.
+            # Blending is linear, so subdividing the motions is the same as subdividing the weights.
             fine, interpolate = _on_subdivided(rest, low, steps=steps)
             motions = interpolate @ (loop_matrix(low, fine, steps=steps) @ motions)
         self._motions = motions
         self._shift = bodies.shifts[subject, k]
 
     def __call__(self, V: np.ndarray) -> np.ndarray:
-        """(n, 3) posed positions of the mesh's vertices, which may have been moved by an edit."""
+        """Pose vertex positions (n, 3), which an edit may have moved."""
         return apply_motions(self._motions, V) + self._shift
 
 
 def subdivided_pose(rest: Mesh, low: Mesh, posed: Mesh, *, steps: int) -> np.ndarray:
-    """Interpolate a registered pose, subdivided, at the vertices of a finer rest mesh.
+    """Subdivide a registered pose and interpolate it at the vertices of a finer rest mesh.
 
     Parameters
     ----------
@@ -157,8 +143,7 @@ def subdivided_pose(rest: Mesh, low: Mesh, posed: Mesh, *, steps: int) -> np.nda
     Raises
     ------
     InputError
-        When the subdivisions do not correspond, or `rest` does not lie on the
-        subdivided rest mesh.
+        When the subdivisions do not correspond, or `rest` does not lie on the subdivided rest mesh.
     """
     fine, interpolate = _on_subdivided(rest, low, steps=steps)
     fine_posed = subdivide(posed, steps=steps)
@@ -168,7 +153,7 @@ def subdivided_pose(rest: Mesh, low: Mesh, posed: Mesh, *, steps: int) -> np.nda
 
 
 def _on_subdivided(rest: Mesh, low: Mesh, *, steps: int) -> tuple[Mesh, csr_array]:
-    """The subdivided registered mesh, and the interpolation from it to a mesh that lies on it."""
+    """Subdivide the registered mesh; return it with the interpolation at the vertices of `rest`."""
     fine = subdivide(low, steps=steps)
     interpolate, distance = interpolation(rest.V, fine.V, fine.F)
     if distance.max() > ON_SURFACE * low.diagonal:
@@ -180,7 +165,7 @@ def _on_subdivided(rest: Mesh, low: Mesh, *, steps: int) -> tuple[Mesh, csr_arra
 
 
 def interpolation(points: np.ndarray, V: np.ndarray, F: np.ndarray) -> tuple[csr_array, np.ndarray]:
-    """Barycentric interpolation of values at a mesh's vertices to the surface points nearest to others.
+    """Barycentric interpolation of vertex values at the surface points nearest to given points.
 
     Parameters
     ----------
@@ -191,9 +176,9 @@ def interpolation(points: np.ndarray, V: np.ndarray, F: np.ndarray) -> tuple[csr
     Returns
     -------
     (k, n) sparse float64
-        Three entries a row, none negative, which add up to 1.
+        Each row has three nonnegative entries that add up to 1.
     (k,) float64
-        Distances to the surface.
+        Distances of the points to the surface.
     """
     import igl
 

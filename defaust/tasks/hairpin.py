@@ -1,4 +1,4 @@
-"""A bent tube whose limbs nearly touch: where a map to the nearest point of a proxy goes wrong."""
+"""A bent tube whose limbs nearly touch. Projection to the nearest point of a proxy fails on it."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.task import DeformationTask, Handles
 
-#: Over the tube's radius: length along which the limbs lie side by side, that in which they part, and
-#: radius of the bend, which is too wide for its inner side to crumple.
+#: Multiples of the tube's radius: length of the parallel part of the limbs, length of the part where they
+#: diverge, and radius of the bend, which is wide enough to keep its inner side smooth.
 SIDE_BY_SIDE, PARTING, BEND = 5.0, 3.0, 2.0
-#: At each end.
+#: Number of handles at each end.
 HANDLES = 30
 
 
 def hairpin_task(*, gap: float = 0.02, angle: float = 40.0, around: int = 60) -> DeformationTask:
-    """A hairpin with one end held, opened at the bend like an arm that is lifted off a body.
+    """Make the task of opening a hairpin at its bend, like an arm lifted off a body. One end is fixed.
 
     Parameters
     ----------
     gap : float
-        Between the two limbs, over their radius.
+        Distance between the limbs, as a multiple of their radius.
     angle : float
-        By which the other end turns about the centre of the bend, in degrees.
+        Rotation of the moved end about the centre of the bend, in degrees.
     around : int
-        Vertices around the tube.
+        Number of vertices around the tube.
 
     Raises
     ------
@@ -34,7 +34,9 @@ def hairpin_task(*, gap: float = 0.02, angle: float = 40.0, around: int = 60) ->
     """
     mesh = hairpin(gap=gap, around=around)
     x, _, z = mesh.V.T
-    ends = [np.flatnonzero((z < 1.5) & (np.sign(x) == side)) for side in (-1, 1)]  # round, and a little more
+    ends = [
+        np.flatnonzero((z < 1.5) & (np.sign(x) == side)) for side in (-1, 1)
+    ]  # slightly more than the round ends
     index = np.concatenate([end[np.linspace(0, len(end) - 1, HANDLES).astype(int)] for end in ends])
     dynamic = x[index] > 0
     centre = np.array([0.0, 0.0, 1.0 + SIDE_BY_SIDE + PARTING])
@@ -51,7 +53,7 @@ def hairpin_task(*, gap: float = 0.02, angle: float = 40.0, around: int = 60) ->
 
 
 def hairpin(*, gap: float, around: int) -> Mesh:
-    """A closed tube of radius 1, its round ends at z = 0, its limbs at x < 0 and x > 0.
+    """Make a closed tube of radius 1 with round ends at z = 0 and limbs at x < 0 and x > 0.
 
     Parameters
     ----------
@@ -61,12 +63,12 @@ def hairpin(*, gap: float, around: int) -> Mesh:
     Raises
     ------
     InputError
-        When the gap is not between 0 and 1, or the tube has fewer than 8 vertices around.
+        When the gap is not between 0 and 1, or `around` is less than 8.
     """
     if not 0 < gap < 1:
         raise InputError(f"a hairpin's gap must lie between 0 and 1, not be {gap:g}")
     if around < 8:
-        raise InputError(f"a hairpin needs 8 vertices around or more, not {around}")
+        raise InputError(f"a hairpin needs at least 8 vertices around, not {around}")
     step = 2 * np.pi / around
     x, z, tilt = _centre_line(gap, step)
     polar = step * np.arange(1, round(np.pi / 2 / step))  # rings of the round ends
@@ -92,7 +94,7 @@ def hairpin(*, gap: float, around: int) -> Mesh:
 
 
 def _centre_line(gap: float, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """x, z and direction (angle from +z) of points about `step` apart, from one round end to the other."""
+    """Sample the centre line at about `step`; return x, z and the direction as an angle from +z."""
     fine = np.linspace(0, 1, 2001)
     along = SIDE_BY_SIDE + PARTING
     parted = np.clip((fine * along - SIDE_BY_SIDE) / PARTING, 0, 1)
@@ -107,7 +109,7 @@ def _centre_line(gap: float, step: float) -> tuple[np.ndarray, np.ndarray, np.nd
 
 
 def _faces(rings: int, around: int) -> np.ndarray:
-    """Faces of rings that are shifted by half a step in turn, and of the two poles after them."""
+    """Faces between rings that alternate by half a step, and of the two poles, numbered after the rings."""
     row, here = np.meshgrid(np.arange(rings - 1), np.arange(around), indexing="ij")
     following = (here + 1) % around
     low, low_next = row * around + here, row * around + following

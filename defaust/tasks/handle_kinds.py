@@ -1,4 +1,4 @@
-"""The handles of a task as another kind of handles: single points, landmarks, or whole regions."""
+"""Replace the handles of a task by single points, landmarks or whole regions."""
 
 from __future__ import annotations
 
@@ -15,39 +15,37 @@ from sshade.sampling.fronts import Fronts, thinned
 
 Kind = Literal["stored", "points", "landmarks", "regions"]
 
-#: A region reaches so far from the first of its landmark, along the edges, x diagonal: a fist or a face. On
-#: bodies the true pose of such a patch is a rigid motion but for 0.3 % of the diagonal.
+#: Radius of a region along the edges, as a fraction of the diagonal: about a fist or a face. On bodies the
+#: true pose of such a region is rigid up to 0.3 % of the diagonal.
 REACH = 0.05
-#: Handles that are left of a region where landmarks are asked for: they still tell how it turns.
+#: Number of handles that replace a region where landmarks are requested. They still determine a rotation.
 FEW = 6
 
 
 def of_kind(mesh: Mesh, handles: Handles, kind: Kind, *, are_regions: bool = False) -> Handles:
-    """Other handles that ask for the same pose.
+    """Replace handles by another kind of handles for the same pose.
 
-    What moves goes with the best rigid motion of its group, as a hand would pull it; what is
-    static stays.
+    Dynamic handles follow the best rigid motion of their group; static handles stay.
 
     Parameters
     ----------
     mesh : Mesh
-        Rest mesh; every component may have handles or not.
+        Rest mesh.
     handles : Handles
-        Hard, each group of them one landmark.
+        Hard handles; each group is a landmark.
     kind : str
-        ``stored``: these. ``points``: of each group the vertex nearest to its mean, with its own target; of a
-        whole region its tip, the vertex farthest from the mean of the mesh.
-        ``landmarks``: these, but of a whole region :data:`FEW`, that vertex and each the farthest along the
-        edges from those before it.
-        ``regions``: all vertices within :data:`REACH` of that vertex along the edges, each of the
-        group that is nearest.
+        ``stored``: keep the handles. ``points``: the centre of each group, which is the vertex nearest to
+        the group's mean; for a region its tip, which is the vertex farthest from the mean of the mesh.
+        ``landmarks``: :data:`FEW` vertices of each region, its tip and vertices farthest from each other;
+        other handles are kept. ``regions``: all vertices within :data:`REACH` of a centre along the edges,
+        assigned to the nearest group.
     are_regions : bool
-        The groups are whole regions already.
+        The groups are whole regions.
 
     Raises
     ------
     InputError
-        On another kind.
+        On an unknown kind.
     """
     if kind not in get_args(Kind):
         raise InputError(f"handles={kind} is unknown; use one of {', '.join(get_args(Kind))}")
@@ -55,27 +53,27 @@ def of_kind(mesh: Mesh, handles: Handles, kind: Kind, *, are_regions: bool = Fal
         return handles
     groups = [np.flatnonzero(handles.group == group) for group in np.unique(handles.group)]
     centre = mesh.V.mean(axis=0) if are_regions else None
-    leading = np.array([_first(mesh.V[handles.index[own]], own, centre) for own in groups])
+    leading = np.array([_leading(mesh.V[handles.index[members]], members, centre) for members in groups])
     if kind == "points":
-        return _some(handles, leading)
+        return _selected(handles, leading)
     if kind == "regions":
         return _regions(mesh, handles, groups, leading)
     graph = edge_graph(mesh)
     few = [
-        thinned(graph, handles.index[np.concatenate([[first], own[own != first]])], FEW)
-        for first, own in zip(leading, groups, strict=True)
+        thinned(graph, handles.index[np.concatenate([[first], members[members != first]])], FEW)
+        for first, members in zip(leading, groups, strict=True)
     ]
-    return _some(handles, np.flatnonzero(np.isin(handles.index, np.concatenate(few))))
+    return _selected(handles, np.flatnonzero(np.isin(handles.index, np.concatenate(few))))
 
 
-def _first(points: np.ndarray, own: np.ndarray, centre: np.ndarray | None) -> int:
-    """The one of a group whose point is nearest to their mean, or farthest from a centre (3,)."""
+def _leading(points: np.ndarray, members: np.ndarray, centre: np.ndarray | None) -> int:
+    """Member of a group nearest to the mean of its points (k, 3), or farthest from a centre (3,)."""
     if centre is None:
-        return int(own[np.linalg.norm(points - points.mean(axis=0), axis=1).argmin()])
-    return int(own[np.linalg.norm(points - centre, axis=1).argmax()])
+        return int(members[np.linalg.norm(points - points.mean(axis=0), axis=1).argmin()])
+    return int(members[np.linalg.norm(points - centre, axis=1).argmax()])
 
 
-def _some(handles: Handles, chosen: np.ndarray) -> Handles:
+def _selected(handles: Handles, chosen: np.ndarray) -> Handles:
     fields = ("index", "target", "dynamic", "group", "snap_distance", "weight")
     return replace(handles, **{name: getattr(handles, name)[chosen] for name in fields})
 
@@ -85,9 +83,9 @@ def _regions(mesh: Mesh, handles: Handles, groups: list[np.ndarray], first: np.n
     index = np.flatnonzero(fronts.distance <= REACH * mesh.diagonal)
     of = fronts.cell[index]
     target = mesh.V[index]
-    for number, own in enumerate(groups):
+    for number, members in enumerate(groups):
         if handles.dynamic[first[number]]:
-            motion = rigid_motion(mesh.V[handles.index[own]], handles.target[own])
+            motion = rigid_motion(mesh.V[handles.index[members]], handles.target[members])
             target[of == number] = rigidly_moved(target[of == number], *motion)
     dynamic, group = (values[first][of] for values in (handles.dynamic, handles.group))
     return Handles(index, target, dynamic=dynamic, group=group)

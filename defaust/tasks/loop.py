@@ -1,4 +1,4 @@
-"""Loop's rules for values at the vertices of a mesh that another program subdivided."""
+"""Loop subdivision of vertex values, on a mesh that another program subdivided."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from sshade import InputError, Mesh
 
 
 def loop_matrix(coarse: Mesh, fine: Mesh, *, steps: int) -> csr_array:
-    """Matrix of Loop subdivision: from values at a mesh's vertices to values at those of its subdivision.
+    """Matrix of Loop subdivision: from vertex values of a mesh to vertex values of its subdivision.
 
     Parameters
     ----------
     coarse : Mesh
         Closed and manifold.
     fine : Mesh
-        Its triangles, each cut into four, `steps` times, the vertices of a step
-        before those that it adds, as pymeshlab numbers them. Positions do not matter.
+        The mesh after `steps` subdivisions of each triangle into four. Each subdivision must append its new
+        vertices, as pymeshlab does. Positions do not matter.
     steps : int
 
     Returns
@@ -29,7 +29,7 @@ def loop_matrix(coarse: Mesh, fine: Mesh, *, steps: int) -> csr_array:
     Raises
     ------
     InputError
-        When `fine` is no such subdivision.
+        When `fine` is not such a subdivision.
 
     References
     ----------
@@ -55,11 +55,11 @@ def loop_matrix(coarse: Mesh, fine: Mesh, *, steps: int) -> csr_array:
 
 
 def _one_step(F: np.ndarray, n: int) -> tuple[csr_array, np.ndarray]:
-    """The rules of the last subdivision, and the faces before it, by the count of vertices before it.
+    """Matrix of the last subdivision, and the faces before it; `n` counts the vertices before it.
 
-    A face in a corner of an old one has one old vertex and two added ones, those
-    in the middle have none; so the old vertices beside an added one are the ends
-    of its edge, and those of a middle face the corners of the old face.
+    A subdivided face has three corner faces, each with one old and two new vertices, and a middle face with
+    three new vertices. The old neighbours of a new vertex are therefore the ends of its edge, and together
+    the edges of a middle face give the corners of the old face.
     """
     added = n <= F
     corner, middle = F[added.sum(axis=1) == 2], F[added.all(axis=1)]
@@ -75,14 +75,14 @@ def _one_step(F: np.ndarray, n: int) -> tuple[csr_array, np.ndarray]:
     ends = pairs[:, 1].reshape(-1, 2)
 
     sums = ends[middle - n].sum(axis=2)
-    corners = sums.sum(axis=1, keepdims=True) // 2 - sums  # opposite each of the three added vertices
+    corners = sums.sum(axis=1, keepdims=True) // 2 - sums  # opposite each of the three new vertices
     i, j = ends[:, 0], ends[:, 1]
     valence = np.bincount(ends.ravel(), minlength=n)
-    share = np.where(valence == 3, 3 / 16, 3 / (8 * valence))
+    weight = np.where(valence == 3, 3 / 16, 3 / (8 * valence))
     parts = (
-        (np.arange(n), np.arange(n), 1 - valence * share),
-        (i, j, share[i]),
-        (j, i, share[j]),
+        (np.arange(n), np.arange(n), 1 - valence * weight),
+        (i, j, weight[i]),
+        (j, i, weight[j]),
         (pairs[:, 0], pairs[:, 1], np.full(len(pairs), 3 / 8)),
         (middle.ravel(), corners.ravel(), np.full(middle.size, 1 / 8)),
     )

@@ -1,4 +1,4 @@
-"""Pose transfers of a DeFAUST folder: its rest meshes, edited, and the poses to put them in."""
+"""Make pose transfer tasks: an edited rest mesh, and the pose to transfer to it."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ def transfer_task(
 ) -> TransferTask:
     """Make the task of transferring a pose to an edited rest mesh.
 
-    The truth of the unedited mesh is the pose itself. An edited mesh has a truth
-    only where the body can be skinned: the skinning of the edited vertices.
+    The ground truth of an unedited mesh is the pose itself. An edited mesh has a ground truth only if the
+    body can be skinned: the edited vertices, skinned into the pose.
 
     Parameters
     ----------
@@ -24,16 +24,16 @@ def transfer_task(
     document : mapping
         The content of dataset.json.
     name : str
-        Of the task of the unedited mesh; an edit's name is added.
+        Name of the task for the unedited mesh; the name of the edit is added.
     edit : Edit
     facts : mapping
-        ``subject``, ``source_pose``, and whatever else belongs into the task's `meta`.
+        ``subject``, ``source_pose``, and further entries for the task's `meta`.
 
     Returns
     -------
     TransferTask
-        `meta` also holds ``edit``, ``class`` (the subject's, by name where the
-        dataset has names) and ``posed_by`` (``skinning``, ``subdivision`` or ``registration``).
+        `meta` also holds ``edit``, ``class`` (name of the subject's class, or of the subject) and
+        ``posed_by`` (``skinning``, ``subdivision`` or ``registration``).
 
     Raises
     ------

@@ -1,10 +1,11 @@
-"""One small dataset for the tests that only read."""
+"""A small dataset, and a check of refused commands."""
 
 import shutil
 
 import pytest
 
 from defaust.build.dataset import build
+from defaust.cli import main
 from tests.defaust.toy import OPTIONS, Balls
 
 
@@ -18,5 +19,18 @@ def finished(tmp_path_factory):
 
 @pytest.fixture
 def dataset(finished, tmp_path):
-    """A copy of it to damage."""
+    """A copy of the finished dataset, to be damaged."""
     return shutil.copytree(finished, tmp_path / "balls")
+
+
+@pytest.fixture
+def refused(capsys):
+    """Assert that `defaust build` refuses arguments in one sentence that contains a message."""
+
+    def check(arguments, message):
+        capsys.readouterr()
+        assert main(["build", *arguments]) == 2
+        error = capsys.readouterr().err
+        assert message in error and error.startswith("error: ") and error.count("\n") == 1
+
+    return check

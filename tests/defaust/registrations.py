@@ -1,4 +1,4 @@
-"""Folders laid out as FAUST's, from the synthetic bodies, which have FAUST's counts."""
+"""Folders with the layout of FAUST, filled with synthetic bodies, which have FAUST's counts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SMALL = BuildOptions(target_vertices=3000, window=(0.7, 1.5), remesh_iterations=
 
 
 def write_faust(folder: Path, *, subjects=(0,), poses=POSES, suffix=".ply") -> Path:
-    """tr_reg_NNN files of these subjects in `folder`, which is made."""
+    """Write tr_reg_NNN files of some subjects to a new folder."""
     folder.mkdir(parents=True, exist_ok=True)
     source = SyntheticBodies(poses_used=("arms_up", "leg_lift", "squat", "bend_twist"))
     for subject in subjects:
@@ -27,10 +27,10 @@ def write_faust(folder: Path, *, subjects=(0,), poses=POSES, suffix=".ply") -> P
 
 
 def faust(root: Path, *overrides: str):
-    """The source that the command line would make; the bodies have other shapes at FAUST's landmarks."""
+    """The source that the command line makes. The bodies have other shapes at FAUST's landmarks."""
     return configure(["out=unused", "source=faust", f"source.root='{root}'", *overrides])[0]
 
 
 def contents(root: Path) -> dict[str, bytes]:
-    """Every file of a folder."""
+    """Content of every file of a folder."""
     return {str(p.relative_to(root)): p.read_bytes() for p in sorted(root.rglob("*")) if p.is_file()}

@@ -1,4 +1,4 @@
-"""Files of DeformingThings4D: what they say, which frames become poses, and what is refused."""
+"""Files of DeformingThings4D: their content, the choice of frames, and refused files."""
 
 import json
 import logging
@@ -10,29 +10,24 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from defaust.build.dataset import build
-from defaust.build.options import BuildOptions
 from defaust.build.verify import verify
-from defaust.cli import configure, main
+from defaust.cli import configure
 from defaust.folder.record import read_dataset
 from defaust.sources.animations import Counts, far_frames, read_counts, read_frame
 from defaust.tasks import load_task
 from sshade import InputError
+from tests.defaust.toy import KEPT
 from tests.shapes import icosphere
 
-KEPT = BuildOptions(target_vertices=None, handles_per_landmark=6, neighbourhood=10)
 BALL = icosphere(2)
 
 
 def packed(frames, F):
-    """The bytes of a file, number by number."""
+    """The bytes of a file."""
     first = np.asarray(frames[0], dtype=np.float32)
-    data = struct.pack("<3i", len(frames), len(first), len(F))
-    data += b"".join(struct.pack("<3f", *vertex) for vertex in first.tolist())
-    data += b"".join(struct.pack("<3i", *triangle) for triangle in np.asarray(F).tolist())
-    for frame in frames[1:]:
-        offsets = np.asarray(frame, dtype=np.float32) - first
-        data += b"".join(struct.pack("<3f", *offset) for offset in offsets.tolist())
-    return data
+    data = struct.pack("<3i", len(frames), len(first), len(F)) + first.tobytes()
+    data += np.asarray(F, dtype=np.int32).tobytes()
+    return data + b"".join((np.asarray(frame, dtype=np.float32) - first).tobytes() for frame in frames[1:])
 
 
 def write(path, frames, F=BALL.F):
@@ -46,7 +41,7 @@ def sheared(amount):
 
 
 def walked(V, step):
-    """Moved and turned as a whole."""
+    """Move and turn a shape as a whole."""
     return V @ Rotation.from_euler("y", 40 * step, degrees=True).as_matrix().T + [3.0 * step, 0, 0]
 
 
@@ -63,12 +58,12 @@ def test_a_file_is_read_as_it_was_written(tmp_path):
         assert V.dtype == np.float64 and F.dtype == np.int64
         np.testing.assert_allclose(V, expected, rtol=0, atol=5e-7)
         np.testing.assert_array_equal(F, BALL.F)
-    with pytest.raises(InputError, match="has no frame 3, they are 0 to 2"):
+    with pytest.raises(InputError, match="has no frame 3; its frames are 0 to 2"):
         read_frame(path, 3)
 
 
 def test_poses_are_far_from_each_other_whatever_the_walk(tmp_path):
-    """A walk over the scene and back adds nothing; equal frames are taken once."""
+    """A walk through the scene is not another pose; equal frames are chosen once."""
     amounts = [0.0, 0.1, 0.9, 1.0, 0.9, 0.1, 0.0, -0.2, -1.0, -0.2]
     frames = [walked(sheared(amount), step) for step, amount in enumerate(amounts)]
     path = write(tmp_path / "bear.anime", frames)
@@ -104,7 +99,6 @@ def test_a_folder_of_animations_is_built(tmp_path, caplog):
     assert source.provenance["classes"] == ["bear3EP_Jump", "fox_Run"]
     assert source.provenance["rest_poses"] == ["frame_0", "frame_0"]
     assert [pose.name for pose in source.poses(0)] == ["frame_2", "frame_6"]
-    assert list(source.checksums([1])) == ["fox_Run.anime"]
     assert any("at most 2 of its frames" in text for text in source.provenance["limits"])
     caplog.set_level(logging.WARNING)
     build(source, tmp_path / "out", options=KEPT, workers=1)
@@ -113,11 +107,9 @@ def test_a_folder_of_animations_is_built(tmp_path, caplog):
     document = read_dataset(tmp_path / "out")
     assert str(tmp_path) not in json.dumps(document)
     task = load_task(tmp_path / "out", subject=1, pose=2)
-    assert task.name == "defaust-sequence/subject_01/pose_2"
     assert task.meta["posed_by"] == "registration" and task.meta["source_pose"] == "frame_6"
     np.testing.assert_allclose(task.mesh.V, walked(BALL.V, 1), rtol=0, atol=1e-6)
     np.testing.assert_allclose(task.truth, walked(sheared(2 * amounts[6]), 1), rtol=0, atol=1e-6)
-    np.testing.assert_array_equal(task.handles.target, task.truth[task.handles.index])
 
 
 def test_frames_may_be_named(tmp_path):
@@ -126,8 +118,6 @@ def test_frames_may_be_named(tmp_path):
     assert [pose.name for pose in source.poses(0)] == ["frame_1", "frame_3"]
     np.testing.assert_allclose(source.rest(0).V, sheared(1.0), rtol=0, atol=1e-6)
     assert not any("frames" in text for text in source.provenance["limits"])
-    with pytest.raises(InputError, match="source.rest_pose: there is no 'frame_9'"):
-        source_of(path, "source.rest_pose=frame_9")
     with pytest.raises(InputError, match=r"source.frames is 0; it must be at least 1"):
         source_of(path, "source.frames=0")
 
@@ -153,7 +143,7 @@ def test_an_animation_that_never_moves_is_no_subject(tmp_path):
         ((2, BALL.n, 0), "and 0 triangles"),
     ],
 )
-def test_absurd_counts_are_refused_before_anything_is_read(tmp_path, counts, message):
+def test_absurd_counts_are_refused_before_reading_arrays(tmp_path, counts, message):
     data = packed([BALL.V, sheared(1)], BALL.F)
     path = tmp_path / "bear.anime"
     path.write_bytes(struct.pack("<3i", *counts) + data[12:])
@@ -161,7 +151,7 @@ def test_absurd_counts_are_refused_before_anything_is_read(tmp_path, counts, mes
         read_counts(path)
 
 
-def test_no_cut_file_is_read(tmp_path):
+def test_cut_files_are_refused(tmp_path):
     data = packed([BALL.V[:4], 2 * BALL.V[:4], 3 * BALL.V[:4]], [[0, 1, 2], [0, 2, 3]])
     path = tmp_path / "bear.anime"
     for length in range(len(data)):
@@ -170,7 +160,7 @@ def test_no_cut_file_is_read(tmp_path):
             read_frame(path, 0)
         assert "\n" not in str(caught.value)
     path.write_bytes(data + b"\0")
-    with pytest.raises(InputError, match="it is cut off, or no .anime file"):
+    with pytest.raises(InputError, match="it is cut off, or not a .anime file"):
         read_frame(path, 0)
 
 
@@ -186,23 +176,8 @@ def test_positions_that_are_not_finite_are_refused(tmp_path, frame):
         source_of(path).poses(0)
 
 
-def test_triangles_out_of_range_are_refused(tmp_path):
-    F = BALL.F.copy()
-    F[3, 1] = BALL.n
-    path = write(tmp_path / "bear.anime", [BALL.V, sheared(1)], F)
-    with pytest.raises(InputError, match=r"^bear.anime, frame_0: .*vertex|^bear.anime, frame_0: face"):
-        source_of(path).rest(0)
-
-
 def test_two_files_of_one_name_are_refused(tmp_path):
     for folder in ("a", "b"):
         write(tmp_path / folder / "bear.anime", [BALL.V, sheared(1)])
     with pytest.raises(InputError, match="another file is called bear.anime"):
         source_of(tmp_path)
-
-
-def test_the_command_tells_one_sentence(tmp_path, capsys):
-    (tmp_path / "bear.anime").write_bytes(b"")
-    assert main(["build", f"out={tmp_path}/out", "source=sequence", f"source.root={tmp_path}"]) == 2
-    lines = capsys.readouterr().err.strip().splitlines()
-    assert len(lines) == 1 and "bear.anime: not readable as .anime" in lines[0]

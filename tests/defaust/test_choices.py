@@ -1,4 +1,4 @@
-"""What a configuration chooses of a source: accepted, or refused in one sentence."""
+"""Checks of the lists and mappings that a configuration gives to a source."""
 
 import pytest
 
@@ -18,7 +18,7 @@ def test_choices():
     ("value", "message"),
     [
         ("a", "x is 'a', not a list"),
-        ([], "x is empty; it needs one entry at least"),
+        ([], "x is empty; it needs at least one entry"),
         ([3], r"x\[0\] is 3, not a text"),
         (["c"], "x: there is no 'c'; choose from a, b"),
         (["b", "a", "b"], "x: 'b' is listed twice"),

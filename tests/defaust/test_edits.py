@@ -1,4 +1,4 @@
-"""Edits: what they move, how smoothly, and that they do not depend on unit, place or resolution."""
+"""Edits: moved region, smoothness, and independence of unit, place and resolution."""
 
 import numpy as np
 import pytest
@@ -49,8 +49,8 @@ def test_unit_and_place_of_the_mesh_do_not_matter(mesh, edit):
 
 @pytest.mark.parametrize("edit", EDITS, ids=NAMES)
 def test_finer_meshes_get_the_same_edit(edit):
-    coarse, fine = icosphere(4), icosphere(5)  # the vertices of the one begin those of the other
-    # A place on the coarse sphere, found again on the fine one: only extremal points are sure to be.
+    coarse, fine = icosphere(4), icosphere(5)  # the coarse vertices come first in the fine sphere
+    # Places are extremal points, which both spheres have.
     gap = np.linalg.norm(edit(fine)[: coarse.n] - edit(coarse), axis=1)
     length = getattr(edit, "amount", None) or edit.height
     assert gap.max() < 0.25 * length * coarse.diagonal
@@ -66,8 +66,8 @@ def test_inflating_a_sphere_goes_along_the_radius():
     np.testing.assert_allclose(radial, np.linalg.norm(V - ball.V, axis=1), atol=2e-3)
 
 
-def test_only_what_hangs_together_with_the_place_moves():
-    """Two limbs side by side: the one that is not meant stays, however near it is."""
+def test_only_the_connected_region_moves():
+    """A limb beside the edited limb stays, however near it is."""
     flat = strip(40, 1)
     folded = flat.V.copy()
     half = flat.V[:, 0] > 20
@@ -85,7 +85,7 @@ def test_only_what_hangs_together_with_the_place_moves():
         (Stretch(at=(0.5, 0.5, 1.0), radius=1e-6, amount=0.1), "moves one vertex of this mesh"),
         (Horns(at=((0.5, 0.5, 1.0),), radius=0, height=0.1), "radius of an edit is 0; it must be more"),
         (Fin(start=(0, 0, 0), end=(1, 1, 1), width=-1, height=0.1), "width of an edit is -1; it must be"),
-        (Fin(start=(1, 1, 1), end=(1, 1, 1), width=0.1, height=0.1), "not at the same vertex"),
+        (Fin(start=(1, 1, 1), end=(1, 1, 1), width=0.1, height=0.1), "are at the same vertex"),
         (Fin(start=(0, 0.5, 0.5), end=(1, 0.5, 0.5), width=0.1, height=0.1), "same component"),
     ],
 )

@@ -1,16 +1,15 @@
-"""The same pose asked for by other kinds of handles."""
+"""Points, landmarks and regions as handles for the same pose."""
 
 import numpy as np
 import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
-from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
 from defaust.build.dataset import build
 from defaust.build.options import BuildOptions
 from defaust.edits import Unedited
-from defaust.sources.shapes import Shapes
+from defaust.sources.generated.shapes import Shapes
 from defaust.tasks import load_task
 from defaust.tasks.handle_kinds import FEW, REACH, of_kind
 from sshade import Handles, InputError, Mesh
@@ -72,19 +71,11 @@ def test_regions_are_rigid_discs_about_the_middles(ball, handles):
         inside = np.flatnonzero(distances(ball, middle) <= REACH * ball.diagonal)
         assert sorted(regions.index[own]) == inside.tolist() and own.sum() > 30
         assert len(set(regions.dynamic[own])) == 1
-    held = ~regions.dynamic
-    np.testing.assert_array_equal(regions.target[held], ball.V[regions.index[held]])
+    fixed = ~regions.dynamic
+    np.testing.assert_array_equal(regions.target[fixed], ball.V[regions.index[fixed]])
     moved = regions.index[regions.dynamic]
     expected = ball.V[moved] @ TURN.T + [1.0, 2.0, 3.0]
     np.testing.assert_allclose(regions.target[regions.dynamic], expected, atol=1e-12)
-
-
-def test_a_region_whose_handles_bend_moves_rigidly_all_the_same(ball, handles):
-    bent = handles.target.copy()
-    bent[handles.dynamic] *= [1.0, 1.4, 1.0]
-    regions = of_kind(ball, handles.at(bent), "regions")
-    own = regions.dynamic
-    np.testing.assert_allclose(pdist(regions.target[own]), pdist(ball.V[regions.index[own]]), rtol=1e-9)
 
 
 def test_landmarks_of_regions_are_few_and_spread(ball, handles):
@@ -100,7 +91,7 @@ def test_landmarks_of_regions_are_few_and_spread(ball, handles):
     out = np.linalg.norm(ball.V - ball.V.mean(axis=0), axis=1)
     for group, tip in zip((3, 4), tips, strict=True):
         assert out[tip] == out[handles.index[handles.group == group]].max()
-    # Each is the farthest of its group from those before it: no pair is nearer than the rest are to them.
+    # Farthest point sampling: no two samples are nearer than any other vertex is to its nearest sample.
     for group in (3, 4):
         own, chosen = handles.index[handles.group == group], few.index[few.group == group]
         apart = np.array([distances(ball, vertex) for vertex in chosen])
@@ -136,12 +127,9 @@ def test_tasks_of_all_kinds(finished):
     for kind, task in tasks.items():
         assert task.name == f"{stored.name}/{kind}" and task.meta["handles"] == kind
         assert task.meta["n_static"] + task.meta["n_dynamic"] == len(task.handles)
-        np.testing.assert_array_equal(task.mesh.V, stored.mesh.V)
-        np.testing.assert_array_equal(task.truth, stored.truth)
     assert len(tasks["points"].handles) == 3
     np.testing.assert_array_equal(tasks["landmarks"].handles.target, stored.handles.target)
-    assert tasks["landmarks"].meta["merged"] == stored.meta["merged"]
-    # The pose is a turn of the whole: every region is where the truth has it.
+    # The pose turns the whole body, so every region agrees with the ground truth.
     regions = tasks["regions"].handles
     np.testing.assert_allclose(regions.target, stored.truth[regions.index], atol=2e-2 * stored.mesh.diagonal)
 

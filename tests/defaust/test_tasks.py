@@ -6,13 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
 
 from defaust.build.dataset import build
 from defaust.build.options import BuildOptions
-from defaust.build.upsample import subdivide
 from defaust.folder.layout import sha256
-from defaust.sources.skinning import apply_motions, blend_motions, bone_motions
 from defaust.sources.synthetic import SyntheticBodies, load_bodies
 from defaust.tasks import TaskId, full_size, list_tasks, load_task
 from sshade import InputError
@@ -60,35 +57,6 @@ def body(tmp_path_factory):
     options = BuildOptions(subjects=(4,), target_vertices=12_000, ls3_steps=1)
     build(SyntheticBodies(poses_used=("sitting",)), out, options=options, workers=1)
     return out
-
-
-def test_truth_of_a_body_is_its_skinning(body):
-    """Against skinning the subdivided registered mesh itself, with Loop's weights, and interpolating."""
-    from trimesh.triangles import closest_point, points_to_barycentric
-
-    task = load_task(body, subject=4, pose=1)
-    assert task.meta["posed_by"] == "skinning" and "no_truth" not in task.meta
-    bodies, low = load_bodies(), read_mesh(body / "subject_04/rest_low.ply")
-    k = bodies.pose_names.index("sitting")
-    fine = subdivide(low, steps=1)
-    dense = np.zeros((low.n, len(bodies.parents)))
-    for column in range(bodies.bone.shape[1]):
-        dense[np.arange(low.n), bodies.bone[:, column]] += bodies.weight[:, column]
-    weight = full_size.loop_matrix(low, fine, steps=1) @ dense
-    motions = bone_motions(bodies.joints[4], bodies.parents, rotations=bodies.rotations[4, k])
-    every = np.broadcast_to(np.arange(len(bodies.parents)), weight.shape)
-    skinned = apply_motions(blend_motions(motions, bone=every, weight=weight), fine.V) + bodies.shifts[4, k]
-    near = cKDTree(fine.V[fine.F].mean(axis=1)).query(task.mesh.V, k=12)[1]
-    points = task.mesh.V.repeat(12, axis=0)
-    on = closest_point(fine.V[fine.F[near.ravel()]], points)
-    best = np.linalg.norm(on - points, axis=1).reshape(near.shape).argmin(axis=1)
-    face = fine.F[near[np.arange(len(near)), best]]
-    bary = points_to_barycentric(fine.V[face], on.reshape(-1, 12, 3)[np.arange(len(near)), best])
-    expected = np.einsum("nk,nkc->nc", bary, skinned[face])
-    gap = np.linalg.norm(task.truth - expected, axis=1)
-    # Metres: within a triangle of a crease, skinning is not linear.
-    assert gap.max() < 2e-3 and gap.mean() < 5e-5
-    assert np.linalg.norm(task.truth - task.mesh.V, axis=1).min() > 0.05
 
 
 def test_truth_of_an_unposed_body_is_its_rest_shape(body, monkeypatch):

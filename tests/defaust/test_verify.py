@@ -1,4 +1,4 @@
-"""verify finds each kind of damage, and names the file."""
+"""verify finds every kind of damage, and names the file."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def test_record_without_an_entry(dataset):
         (lambda h: h[0].update(delta_mean=1.0), "delta_mean is 1.0"),
         (lambda h: h[1].update(kind="dynamic"), "listed as dynamic, and static when recomputed"),
         (lambda h: h[0].update(kind="unused"), "unused, but it has handles"),
-        (lambda h: h.reverse(), "its landmarks are not those of the dataset"),
+        (lambda h: h.reverse(), "its landmarks differ from those of the dataset"),
         (lambda h: h[0].update(delta=None), "delta is None"),
         (lambda h: h[0].pop("kind"), "it has no handles[0].kind"),
     ],
@@ -62,8 +62,8 @@ def test_wrong_meshes(dataset):
     )
     (dataset / "subject_02/pose_1_low.ply").write_bytes(b"not a mesh")
     expected = {
-        "subject_00/rest.ply": "has 642 vertices and 1280 faces, not",
-        "subject_01/pose_1_low.ply": "its faces are not those of rest_low.ply",
+        "subject_00/rest.ply": "has 642 vertices, not",
+        "subject_01/pose_1_low.ply": "its faces differ from those of rest_low.ply",
         "subject_01/pose_2_low.ply": "not closed: 3 boundary edges",
         "subject_02/rest.ply": "2 components",
         "subject_02/pose_1_low.ply": "",

@@ -1,8 +1,8 @@
-"""A small source: balls that bend, so that whole builds take a second; and damage to what is built."""
+"""A small source of balls, whose builds take a second; and functions that damage datasets."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,16 +10,18 @@ import numpy as np
 
 from defaust.build.options import BuildOptions
 from defaust.folder.layout import checksum, dump, sha256
-from defaust.sources.source import SourcePose
+from defaust.sources.source import Source, SourcePose
 from sshade import InputError, Mesh
 from tests.shapes import icosphere
 
 OPTIONS = BuildOptions(target_vertices=400, handles_per_landmark=6, neighbourhood=10)
+#: Options of a build that keeps the registered resolution.
+KEPT = replace(OPTIONS, target_vertices=None)
 
 
 @dataclass(frozen=True)
-class Balls:
-    """Two balls with a landmark at the top, at the bottom, and at the front."""
+class Balls(Source):
+    """Balls with landmarks at the top, at the bottom, and at the front."""
 
     stretch: float = 1.0
     broken: str = ""
@@ -39,9 +41,6 @@ class Balls:
             "unit": "metre",
             "stretch": self.stretch,
         }
-
-    def checksums(self, subjects: Sequence[int]) -> Mapping[str, str]:
-        return {}
 
     def landmark_vertices(self, subject: int) -> Mapping[str, int]:
         V = self.rest(subject).V
@@ -69,7 +68,7 @@ class Balls:
 
 
 def change(root: Path, edit: Callable[[dict[str, Any]], Any], *, sign: bool = True) -> None:
-    """Edit dataset.json; with its own checksum made again unless not to be signed."""
+    """Edit dataset.json; `sign` updates its checksum."""
     path = root / "dataset.json"
     document = json.loads(path.read_text())
     edit(document)
@@ -79,13 +78,13 @@ def change(root: Path, edit: Callable[[dict[str, Any]], Any], *, sign: bool = Tr
 
 
 def relist(root: Path, name: str) -> None:
-    """Enter a changed file into dataset.json, so that only its content can give it away."""
+    """Update the checksum of a changed file in dataset.json."""
     entry = {"sha256": sha256(root / name), "bytes": (root / name).stat().st_size}
     change(root, lambda document: document["files"][name].update(entry))
 
 
 def change_handles(root: Path, name: str, edit: Callable[[dict[str, Any]], Any]) -> None:
-    """Edit a pose file, and list it as it then is."""
+    """Edit a pose file, and update its checksum in dataset.json."""
     content = json.loads((root / name).read_text())
     edit(content)
     (root / name).write_text(dump(content))
@@ -93,7 +92,7 @@ def change_handles(root: Path, name: str, edit: Callable[[dict[str, Any]], Any])
 
 
 def flip_a_byte(path: Path, at: int = -5) -> None:
-    """Change one bit of a file."""
+    """Flip a bit of a file."""
     data = bytearray(path.read_bytes())
     data[at] ^= 1
     path.write_bytes(data)

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from baselines.deformation_graph.deformation_graph import deformation_graph
-from defaust.sources.motions import Bend
+from defaust.sources.generated.motions import Bend
 from eval.metrics.deformation import angle, flips
 from eval.metrics.deformed import Deformed
 from sshade import (

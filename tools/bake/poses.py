@@ -1,4 +1,4 @@
-"""The target poses, as rotations of the bones about world axes."""
+"""Target poses, as rotations of the bones about world axes."""
 
 from __future__ import annotations
 
@@ -8,42 +8,42 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from defaust.bake.morphs import BONES, PARAMETERS
 from defaust.sources.skinning import apply_motions, bone_motions
+from tools.bake.morphs import BONES, PARAMETERS
 
-#: Rotation vectors in degrees, by pose and bone; data/bake.yaml says how they are meant.
+#: Rotation vectors in degrees, by pose and bone; see bake.yaml.
 POSES: dict[str, dict[str, list[float]]] = PARAMETERS["poses"]
-#: Where the wrists and elbows go in the poses that bring parts together; data/bake.yaml says how it is meant.
+#: Targets of wrists and elbows in the poses that bring parts together; see bake.yaml.
 REACHES: dict[str, dict[str, Any]] = PARAMETERS["reaches"]
-#: Standard deviation of the angles among subjects, in degrees.
+#: Standard deviation of angles between subjects, in degrees.
 JITTER = 3.0
-#: Standard deviation of the place of an elbow that reaches, in metres.
+#: Standard deviation of the elbow targets between subjects, in metres.
 ELBOW_JITTER = 0.01
-#: What a wrist and an elbow off their places by a metre count, and a radian of each bone of the arm.
+#: Weights of inverse kinematics: errors of wrist and elbow per metre, and rotation of each bone per radian.
 WRIST, ELBOW = 30.0, 6.0
 ARM = {"clavicle": 0.35, "upperarm": 0.15, "lowerarm": 0.25}
-#: The whole body's motion in bend_twist: lean (x, z), then turn (y), in degrees; and shift in metres.
+#: Motion of the whole body in bend_twist: lean (x, z), then turn (y), in degrees; shift in metres.
 TURN = Rotation.from_euler("YXZ", (125.0, 14.0, 10.0), degrees=True).as_rotvec()
 TURN_SHIFT = np.array([0.55, 0.0, 0.35])
-#: How far the pelvis goes down and back in the squat, relative to the leg's length.
+#: Shift of the pelvis in the squat, as a multiple of the leg's length.
 SQUAT_SHIFT = np.array([0.0, -0.22, -0.13])
 
 
 def make_pose(
     name: str, *, joints: np.ndarray, parents: np.ndarray, seed: list[int], factor: float = 1.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rotations and shift of one pose of one subject.
+    """Make a pose of a subject.
 
     Parameters
     ----------
     name : str
-        One of :data:`POSES`.
+        Key of :data:`POSES`.
     joints : (b, 3) float64
     parents : (b,) int
     seed : list of int
-        Of the jitter that makes subjects differ.
+        Seed of the jitter, which differs between subjects.
     factor : float
-        Shrinks every angle but the turn of the whole body and the arms that reach; 1 is the full pose.
+        Factor of every angle except the turn of the whole body and arms that reach; 1 is the full pose.
 
     Returns
     -------
@@ -73,13 +73,13 @@ def make_pose(
 
 
 def _posed_joints(rotations: np.ndarray, joints: np.ndarray, *, parents: np.ndarray) -> np.ndarray:
-    """(b, 3) places of the joints in a pose: each moves with its parent, the root's stays."""
+    """Joint positions (b, 3) in a pose. Each joint moves with its parent; the root's joint stays."""
     motions = bone_motions(joints, parents, rotations=rotations)
     return np.concatenate([joints[:1], apply_motions(motions[parents[1:]], joints[1:])])
 
 
 def _arm_targets(reach: dict[str, Any], posed: np.ndarray, *, side: str) -> tuple[np.ndarray, np.ndarray]:
-    """Places of a wrist and an elbow: offsets outward, up and forward of joints, mirrored on the right."""
+    """Targets of a wrist and an elbow: joints plus offsets outward, up and forward, mirrored on the right."""
     outward = np.array([1.0 if side == "l" else -1.0, 1.0, 1.0])
     near = reach["near"] if reach["near"] in BONES else f"{reach['near']}_{side}"
     wrist = posed[BONES.index(near)] + outward * reach["wrist"]
@@ -97,7 +97,7 @@ def _reach(
     elbow: np.ndarray,
     side: str,
 ) -> None:
-    """Set the arm's rotations so that its wrist comes to a place, and its elbow near one."""
+    """Rotate the bones of an arm so that its wrist reaches a target and its elbow is near another."""
     arm = [BONES.index(f"{bone}_{side}") for bone in ARM]
     effort = np.array(list(ARM.values()))[:, None]
 
@@ -114,7 +114,7 @@ def _reach(
 def _plant(
     rotations: np.ndarray, joints: np.ndarray, *, parents: np.ndarray, shift: np.ndarray, side: str
 ) -> None:
-    """Set the leg's rotations so that its foot stays exactly where it is at rest."""
+    """Rotate the bones of a leg so that its foot keeps its rest position."""
     thigh, calf, foot = (BONES.index(f"{bone}_{side}") for bone in ("thigh", "calf", "foot"))
     outward = 1.0 if side == "l" else -1.0
     start = np.radians([-75.0, outward * 8.0, outward * 10.0, 80.0])
@@ -127,13 +127,13 @@ def _plant(
         return np.concatenate([1e3 * ankle, 0.1 * (x - start)])
 
     place(least_squares(place, start).x)
-    # The chain's rotation undone, the foot keeps its rest orientation.
+    # Undo the rotation of the chain, so that the foot keeps its rest orientation.
     real = bone_motions(joints, parents, rotations=rotations)[calf, :4]
     rotations[foot] = Rotation.from_quat(real, scalar_first=True).inv().as_rotvec()
 
 
 def _both_sides(pose: dict[str, list[float]]) -> dict[str, tuple[float, float, float]]:
-    """Angles of each bone; those of the right side mirror a name without side."""
+    """Angles of each bone. Names without a side stand for both; the right side is mirrored."""
     full = {}
     for bone, (x, y, z) in pose.items():
         if bone in BONES:

@@ -6,12 +6,12 @@ import numpy as np
 
 
 def square(vertices: int) -> tuple[np.ndarray, np.ndarray]:
-    """Triangulate [-1, 1] x [-1, 1] at z = 0, seen from +z counter-clockwise.
+    """Triangulate [-1, 1] x [-1, 1] at z = 0, counter-clockwise seen from +z.
 
     Parameters
     ----------
     vertices : int
-        About how many; the nearest square number.
+        Approximate number of vertices; rounded to a square number.
 
     Returns
     -------
@@ -24,19 +24,19 @@ def square(vertices: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def cylinder(vertices: int, *, radius: float, length: float) -> tuple[np.ndarray, np.ndarray]:
-    """Triangulate a closed cylinder about the z axis from z = 0; its ends are discs of rings.
+    """Triangulate a closed cylinder about the z axis, from z = 0 up. Its ends are concentric rings.
 
     Parameters
     ----------
     vertices : int
-        About how many; to a part of one ring.
+        Approximate number of vertices.
     radius, length : float
 
     Returns
     -------
     (n, 3) float64, (m, 3) int64
     """
-    # 6k vertices around and cells as high as they are wide; an end has 1 + 6 + 12 + ... + 6k.
+    # Cells of the wall are about square: 6k vertices around. Each end has 1 + 6 + 12 + ... + 6k vertices.
     k = max(2, round((vertices / (36.0 * length / (2.0 * np.pi * radius) + 6.0)) ** 0.5))
     of_ring = np.repeat(np.arange(1, k + 1), 6 * np.arange(1, k + 1))
     start = 3 * of_ring * (of_ring - 1)
@@ -47,14 +47,14 @@ def cylinder(vertices: int, *, radius: float, length: float) -> tuple[np.ndarray
 
 
 def bar(vertices: int, *, length: float) -> tuple[np.ndarray, np.ndarray]:
-    """Triangulate a closed bar about the z axis from z = 0 whose sections are unit squares.
+    """Triangulate a closed bar about the z axis, from z = 0 up. Its sections are unit squares.
 
     Every edge of the bar runs along edges of the mesh.
 
     Parameters
     ----------
     vertices : int
-        About how many; to a part of one ring.
+        Approximate number of vertices.
     length : float
 
     Returns
@@ -75,14 +75,14 @@ def bar(vertices: int, *, length: float) -> tuple[np.ndarray, np.ndarray]:
 def _capped(
     end: np.ndarray, faces: np.ndarray, *, around: int, length: float, vertices: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Close a tube with two copies of a flat end, so that the vertices are about as many as asked for.
+    """Close a tube with two copies of a flat end. The number of rings follows from the number of vertices.
 
     Parameters
     ----------
     end : (e, 2) float64
-        x and y of the end's vertices; the last `around` are its rim, counter-clockwise.
+        x and y of the end's vertices; the last `around` vertices are its rim, counter-clockwise.
     faces : (f, 3) int64
-        Of the end, counter-clockwise.
+        Faces of the end, counter-clockwise.
     """
     inside = len(end) - around
     rings = max(2, round((vertices - 2 * inside) / around))
@@ -98,17 +98,32 @@ def _capped(
 
 
 def _quads(ids: np.ndarray) -> np.ndarray:
-    """Faces of a grid of vertices (a, b), cut along diagonals that alternate, so that none is preferred."""
-    a, b, c, d = (corner.ravel() for corner in (ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]))
-    row, column = np.indices((ids.shape[0] - 1, ids.shape[1] - 1))
-    even = ((row + column) % 2 == 0).ravel()[:, None]
-    first = np.where(even, np.stack([a, b, c], axis=1), np.stack([a, b, d], axis=1))
-    second = np.where(even, np.stack([a, c, d], axis=1), np.stack([b, c, d], axis=1))
+    """Faces of a grid of vertices (a, b). Diagonals alternate, so that no direction is preferred."""
+    corners = ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]
+    row, column = np.indices(corners[0].shape)
+    return split_quads(
+        np.stack([corner.ravel() for corner in corners], axis=1), (row + column).ravel() % 2 == 0
+    )
+
+
+def split_quads(quads: np.ndarray, first_diagonal: np.ndarray) -> np.ndarray:
+    """Split quads (k, 4) into triangles (2k, 3): the first of all quads, then the second.
+
+    Parameters
+    ----------
+    quads : (k, 4) int64
+    first_diagonal : (k,) bool
+        Split along the diagonal from corner 0 to 2, not from 1 to 3.
+    """
+    a, b, c, d = quads.T
+    chosen = first_diagonal[:, None]
+    first = np.where(chosen, np.stack([a, b, c], axis=1), np.stack([a, b, d], axis=1))
+    second = np.where(chosen, np.stack([a, c, d], axis=1), np.stack([b, c, d], axis=1))
     return np.concatenate([first, second])
 
 
 def _disc_faces(k: int) -> np.ndarray:
-    """Faces between rings of 1, 6, 12, ..., 6k vertices, each numbered after the one inside it."""
+    """Faces between rings of 1, 6, 12, ..., 6k vertices, numbered from the inside out."""
     faces = []
     for ring in range(k):
         sector = np.repeat(np.arange(6), ring + 1)

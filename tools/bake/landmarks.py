@@ -1,4 +1,4 @@
-"""Named vertices of the template: ray hits from the joints, and extremal vertices."""
+"""Find named vertices of the template: ray hits from the joints, and extremal vertices."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ X, Y, Z = np.eye(3)
 def find_landmarks(
     V: np.ndarray, F: np.ndarray, *, heads: dict[str, np.ndarray], tails: dict[str, np.ndarray]
 ) -> dict[str, int]:
-    """Vertex of each landmark.
+    """Find the vertex of each landmark.
 
     Parameters
     ----------

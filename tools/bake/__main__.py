@@ -1,4 +1,4 @@
-"""``python -m defaust.bake [--mpfb2 DIR] --out FILE``: make the asset of the synthetic bodies."""
+"""Make the asset of the synthetic bodies: ``python -m tools.bake [--mpfb2 DIR] --out FILE``."""
 
 from __future__ import annotations
 
@@ -11,8 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from defaust.bake.landmarks import find_landmarks
-from defaust.bake.morphs import (
+from defaust.build.upsample import self_intersecting
+from defaust.sources.synthetic import QUANTUM, Bodies, read_asset
+from defaust.tasks.full_size import interpolation
+from sshade import InputError, Mesh
+from sshade.cli.console import run_command
+from sshade.io.files import replacing
+from tools.bake.landmarks import find_landmarks
+from tools.bake.morphs import (
     BONES,
     PARAMETERS,
     Shape,
@@ -22,8 +28,8 @@ from defaust.bake.morphs import (
     read_parents,
     read_weights,
 )
-from defaust.bake.poses import POSES, REACHES, make_pose
-from defaust.bake.template import (
+from tools.bake.poses import POSES, REACHES, make_pose
+from tools.bake.template import (
     fill,
     make_template,
     neighbour_average,
@@ -31,21 +37,15 @@ from defaust.bake.template import (
     quantise_weights,
     smooth_weights,
 )
-from defaust.build.upsample import self_intersecting
-from defaust.sources.synthetic import QUANTUM, Bodies, read_asset
-from defaust.tasks.full_size import interpolation
-from sshade import InputError, Mesh
-from sshade.cli.console import run_command
-from sshade.io.files import replacing
 
-log = logging.getLogger("defaust.bake")
+log = logging.getLogger("tools.bake")
 
 SEED = 0
 SUBJECTS = tuple(Shape(*values) for values in PARAMETERS["subjects"])
 
 
 def bake(root: Path) -> dict[str, np.ndarray]:
-    """Arrays of the asset, made from the folder of MPFB2's data.
+    """Make the arrays of the asset from the folder of MPFB2's data.
 
     Raises
     ------
@@ -98,10 +98,10 @@ def bake(root: Path) -> dict[str, np.ndarray]:
 
 
 def add_poses(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Arrays of an asset, with the poses of data/bake.yaml that it lacks after those that it holds.
+    """Append the poses of bake.yaml that an asset lacks.
 
-    A pose is shrunk until the skinned body does not intersect itself; those of
-    :data:`REACHES` are meant to touch and are kept as they are.
+    The angles of a pose are reduced until the skinned body does not intersect itself. Poses in
+    :data:`REACHES` are meant to touch and keep their angles.
 
     Raises
     ------
@@ -124,14 +124,14 @@ def add_poses(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def without_reaches(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Arrays of an asset, less the poses of :data:`REACHES`."""
+    """Remove the poses in :data:`REACHES` from an asset."""
     kept = [k for k, name in enumerate(arrays["pose_names"]) if name not in REACHES]
     chosen = {name: arrays[name][:, kept] for name in ("rotations", "shifts")}
     return {**arrays, **chosen, "pose_names": arrays["pose_names"][kept]}
 
 
 def _without_intersections(V: np.ndarray, F: np.ndarray) -> np.ndarray:
-    """(n, 3) int64 positions in units of QUANTUM, smoothed where the surface intersects itself.
+    """Round positions to int64 multiples of QUANTUM, and smooth them at self-intersections.
 
     The morph targets press the little toes together.
     """
@@ -150,7 +150,7 @@ def _without_intersections(V: np.ndarray, F: np.ndarray) -> np.ndarray:
 
 
 def _find_pose(bodies: Bodies, *, subject: int, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Rotations (b, 3) and shift (3,) of a pose as they are stored, in float32."""
+    """Rotations (b, 3) and shift (3,) of a pose, in float32 as stored."""
     rest = Mesh(bodies.rest[subject], bodies.faces)
     for factor in np.linspace(1.0, 0.5, 26):
         rotations, shift = make_pose(
@@ -162,7 +162,7 @@ def _find_pose(bodies: Bodies, *, subject: int, name: str) -> tuple[np.ndarray, 
         )
         if name == "bend_twist" or name in REACHES:  # put on the floor
             shift[1] = -bodies.pose(subject, rotations=rotations, shift=shift)[:, 1].min()
-        # What is stored is what is tested.
+        # Test the rounded values, which are stored.
         stored = rotations.astype(np.float32), shift.astype(np.float32)
         V = bodies.pose(subject, rotations=stored[0].astype(np.float64), shift=stored[1].astype(np.float64))
         posed = Mesh(V, bodies.faces)
@@ -178,12 +178,12 @@ def _find_pose(bodies: Bodies, *, subject: int, name: str) -> tuple[np.ndarray, 
 
 def main(argv: list[str] | None = None) -> int:
     """Parse the command line, bake, and write the asset."""
-    parser = argparse.ArgumentParser(prog="python -m defaust.bake", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m tools.bake", description=__doc__)
     parser.add_argument(
         "--mpfb2",
         type=Path,
-        help="folder with 3dobjs, rigs and targets; without it the package's bodies and the poses that touch "
-        "nothing are kept, and the others are made anew from data/bake.yaml",
+        help="folder with 3dobjs, rigs and targets; by default the package's bodies and their first four "
+        "poses are kept, and the other poses are made from bake.yaml",
     )
     parser.add_argument("--out", type=Path, required=True, help="the .npz to write")
     args = parser.parse_args(argv)
@@ -193,7 +193,7 @@ def main(argv: list[str] | None = None) -> int:
         if args.mpfb2 is None:
             arrays = add_poses(without_reaches(read_asset()))
         elif not (args.mpfb2 / "3dobjs" / "base.obj").is_file():
-            raise InputError(f"{args.mpfb2}: no 3dobjs/base.obj there; give the folder of MPFB2's data")
+            raise InputError(f"{args.mpfb2}: holds no 3dobjs/base.obj; give the folder of MPFB2's data")
         else:
             arrays = bake(args.mpfb2)
         with replacing(args.out) as temporary:

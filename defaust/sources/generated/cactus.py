@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-#: Ends of each capsule's axis, and its radius: trunk, left arm, right arm.
+from defaust.sources.generated.lattices import split_quads
+
+#: Ends of the axis and radius of each capsule: one for the trunk, two for each arm.
 CAPSULES = (
     ((0.0, 0.0, 0.0), (0.0, 0.0, 6.0), 0.7),
     ((0.0, 0.0, 2.0), (-1.8, 0.0, 2.0), 0.4),
@@ -12,30 +14,30 @@ CAPSULES = (
     ((0.0, 0.0, 2.8), (1.6, 0.0, 2.8), 0.35),
     ((1.6, 0.0, 2.8), (1.6, 0.0, 4.2), 0.35),
 )
-#: Width of the seams where capsules meet.
+#: Width of the blend where capsules meet.
 BLEND = 0.08
-#: Free space around the capsules' axes, in which the whole surface lies.
+#: Distance from the capsules' axes within which the whole surface lies.
 MARGIN = 1.0
-#: More vertices come from subdivision.
+#: Maximum number of vertices of a lattice; larger meshes are subdivided.
 LATTICE = 150_000
-#: Accepted misfit of the number of vertices, and lattices tried for it.
+#: Accepted relative error of the number of vertices, and maximum number of lattices tried.
 CLOSE, ATTEMPTS = 0.02, 8
-#: Rounds in which each vertex moves towards its neighbours' mean and back onto the surface.
+#: Rounds of moving each vertex to the mean of its neighbours and back onto the surface.
 ROUNDS = 10
-#: Points at which the union is evaluated at a time.
+#: Number of points at which the union is evaluated together.
 BLOCK = 1 << 20
 
 
 def cactus(vertices: int) -> tuple[np.ndarray, np.ndarray]:
-    """Triangulate the cactus, which stands along +z with its arms at -x and +x.
+    """Triangulate the cactus. It stands along +z; its arms point to -x and +x.
 
-    A surface net of a regular lattice is relaxed along the surface; meshes of more than
-    :data:`LATTICE` vertices are subdivisions of coarser ones, with new vertices on the surface.
+    A surface net of a regular lattice is relaxed along the surface. Meshes of more than
+    :data:`LATTICE` vertices are subdivided from coarser meshes, with new vertices on the surface.
 
     Parameters
     ----------
     vertices : int
-        About how many, to a few per cent.
+        Approximate number of vertices, met to a few per cent.
 
     Returns
     -------
@@ -47,14 +49,16 @@ def cactus(vertices: int) -> tuple[np.ndarray, np.ndarray]:
     while vertices > LATTICE * 4**doublings:
         doublings += 1
     wanted = vertices / 4**doublings
-    step = (45.0 / wanted) ** 0.5  # the area is about 45
+    step = (45.0 / wanted) ** 0.5  # the surface area is about 45
     for _ in range(ATTEMPTS):
         V, quads = _surface_net(step)
         if abs(len(V) - wanted) <= CLOSE * wanted:
             break
         step *= (len(V) / wanted) ** 0.5
     V = _relaxed(V, quads, rounds=ROUNDS)
-    F = _cut(V, quads)
+    a, b, c, d = quads.T
+    shorter = np.linalg.norm(V[a] - V[c], axis=1) <= np.linalg.norm(V[b] - V[d], axis=1)
+    F = split_quads(quads, shorter)
     for _ in range(doublings):
         V, F = igl.upsample(V, F)
         V = _onto_surface(V)
@@ -62,7 +66,7 @@ def cactus(vertices: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def union(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Evaluate the smooth union -b log(sum of exp(-d_i / b)) of the distances d_i to the capsules.
+    """Evaluate the smooth union -b log(sum of exp(-d_i / b)) of the distances d_i to the capsules, b = BLEND.
 
     Parameters
     ----------
@@ -71,9 +75,9 @@ def union(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Returns
     -------
     (k,) float64
-        Negative inside.
+        Value, negative inside.
     (k, 3) float64
-        Its gradient.
+        Gradient.
     """
     value, gradient = np.empty(len(points)), np.empty((len(points), 3))
     for begin in range(0, len(points), BLOCK):
@@ -100,7 +104,7 @@ def _union(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _surface_net(step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Centres of the lattice's cells that the surface passes, and a quad for each edge that it cuts.
+    """Extract a surface net: a vertex in each lattice cell on the surface, a quad for each lattice edge cut.
 
     S. F. F. Gibson, "Constrained elastic surface nets", 1998.
     """
@@ -126,17 +130,17 @@ def _surface_net(step: float) -> tuple[np.ndarray, np.ndarray]:
         cut = np.argwhere(along[:-1] != along[1:])
         i, j, k = cut.T
         ring = np.stack([cell[i, j - dj, k - dk] for dj, dk in ((0, 0), (1, 0), (1, 1), (0, 1))], axis=1)
-        # Moving an axis to the front keeps the handedness of x and z and turns that of y.
+        # Moving axis y to the front mirrors the lattice; x and z do not.
         outward = along[i, j, k] != (axis == 1)
         quads.append(np.where(outward[:, None], ring, ring[:, ::-1]))
     return V, np.concatenate(quads)
 
 
 def _relaxed(V: np.ndarray, quads: np.ndarray, *, rounds: int) -> np.ndarray:
-    """Vertices spread evenly over the surface, each between those of its quads."""
+    """Spread vertices evenly over the surface by Laplacian smoothing."""
     from scipy.sparse import coo_array
 
-    # With the sides of the quads alone some of them would collapse along a diagonal.
+    # Neighbours are all corners of a quad: with its sides alone, quads collapse along a diagonal.
     ends = quads[:, [*np.repeat(range(4), 4)]].ravel(), quads[:, [*range(4)] * 4].ravel()
     adjacency = coo_array((np.ones(len(ends[0])), ends), shape=(len(V), len(V))).tocsr()
     degree = adjacency.sum(axis=1)[:, None]
@@ -147,17 +151,8 @@ def _relaxed(V: np.ndarray, quads: np.ndarray, *, rounds: int) -> np.ndarray:
 
 
 def _onto_surface(V: np.ndarray) -> np.ndarray:
-    """Nearby points moved onto the surface by Newton steps along the gradient."""
+    """Move nearby points onto the surface by Newton steps along the gradient."""
     for _ in range(3):
         value, gradient = union(V)
         V = V - (value / np.einsum("kc,kc->k", gradient, gradient))[:, None] * gradient
     return V
-
-
-def _cut(V: np.ndarray, quads: np.ndarray) -> np.ndarray:
-    """Triangles of quads, each cut along its shorter diagonal."""
-    a, b, c, d = quads.T
-    short = np.linalg.norm(V[a] - V[c], axis=1) <= np.linalg.norm(V[b] - V[d], axis=1)
-    first = np.where(short[:, None], np.stack([a, b, c], 1), np.stack([a, b, d], 1))
-    second = np.where(short[:, None], np.stack([a, c, d], 1), np.stack([b, c, d], 1))
-    return np.concatenate([first, second])

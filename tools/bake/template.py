@@ -1,4 +1,4 @@
-"""Makes the closed template mesh, and fills in values where it closes holes of the base mesh."""
+"""Make the closed template mesh, and interpolate values where it closes holes of the base mesh."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from scipy.sparse.linalg import splu
 
 log = logging.getLogger(__name__)
 
-#: FAUST's own count (of 6890 vertices), so that the synthetic bodies stand in for it.
+#: Number of FAUST's faces; the template then has FAUST's 6890 vertices.
 FACES = 13776
 
 
 def outer_skin(V: np.ndarray, F: np.ndarray) -> np.ndarray:
-    """Which faces are skin: not those of the mouth and of the eye sockets.
+    """Mark the faces that are skin, not part of the mouth or an eye socket.
 
-    The base mesh is closed by pockets there. They are the parts of the head
-    that see nothing of the outside, and fold onto themselves in every shape.
+    Mouth and eye sockets are closed pockets in the head, which are hidden from outside and intersect
+    themselves in every shape.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def outer_skin(V: np.ndarray, F: np.ndarray) -> np.ndarray:
     log.info("pockets of %s faces", size[size >= 40].tolist())
     pockets = np.zeros(len(F), dtype=bool)
     pockets[ids[size[component] >= 40]] = True
-    # Two more rings: at their rims the lips and lids still intersect themselves.
+    # Add two rings of faces, because the rims of lips and lids still intersect themselves.
     for _ in range(2):
         touched = np.zeros(len(V), dtype=bool)
         touched[F[pockets]] = True
@@ -51,8 +51,8 @@ def outer_skin(V: np.ndarray, F: np.ndarray) -> np.ndarray:
 def make_template(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Close the holes, decimate to :data:`FACES`, and even out the triangles.
 
-    Quadric decimation rather than uniform remeshing: at this count uniform
-    edges would be 17 mm, which kills the fingers.
+    Quadric decimation keeps the fingers. Uniform remeshing to this count would lose them, because its edges
+    are 17 mm long.
     """
     import pymeshlab
 
@@ -81,7 +81,7 @@ def make_template(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def fill(values: np.ndarray, known: np.ndarray, *, T: np.ndarray, TF: np.ndarray) -> np.ndarray:
-    """Harmonic values (cotan Laplacian) on the vertices that are not `known`, (n, ...)."""
+    """Replace the values (n, ...) of vertices that are not `known` by harmonic values (cotan Laplacian)."""
     flat = values.reshape(len(values), -1).copy()
     L = -igl.cotmatrix(T, TF).tocsc()
     free = np.flatnonzero(~known)
@@ -91,7 +91,7 @@ def fill(values: np.ndarray, known: np.ndarray, *, T: np.ndarray, TF: np.ndarray
 
 
 def smooth_weights(W: np.ndarray, TF: np.ndarray, *, steps: int = 6) -> np.ndarray:
-    """Half steps of the uniform Laplacian: without them creases stretch edges 17-fold."""
+    """Smooth weights by half steps of the uniform Laplacian. Unsmoothed, creases stretch edges 17-fold."""
     average = neighbour_average(len(W), TF)
     for _ in range(steps):
         W = 0.5 * (W + average @ W)
@@ -99,7 +99,7 @@ def smooth_weights(W: np.ndarray, TF: np.ndarray, *, steps: int = 6) -> np.ndarr
 
 
 def quantise_weights(W: np.ndarray, *, keep: int = 4) -> tuple[np.ndarray, np.ndarray]:
-    """The largest weights of each vertex as bytes that sum to 255.
+    """Keep the largest weights of each vertex, as bytes that add up to 255.
 
     Returns
     -------
@@ -109,14 +109,14 @@ def quantise_weights(W: np.ndarray, *, keep: int = 4) -> tuple[np.ndarray, np.nd
     top = np.take_along_axis(W, bone, axis=1)
     exact = 255.0 * top / top.sum(axis=1, keepdims=True)
     weight = np.floor(exact).astype(np.int64)
-    # What the rounding left over goes to the largest remainders.
+    # Round up the weights with the largest remainders, until the sum is 255.
     rank = np.argsort(np.argsort(weight - exact, axis=1, kind="stable"), axis=1, kind="stable")
     weight += rank < (255 - weight.sum(axis=1, keepdims=True))
     return bone.astype(np.uint8), weight.astype(np.uint8)
 
 
 def neighbour_average(n: int, F: np.ndarray) -> csr_array:
-    """(n, n) matrix that takes the mean over each vertex's neighbours."""
+    """Matrix (n, n) of the mean over each vertex's neighbours."""
     A = igl.adjacency_matrix(F).astype(np.float64)
     return diags_array(1.0 / np.asarray(A.sum(axis=1)).ravel()) @ A
 

@@ -1,4 +1,4 @@
-"""Reads MakeHuman's base mesh, morph targets, joints and weights (the CC0 files only)."""
+"""Read MakeHuman's base mesh, morph targets, joints and weights (the CC0 files only)."""
 
 from __future__ import annotations
 
@@ -6,22 +6,21 @@ import gzip
 import itertools
 import json
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 
-#: The shapes of the subjects and their poses.
-PARAMETERS = yaml.safe_load(resources.files("defaust").joinpath("data/bake.yaml").read_text(encoding="utf-8"))
-#: The files are in decimetres.
+#: Shapes of the subjects, and poses.
+PARAMETERS = yaml.safe_load(Path(__file__).with_name("bake.yaml").read_text(encoding="utf-8"))
+#: Unit of the files (decimetres) in metres.
 METRES = 0.1
-#: Parameter values at which a target has its full weight.
+#: Parameter values at which a target has full weight.
 AGES = {"baby": 0.0, "child": 0.1875, "young": 0.5, "old": 1.0}
 AMOUNTS = {"min": 0.0, "average": 0.5, "max": 1.0}
 
-#: Bones kept, parents first; the fingers go along with the hand.
+#: Bones of the asset, parents first. Fingers follow the hand.
 BONES = (
     *("Root", "pelvis", "spine_01", "spine_02", "spine_03", "neck_01", "head"),
     *("clavicle_l", "upperarm_l", "lowerarm_l", "hand_l", "clavicle_r", "upperarm_r", "lowerarm_r", "hand_r"),
@@ -33,8 +32,8 @@ BONES = (
 class Shape:
     """Parameters of a body, each in [0, 1].
 
-    `race` weighs african, asian and caucasian. Gender 1 is male. Age .5 is a
-    young adult, 1 an old one. Height and proportions have no effect at .5.
+    Gender 1 is male. Age 0.5 is a young adult, 1 an old adult. Height and proportions have no effect at 0.5.
+    `race` holds the weights of African, Asian and Caucasian.
     """
 
     gender: float = 0.5
@@ -48,10 +47,16 @@ class Shape:
 
 @dataclass(frozen=True)
 class BaseMesh:
-    """Base mesh with its helper geometry; the body is the group of that name.
+    """Base mesh with its helper geometry.
 
-    V (n, 3) in metres with the helpers, F (m, 3) of the body alone, and the
-    vertex ids of each group.
+    Attributes
+    ----------
+    V : (n, 3) float64
+        Positions of body and helpers, in metres.
+    F : (m, 3) int64
+        Faces of the body.
+    groups : dict
+        Vertex ids of each group; the body is the group ``body``.
     """
 
     V: np.ndarray
@@ -60,7 +65,7 @@ class BaseMesh:
 
 
 def read_base(root: Path) -> BaseMesh:
-    """Read ``3dobjs/base.obj``; quads are split along the shorter diagonal."""
+    """Read ``3dobjs/base.obj`` and split quads along the shorter diagonal."""
     positions, polygons, group = [], {}, ""
     for line in (root / "3dobjs" / "base.obj").read_text(encoding="utf-8").splitlines():
         word, _, rest = line.partition(" ")
@@ -81,10 +86,9 @@ def read_base(root: Path) -> BaseMesh:
 
 
 def morph(root: Path, base: BaseMesh, *, shape: Shape) -> np.ndarray:
-    """(n, 3) vertices of the whole base mesh, helpers included, under a shape's parameters.
+    """Morph the base mesh, helpers included; return its vertices (n, 3).
 
-    A target's weight is the product of piecewise-linear weights of the
-    parameters in its name.
+    A target's weight is the product of piecewise-linear weights of the parameters in its name.
     """
     folder = root / "targets" / "macrodetails"
     genders = {"female": 1.0 - shape.gender, "male": shape.gender}
@@ -112,7 +116,7 @@ def morph(root: Path, base: BaseMesh, *, shape: Shape) -> np.ndarray:
 
 
 def read_joints(root: Path, base: BaseMesh) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Vertex ids whose mean is the head, and the tail, of each bone of the game rig."""
+    """Vertex ids whose means are the head and the tail of each bone of the game rig."""
 
     def ids(end: dict[str, Any]) -> np.ndarray:
         if end["strategy"] == "CUBE":
@@ -123,14 +127,14 @@ def read_joints(root: Path, base: BaseMesh) -> dict[str, tuple[np.ndarray, np.nd
 
 
 def read_parents(root: Path) -> np.ndarray:
-    """(b,) parent of each bone of :data:`BONES`, -1 at the root."""
+    """Parent (b,) of each bone of :data:`BONES`, -1 at the root."""
     rig = _read_rig(root, "rig")
     parents = [rig[name]["parent"] for name in BONES]
     return np.array([BONES.index(parent) if parent else -1 for parent in parents])
 
 
 def read_weights(root: Path, n: int) -> np.ndarray:
-    """(n, b) skinning weights of :data:`BONES`; the fingers' are the hand's."""
+    """Skinning weights (n, b) of :data:`BONES`; the hand has the weights of its fingers."""
     W = np.zeros((n, len(BONES)))
     for name, pairs in _read_rig(root, "weights")["weights"].items():
         bone = name if name in BONES else f"hand_{name[-1]}"
@@ -146,7 +150,7 @@ def _read_rig(root: Path, part: str) -> dict[str, Any]:
 
 
 def _hat(anchors: dict[str, float], value: float) -> dict[str, float]:
-    """Weights of linear interpolation between anchors; they sum to 1."""
+    """Weights of linear interpolation between anchors; their sum is 1."""
     at = np.array(list(anchors.values()))
     return {name: float(np.interp(value, at, np.eye(len(at))[i])) for i, name in enumerate(anchors)}
 

@@ -1,4 +1,4 @@
-"""Bends, twists and lifts: how an end of a shape moves, and what lies between it and the end that is held."""
+"""Bends, twists and lifts: the motion of one end of a shape, and the transition to its fixed end."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Bend:
-    """Points below a height stay; above them the z axis is wound onto a circle, as long as it was.
+    """Wind the z axis onto a circular arc of the same length. Points below the arc stay.
 
     Parameters
     ----------
     low, high : float
-        Heights at which the arc begins and ends; what lies above moves rigidly.
+        Heights between which the axis bends. Points above `high` move rigidly.
     degrees : float
-        From +z towards +x.
+        Angle from +z towards +x.
     """
 
     low: float
@@ -25,11 +25,11 @@ class Bend:
 
     @property
     def radius(self) -> float:
-        """Of the circle, whose centre is (radius, 0, low)."""
+        """Radius of the circle, whose centre is (radius, 0, low)."""
         return (self.high - self.low) / np.radians(self.degrees)
 
     def __call__(self, V: np.ndarray) -> np.ndarray:
-        """(n, 3) places of points (n, 3)."""
+        """Move points (n, 3)."""
         along = np.clip(V[:, 2], self.low, self.high)
         turn = (along - self.low) / self.radius
         across, beyond = V[:, 0] - self.radius, V[:, 2] - along
@@ -47,14 +47,14 @@ class Bend:
 
 @dataclass(frozen=True)
 class Twist:
-    """Points turn about the z axis, by an angle that grows linearly with their height.
+    """Rotate points about the z axis by an angle that grows linearly with their height.
 
     Parameters
     ----------
     low, high : float
-        Heights at which the angle begins and ceases to grow.
+        Heights between which the angle grows from zero.
     degrees : float
-        Of what lies above, counter-clockwise seen from +z.
+        Angle above `high`, counter-clockwise seen from +z.
     """
 
     low: float
@@ -62,9 +62,9 @@ class Twist:
     degrees: float
 
     def __call__(self, V: np.ndarray) -> np.ndarray:
-        """(n, 3) places of points (n, 3)."""
-        share = np.clip((V[:, 2] - self.low) / (self.high - self.low), 0.0, 1.0)
-        cos, sin = np.cos(np.radians(self.degrees) * share), np.sin(np.radians(self.degrees) * share)
+        """Move points (n, 3)."""
+        fraction = np.clip((V[:, 2] - self.low) / (self.high - self.low), 0.0, 1.0)
+        cos, sin = np.cos(np.radians(self.degrees) * fraction), np.sin(np.radians(self.degrees) * fraction)
         x, y, z = V.T
         return np.column_stack([cos * x - sin * y, sin * x + cos * y, z])
 
@@ -77,7 +77,7 @@ class Twist:
 
 @dataclass(frozen=True)
 class Lift:
-    """A region rises along z; where the rest goes is left open."""
+    """Raise a region along z. The motion of the remaining surface is undefined."""
 
     height: float
 

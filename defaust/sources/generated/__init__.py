@@ -1,0 +1,1 @@
+"""Shapes generated from formulas at any resolution."""
