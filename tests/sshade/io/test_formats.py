@@ -41,7 +41,8 @@ COFF
 
 
 def test_off_with_comments_colours_and_polygons(tmp_path):
-    for text in (OFF, OFF.replace("\n", "\r\n"), OFF.replace("COFF\n# made by hand\n5", "OFF 5")):
+    one_line_head = OFF.replace("COFF\n# made by hand\n5", "OFF 5")
+    for text in (OFF, OFF.replace("\n", "\r\n"), OFF.replace("\n", "\r"), one_line_head):
         (tmp_path / "a.off").write_bytes(text.encode())
         V, F = read_arrays(tmp_path / "a.off")
         assert V.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 1]]

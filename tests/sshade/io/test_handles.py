@@ -276,14 +276,6 @@ def test_static_or_moving_parts_may_be_missing(tmp_path, far_body):
     assert read_handles(only, far_body).dynamic.all()
 
 
-def test_a_part_and_its_transform_of_other_counts_are_refused_with_the_path(tmp_path, far_body):
-    made, _, _ = experiment(tmp_path / "x", far_body, AXES[0])
-    made.put("transforms", "short", np.zeros((2, 3)))
-    path = made.yaml("handles: {moving: {positions: [hand], transform: [short]}}")
-    with pytest.raises(InputError, match=f"{path}: part hand has 25 points, its transform short 2"):
-        read_handles(path, far_body)
-
-
 def test_a_task_is_made_of_what_of_a_file_is_a_surface(tmp_path):
     """An unused vertex first, a face that repeats a vertex, and a second body that has no handle."""
     body = bumpy(1)

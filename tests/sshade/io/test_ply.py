@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from sshade.io.document import MeshFile
-from sshade.io.ply import read_ply, write_ply
-from tests.shapes import icosphere
+from sshade.io.ply import read_ply
 
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 3]])
 POLYGONS = [(0, 1, 2, 3), (1, 4, 2), (3, 2, 1, 0), (4, 1, 0)]
@@ -62,17 +61,6 @@ def test_types_and_byte_orders(tmp_path, order, position, count, corner):
     V, F = arrays(read_ply(tmp_path / "a.ply"))
     assert V.dtype == np.float64 and np.array_equal(V, SQUARE)
     assert F.dtype == np.int64 and F.tolist() == FANNED
-
-
-def test_faces_of_one_size_are_read_at_once_and_the_same(tmp_path):
-    triangles = [(0, 1, 2), (1, 4, 2), (2, 3, 0)]
-    for order in ("ascii", "binary_big_endian"):
-        (tmp_path / "a.ply").write_bytes(ply(order, polygons=triangles[:1]))
-        assert read_ply(tmp_path / "a.ply").F.tolist() == [[0, 1, 2]]
-    mesh = icosphere(2)
-    write_ply(tmp_path / "b.ply", mesh.V, mesh.F)
-    V, F = arrays(read_ply(tmp_path / "b.ply"))
-    assert V.tobytes() == mesh.V.tobytes() and np.array_equal(F, mesh.F)
 
 
 def test_windows_line_ends_and_points_alone(tmp_path):

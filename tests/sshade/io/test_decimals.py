@@ -1,4 +1,4 @@
-"""Words, numbers and edits of texts, against Python's own splitting, float and repr."""
+"""Numbers of texts, against Python's float and repr."""
 
 from __future__ import annotations
 
@@ -8,18 +8,8 @@ import numpy as np
 import pytest
 
 from sshade.io import decimals as module
-from sshade.io.decimals import INTEGER, NOTHING, Edits, Numbers, edited, numbers_of, rows_of
-from sshade.io.words import (
-    array_of,
-    columns_of,
-    integers_of,
-    key_of,
-    line_number,
-    lines_of,
-    parts_of,
-    words_in,
-    words_of,
-)
+from sshade.io.decimals import numbers_of, rows_of
+from sshade.io.words import array_of, integers_of, words_of
 
 RNG = np.random.default_rng(0)
 DOUBLES = {
@@ -89,76 +79,6 @@ def test_whole_numbers():
     for word in (b"1.0", b"x", b"-", b"1_0", b"1234567890123456789"):
         with pytest.raises(ValueError, match="is no whole number"):
             integers_of(array_of(word), *words_of(array_of(word)))
-
-
-TEXT = b"v 1  2\t3\r\n\r\n  f 1/2/3 4//5 6\n# v\n\nlast # 9\rgo\x0bx\n\nendfacets 1"
-
-
-def test_lines_and_words_are_those_of_python():
-    data = array_of(TEXT)
-    lines = lines_of(data)
-    rows = TEXT.splitlines()
-    assert [TEXT[b:e] for b, e in zip(lines.begin, lines.end, strict=True)] == rows
-    first = [row.split()[0] if row.split() else b"" for row in rows]
-    assert lines.key.tolist() == [key_of(word[:8]) for word in first]
-    begin, end, words = columns_of(data, lines.begin, lines.end, 1, 2)
-    assert words.tolist() == [len(row.split()) for row in rows]
-    for row, b, e in zip(rows, begin, end, strict=True):
-        assert [TEXT[i:j] for i, j in zip(b, e, strict=True)] == (row.split()[1:3] + [b"", b""])[:2]
-    begin, end, words = words_in(data, lines.begin, lines.end, 1)
-    expected = [word for row in rows for word in row.split()[1:]]
-    assert [TEXT[b:e] for b, e in zip(begin, end, strict=True)] == expected
-    assert words.tolist() == [max(len(row.split()) - 1, 0) for row in rows]
-    begin, end = words_of(data)
-    assert [TEXT[b:e] for b, e in zip(begin, end, strict=True)] == TEXT.split()
-    for text in (b"", b"\n", b"a", b"\r\n\r", b"a\r\rb\n\r"):
-        found = lines_of(array_of(text))
-        assert [text[b:e] for b, e in zip(found.begin, found.end, strict=True)] == text.splitlines()
-    assert [line_number(array_of(t), t.index(b"x")) for t in (b"x", b"\n\nx", b"a\r\nx", b"\rx\r")] == [
-        1,
-        3,
-        2,
-        2,
-    ]
-
-
-def test_comments_capitals_and_parts_of_words():
-    lines = lines_of(array_of(TEXT), comment=b"#")
-    expected = [row.split(b"#")[0] for row in TEXT.splitlines()]
-    assert [TEXT[b:e] for b, e in zip(lines.begin, lines.end, strict=True)] == expected
-    folded = lines_of(array_of(b"VerTex 1\n[Odd_ Z"), fold=True)
-    assert folded.key.tolist() == [key_of(b"vertex"), key_of(b"[odd_")]
-    words = [b"1/22/333", b"4//5", b"6", b"/7/", b"///8"]
-    data = array_of(b" ".join(words))
-    for slashes in range(4):
-        begin, end = parts_of(data, *words_of(data), slashes)
-        found = [data[b:e].tobytes() for b, e in zip(begin, end, strict=True)]
-        assert found == [(word.split(b"/") + [b""] * 4)[slashes] for word in words]
-
-
-def test_edits_replace_the_numbers_that_change():
-    text = b"a 1 b 2 c 3\n"
-    data = array_of(text)
-    begin, end = (place[1::2] for place in words_of(data))
-    numbers = Numbers(begin, end, numbers_of(data, begin, end))
-    assert edited(data, [numbers.edits(numbers.value)]) == text
-    assert edited(data, [numbers.edits(np.array([1.0, -0.25, 1e22]))]) == b"a 1 b -0.25 c 1e+22\n"
-    last = Numbers(*(column[2:] for column in numbers)).edits(np.array([-7]), kind=INTEGER)
-    first = Numbers(*(column[:1] for column in numbers)).edits(np.array([10]), kind=INTEGER)
-    assert edited(data, [last, first]) == b"a 10 b 2 c -7\n"
-    assert edited(data, [last, first], size=4) == b"a 10 b 2 c -7"[:4] + b" b 2 c -7"
-    # Back to the beginning after the end, once.
-    places = (np.array([p]) for p in (99, len(text), 0))
-    again = Edits(*places, np.array([NOTHING], dtype=np.uint8), np.zeros(1))
-    assert edited(data, [again]) == text + text
-
-
-def test_rows_of_numbers():
-    values = np.array([[1, 2.5], [-3, 1e-7]])
-    assert rows_of(b"v", values) == b"v 1.0 2.5\nv -3.0 1e-07\n"
-    assert rows_of(b"", values) == b"1.0 2.5\n-3.0 1e-07\n"
-    assert rows_of(b"3", np.array([[0, -12, 3]]), INTEGER) == b"3 0 -12 3\n"
-    assert rows_of(b"v", np.zeros((0, 3))) == b""
 
 
 def test_the_table_of_powers_is_exact():
