@@ -24,7 +24,7 @@ FAR = np.array([[5.0, 5, 5], [6, 6, 6]])
         (1e-3 * TRIANGLE - 1e10, [[0, 1, 2]], ["fewer than four digits", "move it towards the origin"]),
     ],
 )
-def test_what_is_no_mesh_is_refused_with_its_number_and_a_remedy(V, F, words):
+def test_unusable_arrays_are_refused_with_a_remedy(V, F, words):
     with pytest.raises(InputError) as caught:
         Mesh(V, F)
     assert all(word in str(caught.value) for word in words)
@@ -53,10 +53,10 @@ def test_areas_normals_volume_and_diagonal_of_a_block_are_exact():
     assert np.allclose(mesh.face_areas[:, None] * mesh.face_normals, np.cross(b - a, c - a) / 2)
 
 
-def test_volume_is_positive_for_outward_faces_and_far_from_the_origin_loses_no_digits():
+def test_the_volume_of_faces_that_point_inwards_is_negative():
     mesh = block(np.ones((1, 1, 1)))
     assert Mesh(mesh.V, mesh.F[:, ::-1]).volume == pytest.approx(-1.0)
-    # Coordinates there are good to 1e-10; moments about the origin would lose 1e17 x 1e-16.
+    # Coordinates are exact to 1e-10; moments about the origin would lose 1e17 x 1e-16.
     assert Mesh(mesh.V + 1e6 / 3, mesh.F).volume == pytest.approx(1.0, rel=1e-8)
 
 
@@ -80,7 +80,6 @@ def test_area_volume_and_topology_follow_rigid_motions_and_scale(seed, shift, sc
     ("mesh", "expected"),
     [
         (tetrahedron(), Topology(2, 1, 0)),
-        (icosphere(2), Topology(2, 1, 0)),
         (torus(), Topology(0, 1, 0)),
         (double_torus(), Topology(-2, 1, 0)),
         (tube(), Topology(0, 1, 2)),
@@ -91,8 +90,6 @@ def test_area_volume_and_topology_follow_rigid_motions_and_scale(seed, shift, sc
 def test_topology_of_known_surfaces(mesh, expected):
     assert mesh.topology == expected
     assert mesh.is_manifold and mesh.is_oriented
-    mesh.require_manifold()
-    mesh.require_one_component()
 
 
 @pytest.mark.parametrize(

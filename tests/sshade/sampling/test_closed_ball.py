@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from sshade import Mesh
 from sshade.mesh.adjacency import vertex_graph
-from sshade.mesh.sides import group_rows
 from sshade.sampling.closed_ball import count_unions, refinements
 from sshade.sampling.fronts import Fronts, farthest_point_sampling
 from tests.shapes import double_torus, icosphere, jittered, strip, tetrahedron, torus, tube
@@ -96,8 +95,6 @@ def assert_same_as_the_definition(mesh: Mesh, fronts) -> None:
     assert not set(vertices.tolist()) & set(fronts.samples.tolist())
     assert np.all(np.diff(fronts.distance[vertices]) <= 0)
 
-
-def assert_counts_are_those_of_the_definition(mesh: Mesh, fronts) -> None:
     found = count_unions(mesh.F, fronts)
     unions = [*np.arange(len(found.chi))[:, None].tolist(), *found.pairs.tolist(), *found.triples.tolist()]
     counts = np.concatenate([found.chi, found.pair_chi, found.triple_chi]).tolist()
@@ -118,27 +115,10 @@ def test_unions_are_counted_and_fail_as_the_definition_says(name, voronoi, seed,
         fronts = farthest_point_sampling(vertex_graph(mesh), k, first=rng.permutation(mesh.n)[:1])
     else:
         fronts = random_cells(mesh, k, rng)
-    assert_counts_are_those_of_the_definition(mesh, fronts)
     assert_same_as_the_definition(mesh, fronts)
 
 
-def test_rows_of_ids_too_large_for_one_key_are_told_apart():
-    # As one integer of base 2^22 the first two rows would be equal, and the third one negative.
-    n = 2**22
-    rows = np.array([[2**20, 5, 7], [0, 5, 7], [n - 1, n - 2, n - 3], [0, 5, 7], [0, 4, n - 1]])
-    first, group = group_rows(rows, n)
-    assert first.tolist() == [4, 1, 0, 2] and group.tolist() == [2, 1, 3, 1, 0]
-
-
-@given(seed=st.integers(0, 10_000), columns=st.integers(1, 3))
-def test_groups_are_those_of_unique(seed, columns):
-    rows = np.random.default_rng(seed).integers(0, 4, (40, columns))
-    _, first, group = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-    found = group_rows(rows, 4)
-    assert np.array_equal(found[0], first) and np.array_equal(found[1], group.ravel())
-
-
-def test_one_region_fails_with_its_farthest_vertex():
+def test_a_single_cell_fails_at_its_farthest_vertex():
     mesh = MESHES["sphere"]
     fronts = Fronts(vertex_graph(mesh), np.array([0]))
     vertices, failed = refinements(mesh.F, fronts)
@@ -146,8 +126,8 @@ def test_one_region_fails_with_its_farthest_vertex():
     assert vertices.tolist() == [int(np.argmax(fronts.distance))]
 
 
-def test_a_region_across_a_strip_is_caught_by_its_trace_alone():
-    # The Euler count leaves the boundary out, so that bands across a strip pass it.
+def test_only_the_trace_finds_a_cell_across_a_strip():
+    # The Euler characteristic leaves the boundary out and accepts bands across a strip.
     mesh = strip(12, 2)
     cell = np.repeat([0, 1, 2, 3], [9, 9, 9, 12])
     fronts = cells_of(mesh, np.array([0, 9, 18, 27]), cell, np.linspace(1, 2, mesh.n))

@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.sparse import coo_array
+from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from sshade import InputError, Mesh
 from sshade.mesh.adjacency import VertexGraph, vertex_graph
 from sshade.sampling.fronts import Fronts, farthest_point_sampling, thinned
 from tests.shapes import strip
-from tests.sshade.mesh.test_adjacency import MESHES
+from tests.sshade.mesh.test_connectivity import MESHES
 
 
 def naive_sampling(graph: VertexGraph, count: int, first: np.ndarray):
-    """Farthest point sampling by the definition: a whole Dijkstra for each sample, ties to the older one."""
+    """Farthest point sampling by definition: a whole Dijkstra for each sample, ties to the older sample."""
     matrix, samples = graph.matrix, []
     distance, cell = np.full(graph.n, np.inf), np.full(graph.n, -1)
     for i in range(count):
@@ -25,6 +25,11 @@ def naive_sampling(graph: VertexGraph, count: int, first: np.ndarray):
         distance[nearer], cell[nearer] = own[nearer], i
         samples.append(v)
     return np.array(samples), distance, cell
+
+
+def assert_same(fronts: Fronts, expected: tuple[np.ndarray, ...]) -> None:
+    for array, other in zip((fronts.samples, fronts.distance, fronts.cell), expected, strict=True):
+        assert np.array_equal(array, other)
 
 
 CONNECTED = [name for name in MESHES if name != "two components"]
@@ -37,35 +42,20 @@ def test_sampling_equals_the_naive_algorithm_also_with_exact_ties(name, first):
     graph = vertex_graph(mesh)
     count = min(mesh.n, 40)
     fronts = farthest_point_sampling(graph, count, first=np.array(first))
-    samples, distance, cell = naive_sampling(graph, count, np.array(first))
-    assert np.array_equal(fronts.samples, samples)
-    assert np.array_equal(fronts.distance, distance)
-    assert np.array_equal(fronts.cell, cell)
-    assert len(fronts) == count
+    assert_same(fronts, naive_sampling(graph, count, np.array(first)))
 
 
 @given(seed=st.integers(0, 10_000), starts=st.integers(1, 5), extra=st.integers(0, 20))
 def test_sampling_equals_the_naive_algorithm_on_random_lengths(seed, starts, extra):
     # Whole lengths from 1 to 3 on a random graph: ties everywhere.
     rng = np.random.default_rng(seed)
-    pairs = np.unique(np.sort(rng.integers(0, 40, size=(90, 2)), axis=1), axis=0)
-    pairs = np.concatenate([pairs[pairs[:, 0] != pairs[:, 1]], [[i, i + 1] for i in range(39)]])
-    pairs = np.unique(pairs, axis=0)
-    lengths = rng.integers(1, 4, len(pairs)).astype(float)
-    both = np.concatenate([pairs, pairs[:, ::-1]])
-    matrix = coo_array((np.tile(lengths, 2), (both[:, 0], both[:, 1])), shape=(40, 40)).tocsr()
-    matrix.sort_indices()
-    graph = VertexGraph(
-        matrix.indptr.astype(np.int32),
-        matrix.indices.astype(np.int32),
-        matrix.data,
-        np.zeros(matrix.nnz, bool),
-    )
+    lengths = np.triu(rng.integers(1, 4, (40, 40)) * (rng.random((40, 40)) < 0.1), 2)
+    lengths += np.diag(rng.integers(1, 4, 39), 1)  # a path, which connects all
+    rows = csr_array((lengths + lengths.T).astype(float))
+    graph = VertexGraph(rows.indptr, rows.indices, rows.data, np.zeros(rows.nnz, bool))
     first = rng.permutation(40)[:starts]
     fronts = farthest_point_sampling(graph, starts + extra, first=first)
-    samples, distance, cell = naive_sampling(graph, starts + extra, first)
-    assert np.array_equal(fronts.samples, samples)
-    assert np.array_equal(fronts.distance, distance) and np.array_equal(fronts.cell, cell)
+    assert_same(fronts, naive_sampling(graph, starts + extra, first))
 
 
 def test_another_component_is_farthest_of_all():
@@ -78,21 +68,19 @@ def test_another_component_is_farthest_of_all():
 
 
 @pytest.mark.parametrize(
-    ("first", "words"),
-    [([], "needs a vertex"), ([0, 20], r"0\.\.19"), ([-1], r"0\.\.19"), ([3, 5, 3], "repeat a vertex")],
+    ("count", "first", "words"),
+    [
+        (9, [], "needs a vertex"),
+        (9, [0, 20], r"0\.\.19"),
+        (9, [-1], r"0\.\.19"),
+        (9, [3, 5, 3], "repeat a vertex"),
+        (21, [0], "21 samples were asked for, but the mesh has only 20"),
+        (2, [0, 1, 2], "2 samples cannot hold the 3 given first ones"),
+    ],
 )
-def test_unusable_first_samples_are_refused(first, words):
-    graph = vertex_graph(strip(4, 3))
+def test_unusable_samples_are_refused(count, first, words):
     with pytest.raises(InputError, match=words):
-        Fronts(graph, np.array(first, dtype=np.int64))
-
-
-def test_too_many_or_too_few_samples_are_refused():
-    graph = vertex_graph(strip(4, 3))
-    with pytest.raises(InputError, match="21 samples were asked for, but the mesh has only 20"):
-        farthest_point_sampling(graph, 21, first=np.array([0]))
-    with pytest.raises(InputError, match="2 samples cannot hold the 3 given first ones"):
-        farthest_point_sampling(graph, 2, first=np.arange(3))
+        farthest_point_sampling(vertex_graph(strip(4, 3)), count, first=np.array(first, dtype=np.int64))
 
 
 def test_coincident_vertices_are_sampled_apart():
