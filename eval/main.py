@@ -1,6 +1,6 @@
-"""The command ``sshade-eval``: one program with a sub-command for each step of an evaluation.
+"""The command ``sshade-eval``: a program with a sub-command for each step of an evaluation.
 
-See :mod:`sshade.cli.programs`; ``run`` alone is a Hydra program, which reads its arguments itself.
+See :mod:`sshade.cli.programs`. The sub-command ``run`` is a Hydra program and reads its arguments itself.
 """
 
 from __future__ import annotations
@@ -9,34 +9,34 @@ import os
 
 from sshade.cli.programs import Program
 
-# Runs ask git for the state of the checkout; it would refresh its index then, and leave it locked if killed.
+# Runs ask git for the state of the checkout. This variable keeps git from locking and writing its index.
 os.environ.setdefault("GIT_OPTIONAL_LOCKS", "0")
 
-#: Sub-command -> the module that does it, and what it does in one line.
+#: Sub-command -> its module, and a description in one line.
 COMMANDS = {
     "run": ("eval.configure.app", "run methods on tasks, once or as a sweep (-m); a Hydra program"),
-    "status": ("eval.run.status", "how far the sweeps are"),
-    "collect": ("eval.rows.collect", "gather the rows of finished runs into one CSV an experiment"),
-    "tables": ("eval.publish.tables", "tables from rows: CSV, Markdown and LaTeX"),
-    "charts": ("eval.publish.charts", "distributions, convergence"),
-    "figures": ("eval.publish.figures", "the comparison picture: rest shapes and results"),
-    "curves": ("eval.publish.curves", "metrics against a size or a parameter"),
-    "front": ("eval.publish.front", "what a setting costs: measures against each other"),
-    "report": ("eval.publish.report.command", "one HTML page with all of it and a 3D view"),
-    "publish": ("eval.publish.publish", "an experiment's rows, tables and figures into results/"),
-    "site": ("eval.site.command", "the leaderboard: static pages of all tracks and methods"),
-    "submit": ("eval.site.submit", "check results that someone hands in, and put them there"),
-    "remeasure": ("eval.run.remeasure", "metrics of finished runs, from their stored vertices"),
-    "compare": ("eval.rows.compare", "whether two sets of rows say the same"),
-    "check": ("eval.rows.bands", "hold rows against committed bands of quality"),
-    "bench": ("eval.timing.bench", "times of methods in turns, on a machine that is quiet"),
-    "timings": ("eval.timing.table", "tables of the times that bench wrote"),
-    "jumps": ("eval.studies.jumps", "jumps of the deformation across the proxy's edges"),
-    "topology": ("eval.studies.topology", "what remeshing keeps of a mesh's topology"),
+    "status": ("eval.run.status", "show the progress of sweeps"),
+    "collect": ("eval.rows.collect", "gather the rows of finished runs into one CSV per experiment"),
+    "tables": ("eval.publish.tables", "write tables from rows: CSV, Markdown and LaTeX"),
+    "charts": ("eval.publish.charts", "draw distributions and convergence"),
+    "figures": ("eval.publish.figures", "draw rest shapes and results side by side"),
+    "curves": ("eval.publish.curves", "draw metrics against a size or a parameter"),
+    "front": ("eval.publish.front", "draw measures against each other for values of a setting"),
+    "report": ("eval.publish.report.command", "write one HTML page with tables, charts and a 3D view"),
+    "publish": ("eval.publish.publish", "put rows, tables and figures of an experiment into results/"),
+    "site": ("eval.site.command", "write the leaderboard: static pages of all tracks and methods"),
+    "submit": ("eval.site.submit", "check submitted results and add them to the leaderboard"),
+    "remeasure": ("eval.run.remeasure", "measure finished runs again from their stored vertices"),
+    "compare": ("eval.rows.compare", "compare two sets of rows"),
+    "check": ("eval.rows.bands", "check rows against committed bands of quality"),
+    "bench": ("eval.timing.bench", "time methods in turns, on a machine without other load"),
+    "timings": ("eval.timing.table", "write tables of the times from bench"),
+    "jumps": ("eval.studies.jumps", "measure jumps of the deformation across edges of the proxy"),
+    "topology": ("eval.studies.topology", "check how remeshing changes the topology of meshes"),
 }
 
 HELP = """\
-Run deformation methods, and make tables, figures and pages of what they left.
+Run deformation methods, and make tables, figures and pages from the results.
 
 {commands}
 
@@ -44,8 +44,8 @@ Run deformation methods, and make tables, figures and pages of what they left.
   sshade-eval run -m experiment=quick
   sshade-eval collect quick && sshade-eval tables quick && sshade-eval report quick
 
-`sshade-eval COMMAND --help` tells more. Exit codes: 0; 1 where a run failed or a check did not
-hold; 2 for a mistake in the arguments, told in one sentence.
+`sshade-eval COMMAND --help` lists the arguments. Exit codes: 0; 1 if a run or a check failed; 2 after
+a mistake in the arguments, which is reported in one sentence.
 """
 
 PROGRAM = Program("sshade-eval", COMMANDS, HELP)

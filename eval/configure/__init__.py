@@ -1,1 +1,1 @@
-"""From the command line to a task and a method: Hydra, cases, functions named in a configuration."""
+"""Read the command line with Hydra: methods, datasets, cases and sweeps."""

@@ -1,7 +1,7 @@
 """``sshade-eval run``: the Hydra program that runs methods on tasks.
 
-Exit codes: 0 if no run failed, 1 if one did or left its committed band, 2 for a
-mistake in the configuration, told in one sentence.
+Exit codes: 0 if no run failed; 1 if a run failed or left its committed band; 2 after a mistake in the
+configuration, which is reported in one sentence.
 """
 
 from __future__ import annotations
@@ -43,24 +43,24 @@ from sshade.progress import Progress, silent
 from sshade.task import DeformationTask
 from sshade.threads import available_cpus
 
-#: Launchers' packages, whose errors mean that a worker was lost; what a run raises is of our own kinds.
+#: Packages of launchers. Errors from these packages mean that a worker was lost.
 LAUNCHERS = ("joblib", "submitit", "ray")
 
 
 class RunFailed(Exception):
-    """A run failed or left its band; its row tells more."""
+    """A run failed or left its band; its row has the details."""
 
 
 class WorkerLost(Exception):
-    """A launcher lost a worker, or gave up on it; what it ran has left no row."""
+    """A launcher lost a worker; the run of the worker left no row."""
 
 
-#: Errors of the runs in this process; None in a launcher's worker, where they must be raised.
+#: Errors of the runs in this process. None in a launcher's worker, which raises its errors instead.
 _errors: list[Exception] | None = None
 
 
 def main() -> int:
-    """Run what ``sys.argv`` says; return the exit code.
+    """Run the program with the arguments in ``sys.argv``; return the exit code.
 
     Raises
     ------
@@ -69,10 +69,10 @@ def main() -> int:
     """
     global _errors
     _errors, cli_sweep.monitor = [], None
-    # Hydra would print a traceback and exit with 1 on its own: let errors come through instead.
+    # Without this variable, Hydra prints a traceback and exits with code 1.
     os.environ["HYDRA_FULL_ERROR"] = "1"
     if sys.path[0] != str(PACKAGES):  # `python -m eval` in a clone, which may not be installed
-        # Launchers' workers must not look for our packages in the current folder first.
+        # Workers of launchers must not search the current folder first for the project's packages.
         os.environ["PYTHONSAFEPATH"] = "1"
     interrupted = False
     try:
@@ -100,7 +100,7 @@ def main() -> int:
 
 
 def _exit(errors: list[Exception], summary: str, *, interrupted: bool) -> int:
-    """Say how the command ended, and give its exit code."""
+    """Print how the command ended; return its exit code."""
     mistakes = [error for error in errors if isinstance(error, InputError)]
     if mistakes and not interrupted:
         raise mistakes[0]
@@ -114,19 +114,22 @@ def _exit(errors: list[Exception], summary: str, *, interrupted: bool) -> int:
     for error in errors:
         if isinstance(error, WorkerLost):
             print(f"failed: a worker was lost ({error}){rest}", file=sys.stderr)  # noqa: T201
-        elif not summary:  # what became of a sweep's runs has been told, line by line
+        elif not summary:  # the monitor has already printed a line for each run of a sweep
             print(f"failed: {error}", file=sys.stderr)  # noqa: T201
     return 1 if errors else 0
 
 
 def _checked(arguments: list[str]) -> list[str]:
-    """What of a command line Hydra is to read, flags first: it takes none behind a setting.
+    """Check a command line; return the arguments that Hydra reads, flags first.
+
+    Hydra takes no flag after a setting. Settings of :mod:`eval.run.allowed`, and the settings ``method.*`` of
+    a sweep, are taken out.
 
     Raises
     ------
     InputError
-        On a flag that replaces the configuration, or a folder of configurations that names functions which
-        nobody allowed.
+        On a flag that replaces the configuration, an old name of a method or option, or a folder of
+        configurations that names a function without permission.
     """
     known, _ = get_args_parser().parse_known_intermixed_args(arguments)
     for flag in ("config_path", "experimental_rerun"):
@@ -148,12 +151,12 @@ def _checked(arguments: list[str]) -> list[str]:
 
 @hydra.main(version_base="1.3", config_path=str(CONFIGURATION), config_name="config")
 def _app(config: DictConfig) -> None:
-    # Launchers pickle this function with copies of the globals that it uses, so it uses none but the next.
+    # Launchers pickle this function with copies of the globals that it uses; `_job` is the only one.
     _job(config)
 
 
 def _job(config: DictConfig) -> None:
-    """Run a composed configuration; in a launcher's worker, raise what went wrong."""
+    """Run a composed configuration; collect its error, or raise the error in a launcher's worker."""
     try:
         if HydraConfig.get().mode == RunMode.MULTIRUN:
             _job_of_sweep(config)
@@ -162,14 +165,14 @@ def _job(config: DictConfig) -> None:
     except CodeChanged as error:
         raise error if _errors is None else SweepRefused(error) from error
     except (RunFailed, InputError) as error:
-        # What is raised in this process, Hydra announces with the job's overrides; once is enough.
+        # Hydra would print an error that this process raises a second time, with all settings of the run.
         if _errors is None:
             raise
         _errors.append(error)
 
 
 def _single_job(config: DictConfig) -> None:
-    """A single run; raises RunFailed if its row is bad."""
+    """Do a single run; raise RunFailed if it failed or left its band."""
     with progress_bar() as progress:
         outcome, problems = _outcome(config, progress)
     if outcome.failed and outcome.row["reason"].startswith("InputError: "):
@@ -180,12 +183,12 @@ def _single_job(config: DictConfig) -> None:
 
 
 def _job_of_sweep(config: DictConfig) -> None:
-    """A run of a sweep, in this process or in a worker's; what becomes of it goes into the sweep's record."""
+    """Do one run of a sweep, in this process or a worker, and add its result to the record of the sweep."""
     settings, monitor = HydraConfig.get(), cli_sweep.monitor
     if _errors is None:
-        os.chdir(settings.runtime.cwd)  # a worker may start elsewhere; relative paths mean those of the sweep
+        os.chdir(settings.runtime.cwd)  # relative paths start at the folder in which the sweep began
     record = SweepRecord(config.run.sweep.record)
-    # The record is gone where the sweep was given up while this run was in a queue.
+    # The record is missing if the sweep was abandoned while this run waited in a queue.
     begun_with = record.sweep().code if _errors is None and record.folder.exists() else None
     ended: dict[str, Any] = {"row": None}
     try:
@@ -193,7 +196,7 @@ def _job_of_sweep(config: DictConfig) -> None:
             outcome, problems = _outcome(config, progress, begun_with=begun_with)
         ended = {"row": outcome.row, "found": outcome.found, "problems": problems}
     except CodeChanged:
-        raise  # which ends no run but the sweep
+        raise  # this error ends the whole sweep
     except InputError as error:
         ended["problems"] = [str(error)]
         raise
@@ -209,9 +212,9 @@ def _job_of_sweep(config: DictConfig) -> None:
 def _outcome(
     config: DictConfig, progress: Progress, *, begun_with: Mapping[str, str] | None = None
 ) -> tuple[Outcome, list[str]]:
-    """Run a composed configuration; its outcome, and why it counts as failed if it does.
+    """Run a composed configuration; return its outcome and the reasons why it counts as failed.
 
-    A worker's code must be what the sweep has `begun_with`.
+    `begun_with` is the code of the process that began the sweep; a worker must have loaded the same code.
     """
     plain = plain_config(config)
     if begun_with is not None:
@@ -219,7 +222,7 @@ def _outcome(
     progress("reading", 0, 1)
     task = _load_task(json.dumps(plain["dataset"]))
     progress("reading", 1, 1)
-    if not plain["dataset"].get("tag"):  # other data than the experiment's own, in a table of its own
+    if not plain["dataset"].get("tag"):  # a tagged dataset gets a separate table
         require_split(task.name, plain["run"]["split"])
     settings = HydraConfig.get()
     at_once = 1 if settings.mode == RunMode.RUN else _jobs(settings.launcher, config.run.sweep.runs)
@@ -244,16 +247,16 @@ def _outcome(
 
 @lru_cache(maxsize=1)
 def _load_task(dataset: str) -> DeformationTask:
-    """The task of a dataset's configuration (as JSON: it is the cache's key)."""
+    """Load the task of a dataset's configuration, given as JSON text to be a key of the cache."""
     config = json.loads(dataset)
     check_root(config)
     return instantiate(source_of(config))
 
 
 def _jobs(launcher: DictConfig, runs: int) -> int:
-    """Runs of a sweep at once, from the settings that launchers have; all of them where there is no limit."""
+    """Return how many runs of a sweep a launcher executes at once; all runs if it has no limit."""
     if "ray" in launcher:
-        import ray  # this is one of its workers
+        import ray  # this process is a worker of Ray
 
         return min(runs, int(ray.cluster_resources()["CPU"] // (launcher.ray.remote.get("num_cpus") or 1)))
     if launcher._target_.endswith(".BasicLauncher"):
@@ -263,7 +266,7 @@ def _jobs(launcher: DictConfig, runs: int) -> int:
 
 
 def _report(outcome: Outcome) -> str:
-    """A single run in a few lines."""
+    """Describe a single run in a few lines."""
     row = outcome.row
     lines = [f"{row['method.name']} on {row['task.name']}: {status_text(row, found=outcome.found)}"]
     for name, metric in METRICS.items():
@@ -274,13 +277,13 @@ def _report(outcome: Outcome) -> str:
 
 
 def _raised_in(error: Exception) -> str:
-    """Name of the module that raised an error."""
+    """Return the name of the module that raised an error."""
     *_, (frame, _) = walk_tb(error.__traceback__)
     return frame.f_globals["__name__"]
 
 
 def _one_line(error: Exception) -> str:
-    """Hydra's message in one sentence: without its search path and its hints for debugging."""
+    """Return Hydra's message in one sentence, without its search path and its hints for debugging."""
     if isinstance(error, OverrideParseException):
         return unreadable_override(error.override, example="dataset.root")
     text = str(error)

@@ -1,4 +1,4 @@
-"""A method or a dataset of ``conf`` by its name and a few settings, outside of a sweep."""
+"""Configurations of methods and datasets outside of a sweep, by name and settings."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from sshade.errors import InputError
 
 
 class Choice(NamedTuple):
-    """A choice of a group of ``conf``, written as ``[LABEL=]NAME [KEY=VALUE ...]``.
+    """A method or dataset of ``conf``, written as ``[LABEL=]NAME [KEY=VALUE ...]``.
 
     Attributes
     ----------
     label : str
-        The name, unless another was given.
+        Name in tables; by default the name of the YAML file.
     name : str
-        Of a YAML file of the group.
+        Name of a YAML file in ``conf/method`` or ``conf/dataset``.
     settings : tuple of str
-        A key without a dot or an @ is one of the choice itself: ``samplings=1``. Others are those of
-        the whole configuration: ``solver.start=rigid``.
+        A key without a dot or an @ belongs to the method or dataset: ``samplings=1``. All other keys belong
+        to the whole configuration: ``solver.start=rigid``.
     """
 
     label: str
@@ -38,12 +38,12 @@ class Choice(NamedTuple):
 
 
 def read_choice(text: str) -> Choice:
-    """Take a choice apart.
+    """Parse the text of a choice.
 
     Raises
     ------
     InputError
-        When it names nothing, or what follows the name is no setting.
+        When the name is missing, or a word after the name is not a setting.
     """
     first, *settings = shlex.split(text) or [""]
     label, _, name = first.rpartition("=")
@@ -55,12 +55,12 @@ def read_choice(text: str) -> Choice:
 
 
 def resolved(group: Literal["method", "dataset"], choice: Choice) -> dict[str, Any]:
-    """The plain configuration of a choice.
+    """Return the configuration of a choice as plain values.
 
     Raises
     ------
     InputError
-        On a name or a setting that does not exist, or a function that may not be called.
+        On an unknown name or setting, an old name, or a function that is not allowed.
     """
     own = [word if {".", "@"} & set(word.split("=")[0]) else f"{group}.{word}" for word in choice.settings]
     refuse_old_names(group, [choice.name])
@@ -82,7 +82,7 @@ def resolved(group: Literal["method", "dataset"], choice: Choice) -> dict[str, A
 
 
 def one_each(choice: Choice) -> list[Choice]:
-    """The cases of a dataset where it is given several subjects or poses, ``pose=1,2``."""
+    """Return one choice for each case of a dataset with several subjects or poses, such as ``pose=1,2``."""
     values = []
     for word in choice.settings:
         key, _, value = word.partition("=")

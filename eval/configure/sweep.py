@@ -1,4 +1,4 @@
-"""Sweeps of ``sshade-eval run``: which cases, which runs, kept as a plan, and the display while they run."""
+"""Sweeps of ``sshade-eval run``: list the cases and runs, write the plan, show the progress."""
 
 from __future__ import annotations
 
@@ -28,37 +28,39 @@ from eval.run.targets import check_parameters, locate, target_functions
 from sshade.errors import InputError
 from sshade.io.files import reason
 
-#: What tells the cases of a dataset apart; a sweep takes `all` instead of numbers too.
+#: Settings that identify a case of a dataset. A sweep also takes `all` in place of numbers.
 CASE = ("subject", "pose")
 ALL = "all"
 
-#: Settings that are plain values in every configuration.
+#: Settings that have plain values in every configuration, and that no other setting depends on.
 VALUES = ("case", *CASE, "seed")
 
-#: Settings of a dataset that are not for its loader: how to build it, where rows go, what lists its cases.
+#: Settings of a dataset that its loader does not take: the build command, the tag of the folder of its rows,
+#: the function that lists its cases.
 ABOUT_DATASET = ("build", "tag", "cases")
 
 
-#: The sweep that this process began; None in a launcher's worker.
+#: Display of the sweep that this process began; None in a launcher's worker.
 monitor: Monitor | None = None
 
-#: Settings ``method.*`` of a sweep's command line. Hydra would hold them against the method that the sweep
-#: starts from; given to the runs alone, they are held against the method that each run names.
+#: Settings ``method.*`` from the command line of a sweep. Hydra would check them against the default method.
+#: They are passed to the runs only, so Hydra checks them against the method of each run.
 method_settings: list[str] = []
 
 
 class SweepRefused(BaseException):
-    """A sweep that cannot begin, or not go on, and why.
+    """A sweep that cannot begin or continue; the argument is the reason.
 
-    No Exception: Hydra turns what a callback raises into warnings, and what a run raises into its result.
+    It does not derive from Exception, because Hydra turns exceptions of callbacks into warnings, and
+    exceptions of runs into results.
     """
 
 
 class SweepStart(Callback):
-    """Begins the record of a sweep; Hydra calls it from the configuration."""
+    """Starts the record of a sweep. Hydra calls it because ``conf/config.yaml`` names it."""
 
     def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
-        """Write out `all`, list the runs as the basic sweeper does, and tell each run of the record."""
+        """List the cases and runs, write the plan, and pass the folder of the record to each run."""
         global monitor
         try:
             _add_overrides(config, *method_settings)
@@ -77,7 +79,7 @@ class SweepStart(Callback):
         for other in beside:
             print(  # noqa: T201
                 f"a sweep of {folder.name}, begun {other.begin.astimezone():%Y-%m-%d %H:%M} on {other.host}, "
-                "has not ended: what both are to run may be run twice",
+                "has not ended: runs that are part of both sweeps may be done twice",
                 file=sys.stderr,
             )
         place = str(record.folder).replace("\\", "\\\\").replace("'", "\\'")
@@ -86,12 +88,12 @@ class SweepStart(Callback):
 
 
 def plain_config(config: DictConfig) -> dict[str, Any]:
-    """The composed configuration of a run, without Hydra's part, as plain values.
+    """Return the composed configuration of a run, without Hydra's part, as plain values.
 
     Raises
     ------
     InputError
-        When a setting is missing, one of ours does not fit, or a function is named that nobody allowed.
+        When a setting is missing, or a function is named that is not allowed.
     """
     missing = OmegaConf.missing_keys(config)
     if missing:
@@ -104,7 +106,7 @@ def plain_config(config: DictConfig) -> dict[str, Any]:
 
 
 def check_settings(config: dict[str, Any]) -> None:
-    """Raise InputError on values of our own settings that no run could use."""
+    """Raise InputError on a seed or a setting ``run.*`` with a value that no run can use."""
     settings = {name: config["run"][name] for name in ("force", "fresh", "time_limit", "jobs")}
     settings |= {"seed": config["seed"], "jobs": 1 if settings["jobs"] is None else settings["jobs"]}
     check_parameters(run, settings, target="run")
@@ -116,25 +118,24 @@ def check_settings(config: dict[str, Any]) -> None:
 
 
 def label_of(plain: dict[str, Any]) -> str:
-    """The method's name in rows; of a method in a subgroup, its own name."""
+    """Return the name of the method in rows, without the subgroup of its YAML file."""
     return str(plain["label"]).rpartition("/")[2]
 
 
 def source_of(dataset: dict[str, Any]) -> dict[str, Any]:
-    """What loads the task: a dataset's configuration without what is about the dataset."""
+    """Return the part of a dataset's configuration that loads the task."""
     return {name: value for name, value in dataset.items() if name not in ABOUT_DATASET}
 
 
 def runs_folder(plain: dict[str, Any]) -> Path:
-    """Folder of the experiment."""
+    """Return the folder of the experiment's runs."""
     return Path(plain["paths"]["runs"], plain["run"]["folder"])
 
 
 def _compose(config: DictConfig, runs: list[dict[str, str]]) -> Iterator[dict[str, Any]]:
-    """The configuration of each run of a sweep.
+    """Yield the configuration of each run of a sweep.
 
-    Composing one takes a tenth of a second, so that :data:`VALUES`, plain values in every
-    configuration, are put into one that the other settings have made.
+    Composing takes a tenth of a second. Runs that differ in :data:`VALUES` only share one composition.
     """
     loader, hydra = GlobalHydra.instance().config_loader(), HydraConfig.instance()
     parser, before = OverridesParser.create(), hydra.cfg
@@ -143,7 +144,7 @@ def _compose(config: DictConfig, runs: list[dict[str, str]]) -> Iterator[dict[st
         others = tuple(f"{name}={value}" for name, value in one.items() if name not in VALUES)
         if others not in composed:
             whole = loader.load_sweep_config(config, [f"{name}={value}" for name, value in one.items()])
-            hydra.set_config(whole)  # the label may name a choice of Hydra
+            hydra.set_config(whole)  # the label may contain a choice of Hydra
             own = OmegaConf.masked_copy(whole, [name for name in whole if name != "hydra"])
             composed[others] = own, hydra.cfg, plain_config(own)
         own, hydra.cfg, plain = composed[others]
@@ -158,12 +159,12 @@ def _compose(config: DictConfig, runs: list[dict[str, str]]) -> Iterator[dict[st
 
 
 def _keep_plans(configs: Iterable[dict[str, Any]]) -> dict[str, str]:
-    """Check that all cases exist, and keep the plan of each experiment; the hashes of the code that runs.
+    """Check that all cases exist and write the plan of each experiment; return the hashes of the code.
 
     Raises
     ------
     InputError
-        When a dataset is not there, or lacks a case.
+        When a dataset is missing or lacks a case.
     """
     plans: dict[Path, list[Row]] = {}
     functions: set[str] = set()
@@ -195,18 +196,18 @@ def _keep_plans(configs: Iterable[dict[str, Any]]) -> dict[str, str]:
 
 
 def _overrides(config: DictConfig) -> list[str]:
-    """The settings of a command line, as they were given: a label may name what only a run knows."""
+    """Return the settings of the command line, unresolved: a label may refer to values of a single run."""
     return OmegaConf.to_container(config.hydra.overrides.task, resolve=False)
 
 
 def _add_overrides(config: DictConfig, *overrides: str) -> None:
-    """Give every run of the sweep further settings."""
+    """Add settings to every run of the sweep."""
     with read_write(config), open_dict(config):
         config.hydra.overrides.task = [*_overrides(config), *overrides]
 
 
 def _swept(config: DictConfig) -> dict[str, list[str]]:
-    """Each overridden setting of a sweep with its values, in the sweeper's order."""
+    """Return the values of each setting of a sweep, in the order of the sweeper."""
     params = [f"{name}={values}" for name, values in (config.hydra.sweeper.params or {}).items()]
     parser = OverridesParser.create(GlobalHydra.instance().config_loader())  # the loader resolves glob(*)
     return {
@@ -218,10 +219,10 @@ def _swept(config: DictConfig) -> dict[str, list[str]]:
 
 
 def _write_out_cases(config: DictConfig) -> None:
-    """Where a sweep takes `all` subjects or poses, put the cases of the dataset into the configuration.
+    """Replace `all` subjects or poses of a sweep by the cases of the dataset.
 
-    A dataset need not have every pose of every subject, so the two become one
-    sweep over `case`. One without a list of cases has a single case.
+    A dataset need not have every pose of every subject, so subject and pose become one sweep over `case`.
+    A dataset without a list of cases has a single case.
     """
     swept = _swept(config)
     asked = {name: swept.get(name, [str(config[name])]) for name in CASE}
@@ -245,7 +246,7 @@ def _write_out_cases(config: DictConfig) -> None:
 
 
 def _numbers(name: str, values: list[str]) -> list[int] | None:
-    """The numbers of a sweep, None for all."""
+    """Return the numbers of a sweep, None for all."""
     if ALL in values:
         return None
     if not all(value.isdigit() for value in values):
@@ -254,25 +255,25 @@ def _numbers(name: str, values: list[str]) -> list[int] | None:
 
 
 def close_sweep() -> str:
-    """End the display and the record of the sweep under way; its summary in one line, "" if there is none."""
+    """End the display and the record of a running sweep; return its summary, "" without a sweep."""
     if monitor is None:
         return ""
     monitor.close()
     sweep, ended = monitor.sweep, monitor.record.ended()
     if len(ended) == len(sweep.runs):
         monitor.record.complete()
-    elif sweep.launcher not in QUEUES:  # runs in a queue outlive this process
+    elif sweep.launcher not in QUEUES:  # runs in a queue continue without this process
         monitor.record.remove()
     return summary(sweep, ended)
 
 
 def in_queue() -> bool:
-    """Whether the sweep under way has jobs in a queue, which go on when this process ends."""
+    """Whether the running sweep has jobs in a queue, which continue when this process ends."""
     return monitor is not None and monitor.sweep.launcher in QUEUES
 
 
 def check_root(dataset: Mapping[str, Any]) -> None:
-    """Raise InputError, with how to build the dataset, where its folder is missing."""
+    """Raise InputError, with the build command, when the folder of a dataset is missing."""
     root = dataset.get("root")
     if root is not None and not Path(root).exists():
         hint = f"; make it with: {dataset['build']}" if dataset.get("build") else ""

@@ -1,1 +1,1 @@
-"""From a task and a method to one row: the timed call, warm-up, provenance, and the record of a sweep."""
+"""Run a method on a task: warm-up, timed call, version of the code, row, record of a sweep."""

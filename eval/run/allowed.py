@@ -1,10 +1,9 @@
 """Which functions a configuration or a row may name.
 
-A name such as ``os.system`` would do harm where a folder of configurations, or
-of results, comes from others. Called are only functions that a file of the
-project's ``conf`` names (so a method of one's own is added there), and those
-that the command line allows: ``run.allow_targets=[mypackage.]``, or for the
-commands that read rows the environment variable ``EVAL_ALLOW_TARGETS``.
+A name such as ``os.system`` in a folder of configurations or results from another person would do harm.
+Therefore two kinds of functions are called only: functions that a file of the project's ``conf`` names, and
+functions that the user allows. The user allows functions on the command line, with
+``run.allow_targets=[mypackage.]``, or in the environment variable ``EVAL_ALLOW_TARGETS``.
 """
 
 from __future__ import annotations
@@ -18,9 +17,9 @@ from typing import Any
 from sshade.cli.configuration import CALLED, named_functions
 from sshade.errors import InputError
 
-#: Beginnings of names, separated by commas. Processes of a launcher inherit it.
+#: Variable with the first letters of allowed names, separated by commas. Workers of a launcher inherit it.
 VARIABLE = "EVAL_ALLOW_TARGETS"
-#: The same on the command line of ``sshade-eval run``; in a YAML file it has no meaning.
+#: Setting with the same meaning on the command line of ``sshade-eval run``; a YAML file cannot set it.
 OVERRIDE = "run.allow_targets"
 
 _SEARCH_PATH = "hydra.searchpath"
@@ -35,12 +34,12 @@ def require_allowed(config: Any, *, where: str) -> None:
     ----------
     config : mapping, list or plain value
     where : str
-        For the message: what the configuration is of.
+        Origin of the configuration, for the message.
 
     Raises
     ------
     InputError
-        On a name that neither a file of ``conf`` nor the user names.
+        On a function that neither a file of ``conf`` nor the user names.
     """
     beginnings = tuple(text for text in os.environ.get(VARIABLE, "").split(",") if text)
     for key, name in _items(config):
@@ -55,7 +54,7 @@ def require_allowed(config: Any, *, where: str) -> None:
 
 
 def allow_from(overrides: Sequence[str]) -> None:
-    """Take ``run.allow_targets`` over from a command line, for this process and those that it starts."""
+    """Read ``run.allow_targets`` from a command line, for this process and its child processes."""
     texts = [text for override in overrides for text in _list(override, OVERRIDE)]
     os.environ[VARIABLE] = ",".join([os.environ.get(VARIABLE, ""), *texts]).strip(",")
 
@@ -63,19 +62,19 @@ def allow_from(overrides: Sequence[str]) -> None:
 def check_folders(folders: Iterable[str | None], *, overrides: Sequence[str] = ()) -> None:
     """Check the YAML files of folders that a command line adds to the configuration.
 
-    Hydra itself calls what they name as launcher, sweeper, callback or handler of a log.
+    Hydra calls the functions that such files name as launcher, sweeper, callback or handler of a log.
 
     Parameters
     ----------
     folders : iterable of str or None
-        Of ``--config-dir``.
+        Values of ``--config-dir``.
     overrides : sequence of str
-        Where ``hydra.searchpath`` names more.
+        Settings of the command line; ``hydra.searchpath`` adds folders.
 
     Raises
     ------
     InputError
-        On a name that is not allowed, a file that is no YAML, or a setting of Hydra that names code.
+        On a function that is not allowed, a file that is not YAML, or a setting of Hydra that names code.
     """
     more = [folder for override in overrides for folder in _list(override, _SEARCH_PATH)]
     for folder in filter(None, [*folders, *more]):
@@ -91,7 +90,7 @@ def _check_file(path: Path) -> None:
         documents = list(yaml.safe_load_all(text))
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"{path}: not readable as YAML ({' '.join(str(error).split())[:200]})") from error
-    # Packages, in the header or with an @ in a list of defaults, are a part of the key.
+    # Hydra adds a package to the key; the package stands in the header, or after an @ in a list of defaults.
     words = re.findall(r"# *@package +(\S+)", text) + [
         str(word) for pair in _items(documents) for word in pair
     ]
@@ -102,7 +101,7 @@ def _check_file(path: Path) -> None:
 
 
 def _items(config: Any) -> Iterator[tuple[Any, Any]]:
-    """Every key with its value, and None with every element of a list, at any depth."""
+    """Yield each key with its value, and None with each element of a list, at any depth."""
     if isinstance(config, Mapping):
         for key, value in config.items():
             yield key, value
@@ -114,6 +113,6 @@ def _items(config: Any) -> Iterator[tuple[Any, Any]]:
 
 
 def _list(override: str, name: str) -> list[str]:
-    """The elements of the override ``name=[a, b]``; none of other overrides."""
+    """Return the elements of the override ``name=[a, b]``; none for all other overrides."""
     key, _, value = override.lstrip("+").partition("=")
     return [text.strip(" '\"") for text in value.strip(" []'\"").split(",")] if key == name else []

@@ -1,7 +1,6 @@
-"""A method on a task: the timed call, here or in a process of its own.
+"""Call a method on a task and time the call, in this process or in a new one.
 
-A fresh process is what gives a peak of memory that means something, and what
-can be stopped at a time limit.
+Only a new process has a meaningful peak of memory, and only a new process can be stopped at a time limit.
 """
 
 from __future__ import annotations
@@ -35,24 +34,24 @@ from sshade.task import DeformationResult
 
 log = logging.getLogger(__name__)
 
-#: Arrays of a result's `extra` whose name ends so hold a line a step, and are kept with the run.
+#: Ending of the names of arrays in a result's `extra` that are stored with the run: one row per step.
 CURVE = "_curve"
 
-#: The facts of a method that gave no result.
+#: Facts of a method without a result.
 NOTHING: Row = {"status": "failed", "reason": "", "iterations": None, "converged": None}
 
-#: What a fresh process sends when its clock starts.
+#: Message from a new process when its clock starts.
 CLOCK = "clock"
 
-#: Seconds for libraries, compilation and the warm-up of a run that has a time limit.
+#: Time limit in seconds for imports, compilation and warm-up, in runs with a time limit.
 WARM_UP_LIMIT = 900.0
 
-#: Seconds between two messages of progress from a fresh process.
+#: Shortest time in seconds between two progress messages of one stage from a new process.
 PROGRESS_PERIOD = 0.2
 
 
 class Attempt(NamedTuple):
-    """What a run gave.
+    """Result of a run.
 
     Attributes
     ----------
@@ -60,9 +59,9 @@ class Attempt(NamedTuple):
         status, reason, iterations, converged, seconds.*, extra.*, env.warmed_up, env.cores_used, and
         ``method.*`` for the options that the method resolved (``extra["options"]`` of its result).
     vertices : (n, 3) float64 or None
-        None where the method failed.
+        None if the method failed.
     curves : dict
-        Arrays of a line a step, such as losses, by name.
+        Arrays with one row per step, such as losses, by name.
     """
 
     facts: Row
@@ -78,12 +77,12 @@ def attempt(
     progress: Progress = silent,
     before_clock: Callable[[], None] = lambda: None,
 ) -> Attempt:
-    """Run a method; whatever it raises becomes the row's status and reason.
+    """Run a method. An exception of the method becomes the status and reason of the row.
 
     Parameters
     ----------
     method : mapping
-        Its configuration: ``_target_``, parameters, ``warm_up``.
+        Configuration of the method: ``_target_``, parameters, ``warm_up``.
     task : DeformationTask or TransferTask
     seed : int
     progress : Progress
@@ -105,7 +104,7 @@ def attempt(
             raise ValueError(f"vertices of shape {np.shape(result.vertices)} for {task.mesh.V.shape}")
     except ImportError as error:
         return Attempt(row | {"status": "skipped", "reason": _sentence(error)})
-    except Exception as error:  # whatever a method raises belongs into its row; the sweep goes on
+    except Exception as error:  # a method may raise anything; the sweep continues
         log.debug("%s on %s", method["_target_"], task.name, exc_info=True)
         return Attempt(row | {"reason": _sentence(error)})
     curves = {name: np.asarray(value) for name, value in result.extra.items() if name.endswith(CURVE)}
@@ -115,18 +114,17 @@ def attempt(
 def attempt_fresh(
     method: Mapping[str, Any], task: Task, *, seed: int, time_limit: float | None, progress: Progress = silent
 ) -> Attempt:
-    """:func:`attempt` in a process of its own, with ``peak_mib`` and at most `time_limit` seconds of clock.
+    """Run :func:`attempt` in a new process, which also measures ``peak_mib``.
 
-    The limit counts from the end of the warm-up, which has a limit of its own,
-    :data:`WARM_UP_LIMIT`. The peak is that of the whole process: libraries,
-    warm-up and the method.
+    The warm-up has the limit :data:`WARM_UP_LIMIT`; the `time_limit` starts after the warm-up. The peak of
+    memory includes libraries, the warm-up and the method.
 
     Raises
     ------
     CodeChanged
-        When the process has loaded other code than this one.
+        When the new process has loaded different code.
     """
-    # A worker of joblib has a start method that a process begun by it would not know.
+    # A worker of joblib has a start method that is unknown in a child process.
     if multiprocessing.get_start_method(allow_none=True) not in (
         None,
         *multiprocessing.get_all_start_methods(),
@@ -137,12 +135,12 @@ def attempt_fresh(
     ours, theirs = context.Pipe()
     process = context.Process(target=_child, args=(theirs, progress is not silent), daemon=False)
     try:
-        # Begun by `start` itself, it would lift the mask there.
+        # Otherwise `start` starts the tracker, which unblocks the signals.
         resource_tracker.ensure_running()
         with _no_interrupt():
             process.start()
         theirs.close()
-        # Not as arguments: `start` would wait for ever for a process that dies before it reads them.
+        # As arguments, these values could block `start` for ever if the process ended before reading them.
         ours.send((method, task, seed, begun_with))
         return _answer(ours, time_limit, progress)
     except (EOFError, ConnectionError):
@@ -157,9 +155,10 @@ def attempt_fresh(
 
 @contextmanager
 def _no_interrupt() -> Iterator[None]:
-    """Ctrl-C waits for the end of the block, and never reaches a process begun in it: that inherits the mask.
+    """Delay Ctrl-C to the end of the block, and keep it from processes that start in the block.
 
-    The mask alone does not hold it up here: another thread, such as one of BLAS, may take the signal.
+    New processes inherit the signal mask. In this process the mask is not enough, because other threads, such
+    as threads of BLAS, may receive the signal.
     """
     pressed: list[int] = []
     handler = signal.getsignal(signal.SIGINT)
@@ -178,7 +177,7 @@ def _no_interrupt() -> Iterator[None]:
 
 
 def _answer(connection: Connection, time_limit: float | None, progress: Progress) -> Attempt:
-    """What the child sends last, or that it took too long. Its progress is passed on."""
+    """Pass on the progress of the child; return its result, or the timeout."""
     stage, limit = "the warm-up did not end", WARM_UP_LIMIT
     begin = perf_counter()
     while connection.poll(None if time_limit is None else max(0.0, begin + limit - perf_counter())):
@@ -195,7 +194,7 @@ def _answer(connection: Connection, time_limit: float | None, progress: Progress
 
 
 def _end(code: int) -> str:
-    """How a process ended that gave no answer."""
+    """Describe how a process without an answer ended."""
     if code < 0:
         why = "; the system does this when memory runs out" if -code == signal.SIGKILL else ""
         return f"the process was killed by signal {-code}{why}"
@@ -221,7 +220,7 @@ def _child(connection: Connection, report: bool) -> None:
 
 
 class _Sender:
-    """Sends to the parent, from any thread; of progress a few messages a second."""
+    """Sends messages to the parent from any thread, with few progress messages per second."""
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
@@ -240,8 +239,8 @@ class _Sender:
 
 
 def _peak_mib() -> float:
-    """High-water mark of this process's memory in MiB."""
-    # On Linux ru_maxrss starts at the parent's peak, which exec hands down; VmHWM does not.
+    """Return the largest memory use of this process in MiB."""
+    # On Linux, ru_maxrss starts at the peak of the parent process; VmHWM does not.
     high_water = process_memory("VmHWM")
     if high_water is not None:
         return high_water / 2**20
@@ -269,17 +268,17 @@ def _facts(result: DeformationResult, seconds: float, cpu: float) -> Row:
 
 
 def is_scalar(value: Any) -> bool:
-    """Whether a fact fits into a row."""
+    """Whether a value fits into a cell of a row."""
     return value is None or isinstance(value, (bool, int, float, str, np.generic))
 
 
 def _plain(value: Any) -> Any:
-    """A Python scalar that JSON knows: no numpy types, None for NaN and infinities."""
+    """Return a Python scalar that JSON can hold: no numpy types, None for NaN and infinities."""
     value = value.item() if isinstance(value, np.generic) else value
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _sentence(error: BaseException) -> str:
-    """The error on one line."""
+    """Return the type and the message of an error in one line."""
     text = " ".join(str(error).split())
     return f"{type(error).__name__}: {text}" if text else type(error).__name__

@@ -1,4 +1,4 @@
-"""A sweep on the screen: a line for each run that ended, wherever it ran, and a bar on a terminal."""
+"""Progress of a sweep: a line for each finished run of all workers, and a bar on a terminal."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from eval.run.record import SweepRecord, counts, run_line
 from sshade.cli.console import stage_bars, stage_progress
 from sshade.progress import Progress, silent
 
-#: Seconds between two looks at the record, for runs of other processes.
+#: Seconds between two readings of the record, for runs of other processes.
 PERIOD = 1.0
 
-#: Seconds that the bar's estimate of the time left looks back on: all of a sweep.
+#: Time in seconds over which the bar averages its speed; long enough for a whole sweep.
 _WEEK = 7 * 24 * 3600.0
 
 
 class Monitor:
-    """Follows the record of a sweep, from the start on.
+    """Follows the record of a sweep.
 
     Parameters
     ----------
     record : SweepRecord
     watch : bool
-        Look at the record every second, for runs in other processes; otherwise
-        :meth:`update` is to be called after each run.
+        Read the record every second, for runs in other processes. Otherwise, call :meth:`update` after each
+        run.
     """
 
     def __init__(self, record: SweepRecord, *, watch: bool) -> None:
@@ -46,26 +46,25 @@ class Monitor:
             self._watcher.start()
 
     def update(self) -> None:
-        """Tell of the runs that ended since the last call."""
+        """Print the runs that ended since the last call."""
         with self._lock:
             ended = self.record.ended()
             for i in range(self._told, len(ended)):
                 text = run_line(ended[i])
-                if self._bars is None:  # which say the same
+                if self._bars is None:  # the bar shows the same counts
                     text += f" [{counts(self.sweep, ended[: i + 1])}]"
                 print(text, flush=True)  # noqa: T201
             self._told = len(ended)
             if self._bars is not None and ended:
-                kept = sum(
-                    bool(run.found) for run in ended
-                )  # these take no time, and would mislead the estimate
+                # Runs that were found take no time and would distort the estimate of the remaining time.
+                kept = sum(bool(run.found) for run in ended)
                 total, done = len(self.sweep.runs) - kept, len(ended) - kept
                 note = counts(self.sweep, ended).partition(", ")[2]
                 self._bars.update(self._bar, total=total, completed=done, note=note)
 
     @contextmanager
     def run_progress(self) -> Iterator[Progress]:
-        """Progress of a run in this process, drawn under the sweep's bar while it lasts."""
+        """Show the progress of a run in this process below the bar of the sweep."""
         if self._bars is None:
             yield silent
             return
@@ -77,7 +76,7 @@ class Monitor:
                 self._bars.remove_task(task)
 
     def close(self) -> None:
-        """End; what happened until now has been told."""
+        """Print the remaining finished runs and end the display."""
         self._over.set()
         if self._watcher is not None:
             self._watcher.join()

@@ -20,7 +20,7 @@ from sshade.cli.configuration import PACKAGES
 from sshade.task import DeformationTask, TransferTask
 from sshade.threads import available_cpus
 
-#: What of a checkout can change them; not results or pages of text.
+#: Parts of a checkout that can change the numbers of a row, in contrast to results and pages.
 TREE = ("sshade", "baselines", "defaust", "eval", "conf", "pyproject.toml", "constraints.txt")
 #: Libraries whose versions are part of every key.
 LIBRARIES = ("numpy", "scipy", "numba", "libigl")
@@ -29,12 +29,12 @@ OPTIONAL = ("torch",)
 
 
 def config_hash(config: Mapping[str, Any]) -> str:
-    """Hash of plain, resolved settings; independent of their order."""
+    """Return a hash of plain, resolved settings; their order does not matter."""
     return digest(json.dumps(config, sort_keys=True).encode())
 
 
 def task_checksum(task: DeformationTask | TransferTask) -> str:
-    """Hash of what a method sees: the mesh, and the handles and a guess or a pose, not the task's name."""
+    """Return a hash of all arrays of a task that a method reads; the name of the task does not matter."""
     if isinstance(task, TransferTask):
         arrays = [task.mesh.V, task.mesh.F, task.rest.V, task.posed]
     else:
@@ -64,7 +64,7 @@ def library_versions(functions: Iterable[str]) -> dict[str, str]:
 
 
 def version_of(distribution: str) -> str:
-    """Installed version of a distribution, or "absent"."""
+    """Return the installed version of a distribution, or "absent"."""
     try:
         return importlib.metadata.version(distribution)
     except importlib.metadata.PackageNotFoundError:
@@ -72,13 +72,13 @@ def version_of(distribution: str) -> str:
 
 
 def process_memory(key: str) -> int | None:
-    """A figure of this process's memory in bytes, such as ``VmRSS`` or ``VmHWM``; None where not Linux."""
+    """Return a figure of this process's memory in bytes, such as ``VmRSS``; None except on Linux."""
     entry = _entry("self/status", key)
     return 1024 * int(entry.split()[0]) if entry else None
 
 
 def _entry(name: str, key: str) -> str:
-    """What the first line ``key: ...`` of a file in Linux's /proc says; empty where there is none."""
+    """Return the value in the first line ``key: ...`` of a file in Linux's /proc; empty if it is missing."""
     path = Path("/proc", name)
     text = path.read_text(errors="replace") if path.is_file() else ""
     found = re.search(rf"^{key}\s*:(.*)", text, re.MULTILINE)
@@ -86,19 +86,19 @@ def _entry(name: str, key: str) -> str:
 
 
 def environment(*, jobs: int) -> dict[str, Any]:
-    """Flat facts about the machine and the process, for the columns ``env.*``.
+    """Return facts about the machine and the process, for the columns ``env.*``.
 
     Parameters
     ----------
     jobs : int
-        How many runs the launcher executes at once.
+        Number of runs that the launcher executes at once.
     """
     import numba
 
     facts = dict(_machine())
     facts["python"] = platform.python_version()
     facts["commit"], facts["modified"] = _commit()
-    # numba.get_num_threads() would start a threading layer, for no kernel of ours.
+    # numba.get_num_threads() would start a threading layer, which no kernel of the project uses.
     facts["numba_threads"] = numba.config.NUMBA_NUM_THREADS
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         facts[variable.lower()] = os.environ.get(variable, "")
@@ -124,13 +124,13 @@ def _machine() -> dict[str, Any]:
 
 @cache
 def _commit() -> tuple[str, bool | None]:
-    """Commit of the checkout that holds this file, and whether what can change numbers differs from it.
+    """Return the commit of the checkout that holds this file, and whether :data:`TREE` differs from it.
 
-    Nothing outside of a checkout. New files that git does not ignore are a difference, too.
+    New files that git does not ignore are a difference. Outside of a checkout: "" and None.
     """
     folder = Path(__file__).parent
     try:
-        # Installed into some other project's folder, that project's commit would mean nothing.
+        # If this package is installed in the checkout of another project, its commit means nothing.
         _git(folder, "ls-files", "--error-unmatch", Path(__file__).name)
         commit = _git(folder, "rev-parse", "HEAD")
         return commit, bool(_git(PACKAGES, "status", "--porcelain", "--untracked-files=all", "--", *TREE))

@@ -1,4 +1,4 @@
-"""What a stored row came from: its task, loaded again."""
+"""Load the task of a stored row again."""
 
 from __future__ import annotations
 
@@ -13,13 +13,12 @@ from sshade.errors import InputError
 
 
 def load_task(row: Row) -> Task:
-    """The task that a row is about, from its dataset.
+    """Load the task of a row from its dataset.
 
     Raises
     ------
     InputError
-        When the row does not say where its task comes from, or the dataset is
-        missing or no longer the one that was run on.
+        When the row does not name the source of its task, or the dataset is missing or has changed.
     """
     if not row.get("task.source"):
         raise InputError(f"the row of {row['task.name']} does not say where its task comes from")

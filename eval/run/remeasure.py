@@ -1,9 +1,8 @@
-"""Metrics of finished runs, from their vertices: ``sshade-eval remeasure EXPERIMENT ...``.
+"""Measure finished runs again from their stored vertices: ``sshade-eval remeasure EXPERIMENT ...``.
 
-All metrics of each row that was measured by another version of their code are
-measured again, as after one was written or changed. No method is run. The stored
-vertices are single precision, so a value differs a little (about 1e-5 of itself) from
-one measured at the run; the row's column ``remeasured`` says when.
+After a metric was added or changed, this command measures all rows with another version of the metrics. It
+runs no method. The stored vertices have single precision, so a value differs by about 1e-5 of itself from the
+value of the run. The column ``remeasured`` holds the time of the new measurement.
 """
 
 from __future__ import annotations
@@ -29,18 +28,18 @@ from sshade.progress import Progress, silent
 
 
 def remeasure(folder: Path, *, progress: Progress = silent) -> int:
-    """Measure again the runs that another version of the metrics measured; each row is replaced whole.
+    """Measure all runs in a folder whose row has another version of the metrics.
 
     Returns
     -------
     int
-        How many rows changed.
+        Number of changed rows.
 
     Raises
     ------
     InputError
-        When the dataset of a run is not the one that was run on, its vertices are gone, or the code
-        changed meanwhile.
+        When the dataset of a run has changed, its vertices are missing, or the code of the metrics changes
+        during the command.
     """
     runs = [(read_row(run), run) for run in run_folders(folder)]
     runs = [
@@ -48,7 +47,7 @@ def remeasure(folder: Path, *, progress: Progress = silent) -> int:
         for row, run in runs
         if row["status"] in VALID and row.get("env.version.metrics") != METRICS
     ]
-    # The runs of a task follow each other, so that it is loaded once.
+    # Sort the runs by task, so that each task is loaded once.
     runs.sort(key=lambda pair: (pair[0].get("task.source") or "", pair[0]["task.checksum"]))
     loaded = None
     for done, (row, run) in enumerate(runs):

@@ -1,4 +1,4 @@
-"""One run: a method on a task becomes one row and one folder."""
+"""Run a method on a task; the result is one row and one folder."""
 
 from __future__ import annotations
 
@@ -22,15 +22,21 @@ from sshade.errors import InputError
 from sshade.progress import Progress, silent
 from sshade.task import DeformationTask
 
-#: Seconds, and share of a run's time, that the system's clock and a steady one may differ by.
+#: Largest difference between the system's clock and a steady clock: in seconds, and as a fraction of the run.
 CLOCK_TOLERANCE = 1.0, 1e-3
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """A run, its folder, and where its row was found: "already there", "already published", "" for a new one.
+    """Result of :func:`run`.
 
-    A published row need not have the folder.
+    Attributes
+    ----------
+    row : dict
+    folder : Path
+        Folder of the run. A published row may be without a folder.
+    found : str
+        "already there" or "already published" for an earlier row, "" for a new row.
     """
 
     row: Row
@@ -58,57 +64,56 @@ def run(
     jobs: int = 1,
     progress: Progress = silent,
 ) -> Outcome:
-    """Run a method on a task, measure it and store the row; or find the row of an equal run.
+    """Run a method on a task, measure the result and store the row, unless an equal run has a row.
 
-    An equal run has the same key, the version of the code in it. It may lie in
-    `root`, or be published in ``results/rows`` beside the command.
-    The clock runs around the method only. A method that raises leaves a row of
-    status ``failed``; an extra that is not installed one of status ``skipped``.
-    Such rows are run again next time; valid ones are not, nor those that met a
-    time limit as long as this one.
+    An equal run has the same key, which includes the version of the code. Its row is in `root`, or published
+    in ``results/rows`` below the current folder. The clock times the method only.
+
+    A method that raises leaves a row with status ``failed``. A method whose extra is not installed leaves a
+    row with status ``skipped``. Both are run again next time. A row with status ``timeout`` is run again with
+    a longer limit only.
 
     Parameters
     ----------
     task : DeformationTask or TransferTask
     method : mapping
-        Its configuration: ``_target_``, parameters, and optionally ``warm_up``,
-        the parameters that shrink the untimed first run (``warm_up: null``
-        leaves that out), and ``note``, a sentence that tables show. Neither is
-        part of the key: a kept row keeps the note that it was written with.
+        Configuration of the method: ``_target_`` and parameters. ``warm_up`` has the parameters that shrink
+        the untimed first run; ``warm_up: null`` omits the first run. ``note`` is a sentence for tables. The
+        key includes neither ``warm_up`` nor ``note``.
     name : str
-        The method's name in tables.
+        Name of the method in tables.
     root : path
-        Folder of the experiment, by its name.
+        Folder of the experiment; its last part is the name of the experiment.
     seed : int
     source : mapping, optional
         Configuration that loads the task again, for figures.
     shared : path, optional
-        Folder of another experiment, whose equal runs are taken along.
+        Folder of another experiment, whose equal runs are copied.
     force : bool
-        Run even if the row exists.
+        Run even if a row exists.
     fresh : bool
-        Run in a process of its own, which measures ``peak_mib``.
+        Run in a new process, which also measures ``peak_mib``.
     time_limit : float, optional
-        Seconds after which the run is given up with status ``timeout``; implies `fresh`.
+        Longest time in seconds, after which the status is ``timeout``; implies `fresh`.
     jobs : int
-        How many runs are executed at once.
+        Number of runs that are executed at once.
     progress : Progress
 
     Raises
     ------
     InputError
-        When the configuration names a function or a parameter that does not exist,
-        or a method for another kind of task; when the system's clock jumped during the run.
+        When the configuration names an unknown function or parameter, or a method for another kind of task;
+        when the system's clock jumped during the run.
     CodeChanged
-        When files of the code are no longer those that this process began with; the run leaves nothing.
+        When the code has changed since this process began. The run leaves no row.
     """
     functions = target_functions(method) | target_functions(source or {})
     require_unchanged(functions)
     try:
-        call = instantiate({**method, "_partial_": True})  # a mistake in the configuration ends here
+        call = instantiate({**method, "_partial_": True})  # raises on a mistake in the configuration
         require_kind(call, task, target=method["_target_"])
     except ImportError:
-        can_run = False  # to be skipped, which needs no process of its own
+        can_run = False  # the run will be skipped, which needs no new process
     else:
         can_run = True
     row = _identity(task, method, name=name, seed=seed, source=source)
@@ -141,32 +146,32 @@ def run(
 def _find(
     folder: Path, experiment: str, row: Row, *, fresh: bool, time_limit: float | None
 ) -> Outcome | None:
-    """An equal run that answers what is asked."""
+    """Return an equal run whose row can be used, or None."""
     stored = read_row(folder)
-    if stored is not None and _settled(stored, fresh=fresh, time_limit=time_limit):
+    if stored is not None and _usable(stored, fresh=fresh, time_limit=time_limit):
         return Outcome(stored, folder, found="already there")
     published = published_row(experiment, row["key"])
     if (
         published is not None
         and published["env.version.metrics"] == row["env.version.metrics"]
-        and _settled(published, fresh=fresh, time_limit=time_limit)
+        and _usable(published, fresh=fresh, time_limit=time_limit)
     ):
         return Outcome(published, folder, found="already published")
     return None
 
 
 def _check_clock(by_clock: float, passed: float, row: Row) -> None:
-    """Raise InputError where the system's clock did not run as the seconds passed."""
-    least, share = CLOCK_TOLERANCE
-    if abs(by_clock - passed) > max(least, share * passed):
+    """Raise InputError if the system's clock jumped during a run."""
+    seconds, fraction = CLOCK_TOLERANCE
+    if abs(by_clock - passed) > max(seconds, fraction * passed):
         raise InputError(
             f"the system's clock went {by_clock:.1f} s while {passed:.1f} s passed in the run of "
             f"{row['method.name']} on {row['task.name']}: it was set, or the machine slept; run it again"
         )
 
 
-def _settled(row: Row, *, fresh: bool, time_limit: float | None) -> bool:
-    """Whether a stored row answers what is asked."""
+def _usable(row: Row, *, fresh: bool, time_limit: float | None) -> bool:
+    """Whether an earlier row makes a run unnecessary."""
     if row["status"] == "timeout":
         return time_limit is not None and row["env.time_limit"] >= time_limit
     return row["status"] in VALID and not (fresh and row["peak_mib"] is None)
@@ -175,7 +180,7 @@ def _settled(row: Row, *, fresh: bool, time_limit: float | None) -> bool:
 def _identity(
     task: Task, method: Mapping[str, Any], *, name: str, seed: int, source: Mapping[str, Any] | None
 ) -> Row:
-    """What is known before the run, with the key that an equal run would have."""
+    """Return the columns that are known before the run, with the key."""
     plain = settings(method)
     row: Row = {"seed": seed, "schema": SCHEMA, "method.name": name, "method.hash": config_hash(plain)}
     row |= flat(plain, "method")
@@ -189,7 +194,7 @@ def _identity(
     row["env.version.evaluator"] = code_version(data)
     versions = library_versions(target_functions(method))
     row |= {f"env.version.{library}": version for library, version in versions.items()}
-    row["env.version.metrics"] = METRICS  # not in the key: metrics are measured again from stored vertices
+    row["env.version.metrics"] = METRICS  # not in the key: stored vertices are measured again
     row["key"] = digest(
         config_hash({"method": plain, "seed": seed, "schema": SCHEMA, "versions": versions}).encode(),
         row["task.checksum"].encode(),

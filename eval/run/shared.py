@@ -1,4 +1,4 @@
-"""A run that another experiment has made: taken along, in place of running it again."""
+"""Copy an equal run from another experiment."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from sshade.io.files import make_folder, replacing
 
 
 def take_along(run: Path, folder: Path) -> None:
-    """Copy a run with a result to where there is none; the row last, so that what has one is complete."""
+    """Copy a valid run to a folder without a valid run. The row is copied last and marks a complete run."""
     there, here = read_row(run), read_row(folder)
     if there is None or there["status"] not in VALID or (here is not None and here["status"] in VALID):
         return

@@ -1,11 +1,8 @@
-"""How far sweeps are, from any terminal: ``sshade-eval status [EXPERIMENT ...]``.
+"""Show the progress of sweeps from any terminal: ``sshade-eval status [EXPERIMENT ...]``.
 
-Reads what the runs of a sweep leave on disk, by whichever launcher and on
-whichever machine they run. A sweep that ended is listed no more; one that was
-killed, and so could not take its record away, is listed until ``--forget``, or until
-the same sweep has been run to its end.
-That also forgets what all sweeps were to run, so that tables count no run as
-missing that was planned until now.
+The command reads the records of sweeps, for all launchers and machines. A finished sweep has no record. A
+killed sweep is listed until the same sweep is run to its end, or until ``--forget`` removes its record.
+``--forget`` also removes the plans, so tables no longer count planned runs as missing.
 """
 
 from __future__ import annotations
@@ -20,7 +17,7 @@ from sshade.errors import InputError
 
 
 def report(record: SweepRecord) -> str:
-    """A sweep in one line."""
+    """Describe a sweep in one line."""
     sweep, ended = record.sweep(), record.ended()
     begin = sweep.begin.astimezone()
     text = f"{record.folder.parents[1].name}: {counts(sweep, ended)}"

@@ -1,10 +1,9 @@
 """Functions named in a configuration: ``_target_``, ``_partial_`` and parameters.
 
-The convention of Hydra's ``instantiate``, with two keys more: ``warm_up``, and
-``note``, a sentence for the foot of a table. This one checks names and simple
-types of the parameters first, tells a name that does not exist (the
-configuration is wrong) from a library that is not installed (the method is to be
-skipped), and needs no Hydra, so that figures can load the task of a row.
+The format is the format of Hydra's ``instantiate`` with two more keys: ``warm_up``, and ``note``, a sentence
+below a table. In contrast to Hydra, :func:`instantiate` checks the names and simple types of parameters. It
+distinguishes an unknown name, which is a mistake, from a library that is not installed, which skips the
+method. It needs no Hydra, so figures can load the task of a row.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from sshade.cli.configuration import PACKAGES
 from sshade.errors import InputError
 from sshade.options import checked
 
-#: Keys of a method's configuration that are not for its function.
+#: Keys of a method's configuration that are not parameters of its function.
 OWN_KEYS = ("_target_", "_partial_", "warm_up", "note")
 
 
@@ -33,7 +32,7 @@ def instantiate(config: Mapping[str, Any]) -> Any:
     Parameters
     ----------
     config : mapping
-        Plain values; a value that is itself a mapping with ``_target_`` is instantiated first.
+        Plain values; a nested mapping with ``_target_`` is instantiated first.
 
     Raises
     ------
@@ -43,8 +42,8 @@ def instantiate(config: Mapping[str, Any]) -> Any:
         When a library that the function's module imports is not installed.
     """
     if "_target_" not in config:
-        given = [name for name in config if name not in OWN_KEYS]
-        raise InputError(f"the configuration with {', '.join(given) or 'no parameters'} names no _target_")
+        names = [name for name in config if name not in OWN_KEYS]
+        raise InputError(f"the configuration with {', '.join(names) or 'no parameters'} names no _target_")
     function = locate(config["_target_"])
     parameters = {
         name: instantiate(value) if isinstance(value, Mapping) and "_target_" in value else value
@@ -56,7 +55,7 @@ def instantiate(config: Mapping[str, Any]) -> Any:
 
 
 def locate(target: str) -> Callable[..., Any]:
-    """The function of a dotted name such as "baselines.arap.arap", of a module in the current folder too."""
+    """Return the function with a dotted name; modules of the current folder are found, too."""
     module_name, name = _split(target)
     search_here()
     try:
@@ -73,15 +72,15 @@ def locate(target: str) -> Callable[..., Any]:
 
 
 def search_here() -> None:
-    """Let modules of the current folder be found.
+    """Add the current folder to the end of Python's search path.
 
-    Last of all: a folder `eval` or `tests` beside a module of one's own must not hide ours.
+    The end, because a folder `eval` or `tests` of the user must not hide the project's packages.
     """
     sys.path.extend(folder for folder in (str(PACKAGES), os.getcwd()) if folder not in sys.path)
 
 
 def require_kind(method: Callable[..., Any], task: Any, *, target: str) -> None:
-    """Raise InputError where a method says by its hint of `task` that it takes tasks of another kind."""
+    """Raise InputError if the type hint of a method's parameter `task` excludes a task."""
     wanted = parameter_hints(method.func if isinstance(method, partial) else method).get("task", Any)
     if wanted is not Any and isinstance(wanted, type) and not isinstance(task, wanted):
         raise InputError(
@@ -100,7 +99,7 @@ def target_functions(config: Mapping[str, Any]) -> set[str]:
 
 
 def settings(config: Mapping[str, Any]) -> dict[str, Any]:
-    """A configuration without what does not change the result (all own keys but ``_target_``), nested too."""
+    """Return the part of a configuration that can change the result: ``_target_`` and parameters."""
     return {
         name: settings(value) if isinstance(value, Mapping) else value
         for name, value in config.items()
@@ -109,7 +108,7 @@ def settings(config: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def flat(config: Mapping[str, Any], prefix: str) -> dict[str, Any]:
-    """Nested settings as ``prefix.name`` columns; lists become text."""
+    """Return nested settings as columns ``prefix.name``; lists become text."""
     columns: dict[str, Any] = {}
     for name, value in config.items():
         label = f"{prefix}.{'target' if name == '_target_' else name}"
@@ -128,7 +127,7 @@ def _split(target: str) -> tuple[str, str]:
 
 
 def check_parameters(function: Callable[..., Any], parameters: Mapping[str, Any], *, target: str) -> None:
-    """Raise InputError on a parameter that the function does not have, or a value of another simple type."""
+    """Raise InputError on an unknown parameter or a value of the wrong simple type."""
     hints = parameter_hints(function)
     if (names := getattr(function, "option_names", None)) is not None:
         named = _signature(function)
@@ -150,17 +149,17 @@ def check_parameters(function: Callable[..., Any], parameters: Mapping[str, Any]
 
 
 def parameter_hints(function: Callable[..., Any]) -> dict[str, Any]:
-    """The parameters of a function and their type hints, Any where there is none to be had.
+    """Return the type hint of each parameter of a function, Any for a parameter without a hint.
 
     ``**options: Unpack[T]`` stands for the keys of the TypedDict T.
     """
     try:
-        given = typing.get_type_hints(function)
-    except NameError:  # a hint that is imported for type checkers only
-        given = {}
+        annotations = typing.get_type_hints(function)
+    except NameError:  # the function imports the type of a hint for type checkers only
+        annotations = {}
     hints: dict[str, Any] = {}
     for name in _signature(function):
-        hint = given.get(name, Any)
+        hint = annotations.get(name, Any)
         if typing.get_origin(hint) is typing.Unpack:
             hints |= typing.get_type_hints(*typing.get_args(hint))
         else:
@@ -174,7 +173,7 @@ def _signature(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:
 
 
 def _fits(value: Any, hint: Any) -> bool:
-    """Whether a plain value satisfies a hint; hints other than simple types are not judged."""
+    """Whether a plain value satisfies a type hint; every value satisfies a hint that is no simple type."""
     origin = typing.get_origin(hint)
     if origin in (typing.Union, types.UnionType):
         return any(_fits(value, part) for part in typing.get_args(hint))

@@ -1,4 +1,4 @@
-"""Compilation outside of the clock: a method is run once on a task too small to matter."""
+"""Compile kernels before the clock starts: run each method once on a tiny task."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _done: set[str] = set()
 def warm_up(
     method: Callable[..., DeformationResult], overrides: dict[str, Any], *, key: str, kind: type[Task]
 ) -> None:
-    """Run a method once on a tiny task of a kind, unless this process has done so for `key`.
+    """Run a method once on a tiny task, unless this process has done so for `key`.
 
-    The methods of :func:`sshade.deform` do otherwise where handles are regions: they run on
-    :func:`tiny_regions`, and :func:`compile_sampling`, too.
+    Methods of :func:`sshade.deform` use other kernels for handle regions and large meshes. For these methods,
+    the warm-up also runs :func:`tiny_regions` and :func:`compile_sampling`.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def warm_up(
     overrides : dict
         Parameters that shrink the work, such as the size of the proxy.
     key : str
-        Stands for the method and its parameters: others may compile other code.
+        Text that identifies the method and its parameters; other parameters may need other kernels.
     kind : type
         Chooses :func:`tiny_transfer` or :func:`tiny_task`.
     """
@@ -50,45 +50,41 @@ def warm_up(
 
 
 def compile_sampling() -> None:
-    """Compile the kernels that sample large meshes and that refine samplings, on something small."""
+    """Compile the kernels that sample large meshes and refine samplings, on a small mesh."""
     mesh, first = tiny_task().mesh, np.array([0])
     sample_coarsely(mesh, vertex_graph(mesh), 20, first=first).insert(np.array([1]))
 
 
 @cache
 def tiny_task() -> DeformationTask:
-    """An icosphere of 642 vertices: one cap held, the opposite one turned and lifted a little."""
-    mesh = icosphere(3)
-    static = np.flatnonzero(mesh.V[:, 2] < -0.9)
-    dynamic = np.flatnonzero(mesh.V[:, 2] > 0.9)
-    cos, sin = np.cos(np.radians(20)), np.sin(np.radians(20))
-    turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
-    handles = Handles(
-        index=np.concatenate([static, dynamic]),
-        target=np.concatenate([mesh.V[static], mesh.V[dynamic] @ turn.T + [0, 0, 0.1]]),
-        dynamic=np.repeat([False, True], [len(static), len(dynamic)]),
-        group=np.repeat([0, 1], [len(static), len(dynamic)]),
-    )
-    return DeformationTask(name="icosphere", mesh=mesh, handles=handles)
+    """Return an icosphere of 642 vertices: one cap is fixed, the opposite cap is turned and lifted."""
+    return _two_caps(icosphere(3), height=0.9, degrees=20)
 
 
 @cache
 def tiny_regions() -> DeformationTask:
-    """An icosphere of 10,242 vertices, which multigrid makes levels of: a third held, a third lifted."""
-    mesh = icosphere(5)
-    static, dynamic = (np.flatnonzero(side * mesh.V[:, 2] > 1 / 3) for side in (-1, 1))
+    """Return an icosphere of 10,242 vertices, enough for multigrid: a third is fixed, a third is lifted."""
+    return _two_caps(icosphere(5), height=1 / 3, degrees=0)
+
+
+def _two_caps(mesh: Mesh, *, height: float, degrees: float) -> DeformationTask:
+    """Fix the vertices of a unit ball below -`height`; turn and lift the vertices above `height`."""
+    static, dynamic = (np.flatnonzero(side * mesh.V[:, 2] > height) for side in (-1, 1))
+    cos, sin = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
+    moves = np.repeat([False, True], [len(static), len(dynamic)])
     handles = Handles(
         index=np.concatenate([static, dynamic]),
-        target=np.concatenate([mesh.V[static], mesh.V[dynamic] + [0, 0, 0.1]]),
-        dynamic=np.repeat([False, True], [len(static), len(dynamic)]),
-        group=np.repeat([0, 1], [len(static), len(dynamic)]),
+        target=np.concatenate([mesh.V[static], mesh.V[dynamic] @ turn.T + [0, 0, 0.1]]),
+        dynamic=moves,
+        group=moves.astype(int),
     )
     return DeformationTask(name="icosphere", mesh=mesh, handles=handles)
 
 
 @cache
 def tiny_transfer() -> TransferTask:
-    """A sphere of 642 vertices with a bump at its top, to be bent."""
+    """Return the transfer of a bend to a sphere of 642 vertices with a bump at its top."""
     mesh = icosphere(3)
     x, y, z = mesh.V.T
     bump = Mesh(mesh.V * (1 + 0.2 * np.maximum(0, z) ** 4)[:, None], mesh.F)
@@ -96,7 +92,7 @@ def tiny_transfer() -> TransferTask:
 
 
 def icosphere(levels: int) -> Mesh:
-    """Unit icosahedron, each face split in four `levels` times, with its vertices on the unit sphere."""
+    """Return an icosahedron, subdivided `levels` times, with its vertices on the unit sphere."""
     golden = (1 + np.sqrt(5)) / 2
     V = np.array([[0, s, t * golden] for s in (-1, 1) for t in (-1, 1)])
     V = np.concatenate([np.roll(V, shift, axis=1) for shift in range(3)])
