@@ -88,6 +88,26 @@ def asked(page, name: str, action) -> None:
         action()
 
 
+def drag(page, start, by, *, steps: int = 8):
+    """Drag from a pixel by some pixels, so that the page sends a step near the end; the button stays down."""
+    x, y = start
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 10, y, steps=2)
+    page.wait_for_selector("#stage[data-state=dragging]")
+    page.mouse.move(x + 0.9 * by[0], y + 0.9 * by[1], steps=steps)
+    with page.expect_response(re.compile("/drag$")) as answer:
+        page.mouse.move(x + by[0], y + by[1])
+    return answer.value
+
+
+def release(page) -> None:
+    """Release the button and wait for the converged shape."""
+    with page.expect_response(re.compile("/settle$")):
+        page.mouse.up()
+    page.wait_for_selector("#stage[data-state=converged]")
+
+
 def mark(page, session, shown: np.ndarray) -> np.ndarray:
     """Fix the lower end and make the upper end movable, by rectangles; return the relative heights."""
     V = session.mesh.V
@@ -170,17 +190,8 @@ def test_a_region_is_dragged_and_what_is_saved_deforms_to_the_same_on_the_comman
     }
     resting = pixels(page.locator("#stage"))
     pivot = session.state.groups[1].target.mean(axis=0)
-    x, y = where(page, V, pivot)[0]
-    page.mouse.move(x, y)
-    page.mouse.down()
-    page.mouse.move(x + 10, y, steps=2)
-    page.wait_for_selector("#stage[data-state=dragging]")
-    page.mouse.move(x + 50, y - 30, steps=8)
-    with page.expect_response(re.compile("/drag$")):
-        page.mouse.move(x + 60, y - 30)
-    with page.expect_response(re.compile("/settle$")):
-        page.mouse.up()
-    page.wait_for_selector("#stage[data-state=converged]")
+    drag(page, where(page, V, pivot)[0], (60, -30))
+    release(page)
     page.wait_for_timeout(100)
     group = session.state.groups[1]
     move = (group.target - group.start).mean(axis=0)
@@ -222,13 +233,9 @@ def test_a_gizmo_turns_a_group_and_a_mistake_is_told_on_the_page(page, session):
     V = session.mesh.V
     mark(page, session, where(page, V, V))
     page.locator("#gizmo-bar label", has_text="Turn").click()
-    x, y = where(page, V, session.state.groups[1].target.mean(axis=0))[0]
-    page.mouse.move(x + 3, y)  # the ball in the middle turns freely
-    page.mouse.down()
-    page.mouse.move(x + 40, y + 5, steps=6)
-    with page.expect_response(re.compile("/settle$")):
-        page.mouse.up()
-    page.wait_for_selector("#stage[data-state=converged]")
+    # The ball in the middle of the gizmo turns freely.
+    drag(page, where(page, V, session.state.groups[1].target.mean(axis=0))[0] + [3, 0], (37, 5))
+    release(page)
     group = session.state.groups[1]
     assert np.arccos((np.trace(group.motion.R) - 1) / 2) > 0.1
     assert np.abs((group.target - group.start).mean(axis=0)).max() < 1e-6 * session.mesh.diagonal
@@ -258,43 +265,36 @@ def test_it_fits_the_window_and_ends_by_its_button(page, session):
     assert page.said == []
 
 
-def test_of_a_large_mesh_a_preview_follows_and_all_of_it_is_shown_at_rest(browser, session, monkeypatch):
+@pytest.fixture
+def large(session, monkeypatch) -> None:
+    """A session with groups, whose mesh counts as large."""
     monkeypatch.setattr(preview, "LARGE", 1.2)
     monkeypatch.setitem(preview.VERTICES, "processor", 800)
     V = session.mesh.V
     height = (V[:, 1] - V[:, 1].min()) / np.ptp(V[:, 1])
-    for own, kind in (height < 0.12, "static"), (height > 0.88, "moving"):
-        session.select(np.flatnonzero(own), "replace")
+    for inside, kind in (height < 0.12, "static"), (height > 0.88, "moving"):
+        session.select(np.flatnonzero(inside), "replace")
         session.mark(kind)
-    with lent(session) as server:
-        page = browser.new_page(viewport={"width": 1280, "height": 900})
-        said: list[str] = []
-        page.on("pageerror", lambda error: said.append(str(error)))
-        page.goto(server.address)
-        page.wait_for_selector("#stage[data-state=converged]")
-        page.get_by_role("button", name="drag", exact=True).click()
-        page.wait_for_timeout(200)
-        resting = pixels(page.locator("#stage"))
-        x, y = where(page, V, session.state.groups[1].target.mean(axis=0))[0]
-        box, told = page.locator("#stage").bounding_box(), page.locator("#stage").get_attribute("data-gizmo")
-        assert np.allclose(
-            [x - box["x"], y - box["y"]], [float(number) for number in told.split(",")], atol=1
-        )
-        page.mouse.move(x, y)
-        page.mouse.down()
-        page.mouse.move(x + 10, y, steps=2)
-        with page.expect_response(re.compile("/drag$")) as answer:
-            page.mouse.move(x + 60, y - 30, steps=6)
-        assert len(answer.value.body()) < 12 * 1600 + 200 < 12 * len(V)
-        page.wait_for_timeout(600)
-        following = pixels(page.locator("#stage"))
-        assert changed(resting, following) > 0.01
-        with page.expect_response(re.compile("/settle$")):
-            page.mouse.up()
-        page.wait_for_selector("#stage[data-state=converged]")
-        page.wait_for_timeout(600)
-        # The same shape, but for the facets of the preview and the last steps of the solution.
-        assert changed(following, pixels(page.locator("#stage"))) < 0.1
-        assert np.array_equal(session.shown[session.state.groups[1].vertices], session.state.groups[1].target)
-        assert said == []
-        page.close()
+
+
+def test_of_a_large_mesh_a_preview_follows_and_all_of_it_is_shown_at_rest(large, page, session):
+    V = session.mesh.V
+    page.get_by_role("button", name="drag", exact=True).click()
+    page.wait_for_timeout(200)
+    stage = page.locator("#stage")
+    resting = pixels(stage)
+    start = where(page, V, session.state.groups[1].target.mean(axis=0))[0]
+    box, gizmo = stage.bounding_box(), stage.get_attribute("data-gizmo")
+    assert np.allclose(start - [box["x"], box["y"]], [float(x) for x in gizmo.split(",")], atol=1)
+    step = drag(page, start, (60, -30))
+    assert len(step.body()) < 12 * 1600 + 200 < 12 * len(V)
+    page.wait_for_timeout(600)
+    following = pixels(stage)
+    assert changed(resting, following) > 0.01
+    release(page)
+    page.wait_for_timeout(600)
+    # The same shape, but for the facets of the preview and the last steps of the solution.
+    assert changed(following, pixels(stage)) < 0.1
+    group = session.state.groups[1]
+    assert np.array_equal(session.shown[group.vertices], group.target)
+    assert page.said == []
