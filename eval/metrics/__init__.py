@@ -1,4 +1,4 @@
-"""What is measured of a deformed mesh."""
+"""Metrics of deformed meshes."""
 
 from eval.metrics import deformation, distortion, creases, detail, truth  # noqa: F401, I001 - the registry's order
 from eval.metrics.deformed import Deformed, Task

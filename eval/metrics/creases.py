@@ -1,8 +1,7 @@
-"""Creases: how much dihedral angles change, on the whole, at their worst, and near handles.
+"""Creases: changes of dihedral angles over the whole mesh, at the worst edges, and near handles.
 
-A bend that is spread over a joint and one that is folded into a single line may
-have the same mean change of lengths and angles; the eye sees the fold. A handle
-of one vertex draws a spike out of the surface, which shows in the edges around it.
+A smooth bend of a joint and a sharp fold may have the same mean change of lengths and angles, but a fold is
+visible. A handle of one vertex can pull a spike out of the surface, which changes the angles around it.
 """
 
 from __future__ import annotations
@@ -12,20 +11,20 @@ import numpy as np
 from eval.metrics.deformed import Deformed
 from eval.metrics.registry import metric
 
-#: Rings of edges around a group of handles in which spikes are looked for.
+#: Number of rings of edges around a group of handles in which spikes are measured.
 RINGS = 3
 
 
 @metric("deg", "mean over edges of |change of the dihedral angle|")
 def bend(deformed: Deformed) -> float:
-    """Mean absolute change of the dihedral angle over the edges of M, in degrees."""
+    """Return the mean absolute change of the dihedral angle over the edges of M, in degrees."""
     change = deformed.dihedral_changes
     return float(change.mean()) if len(change) else np.nan
 
 
 @metric("deg", "99.9th percentile of |change of the dihedral angle|")
 def bend_tail(deformed: Deformed) -> float:
-    """99.9th percentile of the absolute change of the dihedral angle, in degrees."""
+    """Return the 99.9th percentile of the absolute change of the dihedral angle, in degrees."""
     change = deformed.dihedral_changes
     return float(np.percentile(change, 99.9)) if len(change) else np.nan
 
@@ -34,9 +33,10 @@ def bend_tail(deformed: Deformed) -> float:
     "deg", "99th percentile of |change of the dihedral angle| within 3 rings of a handle group", "handles"
 )
 def spike(deformed: Deformed) -> float:
-    """Largest, over the groups of handles, 99th percentile of the changes within three rings, in degrees.
+    """Return the 99th percentile of the changes within three rings of a handle group, in degrees.
 
-    An edge is within r rings of a group if one of its ends is at most r - 1 edges from a handle of it.
+    The group with the largest value counts. An edge is within r rings if one of its ends is at most r - 1
+    edges from a handle of the group.
     """
     topology, handles = deformed.rest.topology, deformed.task.handles
     ends = topology.dihedral[:2]

@@ -1,4 +1,4 @@
-"""What changes between the rest mesh and the deformed one.
+"""Differences between the rest mesh and the deformed mesh.
 
 Errors follow the paper, which follows D. Baieri, F. Maggioli, Z. Laehner,
 S. Melzi, E. Rodola, "Implicit-ARAP", 2024: relative area and volume error, mean
@@ -43,10 +43,10 @@ def angle(deformed: Deformed) -> float:
 
 @metric("%", "mean over corners of |angle change| / rest angle")
 def angle_relative(deformed: Deformed) -> float:
-    """Mean of a corner's angle change over its rest angle, in percent: the paper's formula.
+    """Return the mean change of a corner's angle over its rest angle, in percent: the paper's formula.
 
-    Rest faces of no area have an angle of zero to divide by: they are left out
-    here and counted by :func:`zero_area_faces`. NaN if no face is left.
+    Rest faces without area would divide by an angle of zero. They are excluded here and counted by
+    :func:`zero_area_faces`. NaN if all faces are excluded.
     """
     before = deformed.rest.corner_angles
     # A needle's corner can round to zero although the area does not.
@@ -58,7 +58,7 @@ def angle_relative(deformed: Deformed) -> float:
 
 @metric("count", "rest faces that angle_relative leaves out")
 def zero_area_faces(deformed: Deformed) -> float:
-    """How many rest faces :func:`angle_relative` leaves out."""
+    """Return the number of rest faces that :func:`angle_relative` excludes."""
     return float((deformed.rest.face_areas == 0).sum())
 
 
@@ -72,11 +72,11 @@ def handle(deformed: Deformed) -> float:
 
 @metric("count", "faces that oppose their neighbours in M' and not in M")
 def flips(deformed: Deformed) -> float:
-    """Faces whose normal opposes the mean of their edge-neighbours' in M' and did not in M."""
+    """Count inverted faces: the normal opposes the mean normal of the edge-neighbours in M', but not in M."""
     return float(deformed.flipped.sum())
 
 
 @metric("count", "faces that intersect others in M' and not in M")
 def self_intersections(deformed: Deformed) -> float:
-    """Faces that intersect others in M' and did not in M; see :mod:`eval.metrics.intersections`."""
+    """Count faces that intersect other faces in M' but not in M; see :mod:`eval.metrics.intersections`."""
     return float(deformed.intersecting.sum())

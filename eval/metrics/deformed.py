@@ -1,4 +1,4 @@
-"""What a metric is given: a task, its deformed vertices, and what several metrics ask of both."""
+"""The input of a metric: a task, its deformed vertices, and quantities that several metrics share."""
 
 from __future__ import annotations
 
@@ -13,15 +13,14 @@ from sshade.task import DeformationTask, TransferTask
 
 Task = DeformationTask | TransferTask
 
-#: The rest shape of each mesh that is in use: all runs of a task are measured against the same.
+#: Rest shape of each mesh in use, shared by all runs of a task.
 _RESTS: WeakKeyDictionary[Mesh, Shape] = WeakKeyDictionary()
 
 
 class Deformed:
-    """A task and the positions that a method gave.
+    """A task and the deformed vertices from a method.
 
-    M is the rest mesh and M' the deformed one, of the same connectivity; where the
-    task is a pose transfer, they are S and S'.
+    M is the rest mesh, and M' the deformed mesh with the same connectivity. For a pose transfer, S and S'.
 
     Parameters
     ----------
@@ -52,17 +51,17 @@ class Deformed:
 
     @cached_property
     def truth(self) -> Shape:
-        """The geometry of the true result."""
+        """The geometry of the ground truth."""
         return Shape(self.rest.topology, self.task.truth)
 
     @cached_property
     def flipped(self) -> np.ndarray:
-        """(m,) bool: faces that oppose their neighbours in M' and not in M."""
+        """(m,) bool: faces that oppose their neighbours in M' but not in M."""
         return _new(self.shape.opposed, self.rest, "opposed")
 
     @cached_property
     def intersecting(self) -> np.ndarray:
-        """(m,) bool: faces that intersect others in M' and not in M."""
+        """(m,) bool: faces that intersect other faces in M' but not in M."""
         return _new(self.shape.intersecting, self.rest, "intersecting")
 
     @cached_property
@@ -73,18 +72,17 @@ class Deformed:
 
     @cached_property
     def singular_values(self) -> tuple[np.ndarray, np.ndarray]:
-        """(m,) s1 >= s2 of the map of each face of M; NaN for rest faces without area.
+        """(m,) singular values s1 >= s2 of the map of each face of M; NaN for rest faces without area.
 
-        From the first fundamental form of M' in the basis of M's edges: the trace is
-        ``s1^2 + s2^2``, the determinant ``(s1 s2)^2``, of which the smaller value is
-        taken by division, as a difference would lose its digits.
+        In the first fundamental form of M' in the basis of M's edges, the trace is ``s1^2 + s2^2`` and the
+        determinant ``(s1 s2)^2``. s2 is a quotient, because a difference would lose its digits.
         """
         a, b, c, area = self.rest.first_form
         A, B, C, deformed_area = self.shape.first_form
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             trace = (c * A - 2 * b * B + a * C) / area**2
             product = deformed_area / area
-            # (s1 + s2)^2 and (s1 - s2)^2: both sums of squares but for rounding.
+            # (s1 + s2)^2 and (s1 - s2)^2; rounding could make them negative.
             total = np.sqrt(np.maximum(trace + 2 * product, 0))
             difference = np.sqrt(np.maximum(trace - 2 * product, 0))
             s1 = 0.5 * (total + difference)
@@ -95,21 +93,21 @@ class Deformed:
 
     @cached_property
     def dirichlet(self) -> np.ndarray:
-        """(m,) D of each face of M; NaN for rest faces without area, infinite for faces that lose it."""
+        """(m,) D of each face of M; NaN without an area at rest, infinite for faces that lose their area."""
         s1, s2 = self.singular_values
         with np.errstate(divide="ignore"):
-            # (s - 1/s)^2 = s^2 + 1/s^2 - 2 cancels nothing near a rigid motion.
+            # (s - 1/s)^2 = s^2 + 1/s^2 - 2 keeps its digits near a rigid motion.
             return 0.5 * ((s1 - 1 / s1) ** 2 + (s2 - 1 / s2) ** 2)
 
     @cached_property
     def surface_distances(self) -> tuple[np.ndarray, np.ndarray]:
-        """(n,) squared distances of the vertices of M' to the true surface, and the other way round.
+        """(n,) squared distances from M' to the ground truth, and from the ground truth to M'.
 
-        Both shapes are scaled as :mod:`eval.metrics.truth` says.
+        Distances go from vertices to surfaces. :mod:`eval.metrics.truth` describes the scaling.
         """
         import igl
 
-        F = np.array(self.mesh.F)  # writeable, as igl asks
+        F = np.array(self.mesh.F)  # igl needs a writable array
         centre = self.truth.V.mean(axis=0)
         true, found = self.truth.V - centre, self.shape.V - centre
         scale = np.linalg.norm(true, axis=1).max()
@@ -119,5 +117,5 @@ class Deformed:
 
 
 def _new(now: np.ndarray, rest: Shape, name: str) -> np.ndarray:
-    """What is marked now and was not at rest, which is looked at only where something is."""
+    """Return the faces that are marked now but not at rest; the rest shape is checked only if necessary."""
     return now & ~getattr(rest, name) if now.any() else now

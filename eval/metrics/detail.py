@@ -1,4 +1,4 @@
-"""Detail: whether the relief of the surface turns with the surface."""
+"""Detail: does the relief of the surface rotate with the surface?"""
 
 from __future__ import annotations
 
@@ -8,20 +8,18 @@ from eval.metrics.deformed import Deformed
 from eval.metrics.registry import metric
 from eval.metrics.shape import Shape, angle_between
 
-#: Cotangents are cut off at those of angles this near to 0 and to 180 degrees.
+#: Smallest distance of an angle from 0 and 180 degrees in a cotangent.
 SMALLEST_ANGLE = np.radians(0.1)
 
 
 @metric("deg", "mean angle between the Laplacian coordinates and the turned rest ones, by area x length")
 def detail(deformed: Deformed) -> float:
-    """Mean angle between the Laplacian coordinates of M' and those of M turned with the vertex, in degrees.
+    """Return the mean angle between Laplacian coordinates of M' and rotated coordinates of M, in degrees.
 
-    The coordinate of a vertex i is ``d_i = sum_j w_ij (v_i - v_j)`` with the
-    cotangent weights of M; it is turned by the rotation that best carries the
-    edges at i from M to M' (those weights, Kabsch). The mean is weighted by the
-    area of the vertex times the length of d_i: where the surface is flat there is
-    no detail to lose. On a boundary d_i runs along the surface, so that vertices
-    there do not count. NaN where no vertex counts.
+    The coordinate of a vertex i is ``d_i = sum_j w_ij (v_i - v_j)`` with the cotangent weights of M. The best
+    rotation of the edges at i from M to M' (Kabsch, with the same weights) rotates d_i. The mean has weights
+    "area of the vertex times length of d_i", because a flat surface has no detail. Boundary vertices do not
+    count, because d_i is tangential there. NaN if no vertex counts.
     """
     rest, shape, n = deformed.rest, deformed.shape, deformed.mesh.n
     i, j = rest.topology.edges
@@ -31,7 +29,7 @@ def detail(deformed: Deformed) -> float:
         np.stack([np.bincount(i, x, n) - np.bincount(j, x, n) for x in w * edges])
         for edges in (before, after)
     )
-    # A negative weight would pull the rotation away from its edge.
+    # A negative weight would rotate in the wrong direction.
     weighted = np.abs(w) * after
     S = np.stack([np.bincount(i, x * y, n) + np.bincount(j, x * y, n) for x in weighted for y in before])
     U, _, Vt = np.linalg.svd(S.T.reshape(-1, 3, 3))
@@ -40,7 +38,7 @@ def detail(deformed: Deformed) -> float:
     area = np.bincount(deformed.mesh.F.ravel(), np.repeat(rest.face_areas / 3, 3), minlength=n)
     length = np.linalg.norm(d, axis=0)
     weight = area * length
-    # Rounding leaves a coordinate of some 1e-16 edges where the surface is flat.
+    # On a flat surface, rounding leaves coordinates of about 1e-16 edge lengths.
     weight[length < 1e-12 * deformed.mesh.diagonal] = 0.0
     weight[rest.topology.on_boundary] = 0.0
     return float(np.degrees((weight * angle).sum() / weight.sum())) if weight.any() else np.nan

@@ -1,16 +1,15 @@
-"""Which faces of a mesh intersect others, by libigl's exact predicates; no method has a part in it.
+"""Faces of a mesh that intersect other faces, from libigl's exact predicates.
 
-Two faces intersect where
+Two faces intersect in one of three cases:
 
-* they have no corner in common, and any point in common, touching included: decided exactly,
-  by signs of determinants (P. Guigue, O. Devillers, "Fast and robust triangle-triangle overlap
-  test using orientation predicates", 2003; J. R. Shewchuk's arithmetic). A face that has
-  collapsed into a segment is no exception; one that has shrunk into a point, which runs
-  through nothing, is left out;
-* they have one corner in common, and one passes through the side of the other that is opposite
-  to it: in floating point, so that faces which only touch there may count or not;
-* they have an edge in common and lie flat on each other, to 1e-8 of a face's size. Neighbours
-  that are wound against each other do not count, nor does a face that is there twice.
+* They share no corner and have a common point; touching counts. The decision is exact, by signs of
+  determinants (P. Guigue, O. Devillers, "Fast and robust triangle-triangle overlap test using orientation
+  predicates", 2003; with J. R. Shewchuk's arithmetic). A face that has collapsed into a segment counts like
+  any other face. A face that has shrunk into a point is excluded.
+* They share one corner, and one face crosses the opposite side of the other face. The decision uses floating
+  point, so faces that only touch may count or not.
+* They share an edge and overlap in a plane, up to 1e-8 of the size of a face. Neighbours with opposite
+  orientations and duplicate faces do not count.
 """
 
 from __future__ import annotations
@@ -19,12 +18,12 @@ from fractions import Fraction
 
 import numpy as np
 
-#: Twice a face's area over its longest side squared, below which the face may be a segment or a point.
+#: Largest ratio of twice the area to the squared longest side at which a face may be a segment or a point.
 THIN = 1e-10
 
 
 def intersecting_faces(V: np.ndarray, F: np.ndarray) -> np.ndarray:
-    """(m,) bool: faces that intersect another one of the mesh.
+    """Return a mask (m,) of the faces that intersect another face of the mesh.
 
     Parameters
     ----------
@@ -37,17 +36,19 @@ def intersecting_faces(V: np.ndarray, F: np.ndarray) -> np.ndarray:
     first, second, third = V[F.T]
     extended = np.flatnonzero(((first != second) | (first != third)).any(axis=1))
     F = np.ascontiguousarray(F[extended])
-    _, pairs, coplanar = igl.predicates.find_self_intersections(np.array(V), F)  # a copy that it may write to
+    _, pairs, coplanar = igl.predicates.find_self_intersections(
+        np.array(V), F
+    )  # libigl needs a writable copy
     if len(pairs):
         found[extended[pairs[_confirmed(V, F, pairs, coplanar.ravel())].ravel()]] = True
     return found
 
 
 def _confirmed(V: np.ndarray, F: np.ndarray, pairs: np.ndarray, coplanar: np.ndarray) -> np.ndarray:
-    """(k,) bool: which of libigl's pairs (k, 2) intersect.
+    """Return a mask (k,) of libigl's pairs (k, 2) that really intersect.
 
-    It tests faces with two common corners as if they had one, unless they run through their
-    edge in opposite directions; and of a face without area the shadow on a plane.
+    libigl is wrong in two cases. It treats faces with a common edge and opposite orientations as if they
+    shared one corner. It projects faces without area onto a plane.
     """
     one, two = F[pairs[:, 0]], F[pairs[:, 1]]
     common = (one[:, :, None] == two[:, None, :]).sum(axis=(1, 2))
@@ -58,18 +59,19 @@ def _confirmed(V: np.ndarray, F: np.ndarray, pairs: np.ndarray, coplanar: np.nda
 
 
 def _thin(triangles: np.ndarray) -> np.ndarray:
-    """(k,) bool: triangles (k, 3, 3) that may have no area; exactly equal corners and those in a line do."""
+    """Return a mask (k,) of triangles (k, 3, 3) that may have no area."""
     sides = triangles - triangles[:, [1, 2, 0]]
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     return area <= THIN * (sides**2).sum(axis=2).max(axis=1)
 
 
 def _meet(one: np.ndarray, two: np.ndarray) -> bool:
-    """Whether two triangles (3, 3), segments or points as they may be, have a point in common; exactly.
+    """Whether two triangles (3, 3) have a common point; exact, also for degenerate triangles.
 
-    Of two that have none, a plane across one of these directions is between them: the sides, the
-    distance of two corners, the products of two of these, and the products of a product and one
-    of these (separating axes, S. Gottschalk et al. 1996, in a space, a plane and a line).
+    If they have none, a plane orthogonal to a separating axis lies between them (S. Gottschalk et al. 1996).
+    Candidates for the axis are the sides, the vector between two corners, all cross products of two such
+    vectors, and the cross products of a product with a vector. The last two cover triangles in a common plane
+    or line.
     """
     numbers = [Fraction(x) for x in (*one.ravel(), *two.ravel())]
     scale = max(number.denominator for number in numbers)  # powers of two: integers from here on

@@ -16,22 +16,22 @@ Needs = Literal["handles", "truth", "posed"]
 
 @dataclass(frozen=True)
 class Metric:
-    """One number about a deformation.
+    """A number that describes a deformation.
 
     Parameters
     ----------
     name : str
-        Its column in a row is ``metric.<name>``.
+        The column in a row is ``metric.<name>``.
     unit : str
         ``%``, ``deg``, ``count``, or ``-`` for none.
     equation : str
-        The definition in one line, for the legend of a table.
+        Definition in one line, for the legend of a table.
     function : callable
-        ``Deformed -> float``, NaN where not available.
+        ``Deformed -> float``, NaN if not available.
     needs : tuple of {"handles", "truth", "posed"}
-        What a task must have besides its mesh; the others have no such column.
+        Attributes that a task must have. Rows of other tasks lack the column.
     better : {"lower"}
-        Which way is better.
+        Direction of improvement.
     """
 
     name: str
@@ -42,12 +42,12 @@ class Metric:
     better: Literal["lower"] = "lower"
 
 
-#: Every metric by its name, in the order of rows and legends.
+#: All metrics by name, in the order of rows and legends.
 METRICS: dict[str, Metric] = {}
 
 
 def metric(unit: str, equation: str, *needs: Needs) -> Callable[[Function], Function]:
-    """Put a function into the registry under its own name; the arguments are those of :class:`Metric`."""
+    """Register a function as a metric under its name; :class:`Metric` describes the arguments."""
 
     def register(function: Function) -> Function:
         METRICS[function.__name__] = Metric(function.__name__, unit, equation, function, needs)
@@ -59,7 +59,7 @@ def metric(unit: str, equation: str, *needs: Needs) -> Callable[[Function], Func
 def measure(
     task: Task, vertices: np.ndarray, *, only: Collection[str] = METRICS.keys()
 ) -> dict[str, float | None]:
-    """Every metric whose needs the task meets, None where its value is not available.
+    """Compute all metrics that apply to a task; None if a value is not available.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def measure(
     vertices : (n, 3) float
         M', in the numbering of the task's mesh.
     only : collection of str
-        Names of the metrics; all of them unless told.
+        Names of the metrics; by default all metrics.
     """
     deformed = Deformed(task, vertices)
     values = {

@@ -1,7 +1,7 @@
-"""What metrics are made of: the geometry of a mesh and of its deformed positions, each computed once.
+"""Geometry of a mesh and of its deformed positions; each quantity is computed once.
 
-Arrays of points are kept by coordinate, (3, k): sums and products over them are several times
-faster than over the rows of (k, 3).
+Arrays of points have shape (3, k). Sums and products are several times faster in this order than over the
+rows of (k, 3).
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from scipy.sparse import csr_array
 from eval.metrics.intersections import intersecting_faces
 from sshade.mesh.sides import sides_by_edge
 
-#: A normal and the mean of those around it are opposed from this product of unit vectors on:
-#: on a fold the mean can cancel to rounding noise, which is no direction.
+#: Largest product of a face's normal and the mean normal around it for an inverted face. It is below zero
+#: because the mean can cancel to rounding noise on a fold.
 OPPOSED = -1e-9
 
 
 class Topology:
-    """The faces F (m, 3) of n vertices, and what edges and dihedral angles they make."""
+    """Faces F (m, 3) of n vertices, with their edges and pairs of adjacent faces."""
 
     def __init__(self, F: np.ndarray, n: int) -> None:
         self.F, self.n = F, n
@@ -29,17 +29,17 @@ class Topology:
 
     @cached_property
     def edges(self) -> np.ndarray:
-        """(2, e) the ends of the edges."""
+        """(2, e) ends of the edges."""
         return np.ascontiguousarray(self._sides.ends.T)
 
     @cached_property
     def face_edges(self) -> np.ndarray:
-        """(m, 3) the edge from each corner of each face to the next."""
+        """(m, 3) edge from each corner of each face to the next corner."""
         return self._sides.edge
 
     @cached_property
     def on_boundary(self) -> np.ndarray:
-        """(n,) bool: vertices at an edge of one face."""
+        """(n,) bool: vertices at an edge with a single face."""
         found = np.zeros(self.n, dtype=bool)
         found[self._sides.ends[self._sides.faces == 1].ravel()] = True
         return found
@@ -52,9 +52,9 @@ class Topology:
 
     @cached_property
     def dihedral(self) -> np.ndarray:
-        """(4, d) corners i, j, k, o of the two faces ijk and jio at each edge ij that has a dihedral angle.
+        """(4, d) corners i, j, k, o of the two faces ijk and jio at each edge ij with a dihedral angle.
 
-        Edges of the boundary, of more than two faces, or of faces wound against each other have none.
+        Boundary edges, edges of more than two faces, and edges of faces with opposite orientations have none.
         """
         F, sides = self.F, self._sides
         first = sides.start[:-1][sides.faces == 2]
@@ -65,7 +65,7 @@ class Topology:
 
 
 class FirstForm(NamedTuple):
-    """E, F, G (m,) of the two edges at each face's first corner, and ``sqrt(EG - F^2)``."""
+    """E, F, G (m,) for the two edges at each face's first corner, and ``sqrt(EG - F^2)``."""
 
     E: np.ndarray
     F: np.ndarray
@@ -74,7 +74,7 @@ class FirstForm(NamedTuple):
 
 
 class Shape:
-    """Positions V (n, 3) of the vertices of a topology, and the geometry of the surface."""
+    """Positions V (n, 3) for a topology, with the geometry of the surface."""
 
     def __init__(self, topology: Topology, V: np.ndarray) -> None:
         self.topology = topology
@@ -87,12 +87,12 @@ class Shape:
 
     @cached_property
     def corners(self) -> np.ndarray:
-        """(3, 3, m) by corner of the faces, coordinate, face."""
+        """(3, 3, m) positions by corner, coordinate and face."""
         return np.stack([self.columns[:, ids] for ids in self.topology.F.T])
 
     @cached_property
     def crosses(self) -> np.ndarray:
-        """(3, m) twice the faces' area along their normals."""
+        """(3, m) normals of the faces with twice the area as length."""
         a, b, c = self.corners
         return cross(b - a, c - a)
 
@@ -115,7 +115,7 @@ class Shape:
     @cached_property
     def volume(self) -> float:
         """Signed enclosed volume; meaningful on closed, consistently oriented meshes only."""
-        # Moments about the centre of the box: far from the origin the sum would cancel.
+        # Moments about the centre of the bounding box; far from the origin the sum would cancel.
         centre = 0.5 * (self.V.min(axis=0) + self.V.max(axis=0))
         a, b, c = self.corners - centre[:, None]
         return float(dot(a, cross(b, c)).sum() / 6.0)
@@ -128,9 +128,9 @@ class Shape:
 
     @cached_property
     def corner_angles(self) -> np.ndarray:
-        """(m, 3) angle at each corner in radians, zero where an edge has no length.
+        """(m, 3) angle at each corner in radians, zero next to an edge without length.
 
-        atan2 of cross and dot product: unlike arccos it keeps its digits at 0 and pi.
+        In contrast to arccos, atan2 of cross and dot product keeps its digits at 0 and pi.
         """
         angles = np.empty(self.topology.F.shape)
         for i in range(3):
@@ -140,9 +140,9 @@ class Shape:
 
     @cached_property
     def dihedral_angles(self) -> np.ndarray:
-        """(d,) signed angle between the normals of the faces at each dihedral edge, in radians.
+        """(d,) signed angle between the two face normals at each dihedral edge, in radians.
 
-        Zero where they are flat, positive where the surface is convex; atan2 keeps its digits at 0 and pi.
+        Zero on flat and positive on convex surfaces; atan2 keeps its digits at 0 and pi.
         """
         i, j, k, o = (self.columns[:, ids] for ids in self.topology.dihedral)
         edge = j - i
@@ -151,54 +151,55 @@ class Shape:
 
     @cached_property
     def first_form(self) -> FirstForm:
-        """The first fundamental form of each face in the basis of its edges."""
+        """First fundamental form of each face in the basis of its edges."""
         a, b, c = self.corners
         u, v = b - a, c - a
         return FirstForm(dot(u, u), dot(u, v), dot(v, v), norm(self.crosses))
 
     @cached_property
     def opposed(self) -> np.ndarray:
-        """(m,) bool: the face's normal opposes the sum of those of the faces at its edges."""
+        """(m,) bool: the normal of the face opposes the sum of the normals of its edge-neighbours."""
         normals, ids = self.face_normals, self.topology.face_edges
         product = np.zeros(len(ids))
         for normal in normals:
             at_edge = np.bincount(ids.ravel(), np.repeat(normal, 3))
-            # The sum at an edge holds the face itself, once for each of its three edges.
+            # The sums at the three edges include the face itself three times.
             product += normal * (at_edge[ids].sum(axis=1) - 3 * normal)
         return product < OPPOSED
 
     @cached_property
     def intersecting(self) -> np.ndarray:
-        """(m,) bool: faces that intersect others; see :mod:`eval.metrics.intersections`."""
+        """(m,) bool: faces that intersect other faces; see :mod:`eval.metrics.intersections`."""
         return intersecting_faces(self.V, self.topology.F)
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(k,) products of points (3, k)."""
+    """Return the dot products (k,) of points (3, k)."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def norm(a: np.ndarray) -> np.ndarray:
-    """(k,) lengths of points (3, k)."""
+    """Return the lengths (k,) of points (3, k)."""
     return np.sqrt(dot(a, a))
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(3, k) cross products of points (3, k)."""
+    """Return the cross products (3, k) of points (3, k)."""
     return np.stack(
         [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]],
     )
 
 
 def angle_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(k,) angles between directions (3, k) in radians; zero where one has no length."""
+    """Return the angles (k,) between directions (3, k) in radians; zero if a direction has no length."""
     return np.arctan2(norm(cross(a, b)), dot(a, b))
 
 
 def weighted_percentile(values: np.ndarray, weights: np.ndarray, percent: float) -> float:
-    """The smallest value that at least `percent` of the weight does not exceed; NaN of nothing."""
+    """Return the smallest value that `percent` of the weight does not exceed; NaN without values."""
     if not len(values):
         return np.nan
     order = np.argsort(values)
-    share = np.cumsum(weights[order])
-    return float(values[order[min(np.searchsorted(share, percent / 100 * share[-1]), len(order) - 1)]])
+    total = np.cumsum(weights[order])
+    place = min(np.searchsorted(total, percent / 100 * total[-1]), len(order) - 1)
+    return float(values[order[place]])

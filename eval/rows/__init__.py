@@ -1,1 +1,1 @@
-"""Rows of runs: stored, gathered, compared, measured again, held against bands."""
+"""Rows of runs: store, collect and compare rows, and check rows against bands."""

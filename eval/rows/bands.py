@@ -1,9 +1,8 @@
 """Committed bands of quality: ``sshade-eval check ROWS.csv [--bands ci]``.
 
-A band file ``conf/bands_<name>.yaml`` maps method -> task -> column -> [low,
-high]. A metric that is not available is out of its band. Times have no bands:
-they depend on the machine. ``--suggest`` prints bands around the rows instead,
-for a new method or data set: look at the numbers before committing them.
+A file ``conf/bands_<name>.yaml`` maps method -> task -> column -> [low, high]. A metric without a value is
+out of its band. Times depend on the machine and have no bands. For a new method or dataset, ``--suggest``
+prints bands around the rows; check the numbers before you commit them.
 """
 
 from __future__ import annotations
@@ -20,33 +19,33 @@ from sshade.errors import InputError
 
 Bands = Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]]
 
-#: Width of a suggested band: a factor, and for values near zero an amount in the metric's unit. It
-#: is what machines and versions of libraries differ by; a count of zero has none.
+#: Width of a suggested band: a factor, and for values near zero an amount in the unit of the metric. Results
+#: of different machines and library versions fit into this width. A count of zero gets a band of width zero.
 FACTOR, AMOUNT = 1.05, {"%": 0.005, "deg": 0.005, "count": 5.0, "-": 0.001}
-#: Metrics that few faces or edges decide, and counts, differ by more.
+#: Metrics that depend on few faces or edges, and their factor, which also applies to counts.
 TAILS, TAIL_FACTOR = (
     {"bend_tail", "spike", "distortion", "distortion_95", "distortion_99", "distortion_max"},
     1.25,
 )
-#: Handles that are met to this percentage of the diagonal are met exactly, and must be.
+#: Largest handle distance of methods that meet handles exactly, in percent of the diagonal.
 EXACT = 1e-7
 
 
 def out_of_band(row: Row, bands: Bands | str) -> list[str]:
-    """What is wrong with a row, one short text for each column out of its band.
+    """Return a short text for each column of a row that is out of its band.
 
-    A skipped row passes: an extra that is not installed is no defect.
+    A skipped row passes, because a missing extra is not a defect.
 
     Parameters
     ----------
     row : mapping
     bands : mapping or str
-        ``{method: {task: {column: [low, high]}}}``, or the name that :func:`read_bands` takes.
+        ``{method: {task: {column: [low, high]}}}``, or a name for :func:`read_bands`.
 
     Raises
     ------
     InputError
-        Where there are no bands of the name.
+        When there are no bands with this name.
     """
     bands = read_bands(bands) if isinstance(bands, str) else bands
     method, task = row["method.name"], row["task.name"]
@@ -65,7 +64,7 @@ def out_of_band(row: Row, bands: Bands | str) -> list[str]:
 
 
 def suggest(rows: Iterable[Row]) -> dict[str, dict[str, dict[str, list[float]]]]:
-    """Bands around the metrics of valid rows; what is not available gets none."""
+    """Return bands around the available metrics of valid rows."""
     bands: dict[str, dict[str, dict[str, list[float]]]] = {}
     for row in rows:
         if row["status"] not in VALID:
@@ -79,7 +78,7 @@ def suggest(rows: Iterable[Row]) -> dict[str, dict[str, dict[str, list[float]]]]
 
 
 def _band(name: str, value: float) -> tuple[float, float]:
-    """Bounds around a metric's value."""
+    """Return the bounds of a band around a value."""
     unit = METRICS[name].unit
     if name == "handle":
         return 0.0, max(EXACT, TAIL_FACTOR * value)
@@ -92,12 +91,12 @@ def _band(name: str, value: float) -> tuple[float, float]:
 
 @cache
 def read_bands(name: str) -> Bands:
-    """The bands of ``conf/bands_<name>.yaml``; not to be changed.
+    """Return the bands of ``conf/bands_<name>.yaml``; do not change the result, which is cached.
 
     Raises
     ------
     InputError
-        Where there is no such file.
+        When there is no such file.
     """
     import yaml
 
@@ -116,7 +115,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
-    from eval.rows.experiment import rows_file  # not above: a run holds its row against bands without pandas
+    from eval.rows.experiment import rows_file  # here, because single runs check bands without pandas
     from eval.rows.frame import read_csv, records
 
     rows = records(read_csv(rows_file(options.rows)))

@@ -1,10 +1,8 @@
-"""Gather the rows of runs: ``sshade-eval collect [EXPERIMENT ...]`` writes one CSV an experiment.
+"""Collect the rows of runs: ``sshade-eval collect [EXPERIMENT ...]`` writes one CSV per experiment.
 
-Folders of the same name, such as ``alice/runs/quick`` and ``bob/runs/quick``,
-are one experiment: their rows go into one CSV. Of equal runs the latest one is
-kept. Rows of the same version that are published in ``results/rows`` beside the
-command are taken in, and a planned run that no row is of has one of status
-``missing``.
+Folders with the same name, such as ``alice/runs/quick`` and ``bob/runs/quick``, are one experiment and share
+a CSV. Only the latest of several equal runs is kept. Published rows in ``results/rows`` with the version of a
+planned or finished run are included. A planned run without a row gets a row with status ``missing``.
 """
 
 from __future__ import annotations
@@ -34,18 +32,18 @@ from sshade.errors import InputError
 
 
 def collect(*folders: Path) -> pd.DataFrame:
-    """The rows under folders of runs: the newest of each method, task and seed, in a fixed order.
+    """Return the newest row of each method, task and seed in folders of runs, in a fixed order.
 
     Raises
     ------
     InputError
-        When there are none.
+        When the folders hold no rows.
     """
     rows = to_frame(read_row(run) for folder in folders for run in run_folders(folder))
     if rows.empty:
         name = folders[0].name
         again = f"`sshade-eval run -m experiment={name}` makes them"
-        if read_plans(folders[0]):  # a sweep that found all of its rows published
+        if read_plans(folders[0]):  # all rows of the sweep were published already
             again = (
                 f"published rows answered for all, without vertices; `sshade-eval run -m experiment={name} "
                 f"run.experiment=my_{name}` makes runs of your own"
@@ -55,12 +53,12 @@ def collect(*folders: Path) -> pd.DataFrame:
 
 
 def gather(name: str, folders: Sequence[Path]) -> pd.DataFrame:
-    """The rows of an experiment: those under its folders, published ones of their versions, what is missing.
+    """Return the rows of an experiment: rows of its runs, published rows, and rows of missing runs.
 
     Raises
     ------
     InputError
-        When there are none.
+        When the experiment has no rows.
     """
     planned = [run for folder in folders for run in read_plans(folder)]
     own = [read_row(run) for folder in folders for run in run_folders(folder)]
@@ -75,7 +73,7 @@ def gather(name: str, folders: Sequence[Path]) -> pd.DataFrame:
 
 
 def with_missing(rows: Iterable[Row], planned: Iterable[Row]) -> pd.DataFrame:
-    """The newest of rows, and a row of status ``missing`` for each planned run that none of them is of."""
+    """Return the newest rows, and a row with status ``missing`` for each planned run without a row."""
     rows = records(newest(to_frame(rows)))
     return to_frame([*rows, *missing_rows(planned, rows)])
 
@@ -89,7 +87,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
     folders = [experiment_folder(folder) for folder in options.folders]
-    # A refused run leaves an empty folder behind.
+    # A run with a mistake in its configuration leaves an empty folder.
     folders = folders or sorted(path for path in RUNS.glob("*") if run_folders(path) or read_plans(path))
     if not folders:
         raise InputError(f"{RUNS} holds no experiment; name the folders of runs to collect")

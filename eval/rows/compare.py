@@ -1,8 +1,7 @@
-"""Whether two sets of rows say the same: ``sshade-eval compare A B``.
+"""Compare two sets of rows: ``sshade-eval compare A B``.
 
-Meant for one sweep run twice, through two launchers or on two machines. Every
-run of one must be in the other, and every column must be equal to the last
-digit, but for times and provenance, which the command names.
+Use it for the same sweep with two launchers or on two machines. Both sets must have the same runs, and all
+columns must be equal to the last digit. Times and facts about the machine are not compared.
 """
 
 from __future__ import annotations
@@ -16,10 +15,10 @@ from eval.rows.frame import records
 from eval.rows.store import Row, in_group
 from sshade.errors import InputError
 
-#: What may differ: when, where and in what company a run took place, and how long it took.
+#: Columns that may differ: date, machine, number of parallel runs, memory and times.
 LEFT_OUT = ("date", "env.", "peak_mib", "seconds.", "task.source")
 
-#: Part of the provenance that must not differ.
+#: Columns in the groups above that must be equal: versions of code and libraries.
 KEPT = "env.version."
 
 
@@ -29,14 +28,14 @@ def compared(column: str) -> bool:
 
 
 def differences(first: pd.DataFrame, second: pd.DataFrame) -> list[str]:
-    """What differs between two sets of rows, one sentence each; empty if they say the same.
+    """Return one sentence for each difference between two sets of rows.
 
-    Runs are matched by method, task and seed.
+    Runs with equal method, task and seed are compared.
 
     Raises
     ------
     InputError
-        When a set holds two rows of one method, task and seed.
+        When a set holds two rows with the same method, task and seed.
     """
     a, b = _by_run(first), _by_run(second)
     found = [f"{run}: only in the first" for run in sorted(a.keys() - b.keys())]
@@ -50,7 +49,7 @@ def differences(first: pd.DataFrame, second: pd.DataFrame) -> list[str]:
 
 
 def _by_run(rows: pd.DataFrame) -> dict[str, Row]:
-    """The rows by method, task and seed."""
+    """Return the rows by method, task and seed."""
     by_run = {
         f"{row['method.name']} {row['task.name']} seed {row['seed']}": row
         for row in records(rows.replace("", None))

@@ -1,7 +1,7 @@
-"""Rows read from a CSV of them, without pandas; :mod:`eval.rows.frame` makes tables of them and writes them.
+"""Read rows from a CSV file, without pandas; :mod:`eval.rows.frame` writes the file.
 
-The last column, :data:`COUNT`, is how many rows the file was written with, in each
-of them: a file that lost its end is noticed wherever it was cut.
+The last column, :data:`COUNT`, holds the number of rows of the file in every row. It shows where a file was
+cut.
 """
 
 from __future__ import annotations
@@ -16,22 +16,22 @@ from eval.rows.old_names import with_new_names
 from eval.rows.store import PUBLISHED, Row, is_text, row_problem, schema_problem
 from sshade.errors import InputError
 
-#: Not a fact of a row: files of older versions lack it.
+#: Column with the number of rows in the file; files of older versions have no such column.
 COUNT = "rows_in_file"
 
 
 def read_rows(path: str | os.PathLike[str]) -> list[Row]:
-    """The rows of a CSV; an empty cell is None.
+    """Read the rows of a CSV; an empty cell is None.
 
     Raises
     ------
     InputError
-        When the file is missing, is cut short, a line of it is no row, or its rows are of a newer schema.
+        When the file is missing or cut, a line is not a row, or the rows have a newer schema.
     """
     path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: no such file; `sshade-eval collect` makes it from runs")
-    try:  # not pandas' reader, which fills up a line that was cut
+    try:  # pandas would fill up the cells of a cut line
         with path.open(newline="", encoding="utf-8") as file:
             header, *lines = list(csv.reader(file)) or [[]]
     except (csv.Error, UnicodeDecodeError) as error:
@@ -49,8 +49,8 @@ def read_rows(path: str | os.PathLike[str]) -> list[Row]:
         written = row.pop(COUNT, len(lines))
         if written != len(lines):
             raise InputError(
-                f"{path}: line {number} is of a file of {written} rows, but this one has {len(lines)}: "
-                "it was cut, or put together by hand; collect again"
+                f"{path}: line {number} is of a file of {written} rows, but this file has {len(lines)}: "
+                "it was cut, or edited by hand; collect again"
             )
         if problem := schema_problem(row):
             raise InputError(f"{path}: line {number} {problem}")
@@ -61,19 +61,19 @@ def read_rows(path: str | os.PathLike[str]) -> list[Row]:
 
 
 def published_row(experiment: str, key: str) -> Row | None:
-    """The row of a key in ``results/rows/<experiment>.csv`` beside the command; None where there is none."""
+    """Return the row with a key in ``results/rows/<experiment>.csv`` below the current folder, or None."""
     path = PUBLISHED / "rows" / f"{experiment}.csv"
     return _by_key(path.resolve(), path.stat().st_mtime_ns).get(key) if path.is_file() else None
 
 
 @cache
 def _by_key(path: Path, written: int) -> dict[str, Row]:
-    """The rows of a file by their keys; `written`, when it was, tells apart what the cache holds."""
+    """Return the rows of a file by key. `written` is the time of its last change, part of the cache's key."""
     return {row["key"]: row for row in read_rows(path)}
 
 
 def _value(cell: str, *, text: bool) -> Any:
-    """The number or bool that a cell tells unless it is `text`, else what it says; None where it is empty."""
+    """Convert a cell to a number or bool if possible, unless the column is `text`; None if it is empty."""
     if cell in ("true", "false") and not text:
         return cell == "true"
     for kind in () if text else (int, float):

@@ -1,4 +1,4 @@
-"""An experiment: its rows, found by name, and the runs behind them."""
+"""Experiments: find rows by name, and the run folders of rows."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from sshade.errors import InputError
 
 @dataclass(frozen=True)
 class Experiment:
-    """Rows that make one table.
+    """The rows of one table.
 
     Parameters
     ----------
@@ -44,13 +44,13 @@ class Experiment:
 
     @property
     def methods(self) -> list[str]:
-        """Methods in the order of the table."""
+        """Return the methods in the order of the table."""
         return method_names(self.rows)
 
     def cases(self) -> Iterator[list[Row]]:
-        """Valid rows by case, each in the order of methods; of several seeds the first one.
+        """Yield the valid rows of each case, in the order of methods; the first seed of each method.
 
-        The name and the checksum identify a case: one name can stand for several resolutions.
+        Name and checksum identify a case, because cases with different resolutions can share a name.
         """
         rows = valid(self.rows).assign(place=lambda rows: rows["method.name"].map(self.methods.index))
         case = ["task.name", "task.vertices", "task.checksum"]
@@ -59,22 +59,22 @@ class Experiment:
             yield records(group.drop(columns="place"))
 
     def folder(self, row: Row) -> Path | None:
-        """The run folder of a row, or None where it is not here."""
+        """Return the run folder of a row, or None if it is not on this machine."""
         for root in self.runs:
             folder = run_folder(root, row)
             stored = read_row(folder)
-            # Equal runs of several machines, or run again, have one folder name.
+            # Equal runs on several machines, and repeated runs, share a folder name.
             if stored is not None and stored["key"] == row["key"] and stored["date"] == row["date"]:
                 return folder
         return None
 
     def vertices(self, row: Row) -> np.ndarray | None:
-        """(n, 3) float64: what a run left, or None where that is not here."""
+        """Return the deformed vertices (n, 3) of a row, or None without its run folder."""
         folder = self.folder(row)
         return None if folder is None else read_vertices(folder, n=row["task.vertices"])
 
     def curves(self, row: Row) -> dict[str, np.ndarray]:
-        """The arrays of a line a step that a run left; none where the run is not here."""
+        """Return the stored curves of a row by name; empty without its run folder."""
         folder = self.folder(row)
         return {} if folder is None else read_curves(folder)
 
@@ -82,13 +82,14 @@ class Experiment:
 def read_experiments(
     names: Sequence[str | os.PathLike[str]], *, runs: Sequence[Path] = ()
 ) -> list[Experiment]:
-    """Read rows, given by a CSV or by the name of an experiment; none: every CSV in out/rows.
+    """Read the rows of experiments.
 
     Parameters
     ----------
     names : sequence of path
+        CSV files or names of experiments; if empty, every CSV in out/rows.
     runs : sequence of path
-        Folders of run folders; none: out/runs/<experiment>.
+        Folders of run folders; if empty, out/runs/<experiment>.
 
     Raises
     ------
@@ -106,7 +107,7 @@ def read_experiments(
 
 
 def rows_file(name: str | os.PathLike[str]) -> Path:
-    """The CSV meant by a path, or by the name of an experiment: in out/rows, or else in results/rows."""
+    """Return the CSV of a path or an experiment's name; searches out/rows before results/rows."""
     if Path(name).suffix == ".csv":
         return Path(name)
     files = [folder / f"{name}.csv" for folder in (ROWS, PUBLISHED / "rows")]
@@ -114,7 +115,7 @@ def rows_file(name: str | os.PathLike[str]) -> Path:
 
 
 def load_rows(name: str | os.PathLike[str]) -> pd.DataFrame:
-    """Rows of a CSV, of a folder of runs, or of an experiment by its name."""
+    """Read the rows of a CSV, a folder of runs, or an experiment by its name."""
     path = rows_file(name)
     if Path(name).suffix == ".csv" or (path.is_file() and not Path(name).is_dir()):
         return read_csv(path)

@@ -1,7 +1,7 @@
-"""Rows of many runs as a pandas DataFrame: a line a run, a column a fact; read from CSV and written.
+"""Rows as a pandas DataFrame, one line per run; read and write CSV files.
 
-The cells are what ``row.json`` holds (numbers, strings, bools, None), so the
-columns have dtype object; :func:`numbers` gives a column to compute with.
+Cells hold the values of ``row.json`` (numbers, strings, bools, None), so columns have dtype object. To
+compute with a column, use :func:`numbers`.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from sshade.io.files import make_folder, replacing
 
 #: This project's methods, in the order of tables.
 OURS = ("paper_plain", "paper", "fast", "fine", "fine_free")
-#: What tells apart the runs of one method.
+#: Columns that identify a run of a method.
 CASE = ["task.name", "seed"]
 
-#: As far apart as the clocks of machines that share their runs may be.
+#: Largest difference between the clocks of machines that share runs.
 CLOCKS_APART = timedelta(minutes=10)
 
 
 def to_frame(rows: Iterable[Row]) -> pd.DataFrame:
-    """Rows in the order given, columns in the fixed one; None where a row lacks a column."""
+    """Make a DataFrame of rows, with columns in the fixed order; a missing value becomes None."""
     rows = list(rows)
     names = in_order({name for row in rows for name in row})
     frame = pd.DataFrame(rows, columns=names, dtype=object)
@@ -38,36 +38,35 @@ def to_frame(rows: Iterable[Row]) -> pd.DataFrame:
 
 
 def records(rows: pd.DataFrame) -> list[Row]:
-    """The rows as a list of mappings, as :func:`to_frame` takes them."""
+    """Return the rows as a list of mappings, the input of :func:`to_frame`."""
     return rows.to_dict("records")
 
 
 def numbers(rows: pd.DataFrame, column: str) -> pd.Series:
-    """A column as float64: NaN where there is nothing, also where no row has the column."""
+    """Return a column as float64, with NaN for missing values and missing columns."""
     return pd.to_numeric(rows.reindex(columns=[column])[column]).astype(float)
 
 
 def distinct(rows: pd.DataFrame, column: str) -> list[Any]:
-    """The values of a column, sorted, each once; none where no row has the column."""
+    """Return the distinct values of a column, sorted; empty if no row has the column."""
     return sorted(rows.reindex(columns=[column])[column].replace("", None).dropna().unique())
 
 
 def valid(rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows with a result."""
+    """Return the rows with a result."""
     return rows[rows["status"].isin(VALID)]
 
 
 def newest(rows: pd.DataFrame) -> pd.DataFrame:
-    """One row for each (method, its parameters, task, seed): the latest one, in a fixed order.
+    """Return the latest row of each method with its parameters, task and seed, in a fixed order.
 
-    Two rows have the same task if it has the same name and either the same
-    checksum (so that copies of a dataset in different folders are one), or the
-    same source (so that after a rebuild of a dataset the old rows give way).
+    Two rows have the same task if its name and either its checksum or its source are equal. Equal checksums
+    join copies of a dataset in different folders. Equal sources replace rows of a dataset that was rebuilt.
 
     Raises
     ------
     InputError
-        When a row is dated in the future: it would be the latest for a long time.
+        When the date of a row is in the future, so that it would stay the latest for a long time.
     """
     last = rows.sort_values("date").iloc[-1]
     if last["date"] > (datetime.now(UTC) + CLOCKS_APART).isoformat():
@@ -84,7 +83,7 @@ def newest(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def split_label(name: str) -> tuple[str, float | None]:
-    """A method's label such as "arap-7000" as its family and the number; None where it ends with none."""
+    """Split a label such as "arap-7000" into the family and the number; None if it ends without a number."""
     family, _, number = name.rpartition("-")
     try:
         return (family, float(number)) if family else (name, None)
@@ -93,7 +92,7 @@ def split_label(name: str) -> tuple[str, float | None]:
 
 
 def method_names(rows: pd.DataFrame) -> list[str]:
-    """The methods of rows in a table's order."""
+    """Return the methods of rows in the order of a table."""
     return sorted(rows["method.name"].unique(), key=method_order)
 
 
@@ -106,8 +105,8 @@ def method_order(name: str) -> tuple[int, list[str | float]]:
 
 
 def write_csv(path: str | os.PathLike[str], rows: pd.DataFrame) -> None:
-    """Write rows as CSV; the same rows give the same bytes."""
-    # Not DataFrame.map, which would make floats of ints beside None.
+    """Write rows as CSV; equal rows give equal bytes."""
+    # DataFrame.map would turn integers in a column with None into floats.
     cells = pd.DataFrame({name: map(_cell, rows[name]) for name in in_order(rows)}, dtype=object)
     cells[COUNT] = len(rows)
     make_folder(Path(path).parent)
@@ -121,5 +120,5 @@ def read_csv(path: str | os.PathLike[str]) -> pd.DataFrame:
 
 
 def _cell(value: Any) -> Any:
-    """A value as it stands in a CSV: bools in lower case, the rest as pandas writes it."""
+    """Return the value of a CSV cell: bools in lower case, all other values unchanged."""
     return str(value).lower() if isinstance(value, bool) else value

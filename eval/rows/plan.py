@@ -1,9 +1,8 @@
-"""What the sweeps of an experiment are to run, kept beside their runs.
+"""Plans: the runs that sweeps of an experiment will do.
 
-A plan is a file ``<runs>/<experiment>/.plan/<hash of its runs>.json``, written
-before the first run by the process that begins the sweep; all of them together are the
-experiment's. A planned run is known by its method's label, its seed and what loads
-its task, so that rows made by any launcher, or published, answer for it.
+The process that begins a sweep writes a file ``<runs>/<experiment>/.plan/<hash of the runs>.json`` before
+the first run. A planned run consists of the label of the method, the seed and the source of the task, so rows
+from any launcher and published rows can be matched with it.
 """
 
 from __future__ import annotations
@@ -19,11 +18,10 @@ from eval.rows.store import MISSING, PLANS, Row
 from sshade.errors import InputError
 from sshade.io.files import make_folder, replacing
 
-#: What a planned run has: text, a number and text.
+#: Columns of a planned run, and their types.
 _FACTS = {"method.name": str, "seed": int, "task.source": str}
 
-
-#: Settings that number the tasks of a dataset, as they stand between the strokes of their names.
+#: Settings that number the tasks of a dataset, and their form in the name of a task.
 NUMBERED = {"subject": "subject_{:02d}", "pose": "pose_{}"}
 
 
@@ -70,20 +68,20 @@ def _read(path: Path) -> list[Row]:
 
 
 def forget_plans(experiment: Path) -> None:
-    """Remove the plans; the rows stay."""
+    """Remove the plans, but no rows."""
     shutil.rmtree(experiment / PLANS, ignore_errors=True)
 
 
 def missing_rows(planned: Iterable[Row], rows: Iterable[Row]) -> list[Row]:
-    """A row of status ``missing`` for each planned run that none of the rows is of.
+    """Return a row with status ``missing`` for each planned run without a row.
 
-    The name of a task is learnt from rows of the same case, or of another subject or pose of its
-    dataset; what loads it stands for it where there are none.
+    The name of a task comes from a row of the same case, or of another subject or pose of the same dataset.
+    Without such a row, the settings that load the task replace its name.
 
     Parameters
     ----------
     planned : iterable of mapping
-        method.name, seed, task.source; rows of status ``missing`` have them, too.
+        Planned runs, or rows with status ``missing``.
     rows : iterable of mapping
     """
     rows = list(rows)
@@ -108,7 +106,7 @@ def missing_rows(planned: Iterable[Row], rows: Iterable[Row]) -> list[Row]:
 
 
 def _name_beside(run: Row, sibling: Row) -> str:
-    """The name of a task by that of another subject or pose of its dataset; "" where that tells neither."""
+    """Derive the name of a task from a row of another subject or pose; "" if its name has no such numbers."""
     own, other = _source(run), _source(sibling)
     parts = sibling["task.name"].split("/")
     for setting in own.keys() & NUMBERED.keys():
@@ -120,14 +118,14 @@ def _name_beside(run: Row, sibling: Row) -> str:
 
 
 def _case(run: Row, *, but_for: Iterable[str] = ("root",)) -> str:
-    """What loads a task, but for the folder of the data: copies of a dataset have the same cases."""
+    """Return the settings that load a task as text, without the folder: copies of a dataset share cases."""
     source = _source(run)
     told = " ".join(f"{name}={value}" for name, value in source.items() if name not in but_for)
     return told or run.get("task.source") or run["task.name"]
 
 
 def _source(run: Row) -> dict[str, Any]:
-    """What loads a task, by its settings; none where that is damaged, or nothing but a name."""
+    """Return the settings that load a task; empty if they are missing or damaged."""
     try:
         source = json.loads(run.get("task.source") or "")
     except ValueError:

@@ -1,6 +1,6 @@
-"""Which half of the benchmark a case belongs to: constants are chosen on one, claims are made on the other.
+"""The two halves of the benchmark: tuning cases to choose constants, held-out cases to report results.
 
-The committed file ``conf/splits.yaml`` names both halves by patterns of task names.
+The file ``conf/splits.yaml`` describes both halves by patterns of task names.
 """
 
 from __future__ import annotations
@@ -12,21 +12,21 @@ from functools import cache
 from sshade.cli.configuration import CONFIGURATION
 from sshade.errors import InputError
 
-#: The halves: cases that constants may be chosen on, and cases that no choice was made on.
+#: Names of the halves.
 TUNING, HELD_OUT = "tuning", "held_out"
-#: What an experiment states that uses both.
+#: Value of ``run.split`` for an experiment with cases of both halves.
 BOTH = "both"
 
 
 def split_of(task: str, splits: Mapping[str, Sequence[str]] | None = None) -> str | None:
-    """``"tuning"``, ``"held_out"``, or None for a case that the splits do not name, such as a reader's own.
+    """Return the half of a case: ``"tuning"``, ``"held_out"``, or None if neither half names it.
 
     Parameters
     ----------
     task : str
-        Its name, such as ``defaust-synthetic/subject_05/pose_7``.
+        Name of the task, such as ``defaust-synthetic/subject_05/pose_7``.
     splits : mapping, optional
-        Patterns by half; those of ``conf/splits.yaml`` unless told.
+        Patterns by half; by default from ``conf/splits.yaml``.
 
     Raises
     ------
@@ -41,19 +41,19 @@ def split_of(task: str, splits: Mapping[str, Sequence[str]] | None = None) -> st
 
 
 def require_split(task: str, split: str | None) -> None:
-    """Hold a case against the half that an experiment states.
+    """Check that a case belongs to the half of the benchmark that an experiment states.
 
     Parameters
     ----------
     task : str
-        Its name.
+        Name of the task.
     split : {"tuning", "held_out", "both"} or None
-        Cases that belong to neither half fit any; None and "both" take every case.
+        Stated half. None and "both" accept every case. A case of neither half is always accepted.
 
     Raises
     ------
     InputError
-        When the case belongs to the other half, or there is no such half.
+        When the case belongs to another half, or `split` is unknown.
     """
     if split not in (TUNING, HELD_OUT, BOTH, None):
         raise InputError(f"run.split={split} does not fit; it takes {TUNING}, {HELD_OUT}, {BOTH} or null")
@@ -67,7 +67,7 @@ def require_split(task: str, split: str | None) -> None:
 
 @cache
 def read_splits() -> Mapping[str, Sequence[str]]:
-    """The patterns of ``conf/splits.yaml`` by half."""
+    """Return the patterns of ``conf/splits.yaml`` by half."""
     import yaml
 
     return yaml.safe_load((CONFIGURATION / "splits.yaml").read_text())

@@ -1,8 +1,7 @@
-"""The store of runs: one folder a run with ``row.json`` and the deformed vertices.
+"""The store of runs: one folder per run with ``row.json`` and the deformed vertices.
 
-A row is a flat mapping from ``task.* method.* seed status reason iterations
-converged metric.* seconds.* peak_mib env.* schema key`` to a number, a string, a
-bool or None.
+A row maps the columns ``task.* method.* seed status reason iterations converged metric.* seconds.* peak_mib
+env.* schema key`` to numbers, strings, bools or None.
 """
 
 from __future__ import annotations
@@ -23,35 +22,35 @@ from sshade.io.files import make_folder, replacing
 
 Row = dict[str, Any]
 
-#: Raised when the meaning of a column changes; part of every key.
+#: Version of the columns, part of every key. Increase it when the meaning of a column changes.
 SCHEMA = 1
 
-#: Where the runs lie by default: one folder an experiment.
+#: Default folder of runs, with one folder per experiment.
 RUNS = Path("out/runs")
-#: Folder of what an experiment's sweeps are to run, in the folder of its runs.
+#: Folder of the plans of an experiment, in the folder of its runs.
 PLANS = ".plan"
-#: Where their rows are collected: one CSV an experiment.
+#: Default folder of collected rows, with one CSV per experiment.
 ROWS = Path("out/rows")
-#: What is committed: rows, tables and figures. Only `sshade-eval publish` writes there.
+#: Folder of committed rows, tables and figures. Only `sshade-eval publish` writes there.
 PUBLISHED = Path("results")
 FOLDER_HELP = "name of an experiment in out/runs, or a folder of runs"
 ROWS_HELP = "CSV of rows, or name of an experiment in out/rows or else results/rows"
 
-#: What became of a run. The first two are valid results.
+#: Values of the column ``status``. The first two are valid results.
 STATUSES = ("ok", "not_converged", "timeout", "failed", "skipped")
 VALID = ("ok", "not_converged")
-#: In files of rows alone: a run that was planned and that no row is of.
+#: Status of a planned run without a row; only in files of rows.
 MISSING = "missing"
 
-#: ``task.kind`` of rows of pose transfers; those of deformations by handles have none.
+#: Value of ``task.kind`` for pose transfers; rows of deformations by handles have no ``task.kind``.
 TRANSFER = "transfer"
 
-#: How infinities stand in ``row.json``.
+#: Infinities by their text in ``row.json``.
 _INFINITIES = {str(value): value for value in (math.inf, -math.inf)}
 
-#: What every row has; one of status ``missing`` has the first four.
+#: Columns of every row. Rows with status ``missing`` have the first four.
 IDENTITY = ("task.name", "method.name", "status", "seed", "method.hash", "key", "date", "env.machine")
-#: Columns that are text even where it looks like a number: a label 5, a hash 12e456, a version 1.0.
+#: Columns and groups of columns that hold text, even if it looks like a number: a label 5, a version 1.0.
 _TEXT = (
     *(name for name in IDENTITY if name != "seed"),
     *("reason", "task.checksum", "task.source", "method.sources", "method.note", "remeasured"),
@@ -66,7 +65,7 @@ _TEXT = (
     *(f"task.meta.{fact}" for fact in ("checksum", "class", "dataset", "edit", "note", "posed_by")),
     *("task.meta.source_pose", "env.version."),
 )
-#: Beginnings of columns that hold numbers, or nothing.
+#: Beginnings of the names of columns that hold numbers or nothing.
 _NUMBERS = ("metric.", "seconds.", "iterations", "task.vertices", "peak_mib")
 
 _GROUPS = (
@@ -76,21 +75,21 @@ _GROUPS = (
 
 
 def run_folder(root: str | os.PathLike[str], row: Row) -> Path:
-    """``root/<method>/<task>/seed_<seed>_<key>``, with names made safe for any file system."""
+    """Return ``root/<method>/<task>/seed_<seed>_<key>``, with names that every file system accepts."""
     safe = [re.sub(r"[^\w.+=-]+", "_", str(row[name])) for name in ("method.name", "task.name")]
     return Path(root, *safe, f"seed_{row['seed']}_{row['key'][:12]}")
 
 
 def experiment_folder(name: Path) -> Path:
-    """A folder of runs, given as such or by the name of its experiment.
+    """Return a folder of runs, from its path or from the name of its experiment.
 
     Raises
     ------
     InputError
-        When there is neither.
+        When there is no such folder.
     """
     for folder in (name, RUNS / name):
-        # A folder such as "quick" beside the command may be anything; one with runs is meant.
+        # A folder such as "quick" in the current folder may hold anything; skip it unless it holds runs.
         if (folder / PLANS).is_dir() or next(folder.rglob("row.json"), None) is not None:
             return folder
     raise InputError(f"no runs in {name} or {RUNS / name}; `sshade-eval run -m experiment=...` makes them")
@@ -103,17 +102,17 @@ def write_run(
     vertices: np.ndarray | None = None,
     curves: Mapping[str, np.ndarray] | None = None,
 ) -> None:
-    """Write a run: the row last, so that a folder with a row is complete.
+    """Write a run. The row is written last, so a folder with a row is complete.
 
     Parameters
     ----------
     folder : path
-        Made if missing.
+        Created if missing.
     row : mapping
     vertices : (n, 3) float64, optional
-        Stored as float32: enough to recompute a metric to about 1e-7.
+        Stored as float32, which is enough to measure a metric again to about 1e-7.
     curves : mapping, optional
-        Arrays of a line a step, such as losses, by name.
+        Arrays with one row per step, such as losses, by name.
     """
     folder = Path(folder)
     make_folder(folder)
@@ -131,16 +130,16 @@ def write_run(
 
 
 def write_row(folder: str | os.PathLike[str], row: Row) -> None:
-    """Write the row of a run folder, or replace it; the rest of the folder stays."""
+    """Write the row of a run folder; the other files stay."""
     with replacing(Path(folder, "row.json")) as temporary:
         plain = {name: row[name] for name in in_order(row)}
-        # JSON has no infinity, which a method's parameter may be.
+        # JSON has no infinity, but parameters of methods can be infinite.
         plain |= {name: str(value) for name, value in row.items() if value in _INFINITIES.values()}
         temporary.write_text(json.dumps(plain, indent=1, allow_nan=False) + "\n")
 
 
 def read_row(folder: str | os.PathLike[str]) -> Row | None:
-    """The row of a run folder, or None where none was completed."""
+    """Read the row of a run folder; None if the run is not complete."""
     path = Path(folder, "row.json")
     if not path.is_file():
         return None
@@ -157,22 +156,22 @@ def read_row(folder: str | os.PathLike[str]) -> Row | None:
 
 
 def schema_problem(row: Row) -> str:
-    """Why a row cannot be read here although it may be one, in a few words; empty if it can."""
+    """Describe why this version of the program cannot read a row; empty if it can."""
     schema = row.get("schema", SCHEMA)
     if schema is None or schema == SCHEMA:
         return ""
     return (
-        f"is of schema {schema}, and this program reads schema {SCHEMA}; read it with the one that wrote it"
+        f"is of schema {schema}, this program reads schema {SCHEMA}; read it with the version that wrote it"
     )
 
 
 def version_of(row: Row) -> tuple[str | None, str | None]:
-    """Versions of the code and of the metrics that a row is of; None in rows older than such versions."""
+    """Return the versions of the code and of the metrics of a row; None for rows before such columns."""
     return row.get("env.version.code"), row.get("env.version.metrics")
 
 
 def row_problem(row: Any, *, here: Sequence[str] = (*STATUSES, MISSING)) -> str:
-    """Why a value is no row of one of the statuses, in a few words; empty if it is one."""
+    """Describe why a value is not a row with an allowed status; empty if it is."""
     if not isinstance(row, dict):
         return "no object"
     needed = IDENTITY[:4] if row.get("status") == MISSING else IDENTITY
@@ -190,12 +189,12 @@ def row_problem(row: Any, *, here: Sequence[str] = (*STATUSES, MISSING)) -> str:
 
 
 def read_vertices(folder: str | os.PathLike[str], *, n: int) -> np.ndarray:
-    """(n, 3) float64: the deformed vertices of a run folder, whose row says how many there are.
+    """Read the deformed vertices (n, 3) of a run folder as float64.
 
     Raises
     ------
     InputError
-        When the file is missing, damaged, or of another shape.
+        When the file is missing, damaged, or has another shape.
     """
     path = Path(folder, "vertices.npy")
     if not path.is_file():
@@ -207,7 +206,7 @@ def read_vertices(folder: str | os.PathLike[str], *, n: int) -> np.ndarray:
 
 
 def read_curves(folder: str | os.PathLike[str]) -> dict[str, np.ndarray]:
-    """The arrays of a line a step that a run left, by name; none is fine."""
+    """Read the curves of a run folder by name; empty if there are none."""
     path = Path(folder, "curves.npz")
     if not path.is_file():
         return {}
@@ -222,7 +221,7 @@ def read_curves(folder: str | os.PathLike[str]) -> dict[str, np.ndarray]:
 def _loading(path: Path, read: Callable[[], Any]) -> Any:
     try:
         return read()
-    except Exception as error:  # zipfile and numpy fail in many ways, all of them the file's fault
+    except Exception as error:  # zipfile and numpy raise many types of errors for damaged files
         reason = " ".join(str(error).split())
         raise InputError(
             f"{path}: not the file of a run ({reason}); remove the folder to run it again"
@@ -230,12 +229,12 @@ def _loading(path: Path, read: Callable[[], Any]) -> Any:
 
 
 def run_folders(root: str | os.PathLike[str]) -> list[Path]:
-    """Folders under `root` that hold a row, sorted."""
+    """Return the folders below `root` that hold a row, sorted."""
     return sorted(path.parent for path in Path(root).rglob("row.json"))
 
 
 def in_order(columns: Iterable[str]) -> list[str]:
-    """Names of columns: group by group, alphabetical within a group."""
+    """Sort the names of columns by group, then alphabetically."""
 
     def place(name: str) -> tuple[int, str]:
         group = next((i for i, group in enumerate(_GROUPS) if in_group(name, group)), len(_GROUPS))
@@ -245,10 +244,10 @@ def in_order(columns: Iterable[str]) -> list[str]:
 
 
 def is_text(name: str) -> bool:
-    """Whether a column is text even where a value looks like a number."""
+    """Whether a column holds text, even if a value looks like a number."""
     return any(in_group(name, group) for group in _TEXT)
 
 
 def in_group(name: str, group: str) -> bool:
-    """Whether a column is the one named, or of a group such as ``metric.``."""
+    """Whether a column has the name `group`, or belongs to a group such as ``metric.``."""
     return name == group or (group.endswith(".") and name.startswith(group))

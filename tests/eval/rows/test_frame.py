@@ -22,7 +22,7 @@ def test_a_file_that_lost_its_end_is_noticed_wherever_it_was_cut(cut, tmp_path):
     write_csv(path, frame(*(row("ab"[i // 6], f"t{i}") for i in range(12))))
     assert len(read_csv(path)) == 12
     path.write_text(cut(path.read_text()))
-    told = r"r.csv: line \d+ is of a file of 12? rows, but this one has 1[12]: it was cut"
+    told = r"r.csv: line \d+ is of a file of 12? rows, but this file has 1[12]: it was cut"
     with pytest.raises(InputError, match=told):
         read_csv(path)
 
@@ -30,7 +30,7 @@ def test_a_file_that_lost_its_end_is_noticed_wherever_it_was_cut(cut, tmp_path):
 def test_rows_of_another_schema_are_refused(tmp_path):
     write_csv(tmp_path / "r.csv", frame(row(schema=1), row("b", schema=2)))
     with pytest.raises(
-        InputError, match=r"line 3 is of schema 2, and this program reads schema 1; read it with"
+        InputError, match=r"line 3 is of schema 2, this program reads schema 1; read it with"
     ):
         read_csv(tmp_path / "r.csv")
     write_row(tmp_path, row(schema=2))
