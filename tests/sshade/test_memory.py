@@ -1,4 +1,4 @@
-"""Freed memory goes back to the system."""
+"""Freed memory returns to the system."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from sshade.memory import give_back
 
 
 @pytest.mark.skipif(
-    sys.platform != "linux" or not hasattr(ctypes.CDLL(None), "malloc_trim"), reason="glibc alone keeps it"
+    sys.platform != "linux" or not hasattr(ctypes.CDLL(None), "malloc_trim"),
+    reason="only glibc keeps freed memory",
 )
-def test_what_lies_under_a_living_array_is_given_back():
-    arrays = [np.ones(12_000) for _ in range(1000)]  # small enough not to be mapped by themselves
+def test_memory_under_a_living_array_is_returned():
+    arrays = [np.ones(12_000) for _ in range(1000)]  # small enough for the heap
     last = arrays.pop()
     arrays.clear()
     kept = process_memory("VmRSS")
@@ -25,6 +26,6 @@ def test_what_lies_under_a_living_array_is_given_back():
     assert last.all()
 
 
-def test_without_it_nothing_happens(monkeypatch):
+def test_other_systems_do_nothing(monkeypatch):
     monkeypatch.setattr(sys, "platform", "win32")
     give_back()

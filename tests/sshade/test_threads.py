@@ -60,7 +60,7 @@ def test_cpus_are_those_that_the_process_may_use(monkeypatch):
     assert available_cpus() == 3
 
 
-def test_threads_of_a_team_that_nothing_has_any_more_end():
+def test_threads_end_with_their_team():
     team, own = ThreadTeam(3), set()
     barrier = threading.Barrier(3, timeout=10)
 

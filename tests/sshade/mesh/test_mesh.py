@@ -20,7 +20,6 @@ FAR = np.array([[5.0, 5, 5], [6, 6, 6]])
         (TRIANGLE, [0, 1, 2], ["(m, 3)", "(3,)"]),
         (np.concatenate([FAR, TRIANGLE]), [[2, 3, 4]], ["2 vertices belong to no face", "is 0", "--repair"]),
         (1e61 * TRIANGLE, [[0, 1, 2]], ["scale it to between 1e-60 and 1e+60"]),
-        (1e-61 * TRIANGLE, [[0, 1, 2]], ["scale it"]),
         (1e-3 * TRIANGLE - 1e10, [[0, 1, 2]], ["fewer than four digits", "move it towards the origin"]),
     ],
 )
@@ -30,7 +29,7 @@ def test_unusable_arrays_are_refused_with_a_remedy(V, F, words):
     assert all(word in str(caught.value) for word in words)
 
 
-def test_arrays_become_read_only_float64_and_int64_and_leave_the_callers_alone():
+def test_arrays_are_read_only_copies_of_float64_and_int64():
     V, F = TRIANGLE.astype(np.float32), np.array([[0, 1, 2]], dtype=np.uint16)
     mesh = Mesh(V, F)
     assert mesh.V.dtype == np.float64 and mesh.F.dtype == np.int64
@@ -92,18 +91,9 @@ def test_topology_of_known_surfaces(mesh, expected):
     assert mesh.is_manifold and mesh.is_oriented
 
 
-@pytest.mark.parametrize(
-    ("factor", "shift"), [(1e59, 0.0), (1e-59, 0.0), (1.0, 1e11), (1.0, -1e11), (0.0, 3.0)]
-)
-def test_sizes_near_the_limits_are_not(factor, shift):
-    mesh = tetrahedron()
-    moved = Mesh(factor * mesh.V + shift, mesh.F)
-    assert np.isfinite(moved.face_areas).all() and np.isfinite((moved.face_areas**2).sum())
-
-
 @pytest.mark.parametrize("shift", [2.0**20, -(2.0**35), 1e9 + 0.5])
-@pytest.mark.parametrize("factor", [1.0, 0.37, 1e-1])
-def test_the_origin_of_a_far_mesh_is_near_and_leaves_no_rest(shift, factor):
+@pytest.mark.parametrize("factor", [1.0, 0.37])
+def test_coordinates_relative_to_the_origin_of_a_far_mesh_are_exact(shift, factor):
     mesh = tetrahedron()
     far = Mesh(factor * mesh.V + [shift, 0, -shift], mesh.F)
     relative = far.V - far.origin
@@ -112,7 +102,7 @@ def test_the_origin_of_a_far_mesh_is_near_and_leaves_no_rest(shift, factor):
     assert np.array_equal(np.diff(relative, axis=0), np.diff(far.V, axis=0))
 
 
-def test_more_faces_than_ids_have_bits_are_refused_before_anything_is_copied():
+def test_too_many_faces_are_refused_before_they_are_copied():
     faces = np.broadcast_to(np.arange(3), (MOST_FACES + 1, 3))  # one row in memory
     with pytest.raises(InputError, match="715,827,883 faces, and at most 715,827,882 are supported"):
         Mesh(np.zeros((3, 3)), faces)
