@@ -1,8 +1,8 @@
-"""SShaDe and `sshade_fast` with one of their choices undone, for the ablations.
+"""The methods `paper` and `fast` with a part replaced or left out, for the ablations.
 
-Two choices of SShaDe: where handles go on the proxy, and where vertices go on it. ReMatching's map U takes
-the nearest point of the whole proxy, in place of P (:mod:`sshade.carry.projection`); where parts
-of the surface nearly touch it takes vertices across to the wrong part.
+Two parts of the paper's method can be replaced: where handles go on the proxy, and where vertices go on it.
+ReMatching's map U takes the nearest point of the whole proxy, in place of P (:mod:`sshade.carry.projection`).
+Where two parts of the surface nearly touch, U takes vertices across to the wrong one.
 
 F. Maggioli, D. Baieri, S. Melzi, E. Rodola, "ReMatching: low-resolution representations for
 scalable shape correspondence", 2024.
@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Any, Literal, Unpack
+from typing import Any, Literal
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -24,44 +24,42 @@ from sshade.errors import InputError
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
-from sshade.options import PROXIES, SOLVER, takes_options
-from sshade.pipeline.components import each_component
-from sshade.pipeline.fast import VERTICES, choices, with_choices
-from sshade.pipeline.paper import sample_with_handles, sshade
-from sshade.pipeline.proxies import ProxyOptions
+from sshade.options import PRESETS, accepted, takes_options
+from sshade.pipeline.deform import deform_task
+from sshade.pipeline.engine import Place, sample_with_handles
 from sshade.pipeline.regions import HandleRegions
 from sshade.progress import Progress, silent
 from sshade.sampling.proxy import Sampling, sample_proxy
-from sshade.task import DeformationResult, DeformationTask, Handles, Method
+from sshade.task import DeformationResult, DeformationTask, Handles
 
-#: A projection crosses to another part beyond so many covering radii: samples whose regions
-#: touch lie nearer to each other, but for one edge of M.
+#: Distance beyond which a projection crosses to another part of the surface, in covering radii. Samples whose
+#: cells touch lie nearer to each other, but for one edge of M.
 FAR = 2.0
 
-#: What :func:`sshade_fast_without` may leave out, and the options that do; the lead is no option.
+#: Parts of `fast` that :func:`fast_without` may leave out, and the options that do so.
 LEFT_OUT: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
         "nothing": {},
         "blended_frames": {"frames": "triangle", "samplings": 5},
         "held_volume": {"volume": 0.0, "area": 0.0},
         "softening": {"stiffness": 1.0},
-        "parts": {"attachment": 0.0},
-        "lead": {},
+        "parts": {"attachment": 0.0, "guide_attachment": PRESETS["fast"].guide_attachment},
+        "lead": {"guide_attachment": 0.0},
         "parts_and_lead": {"attachment": 0.0},
     }
 )
 
 
-def sshade_ablated(
+@takes_options(accepted("paper"))
+def paper_with(
     task: DeformationTask,
     *,
     projection: Literal["fan", "surface"] = "fan",
     handle_mode: Literal["samples", "nearest"] = "samples",
-    coarse: Method | None = None,
     progress: Progress = silent,
-    **options: Unpack[ProxyOptions],
+    **options: Any,
 ) -> DeformationResult:
-    """:func:`sshade.sshade` with another projection, or other handles on the proxy.
+    """Deform by the method `paper` with another projection, or other handles on the proxy.
 
     Parameters
     ----------
@@ -69,9 +67,10 @@ def sshade_ablated(
     projection : {"fan", "surface"}
         P, onto the fan around a vertex's sample, or U, onto the whole proxy.
     handle_mode : {"samples", "nearest"}
-        Handle vertices as vertices of every proxy, or handles given to the samples of their regions.
-    coarse, progress, **options
-        See :func:`sshade.sshade`.
+        Handle vertices as vertices of every proxy, or handles given to the samples of their cells.
+    progress : Progress
+    **options
+        See :class:`sshade.options.Options`.
 
     Returns
     -------
@@ -82,7 +81,7 @@ def sshade_ablated(
     Raises
     ------
     InputError
-        On an unknown choice, and those of :func:`sshade.sshade`.
+        On an unknown choice, and as :func:`sshade.deform`.
     """
     projections = {"fan": project_to_fans, "surface": project_to_surface}
     samplers = {"samples": sample_with_handles, "nearest": sample_nearest_to_handles}
@@ -90,6 +89,8 @@ def sshade_ablated(
         raise InputError(f"unknown projection {projection!r}; use 'fan' or 'surface'")
     if handle_mode not in samplers:
         raise InputError(f"unknown handle mode {handle_mode!r}; use 'samples' or 'nearest'")
+    if handle_mode == "nearest":
+        task.handles.require_hard("the handle mode nearest")
     counts = []
 
     def counted(V: np.ndarray, proxy: Mesh, sampling: Sampling) -> Projection:
@@ -97,9 +98,9 @@ def sshade_ablated(
         counts.append(int(cross_part(found, proxy, sampling).sum()))
         return found
 
-    result = sshade(
+    result = deform_task(
         task,
-        coarse=coarse,
+        method="paper",
         sample=samplers[handle_mode],
         projection=counted,
         progress=progress,
@@ -110,39 +111,29 @@ def sshade_ablated(
     return replace(result, extra={**result.extra, **facts})
 
 
-@takes_options((*PROXIES, *SOLVER))
-@each_component(vertices=VERTICES)
-def sshade_fast_without(
-    task: DeformationTask,
-    *,
-    without: str = "nothing",
-    progress: Progress = silent,
-    **options: Any,
+@takes_options(accepted("fast"))
+def fast_without(
+    task: DeformationTask, *, without: str = "nothing", progress: Progress = silent, **options: Any
 ) -> DeformationResult:
-    """:func:`sshade.sshade_fast` with one thing left out.
+    """Deform by the method `fast` with one part left out.
 
     Parameters
     ----------
     task : DeformationTask
     without : str
-        A key of :data:`LEFT_OUT`. Without blended frames the paper's take their place, averaged over as many
-        samplings as it has. The leading energy is one of parts, and is left where these are left out alone.
+        A key of :data:`LEFT_OUT`. Without blended frames the paper's frames take their place, averaged over as
+        many samplings as the paper has. The guide energy stays where the attachment alone is left out.
     progress, **options
-        See :func:`sshade.sshade_fast`.
+        See :func:`sshade.deform`.
 
     Raises
     ------
     InputError
-        On an unknown choice, and those of :func:`sshade.sshade_fast`.
+        On an unknown choice, and as :func:`sshade.deform`.
     """
     if without not in LEFT_OUT:
         raise InputError(f"cannot leave out {without!r}; use one of {', '.join(LEFT_OUT)}")
-    made = choices(task, {**options, **LEFT_OUT[without]})
-    if without == "parts":
-        made = made._replace(lead=choices(task, options).lead)
-    elif without == "lead":
-        made = made._replace(lead=None)
-    return with_choices(task, made, progress=progress)
+    return deform_task(task, method="fast", progress=progress, **{**options, **LEFT_OUT[without]})
 
 
 def project_to_surface(V: np.ndarray, proxy: Mesh, sampling: Sampling) -> Projection:
@@ -198,33 +189,35 @@ def cross_part(projection: Projection, proxy: Mesh, sampling: Sampling) -> np.nd
 
 
 def sample_nearest_to_handles(
-    task: DeformationTask, regions: HandleRegions, seed: tuple[int, int]
-) -> tuple[Sampling, Handles]:
-    """Sample M without regard to handles; each handle goes to the sample of its region.
+    mesh: Mesh, regions: HandleRegions, seed: tuple[int, int]
+) -> tuple[Sampling, Place]:
+    """Sample M without regard to handles; each handle goes to the sample of its cell.
 
-    A static one stays at the sample's place; a dynamic one goes where the handle's motion takes
-    it: t_i + R (p_s - p_i), R the rotation of the handle's group. Of several handles at one sample
-    the mean is taken.
+    A static handle stays at the sample's place. A dynamic one goes where the handle's motion takes it:
+    t_i + R (p_s - p_i), with R the rotation of the handle's group. Several handles at one sample are replaced
+    by their mean.
 
     Parameters
     ----------
-    task, regions, seed
-        See :func:`sshade.pipeline.paper.sample_with_handles`.
+    mesh, regions, seed
+        See :func:`sshade.pipeline.engine.sample_with_handles`.
     """
-    mesh, handles = task.mesh, task.handles
-    handles.require_hard("the handle mode nearest")
     sampling = sample_proxy(mesh, regions.vertices, seed=seed, graph=regions.graph)
-    sample = sampling.cell[handles.index].astype(np.int64)
-    at_sample, at_handle = mesh.V[sampling.samples[sample]], mesh.V[handles.index]
-    moved = np.where(handles.dynamic[:, None], handles.target, at_sample)
-    for group in np.unique(handles.group[handles.dynamic]):
-        own = handles.dynamic & (handles.group == group)
-        R, _ = rigid_motion(at_handle[own], handles.target[own])
-        moved[own] += (at_sample[own] - at_handle[own]) @ R.T
-    index, first, inverse, count = np.unique(
-        sample, return_index=True, return_inverse=True, return_counts=True
-    )
-    mean = np.stack([np.bincount(inverse, moved[:, c]) for c in range(3)], axis=1) / count[:, None]
-    dynamic = np.bincount(inverse, handles.dynamic) > 0
-    merged = len(sample) - len(index)
-    return sampling, Handles(index, mean, dynamic=dynamic, group=handles.group[first], merged=merged)
+
+    def place(handles: Handles) -> Handles:
+        sample = sampling.cell[handles.index].astype(np.int64)
+        at_sample, at_handle = mesh.V[sampling.samples[sample]], mesh.V[handles.index]
+        moved = np.where(handles.dynamic[:, None], handles.target, at_sample)
+        for group in np.unique(handles.group[handles.dynamic]):
+            own = handles.dynamic & (handles.group == group)
+            R, _ = rigid_motion(at_handle[own], handles.target[own])
+            moved[own] += (at_sample[own] - at_handle[own]) @ R.T
+        index, first, inverse, count = np.unique(
+            sample, return_index=True, return_inverse=True, return_counts=True
+        )
+        mean = np.stack([np.bincount(inverse, moved[:, c]) for c in range(3)], axis=1) / count[:, None]
+        dynamic = np.bincount(inverse, handles.dynamic) > 0
+        merged = len(sample) - len(index)
+        return Handles(index, mean, dynamic=dynamic, group=handles.group[first], merged=merged)
+
+    return sampling, place

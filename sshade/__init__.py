@@ -18,9 +18,6 @@ if TYPE_CHECKING:
     from sshade.mesh.mesh import Mesh
     from sshade.pipeline.deform import deform
     from sshade.pipeline.deformer import Deformer
-    from sshade.pipeline.fast import sshade_fast
-    from sshade.pipeline.fine import sshade_fine
-    from sshade.pipeline.paper import sshade
     from sshade.pipeline.proxies import bind
     from sshade.pipeline.transfer import transfer_pose
     from sshade.task import DeformationResult, DeformationTask, Method, TransferTask
@@ -42,9 +39,6 @@ __all__ = [
     "load_binding",
     "read",
     "save_binding",
-    "sshade",
-    "sshade_fast",
-    "sshade_fine",
     "transfer_pose",
     "write",
 ]
@@ -58,9 +52,6 @@ _MODULES = {
     "mesh.mesh": ["Mesh"],
     "pipeline.deform": ["deform"],
     "pipeline.deformer": ["Deformer"],
-    "pipeline.fast": ["sshade_fast"],
-    "pipeline.fine": ["sshade_fine"],
-    "pipeline.paper": ["sshade"],
     "pipeline.proxies": ["bind"],
     "pipeline.transfer": ["transfer_pose"],
     "task": ["DeformationResult", "DeformationTask", "Method", "TransferTask"],
@@ -76,6 +67,10 @@ def __getattr__(name: str) -> Any:
     elif name in _HOME:
         value = getattr(import_module(f"sshade.{_HOME[name]}"), name)
     else:
+        from sshade.options import OLD_METHODS
+
+        if name in OLD_METHODS:
+            raise AttributeError(f'sshade.{name} is now sshade.deform(task, method="{OLD_METHODS[name]}")')
         raise AttributeError(f"module 'sshade' has no attribute {name!r}")
     globals()[name] = value
     return value

@@ -422,10 +422,11 @@ def default(name: str, presets: Mapping[str, Options | Mapping[str, Any]] = PRES
     return "; ".join(f"{text} ({', '.join(methods)})" for text, methods in found.items())
 
 
-def help_text(name: str) -> str:
-    """Return the line of ``--help`` for an option."""
+def help_text(name: str, value: Any = None) -> str:
+    """Return the line of ``--help`` for an option, whose default may be another `value`."""
     option = described()[name]
-    return f"{option.effect} Values: {option.values}. Default: {default(name)}."
+    usual = default(name) if value is None else value
+    return f"{option.effect} Values: {option.values}. Default: {usual}."
 
 
 def reference() -> str:

@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull
 from eval.metrics import Task
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
-from sshade.pipeline.deform import METHODS
+from sshade.pipeline.deform import deform
 from sshade.sampling.coarse import sample_coarsely
 from sshade.task import DeformationResult, DeformationTask, Handles, TransferTask
 
@@ -42,7 +42,7 @@ def warm_up(
         return
     method(tiny_transfer() if kind is TransferTask else tiny_task(), seed=0, **overrides)
     function = getattr(method, "func", method)
-    if function in METHODS.values():
+    if function is deform:
         if kind is DeformationTask:
             method(tiny_regions(), seed=0, **overrides)
         compile_sampling()

@@ -12,10 +12,9 @@ from eval.rows.store import Row
 from eval.timing.cases import TimedCase, TimedMethod, task_facts
 from eval.timing.turns import Job, take_turns
 from sshade.errors import InputError
-from sshade.options import PROXIES, SOLVER
+from sshade.options import accepted
 from sshade.pipeline.deformer import Deformer
-from sshade.pipeline.fast import sshade_fast
-from sshade.pipeline.paper import sshade
+from sshade.pipeline.deform import deform
 from sshade.task import DeformationTask
 
 #: The column ``kind`` of the rows.

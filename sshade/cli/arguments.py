@@ -3,59 +3,47 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable
 from pathlib import Path
-from typing import get_args
+from typing import Any
 
-from sshade.carry.kinds import FrameKind
 from sshade.cli.console import say
 from sshade.io.document import MeshFile
 from sshade.io.meshes import SUFFIXES, read_file
-from sshade.pipeline.proxies import VERTICES
+from sshade.options import described, help_text
 
-#: What `--help` says of a mesh.
+#: Formats of meshes, for `--help`.
 FORMATS = ", ".join(SUFFIXES)
 
 
 def add_files(parser: argparse.ArgumentParser, *, output: str, **positional: str) -> None:
-    """Paths by name with what they are, and the -o that is called `output`."""
+    """Declare paths by name with their descriptions, and -o with the name `output`."""
     for name, text in positional.items():
         parser.add_argument(name, type=Path, metavar=name.upper(), help=text)
     parser.add_argument("-o", "--output", type=Path, required=True, metavar=output, help="mesh to write")
 
 
-def add_samplings(parser: argparse.ArgumentParser, *, default: int | None) -> None:
-    usual = "the method's own" if default is None else f"{default}, as the paper"
-    parser.add_argument(
-        "--samplings", type=int, default=default, metavar="K", help=f"proxies averaged (default: {usual})"
-    )
-    parser.add_argument("--workers", type=int, metavar="W", help="threads (default: two a processor)")
+def add_options(parser: argparse.ArgumentParser, names: Iterable[str], **defaults: Any) -> None:
+    """Declare an argument for each option; `defaults` differ from those of the methods."""
+    for name in names:
+        option, default = described()[name], defaults.get(name)
+        about: dict[str, Any] = {"default": default, "help": help_text(name, default)}
+        if option.kind == "bool":
+            about["action"] = "store_true"
+        elif option.choices:
+            about["choices"] = option.choices
+        else:
+            about |= {"type": _number, "metavar": name[0].upper()}
+        parser.add_argument(f"--{name.replace('_', '-')}", **about)
 
 
-def add_frames(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--frames",
-        choices=get_args(FrameKind),
-        default="triangle",
-        help="what carries the mesh along: rigid frames of the proxy's triangles, as the paper, their "
-        "affine maps, or frames at the proxy's vertices, blended (default: triangle)",
-    )
-
-
-def add_vertices(
-    parser: argparse.ArgumentParser, *, default: int | None = VERTICES, text: str = str(VERTICES)
-) -> None:
-    parser.add_argument(
-        "--vertices",
-        type=int,
-        default=default,
-        metavar="N",
-        help=f"proxy vertices, a quarter of the mesh's at most (default: {text})",
-    )
-    parser.add_argument("--seed", type=int, default=0, metavar="S", help="seed of the sampling (default: 0)")
+def _number(text: str) -> float:
+    """A whole number where `text` is one, so that ranges of options can be checked."""
+    return int(text) if text.lstrip("-").isdigit() else float(text)
 
 
 def read(path: Path, output: Path) -> MeshFile:
-    """A mesh file; what `output` cannot take over of it is said."""
+    """Read a mesh file, and say which of its data `output` cannot keep."""
     file = read_file(path)
     if lost := file.lost(output):
         say(f"note: {output} keeps no {' or '.join(lost)} of {path}: it is of another format")

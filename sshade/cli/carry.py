@@ -12,7 +12,7 @@ import argparse
 import numpy as np
 
 from sshade.carry.binding_file import load_binding
-from sshade.cli.arguments import add_files, add_frames, read
+from sshade.cli.arguments import add_files, add_options, read
 from sshade.cli.console import announced_compilation, say
 from sshade.errors import InputError
 from sshade.io.files import check_output
@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         map=".npz map from `sshade remesh`",
         edited="proxy with moved vertices",
     )
-    add_frames(parser)
+    add_options(parser, ("frames",), frames="triangle")
 
 
 @announced_compilation()

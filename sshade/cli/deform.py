@@ -27,14 +27,12 @@ examples:
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from time import perf_counter
 
 import numpy as np
 
-from sshade.cli.arguments import FORMATS, add_files, add_samplings, add_vertices, read
+from sshade.cli.arguments import FORMATS, add_files, add_options, read
 from sshade.cli.console import announced_compilation, progress_bar, say
 from sshade.cli.notes import notes
 from sshade.errors import InputError
@@ -42,10 +40,12 @@ from sshade.io.files import check_output
 from sshade.io.handles import read_handles
 from sshade.io.meshes import SUFFIXES, repair, write_file
 from sshade.mesh.surface import Surface, surface
-from sshade.pipeline import fast, proxies
-from sshade.pipeline.deform import METHODS, deform
-from sshade.solver.local_global import local_global
-from sshade.task import DeformationResult, DeformationTask
+from sshade.options import GROUPS, PAPER, require_method, resolve
+from sshade.pipeline.deform import deform
+from sshade.task import DeformationTask
+
+#: Options of the methods that the command line can give.
+OPTIONS = [name for names in GROUPS.values() for name in names if name != "coarse"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,26 +53,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_files(parser, output="OUT", mesh=f"rest shape ({FORMATS})", handles="handle file (.json, .yaml)")
     parser.add_argument(
         "--method",
-        choices=("sshade_fast", "sshade_fine", "sshade"),
-        default="sshade_fast",
-        help="one proxy, with volume and area held (default); the same, then a polish at full resolution, "
-        "some ten times slower; or the method as published, five proxies averaged",
+        default="fast",
+        metavar="METHOD",
+        help="fast: one proxy that keeps volume and area (default); fine: the same, then a polish at full "
+        "resolution, some ten times slower; fine_free: the same without constraints; paper: the published "
+        "method, five proxies averaged; paper_plain: the same with the published iterations",
     )
-    add_vertices(parser, default=None, text=f"{fast.VERTICES}; {proxies.VERTICES} with --method sshade")
-    add_samplings(parser, default=None)
-    parser.add_argument(
-        "--start",
-        choices=("rest", "rigid"),
-        default="rigid",
-        help="where the solver begins: the best rigid motion of the rest shape, or the rest shape, as the "
-        "paper, which is slower and may end in a fold where the handles turn far (default: rigid)",
-    )
+    add_options(parser, OPTIONS)
     parser.add_argument(
         "--weight",
         type=float,
         metavar="W",
-        help="pull the handles of each group to their targets instead of holding them there; 1 is about as "
-        "strong as the surface, whatever its size and resolution (default: hard, or the file's own weights)",
+        help="pull the handles of each group to their targets instead of fixing them there; 1 is about as "
+        "strong as the surface, at any size and resolution (default: hard, or the weights of the file)",
     )
     flags = {
         "--raw": "take targets as they are, not moved by the snap",
@@ -89,9 +82,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def command(options: argparse.Namespace) -> int:
     """Write the output; return the exit code."""
     check_output(options.output, SUFFIXES)
-    method = chosen(options)
-    default = proxies.VERTICES if options.method == "sshade" else fast.VERTICES
-    vertices = default if options.vertices is None else options.vertices
+    values = {name: getattr(options, name) for name in OPTIONS if getattr(options, name) is not None}
+    if require_method(options.method) in PAPER:
+        values.setdefault("start", "rigid")  # far handles make folds from the rest shape
+    asked = resolve(options.method, values).vertices
     file = read(options.mesh, options.output)
     V = file.V
     try:
@@ -106,14 +100,7 @@ def command(options: argparse.Namespace) -> int:
     task = DeformationTask(options.mesh.stem, mesh, handles, carry_unconstrained=options.carry_unconstrained)
     begin = perf_counter()
     with progress_bar() as progress:
-        result = deform(
-            task,
-            method=method,
-            vertices=vertices,
-            workers=options.workers,
-            seed=options.seed,
-            progress=progress,
-        )
+        result = deform(task, method=options.method, progress=progress, **values)
     seconds = perf_counter() - begin
     write_file(options.output, file, whole.placed(V, result.vertices))
     error = np.linalg.norm(result.vertices[handles.index] - handles.target, axis=1).mean() / mesh.diagonal
@@ -127,27 +114,15 @@ def command(options: argparse.Namespace) -> int:
     facts = {
         **result.extra,
         **whole.facts,
-        "asked": vertices,
+        "asked": asked,
         "snap": snap,
         "diagonal": mesh.diagonal,
     }
     for note in notes(facts):
         say(f"note: {note}")
-    if result.converged is False and options.method != "sshade_fine":
+    if result.converged is False:
         say(
             f"note: the iterations stopped at {result.iterations:.0f} in the mean, "
             f"with a residual of {result.extra['residual']:.1e}"
         )
     return 0
-
-
-def chosen(options: argparse.Namespace) -> Callable[..., DeformationResult]:
-    """The function that --method names, with the options of the command that it takes."""
-    given = {} if options.samplings is None else {"samplings": options.samplings}
-    if options.method == "sshade":
-        return partial(METHODS["paper"], coarse=partial(local_global, start=options.start), **given)
-    if options.method == "sshade_fast":
-        return partial(METHODS["fast"], start=options.start, **given)
-    if given:
-        raise InputError("sshade_fine has one proxy, which it polishes: leave --samplings out")
-    return partial(METHODS["fine"], start=options.start)

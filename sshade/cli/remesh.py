@@ -11,11 +11,12 @@ import argparse
 from pathlib import Path
 
 from sshade.carry.binding_file import save_binding
-from sshade.cli.arguments import FORMATS, add_files, add_vertices
+from sshade.cli.arguments import FORMATS, add_files, add_options
 from sshade.cli.console import announced_compilation, say
 from sshade.io.files import check_output, replacing
 from sshade.io.meshes import SUFFIXES, read_mesh, write_mesh
 from sshade.mesh.seams import join_seams
+from sshade.options import Options
 from sshade.pipeline.proxies import bind
 
 
@@ -23,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_files(parser, output="N", mesh=f"mesh to sample ({FORMATS})")
     parser.add_argument("--map", type=Path, required=True, metavar="MAP", help=".npz map to write")
-    add_vertices(parser)
+    add_options(parser, ("vertices", "seed"), vertices=Options.vertices, seed=0)
 
 
 @announced_compilation()

@@ -13,11 +13,12 @@ from time import perf_counter
 
 import numpy as np
 
-from sshade.cli.arguments import FORMATS, add_files, add_frames, add_samplings, add_vertices, read
+from sshade.cli.arguments import FORMATS, add_files, add_options, read
 from sshade.cli.console import announced_compilation, progress_bar, say
 from sshade.io.files import check_output
 from sshade.io.meshes import SUFFIXES, mesh_of, read_arrays, write_file
-from sshade.pipeline.transfer import transfer_pose
+from sshade.options import Options
+from sshade.pipeline.transfer import SAMPLINGS, transfer_pose
 
 REST, POSED = f"rest shape ({FORMATS})", "the same vertices in a pose"
 
@@ -35,9 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_sampling(parser: argparse.ArgumentParser) -> None:
     """Declare the options of sampling and frames."""
-    add_vertices(parser)
-    add_samplings(parser, default=10)
-    add_frames(parser)
+    defaults = {"vertices": Options.vertices, "samplings": SAMPLINGS, "frames": "triangle", "seed": 0}
+    add_options(parser, (*defaults, "workers"), **defaults)
 
 
 def command(options: argparse.Namespace) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,13 +10,10 @@ from sshade.edit.state import Settings
 from sshade.errors import InputError
 from sshade.handles import Handles
 from sshade.mesh.mesh import Mesh
+from sshade.options import OLD_METHODS, REGIONS
+from sshade.pipeline.deform import deform
 from sshade.pipeline.deformer import Deformer
-from sshade.pipeline.fast import sshade_fast
-from sshade.pipeline.fine import sshade_fine
-from sshade.pipeline.paper import sshade
-from sshade.pipeline.regions import OF_REGIONS
 from sshade.progress import Progress, silent
-from sshade.solver.local_global import local_global
 from sshade.task import DeformationResult, DeformationTask
 
 #: Proxy vertices while the mouse moves: a third of those at rest. Half come a seventh nearer, for half as
@@ -44,11 +40,14 @@ def settled(task: DeformationTask, settings: Settings, *, progress: Progress = s
     InputError
         Where the method refuses the task.
     """
-    if settings.method == "sshade":
-        return sshade(task, coarse=partial(local_global, start="rigid"), progress=progress)
-    method = sshade_fine if settings.method == "sshade_fine" else sshade_fast
-    options: Any = settings.constraints
-    return method(task, progress=progress, **options)
+    method, options = _options(settings)
+    return deform(task, method=method, progress=progress, **options)
+
+
+def _options(settings: Settings) -> tuple[str, dict[str, Any]]:
+    """The method's name and its options."""
+    method = OLD_METHODS.get(settings.method, settings.method)
+    return method, {"start": "rigid"} if method == "paper" else dict(settings.constraints)
 
 
 class _Bound(NamedTuple):
@@ -207,11 +206,12 @@ class Follower:
             if bound is not None and bound.handles == key:
                 self._bound = bound
                 return bound
-        if settings.method == "sshade":
-            deformer = Deformer(part, index, method="paper", vertices=VERTICES, start="rigid", **given)
-        else:
-            regional = OF_REGIONS if len(led.lead) < len(led.there) else {}
-            options: Any = {"volume": VOLUME, **regional, **settings.constraints}
-            deformer = Deformer(part, index, vertices=VERTICES, **options, **given)
+        method, options = _options(settings)
+        if method != "paper":
+            method, regional = "fast", len(led.lead) < len(led.there)
+            edges = {name: REGIONS[method][name] for name in ("area", "bending") if regional}
+            options = {"volume": VOLUME, **edges, **options}
+        binding: Any = {"method": method, "vertices": VERTICES, **options, **given}
+        deformer = Deformer(part, index, **binding)
         self._bound = _Bound(component, settings, deformer, key)
         return self._bound

@@ -1,19 +1,17 @@
 """Meshes of several components, or that are not manifold: deformed component by component.
 
-The method itself needs an oriented manifold of one component. Here a mesh is cut into an
-oriented manifold (:mod:`sshade.mesh.cutting`), whose components are deformed one after the
-other, those with handles first, the larger first. Where cutting made copies of a vertex, the
-components that come later hold theirs where the first one put it, so that all fit together
-again. A component of the mesh without handles is unconstrained: tasks refuse it, or say that it
-follows the nearest one rigidly.
+The engine needs a connected, oriented manifold. Any other mesh is cut into an oriented manifold
+(:mod:`sshade.mesh.cutting`). Its components are deformed one after the other: components with handles first,
+larger ones first. Where cutting made copies of a vertex, the later component fixes its copy at the position
+in the earlier one, so that all fit together again. A component of the mesh without handles is unconstrained:
+a task refuses it, or says that it follows the nearest component rigidly.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import wraps
-from typing import Any, TypeVar, cast
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -24,16 +22,15 @@ from sshade.mesh.cutting import Cut, cut_to_manifold
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 from sshade.mesh.surface import without_duplicates
-from sshade.pipeline.proxies import COARSER, joined, least_vertices, proxy_vertices
+from sshade.options import Options
+from sshade.pipeline.proxies import joined, least_vertices, proxy_vertices
 from sshade.pipeline.regions import EDGE_SAMPLES
-from sshade.progress import Progress, silent
+from sshade.progress import Progress
 from sshade.task import DeformationResult, DeformationTask, Handles
 
-MethodT = TypeVar("MethodT", bound=Callable[..., DeformationResult])
-
-#: Vertices near each one of an unconstrained component whose motion it follows.
+#: Number of vertices of the nearest component whose motion a vertex of an unconstrained component follows.
 NEAREST = 8
-#: What one fact of the whole is, from those of the components.
+#: How the facts of components are combined into a fact of the whole; other facts are dropped.
 FACTS: dict[str, Callable[[Any], Any]] = {
     "samples": sum,
     "proxy_vertices": sum,
@@ -42,104 +39,98 @@ FACTS: dict[str, Callable[[Any], Any]] = {
 }
 
 
-def each_component(*, vertices: int) -> Callable[[MethodT], MethodT]:
-    """Make a method of oriented manifolds of one component one of all meshes.
+class DeformComponent(Protocol):
+    """Deforms a connected, oriented manifold."""
 
-    On such a mesh it is `method`, bit for bit. Any other is cut, and each component deformed with its
-    own handles; those that are unconstrained move rigidly with the nearest one
-    (:attr:`sshade.DeformationTask.carry_unconstrained`): by the motion of the :data:`NEAREST` vertices of
-    it that are closest to each of theirs.
+    def __call__(self, task: DeformationTask, *, progress: Progress, **changes: Any) -> DeformationResult:
+        """Deform with some options changed."""
+
+
+def by_components(
+    task: DeformationTask, deform: DeformComponent, options: Options, *, progress: Progress
+) -> DeformationResult:
+    """Extend a method for connected, oriented manifolds to all meshes.
+
+    On a connected, oriented manifold the result is that of `deform`. Any other mesh is cut, and each
+    component is deformed with its own handles. Unconstrained components move rigidly with the
+    :data:`NEAREST` vertices of the nearest component.
 
     Parameters
     ----------
-    vertices : int
-        The method's default.
+    task : DeformationTask
+    deform : callable
+    options : Options
+        The number of proxy vertices is that of all components together, distributed by area. Each component
+        has a quarter of its own vertices at most, and at least its handles and a few more: see
+        :func:`sshade.pipeline.proxies.proxy_vertices`. `polish_seconds`, too, is for all components.
+    progress : Progress
 
     Returns
     -------
-    callable
-        The decorator of a method of a task, ``vertices``, ``coarser`` where it has that, and ``progress``
-        among others. All components together have so many proxy vertices, a quarter of the mesh's at most,
-        shared by area; each has a quarter of its own, and its handles and a few more at least: see
-        :func:`sshade.pipeline.proxies.proxy_vertices`.
-        Of a mesh that was taken apart, the result's `iterations` is the mean over components. ``extra`` has
-        ``proxy_vertices`` in all, the largest ``residual``, and the numbers of
-        ``components`` deformed (of the cut mesh), of ``unconstrained`` ones, of ``duplicates`` of
-        faces that were left out, of ``copies`` of
-        vertices that cutting made and of faces ``turned`` to agree; ``gap`` is how far copies
-        came apart before they were joined, over the diagonal. It raises InputError as `method`
-        does, then naming the component, and when the vertices asked for cannot hold the handles.
+    DeformationResult
+        Of a mesh that was cut, `iterations` is the mean over components. ``extra`` has the sum of
+        ``proxy_vertices``, the largest ``residual``, and the numbers of deformed ``components``, of
+        ``unconstrained`` ones, of removed ``duplicates`` of faces, of ``copies`` of vertices, and of faces
+        ``turned`` to agree. ``gap`` is the largest distance between copies before they were joined, as a
+        fraction of the diagonal.
+
+    Raises
+    ------
+    InputError
+        As `deform`, then naming the component, and if the proxy cannot hold the handles.
     """
-
-    def decorated(method: MethodT) -> MethodT:
-        @wraps(method)
-        def whole(task: DeformationTask, *, progress: Progress = silent, **options: Any) -> DeformationResult:
-            mesh = task.mesh
-            if mesh.topology.components == 1 and mesh.is_manifold and mesh.is_oriented:
-                return method(task, progress=progress, **options)
-            return _by_components(task, method, progress=progress, **{"vertices": vertices, **options})
-
-        return cast(MethodT, whole)
-
-    return decorated
-
-
-def _by_components(
-    task: DeformationTask,
-    method: Callable[..., DeformationResult],
-    *,
-    vertices: int,
-    coarser: int = COARSER,
-    progress: Progress,
-    **options: Any,
-) -> DeformationResult:
-    given, handles = task.mesh, task.handles
-    mesh = without_duplicates(given)
+    whole = task.mesh
+    if whole.topology.components == 1 and whole.is_manifold and whole.is_oriented:
+        return deform(task, progress=progress)
+    handles, mesh = task.handles, without_duplicates(whole)
     unconstrained = np.setdiff1d(mesh.component, mesh.component[handles.index])
     cut = cut_to_manifold(mesh)
     facts: dict[str, Any] = {
         "components": 1,
         "unconstrained": len(unconstrained),
-        "duplicates": given.m - mesh.m,
+        "duplicates": whole.m - mesh.m,
         "copies": len(cut.origin) - mesh.n,
         "turned": cut.turned,
         "gap": 0.0,
     }
-    if coarser != COARSER:
-        options["coarser"] = coarser
     if cut.mesh.topology.components == 1 and cut.mesh is mesh:
-        sound = replace(task, mesh=mesh)
-        result = method(sound, vertices=vertices, progress=progress, **options)
+        result = deform(replace(task, mesh=mesh), progress=progress)
         return replace(result, extra={**result.extra, **facts})
     least = min(len(handles), EDGE_SAMPLES)
-    if vertices < least:
+    if options.vertices < least:
         raise InputError(
-            f"{vertices} proxy vertices were asked for: at least {least} are needed, to hold the "
+            f"{options.vertices} proxy vertices were asked for: at least {least} are needed, to hold the "
             f"{len(handles)} handle vertices"
         )
-    vertices = proxy_vertices(vertices, mesh.n, len(handles), coarser=coarser)
-    components = _Components(mesh, cut, handles)
+    vertices = proxy_vertices(options.vertices, mesh.n, len(handles), coarser=options.coarser)
+    components = _Components(mesh, cut, task)
     order = components.order()
-    density = vertices / sum(components.area[c] for c in order)
+    density = vertices / components.area[order].sum()
+    seconds_left = options.polish_seconds
     results = []
     for number, component in enumerate(order, start=1):
         stage = f"component {number} of {len(order)}"
-        results.append(
-            components.deform(
-                component,
-                method,
-                share=round(density * components.area[component]),
-                coarser=coarser,
-                name=f"{task.name} {stage}",
-                progress=lambda _, done, total, note="", stage=stage: progress(stage, done, total, note),
-                **options,
-            )
+        changes: dict[str, Any] = {"vertices": round(density * components.area[component])}
+        if seconds_left is not None:
+            portion = components.area[component] / components.area[order[number - 1 :]].sum()
+            changes["polish_seconds"] = portion * seconds_left
+        result = components.deform(
+            component,
+            deform,
+            options,
+            changes,
+            name=f"{task.name} {stage}",
+            progress=_renamed(progress, stage),
         )
+        if seconds_left is not None:
+            seconds_left = max(0.0, seconds_left - result.seconds.get("polish", 0.0))
+        results.append(result)
     V = components.positions
-    _carry_rigidly(mesh, V, unconstrained)
+    _move_rigidly(mesh, V, unconstrained)
     facts |= {"components": len(order), "gap": components.gap / mesh.diagonal}
-    joint = joined(V, results, FACTS)
-    return replace(joint, extra={**joint.extra, **facts})
+    whole_result = joined(V, results, FACTS)
+    facts["options"] = {**results[0].extra["options"], "vertices": options.vertices}
+    return replace(whole_result, extra={**whole_result.extra, **facts})
 
 
 class _Components:
@@ -155,8 +146,9 @@ class _Components:
         Largest distance of a copy to the position of its vertex.
     """
 
-    def __init__(self, mesh: Mesh, cut: Cut, handles: Handles) -> None:
-        self._cut, self._handles = cut, handles
+    def __init__(self, mesh: Mesh, cut: Cut, task: DeformationTask) -> None:
+        handles = task.handles
+        self._cut, self._handles, self._guess = cut, handles, task.guess
         self._component, count = cut.mesh.component, cut.mesh.topology.components
         self._number = np.full(mesh.n, -1)
         self._number[handles.index] = np.arange(len(handles))
@@ -182,22 +174,26 @@ class _Components:
     def deform(
         self,
         component: int,
-        method: Callable[..., DeformationResult],
+        deform: DeformComponent,
+        options: Options,
+        changes: dict[str, Any],
         *,
-        share: int,
-        coarser: int,
         name: str,
-        **settings: Any,
+        progress: Progress,
     ) -> DeformationResult:
         """Deform a component and take over its positions."""
-        own = self._members[component]
-        origin = self._cut.origin[own]
-        shape = Mesh(self._cut.mesh.V[own], np.searchsorted(own, self._cut.mesh.F[self._faces[component]]))
-        handles = self._handles_of(origin)
-        share = max(share, least_vertices(len(handles)))
-        share = proxy_vertices(share, shape.n, len(handles), coarser=coarser)
+        vertex = self._members[component]
+        origin = self._cut.origin[vertex]
+        F = np.searchsorted(vertex, self._cut.mesh.F[self._faces[component]])
+        shape, handles = Mesh(self._cut.mesh.V[vertex], F), self._handles_of(origin)
+        vertices = max(changes["vertices"], least_vertices(len(handles)))
+        vertices = proxy_vertices(vertices, shape.n, len(handles), coarser=options.coarser)
+        changes = {**changes, "vertices": vertices}
+        if not isinstance(options.frame_function, str):
+            changes["frame_function"] = self._values_of(options.frame_function)[origin]
+        guess = None if self._guess is None else self._guess[origin]
         try:
-            result = method(DeformationTask(name, shape, handles), vertices=share, **settings)
+            result = deform(DeformationTask(name, shape, handles, guess=guess), progress=progress, **changes)
         except InputError as error:
             raise InputError(
                 f"the component of {shape.n} vertices around vertex {origin[0]} cannot be deformed: {error}"
@@ -205,21 +201,27 @@ class _Components:
         self._take_over(origin, result.vertices)
         return result
 
+    def _values_of(self, frame_function: np.ndarray) -> np.ndarray:
+        n, values = len(self._number), np.asarray(frame_function)
+        if values.shape != (n,):
+            raise InputError(f"a frame function needs {n} values, one a vertex, not {values.shape}")
+        return values
+
     def _handles_of(self, origin: np.ndarray) -> Handles:
-        """The handles of a component, then its copies of vertices that are done, held where these are."""
-        given, number = self._handles, self._number[origin]
+        """The handles of a component, then its copies of vertices that are done, fixed at their positions."""
+        handles, number = self._handles, self._number[origin]
         with_handle = np.flatnonzero(number >= 0)
         with_handle = with_handle[np.argsort(number[with_handle], kind="stable")]
         seam = np.flatnonzero((number < 0) & self._done[origin])
         number = number[with_handle]
         return Handles(
             np.concatenate([with_handle, seam]),
-            np.concatenate([given.target[number], self.positions[origin[seam]]]),
-            dynamic=np.concatenate([given.dynamic[number], np.ones(len(seam), dtype=bool)]),
-            group=np.concatenate([given.group[number], np.full(len(seam), given.group.max() + 1)]),
-            weight=np.concatenate([given.weight[number], np.full(len(seam), np.inf)]),
-            portion=_joined(given.portion, number, np.ones(len(seam))),
-            rotation=_joined(given.rotation, number, np.full((len(seam), 3, 3), np.nan)),
+            np.concatenate([handles.target[number], self.positions[origin[seam]]]),
+            dynamic=np.concatenate([handles.dynamic[number], np.ones(len(seam), dtype=bool)]),
+            group=np.concatenate([handles.group[number], np.full(len(seam), handles.group.max() + 1)]),
+            weight=np.concatenate([handles.weight[number], np.full(len(seam), np.inf)]),
+            portion=_joined(handles.portion, number, np.ones(len(seam))),
+            rotation=_joined(handles.rotation, number, np.full((len(seam), 3, 3), np.nan)),
         )
 
     def _take_over(self, origin: np.ndarray, V: np.ndarray) -> None:
@@ -232,12 +234,17 @@ class _Components:
         self.gap = max(self.gap, float(np.linalg.norm(V - self.positions[origin], axis=1).max()))
 
 
+def _renamed(progress: Progress, stage: str) -> Progress:
+    """Report progress under another name of the stage."""
+    return lambda _, done, total, note="": progress(stage, done, total, note)
+
+
 def _joined(values: np.ndarray | None, number: np.ndarray, further: np.ndarray) -> np.ndarray | None:
     """Rows `number` of optional values of handles, then further rows; None without values."""
     return None if values is None else np.concatenate([values[number], further])
 
 
-def _carry_rigidly(mesh: Mesh, positions: np.ndarray, unconstrained: np.ndarray) -> None:
+def _move_rigidly(mesh: Mesh, positions: np.ndarray, unconstrained: np.ndarray) -> None:
     """Move each unconstrained component as the vertices close to it of the nearest other one."""
     from scipy.spatial import cKDTree
 

@@ -1,29 +1,78 @@
-"""One call for all that is deformed: arrays, a mesh of this package or of trimesh, or a task."""
+"""Deform arrays, a mesh of this package or of trimesh, or a task, by one of the methods."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any, TypeVar, overload
 
 import numpy as np
 
+from sshade.carry.projection import Projector, project_to_fans
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.surface import surface
-from sshade.pipeline.fast import sshade_fast
-from sshade.pipeline.fine import sshade_fine
-from sshade.pipeline.paper import sshade
+from sshade.options import accepted, as_row, require_method, resolve, takes_options
+from sshade.pipeline.components import by_components
+from sshade.pipeline.engine import Sampler, deform_once, sample_with_handles
+from sshade.pipeline.polish import polished
+from sshade.pipeline.regions import has_regions
+from sshade.progress import Progress, silent
 from sshade.task import DeformationResult, DeformationTask, Handles
 
 ShapeT = TypeVar("ShapeT")
 
-#: What the names of `method` stand for.
-METHODS: Mapping[str, Callable[..., DeformationResult]] = {
-    "fast": sshade_fast,
-    "fine": sshade_fine,
-    "paper": sshade,
-}
+
+def deform_task(
+    task: DeformationTask,
+    *,
+    method: str,
+    progress: Progress = silent,
+    sample: Sampler = sample_with_handles,
+    projection: Projector = project_to_fans,
+    **values: Any,
+) -> DeformationResult:
+    """Deform the mesh of a task by one of the methods, component by component.
+
+    Parameters
+    ----------
+    task : DeformationTask
+    method : str
+        A key of :data:`sshade.options.PRESETS`.
+    progress : Progress
+    sample, projection : callable
+        How proxies are sampled, and how M is projected onto them, for ablations: see
+        :class:`sshade.pipeline.engine.Engine`.
+    **values
+        Options, see :class:`sshade.options.Options`; None stands for the method's own value.
+
+    Returns
+    -------
+    DeformationResult
+        See :func:`deform`.
+    """
+
+    def deform_component(task: DeformationTask, *, progress: Progress, **changes: Any) -> DeformationResult:
+        given = {**values, **changes}
+        options = resolve(method, given)
+        if regional := has_regions(task.mesh, task.handles.index, options):
+            options = resolve(method, given, regions=True)
+        run = partial(
+            deform_once,
+            task,
+            options.of_proxy(),
+            progress=progress,
+            sample=sample,
+            projection=projection,
+        )
+        if options.polish:
+            result = polished(task, options, deform=run, regional=regional, progress=progress)
+        else:
+            result = run()
+        return replace(result, extra={**result.extra, "options": as_row(options, method)})
+
+    return by_components(task, deform_component, resolve(method, values), progress=progress)
 
 
 @overload
@@ -34,10 +83,11 @@ def deform(V: np.ndarray, F: np.ndarray, b: np.ndarray, bc: np.ndarray, /, **opt
 def deform(mesh: ShapeT, b: np.ndarray, bc: np.ndarray, /, **options: Any) -> ShapeT: ...
 
 
+@takes_options(lambda given: (*accepted(given.get("method", "fast")), "progress"))
 def deform(
     shape: Any,
     /,
-    *given: Any,
+    *arrays: Any,
     method: str | Callable[..., DeformationResult] = "fast",
     weight: np.ndarray | float | None = None,
     rotations: np.ndarray | None = None,
@@ -46,14 +96,14 @@ def deform(
 ) -> Any:
     """Deform a surface so that some of its vertices, the handles, reach given positions.
 
-    - ``deform(V, F, b, bc)`` gives positions (n, 3) float64,
-    - ``deform(mesh, b, bc)`` another of the mesh's kind,
-    - ``deform(task)`` a DeformationResult.
+    - ``deform(V, F, b, bc)`` returns positions (n, 3) float64,
+    - ``deform(mesh, b, bc)`` returns another mesh of the same kind,
+    - ``deform(task)`` returns a DeformationResult.
 
-    The surface may have several components, each with a handle, a boundary, edges of more than two
-    faces, faces twice, and faces without area. Unless it is a task's, it may also have vertices that
-    stand twice along a seam, which move as one, and, as arrays or a trimesh, faces that repeat a vertex,
-    and vertices in no face, which stay where they are.
+    The surface may have several components, each with a handle, a boundary, edges of more than two faces,
+    duplicate faces, and faces without area. Arrays and meshes may also have duplicate vertices along a seam,
+    which move as one. Arrays and a trimesh may have faces that repeat a vertex, and vertices in no face,
+    which stay.
 
     Parameters
     ----------
@@ -62,39 +112,51 @@ def deform(
     F : (m, 3) int
         Triangles, counter-clockwise seen from outside.
     mesh : Mesh or trimesh.Trimesh
-        A trimesh, or what has ``vertices``, ``faces`` and ``copy`` as that does, comes back as a copy with
-        other vertices: with its texture, colours and metadata.
+        A trimesh, or another object with ``vertices``, ``faces`` and ``copy``, is copied with its texture,
+        colours and metadata.
     task : DeformationTask
     b : (k,) int
         Handle vertices.
     bc : (k, 3) float64
         Their targets.
-    method : {"fast", "fine", "paper"} or callable
-        :func:`sshade.sshade_fast`; :func:`sshade.sshade_fine`, which polishes its result, takes ten
-        times as long, and changes edges and angles less; :func:`sshade.sshade`, as published; or
-        another :class:`sshade.Method`, which is given the task as it is.
+    method : {"fast", "fine", "fine_free", "paper", "paper_plain"} or callable
+        "fast" solves one proxy. "fine" also polishes the result at full resolution, takes ten times as
+        long, and changes edges and angles less; "fine_free" does so without constraints. "paper" is the
+        published method with an accelerated solver, "paper_plain" with the published iterations. Any other
+        :class:`sshade.Method` is called with the task.
     weight : (k,) float64 or float, optional
-        Of soft handles, which are pulled to their targets with it, all of one weight together; inf, the
-        default, holds them there. 1 is about as strong as the surface, at any size and resolution:
-        see :class:`sshade.Handles`. `fast`, `fine` and `paper` take soft handles.
+        Of soft handles, which are pulled to their targets. Handles with one weight are pulled together; inf,
+        the default, is a hard handle. 1 is about as strong as the surface, at any size and resolution: see
+        :class:`sshade.Handles`.
     rotations : (k, 3, 3) or (3, 3) float64, optional
-        How the surface turns at the handles, or at all of them; NaN where that is open. A vertex turns as
-        much of the surface as is nearer to it than to other vertices of the proxy. Of the same methods.
+        Rotation of the surface at the handles, or at all of them; NaN where open. A vertex turns the surface
+        that is nearer to it than to other vertices of the proxy.
     carry_unconstrained : bool
-        Components without a handle move rigidly with the nearest one, instead of being refused.
-        Of a task, which says these things itself, leave them out.
+        Move components without a handle rigidly with the nearest one, instead of refusing them. A task has
+        weights, rotations and this flag itself.
     **options
-        Of the method: ``vertices`` of the proxy, ``seed``, ``progress``, ``workers``, and so on.
+        The options of the method, ``seed`` and ``workers`` among them: see :class:`sshade.options.Options`;
+        and ``progress``, a :class:`sshade.progress.Progress`.
+
+    Returns
+    -------
+    (n, 3) float64, mesh or DeformationResult
+        ``seconds`` of a result are summed over samplings, which overlap in time, as do ``bind`` and
+        ``solve``. ``iterations`` is the mean over samplings, or those of the polish. ``extra`` has the
+        resolved ``options``, the ``samples`` of each proxy, the ``faces_without_area`` of the mesh, the
+        largest ``residual``, the number of ``degenerate_frames``, and facts of the proxies: ``proxy_energy``,
+        ``proxy_volume_error`` and others. Facts of several components: see
+        :func:`sshade.pipeline.components.by_components`.
 
     Raises
     ------
     TypeError
-        On another number of arguments, or an option that the method does not have.
+        On another number of arguments.
     InputError
-        On arrays that are no mesh, handles that are none of its vertices or have contradictory targets,
-        a component without a handle, an unknown method, or what the method refuses.
+        On an invalid mesh, handles that are no vertices of the mesh or have contradictory targets, a
+        component without a handle, an unknown method or option, or a value out of range.
     FloatingPointError
-        When the method ends in positions that are not finite.
+        When a deformed position is not finite.
 
     Examples
     --------
@@ -106,26 +168,26 @@ def deform(
     >>> bool(np.allclose(U, V + [0, 0, 1], atol=1e-4))
     True
     """
-    run = _method(method)
+    run = method if callable(method) else partial(deform_task, method=require_method(method))
     if isinstance(shape, DeformationTask):
-        _expect(given, "a task", 0)
+        _expect(arrays, "a task", 0)
         if weight is not None or rotations is not None or carry_unconstrained:
-            raise TypeError("a task says itself how its handles are held and what is carried")
+            raise TypeError("a task has weights, rotations and carry_unconstrained itself")
         return run(shape, **options)
     if isinstance(shape, Mesh):
-        b, bc = _expect(given, "a mesh", 2)
+        b, bc = _expect(arrays, "a mesh", 2)
         V, F = shape.V, shape.F
     elif all(hasattr(shape, name) for name in ("vertices", "faces", "copy")):
-        b, bc = _expect(given, "a mesh", 2)
+        b, bc = _expect(arrays, "a mesh", 2)
         V, F = np.asarray(shape.vertices, dtype=np.float64), np.asarray(shape.faces)
     else:
-        F, b, bc = _expect(given, "vertices", 3)
+        F, b, bc = _expect(arrays, "vertices", 3)
         V = np.asarray(shape, dtype=np.float64)
     whole = surface(V, F)
     if rotations is not None and np.ndim(rotations) == 2:
         rotations = np.broadcast_to(rotations, (len(b), *np.shape(rotations)))
-    given_handles = Handles(b, bc, weight=weight, rotation=rotations)  # type: ignore[arg-type]
-    handles = _on(whole.vertex, given_handles)
+    handles = Handles(b, bc, weight=weight, rotation=rotations)  # type: ignore[arg-type]
+    handles = _on(whole.vertex, handles)
     task = DeformationTask("mesh", whole.mesh, handles, carry_unconstrained=carry_unconstrained)
     moved = whole.placed(V, run(task, **options).vertices)
     if isinstance(shape, Mesh):
@@ -137,25 +199,17 @@ def deform(
     return copy
 
 
-def _method(method: str | Callable[..., DeformationResult]) -> Callable[..., DeformationResult]:
-    if callable(method):
-        return method
-    if method not in METHODS:
-        raise InputError(f"unknown method {method!r}; use {', '.join(map(repr, METHODS))} or a function")
-    return METHODS[method]
-
-
-def _expect(given: tuple[Any, ...], what: str, count: int) -> tuple[Any, ...]:
-    if len(given) != count:
+def _expect(arrays: tuple[Any, ...], what: str, count: int) -> tuple[Any, ...]:
+    if len(arrays) != count:
         raise TypeError(
-            f"{what} and {len(given)} arguments were given: deform takes a task, a mesh with handles b and "
+            f"{what} and {len(arrays)} arguments were given: deform takes a task, a mesh with handles b and "
             "targets bc, or vertices V and faces F with b and bc"
         )
-    return given
+    return arrays
 
 
 def _on(vertex: np.ndarray, handles: Handles) -> Handles:
-    """Handles of given vertices, as those of a surface: `vertex` (n,) of each, or -1."""
+    """Handles on the vertices of a surface: `vertex` (n,) is the surface vertex of each vertex, or -1."""
     outside = handles.index[handles.index >= len(vertex)]
     if len(outside):
         raise InputError(f"handle id {outside[0]} is out of range: the mesh has {len(vertex)} vertices")

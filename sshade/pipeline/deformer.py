@@ -1,7 +1,8 @@
-"""Bind once, deform many times: new targets only re-solve the proxies and decode."""
+"""Bind once, deform many times: new targets only solve the proxies and carry the mesh."""
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from math import inf
 from time import perf_counter
@@ -9,53 +10,49 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sshade.carry.binding import Binding, bind_proxy
+from sshade.carry.binding import Binding
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.options import ENERGY
-from sshade.pipeline.bound_proxy import BoundProxy
-from sshade.pipeline.fast import Choices, choices, published
-from sshade.pipeline.proxies import Proxies
-from sshade.pipeline.regions import HandleRegions, all_on_targets
+from sshade.options import ENERGY, Options, accepted, checked, require_method, resolve
+from sshade.pipeline.drag import Drag, NearestPlacement
+from sshade.pipeline.engine import BoundProxy, Engine
+from sshade.pipeline.regions import all_on_targets, has_regions
 from sshade.progress import Progress, silent
 from sshade.task import DeformationResult, DeformationTask, Handles
 from sshade.threads import ThreadTeam, in_threads
 
-#: Tolerance at which a drag has settled, over the method's.
+#: Tolerance of :meth:`Deformer.settle`, as a multiple of the method's.
 SETTLED = 0.01
 
 
 class Deformer:
-    """A mesh bound to its proxies, with everything that does not depend on the targets.
+    """A mesh bound to its proxies, with all data that do not depend on the targets.
 
-    Remeshes, projections, frames and factorisations are made once. The first call with given targets gives
-    what the method of a task does. Each later one goes on from where the last one ended (see
-    :mod:`sshade.solver.following`), so that small moves of the handles take a few iterations: a drag.
-    :meth:`settle` ends it in the minimum, which is that of the method, unless the way there has led into
-    another one: :meth:`reset` forgets the way. Handles come and go by :meth:`rebind_handles`, constraints by
-    :meth:`change_energy`; :meth:`preview` leaves the mesh out and gives the proxy.
+    Sampling, projection, frames and factorisation are made once. The first call deforms as
+    :func:`sshade.deform` does. Each later call starts where the last one ended, so that small moves of the
+    handles take a few iterations. :meth:`settle` then converges to the minimum. It may be another local
+    minimum than that of the first call; :meth:`reset` forgets the last shape.
 
     Parameters
     ----------
     mesh : Mesh
         M: manifold, oriented, one component.
     index : (h,) int
-        Handle vertices, each once; their targets come with each call, in this order.
+        Handle vertices, each once. Their targets come with each call, in this order.
     group : (h,) int, optional
-        Which landmark each belongs to, as of :class:`sshade.Handles`; by default all to one.
+        Landmark of each handle, see :class:`sshade.Handles`; by default one for all.
     weight : (h,) float64 or float
-        Of soft handles, see :class:`sshade.Handles`; inf by default.
+        Of soft handles, see :class:`sshade.Handles`; by default inf, which is a hard handle.
     method : {"fast", "paper"}
-        :func:`sshade.sshade_fast`, or :func:`sshade.sshade` with one sampling.
+        "paper" has one sampling by default.
     progress : Progress
     **options
-        Those of the method: see :class:`sshade.pipeline.fast.FastOptions`; of "paper" all that are not of
-        proxies are those of its solver, by default the published ones.
+        See :class:`sshade.options.Options`.
 
     Raises
     ------
     InputError
-        On a mesh or options out of the above.
+        On another mesh, method or option.
 
     Examples
     --------
@@ -86,121 +83,99 @@ class Deformer:
         progress: Progress = silent,
         **options: Any,
     ) -> None:
-        self.mesh = mesh
-        self._take_handles(index, group, weight)
-        if method not in ("fast", "paper"):
-            raise InputError(f"a mesh is bound by the method 'fast' or 'paper', not {method!r}")
-        self._fast, self._options = method == "fast", dict(options)
-        self._choices = chosen = self._chosen()
-        # The factorised systems have these, whatever handles come later.
-        self._options |= {name: chosen.solver[name] for name in ("attachment", "bending")}
-        self._proxies = proxies = Proxies(mesh, handles=len(self.index), **chosen.proxies)
-        self._regions = regions = self._new_regions()
-        self._at: Handles | None = None
+        require_method(method, ("fast", "paper"))
+        names = [name for name in accepted(method) if name not in ("coarse", "warm_start")]
+        self._method, self._values = method, checked(options, names, subject="Deformer")
+        self._values.setdefault("samplings", 1)
+        self.mesh, self._rest = mesh, _at_rest(mesh, index, group, weight)
+        # Handles that are bound later leave the options as they are.
+        plain = resolve(method, self._values)
+        self._regional = has_regions(mesh, self.index, plain)
+        self._options = self._resolved()
+        self._engine = engine = Engine(mesh, self._rest, self._options)
+        self._regions = engine.regions
+        self._last_handles: Handles | None = None
         # Its threads stay: to begin and end them takes some tenths of a millisecond.
-        team = ThreadTeam(proxies.carriers)
+        self._team = ThreadTeam(engine.proxies.carriers)
 
-        def make(number: int) -> BoundProxy:
-            remeshed, handle = regions.sample((proxies.seed, number))
-            binding = bind_proxy(mesh, remeshed, frames=proxies.frames)
-            on = np.flatnonzero(handle >= 0)
-            bound = BoundProxy(
-                binding,
-                own=handle[on],
-                on=on,
-                rest=self._rest,
-                choices=chosen,
-                first="multilevel" if self._fast else "plain",
-                seed=proxies.seed,
-                team=team,
-            )
-            progress("binding", number + 1, proxies.samplings)
-            return bound
+        def bind(number: int) -> tuple[BoundProxy, Drag]:
+            with ThreadPoolExecutor(max_workers=1) as pool:
+                bound = engine.bind(number, pool)
+                drag = Drag(bound.proxy, bound.place(self._rest), self._options)
+            bound.binding  # noqa: B018 - raises what binding raised
+            progress("binding", number + 1, engine.proxies.samplings)
+            return bound, drag
 
-        made = [] if regions.covered else in_threads(make, proxies.samplings, workers=proxies.workers)
-        self._bound_proxies = made
-        regions.prepare()
+        samplings = 0 if engine.regions.covered else engine.proxies.samplings
+        self._proxies = in_threads(bind, samplings, workers=engine.proxies.workers)
+
+    @property
+    def index(self) -> np.ndarray:
+        """(h,) int64: the handle vertices."""
+        return self._rest.index
 
     @property
     def bindings(self) -> list[Binding]:
-        """To each proxy."""
-        return [proxy.binding for proxy in self._bound_proxies]
-
-    def _chosen(self) -> Choices:
-        task = DeformationTask("drag", self.mesh, self._rest)
-        return choices(task, self._options) if self._fast else published(self._options)
-
-    def _new_regions(self) -> HandleRegions:
-        return HandleRegions(
-            self.mesh, self._rest, vertices=self._proxies.vertices, graph=self._proxies.graph
-        )
-
-    def _take_handles(self, index: np.ndarray, group: np.ndarray | None, weight: np.ndarray | float) -> None:
-        self.index = np.array(index, dtype=np.int64)
-        self.mesh.require_handles(self.index)
-        if len(np.unique(self.index)) < len(self.index):
-            raise InputError("a handle vertex is given twice")
-        group = np.zeros(len(self.index), dtype=np.int64) if group is None else group
-        handles = Handles(self.index, self.mesh.V[self.index], group=group, weight=np.asarray(weight))
-        self._rest = DeformationTask("drag", self.mesh, handles).handles
+        """The bindings of M to its proxies."""
+        return [bound.binding for bound, _ in self._proxies]
 
     def rebind_handles(
         self, index: np.ndarray, *, group: np.ndarray | None = None, weight: np.ndarray | float = inf
     ) -> None:
-        """Take other handles, more or fewer, without sampling and projecting anew; the shape stays.
+        """Take other handles without sampling and projecting again; the shape stays.
 
-        The vertices of the proxies that are nearest to them are held in their stead, at targets that are
-        corrected for the offset, as of :meth:`sshade.Handles.from_positions`, and for what hard handles
-        missed in the call before. So one that was not bound from the beginning lags a little in a drag
-        and is met when it settles, but for those so close to each other that they become one, which are
-        met in the mean. The time is that of a factorisation of the proxy.
+        The nearest vertices of the proxies stand for the handles, at targets corrected for the offset as by
+        :meth:`sshade.Handles.from_positions`. A handle that was not bound from the beginning lags slightly
+        during a drag; :meth:`settle` brings it to its target. Handles so near to each other that one proxy
+        vertex stands for them reach their targets in the mean. Binding takes the time of a factorisation.
 
         Parameters
         ----------
         index, group, weight
-            As for the class.
+            See :class:`Deformer`.
 
         Raises
         ------
         InputError
-            On a vertex as for the class, or, then or in a call, where handles are too far from the samples,
-            or those of two groups are nearest to the same one and have different targets.
+            Where handles are too far from the proxy's vertices, or one proxy vertex would stand for handles
+            of two groups with different targets. The Deformer keeps its handles then. A later call may raise
+            the same.
         """
-        self._take_handles(index, group, weight)
-        self._regions, self._at = self._new_regions(), None
-        for proxy in self._bound_proxies:
-            proxy.take(self._rest)
+        rest = _at_rest(self.mesh, index, group, weight)
+        if not self._proxies:
+            raise InputError("all vertices were handles when the mesh was bound; make another Deformer")
+        proxies = []
+        for bound, drag in self._proxies:
+            place = NearestPlacement(self.mesh, bound.proxy, rest)
+            proxies.append((bound.placing(place), drag.with_handles(place.rest)))
+        regions = self._engine.regions_of(rest)
+        self._rest, self._proxies, self._regions, self._last_handles = rest, proxies, regions, None
 
     def change_energy(self, **energy: Any) -> None:
-        """Take other constraints or another softening from the next call on; the shape stays where it is.
+        """Change constraints or softening from the next call on; the shape stays.
 
         Parameters
         ----------
         **energy
-            Those that change, None for the method's own: see :data:`sshade.options.ENERGY`.
+            ``volume``, ``area``, ``stiffness``, ``strain`` and ``strain_limit``: the options to change. None
+            stands for the method's own value. See :class:`sshade.options.Options`.
 
         Raises
         ------
-        TypeError
-            On another option.
         InputError
-            On a value as there.
+            On another option or value; nothing changes then.
         """
-        if unknown := set(energy) - set(ENERGY):
-            raise TypeError(f"unexpected keyword argument {min(unknown)!r}: it is none of the energy")
-        before, self._options = self._options, {**self._options, **energy}
-        try:
-            self._choices = self._chosen()
-        except InputError:
-            self._options = before
-            raise
-        for proxy in self._bound_proxies:
-            proxy.change(self._choices)
+        values = checked(energy, ENERGY, subject="change_energy")
+        kept = {name: value for name, value in self._values.items() if name not in energy}
+        self._values = {**kept, **values}
+        self._options = self._resolved()
+        for _, drag in self._proxies:
+            drag.change(self._options)
 
     def reset(self) -> None:
-        """Forget the last shape: the next call begins as the method does."""
-        for proxy in self._bound_proxies:
-            proxy.reset()
+        """Forget the last shape: the next call starts as the method does."""
+        for _, drag in self._proxies:
+            drag.reset()
 
     def __call__(
         self,
@@ -211,38 +186,34 @@ class Deformer:
         max_iterations: int | None = None,
         out: np.ndarray | None = None,
     ) -> DeformationResult:
-        """Deform for new targets of the same handles, from where the last call ended.
+        """Deform for new targets of the handles, from where the last call ended.
 
         Parameters
         ----------
         targets : (h, 3) float64
             In the order of `index`.
         rotations : (h, 3, 3) float64, optional
-            Of the handles, NaN where open; see :class:`sshade.Handles`. Other handles that have one make
-            a new factorisation of the proxy.
-        tolerance : float, optional
-            Residual, relative to the proxy's diagonal, under which iteration stops; by default that of the
-            options.
-        max_iterations : int, optional
-            Cutoff; a handful keeps a drag fluid, and the next call goes on. By default that of the options.
+            Of the handles, NaN where open; see :class:`sshade.Handles`. A handle that has its first rotation
+            makes a new factorisation of the proxy.
+        tolerance, max_iterations : optional
+            By default those of the options. A few iterations keep a drag fluid; the next call continues.
         out : (n, 3) float64, C-contiguous, optional
-            Takes the vertices, which with one sampling and without regions saves a large array a
-            call; the result's are these.
+            Takes the vertices, and saves a large array a call. The result then has this array.
 
         Returns
         -------
         DeformationResult
-            As of the method; ``seconds`` has the ``solve`` and the ``carry``, and ``extra`` the largest
-            ``residual`` and the proxies' ``energy``.
+            ``seconds`` has ``solve`` and ``carry``, ``extra`` the largest ``residual`` and the ``energy`` of
+            each proxy.
         """
-        return self._deformed(self._aimed(targets, rotations), tolerance, max_iterations, out)
+        handles = self._last_handles = self._rest.at(targets, rotations)
+        return self._deformed(handles, self._stopping(tolerance, max_iterations), out)
 
     def settle(self, *, tolerance: float | None = None, out: np.ndarray | None = None) -> DeformationResult:
-        """Go on to the minimum for the last call's targets: the end of a drag.
+        """Converge to the minimum for the last call's targets, at the end of a drag.
 
-        A residual is one step, and a drag lags some hundred of them behind: at the method's tolerance
-        up to some thousandths of the diagonal, as the method's own result is, and at a hundredth of it less
-        than one.
+        A residual is one step, and a drag lags a few hundred steps behind. At the method's tolerance these
+        are up to some thousandths of the diagonal, at a hundredth of the tolerance less than one.
 
         Parameters
         ----------
@@ -253,14 +224,14 @@ class Deformer:
         Raises
         ------
         InputError
-            Where no call has been made with these handles.
+            Where these handles had no targets yet.
         """
-        if self._at is None:
+        if self._last_handles is None:
             raise InputError(
                 "there is nothing to settle: no targets were given since these handles were taken"
             )
-        tolerance = SETTLED * self._choices.tolerance if tolerance is None else tolerance
-        return self._deformed(self._at, tolerance, None, out, settle=True)
+        tolerance = SETTLED * self._options.tolerance if tolerance is None else tolerance
+        return self._deformed(self._last_handles, self._stopping(tolerance, None), out, settle=True)
 
     def preview(
         self,
@@ -270,74 +241,77 @@ class Deformer:
         tolerance: float | None = None,
         max_iterations: int | None = None,
     ) -> DeformationResult:
-        """The first proxy alone, as a call would carry the mesh along with it: for displays, or slow ones.
+        """Deform the first proxy alone, for displays.
 
-        ``bindings[0].proxy`` has its triangles, ``bindings[0].sampling.samples`` the vertices of M that its
-        own are. A later call goes on from here.
+        ``bindings[0].proxy`` has its triangles, ``bindings[0].sampling.samples`` its vertices on M. A later
+        call continues from here.
 
         Parameters
         ----------
         targets, rotations, tolerance, max_iterations
-            As of a call.
+            As for a call.
 
         Returns
         -------
         DeformationResult
-            ``vertices`` (k, 3), ``seconds`` with the ``solve``.
+            ``vertices`` (k, 3), ``seconds`` with ``solve``.
 
         Raises
         ------
         InputError
-            As of a call, and where all vertices are handles.
+            As for a call, and where all vertices are handles.
         """
-        begin, handles = perf_counter(), self._aimed(targets, rotations)
+        begin = perf_counter()
+        handles = self._last_handles = self._rest.at(targets, rotations)
         if self._regions.covered:
             raise InputError("all vertices are handles: there is no proxy")
-        solved = self._bound_proxies[0].solve(handles, **self._stop(tolerance, max_iterations))
-        return replace(solved, seconds={"solve": perf_counter() - begin})
+        bound, drag = self._proxies[0]
+        stop = self._stopping(tolerance, max_iterations).subset(("tolerance", "max_iterations"))
+        return replace(bound.solve(handles, drag, **stop), seconds={"solve": perf_counter() - begin})
 
-    def _aimed(self, targets: np.ndarray, rotations: np.ndarray | None) -> Handles:
-        self._at = self._rest.at(targets, rotations)
-        return self._at
+    def _resolved(self) -> Options:
+        return resolve(self._method, self._values, regions=self._regional)
 
-    def _stop(self, tolerance: float | None, max_iterations: int | None) -> dict[str, Any]:
-        given, own = max_iterations, self._choices
-        return {
-            "tolerance": own.tolerance if tolerance is None else tolerance,
-            "max_iterations": own.solver["max_iterations"] if given is None else given,
-        }
+    def _stopping(self, tolerance: float | None, max_iterations: int | None) -> Options:
+        names = {"tolerance": tolerance, "max_iterations": max_iterations}
+        return replace(self._options, **checked(names, names, subject="Deformer"))
 
     def _deformed(
-        self,
-        handles: Handles,
-        tolerance: float | None,
-        max_iterations: int | None,
-        out: np.ndarray | None,
-        settle: bool = False,
+        self, handles: Handles, options: Options, out: np.ndarray | None, *, settle: bool = False
     ) -> DeformationResult:
         if out is not None and not (
             out.shape == self.mesh.V.shape and out.dtype == np.float64 and out.flags.c_contiguous
         ):
             raise InputError(f"`out` must be a contiguous float64 array of shape {self.mesh.V.shape}")
         if self._regions.covered:
-            return all_on_targets(DeformationTask("drag", self.mesh, handles))
-        into, stop = out if self._proxies.samplings == 1 else None, self._stop(tolerance, max_iterations)
+            result = all_on_targets(DeformationTask("drag", self.mesh, handles))
+        else:
+            alone = len(self._proxies) == 1
 
-        def one(number: int) -> DeformationResult:
-            proxy, keep = self._bound_proxies[number], self._keeps_volume
-            return proxy.deform(handles, self._regions, keep_volume=keep, settle=settle, out=into, **stop)
+            def deform(number: int) -> DeformationResult:
+                bound, drag = self._proxies[number]
+                return bound.deform(
+                    handles,
+                    self._regions,
+                    drag,
+                    options,
+                    again=settle or drag.at_start,
+                    team=self._team,
+                    out=out if alone else None,
+                )
 
-        result = self._proxies.average(one)
-        V = result.vertices
-        if not self._keeps_volume:
-            V = self._regions.on_targets(V, handles)
-        elif self._regions.volume:
-            V = self._regions.keep_volume(V)
-        if out is not None and V is not out:
-            out[:] = V
-            V = out
-        return result if V is result.vertices else replace(result, vertices=V)
+            result = self._engine.average(deform, handles, self._regions, options)
+        if out is None or result.vertices is out:
+            return result
+        out[:] = result.vertices
+        return replace(result, vertices=out)
 
-    @property
-    def _keeps_volume(self) -> bool:
-        return self._fast and self._choices.keeps_volume
+
+def _at_rest(mesh: Mesh, index: np.ndarray, group: np.ndarray | None, weight: np.ndarray | float) -> Handles:
+    index = np.array(index, dtype=np.int64)
+    mesh.require_handles(index)
+    if len(np.unique(index)) < len(index):
+        raise InputError("a handle vertex is given twice")
+    group = np.zeros(len(index), dtype=np.int64) if group is None else group
+    handles = Handles(index, mesh.V[index], group=group, weight=np.asarray(weight))
+    return DeformationTask("drag", mesh, handles).handles

@@ -6,161 +6,97 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from threading import Lock
 from time import perf_counter
-from typing import Any, TypedDict
+from typing import Any
 
 import numpy as np
 
 from sshade.carry.binding import Binding, bind_proxy
 from sshade.carry.frames import FrameMaker
 from sshade.carry.kinds import FrameKind, frame_maker
-from sshade.errors import InputError
 from sshade.mesh.adjacency import VertexGraph, vertex_graph
 from sshade.mesh.mesh import Mesh
+from sshade.options import Options
 from sshade.sampling.proxy import sample_proxy
 from sshade.task import DeformationResult
-from sshade.threads import available_cpus, in_threads, number_of_workers
+from sshade.threads import available_cpus, in_threads
 
-#: Vertices of a mesh over those of its proxy, at least.
-COARSER = 4
-#: Vertices of a proxy by default, as in the paper.
-VERTICES = 6000
-#: Vertices of a proxy besides its handles, at least, and for how many of these there is room: more are
-#: thinned.
-SPARE, HANDLES = 4, 1500
-#: Vertices of a mesh from which on threads share those that one proxy carries along.
-SHARED = 50_000
+#: Smallest number of proxy vertices besides the handles.
+SPARE = 4
+#: Number of handles that always find room on a proxy; more handles are thinned.
+HANDLES = 1500
+#: Number of mesh vertices from which on several threads carry the mesh.
+LARGE = 50_000
 
 
 def least_vertices(handles: int) -> int:
-    """Vertices of a proxy for so many handles, where the mesh has them."""
+    """Return the smallest number of proxy vertices for a number of handles."""
     return min(handles, HANDLES) + SPARE
 
 
-def proxy_vertices(asked: int, n: int, handles: int = 0, *, coarser: int = COARSER) -> int:
-    """How many vertices of a mesh a proxy samples: those asked for, of a small mesh a quarter.
+def proxy_vertices(asked: int, n: int, handles: int = 0, *, coarser: int = Options.coarser) -> int:
+    """Return how many vertices a proxy samples: `asked`, but of a small mesh at most ``n // coarser``.
 
-    Below four vertices for each of its own a proxy has no detail to leave out. Whatever the
-    mesh's size, there is room for handles: see :func:`least_vertices`.
+    A proxy with more than a quarter of the vertices has no detail to leave out. Handles find room whatever
+    the mesh's size: see :func:`least_vertices`.
 
     Parameters
     ----------
     asked : int
-        Fewer than the handles are given back as they are, for the sampling to thin or to refuse.
+        A number below that of the handles is returned as it is, for the sampling to thin or to refuse.
     n : int
         Vertices of the mesh.
     handles : int
         Handle vertices.
     coarser : int
-        Vertices of the mesh over those of the proxy, at least.
+        Smallest ratio of the mesh's vertices to the proxy's.
     """
     return min(asked, n, max(n // coarser, least_vertices(handles)))
 
 
-class ProxyOptions(TypedDict, total=False):
-    """The keyword options of everything that makes proxies, as ``**options: Unpack[ProxyOptions]``.
-
-    Attributes
-    ----------
-    vertices : int
-        Vertices of each proxy N, before refinement adds the few that the topology needs;
-        :data:`VERTICES` by default, and a quarter of the mesh's at most: see
-        :func:`proxy_vertices`. ``samples`` in the `extra` of a result says how many they were.
-    coarser : int
-        Vertices of the mesh over those of a proxy, at least; 4 by default.
-    samplings : int
-        k, the number of different proxies whose results are averaged.
-    frames : {"triangle", "affine", "blended", "blended_affine"} or FrameMaker
-        The local frames that carry M along; see :func:`sshade.carry.kinds.frame_maker`. The
-        paper's are ``triangle``.
-    frame_function : {"extent", "best", "x", "y", "z"} or (n,) float64
-        f, whose gradient directs ``triangle`` frames; see :func:`sshade.carry.triangle.frame_values`.
-        By default ``extent``.
-    workers : int, optional
-        Threads that share the samplings; by default two for each CPU. No influence on results.
-    seed : int
-        The samplings differ in the random vertex that follows the handles, which it chooses.
-    """
-
-    vertices: int
-    coarser: int
-    samplings: int
-    frames: FrameKind | FrameMaker
-    frame_function: str | np.ndarray
-    workers: int | None
-    seed: int
-
-
 class Proxies:
-    """The proxies of a mesh for given options, and what they share.
+    """The proxies of a mesh for given options, and the data that they share.
 
     Parameters
     ----------
     mesh : Mesh
-        M: manifold, oriented, one component; boundary is fine.
+        M: manifold, oriented, one component; a boundary is fine.
+    options : Options
+        The options of :data:`sshade.options.PROXIES`.
     handles : int
-        Handle vertices, which each proxy is to hold.
-    vertices, coarser, samplings, frames, frame_function, workers, seed
-        See :class:`ProxyOptions`.
+        Number of handle vertices, which each proxy is to have.
 
     Raises
     ------
     InputError
-        On another mesh, fewer than one sampling or worker, or unknown frames.
+        On another mesh, or a frame function that does not fit the mesh.
     """
 
-    def __init__(
-        self,
-        mesh: Mesh,
-        *,
-        handles: int = 0,
-        vertices: int = VERTICES,
-        coarser: int = COARSER,
-        samplings: int = 1,
-        frames: FrameKind | FrameMaker = "triangle",
-        frame_function: str | np.ndarray = "extent",
-        workers: int | None = None,
-        seed: int = 0,
-    ) -> None:
-        if samplings < 1:
-            raise InputError(f"{samplings} samplings were asked for; at least one is needed")
-        number_of_workers(workers, default=1)  # checked before any work
-        self.frames = frame_maker(frames, mesh, frame_function=frame_function)
+    def __init__(self, mesh: Mesh, options: Options, *, handles: int = 0) -> None:
+        self.frames = frame_maker(options.frames, mesh, frame_function=options.frame_function)
         mesh.require_manifold()
         mesh.require_one_component()
         begin = perf_counter()
         self.mesh, self.graph = mesh, vertex_graph(mesh)
-        self._shared = perf_counter() - begin
+        self._graph_seconds = perf_counter() - begin
         self._without_area = int(mesh.without_area.sum())
-        self.vertices = proxy_vertices(vertices, mesh.n, handles, coarser=coarser)
-        self.samplings, self.workers, self.seed = samplings, workers, seed
-
-    def bind(self, number: int) -> Binding:
-        """Sample and bind one proxy."""
-        return bind(
-            self.mesh,
-            self.vertices,
-            coarser=1,
-            seed=(self.seed, number),
-            frames=self.frames,
-            graph=self.graph,
-        )
+        self.vertices = proxy_vertices(options.vertices, mesh.n, handles, coarser=options.coarser)
+        self.samplings, self.workers, self.seed = options.samplings, options.workers, options.seed
 
     @property
     def carriers(self) -> int:
-        """Threads that carry M along with each proxy: one where samplings share the CPUs, or M is small."""
-        return available_cpus() if self.samplings == 1 and self.mesh.n >= SHARED else 1
+        """Number of threads that carry M with each proxy: one if samplings share the CPUs, or M is small."""
+        return available_cpus() if self.samplings == 1 and self.mesh.n >= LARGE else 1
 
-    def average(self, one: Callable[[int], DeformationResult]) -> DeformationResult:
-        """The mean M' over samplings, ``one(0)`` to ``one(samplings - 1)``, which run in threads.
+    def average(self, deform: Callable[[int], DeformationResult]) -> DeformationResult:
+        """Average M' over samplings, ``deform(0)`` to ``deform(samplings - 1)``, which run in threads.
 
-        Positions are summed in the order of the samplings, whatever the number of threads, and
-        each is let go of once it is in the sum. ``seconds`` are summed; for ``extra`` see
-        :data:`FACTS`.
+        Positions are summed in the order of the samplings, whatever the number of threads. The memory of
+        each M' is freed once it is in the sum. ``seconds`` are summed; ``extra`` follows :data:`FACTS`.
         """
         mean = _RunningMean(self.samplings)
 
         def summed(number: int) -> DeformationResult:
-            result = one(number)
+            result = deform(number)
             mean.add(number, result.vertices)
             return replace(result, vertices=np.empty((0, 3)))
 
@@ -173,15 +109,16 @@ class Proxies:
         }
         first = results[0].seconds
         if "remesh" in first:
-            results[0] = replace(results[0], seconds={**first, "remesh": first["remesh"] + self._shared})
+            seconds = {**first, "remesh": first["remesh"] + self._graph_seconds}
+            results[0] = replace(results[0], seconds=seconds)
         return joined(total, results, FACTS, extra=facts)
 
 
 def bind(
     mesh: Mesh,
-    vertices: int = VERTICES,
+    vertices: int = Options.vertices,
     *,
-    coarser: int = COARSER,
+    coarser: int = Options.coarser,
     first: np.ndarray | None = None,
     seed: int | tuple[int, ...] = 0,
     frames: FrameKind | FrameMaker = "triangle",
@@ -195,13 +132,13 @@ def bind(
     mesh : Mesh
         M: manifold, oriented, one component.
     vertices, coarser, frames, frame_function
-        See :class:`ProxyOptions`.
+        See :class:`sshade.options.Options`.
     first : (h,) int, optional
-        Vertices of M that become the first ones of N.
+        Vertices of M that become the first vertices of N.
     seed : int or tuple of int
         Chooses the random vertex that follows them.
     graph : VertexGraph, optional
-        The mesh's :func:`sshade.mesh.adjacency.vertex_graph`, where several bindings share it.
+        The mesh's :func:`sshade.mesh.adjacency.vertex_graph`, if several bindings share it.
 
     Raises
     ------
@@ -226,7 +163,7 @@ class _RunningMean:
         self._next, self._early, self._lock = 0, dict[int, np.ndarray](), Lock()
 
     def add(self, number: int, array: np.ndarray) -> None:
-        """Add an array, once all those of lower numbers are in."""
+        """Add an array as soon as all arrays of lower numbers are in the sum."""
         with self._lock:
             self._early[number] = array
             while self._next in self._early:
@@ -243,7 +180,7 @@ def _distinct(values: Sequence[str]) -> str:
     return ", ".join(dict.fromkeys(values))
 
 
-#: What one fact of an average is, from those of its samplings; others are left out.
+#: How the facts of samplings are combined into a fact of their average; other facts are dropped.
 FACTS: Mapping[str, Callable[[Any], Any]] = {
     "proxy_vertices": _mean,
     "added_samples": sum,
@@ -256,7 +193,7 @@ FACTS: Mapping[str, Callable[[Any], Any]] = {
     "proxy_volume_constraint": _distinct,
     "proxy_area_constraint": _distinct,
     "proxy_coarser_iterations": _mean,
-    "proxy_basin": _distinct,
+    "proxy_initialisation": _distinct,
 }
 
 
@@ -267,14 +204,14 @@ def joined(
     *,
     extra: Mapping[str, Any] | None = None,
 ) -> DeformationResult:
-    """One result for several: mean iterations, converged if all are, seconds summed, facts by their rules.
+    """Join results into one: mean iterations, converged if all are, seconds summed, facts by their rules.
 
     Parameters
     ----------
     vertices : (n, 3) float64
     results : sequence of DeformationResult
     facts : mapping
-        For names in ``extra`` what makes one value of those of the results that have it.
+        For each name in ``extra`` the function that combines the values of the results that have it.
     extra : mapping, optional
         Further facts.
     """

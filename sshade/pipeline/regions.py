@@ -26,6 +26,7 @@ from sshade.handles import Handles
 from sshade.mesh.adjacency import VertexGraph
 from sshade.mesh.harmonic import harmonic
 from sshade.mesh.mesh import Mesh
+from sshade.options import Options
 from sshade.pipeline.proxies import proxy_vertices
 from sshade.sampling.fronts import Fronts, thinned
 from sshade.sampling.proxy import Sampling, sample_proxy
@@ -39,13 +40,6 @@ INSIDE = 1 / 3
 EDGE_SHARE, EDGE_SAMPLES = 4, 100
 #: Largest move that makes up for the volume, in distances between samples, and steps to find it.
 SHIFT, NEWTON_STEPS = 0.1, 4
-#: Weight of the area by default where handles are regions. One that moves away stretches what is between it
-#: and another: with few handles the surface can follow, here an area that holds would be taken from the rest.
-AREA = 0.1
-#: Length over which the proxy's bending spreads folds there, over the square root of the area.
-BENDING = 0.003
-#: The solver's options by default there.
-OF_REGIONS = {"area": AREA, "bending": BENDING}
 #: Handles that hang together have a rotation where at least this share of them has handles around it only.
 #: Among single vertices, some triples happen to be faces, whose turn says nothing.
 SURROUNDED = 0.1
@@ -203,11 +197,11 @@ class HandleRegions:
             return 0.0
         return float(self._measured(self._mesh.V)[0])
 
-    def lacking_volume(self, V: np.ndarray) -> float:
+    def volume_deficit(self, V: np.ndarray) -> float:
         """What :attr:`volume` is more than that of M' (n, 3), in length^3; 0 where that is 0."""
         return self.volume - self._measured(V)[0] if self.volume else 0.0
 
-    def keep_volume(self, V: np.ndarray) -> np.ndarray:
+    def correct_volume(self, V: np.ndarray) -> np.ndarray:
         """M' with the volume of M: free vertices move along their normals, those far from handles alike.
 
         A proxy with few samples inside of the regions does not know all of the volume there. A
@@ -232,7 +226,7 @@ class HandleRegions:
         most = SHIFT * np.sqrt(area / self.vertices)
         for _ in range(NEWTON_STEPS if slope > 0 else 0):
             shift = float(np.clip(shift + lacking / slope, -most, most))
-            lacking = self.lacking_volume(V + shift * Z)
+            lacking = self.volume_deficit(V + shift * Z)
             if abs(lacking) <= ROUNDING * abs(self.volume):
                 break
         return V + shift * Z
@@ -317,11 +311,10 @@ def edge_vertices(mesh: Mesh, index: np.ndarray) -> np.ndarray:
     return index[_beside_free(index, held, near.indptr, near.indices)]
 
 
-def has_regions(task: DeformationTask, vertices: int) -> bool:
-    """Whether the handles are :attr:`HandleRegions.regional` where so many proxy vertices are asked for."""
-    index = task.handles.index
-    vertices = proxy_vertices(vertices, task.mesh.n, len(index))
-    return _are_regions(len(edge_vertices(task.mesh, index)), len(index), vertices)
+def has_regions(mesh: Mesh, index: np.ndarray, options: Options) -> bool:
+    """Whether handles (h,) are :attr:`HandleRegions.regional` on proxies with these options."""
+    vertices = proxy_vertices(options.vertices, mesh.n, len(index), coarser=options.coarser)
+    return _are_regions(len(edge_vertices(mesh, index)), len(index), vertices)
 
 
 def _are_regions(edge: int, handles: int, vertices: int) -> bool:

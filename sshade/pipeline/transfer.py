@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 from time import perf_counter
-from typing import Unpack
+from typing import Any
 
 import numpy as np
 
 from sshade.mesh.mesh import Mesh
-from sshade.pipeline.proxies import Proxies, ProxyOptions
+from sshade.options import PROXIES, Options, checked, takes_options
+from sshade.pipeline.proxies import Proxies, bind
 from sshade.progress import Progress, silent
 from sshade.task import DeformationResult, TransferTask
 
+#: Number of samplings by default, as in the paper.
+SAMPLINGS = 10
 
+
+@takes_options(PROXIES)
 def transfer(
     task: TransferTask,
     *,
     residual: bool = False,
     progress: Progress = silent,
-    **options: Unpack[ProxyOptions],
+    **options: Any,
 ) -> DeformationResult:
     """Express S in the frames of proxies of M, and read it back in the frames of their poses.
 
@@ -52,11 +57,18 @@ def transfer(
     deformation via local representations", the sections on isometric and pose transfer.
     """
     posed, edited = np.asarray(task.posed, dtype=np.float64), task.mesh.V
-    given: ProxyOptions = {"samplings": 10, **options}
-    proxies = Proxies(task.rest, **given)
+    resolved = Options(**{"samplings": SAMPLINGS, **checked(options, PROXIES, subject="transfer")})
+    proxies = Proxies(task.rest, resolved)
 
     def one_sampling(number: int) -> DeformationResult:
-        binding = proxies.bind(number)
+        binding = bind(
+            task.rest,
+            proxies.vertices,
+            coarser=1,
+            seed=(proxies.seed, number),
+            frames=proxies.frames,
+            graph=proxies.graph,
+        )
         begin = perf_counter()
         NV, on = posed[binding.sampling.samples], binding.projection
         local = binding.local if edited is task.rest.V else binding.frames.encode(edited, on)
@@ -77,7 +89,7 @@ def transfer_pose(
     *,
     residual: bool = False,
     progress: Progress = silent,
-    **options: Unpack[ProxyOptions],
+    **options: Any,
 ) -> DeformationResult:
     """:func:`transfer` of shapes given by their vertices.
 

@@ -1,0 +1,183 @@
+"""A proxy that is solved again and again: for targets that follow each other, and for other handles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import copy
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from sshade.mesh.mesh import Mesh
+from sshade.options import ENERGY, Options
+from sshade.pipeline.engine import solve_proxy
+from sshade.snapping import snap_to_vertices
+from sshade.solver.attachment import Attachment
+from sshade.solver.following import Following
+from sshade.solver.local_global import LocalGlobal, local_global
+from sshade.solver.solution import Solution
+from sshade.solver.start import initial_guess
+from sshade.task import DeformationResult, DeformationTask, Handles
+
+
+class Drag:
+    """Solve a proxy from where its last solve ended, with one factorisation for all targets.
+
+    The first solve starts as the method does.
+
+    Parameters
+    ----------
+    proxy : Mesh
+        N.
+    handles : Handles
+        On N, at rest.
+    options : Options
+
+    Attributes
+    ----------
+    volume_goal : float
+        Volume to keep, as a multiple of N's volume at rest.
+    """
+
+    def __init__(self, proxy: Mesh, handles: Handles, options: Options) -> None:
+        self._proxy, self._options = proxy, options
+        self._rotated = np.zeros(len(handles), dtype=bool)
+        self._attachment = Attachment(proxy, handles, options.attachment)
+        self._solver = LocalGlobal(
+            proxy, self._attachment.vertex, stiffness=self._attachment.stiffness, bending=options.bending
+        )
+        self.reset()
+
+    @property
+    def at_start(self) -> bool:
+        """Whether the next solve does not continue the last one."""
+        return self._following is None
+
+    def reset(self) -> None:
+        """Forget the last solve."""
+        self._following: Following | None = None
+        self._last: tuple[np.ndarray, np.ndarray] | None = None
+        self.volume_goal = 1.0
+
+    def change(self, options: Options) -> None:
+        """Solve with another energy from now on, from the present shape."""
+        self._options, self._following, self.volume_goal = options, None, 1.0
+
+    def with_handles(self, handles: Handles) -> Drag:
+        """Return a solver for other handles on N, which starts at the present shape."""
+        other = copy(self)
+        other._take(handles)
+        return other
+
+    def _take(self, handles: Handles) -> None:
+        attachment = Attachment(self._proxy, handles, self._options.attachment)
+        self._solver = self._solver.with_handles(attachment.vertex, stiffness=attachment.stiffness)
+        self._attachment, self._rotated, self._following = attachment, handles.has_rotation, None
+
+    def __call__(self, handles: Handles, *, tolerance: float, max_iterations: int) -> DeformationResult:
+        if (handles.has_rotation & ~self._rotated).any():
+            self._take(handles)
+        targets, fraction = self._attachment.pulls(handles.target, handles.rotation)
+        pulls: dict[str, Any] = {"prescribed": handles.prescribed_rotations, "fraction": fraction}
+        energy = self._options.subset(ENERGY)
+        if self._following is None and self._last is not None:
+            at = self._last[0][self._solver.index]
+            self._following = Following(self._solver, *self._last, at, **energy)
+        if self._following is None:
+            options = replace(self._options, tolerance=tolerance, max_iterations=max_iterations)
+            result = self._first(handles, targets, pulls, options)
+            R = result.extra["rotations"]
+            self._following = Following(self._solver, result.vertices, R, targets, **pulls, **energy)
+        else:
+            stop: dict[str, Any] = {"tolerance": tolerance, "max_iterations": max_iterations}
+            goal = self.volume_goal
+            result = _result(self._following.solve(targets, **pulls, volume_goal=goal, **stop))
+        self._last = result.vertices, result.extra["rotations"]
+        return result
+
+    def _first(
+        self, handles: Handles, targets: np.ndarray, pulls: Mapping[str, Any], options: Options
+    ) -> DeformationResult:
+        energy = options.subset(ENERGY)
+
+        def solve(task: DeformationTask, *, tolerance: float, **context: Any) -> DeformationResult:
+            if task.mesh is not self._proxy:
+                return coarser(task, tolerance=tolerance, **context)
+            del context["seed"]
+            stop: dict[str, Any] = {"tolerance": tolerance, "max_iterations": options.max_iterations}
+            guess = initial_guess(task, options.start)
+            return _result(self._solver.solve(targets, start=guess, **pulls, **stop, **context, **energy))
+
+        def coarser(task: DeformationTask, **context: Any) -> DeformationResult:
+            solver = {**energy, **options.subset(("attachment", "bending", "max_iterations", "start"))}
+            return local_global(task, **solver, **context)
+
+        task = DeformationTask("drag", self._proxy, handles)
+        return solve_proxy(task, options, solve=solve, seed=options.seed)
+
+
+def _result(solution: Solution) -> DeformationResult:
+    return DeformationResult(
+        solution.positions, solution.iterations, solution.converged, extra=solution.facts()
+    )
+
+
+class NearestPlacement:
+    """Places handles of M on the nearest vertices of a proxy N that was sampled for other handles.
+
+    Parameters
+    ----------
+    mesh, proxy : Mesh
+        M and N.
+    rest : Handles
+        Of M, at rest.
+
+    Raises
+    ------
+    InputError
+        See :meth:`sshade.Handles.from_positions`.
+    """
+
+    def __init__(self, mesh: Mesh, proxy: Mesh, rest: Handles) -> None:
+        self._mesh, self._proxy = mesh, proxy
+        self.rest = self._snapped(rest)
+        _, nearest = snap_to_vertices(proxy, mesh.V[rest.index], rest.group)
+        number = np.full(proxy.n, -1)
+        number[self.rest.index] = np.arange(len(self.rest))
+        self._stands_for, self._shift = number[nearest], np.zeros((len(self.rest), 3))
+        self._farthest = 2 * self.rest.snap_distance
+
+    def __call__(self, handles: Handles) -> Handles:
+        """Return handles of N at targets corrected for where the last call missed."""
+        snapped = self._snapped(handles)
+        return replace(snapped, target=snapped.target + self._shift)
+
+    def learn(self, handles: Handles, V: np.ndarray) -> float:
+        """Correct the targets on N for the distance of M' (n, 3) from the hard handles' targets.
+
+        The correction is limited to the largest displacement that a rotation of the group can cause.
+
+        Returns
+        -------
+        float
+            The largest distance, in the unit of length.
+        """
+        missed, number = handles.target - V[handles.index], self._stands_for
+        missed[~handles.hard] = 0.0
+        count = np.bincount(number)
+        for c in range(3):
+            self._shift[:, c] += np.bincount(number, missed[:, c]) / count
+        length = np.linalg.norm(self._shift, axis=1)
+        self._shift *= (np.minimum(length, self._farthest) / np.where(length > 0, length, 1.0))[:, None]
+        return float(np.linalg.norm(missed, axis=1).max())
+
+    def _snapped(self, handles: Handles) -> Handles:
+        return Handles.from_positions(
+            self._proxy,
+            self._mesh.V[handles.index],
+            handles.target,
+            group=handles.group,
+            weight=handles.weight,
+            rotation=handles.rotation,
+        ).with_portions(self._proxy)

@@ -1,0 +1,142 @@
+"""Polish the proxy's result: accelerated iterations of the same energy at full resolution."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from math import inf
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from sshade.memory import give_back
+from sshade.mesh.adjacency import vertex_graph
+from sshade.options import ENERGY, Options
+from sshade.pipeline.regions import HandleRegions, all_on_targets
+from sshade.progress import Progress
+from sshade.sampling.fronts import Fronts
+from sshade.solver.attachment import Attachment
+from sshade.solver.local_global import LocalGlobal
+from sshade.solver.solution import Solution
+from sshade.task import DeformationResult, DeformationTask
+from sshade.threads import available_cpus
+
+#: Number of steps that quasi-Newton iterations remember. A larger number takes more memory, and gave no
+#: better results on six bodies.
+WINDOW = 4
+
+
+def polished(
+    task: DeformationTask,
+    options: Options,
+    *,
+    deform: Callable[[], DeformationResult],
+    regional: bool,
+    progress: Progress,
+) -> DeformationResult:
+    """Solve at full resolution from the result of a proxy.
+
+    A proxy finds the low frequencies of the motion, for which iterations at full resolution take longest.
+    These in turn remove the proxy's traces in a few iterations. Their global steps are V-cycles
+    (:mod:`sshade.solver.multigrid`), so that time and memory grow like the mesh. The solver is set up in a
+    thread beside the proxy's solve.
+
+    Parameters
+    ----------
+    task : DeformationTask
+    options : Options
+    deform : callable
+        Deforms through the proxy.
+    regional : bool
+        Whether handles are regions.
+    progress : Progress
+
+    Returns
+    -------
+    DeformationResult
+        `iterations` are those of the polish. `converged` is None where it used up its iterations or seconds,
+        as usual. Handles are on their targets, and exact constraints hold to 1e-6. ``seconds``:
+        ``precompute`` overlaps with ``proxy``; ``wait`` is the time that it took longer. ``extra`` has the
+        facts of the solution, of :func:`sshade.deform`, and ``proxy_iterations``.
+    """
+    if task.handles.hard.sum() == task.mesh.n:
+        return all_on_targets(task)
+    begin = perf_counter()
+    give_back()  # memory of earlier work, before this needs the most
+    with ThreadPoolExecutor(max_workers=1) as pool:
+        solver_ready = pool.submit(_bind, task, options.attachment)
+        proxy = deform()
+        arrived = perf_counter()
+        solver, targets, precompute = solver_ready.result()
+    ready = perf_counter()
+    energy = {**options.subset(ENERGY), "workers": options.workers or available_cpus()}
+    energy["prescribed"] = _around(task, samples=proxy.extra["samples"])
+    start = [proxy.vertices]
+    proxy = replace(proxy, vertices=np.empty((0, 3)))
+    give_back()
+    solution = solver.solve(
+        targets,
+        start=start.pop(),  # so that the solver can free it
+        tolerance=options.tolerance,
+        max_iterations=options.polish_iterations,
+        window=WINDOW,
+        max_seconds=inf if options.polish_seconds is None else options.polish_seconds,
+        progress=lambda _, done, total, note="": progress("polish", done, total, note),
+        **energy,
+    )
+    kept = ("samples", "proxy_vertices", "faces_without_area", "proxy_initialisation")
+    facts: dict[str, Any] = {"proxy_iterations": proxy.iterations}
+    facts |= {name: proxy.extra[name] for name in kept if name in proxy.extra}
+    if regional:
+        graph = vertex_graph(task.mesh)
+        regions = HandleRegions(task.mesh, task.handles, vertices=facts["samples"], graph=graph)
+        turned = regions.on_targets(solution.positions, task.handles)
+        solution = _moved(solver, solution, turned, targets, energy)
+    seconds = {
+        "proxy": arrived - begin,
+        "precompute": precompute,
+        "wait": ready - arrived,
+        "polish": perf_counter() - ready,
+    }
+    return DeformationResult(
+        vertices=solution.positions,
+        iterations=solution.iterations,
+        converged=solution.converged or None,
+        seconds=seconds,
+        extra={**solution.facts(), **facts},
+    )
+
+
+def _bind(task: DeformationTask, weight: float) -> tuple[LocalGlobal, np.ndarray, float]:
+    """The solver at full resolution, the targets of handles and attached vertices, and the time taken."""
+    begin = perf_counter()
+    attachment = Attachment(task.mesh, task.handles, weight, fold=True)
+    targets, _ = attachment.pulls(task.handles.target, task.handles.rotation)
+    solver = LocalGlobal(task.mesh, attachment.vertex, stiffness=attachment.stiffness, multigrid=True)
+    return solver, targets, perf_counter() - begin
+
+
+def _around(task: DeformationTask, *, samples: int) -> tuple[np.ndarray, np.ndarray] | None:
+    """Prescribe the handles' rotations within the radius of a disc with a sample's area.
+
+    On a proxy a vertex turns the surface of its cell. At full resolution the handle's vertex alone would turn
+    next to nothing.
+    """
+    if (prescribed := task.handles.prescribed_rotations) is None:
+        return None
+    vertex, R = prescribed
+    fronts = Fronts(vertex_graph(task.mesh), vertex)
+    near = np.flatnonzero(fronts.distance <= np.sqrt(task.mesh.area / (np.pi * samples)))
+    return near, R[fronts.cell[near]]
+
+
+def _moved(
+    solver: LocalGlobal, solution: Solution, V: np.ndarray, targets: np.ndarray, energy: dict[str, Any]
+) -> Solution:
+    """A solution at other positions, projected onto the constraints; the record of the iteration stays."""
+    V = solver.project(V, **{name: energy[name] for name in ("volume", "area", "workers")})
+    after = solver.solve(targets, start=V, rotations=solution.rotations, max_iterations=0, **energy)
+    names = "iterations", "residual", "residual_curve", "converged", "rejected", "energy_initial"
+    return after._replace(**{name: getattr(solution, name) for name in names})
