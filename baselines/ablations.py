@@ -121,8 +121,8 @@ def fast_without(
     ----------
     task : DeformationTask
     without : str
-        A key of :data:`LEFT_OUT`. Without blended frames the paper's frames take their place, averaged over as
-        many samplings as the paper has. The guide energy stays where the attachment alone is left out.
+        A key of :data:`LEFT_OUT`. Without blended frames the paper's frames take their place, averaged over
+        as many samplings as the paper has. The guide energy stays where the attachment alone is left out.
     progress, **options
         See :func:`sshade.deform`.
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baselines.ablations import sshade_fast_without
+from baselines.ablations import fast_without
 from defaust.tasks import load_task
 from sshade import DeformationTask, Handles, deform
 from sshade.figures import View, edge_error, picture
@@ -48,7 +48,7 @@ def body(subject: int, pose: int) -> DeformationTask:
 
 def without(task: DeformationTask, left_out: str) -> np.ndarray:
     """Return the result of `fast` without one change."""
-    return sshade_fast_without(task, without=left_out).vertices
+    return fast_without(task, without=left_out).vertices
 
 
 def frames() -> Example:

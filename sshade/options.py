@@ -333,16 +333,16 @@ def checked(values: Mapping[str, Any], names: Collection[str], *, subject: str) 
     InputError
         On an unknown name, with the nearest right one, or a value out of its range.
     """
-    for name in values:
-        if name in names:
+    about = described()
+    for name, value in values.items():
+        if name in names or (name in about and value is None):
             continue
         if OLD_NAMES.get(name) in names:
             raise InputError(f"the option {name!r} is now called {OLD_NAMES[name]!r}")
-        if name in described():
+        if name in about:
             raise InputError(f"{subject} has no use for the option {name!r}; leave it out")
         hint = _meant(name, names) or f"; the options are {', '.join(names)}"
         raise InputError(f"{subject} has no option {name!r}{hint}")
-    about = described()
     return {name: about[name].checked(name, value) for name, value in values.items() if value is not None}
 
 
@@ -391,17 +391,21 @@ def as_row(options: Options, method: str) -> dict[str, Any]:
     return {name: value for name, value in values.items() if isinstance(value, plain)}
 
 
-def takes_options(names: Collection[str] | Callable[[Mapping[str, Any]], Collection[str]]) -> Any:
+def takes_options(
+    names: Collection[str] | Callable[[Mapping[str, Any]], Collection[str]], *, task: Any = None
+) -> Any:
     """Decorate a function with `option_names`: the options that its ``**options`` may hold.
 
     Parameters
     ----------
     names : collection of str, or callable
         A callable returns the names for the other parameters, where they depend on them.
+    task : type, optional
+        Kind of task that the function takes, where its signature does not say so.
     """
 
     def decorated(function: FunctionT) -> FunctionT:
-        function.option_names = names  # type: ignore[attr-defined]
+        function.option_names, function.task_kind = names, task  # type: ignore[attr-defined]
         return function
 
     return decorated

@@ -165,7 +165,9 @@ def parameter_hints(function: Callable[..., Any]) -> dict[str, Any]:
         else:
             hints[name] = hint
     names = getattr(function, "option_names", ())
-    return hints | dict.fromkeys(() if callable(names) else names, Any)
+    if (kind := getattr(function, "task_kind", None)) is not None:
+        hints["task"] = kind
+    return hints | dict.fromkeys(names({}) if callable(names) else names, Any)
 
 
 def _signature(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,17 +22,15 @@ import numpy as np
 from eval.publish.panels import Panels, draw
 from eval.publish.plotting import save
 from sshade.carry.affine import affine_maps
-from sshade.carry.binding import Binding, bind_proxy
+from sshade.carry.binding import Binding
 from sshade.carry.blended import nearest_rotations
 from sshade.carry.neighbours import adjacent_triangles
 from sshade.errors import InputError
 from sshade.figures import UP, View, require_extra
 from sshade.io.handles import read_task
 from sshade.mesh.mesh import Mesh
-from sshade.pipeline.paper import sshade
-from sshade.pipeline.proxies import Proxies
-from sshade.pipeline.regions import HandleRegions
-from sshade.solver.local_global import local_global
+from sshade.pipeline.deform import deform
+from sshade.pipeline.deformer import Deformer
 from sshade.task import DeformationTask
 
 if TYPE_CHECKING:
@@ -102,17 +99,20 @@ def measure_jumps(rest: Mesh, vertices: np.ndarray, *, binding: Binding) -> Jump
 
 def compare(task: DeformationTask, *, vertices: int, seed: int = 0) -> dict[str, tuple[np.ndarray, Jumps]]:
     """Deform with each of the :data:`SETTINGS`: positions (n, 3) and jumps by the setting's name."""
-    proxies = Proxies(task.mesh, handles=len(task.handles), vertices=vertices)
-    regions = HandleRegions(task.mesh, task.handles, vertices=proxies.vertices, graph=proxies.graph)
-    binding = bind_proxy(task.mesh, regions.sample((seed, 0))[0], frames=proxies.frames)
+    handles = task.handles
+    deformer = Deformer(
+        task.mesh, handles.index, group=handles.group, method="paper", vertices=vertices, seed=seed
+    )
+    binding = deformer.bindings[0]
     result = {}
     for frames, samplings in SETTINGS:
-        V = sshade(
+        V = deform(
             task,
+            method="paper",
             vertices=vertices,
             samplings=samplings,
             frames=frames,
-            coarse=partial(local_global, start="rigid"),
+            start="rigid",
             seed=seed,
         ).vertices
         result[f"{frames} x{samplings}"] = V, measure_jumps(task.mesh, V, binding=binding)

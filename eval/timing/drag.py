@@ -13,8 +13,8 @@ from eval.timing.cases import TimedCase, TimedMethod, task_facts
 from eval.timing.turns import Job, take_turns
 from sshade.errors import InputError
 from sshade.options import accepted
-from sshade.pipeline.deformer import Deformer
 from sshade.pipeline.deform import deform
+from sshade.pipeline.deformer import Deformer
 from sshade.task import DeformationTask
 
 #: The column ``kind`` of the rows.
@@ -41,14 +41,13 @@ def time_drags(methods: Sequence[TimedMethod], cases: Sequence[TimedCase], *, ro
 
 
 def _job(method: TimedMethod, task: DeformationTask) -> Job:
-    call = method.on(task)
-    if not isinstance(task, DeformationTask) or call.func not in (sshade, sshade_fast):
+    call, name = method.on(task), method.config.get("method")
+    if call.func is not deform or name not in ("fast", "paper"):
         raise InputError(
             f"{method.label} on {task.name} cannot be bound: sshade.Deformer binds the methods paper and fast"
         )
-    accepted = (*PROXIES, *SOLVER) if call.func is sshade_fast else PROXIES
-    options = {name: method.config[name] for name in accepted if name in method.config}
-    options["method"] = "fast" if call.func is sshade_fast else "paper"
+    names = set(accepted(name)) - {"coarse", "warm_start"}
+    options = {"method": name, **{key: value for key, value in method.config.items() if key in names}}
     bound = _bound(task, options)(task.handles.target, rotations=task.handles.rotation)
     apart = np.linalg.norm(bound.vertices - call().vertices, axis=1).max() / task.mesh.diagonal
     if apart > SAME:

@@ -36,6 +36,7 @@ FACTS: dict[str, Callable[[Any], Any]] = {
     "proxy_vertices": sum,
     "faces_without_area": sum,
     "residual": max,
+    "options": lambda values: values[0],
 }
 
 
@@ -128,9 +129,8 @@ def by_components(
     V = components.positions
     _move_rigidly(mesh, V, unconstrained)
     facts |= {"components": len(order), "gap": components.gap / mesh.diagonal}
-    whole_result = joined(V, results, FACTS)
-    facts["options"] = {**results[0].extra["options"], "vertices": options.vertices}
-    return replace(whole_result, extra={**whole_result.extra, **facts})
+    joint = joined(V, results, FACTS)
+    return replace(joint, extra={**joint.extra, **facts})
 
 
 class _Components:

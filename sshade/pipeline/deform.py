@@ -72,7 +72,13 @@ def deform_task(
             result = run()
         return replace(result, extra={**result.extra, "options": as_row(options, method)})
 
-    return by_components(task, deform_component, resolve(method, values), progress=progress)
+    asked = resolve(method, values)
+    result = by_components(task, deform_component, asked, progress=progress)
+    # Components have portions of these.
+    shared = {"vertices": asked.vertices, "polish_seconds": asked.polish_seconds}
+    options = result.extra["options"]
+    options |= {name: value for name, value in shared.items() if name in options}
+    return result
 
 
 @overload
@@ -83,7 +89,7 @@ def deform(V: np.ndarray, F: np.ndarray, b: np.ndarray, bc: np.ndarray, /, **opt
 def deform(mesh: ShapeT, b: np.ndarray, bc: np.ndarray, /, **options: Any) -> ShapeT: ...
 
 
-@takes_options(lambda given: (*accepted(given.get("method", "fast")), "progress"))
+@takes_options(lambda given: (*accepted(given.get("method", "fast")), "progress"), task=DeformationTask)
 def deform(
     shape: Any,
     /,

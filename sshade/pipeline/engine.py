@@ -124,26 +124,18 @@ def solve_proxy(
         stiff = {"attachment": options.guide_attachment, "stiffness": 1.0}
         area = min(options.area, GUIDE_AREA)
         guide = partial(local_global, **{**energy, **stiff, "area": area})
-
-    def deform_coarsely(fine: DeformationTask, vertices: int, coarse: Solve) -> DeformationResult:
-        proxy = Options(
-            vertices=vertices,
-            coarser=ROOM,
-            samplings=1,
-            frames="blended",
-            seed=options.seed,
-            coarse=coarse,
-        )
-        return deform_once(fine, proxy)
-
+    coarsely = partial(deform_coarsely, seed=options.seed)
     return initialised(
-        task,
-        solve=solve,
-        guide=guide,
-        deform_coarsely=deform_coarsely,
-        tolerance=tolerance,
-        **context,
+        task, solve=solve, guide=guide, deform_coarsely=coarsely, tolerance=tolerance, **context
     )
+
+
+def deform_coarsely(
+    task: DeformationTask, vertices: int, coarse: Solve, *, seed: int = 0
+) -> DeformationResult:
+    """Deform N through a proxy of its own, which the method `coarse` deforms."""
+    sampling: dict[str, Any] = {"vertices": vertices, "coarser": ROOM, "samplings": 1, "seed": seed}
+    return deform_once(task, Options(**sampling, frames="blended", coarse=coarse))
 
 
 class Engine:

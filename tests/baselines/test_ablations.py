@@ -12,12 +12,12 @@ from baselines.ablations import (
     FAR,
     LEFT_OUT,
     cross_part,
+    fast_without,
+    paper_with,
     project_to_surface,
     sample_nearest_to_handles,
-    sshade_ablated,
-    sshade_fast_without,
 )
-from sshade import DeformationTask, Handles, InputError, Mesh, sshade, sshade_fast
+from sshade import DeformationTask, Handles, InputError, Mesh, deform
 from sshade.carry.projection import project_to_fans
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.rigid import rigid_motion
@@ -40,12 +40,12 @@ def laid_back():
 def test_by_default_it_is_the_method():
     task = held_ends(bumpy(3), turn=np.eye(3))
     options = {"vertices": 150, "samplings": 2, "seed": 4}
-    ablated, plain = sshade_ablated(task, **options), sshade(task, **options)
+    ablated, plain = paper_with(task, **options), deform(task, method="paper", **options)
     assert np.array_equal(ablated.vertices, plain.vertices)
     assert ablated.extra == {**plain.extra, "far_vertices": 0.0, "far_share": 0.0}
     for name, choice in (("projection", "normal"), ("handle_mode", "first")):
         with pytest.raises(InputError, match=f"unknown .* '{choice}'; use"):
-            sshade_ablated(task, **{name: choice})
+            paper_with(task, **{name: choice})
 
 
 @pytest.mark.parametrize("level", [2, 3])
@@ -84,7 +84,7 @@ def test_cross_part_projections_are_those_that_land_on_the_other_layer(laid_back
 def test_the_result_counts_them(laid_back):
     task = held_ends(laid_back[0], axis=0, share=0.02, turn=np.eye(3))
     n, options = task.mesh.n, {"vertices": 150, "samplings": 2}
-    extra = sshade_ablated(task, projection="surface", **options).extra
+    extra = paper_with(task, projection="surface", **options).extra
     counts = []
     for number in range(2):
         result = sample_proxy(task.mesh, 150, first=task.handles.index, seed=(0, number))
@@ -100,7 +100,8 @@ def test_the_sample_of_a_handles_region_gets_its_motion_and_a_mean_of_several(bo
     turn, shift = rotation(8), np.array([1.0, 0, 2])
     task = DeformationTask("rigid", body, Handles(index, body.V[index] @ turn.T + shift))
     regions = HandleRegions(body, Handles(index, body.V[index]), vertices=40, graph=vertex_graph(body))
-    sampling, handles = sample_nearest_to_handles(task, regions, (2, 0))
+    sampling, place = sample_nearest_to_handles(body, regions, (2, 0))
+    handles = place(task.handles)
     assert isinstance(sampling, Sampling) and np.array_equal(sampling.samples, result.samples)
     assert handles.index.tolist() == [3, 4] and handles.merged == len(index) - 2
     expected = body.V[result.samples[[3, 4]]] @ turn.T + shift
@@ -108,7 +109,7 @@ def test_the_sample_of_a_handles_region_gets_its_motion_and_a_mean_of_several(bo
 
     target = np.random.default_rng(0).normal(size=(len(index), 3))
     task = DeformationTask("any", body, Handles(index, target))
-    _, handles = sample_nearest_to_handles(task, regions, (2, 0))
+    handles = place(task.handles)
     R, _ = rigid_motion(body.V[index], target)
     moved = target + (body.V[result.samples[result.cell[index]]] - body.V[index]) @ R.T
     for i, s in enumerate((3, 4)):
@@ -116,7 +117,7 @@ def test_the_sample_of_a_handles_region_gets_its_motion_and_a_mean_of_several(bo
         assert np.allclose(handles.target[i], mean, rtol=0, atol=1e-13)
 
     still = Handles(index, body.V[index] + 1, dynamic=np.zeros(len(index), bool))
-    _, handles = sample_nearest_to_handles(DeformationTask("still", body, still), regions, (2, 0))
+    handles = place(still)
     assert np.allclose(handles.target, body.V[result.samples[[3, 4]]], rtol=1e-14)
     assert not handles.dynamic.any()
 
@@ -129,24 +130,24 @@ def test_with_nearest_samples_too_rigid_handles_move_the_mesh_rigidly():
     def coarse(task, *, seed, progress):
         return local_global(task, start="rigid")
 
-    result = sshade_ablated(task, vertices=100, samplings=2, handle_mode="nearest", coarse=coarse)
+    result = paper_with(task, vertices=100, samplings=2, handle_mode="nearest", coarse=coarse)
     assert np.abs(result.vertices - (mesh.V @ turn.T + shift)).max() <= 1e-5 * mesh.diagonal
 
 
 def test_nothing_left_out_is_sshade_fast_and_each_other_choice_differs_from_all_others():
     task = held_ends(bumpy(4), share=0.02)  # few handles: no regions, which have no parts
     options = {"vertices": 500, "seed": 3}
-    found = {name: sshade_fast_without(task, without=name, **options) for name in LEFT_OUT}
-    assert np.array_equal(found["nothing"].vertices, sshade_fast(task, **options).vertices)
+    found = {name: fast_without(task, without=name, **options) for name in LEFT_OUT}
+    assert np.array_equal(found["nothing"].vertices, deform(task, **options).vertices)
     plain = {"blended_frames": {"frames": "triangle", "samplings": 5}, "softening": {"stiffness": 1.0}}
     plain["parts_and_lead"] = {"attachment": 0.0}
     for name, left_out in plain.items():
-        assert np.array_equal(found[name].vertices, sshade_fast(task, **left_out, **options).vertices)
+        assert np.array_equal(found[name].vertices, deform(task, **left_out, **options).vertices)
     shapes = [np.round(result.vertices, 9).tobytes() for result in found.values()]
     assert len(set(shapes)) == len(LEFT_OUT)
-    basin = {name for name, result in found.items() if "proxy_basin" in result.extra}
+    basin = {name for name, result in found.items() if "proxy_initialisation" in result.extra}
     assert basin == set(LEFT_OUT) - {"lead", "parts_and_lead"}
     error = {name: result.extra["proxy_volume_error"] for name, result in found.items()}
     assert error.pop("held_volume") > 1e-4 > 10 * max(error.values())
     with pytest.raises(InputError, match="cannot leave out 'lid'; use one of nothing, "):
-        sshade_fast_without(task, without="lid")
+        fast_without(task, without="lid")

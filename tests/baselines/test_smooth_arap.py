@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from baselines.smooth_arap import blending_matrix, smooth_arap
+from sshade import deform
 from sshade.errors import InputError
-from sshade.pipeline.paper import sshade
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
 from sshade.solver.local_global import local_global
 from sshade.task import DeformationTask, Handles
@@ -87,7 +87,7 @@ def test_a_rigid_motion_is_reproduced_from_the_rigid_start():
 
 def test_it_solves_the_proxy_of_sshade():
     task = ends(4)
-    result = sshade(task, coarse=smooth_arap, vertices=400, samplings=1, frames="blended")
+    result = deform(task, method="paper", coarse=smooth_arap, vertices=400, samplings=1, frames="blended")
     reference = smooth_arap(task, smoothness=0.97)
     assert result.converged
     assert np.abs(result.vertices - reference.vertices).max() < 0.1 * task.mesh.diagonal

@@ -28,7 +28,7 @@ ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join([str(_HERE), str(_HER
 
 #: Programs that begin with the libraries read already: a fork of one process that has done nothing else.
 _SERVER = multiprocessing.get_context("spawn" if os.name == "nt" else "forkserver")
-_SERVER.set_forkserver_preload(["eval.configure.app", "eval.run.run", "sshade.pipeline.fine"])
+_SERVER.set_forkserver_preload(["eval.configure.app", "eval.run.run", "sshade.pipeline.deform"])
 
 
 def run_program(folder: Path, *arguments: str) -> subprocess.CompletedProcess:

@@ -6,10 +6,8 @@ import inspect
 from collections.abc import Callable
 from typing import get_origin
 
-import numpy as np
 import pytest
 from compositions import composed
-from eval_cases import bumpy_task
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.utils import instantiate as hydra_instantiate
 from omegaconf import OmegaConf
@@ -18,8 +16,9 @@ from eval.configure.sweep import ABOUT_DATASET, VALUES
 from eval.rows.bands import read_bands
 from eval.run.targets import OWN_KEYS, check_parameters, instantiate, locate, parameter_hints
 from sshade.cli.configuration import CONFIGURATION
-from sshade.options import SOLVER, Options
-from sshade.solver.local_global import local_global
+from sshade.errors import InputError
+from sshade.options import GROUPS
+from sshade.pipeline.deform import deform
 from sshade.task import Method
 from tests.full import few
 from tests.methods import methods
@@ -46,7 +45,8 @@ def test_method_composes_and_is_a_method(name):
     plain = method_of(config)
     call = instantiate(plain)
     assert set(inspect.signature(Method.__call__).parameters) - {"self"} <= set(parameter_hints(call.func))
-    check_parameters(call.func, plain.get("warm_up") or {}, target=name)
+    warm_up = {key: plain[key] for key in ("method",) if key in plain} | (plain.get("warm_up") or {})
+    check_parameters(call.func, warm_up, target=name)
     # Hydra's own instantiate makes the same of it.
     own = {key: value for key, value in plain.items() if key not in ("warm_up", "note", "coarse")}
     assert hydra_instantiate(own).func is call.func
@@ -55,19 +55,22 @@ def test_method_composes_and_is_a_method(name):
 
 @pytest.mark.parametrize("name", METHODS)
 def test_yaml_names_every_parameter_of_its_method(name):
-    """A row then tells all that the method was given."""
+    """A row then tells all that the method was given, and a command line can change each."""
     plain = method_of(composed(f"method={name}"))
-    hints = parameter_hints(locate(plain["_target_"]))
-    taken = {key for key, hint in hints.items() if get_origin(hint) is not Callable}
-    assert set(plain) - set(OWN_KEYS) == taken - {"task", "seed", "progress", "options"}
+    function = locate(plain["_target_"])
+    hints = parameter_hints(function)
+    taken = {key for key, hint in hints.items() if get_origin(hint) is not Callable} - {"options"}
+    if function is deform:
+        taken = {"method", *(option for names in GROUPS.values() for option in names)}
+    assert set(plain) - set(OWN_KEYS) == taken - {"task", "seed", "progress"}
 
 
-def test_the_coarse_solver_of_the_yaml_is_the_default_one():
-    """Named in the YAML so that the shared stopping rule reaches it and the row tells its parameters."""
-    named = instantiate(method_of(composed("method=paper", "solver.start=rest"))).keywords["coarse"]
-    assert named.keywords == {**Options().subset(SOLVER), "accelerate": True, "factorised": None}
-    task = bumpy_task()
-    np.testing.assert_array_equal(named(task, seed=0).vertices, local_global(task).vertices)
+def test_an_option_that_the_yaml_leaves_open_can_be_set_and_must_fit():
+    call = instantiate(method_of(composed("method=fast", "method.volume=0.5")))
+    assert call.keywords["volume"] == 0.5
+    for setting, words in (("stiffness=2", "stiffness must be"), ("polish_iterations=3", "no use for")):
+        with pytest.raises(InputError, match=words):
+            instantiate(method_of(composed("method=fast", f"method.{setting}")))
 
 
 @pytest.mark.parametrize("name", names("dataset"))

@@ -141,7 +141,7 @@ def _context() -> ForkServerContext:
     """Processes that begin with everything imported, and without threads."""
     os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([__name__, *MAINS.values(), "eval.run.attempt", "sshade.pipeline.fine"])
+    context.set_forkserver_preload([__name__, *MAINS.values(), "eval.run.attempt", "sshade.pipeline.deform"])
     return context
 
 

@@ -13,18 +13,16 @@ import pytest
 
 from baselines.accelerated import accelerated_elastic
 from defaust.sources.synthetic import SyntheticBodies
-from sshade import DeformationTask, Handles, Mesh, sshade
-from sshade.pipeline.fast import sshade_fast
-from sshade.pipeline.fine import sshade_fine
+from sshade import DeformationTask, Handles, Mesh, deform
 from sshade.sampling.proxy import sample_proxy
 from sshade.threads import available_cpus
 from tests.robustness.inputs import BODY, pose
 from tests.shapes import subdivided
 
 METHODS = {
-    "paper": partial(sshade, vertices=50, samplings=3),
-    "fast": partial(sshade_fast, vertices=50, samplings=2),
-    "fine": partial(sshade_fine, vertices=50, polish_iterations=5),
+    "paper": partial(deform, method="paper", vertices=50, samplings=3),
+    "fast": partial(deform, method="fast", vertices=50, samplings=2),
+    "fine": partial(deform, method="fine", vertices=50, polish_iterations=5),
 }
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 SEEDS = 20
@@ -51,8 +49,9 @@ def body_digests() -> list[str]:
     task = DeformationTask("body", rest, Handles(index, posed.V[index]))
     proxy = sample_proxy(Mesh(rest.V, rest.F), 6000)
     results = {"samples": proxy.samples, "proxy": proxy.faces, "regions": proxy.cell}
-    for method in (sshade, sshade_fast, sshade_fine, accelerated_elastic):
-        results[method.__name__] = method(task, seed=0).vertices
+    results["accelerated_elastic"] = accelerated_elastic(task, seed=0).vertices
+    for name in METHODS:
+        results[name] = deform(task, method=name, seed=0).vertices
     return [f"{name} {_digest(result)}" for name, result in results.items()]
 
 

@@ -28,9 +28,7 @@ from sshade import (
     Handles,
     Mesh,
     bind,
-    sshade,
-    sshade_fast,
-    sshade_fine,
+    deform,
     transfer_pose,
 )
 from sshade.carry.projection import _closest_in_triangle
@@ -76,7 +74,7 @@ def _with_regions() -> np.ndarray:
     low, high = (np.flatnonzero(sign * BODY.V[:, 2] > 0.3) for sign in (-1, 1))
     target = np.concatenate([BODY.V[low], BODY.V[high] + [0.1, 0, 0.1]])
     handles = Handles(np.concatenate([low, high]), target, group=np.repeat([0, 1], [len(low), len(high)]))
-    return sshade_fast(DeformationTask("caps", BODY, handles), vertices=50, seed=0, **FEW).vertices
+    return deform(DeformationTask("caps", BODY, handles), vertices=50, seed=0, **FEW).vertices
 
 
 def _remeshed(mesh: Mesh, vertices: int) -> np.ndarray:
@@ -151,9 +149,9 @@ def _cycled() -> np.ndarray:
 
 COARSE = partial(local_global, **FEW)
 WORK: dict[str, Callable[[], np.ndarray]] = {
-    "the paper's": _of_method(partial(sshade, vertices=50, samplings=1, coarse=COARSE)),
-    "fast": _of_method(partial(sshade_fast, vertices=50, **FEW)),
-    "fine": _of_method(partial(sshade_fine, vertices=50, polish_iterations=3, workers=1, **FEW)),
+    "the paper's": _of_method(partial(deform, method="paper", vertices=50, samplings=1, coarse=COARSE)),
+    "fast": _of_method(partial(deform, method="fast", vertices=50, **FEW)),
+    "fine": _of_method(partial(deform, method="fine", vertices=50, polish_iterations=3, workers=1, **FEW)),
     "arap": _of_method(partial(arap, **FEW)),
     "accelerated arap": _of_method(partial(accelerated_arap, **FEW)),
     "arap sr": _of_method(partial(arap_sr, **FEW)),

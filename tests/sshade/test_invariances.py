@@ -13,9 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sshade import DeformationTask, Handles, Mesh, sshade
-from sshade.pipeline.fast import sshade_fast
-from sshade.pipeline.fine import sshade_fine
+from sshade import DeformationTask, Handles, Mesh, deform
 from sshade.sampling import proxy as proxy_module
 from sshade.solver.local_global import local_global
 from tests.shapes import bumpy, double_torus, rotation, strip, torus, tube
@@ -30,9 +28,9 @@ SHAPES = [bumpy(2), tube(10, 20), torus(16, 8), strip(20, 5), double_torus(cells
 FIXED = partial(local_global, tolerance=0.0, max_iterations=20, start="rigid")
 FEW = {"vertices": 50, "tolerance": 0.0, "max_iterations": 8}  # for each initialisation
 METHODS = {
-    "paper": partial(sshade, vertices=50, samplings=2, coarse=FIXED),
-    "fast": partial(sshade_fast, **FEW),
-    "fine": partial(sshade_fine, **FEW, polish_iterations=5),
+    "paper": partial(deform, method="paper", vertices=50, samplings=2, coarse=FIXED),
+    "fast": partial(deform, method="fast", **FEW),
+    "fine": partial(deform, method="fine", **FEW, polish_iterations=5),
 }
 
 #: Examples of each property: 4, or 100 with --hypothesis-profile=thorough.

@@ -3,7 +3,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from unittest.mock import Mock
@@ -11,15 +10,11 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from sshade import DeformationTask, Handles, InputError, sshade
+from sshade import DeformationTask, Handles, InputError, deform
 from sshade.cli.console import progress_bar, run_command
 from sshade.cli.main import PROGRAM, main
 from sshade.io.handles import read_handles, write_handles
 from sshade.io.meshes import read_arrays, read_mesh, write_mesh
-from sshade.pipeline.deform import METHODS as CALLS
-from sshade.pipeline.fast import sshade_fast
-from sshade.pipeline.fine import sshade_fine
-from sshade.solver.local_global import local_global
 from tests.shapes import bumpy, end_handles, rotation
 
 BODY = bumpy(2)
@@ -87,37 +82,39 @@ def test_raw_takes_targets_as_they_are(folder):
         assert np.linalg.norm(gap) < 1e-2
 
 
-def test_iterations_that_do_not_converge_are_said(folder, capsys, monkeypatch):
-    short = partial(local_global, max_iterations=2)
-    monkeypatch.setitem(CALLS, "fast", partial(sshade_fast, max_iterations=2))
-    monkeypatch.setattr("sshade.cli.deform.local_global", short)
-    assert main(["deform", "body.ply", "pose.json", "-o", "out.ply"]) == 0
-    assert "note: the iterations stopped at 2" in capsys.readouterr().err
-    assert main(["deform", "body.ply", "pose.json", "-o", "out.ply", "--method", "sshade"]) == 0
+@pytest.mark.parametrize("method", ["fast", "paper"])
+def test_iterations_that_do_not_converge_are_said(folder, capsys, method):
+    command = ["deform", "body.ply", "pose.json", "-o", "out.ply", "--method", method]
+    assert main([*command, "--max-iterations", "2"]) == 0
     assert "note: the iterations stopped at 2" in capsys.readouterr().err
 
 
-METHODS = {
-    "sshade": lambda start: partial(sshade, samplings=2, coarse=partial(local_global, start=start)),
-    "sshade_fast": lambda start: partial(sshade_fast, start=start, samplings=2),
-    "sshade_fine": lambda start: partial(sshade_fine, start=start),
-}
-
-
-@pytest.mark.parametrize("start", ["rest", "rigid"])
-@pytest.mark.parametrize("method", METHODS)
-def test_method_and_start_reach_the_solver(folder, method, start):
+@pytest.mark.parametrize("start", ["rest", "rigid", None])
+@pytest.mark.parametrize("method", ["paper", "fast", "fine"])
+def test_method_and_options_reach_the_solver(folder, method, start):
     command = ["deform", "body.ply", "pose.json", "-o", "out.ply", "--vertices", "60", "--method", method]
-    command += [] if method == "sshade_fine" else ["--samplings", "2"]
-    assert main([*command, "--start", start]) == 0
+    options = {"vertices": 60, "start": start or "rigid", "attachment": 0.5}
+    if method != "fine":
+        options["samplings"] = 2
+        command += ["--samplings", "2"]
+    command += [] if start is None else ["--start", start]
+    assert main([*command, "--attachment", "0.5"]) == 0
     task = DeformationTask("body", BODY, read_handles("pose.json", BODY))
-    result = METHODS[method](start)(task, vertices=60)
+    result = deform(task, method=method, **options)
     assert np.array_equal(read_arrays("out.ply")[0], result.vertices)
 
 
-def test_fine_has_one_proxy(folder, capsys):
-    command = ["deform", "body.ply", "pose.json", "-o", "out.ply", "--method", "sshade_fine"]
-    assert_refused(capsys, [*command, "--samplings", "3"], "one proxy", "--samplings")
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--method", "fine", "--samplings", "3"], ["'fine'", "no use for the option 'samplings'"]),
+        (["--method", "sshade_fast"], ["'sshade_fast' is now called 'fast'"]),
+        (["--method", "fsat"], ["did you mean 'fast'"]),
+        (["--stiffness", "2"], ["stiffness must be a number in (0, 1], not 2"]),
+    ],
+)
+def test_options_that_a_method_cannot_use_are_refused(folder, capsys, options, words):
+    assert_refused(capsys, ["deform", "body.ply", "pose.json", "-o", "out.ply", *options], *words)
 
 
 def test_repair_deforms_a_soup_and_keeps_its_vertices(folder, capsys):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sshade import Handles, InputError, Mesh, sshade_fast
+from sshade import Handles, InputError, Mesh, deform
 from sshade.io.handles import read_handles, read_task, write_handles
 from sshade.io.meshes import repair, write_mesh
 from tests.shapes import bumpy, rotation, tetrahedron
@@ -288,5 +288,5 @@ def test_a_task_is_made_of_what_of_a_file_is_a_surface(tmp_path):
         read_task(str(files[0]), handles=str(files[1]))
     task = read_task(str(files[0]), handles=str(files[1]), carry_unconstrained=True)
     assert np.array_equal(task.mesh.V, V[1:]) and task.handles.index.tolist() == [0, 4]
-    result = sshade_fast(task, vertices=30)
+    result = deform(task, vertices=30)
     assert result.extra["unconstrained"] == 1 and np.abs(result.vertices - V[1:]).max() < 1e-6

@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
 
-from sshade import (
-    DeformationResult,
-    DeformationTask,
-    Handles,
-    InputError,
-    Mesh,
-    sshade,
-    sshade_fast,
-    sshade_fine,
-)
-from sshade.pipeline.components import each_component
+from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh
+from sshade.options import Options
+from sshade.pipeline.components import by_components
+from sshade.progress import silent
 from tests.shapes import block, bumpy, icosphere, rotation, strip
 from tests.sshade.mesh.test_cutting import moebius, t_fin
+from tests.sshade.pipeline.calls import fast, fine, paper
 
 BODY = bumpy(2)
-METHOD = partial(sshade, samplings=2)
+METHOD = partial(paper, samplings=2)
 
 
 def deformed(mesh, handles, method, *, carry_unconstrained=False, **options) -> DeformationResult:
@@ -60,14 +55,10 @@ def of_all(*given: tuple[Handles, int]) -> Handles:
     )
 
 
-@pytest.mark.parametrize("method", [sshade, sshade_fast, sshade_fine])
-def test_a_sound_mesh_gives_what_the_method_gives(method):
+@pytest.mark.parametrize("method", [paper, fast, fine])
+def test_a_component_beside_an_unconstrained_one_is_as_alone(method):
     task = DeformationTask("body", BODY, ends(BODY))
-    result, alone = (call(task, vertices=60, seed=3) for call in (method, method.__wrapped__))
-    assert np.array_equal(result.vertices, alone.vertices)
-    assert result.extra.keys() == alone.extra.keys() and "components" not in result.extra
-    assert result.iterations == alone.iterations and result.converged == alone.converged
-    # Of a mesh with a second component, the first one is what it is alone.
+    assert "components" not in method(task, vertices=60, seed=3).extra
     both = deformed(beside(BODY, Mesh(BODY.V + 9, BODY.F)), ends(BODY), method, carry_unconstrained=True)
     alone = method(task, vertices=6000)
     assert np.array_equal(both.vertices[: BODY.n], alone.vertices) and both.extra["unconstrained"] == 1
@@ -108,7 +99,7 @@ def test_a_small_component_has_proxy_vertices_for_its_handles_and_some_more():
     triangle = Mesh(0.1 * np.eye(3) + [0, 9, 0], [[0, 1, 2]])
     mesh = beside(BODY, tiny, triangle)
     own = of_all((ends(BODY), 0), (ends(tiny), BODY.n), (Handles([0, 1], triangle.V[:2] + 1), 2 * BODY.n))
-    result = deformed(mesh, own, each_component(vertices=6000)(spy), vertices=100)
+    result = by_components(DeformationTask("m", mesh, own), spy, Options(vertices=100), progress=silent)
     assert shares == [(162, 16, 40), (3, 2, 3), (162, 16, 20)]
     assert np.allclose(result.vertices[-3:-1], triangle.V[:2] + 1, atol=1e-9)
 
@@ -139,7 +130,7 @@ def test_rigid_handles_move_what_was_cut_rigidly():
     # The tolerance of the solver, where it has to iterate.
     for mesh, close in ((t_fin(), 1e-9), (block(edge, cells=3), 1e-3), (moebius(), 1e-9)):
         own = Handles(np.arange(0, mesh.n, 9), mesh.V[::9] @ R.T + shift)
-        result = deformed(mesh, own, partial(sshade_fast, start="rigid"), vertices=min(60, mesh.n))
+        result = deformed(mesh, own, partial(fast, start="rigid"), vertices=min(60, mesh.n))
         assert np.abs(result.vertices - mesh.V @ R.T - shift).max() < close * mesh.diagonal
         assert result.extra["gap"] < close
 
@@ -148,11 +139,12 @@ def test_copies_within_a_component_are_joined_at_their_mean():
     mesh = moebius()
 
     def torn(task, *, vertices, progress):
-        """A method that moves every vertex by its number."""
+        """Move every vertex by its number."""
         V = task.mesh.V + [[1, 0, 0]] * np.arange(task.mesh.n)[:, None]
         return DeformationResult(V, iterations=3, converged=None)
 
-    result = deformed(mesh, Handles([0], mesh.V[:1]), each_component(vertices=6000)(torn), vertices=20)
+    task = DeformationTask("m", mesh, Handles([0], mesh.V[:1]))
+    result = by_components(task, torn, Options(vertices=20), progress=silent)
     copies, n = result.extra["copies"], mesh.n
     moved = (result.vertices - mesh.V)[:, 0]
     split = np.flatnonzero(np.abs(moved - np.arange(n)) > 1e-9)
@@ -233,3 +225,41 @@ def test_a_face_that_is_there_twice_changes_nothing(turned):
     one, other = (deformed(mesh, ends(mesh), METHOD, vertices=60) for mesh in (BODY, twice))
     assert np.array_equal(one.vertices, other.vertices)
     assert other.extra["duplicates"] == 3 and other.extra["copies"] == 0 and "duplicates" not in one.extra
+
+
+def test_an_array_as_frame_function_is_cut_like_the_mesh():
+    parts = Mesh(0.5 * BODY.V + [4, 0, 0], BODY.F), BODY
+    mesh, own = beside(*parts), of_all((ends(parts[0]), 0), (ends(BODY), BODY.n))
+    values = np.sin(3 * mesh.V[:, 0]) + mesh.V[:, 1]
+    result = deformed(mesh, own, METHOD, vertices=150, frame_function=values)
+    for k, shape in enumerate(parts):
+        rows = slice(k * BODY.n, (k + 1) * BODY.n)
+        task = DeformationTask("alone", shape, ends(shape))
+        alone = METHOD(task, vertices=20 if k == 0 else 40, frame_function=values[rows])
+        assert np.array_equal(result.vertices[rows], alone.vertices)
+    with pytest.raises(InputError, match=f"needs {mesh.n} values"):
+        deformed(mesh, own, METHOD, frame_function=values[1:])
+
+
+def test_components_share_the_seconds_of_a_polish(monkeypatch):
+    given = []
+
+    def polished(task, options, **_):
+        given.append(options.polish_seconds)
+        return DeformationResult(task.mesh.V, 0, None, {"polish": 4.0})
+
+    monkeypatch.setattr("sshade.pipeline.deform.polished", polished)
+    mesh = beside(BODY, Mesh(BODY.V + 9, BODY.F))
+    result = deformed(mesh, of_all((ends(BODY), 0), (ends(BODY), BODY.n)), fine, polish_seconds=10.0)
+    assert given == pytest.approx([5.0, 6.0]) and result.extra["options"]["polish_seconds"] == 10.0
+
+
+@pytest.mark.parametrize("method", [METHOD, fast])
+def test_a_guess_is_where_iterations_begin(method):
+    options = {"vertices": 150, "tolerance": 1e-7}
+    mesh = beside(BODY, Mesh(BODY.V + 9, BODY.F))
+    task = DeformationTask("two", mesh, of_all((ends(BODY), 0), (ends(BODY), BODY.n)))
+    first = method(task, **options)
+    again = method(replace(task, guess=first.vertices), **options)
+    assert again.iterations < 0.5 * first.iterations
+    assert np.abs(again.vertices - first.vertices).max() < 1e-4 * mesh.diagonal

@@ -9,20 +9,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sshade import DeformationTask, Handles, Mesh, sshade
+from sshade import DeformationTask, Handles, Mesh
 from sshade.mesh.adjacency import vertex_graph
-from sshade.pipeline.fast import sshade_fast
-from sshade.pipeline.fine import sshade_fine
 from sshade.solver.cotangents import SLACK, half_cotangents
 from sshade.solver.local_global import LocalGlobal, local_global
 from tests.shapes import bumpy, end_handles, rotation
+from tests.sshade.pipeline.calls import fast, fine, paper
 
 BODY = bumpy(3)
 TURN = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
 METHODS = {
-    "sshade": partial(sshade, samplings=2),
-    "sshade_fast": sshade_fast,
-    "sshade_fine": sshade_fine,
+    "sshade": partial(paper, samplings=2),
+    "fast": fast,
+    "fine": fine,
     "full resolution": local_global,
 }
 
@@ -116,7 +115,7 @@ def test_rigid_motions_of_collapsed_meshes_come_out_as_such():
     held = np.arange(0, BODY.n, 40)
     R, t = rotation(2), np.array([1.0, 2, 3])
     for method in METHODS.values():
-        start = {"start": "rigid"} if method in (sshade_fast, sshade_fine, local_global) else {}
+        start = {"start": "rigid"} if method in (fast, fine, local_global) else {}
         result = method(DeformationTask("rigid", mesh, Handles(held, mesh.V[held] @ R.T + t)), **start)
         assert np.abs(result.vertices - mesh.V @ R.T - t).max() < 1e-3 * mesh.diagonal
 

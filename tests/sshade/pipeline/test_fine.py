@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 
 from sshade import DeformationTask, Handles, InputError, Mesh
-from sshade.pipeline.fast import sshade_fast
-from sshade.pipeline.fine import POLISH, sshade_fine
+from sshade.options import PRESETS, SOLVER
 from sshade.pipeline.regions import edge_vertices
 from sshade.solver.local_global import LocalGlobal, local_global
 from tests.shapes import bumpy, double_torus, end_handles, tube
+from tests.sshade.pipeline.calls import fast, fine
+
+POLISH = PRESETS["fine"].subset(SOLVER)
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +22,7 @@ def task() -> DeformationTask:
 
 def test_fast_keeps_volume_area_and_handles_nearly(task):
     """The area is that of the proxy, which does not know all of the mesh's."""
-    result = sshade_fast(task, vertices=600, area=np.inf)
+    result = fast(task, vertices=600, area=np.inf)
     after = Mesh(result.vertices, task.mesh.F)
     assert after.volume == pytest.approx(task.mesh.volume, rel=1e-6)
     assert after.area == pytest.approx(task.mesh.area, rel=8e-3)
@@ -31,7 +33,7 @@ def test_fast_keeps_volume_area_and_handles_nearly(task):
 
 
 def test_fine_keeps_them_exactly(task):
-    result = sshade_fine(task, vertices=600, area=np.inf)
+    result = fine(task, vertices=600, area=np.inf)
     after = Mesh(result.vertices, task.mesh.F)
     assert after.volume == pytest.approx(task.mesh.volume, rel=1e-6)
     assert after.area == pytest.approx(task.mesh.area, rel=1e-6)
@@ -50,11 +52,11 @@ def test_fine_ends_in_the_minimum_at_full_resolution(task, volume):
     handles = Handles(task.handles.index[edge], task.handles.target[edge])
     task = DeformationTask("edges", task.mesh, handles)
     options = {"volume": volume, "area": 0.0, "tolerance": 1e-7}
-    fine = sshade_fine(task, vertices=600, polish_iterations=3000, **options)
-    plain = local_global(task, **{**POLISH, **options}, max_iterations=5000)
-    assert fine.converged and plain.converged
-    assert fine.extra["energy"] == pytest.approx(plain.extra["energy"], rel=1e-5)
-    assert np.abs(fine.vertices - plain.vertices).max() < 1e-3 * task.mesh.diagonal
+    result = fine(task, vertices=600, polish_iterations=3000, **options)
+    plain = local_global(task, **{**POLISH, **options, "max_iterations": 5000})
+    assert result.converged and plain.converged
+    assert result.extra["energy"] == pytest.approx(plain.extra["energy"], rel=1e-5)
+    assert np.abs(result.vertices - plain.vertices).max() < 1e-3 * task.mesh.diagonal
 
 
 def columns(mesh: Mesh, V: np.ndarray) -> np.ndarray:
@@ -86,23 +88,23 @@ def test_no_column_is_behind_that_of_a_polish_by_factorisation(monkeypatch, name
     edge = edge_vertices(mesh, handles.index)
     keep = np.flatnonzero(np.isin(handles.index, edge[:: 20 if name == "pinned" else 1]))
     task = DeformationTask(name, mesh, Handles(handles.index[keep], handles.target[keep]))
-    fine = sshade_fine(task, vertices=1000)
+    result = fine(task, vertices=1000)
     monkeypatch.setattr(
-        "sshade.pipeline.fine.LocalGlobal", lambda *own, multigrid, **options: LocalGlobal(*own, **options)
+        "sshade.pipeline.polish.LocalGlobal", lambda *own, multigrid, **options: LocalGlobal(*own, **options)
     )
-    expected = columns(mesh, sshade_fine(task, vertices=1000).vertices)
-    assert (columns(mesh, fine.vertices) <= np.maximum(1.01 * expected, expected + 0.005)).all()
+    expected = columns(mesh, fine(task, vertices=1000).vertices)
+    assert (columns(mesh, result.vertices) <= np.maximum(1.01 * expected, expected + 0.005)).all()
 
 
 def test_no_seconds_no_iterations(task):
-    result = sshade_fine(task, vertices=600, polish_seconds=0.0)
+    result = fine(task, vertices=600, polish_seconds=0.0)
     assert result.iterations == 0 and result.converged is None
 
 
 def test_a_tube_has_no_volume_to_hold(caplog):
     mesh = tube(16, 60)
     handles = end_handles(mesh.V, share=0.0, shift=[1.0, 0, -0.5])
-    result = sshade_fine(DeformationTask("tube", mesh, handles), vertices=300)
+    result = fine(DeformationTask("tube", mesh, handles), vertices=300)
     assert result.extra["volume_constraint"].startswith("off")
     assert "volume constraint is off" in caplog.text
     assert Mesh(result.vertices, mesh.F).area == pytest.approx(mesh.area, rel=0.03)
@@ -112,14 +114,14 @@ def test_the_area_has_a_weight(task):
     """By default the volume is exact, and the area is between what it is with and without a constraint."""
     gap = {}
     for area in (0.0, 1.0, np.inf):
-        after = Mesh(sshade_fine(task, vertices=600, area=area).vertices, task.mesh.F)
+        after = Mesh(fine(task, vertices=600, area=area).vertices, task.mesh.F)
         assert after.volume == pytest.approx(task.mesh.volume, rel=1e-6)
         gap[area] = abs(after.area / task.mesh.area - 1)
     assert gap[np.inf] < 1e-6 < gap[1.0] < 0.5 * gap[0.0]
 
 
 def test_what_a_proxy_refuses_is_refused_before_the_set_up(task, monkeypatch):
-    monkeypatch.setattr("sshade.pipeline.fine.LocalGlobal", lambda *_, **__: pytest.fail("it was set up"))
-    for options, words in (({"workers": 0}, "0 workers"), ({"volume": -1.0}, "volume must be")):
+    monkeypatch.setattr("sshade.pipeline.polish.LocalGlobal", lambda *_, **__: pytest.fail("it was set up"))
+    for options, words in (({"workers": 0}, "workers must be"), ({"volume": -1.0}, "volume must be")):
         with pytest.raises(InputError, match=words):
-            sshade_fine(task, **options)
+            fine(task, **options)

@@ -8,13 +8,16 @@ from threading import Event
 import numpy as np
 import pytest
 
-from sshade import DeformationResult, DeformationTask, Handles, Mesh, bind, sshade
+from sshade import DeformationResult, DeformationTask, Handles, Mesh, bind
 from sshade.carry.projection import project_to_fans
+from sshade.options import Options
+from sshade.pipeline.deform import deform_task
 from sshade.pipeline.proxies import Proxies
 from sshade.progress import silent
 from sshade.sampling.proxy import sample_proxy
 from sshade.solver.local_global import local_global
 from tests.shapes import bent, bumpy, family
+from tests.sshade.pipeline.calls import paper
 
 MESHES = family()
 
@@ -57,7 +60,7 @@ def test_the_result_is_the_mean_of_the_single_samplings(body_task, frames):
         solved = local_global(DeformationTask("one", binding.proxy, handles))
         V, _ = binding.carry(solved.vertices, rotations=solved.extra["rotations"])
         single.append((V, solved, binding))
-    result = sshade(body_task, vertices=70, samplings=3, frames=frames, seed=9)
+    result = paper(body_task, vertices=70, samplings=3, frames=frames, seed=9)
     first, second, third = (V for V, _, _ in single)
     assert np.array_equal(result.vertices, ((first + second) + third) / 3)
     assert np.abs(first - second).max() > 1e-3
@@ -76,12 +79,12 @@ def test_a_coarse_method_without_rotations_has_them_fitted(body_task):
         return DeformationResult(local_global(task).vertices, iterations=1, converged=True)
 
     options = {"vertices": 150, "samplings": 1, "frames": "blended"}
-    result = sshade(body_task, coarse=silently, **options)
+    result = paper(body_task, coarse=silently, **options)
     binding = bind(body_task.mesh, 150, first=body_task.handles.index, seed=(0, 0), frames="blended")
     own = body_task.handles
     solved = local_global(DeformationTask("one", binding.proxy, Handles(np.arange(len(own)), own.target)))
     assert np.array_equal(result.vertices, binding.carry(solved.vertices)[0])
-    gap = np.abs(sshade(body_task, **options).vertices - result.vertices).max()
+    gap = np.abs(paper(body_task, **options).vertices - result.vertices).max()
     assert 0 < gap < 0.01 * body_task.mesh.diagonal
 
 
@@ -89,24 +92,24 @@ def test_other_samples_and_another_projection_take_the_place_of_the_usual_ones(b
     """The sampler chooses V_N and the proxy's handles, the projector the triangles."""
     seen = []
 
-    def sample(task, regions, seed):
-        assert (regions.vertices, seed) == (70, (3, 0)) and regions.graph.n == task.mesh.n
-        sampling = sample_proxy(task.mesh, regions.vertices, seed=seed, graph=regions.graph)
-        at = task.mesh.V[sampling.samples]
-        return sampling, Handles([0, 1, 2], at[:3])
+    def sample(mesh, regions, seed):
+        assert (regions.vertices, seed) == (70, (3, 0)) and regions.graph.n == mesh.n
+        sampling = sample_proxy(mesh, regions.vertices, seed=seed, graph=regions.graph)
+        return sampling, lambda handles: Handles([0, 1, 2], mesh.V[sampling.samples[:3]])
 
     def projection(V, proxy, sampling):
         seen.append(project_to_fans(V, proxy, sampling))
         return seen[0]
 
-    result = sshade(body_task, vertices=70, samplings=1, sample=sample, projection=projection, seed=3)
+    options = {"vertices": 70, "samplings": 1, "seed": 3}
+    result = deform_task(body_task, method="paper", sample=sample, projection=projection, **options)
     assert len(seen) == 1 and np.abs(result.vertices - body_task.mesh.V).max() < 1e-9
 
 
 @pytest.mark.parametrize("workers", [1, 2, 4])
 def test_positions_are_summed_in_the_order_of_the_samplings_and_let_go_of(body_task, workers):
     """Also where the first sampling is the last to end."""
-    proxies = Proxies(body_task.mesh, samplings=4, workers=workers)
+    proxies = Proxies(body_task.mesh, Options(samplings=4, workers=workers))
     last, alive = Event(), []
 
     def one(number: int) -> DeformationResult:
@@ -126,7 +129,7 @@ def test_positions_are_summed_in_the_order_of_the_samplings_and_let_go_of(body_t
 @pytest.mark.parametrize("name", MESHES)
 def test_identity_targets_leave_the_mesh(name):
     mesh = MESHES[name]
-    result = sshade(ends(mesh, moved=False), vertices=mesh.n // 5, samplings=2)
+    result = paper(ends(mesh, moved=False), vertices=mesh.n // 5, samplings=2)
     assert np.abs(result.vertices - mesh.V).max() <= 1e-6 * mesh.diagonal
     assert result.converged
 
@@ -134,7 +137,7 @@ def test_identity_targets_leave_the_mesh(name):
 @pytest.mark.parametrize("name", MESHES)
 def test_handles_come_near_their_targets_and_static_ones_stay(name):
     task = ends(MESHES[name])
-    result = sshade(task, vertices=MESHES[name].n // 4, samplings=2)
+    result = paper(task, vertices=MESHES[name].n // 4, samplings=2)
     gap = np.linalg.norm(result.vertices[task.handles.index] - task.handles.target, axis=1)
     assert gap.max() <= 0.02 * task.mesh.diagonal
     assert result.extra["degenerate_frames"] == 0
@@ -150,7 +153,7 @@ def test_the_coarse_method_gets_the_proxy_as_a_task(body_task):
 
     reported = []
     progress = lambda *args: reported.append(args)  # noqa: E731
-    sshade(body_task, vertices=70, samplings=2, coarse=spy, seed=11, workers=1, progress=progress)
+    paper(body_task, vertices=70, samplings=2, coarse=spy, seed=11, workers=1, progress=progress)
     handles = body_task.handles
     for number, (task, seed) in enumerate(seen):
         expected = bind(body_task.mesh, 70, first=handles.index, seed=(11, number)).proxy
@@ -170,7 +173,7 @@ def test_convergence_is_unknown_if_one_sampling_does_not_say(body_task):
 
     for given, whole in (([True, None], None), ([True, False], False), ([True, True], True)):
         answers = iter(given)
-        assert sshade(body_task, vertices=60, samplings=2, coarse=unsure, workers=1).converged is whole
+        assert paper(body_task, vertices=60, samplings=2, coarse=unsure, workers=1).converged is whole
 
 
 @pytest.mark.parametrize("warm_start", [False, True])
@@ -180,7 +183,7 @@ def test_an_error_of_the_coarse_method_is_passed_on(body_task, workers, warm_sta
         raise ArithmeticError("no solution")
 
     with pytest.raises(ArithmeticError, match="no solution"):
-        sshade(body_task, vertices=60, samplings=3, coarse=failing, workers=workers, warm_start=warm_start)
+        paper(body_task, vertices=60, samplings=3, coarse=failing, workers=workers, warm_start=warm_start)
 
 
 def test_the_first_result_starts_the_others(body_task):
@@ -194,7 +197,7 @@ def test_the_first_result_starts_the_others(body_task):
 
     for workers in (1, 2, 3):
         results.clear()
-        sshade(body_task, vertices=70, samplings=3, coarse=solver, warm_start=True, workers=workers, seed=2)
+        paper(body_task, vertices=70, samplings=3, coarse=solver, warm_start=True, workers=workers, seed=2)
         number = {int(name.split()[-1]): run for name, run in results.items()}
         first, solved = number[0]
         assert first.guess is None
@@ -206,8 +209,8 @@ def test_the_first_result_starts_the_others(body_task):
 
 
 def test_a_warm_start_saves_iterations_and_moves_the_result_little(body_task):
-    cold = sshade(body_task, vertices=100, samplings=3)
-    warm = sshade(body_task, vertices=100, samplings=3, warm_start=True)
+    cold = paper(body_task, vertices=100, samplings=3)
+    warm = paper(body_task, vertices=100, samplings=3, warm_start=True)
     assert warm.iterations < cold.iterations
     gap = np.linalg.norm(warm.vertices - cold.vertices, axis=1).max() / body_task.mesh.diagonal
     assert 0 < gap < 1e-3

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from baselines.deformation_graph.deformation_graph import deformation_graph
-from sshade import DeformationTask, Deformer, Handles, sshade
-from sshade.pipeline.fast import sshade_fast
-from sshade.pipeline.fine import sshade_fine
+from sshade import DeformationTask, Deformer, Handles
 from sshade.pipeline.proxies import bind, proxy_vertices
 from sshade.pipeline.transfer import transfer_pose
 from tests.shapes import bumpy, end_handles
+from tests.sshade.pipeline.calls import fast, fine, paper
 
 BODY = bumpy(3)
 TASK = DeformationTask("body", BODY, end_handles(BODY.V, share=0.02, shift=[0, 0, 0.2]))
@@ -36,7 +35,7 @@ def test_a_quarter_of_the_mesh_at_most_and_room_for_the_handles(asked, n, handle
     assert proxy_vertices(asked, n, handles) == count
 
 
-@pytest.mark.parametrize("method", [sshade, sshade_fast, sshade_fine])
+@pytest.mark.parametrize("method", [paper, fast, fine])
 def test_every_method_samples_a_quarter_and_says_so(method):
     by_default, asked, fewer = (method(TASK, **more) for more in ({}, {"vertices": 160}, {"vertices": 100}))
     assert by_default.extra["samples"] == asked.extra["samples"] == BODY.n // 4 == 160
@@ -48,7 +47,7 @@ def test_what_is_bound_or_transferred_has_the_same_samples():
     index = TASK.handles.index
     dragged = Deformer(BODY, index, method="paper")(TASK.handles.target)
     assert dragged.extra["samples"] == 160
-    assert np.array_equal(dragged.vertices, sshade(TASK, samplings=1).vertices)
+    assert np.array_equal(dragged.vertices, paper(TASK, samplings=1).vertices)
     assert transfer_pose(BODY, BODY.V, samplings=1).extra["samples"] == 160
     assert np.array_equal(bind(BODY).sampling.samples, bind(BODY, 160).sampling.samples)
 
@@ -56,7 +55,7 @@ def test_what_is_bound_or_transferred_has_the_same_samples():
 def test_many_handles_have_a_proxy_that_holds_them():
     index = np.arange(0, BODY.n, 3)
     task = DeformationTask("many", BODY, Handles(index, BODY.V[index] + [1, 2, 3]))
-    result = sshade_fast(task)
+    result = fast(task)
     assert result.extra["samples"] == len(index) + 4 > BODY.n // 4
     assert np.abs(result.vertices - BODY.V - [1, 2, 3]).max() < 1e-9
 

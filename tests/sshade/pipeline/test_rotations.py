@@ -12,10 +12,11 @@ from scipy.spatial.transform import Rotation
 from baselines.arap import arap
 from sshade import DeformationTask, Deformer, Handles, InputError, Mesh, deform
 from sshade.io.handles import read_handles, write_handles
-from sshade.pipeline.deform import METHODS
-from sshade.pipeline.multilevel import multilevel
+from sshade.options import resolve
+from sshade.pipeline.engine import solve_proxy
 from sshade.solver.local_global import LocalGlobal, local_global
 from tests.shapes import bumpy, rotation, strip, tube
+from tests.sshade.pipeline.calls import METHODS
 from tests.sshade.solver.test_soft_handles import cotangents
 
 BODY = bumpy(3)
@@ -202,10 +203,10 @@ def test_levels_take_rotations_along():
         seen.append((given.mesh.n, given.handles.prescribed_rotations))
         return local_global(given, **options)
 
-    multilevel(task, coarse=spy, tolerance=1e-7)
+    solve_proxy(task, resolve("fast", {"attachment": 0.0, "tolerance": 1e-7}), solve=spy)
     assert len(seen) == 2 and seen[0][0] < seen[1][0]
-    for _, known in seen:
-        assert np.array_equal(known[1], turn(45)[None])
+    for _, prescribed in seen:
+        assert np.array_equal(prescribed[1], turn(45)[None])
 
 
 def test_a_region_that_is_hard_turns_the_surface_beside_it_as_prescribed():

@@ -7,14 +7,16 @@ import pytest
 
 from eval.metrics.deformation import angle, edge, flips
 from eval.metrics.deformed import Deformed
-from sshade import DeformationTask, Handles, sshade_fast, sshade_fine
+from sshade import DeformationTask, Handles
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.harmonic import SHORT
+from sshade.options import Options
 from sshade.pipeline.regions import HandleRegions, has_regions
 from sshade.solver.local_global import local_global
 from tests.shapes import bent, bumpy, rotation
+from tests.sshade.pipeline.calls import fast, fine
 
-METHODS = {"fast": sshade_fast, "fine": sshade_fine}
+METHODS = {"fast": fast, "fine": fine}
 VERTICES = 600
 
 
@@ -31,7 +33,7 @@ def scattered(share: float, target, *, noise: float = 0.0, level: int = 5) -> De
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
 def test_the_surface_is_as_even_as_the_minimum_at_full_resolution(name, share, noise):
     task = scattered(share, lambda V: bent(V, 0.1), noise=noise)
-    assert has_regions(task, VERTICES)
+    assert has_regions(task.mesh, task.handles.index, Options(vertices=VERTICES))
     V = METHODS[name](task, vertices=VERTICES).vertices
     np.testing.assert_array_equal(V[task.handles.index], task.handles.target)
     ours, full = (Deformed(task, V), Deformed(task, local_global(task, start="rigid").vertices))

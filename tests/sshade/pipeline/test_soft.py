@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from baselines.ablations import sshade_ablated
+from baselines.ablations import paper_with
 from baselines.arap import arap
 from baselines.arap_sr.arap_sr import arap_sr
 from baselines.deformation_graph.deformation_graph import deformation_graph
@@ -19,9 +19,9 @@ from sshade import DeformationTask, Deformer, Handles, InputError, Mesh, deform
 from sshade.cli.main import main
 from sshade.io.handles import read_handles, write_handles
 from sshade.io.meshes import read_arrays, write_mesh
-from sshade.pipeline.deform import METHODS
 from sshade.solver.local_global import local_global
 from tests.shapes import bent, bumpy, rotation
+from tests.sshade.pipeline.calls import METHODS
 from tests.sshade.pipeline.test_components import beside
 
 BODY = bumpy(4)
@@ -183,7 +183,7 @@ def test_a_bound_mesh_pulls_soft_handles():
 
 @pytest.mark.parametrize(
     "method",
-    [arap, arap_sr, deformation_graph, identity, partial(sshade_ablated, handle_mode="nearest", vertices=99)],
+    [arap, arap_sr, deformation_graph, identity, partial(paper_with, handle_mode="nearest", vertices=99)],
 )
 def test_methods_that_hold_handles_refuse_soft_ones(method):
     with pytest.raises(InputError, match="takes no soft handles"):

@@ -7,8 +7,7 @@ import pytest
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
-from sshade import DeformationTask, Handles, InputError, Mesh
-from sshade.pipeline.fast import sshade_fast
+from sshade import DeformationTask, Handles, InputError, Mesh, deform
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
 from sshade.solver.local_global import LocalGlobal, local_global
 from tests.shapes import bumpy, held_ends, jittered, rotation, strip
@@ -186,7 +185,7 @@ def test_a_length_that_is_none_is_refused(bending):
     task = TASKS["bar"]
     with pytest.raises(InputError, match="length of bending"):
         LocalGlobal(task.mesh, task.handles.index, bending=bending)
-    for method in (local_global, sshade_fast):
+    for method in (local_global, deform):
         with pytest.raises(InputError, match="bending must be a number in"):
             method(task, bending=bending)
 

@@ -6,12 +6,19 @@ import numpy as np
 import pytest
 
 from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh
-from sshade.pipeline.fast import sshade_fast
-from sshade.pipeline.multilevel import RATIO, ROOM, multilevel
+from sshade.pipeline.engine import deform_coarsely
+from sshade.pipeline.initialise import RATIO, ROOM, initialised
 from sshade.solver.local_global import local_global
 from tests.shapes import bent, bumpy
+from tests.sshade.pipeline.calls import fast
 
 SOLVER = partial(local_global, volume=np.inf, start="rest", max_iterations=5000)
+
+
+def initialise(task, solve, *, guide=None, tolerance=1e-5, seed=0, **context) -> DeformationResult:
+    coarsely = partial(deform_coarsely, seed=seed)
+    context |= {"tolerance": tolerance, "seed": seed}
+    return initialised(task, solve=solve, guide=guide, deform_coarsely=coarsely, **context)
 
 
 @pytest.fixture
@@ -23,12 +30,12 @@ def task() -> DeformationTask:
 
 @pytest.fixture
 def always(monkeypatch) -> None:
-    monkeypatch.setattr("sshade.pipeline.multilevel.SMALLEST", 100)
+    monkeypatch.setattr("sshade.pipeline.initialise.SMALLEST", 100)
 
 
 def test_it_ends_in_the_same_minimum_with_fewer_iterations(task, always):
     alone = SOLVER(task, tolerance=1e-7)
-    found = multilevel(task, coarse=SOLVER, tolerance=1e-7)
+    found = initialise(task, SOLVER, tolerance=1e-7)
     assert found.converged and found.extra["coarser_iterations"] > 5
     assert found.iterations < alone.iterations
     assert found.extra["energy"] == pytest.approx(alone.extra["energy"], rel=1e-6)
@@ -36,7 +43,7 @@ def test_it_ends_in_the_same_minimum_with_fewer_iterations(task, always):
 
 
 def test_the_seed_chooses_the_coarser_proxy_and_nothing_else_does(task, always):
-    one, same, other = (multilevel(task, coarse=SOLVER, seed=seed).vertices for seed in (1, 1, 2))
+    one, same, other = (initialise(task, SOLVER, seed=seed).vertices for seed in (1, 1, 2))
     assert np.array_equal(one, same) and not np.array_equal(one, other)
 
 
@@ -55,31 +62,31 @@ def all_handles(task: DeformationTask) -> DeformationTask:
 
 @pytest.mark.parametrize("change", [small, all_handles])
 def test_where_there_is_no_coarser_proxy_it_is_the_solver_alone(task, monkeypatch, change):
-    monkeypatch.setattr("sshade.pipeline.multilevel.SMALLEST", 10_000 if change is small else 100)
+    monkeypatch.setattr("sshade.pipeline.initialise.SMALLEST", 10_000 if change is small else 100)
     task = change(task)
-    found, alone = multilevel(task, coarse=SOLVER), SOLVER(task)
+    found, alone = initialise(task, SOLVER), SOLVER(task)
     assert np.array_equal(found.vertices, alone.vertices) and found.extra["coarser_iterations"] == 0.0
 
 
 def test_from_a_guess_it_is_the_solver_alone(task, always):
     task = guessed(task)
-    found, alone = multilevel(task, coarse=SOLVER), SOLVER(task)
+    found, alone = initialise(task, SOLVER), SOLVER(task)
     assert np.array_equal(found.vertices, alone.vertices) and found.extra.keys() == alone.extra.keys()
 
 
-@pytest.mark.parametrize("lead", [None, partial(SOLVER, stiffness=0.5)])
+@pytest.mark.parametrize("guide", [None, partial(SOLVER, stiffness=0.5)])
 @pytest.mark.parametrize("goal", [0.9, 1.1])
-def test_another_volume_is_that_of_the_last_level(task, always, lead, goal):
+def test_another_volume_is_that_of_the_last_level(task, always, guide, goal):
     goals = []
 
     def spy(given, **options):
         goals.append((given.mesh.n == task.mesh.n, options.get("volume_goal", 1.0)))
         return SOLVER(given, **options)
 
-    found = multilevel(task, coarse=spy, lead=lead, volume_goal=goal)
+    found = initialise(task, spy, guide=guide, volume_goal=goal)
     assert Mesh(found.vertices, task.mesh.F).volume == pytest.approx(goal * task.mesh.volume, rel=1e-6)
-    assert goals == [(False, 1.0)] * (2 if lead else 1) + [(True, goal)]
-    assert ("basin" in found.extra) == (lead is not None)
+    assert goals == [(False, 1.0)] * (2 if guide else 1) + [(True, goal)]
+    assert ("initialisation" in found.extra) == (guide is not None)
 
 
 def test_so_too_where_the_coarser_proxy_cannot_be_solved_and_the_log_says_why(task, always, caplog):
@@ -89,7 +96,7 @@ def test_so_too_where_the_coarser_proxy_cannot_be_solved_and_the_log_says_why(ta
         return SOLVER(given, **options)
 
     caplog.set_level("INFO")
-    found = multilevel(task, coarse=solver)
+    found = initialise(task, solver)
     assert np.array_equal(found.vertices, SOLVER(task).vertices) and found.extra["coarser_iterations"] == 0.0
     size = max(task.mesh.n // RATIO, ROOM * len(task.handles))
     assert f"solved without a coarser proxy of {size} vertices: 1 triangles of" in caplog.text
@@ -97,23 +104,23 @@ def test_so_too_where_the_coarser_proxy_cannot_be_solved_and_the_log_says_why(ta
 
 def test_errors_of_the_solver_are_told(task, always):
     with pytest.raises(InputError, match="volume must be a number in"):
-        multilevel(task, coarse=partial(local_global, volume=-1.0))
+        initialise(task, partial(local_global, volume=-1.0))
 
 
-def test_sshade_fast_begins_with_it(task, always):
-    result = sshade_fast(task, vertices=task.mesh.n // 2, start="rest")
+def test_fast_begins_with_it(task, always):
+    result = fast(task, vertices=task.mesh.n // 2, start="rest")
     assert result.extra["proxy_coarser_iterations"] > 0
 
 
 @pytest.mark.parametrize("levels", [1, 2])
 @pytest.mark.parametrize("ratio", [0.5, 0.89, 0.91, 2.0])
-def test_the_lead_decides_the_basin_unless_another_start_ends_clearly_lower(monkeypatch, task, levels, ratio):
-    """A solver whose energy depends on where it begins: at the lead's result, or at its own start."""
-    monkeypatch.setattr("sshade.pipeline.multilevel.SMALLEST", 100 if levels == 2 else 10_000)
+def test_the_guide_decides_unless_another_start_ends_clearly_lower(monkeypatch, task, levels, ratio):
+    """A solver whose energy depends on where it begins: at the guide's result, or at its own start."""
+    monkeypatch.setattr("sshade.pipeline.initialise.SMALLEST", 100 if levels == 2 else 10_000)
     far = np.array([3.0, 0.0, 0.0])
     begun = []
 
-    def lead(task, **options):
+    def guide(task, **options):
         return DeformationResult(task.mesh.V + far, iterations=1, converged=True)
 
     def solver(task, **options):
@@ -122,9 +129,9 @@ def test_the_lead_decides_the_basin_unless_another_start_ends_clearly_lower(monk
         begun.append((task.mesh.n, own))
         return DeformationResult(V, iterations=1, converged=True, extra={"energy": ratio if own else 1.0})
 
-    found = multilevel(task, coarse=solver, lead=lead)
+    found = initialise(task, solver, guide=guide)
     own_wins = ratio < 0.9
-    assert found.extra["basin"] == ("start" if own_wins else "lead")
+    assert found.extra["initialisation"] == ("handles" if own_wins else "guide")
     moved = np.linalg.norm(found.vertices - task.mesh.V, axis=1)
     if levels == 1:
         assert np.allclose(moved, 0 if own_wins else 3)
@@ -134,7 +141,7 @@ def test_the_lead_decides_the_basin_unless_another_start_ends_clearly_lower(monk
         assert [own for _, own in begun] == [False, True, False] and begun[2][0] == task.mesh.n > begun[0][0]
 
 
-def test_a_guess_needs_no_lead(task):
+def test_a_guess_needs_no_guide(task):
     task = guessed(task)
-    found = multilevel(task, coarse=SOLVER, lead=lambda *_, **__: pytest.fail("led"))
-    assert "basin" not in found.extra
+    found = initialise(task, SOLVER, guide=lambda *_, **__: pytest.fail("guided"))
+    assert "initialisation" not in found.extra

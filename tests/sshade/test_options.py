@@ -1,0 +1,128 @@
+from __future__ import annotations
+
+from dataclasses import fields
+from math import inf, nan
+
+import numpy as np
+import pytest
+
+from sshade import InputError
+from sshade.options import (
+    GROUPS,
+    OLD_METHODS,
+    PRESETS,
+    REGIONS,
+    Options,
+    accepted,
+    as_row,
+    described,
+    help_text,
+    reference,
+    require_method,
+    resolve,
+)
+
+WRONG = [
+    ("tolerance", nan),
+    ("tolerance", -1e-5),
+    ("max_iterations", -3),
+    ("max_iterations", 2.5),
+    ("max_iterations", True),
+    ("coarser", 0),
+    ("coarser", -1),
+    ("vertices", 0),
+    ("samplings", 0),
+    ("workers", 0),
+    ("volume", -1.0),
+    ("area", nan),
+    ("stiffness", 0.0),
+    ("stiffness", 1.5),
+    ("strain", 0.0),
+    ("strain_limit", -0.1),
+    ("attachment", inf),
+    ("bending", inf),
+    ("start", "rigd"),
+    ("frames", "blendet"),
+    ("volume", "much"),
+]
+
+
+@pytest.mark.parametrize(("name", "value"), WRONG)
+def test_a_value_out_of_range_is_refused_with_the_range(name, value):
+    with pytest.raises(InputError) as error:
+        resolve("fast", {name: value})
+    assert str(error.value).startswith(f"{name} must be {described()[name].values}, not {value!r}")
+
+
+@pytest.mark.parametrize(
+    ("method", "name", "words"),
+    [
+        ("fast", "volum", "did you mean 'volume'"),
+        ("fast", "zzz", "the options are vertices, "),
+        ("fast", "parts", "is now called 'attachment'"),
+        ("fine", "proxy_parts", "is now called 'proxy_attachment'"),
+        ("fine", "limit", "is now called 'strain_limit'"),
+        ("fine", "samplings", "'fine' has no use for the option 'samplings'"),
+        ("fast", "coarse", "'fast' has no use for"),
+        ("paper", "polish", "'paper' has no use for"),
+    ],
+)
+def test_a_name_that_a_method_does_not_take_is_refused_with_the_right_one(method, name, words):
+    with pytest.raises(InputError, match=words):
+        resolve(method, {name: 2})
+
+
+def test_old_and_mistyped_methods_are_refused_with_the_right_name():
+    for old, new in OLD_METHODS.items():
+        with pytest.raises(InputError, match=f"{old!r} is now called {new!r}"):
+            require_method(old)
+    with pytest.raises(InputError, match="did you mean 'fine'"):
+        require_method("fin")
+    with pytest.raises(InputError, match="use 'paper', 'paper_plain', 'fast'"):
+        require_method("x")
+
+
+def test_none_is_the_methods_own_value_and_numbers_of_numpy_are_numbers():
+    assert resolve("fine", dict.fromkeys(described())) == PRESETS["fine"]
+    options = resolve("fast", {"vertices": np.int64(50), "volume": np.float32(0.5), "area": 2})
+    assert (options.vertices, options.volume, options.area) == (50, 0.5, 2.0)
+    assert type(options.vertices) is int and type(options.area) is float
+
+
+@pytest.mark.parametrize("method", PRESETS)
+def test_handle_regions_change_what_is_not_given(method):
+    plain, regional = resolve(method, {}), resolve(method, {}, regions=True)
+    changed = {
+        entry.name for entry in fields(Options) if getattr(plain, entry.name) != getattr(regional, entry.name)
+    }
+    assert changed <= set(REGIONS.get(method, {})) and bool(changed) == (method in REGIONS)
+    assert resolve(method, {"area": 0.7}, regions=True).area == 0.7
+
+
+def test_the_guide_is_off_without_attachment_on_the_proxy_unless_asked_for():
+    assert resolve("fast", {"attachment": 0}).guide_attachment == 0
+    assert resolve("fine", {"attachment": 0}).guide_attachment > 0
+    assert resolve("fine", {"proxy_attachment": 0}).guide_attachment == 0
+    assert resolve("fast", {"attachment": 0, "guide_attachment": 2}).guide_attachment == 2
+
+
+def test_each_option_is_in_one_group_and_has_an_effect_a_help_and_a_line_in_the_reference():
+    grouped = [name for names in GROUPS.values() for name in names]
+    assert sorted(grouped) == sorted({name for method in PRESETS for name in accepted(method)})
+    lines = reference().splitlines()
+    for name in grouped:
+        option = described()[name]
+        assert len(option.effect.split()) > 5 and option.effect in help_text(name)
+        assert sum(line.startswith(f"| `{name}` | {option.effect}") for line in lines) == 1
+    for method in PRESETS:  # the presets themselves are valid
+        for name in accepted(method):
+            value = getattr(PRESETS[method], name)
+            assert value is None or described()[name].checked(name, value) == value
+
+
+def test_a_row_has_the_plain_values_of_what_the_method_takes():
+    row = as_row(resolve("fast", {"frame_function": np.zeros(3), "volume": 0.5}), "fast")
+    assert row["volume"] == 0.5 and row["area"] == inf and "frame_function" not in row
+    assert set(row) == set(accepted("fast")) - {"frame_function"}
+    row = as_row(resolve("paper", {"coarse": print}), "paper")
+    assert "vertices" in row and not {"coarse", "tolerance", "volume"} & set(row)
