@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from sshade import DeformationTask, Deformer, Handles, InputError, Mesh
+from sshade.pipeline import deformer as deformer_module
 from tests.shapes import bumpy, tube
 from tests.sshade.pipeline.calls import fast, paper
 
@@ -277,3 +278,48 @@ def test_other_handles_are_taken_without_binding_anew(weight):
     for _ in range(2):
         still = drag(mesh.V[ends], tolerance=1e-7).vertices
     assert np.abs(still - mesh.V).max() < 1e-4 * mesh.diagonal
+
+
+@pytest.mark.parametrize("wrong", [[0, 0], [10**6], "far"])
+def test_handles_that_cannot_be_rebound_leave_everything_as_it_was(mesh, held, wrong, monkeypatch):
+    drag = Deformer(mesh, held, vertices=150, samplings=2)
+    before = drag(lifted(mesh, held, 0.3)).vertices
+    if wrong == "far":  # only from the vertices of the second proxy
+        second, place = drag._proxies[1][0].proxy, deformer_module.NearestPlacement
+
+        def placed(mesh, proxy, rest):
+            if proxy is second:
+                raise InputError("too far")
+            return place(mesh, proxy, rest)
+
+        monkeypatch.setattr(deformer_module, "NearestPlacement", placed)
+    with pytest.raises(InputError):
+        drag.rebind_handles([0] if wrong == "far" else wrong)
+    np.testing.assert_array_equal(drag.index, held)
+    drag.reset()
+    np.testing.assert_array_equal(drag(lifted(mesh, held, 0.3)).vertices, before)
+
+
+def test_a_value_that_is_set_again_changes_nothing_else_after_regions_are_bound(mesh, held):
+    order, shapes = np.argsort(mesh.V[:, 2]), []
+    regions = np.concatenate([order[:100], order[-100:]])
+    targets = mesh.V[regions] + np.repeat([[0.0], [0.3]], 100, axis=0) * [0.5, 0, 1]
+    for change in (False, True):
+        drag = Deformer(mesh, held, vertices=150)
+        drag.rebind_handles(regions)
+        if change:
+            drag.change_energy(volume=np.inf)
+        drag.reset()
+        shapes.append(drag(targets).vertices)
+    np.testing.assert_array_equal(*shapes)
+
+
+def test_iterations_are_counted_over_all_solves_where_handles_are_regions():
+    mesh = bumpy(5)
+    order = np.argsort(mesh.V[:, 2], kind="stable")
+    low, high = order[: int(0.3 * mesh.n)], order[-int(0.3 * mesh.n) :]
+    index = np.r_[low, high]
+    target = np.concatenate([mesh.V[low], 1.2 * mesh.V[high]])
+    options = {"vertices": 600, "tolerance": 0.0, "max_iterations": 8}
+    assert fast(DeformationTask("grown", mesh, Handles(index, target)), **options).iterations == 8
+    assert Deformer(mesh, index, **options)(target).iterations == 8
