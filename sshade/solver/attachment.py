@@ -29,7 +29,6 @@ from scipy.sparse.csgraph import connected_components
 
 from sshade.handles import Handles
 from sshade.mesh.adjacency import VertexGraph, vertex_graph
-from sshade.mesh.connectivity import members
 from sshade.mesh.mesh import Mesh
 from sshade.sampling.fronts import Fronts
 
@@ -78,34 +77,25 @@ class Attachment:
     """
 
     def __init__(self, mesh: Mesh, handles: Handles, weight: float, *, fold: bool = False) -> None:
-        groups: list[_Group] = []
         pull, group_of = np.zeros(mesh.n), np.zeros(mesh.n, dtype=np.int64)
+        self._groups: _Groups | None = None
         if weight > 0:
             r = RADIUS * np.sqrt(mesh.area)
-            graph, turned = vertex_graph(mesh), handles.has_rotation
+            graph = vertex_graph(mesh)
             fronts = Fronts(graph, handles.index)
             number = _linked(graph, fronts, handles.group, LINK * r)
+            groups = self._groups = _Groups.at_rest(number, mesh.V[handles.index], handles.has_rotation)
             firmness = np.where(np.isinf(handles.weight), 1.0, 1 - 1 / (1 + handles.weight))
-            count = number.max() + 1
-            place, radius, strength = np.zeros(count, dtype=np.int64), np.full(count, np.inf), np.zeros(count)
-            for k, member in enumerate(members(number, count)):
-                group = _Group.at_rest(member, mesh.V[handles.index[member]])
-                if turned[member].any() or group.curvature:
-                    place[k] = len(groups)
-                    radius[k] = np.linalg.norm(group.arm, axis=1).max()
-                    strength[k] = firmness[member].mean() * weight / r**2
-                    groups.append(group)
+            strength = np.bincount(number, firmness) / np.bincount(number) * weight / r**2
             nearest = number[fronts.cell]
-            distance = fronts.distance + radius[nearest]
+            distance = fronts.distance + groups.radius[nearest]
             near = np.flatnonzero(distance < REACH * r)
             decay = np.exp(-((distance[near] / r) ** 2))
             pull[near] = strength[nearest[near]] * decay * mesh.vertex_areas[near]
-            group_of[near] = place[nearest[near]]
+            group_of[near] = nearest[near]
         pull[handles.index] = 0.0
         near = np.flatnonzero(pull)
-        self._groups = _Groups.of(groups) if groups else None
-        self._attached = members(group_of[near], len(groups))
-        self._arms = [mesh.V[near[k]] - g.centre for k, g in zip(self._attached, groups, strict=True)]
+        self._group_of, self._rest = group_of[near], mesh.V[near]
         self.vertex = np.concatenate([handles.index, near])
         self.stiffness = np.concatenate([handles.stiffness, pull[near]])
         self._kept: np.ndarray | None = None
@@ -130,71 +120,62 @@ class Attachment:
         fraction : (p,) float64
             Fraction of the stiffness, in [0, 1].
         """
-        count = (len(self.vertex) if self._kept is None else len(self._kept)) - len(target)
-        goal, fraction = np.zeros((count, 3)), np.zeros(count)
+        fraction, k = np.ones(len(target) + len(self._rest)), len(target)
         if self._groups is not None:
             R, centre, certainty = self._groups.motions(target, rotation)
-            for k, (attached, arms) in enumerate(zip(self._attached, self._arms, strict=True)):
-                fraction[attached] = certainty[k]
-                goal[attached] = arms @ R[k].T + centre[k]
-        target = np.concatenate([target, goal])
+            arm, goal = self._rest - self._groups.centre[self._group_of], centre[self._group_of]
+            for c in range(3):
+                goal[:, c] += (R[self._group_of, c] * arm).sum(axis=1)
+            target, fraction[k:] = np.concatenate([target, goal]), certainty[self._group_of]
         if self._kept is not None:
             return target[self._kept], np.ones(len(self.vertex))
-        return target, np.concatenate([np.ones(len(target) - count), fraction])
-
-
-class _Group(NamedTuple):
-    """Handles that move rigidly together.
-
-    Attributes
-    ----------
-    member : (j,) int
-        Numbers of the handles.
-    centre : (3,) float64
-        Mean of their rest positions.
-    arm : (j, 3) float64
-        Rest positions relative to the centre.
-    curvature : float
-        Growth of the sum of squared distances with a turn about the softest axis; 0 if the points leave
-        the rotation undetermined.
-    """
-
-    member: np.ndarray
-    centre: np.ndarray
-    arm: np.ndarray
-    curvature: float
-
-    @classmethod
-    def at_rest(cls, member: np.ndarray, P: np.ndarray) -> _Group:
-        centre = P.mean(axis=0)
-        if len(member) < 3:
-            return cls(member, centre, P - centre, 0.0)
-        spread = np.linalg.svd(P - centre, compute_uv=False)
-        determined = spread[1] > SPREAD * spread[0]
-        return cls(member, centre, P - centre, float((spread[1:] ** 2).sum()) if determined else 0.0)
+        return target, fraction
 
 
 class _Groups(NamedTuple):
-    """All groups in flat arrays: the handles of group k are ``member[start[k] : start[k + 1]]``.
+    """Groups of handles that move rigidly together.
 
-    `group` (h,) and `arm` (h, 3) belong to the handles. `square` (p,) is the sum of squared arms of each
-    group, or 1 where the curvature (p,) is 0.
+    Attributes
+    ----------
+    member : (k,) int
+        Handles, group by group.
+    start : (g,) int
+        Where each group begins.
+    number : (k,) int
+        Group of each of these handles.
+    arm : (k, 3) float64
+        Their rest positions, relative to the centre of the group.
+    centre : (g, 3) float64
+        Mean rest positions.
+    curvature : (g,) float64
+        Growth of the sum of squared distances with a turn about the softest axis; 0 if the points leave the
+        rotation undetermined.
+    radius : (g,) float64
+        Largest distance from the centre; infinite for groups that attach nothing.
     """
 
     member: np.ndarray
     start: np.ndarray
-    group: np.ndarray
+    number: np.ndarray
     arm: np.ndarray
-    square: np.ndarray
+    centre: np.ndarray
     curvature: np.ndarray
+    radius: np.ndarray
 
     @classmethod
-    def of(cls, groups: list[_Group]) -> _Groups:
-        size, arm = [len(group.member) for group in groups], np.concatenate([group.arm for group in groups])
-        curvature = np.array([group.curvature for group in groups])
-        square = np.array([(group.arm**2).sum() if group.curvature else 1.0 for group in groups])
-        member, start = np.concatenate([group.member for group in groups]), np.cumsum([0, *size])
-        return cls(member, start, np.repeat(np.arange(len(groups)), size), arm, square, curvature)
+    def at_rest(cls, number: np.ndarray, P: np.ndarray, has_rotation: np.ndarray) -> _Groups:
+        """Group handles at rest positions P (k, 3) by their `number` (k,)."""
+        member = np.argsort(number, kind="stable")
+        number, P = number[member], P[member]
+        start, size = np.searchsorted(number, np.arange(number[-1] + 1)), np.bincount(number)
+        centre = np.add.reduceat(P, start) / size[:, None]
+        arm = P - centre[number]
+        moments = np.linalg.eigvalsh(np.add.reduceat(arm[:, :, None] * arm[:, None], start))
+        determined = (size >= 3) & (moments[:, 1] > SPREAD**2 * moments[:, 2])
+        curvature = np.where(determined, moments[:, 0] + moments[:, 1], 0.0)
+        attaches = determined | np.logical_or.reduceat(has_rotation[member], start)
+        radius = np.maximum.reduceat(np.linalg.norm(arm, axis=1), start)
+        return cls(member, start, number, arm, centre, curvature, np.where(attaches, radius, np.inf))
 
     def motions(
         self, target: np.ndarray, rotation: np.ndarray | None
@@ -207,30 +188,29 @@ class _Groups(NamedTuple):
 
         Returns
         -------
-        R : (p, 3, 3) float64
-        centre : (p, 3) float64
+        R : (g, 3, 3) float64
+        centre : (g, 3) float64
             Where the centres of the groups move.
-        certainty : (p,) float64
+        certainty : (g,) float64
             From 0 to 1.
         """
-        first, determined = self.start[:-1], self.curvature > 0
+        first, determined = self.start, self.curvature > 0
         Q = target[self.member]
-        centre = np.add.reduceat(Q, first) / np.diff(self.start)[:, None]
-        Q -= centre[self.group]
+        centre = np.add.reduceat(Q, first) / np.bincount(self.number)[:, None]
+        Q -= centre[self.number]
         U, s, Vt = np.linalg.svd(np.add.reduceat(Q[:, :, None] * self.arm[:, None], first))
         sign = np.where(np.linalg.det(U @ Vt) > 0, 1.0, -1.0)
         U[:, :, 2] *= sign[:, None]
         R = np.where(determined[:, None, None], U @ Vt, np.eye(3))
-        turned = np.einsum("hij,hj->hi", R[self.group], self.arm)
-        misfit = np.sqrt(np.add.reduceat(((turned - Q) ** 2).sum(axis=1), first) / self.square)
+        turned = np.einsum("hij,hj->hi", R[self.number], self.arm)
+        square = np.where(determined, np.add.reduceat((self.arm**2).sum(axis=1), first), 1.0)
+        misfit = np.sqrt(np.add.reduceat(((turned - Q) ** 2).sum(axis=1), first) / square)
         off = np.maximum(misfit, 1.0 - (s[:, 1] + sign * s[:, 2]) / np.where(determined, self.curvature, 1.0))
         certainty = np.where(determined, np.clip((LOOSE - off) / (LOOSE - RIGID), 0.0, 1.0), 0.0)
         if rotation is not None:
-            for k, end in enumerate(self.start[1:]):
-                prescribed = rotation[self.member[first[k] : end]]
-                prescribed = prescribed[np.isfinite(prescribed).all(axis=(1, 2))]
-                if len(prescribed):
-                    R[k], certainty[k] = prescribed[0], 1.0
+            prescribed = np.flatnonzero(np.isfinite(rotation[self.member]).all(axis=(1, 2)))[::-1]
+            group = self.number[prescribed]  # of several handles, the first one decides
+            R[group], certainty[group] = rotation[self.member[prescribed]], 1.0
         return R, centre, certainty
 
 

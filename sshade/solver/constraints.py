@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import logging
 import math
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -54,13 +54,6 @@ SLOW = 0.1
 MOST_EVALUATIONS = 12
 #: Number of faces that a thread measures at a time.
 FACES = 65_536
-
-
-class Errors(NamedTuple):
-    """Relative errors of a shape; NaN if the rest shape has no volume or no area."""
-
-    volume: float
-    area: float
 
 
 class Surface:
@@ -129,30 +122,26 @@ class Surface:
             raise InputError("constraints on volume and area need a connected mesh: solve for each component")
         return Constraints(self, weights, kinds, corners=corners, team=team, single=single) if kinds else None
 
-    def errors(self, P: np.ndarray, *, volume_goal: float = 1.0) -> Errors:
-        """Return the relative errors of volume and area at positions P (n, 3)."""
-        now, (volume, area) = self.measure(P, ThreadTeam(1)), self.rest
-        return Errors(
-            math.nan if self._reason else float(abs(now[VOLUME] / volume - volume_goal)),
-            float(abs(now[AREA] / area - 1)) if area > 0 else math.nan,
-        )
-
-    def status(self, volume: float, area: float, errors: Errors) -> tuple[str, str]:
-        """Describe the constraints of given weights after a solve.
+    def report(self, P: np.ndarray, volume: float, area: float, *, volume_goal: float) -> dict[str, Any]:
+        """Describe volume and area at positions P (n, 3) after a solve with these weights.
 
         Returns
         -------
-        volume, area : str
-            "free", "weighted", "exact", or "infeasible" if the error of an exact constraint is above
-            :data:`REACHED`. The volume may be "off: ", followed by the reason.
+        dict
+            `volume_error`, `area_error`: relative, NaN if the rest shape has no volume or no area.
+            `volume_constraint`, `area_constraint`: "free", "weighted", "exact", or "infeasible" if the
+            error of an exact constraint is above :data:`REACHED`. The volume may be "off: " and the reason.
         """
-        words = []
-        for weight, error in ((volume, errors.volume), (area, errors.area)):
+        now, facts = self.measure(P, ThreadTeam(1)), dict[str, Any]()
+        cases = ("volume", volume, volume_goal, self._reason), ("area", area, 1.0, self.rest[AREA] == 0)
+        for q, (name, weight, goal, without) in enumerate(cases):
+            error = math.nan if without else float(abs(now[q] / self.rest[q] - goal))
             reached = "exact" if error <= REACHED else "infeasible"
-            words.append("free" if weight == 0 else "weighted" if weight < math.inf else reached)
+            state = "free" if weight == 0 else "weighted" if weight < math.inf else reached
+            facts |= {f"{name}_error": error, f"{name}_constraint": state}
         if volume > 0 and self._reason:
-            words[0] = f"off: {self._reason}"
-        return words[0], words[1]
+            facts["volume_constraint"] = f"off: {self._reason}"
+        return facts
 
 
 class Constraints:

@@ -65,13 +65,12 @@ class Following:
         window: int = 10,
         **energy: Any,
     ) -> None:
-        system = solver.system
-        if system.matrix is None or system.factorised is None:
+        if solver.matrix is None or solver.factorised is None:
             raise InputError("a solver that follows moving targets needs a factorisation, not multigrid")
         targets, positions = solver.checked_positions(targets, positions)
         self.solver, self._options, team = solver, complete(energy, ENERGY), ThreadTeam(1)
-        self._factorised = system.factorised
-        self._to_handles = system.matrix[system.vertex][:, system.index[system.hard]]
+        self._factorised = solver.factorised
+        self._to_handles = solver.matrix[solver.vertex][:, solver.index[solver.hard]]
         self._state = solver.descent(
             solver.to_system(positions, targets),
             self._options,
@@ -110,7 +109,7 @@ class Following:
 
     def _predict(self, targets: np.ndarray, fraction: np.ndarray | None) -> None:
         """Repeat the last move, or a part of it, or undo it, and go on to the targets."""
-        system, state, u = self.solver.system, self._state, self._state.u
+        solver, state, u = self.solver, self._state, self._state.u
         last, move = self._targets - self._last_targets, targets - self._targets
         square = float((last * last).sum())
         part = float(np.clip((move * last).sum() / square, -1.0, 1.0)) if square > 0 else 0.0
@@ -119,13 +118,13 @@ class Following:
         self._last_targets, self._targets = self._targets, targets
         if part:
             u += part * step
-        springs, fixed = system.springs, targets[system.hard] - self.solver.mesh.origin
+        springs, fixed = solver.springs, targets[solver.hard] - solver.mesh.origin
         stiffness = springs.stiffness if fraction is None else springs.stiffness * fraction[springs.handle]
-        B = -(self._to_handles @ (fixed - u[system.fixed]))
+        B = -(self._to_handles @ (fixed - u[solver.fixed]))
         B[springs.place] += stiffness[:, None] * (move - part * last)[springs.handle]
         self._factorised.solve(B, step)
         u += step
-        u[system.fixed] = fixed
+        u[solver.fixed] = fixed
         if self._has_directions:
             state.restore()
         else:

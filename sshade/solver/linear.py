@@ -21,7 +21,6 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from numba import njit
 from scipy.sparse import csr_array
 
 from sshade.errors import InputError
@@ -159,7 +158,9 @@ class ConjugateGradients(VCycle):
         X[:] = 0.0
 
         def product(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-            return np.sum(team.ranges(lambda *own: _products(*own, one, other), n), axis=0)
+            return sum(
+                team.ranges(lambda *own: np.einsum("ic,ic->c", one[slice(*own)], other[slice(*own)]), n)
+            )
 
         def divided(one: np.ndarray, other: np.ndarray) -> np.ndarray:
             return np.divide(one, other, out=np.zeros(3), where=other > 0)
@@ -169,13 +170,13 @@ class ConjugateGradients(VCycle):
             team.ranges(lambda *own: multiply(*own, *A, P, Q), n)
             Q[self._fixed] = 0.0
             step = divided(now, product(P, Q))
-            team.ranges(lambda *own, step=step: _add(*own, step, P, Q, X, R), n)
+            X += step * P
+            R -= step * Q
             self._multigrid.apply(R, Q, team=team)
             now, last = product(R, Q), now
             if (now <= tolerance**2 * start).all():
                 break
-            ratio = divided(now, last)
-            team.ranges(lambda *own, ratio=ratio: _turn(*own, ratio, Q, P), n)
+            np.add(Q, divided(now, last) * P, out=P)
 
 
 def not_positive_definite() -> InputError:
@@ -183,30 +184,3 @@ def not_positive_definite() -> InputError:
         "the Laplacian of the rest mesh is not positive definite to rounding, as triangles of "
         "nearly no area make it, or weights near 0 where all handles of a component are soft"
     )
-
-
-@njit(cache=True, nogil=True)
-def _products(first, end, A, B):
-    """Scalar products of the columns."""
-    sums = np.zeros(3)
-    for i in range(first, end):
-        for c in range(3):
-            sums[c] += A[i, c] * B[i, c]
-    return sums
-
-
-@njit(cache=True, nogil=True)
-def _add(first, end, step, P, Q, X, R):
-    """``X += step P``, ``R -= step Q``."""
-    for i in range(first, end):
-        for c in range(3):
-            X[i, c] += step[c] * P[i, c]
-            R[i, c] -= step[c] * Q[i, c]
-
-
-@njit(cache=True, nogil=True)
-def _turn(first, end, ratio, Q, P):
-    """``P = Q + ratio P``."""
-    for i in range(first, end):
-        for c in range(3):
-            P[i, c] = Q[i, c] + ratio[c] * P[i, c]

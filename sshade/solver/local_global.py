@@ -11,7 +11,7 @@ P. Schroeder, "A simple geometric model for elastic deformations", 2010 (spokes 
 
 from __future__ import annotations
 
-from copy import copy
+from functools import cached_property
 from math import inf
 from time import perf_counter
 from typing import Any
@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.mesh.mesh import Mesh
 from sshade.options import ENERGY, Energy, Options, complete
 from sshade.progress import Progress, silent
 from sshade.solver import energy as terms
@@ -42,89 +41,17 @@ FACTORISED = 100_000
 EXACT_STEPS = 20
 
 
-class LocalGlobal:
+class LocalGlobal(System):
     """Minimises an as-rigid-as-possible energy under prescribed vertex positions.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Rest shape. May have a boundary, and triangles of zero area: see
-        :func:`sshade.solver.cotangents.half_cotangents`. Constraints on volume or area need a connected mesh.
-    index : (k,) int
-        Handle vertices, each once, at least one per component.
-    energy : {"spokes", "spokes_and_rims"}
-        Sorkine and Alexa's energy ("ARAP") or Chao et al.'s ("Elastic"), both with raw cotangents:
-        ``sum_i sum_{ij} w_ij |e'_ij - R_i e_ij|^2``, and ``sum_i sum_{t at i} sum_{kl in t} h_t(kl)
-        |e'_kl - R_i e_kl|^2``. The first can be negative if angles are obtuse.
-    stiffness : (k,) float64, optional
-        Stiffness of soft handles, see :attr:`sshade.Handles.stiffness`; inf, the default, for hard handles.
-    multigrid : bool
-        Use a V-cycle, which is set up in each solve, in place of a factorisation. Time and memory are linear
-        in the size of the mesh, and low energies are reached sooner if triangles soften. Choose it beyond
-        100,000 vertices. See :mod:`sshade.solver.linear`.
-    exact_steps : int
-        With multigrid, number of nearly exact first steps, for a start far from the minimum. The step that
-        proves convergence is then nearly exact, too.
-    bending : float
-        Length over which the bending energy spreads a fold, as a fraction of the square root of the mesh's
-        area; 0 for none. Needs a factorisation. See :mod:`sshade.solver.terms.bending`.
-
-    Raises
-    ------
-    InputError
-        On an unknown energy, a bending length that is negative or infinite, handle vertices that are out of
-        range, repeated or missing in a component, or a Laplacian that is not positive definite to rounding.
+    Parameters, attributes and errors as of :class:`sshade.solver.system.System`. Constraints on volume or
+    area need a connected mesh.
     """
 
-    def __init__(
-        self,
-        mesh: Mesh,
-        index: np.ndarray,
-        *,
-        energy: Energy = "spokes_and_rims",
-        stiffness: np.ndarray | None = None,
-        multigrid: bool = False,
-        exact_steps: int = 0,
-        bending: float = 0.0,
-    ) -> None:
-        self.mesh, self.system = (
-            mesh,
-            System(
-                mesh,
-                index,
-                energy=energy,
-                stiffness=stiffness,
-                multigrid=multigrid,
-                exact_steps=exact_steps,
-                bending=bending,
-            ),
-        )
-        corners = self.system.elements.corners
-        self._surface = Surface(mesh, self.system.place, corners if corners.shape[1] == 3 else None)
-
-    @property
-    def index(self) -> np.ndarray:
-        """(k,) int64 the handle vertices."""
-        return self.system.index
-
-    def with_handles(self, index: np.ndarray, *, stiffness: np.ndarray | None = None) -> LocalGlobal:
-        """Bind other handles of the same mesh and energy, by a new factorisation.
-
-        Both solvers stay usable, and share all data that do not depend on handles.
-
-        Parameters
-        ----------
-        index, stiffness
-            As for the class.
-
-        Raises
-        ------
-        InputError
-            As for the class, and with multigrid.
-        """
-        other = copy(self)
-        other.system = self.system.with_handles(index, stiffness=stiffness)
-        return other
+    @cached_property
+    def _surface(self) -> Surface:
+        corners = self.elements.corners
+        return Surface(self.mesh, self.place, corners if self.corners == 3 else None)
 
     def solve(
         self,
@@ -199,7 +126,7 @@ class LocalGlobal:
         options, u = complete(energy, ENERGY), self.to_system(start, targets)
         del start  # which may be the caller's last reference to a large array
         with ThreadTeam(workers) as team:
-            single = self.system.factorised is None
+            single = self.factorised is None
             state = self.descent(u, options, team=team, window=window if accelerate else 0, single=single)
             state.aim(targets, prescribed, fraction, volume_goal)
             if rotations is not None:
@@ -233,17 +160,17 @@ class LocalGlobal:
         accelerate_last : bool
             See :class:`sshade.solver.descent.Descent`.
         """
-        system, unit = self.system, self.mesh.diagonal
+        unit = self.mesh.diagonal
         constraints = self._surface.constraints(
             options.volume,
             options.area,
-            corners=system.corners,
+            corners=self.corners,
             team=team,
-            single=system.factorised is None and not system.exact_steps,
+            single=self.factorised is None and not self.exact_steps,
         )
         return Descent(
-            system,
-            terms.Energy(system, options, team=team),
+            self,
+            terms.Energy(self, options, team=team),
             constraints,
             u,
             quasi_newton=QuasiNewton(len(u), window, unit=unit, single=single, team=team) if window else None,
@@ -253,22 +180,17 @@ class LocalGlobal:
 
     def solution(self, state: Descent, done: Run, targets: np.ndarray, options: Options) -> Solution:
         """Return the result of a finished run, in the mesh's order of vertices."""
-        errors = self._surface.errors(state.u, volume_goal=state.volume_goal)
-        volume, area = self._surface.status(options.volume, options.area, errors)
         return Solution(
             positions=self.from_system(state.u, targets),
-            rotations=np.take(state.energy.R, self.system.place, axis=0).reshape(-1, 3, 3),
+            rotations=np.take(state.energy.R, self.place, axis=0).reshape(-1, 3, 3),
             iterations=done.iterations,
             residual=done.residual,
             residual_curve=done.residual_curve,
-            energy=self.system.rest_energy + state.value,
-            energy_initial=self.system.rest_energy + state.initial_value,
+            energy=self.rest_energy + state.value,
+            energy_initial=self.rest_energy + state.initial_value,
             converged=done.converged,
             rejected=state.rejected,
-            volume_error=errors.volume,
-            area_error=errors.area,
-            volume_constraint=volume,
-            area_constraint=area,
+            **self._surface.report(state.u, options.volume, options.area, volume_goal=state.volume_goal),
         )
 
     def project(
@@ -306,14 +228,14 @@ class LocalGlobal:
 
     def to_system(self, positions: np.ndarray, targets: np.ndarray) -> np.ndarray:
         """(n, 3) in the solver's order, relative to the mesh's origin, with hard handles on their targets."""
-        u = positions[self.system.vertex] - self.mesh.origin
-        u[self.system.fixed] = targets[self.system.hard] - self.mesh.origin
+        u = positions[self.vertex] - self.mesh.origin
+        u[self.fixed] = targets[self.hard] - self.mesh.origin
         return u
 
     def from_system(self, u: np.ndarray, targets: np.ndarray) -> np.ndarray:
         """(n, 3) in the mesh's order, with hard handles exactly on their targets."""
-        positions = np.take(u, self.system.place, axis=0) + self.mesh.origin
-        hard = self.system.hard
+        positions = np.take(u, self.place, axis=0) + self.mesh.origin
+        hard = self.hard
         positions[self.index[hard]] = targets[hard]
         return positions
 

@@ -112,9 +112,9 @@ class Multigrid:
             X[:] = 0.0
             X[self._free] = solution
             return
-        size = max(team.ranges(lambda *own: _largest(*own, B), len(B))) or 1.0
+        size = max(team.ranges(lambda *own: np.abs(B[slice(*own)]).max(), len(B))) or 1.0
         x = self._cycle(0, B, 1.0 / size, team)
-        team.ranges(lambda *own: _scale(*own, size, x, X), len(B))
+        team.ranges(lambda *own: np.multiply(x[slice(*own)], size, out=X[slice(*own)], dtype=float), len(B))
 
     @property
     def finest(self) -> tuple[np.ndarray, ...] | None:
@@ -258,22 +258,6 @@ def _aggregates(start, column, value, held, least):
                     aggregate[j] = count
             count += 1
     return aggregate, count
-
-
-@njit(cache=True, nogil=True)
-def _largest(first, end, B):
-    largest = 0.0
-    for i in range(first, end):
-        for c in range(3):
-            largest = max(largest, abs(B[i, c]))
-    return largest
-
-
-@njit(cache=True, nogil=True)
-def _scale(first, end, size, x, X):
-    for i in range(first, end):
-        for c in range(3):
-            X[i, c] = size * x[i, c]
 
 
 @njit(cache=True, nogil=True)

@@ -107,18 +107,6 @@ def weighted_laplacian(
 
 
 @njit(cache=True, nogil=True)
-def dirichlet_energy(corners, V, H):
-    """Return ``sum h |e|^2`` over the sides of edges or triangles, of positions V."""
-    energy = 0.0
-    for t in range(len(corners)):
-        for c in range(H.shape[1]):
-            i, j = corners[t, c], corners[t, (c + 1) % corners.shape[1]]
-            x, y, z = V[i, 0] - V[j, 0], V[i, 1] - V[j, 1], V[i, 2] - V[j, 2]
-            energy += H[t, c] * (x * x + y * y + z * z)
-    return energy
-
-
-@njit(cache=True, nogil=True)
 def _order_faces(F, place, corners, face):
     """By counting sort."""
     start = np.zeros(len(place) + 1, dtype=np.int32)

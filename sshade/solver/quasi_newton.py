@@ -89,7 +89,7 @@ class QuasiNewton:
             False if the next iterate is g: no pair is stored, or the quasi-Newton step does not descend.
         """
         F, flat, product = g.reshape(-1), u.reshape(-1), force.reshape(-1)
-        self._sum(lambda own: _subtract(*own, flat, F))
+        F -= flat
         descends = self._directed(flat, F, product)
         self._begun = True
         if descends:
@@ -145,13 +145,6 @@ class QuasiNewton:
         bounds = [*range(0, size, CHUNK), size]
         parts = self._team(lambda number: part((bounds[number], bounds[number + 1])), len(bounds) - 1)
         return sum(parts[1:], start=parts[0])
-
-
-@njit(cache=True, nogil=True)
-def _subtract(first, end, u, g):
-    for i in range(first, end):
-        g[i] -= u[i]
-    return 0
 
 
 @njit(cache=True, nogil=True)

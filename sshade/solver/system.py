@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
+from typing import Self
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -22,7 +23,6 @@ from sshade.solver.linear import ConjugateGradients, Factorised, Linear, VCycle,
 from sshade.solver.multigrid import SMOOTHER, Multigrid
 from sshade.solver.order import (
     band_order,
-    dirichlet_energy,
     faces_in_order,
     pattern_in_order,
     vertex_ranges,
@@ -44,7 +44,29 @@ POLISH_DEGREE = 1
 class System:
     """Weights, elements and matrix of a mesh whose handle vertices are fixed or pulled.
 
-    Parameters and errors as of :class:`sshade.solver.local_global.LocalGlobal`.
+    Parameters
+    ----------
+    mesh : Mesh
+        Rest shape. May have a boundary, and triangles of zero area: see
+        :func:`sshade.solver.cotangents.half_cotangents`.
+    index : (k,) int
+        Handle vertices, each once, at least one per component.
+    energy : {"spokes", "spokes_and_rims"}
+        Sorkine and Alexa's energy ("ARAP") or Chao et al.'s ("Elastic"), both with raw cotangents:
+        ``sum_i sum_{ij} w_ij |e'_ij - R_i e_ij|^2``, and ``sum_i sum_{t at i} sum_{kl in t} h_t(kl)
+        |e'_kl - R_i e_kl|^2``. The first can be negative if angles are obtuse.
+    stiffness : (k,) float64, optional
+        Stiffness of soft handles, see :attr:`sshade.Handles.stiffness`; inf, the default, for hard handles.
+    multigrid : bool
+        Use a V-cycle, which is set up in each solve, in place of a factorisation. Time and memory are linear
+        in the size of the mesh, and low energies are reached sooner if triangles soften. Choose it beyond
+        100,000 vertices. See :mod:`sshade.solver.linear`.
+    exact_steps : int
+        With multigrid, number of nearly exact first steps, for a start far from the minimum. The step that
+        proves convergence is then nearly exact, too.
+    bending : float
+        Length over which the bending energy spreads a fold, as a fraction of the square root of the mesh's
+        area; 0 for none. Needs a factorisation. See :mod:`sshade.solver.terms.bending`.
 
     Attributes
     ----------
@@ -66,7 +88,7 @@ class System:
     ranges : list of (slice, int, int)
         See :func:`sshade.solver.order.vertex_ranges`.
     rest : (m,) float64
-        6 A of each triangle, its energy if shrunk to a point; positive. Empty for edges.
+        Energy of each element shrunk to a point: 6 A for a triangle, positive.
     plate : Plate or None
         The bending energy.
     rest_energy : float
@@ -75,6 +97,12 @@ class System:
         Laplacian with stiffness of pulls and bending, in the mesh's order. None with multigrid.
     factorised : Factorised or None
         None with multigrid.
+
+    Raises
+    ------
+    InputError
+        On an unknown energy, a bending length that is negative or infinite, handle vertices that are out of
+        range, repeated or missing in a component, or a Laplacian that is not positive definite to rounding.
     """
 
     def __init__(
@@ -82,7 +110,7 @@ class System:
         mesh: Mesh,
         index: np.ndarray,
         *,
-        energy: Energy,
+        energy: Energy = "spokes_and_rims",
         stiffness: np.ndarray | None = None,
         multigrid: bool = False,
         exact_steps: int = 0,
@@ -105,8 +133,12 @@ class System:
             self._list_elements(h)
             bound.result()
 
-    def with_handles(self, index: np.ndarray, *, stiffness: np.ndarray | None = None) -> System:
-        """Bind other handles of the same mesh, with a new factorisation; the rest is shared."""
+    def with_handles(self, index: np.ndarray, *, stiffness: np.ndarray | None = None) -> Self:
+        """Bind other handles of the same mesh and energy, by a new factorisation.
+
+        Both systems stay usable, and share all data that do not depend on handles. Parameters and errors as
+        for the class; InputError also with multigrid.
+        """
         if self._laplacian is None:
             raise InputError("a system without a factorisation takes no other handles: bind it anew")
         other = copy(self)
@@ -150,19 +182,21 @@ class System:
 
     def _list_elements(self, h: np.ndarray) -> None:
         """List edges or triangles for half cotangents h (m, 3)."""
-        mesh, V = self.mesh, self.mesh.V[self.vertex]
+        mesh = self.mesh
         self.elements: Elements
         if self.corners == 2:
             edges, weights = edge_weights(mesh, h)
             near = np.argsort(self.place[edges].min(axis=1), kind="stable")
             edges, H = edges[near], weights[near, None]
-            Y = H * (mesh.V[edges[:, 0]] - mesh.V[edges[:, 1]])
-            self.elements, self.rest = Edges(self.place[edges].astype(np.uint32), Y[:, None], H), np.empty(0)
+            E = mesh.V[edges[:, 0]] - mesh.V[edges[:, 1]]
+            self.elements = Edges(self.place[edges].astype(np.uint32), (H * E)[:, None], H)
+            self.rest = 2.0 * H[:, 0] * (E * E).sum(axis=1)
         else:
             corners, face = faces_in_order(mesh.F, self.place)
-            self.elements, self.rest = Triangles(corners, V, h[face]), rest_energies(mesh, h)[face]
+            self.elements = Triangles(corners, mesh.V[self.vertex], h[face])
+            self.rest = rest_energies(mesh, h)[face]
         self.ranges = vertex_ranges(self.elements.corners, mesh.n)
-        self._stretch = self.corners * float(dirichlet_energy(self.elements.corners, V, self.elements.H))
+        self._stretch = float(self.rest.sum())
 
     @property
     def rest_energy(self) -> float:

@@ -164,7 +164,7 @@ def test_bits_do_not_depend_on_threads(monkeypatch):
 def test_forces_times_the_metric_are_the_step(multigrid):
     """Constraints included; the step is what quasi-Newton pairs are made of."""
     solver = LocalGlobal(BALL.mesh, BALL.handles.index, multigrid=multigrid)
-    system, rng = solver.system, np.random.default_rng(0)
+    system, rng = solver, np.random.default_rng(0)
     u = BALL.mesh.V[system.vertex] + 0.01 * rng.normal(size=BALL.mesh.V.shape)
     with ThreadTeam(1) as team:
         state = solver.descent(u.copy(), Options(**EXACT), team=team)

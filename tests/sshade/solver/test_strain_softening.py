@@ -61,13 +61,13 @@ def test_the_energy_is_that_of_the_definition(task, soft):
 def test_weights_are_the_derivative_of_the_penalty(task, soft):
     solver = solver_of(task)
     shape = solver.solve(task.handles.target, max_iterations=7, tolerance=0, **soft).positions
-    u = shape[solver.system.vertex]
+    u = shape[solver.vertex]
     with ThreadTeam(1) as team:
         state = solver.descent(u, Options(**soft), team=team)
         state.aim(task.handles.target, None, None, 1.0)
         state.begin()
     U, R, weight = np.empty_like(u), np.empty((len(u), 3, 3)), state.energy.weight
-    U[solver.system.vertex], R[solver.system.vertex] = u, state.energy.R.reshape(-1, 3, 3)
+    U[solver.vertex], R[solver.vertex] = u, state.energy.R.reshape(-1, 3, 3)
     x = triangle_energies(task.mesh, U, R) / (6 * task.mesh.face_areas)
     step = 1e-4 * x + 1e-8
     expected = (penalty(x + step, **soft) - penalty(x - step, **soft)) / (2 * step)
