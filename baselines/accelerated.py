@@ -10,14 +10,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from sshade.options import SOLVER, Energy, takes_options
-from sshade.pipeline.components import each_component
+from sshade.options import SOLVER, Energy, Options, takes_options
+from sshade.pipeline.components import by_components
 from sshade.progress import Progress, silent
 from sshade.solver.local_global import local_global
 from sshade.task import DeformationResult, DeformationTask
-
-#: Number of proxy vertices that the decorator of components needs. There is no proxy here.
-ANY = 1_000_000
 
 
 @takes_options(SOLVER)
@@ -52,13 +49,10 @@ def accelerated_elastic(
     return _solve(task, energy, accelerate=accelerate, factorised=factorised, progress=progress, **options)
 
 
-def _solve(task: DeformationTask, energy: Energy, **options: Any) -> DeformationResult:
+def _solve(task: DeformationTask, energy: Energy, *, progress: Progress, **options: Any) -> DeformationResult:
+    def deform(task: DeformationTask, *, progress: Progress, **of_proxy: Any) -> DeformationResult:
+        return local_global(task, energy=energy, progress=progress, **options)
+
     if options.get("volume") or options.get("area"):
-        return _constrained(task, energy=energy, **options)
-    return local_global(task, energy=energy, **options)
-
-
-@each_component(vertices=ANY)
-def _constrained(task: DeformationTask, *, vertices: int = ANY, **options: Any) -> DeformationResult:
-    """Deform a connected mesh at full resolution."""
-    return local_global(task, **options)
+        return by_components(task, deform, Options(vertices=task.mesh.n), progress=progress)
+    return deform(task, progress=progress)
