@@ -16,7 +16,8 @@ from sshade.io.obj import read_obj
 from sshade.io.off import read_off
 from sshade.io.ply import read_ply, write_ply
 from sshade.io.stl import read_stl
-from sshade.mesh.mesh import Mesh, repeats_vertex
+from sshade.mesh.mesh import Mesh
+from sshade.mesh.surface import cleaned, without_duplicates
 
 _READERS = {
     ".ply": read_ply,
@@ -165,17 +166,10 @@ def repair(V: np.ndarray, F: np.ndarray) -> tuple[Mesh, np.ndarray]:
     vertex : (n,) int
         Vertex of `mesh` for each input vertex; -1 for dropped vertices.
     """
-    V = np.asarray(V, dtype=np.float64)
-    F = np.asarray(F, dtype=np.int64)
+    V, F = np.asarray(V, dtype=np.float64), np.asarray(F, dtype=np.int64)
     if len(F) and (F.min() < 0 or F.max() >= len(V)):
         raise InputError(f"faces refer to vertices outside 0..{len(V) - 1}; no repair can mend this")
     _, first, weld = np.unique(V, axis=0, return_index=True, return_inverse=True)
     weld = first[weld.ravel()]
-    F = weld[F]
-    F = F[~repeats_vertex(F)]
-    _, keep = np.unique(np.sort(F, axis=1), axis=0, return_index=True)
-    F = F[np.sort(keep)]
-    used = np.zeros(len(V), dtype=bool)
-    used[F] = True
-    new_id = np.where(used, np.cumsum(used) - 1, -1)
-    return Mesh(V[used], new_id[F]), new_id[weld]
+    welded = cleaned(V, weld[F])
+    return without_duplicates(welded.mesh), welded.vertex[weld]
