@@ -18,15 +18,15 @@ from __future__ import annotations
 import argparse
 import webbrowser
 from pathlib import Path
-from typing import get_args
 
 from sshade.cli.arguments import FORMATS
 from sshade.cli.console import announced_compilation, say
 from sshade.edit.server import Server
 from sshade.edit.session import Session
-from sshade.edit.state import MethodName, Settings
+from sshade.edit.state import METHODS, Settings
 from sshade.errors import InputError
 from sshade.io.files import reason
+from sshade.options import require_method
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,9 +48,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--method",
-        choices=get_args(MethodName),
-        default="sshade_fast",
-        help="how the mesh follows at rest; the page can change it (default: sshade_fast)",
+        default=Settings().method,
+        metavar="METHOD",
+        help=f"{', '.join(METHODS)}: method of the converged shape; the page can change it "
+        f"(default: {Settings().method})",
     )
     parser.add_argument(
         "--carry-unconstrained",
@@ -72,7 +73,7 @@ def command(options: argparse.Namespace) -> int:
             handles=options.handles,
             output=options.output,
             handles_output=options.handles_out,
-            settings=Settings(options.method),
+            settings=Settings(require_method(options.method, METHODS)),
             carry_unconstrained=options.carry_unconstrained,
         )
     if not 0 <= options.port < 65536:

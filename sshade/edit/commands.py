@@ -5,15 +5,16 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from math import inf, isfinite
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
 from sshade.edit.preview import VERTICES, Preview, preview
 from sshade.edit.session import Session
-from sshade.edit.state import MethodName, Motion, Settings
+from sshade.edit.state import METHODS, Motion, Settings
 from sshade.errors import InputError
 from sshade.figures import colour_range, edge_error
+from sshade.options import require_method
 from sshade.progress import Progress, silent
 
 #: Arrays of an answer after a change of groups or of the selection.
@@ -107,11 +108,9 @@ class Commands:
         return self.select(group.vertices, "replace")
 
     def do_set_up(self, arguments: Mapping[str, Any]) -> bytes:
-        method = _text(arguments, "method")
-        if method not in get_args(MethodName):
-            raise InputError(f"the editor has no method {method!r}; use {', '.join(get_args(MethodName))}")
+        method = require_method(_text(arguments, "method"), METHODS)
         volume, area = (bool(arguments.get(name, True)) for name in ("volume", "area"))
-        self._session.set_up(Settings(method, volume, area))  # type: ignore[arg-type]
+        self._session.set_up(Settings(method, volume, area))
         return self._answer("positions")
 
     def do_undo(self, _: Mapping[str, Any]) -> bytes:

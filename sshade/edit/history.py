@@ -55,7 +55,7 @@ class History:
         self._drop_shapes()
 
     def _drop_shapes(self) -> None:
-        """Drop shapes of the oldest states until the others fit in :data:`BYTES`."""
+        """Drop the oldest shapes until all shapes fit in :data:`BYTES`."""
         kept = {id(self.state.shape): 0 if self.state.shape is None else self.state.shape.nbytes}
         for i in range(len(self._states) - 1, -1, -1):
             shape = self._states[i].shape

@@ -13,7 +13,9 @@ from sshade.handles import NO_HANDLES, Handles
 from sshade.mesh.mesh import Mesh
 
 Kind = Literal["static", "moving"]
-MethodName = Literal["sshade_fast", "sshade_fine", "sshade"]
+
+#: Methods of the editor.
+METHODS = ("fast", "fine", "paper")
 
 #: Greatest ratio of the second extent of vertices to the first, at which they count as a line. Their targets
 #: do not determine a rotation, which is therefore prescribed.
@@ -135,7 +137,7 @@ class Settings(NamedTuple):
         Whether `fast` and `fine` constrain volume and area.
     """
 
-    method: MethodName = "sshade_fast"
+    method: str = "fast"
     volume: bool = True
     area: bool = True
 

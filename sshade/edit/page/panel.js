@@ -41,7 +41,7 @@ export class Panel {
     byId("undo").disabled = !facts.undo;
     byId("redo").disabled = !facts.redo;
     byId("method").value = settings.method;
-    byId("constraints").hidden = settings.method === "sshade";
+    byId("constraints").hidden = settings.method === "paper";
     byId("volume").checked = settings.volume;
     byId("area").checked = settings.area;
     byId("no-groups").hidden = facts.groups.length > 0;

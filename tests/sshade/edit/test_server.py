@@ -241,8 +241,8 @@ def test_commands_do_what_the_session_does(server, tmp_path):
     for name in "undo", "redo", "restore", "remove":
         answer = command(server, name, {"group": answer["groups"][-1]["number"]})
     assert len(answer["groups"]) == 1
-    answer = command(server, "set_up", {"method": "sshade_fine", "volume": False, "area": True})
-    assert answer["settings"] == {"method": "sshade_fine", "volume": False, "area": True}
+    answer = command(server, "set_up", {"method": "fine", "volume": False, "area": True})
+    assert answer["settings"] == {"method": "fine", "volume": False, "area": True}
 
 
 @pytest.mark.parametrize(("scale", "shift"), [(1e-3, 0.0), (1e3, 1e7), (1.0, -1e5)])

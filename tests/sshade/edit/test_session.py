@@ -138,7 +138,7 @@ def test_a_vertex_is_in_the_group_that_took_it_last():
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("method", ["sshade_fast", "sshade_fine", "sshade"])
+@pytest.mark.parametrize("method", ["fast", "fine", "paper"])
 def test_what_is_saved_deforms_to_the_same_file_on_the_command_line(shape, method):
     session = begun(SHAPES[shape], settings=Settings(method))
     number = marked(session)
@@ -374,7 +374,7 @@ def test_free_constraints_change_the_shape_and_are_written_down():
     session.settle()
     assert abs(kept / BODY.volume - 1) < 1e-3 < abs(Mesh(session.shown, BODY.F).volume / BODY.volume - 1)
     made = json.loads(session.save_handles("free.json").read_text())["made"]
-    assert made == {"method": "sshade_fast", "volume": 0.0}
+    assert made == {"method": "fast", "volume": 0.0}
     session.undo()
     assert session.shown is shape
 
