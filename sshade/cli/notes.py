@@ -30,8 +30,7 @@ def notes(facts: Mapping[str, Any]) -> list[str]:
         f"{unused} vertices without a face stay at their places": unused,
         "the two initialisations led to different shapes: the result starts from the rigid motion, whose "
         "energy is clearly lower, and not from the guide energy": facts.get("proxy_initialisation")
-        == "handles"
-        or facts.get("proxy_basin") == "start",
+        == "handles",
         f"the mesh is no oriented manifold: {turned} faces were turned around, {copies} vertices were "
         "duplicated and joined again, over gaps of at most "
         f"{100 * facts.get('gap', 0):.2g} % of the diagonal": copies or turned,

@@ -1,4 +1,4 @@
-"""The shape for handles: at once while they are dragged, and as the methods have it when they rest."""
+"""Compute the shape for handles: a few iterations for each step of a drag, all iterations at rest."""
 
 from __future__ import annotations
 
@@ -10,77 +10,89 @@ from sshade.edit.state import Settings
 from sshade.errors import InputError
 from sshade.handles import Handles
 from sshade.mesh.mesh import Mesh
-from sshade.options import OLD_METHODS, REGIONS
+from sshade.options import REGIONS
 from sshade.pipeline.deform import deform
 from sshade.pipeline.deformer import Deformer
 from sshade.progress import Progress, silent
 from sshade.task import DeformationResult, DeformationTask
 
-#: Proxy vertices while the mouse moves: a third of those at rest. Half come a seventh nearer, for half as
-#: much time again.
+#: Proxy vertices during a drag, a third of the usual number. Half as many more reduce the distance to the
+#: converged shape by a seventh and take half as much more time.
 VERTICES = 4000
-#: Residual and iterations of a step of a drag; the next one goes on. More would come nearer to the solution
-#: with each picture, and show fewer.
+#: Tolerance and iterations of a step of a drag; the next step continues. More iterations come nearer to the
+#: converged shape with each picture, but show fewer pictures.
 TOLERANCE, ITERATIONS = 1e-5, 3
-#: Vertices of a group that lead the proxy in a drag; the others of a larger one go straight to their targets.
-#: At rest its edge is met without a crease, which here would take longer than all the rest.
-LEADING = 200
-#: The weight of the volume during a drag, which holds it to a thousandth or so.
+#: Greatest number of vertices of a group that the proxy takes as handles during a drag. The other vertices of
+#: the group move directly to their targets.
+REDUCED = 200
+#: Weight of the volume constraint during a drag, which keeps the volume to about a thousandth.
 VOLUME = 1e3
-#: Vertices from which on other handles of a bound mesh take the nearest samples, instead of binding it anew,
-#: which takes that long there, while the steps of smaller meshes become faster by it.
+#: Smallest number of mesh vertices for which other handles are bound to the nearest samples. Binding such a
+#: mesh anew takes too long; smaller meshes are bound anew, which makes their steps faster.
 REBOUND = 500_000
 
 
 def settled(task: DeformationTask, settings: Settings, *, progress: Progress = silent) -> DeformationResult:
-    """The shape at rest, as ``sshade deform`` makes it.
+    """Return the converged shape, which equals the result of ``sshade deform``.
 
     Raises
     ------
     InputError
-        Where the method refuses the task.
+        When the method refuses the task.
     """
-    method, options = _options(settings)
-    return deform(task, method=method, progress=progress, **options)
+    return deform(task, method=settings.method, progress=progress, **_options(settings))
 
 
-def _options(settings: Settings) -> tuple[str, dict[str, Any]]:
-    """The method's name and its options."""
-    method = OLD_METHODS.get(settings.method, settings.method)
-    return method, {"start": "rigid"} if method == "paper" else dict(settings.constraints)
+def _options(settings: Settings) -> dict[str, Any]:
+    return {"start": "rigid"} if settings.method == "paper" else dict(settings.constraints)
+
+
+class _Component(NamedTuple):
+    """A component of the mesh; `mesh` is None unless it is an oriented manifold."""
+
+    number: int
+    vertices: np.ndarray
+    mesh: Mesh | None
+
+
+class _Reduced(NamedTuple):
+    """Handles of a component, of which the proxy takes at most :data:`REDUCED` in each group.
+
+    Attributes
+    ----------
+    component : int
+    group : array
+        Array ``Handles.group`` that these handles were chosen from.
+    members, hard, reduced : (k,) int64
+        Numbers of all handles on the component, of the hard ones, and of those that the proxy takes.
+    binding : dict
+        Vertices in the component, groups and weights of the reduced handles.
+    """
+
+    component: int
+    group: np.ndarray
+    members: np.ndarray
+    hard: np.ndarray
+    reduced: np.ndarray
+    binding: dict[str, Any]
 
 
 class _Bound(NamedTuple):
-    """A component, its Deformer, and what that was made for."""
+    """A Deformer, and the component, settings and handles that it was bound for."""
 
     component: int
     settings: Settings
     deformer: Deformer
     handles: tuple[bytes, ...]
-    #: Whether it was bound with other handles, so that these are not on samples of their own.
+    #: Whether the handles were bound to the nearest samples, after binding with other handles.
     rebound: bool = False
 
 
-class _Led(NamedTuple):
-    """Which handles of a component lead it."""
-
-    #: The array of their groups, which handles elsewhere share.
-    of: np.ndarray
-    component: int
-    #: Numbers of all handles there, of the hard ones, and of those that lead.
-    there: np.ndarray
-    hard: np.ndarray
-    lead: np.ndarray
-    #: Vertices of those in the component, their groups and weights.
-    vertices: np.ndarray
-    given: dict[str, Any]
-
-
 class Follower:
-    """The mesh while a group is dragged.
+    """Deform the mesh during a drag.
 
-    Of a mesh with several components the one follows that the group lies on. It must be an oriented manifold;
-    others, and other components, show what is new when the mouse rests.
+    Only the component of the dragged group follows, if it is an oriented manifold. Everything else follows
+    when the mouse rests.
 
     Parameters
     ----------
@@ -89,129 +101,126 @@ class Follower:
 
     def __init__(self, mesh: Mesh) -> None:
         self._mesh = mesh
+        self._connected = mesh.topology.components == 1
+        self._last_component: _Component | None = None
+        self._last_reduced: _Reduced | None = None
         self._bound: _Bound | None = None
-        self._whole = mesh.topology.components == 1
-        self._part: tuple[int, np.ndarray, Mesh | None] | None = None
-        self._led: _Led | None = None
 
     def prepare(self, handles: Handles, on: int, settings: Settings) -> None:
-        """Bind the component of vertex `on` with its handles, so that the first step need not.
+        """Bind the component of the vertex `on` in advance.
 
         Raises
         ------
         InputError
             When the component cannot be bound with these handles.
         """
-        _, _, part = self._component(on)
-        if part is not None:
-            self._bind(on, handles, settings)
+        component = self._component(on)
+        if component.mesh is not None:
+            self._bind(component.mesh, self._reduced(handles, component), settings)
 
     def follow(self, handles: Handles, on: int, settings: Settings, shape: np.ndarray) -> None:
-        """Move what follows the handles in `shape`, from where the last call left it.
+        """Continue the deformation for new targets.
 
         Parameters
         ----------
         handles : Handles
-            All of the mesh, at their new targets.
+            All handles of the mesh, at their new targets.
         on : int
-            A vertex of the group that is dragged.
+            A vertex of the dragged group.
         settings : Settings
         shape : (n, 3) float64, C-contiguous
-            Takes the positions.
+            Positions, of which the moved ones are overwritten.
 
         Raises
         ------
         InputError
-            As for :meth:`prepare`.
+            See :meth:`prepare`.
         """
-        _, own, part = self._component(on)
-        led = self._leading(handles, on)
-        lead, hard = led.lead, led.hard
-        if part is None:
-            shape[handles.index[led.there]] = handles.target[led.there]
+        component = self._component(on)
+        subset = self._reduced(handles, component)
+        if component.mesh is None:
+            shape[handles.index[subset.members]] = handles.target[subset.members]
             return
-        rotations = None if handles.rotation is None else handles.rotation[lead]
-        out = shape if self._whole else None
-        while True:
-            bound = self._bind(on, handles, settings)
-            try:
-                result = bound.deformer(
-                    handles.target[lead],
-                    rotations=rotations,
-                    tolerance=TOLERANCE,
-                    max_iterations=ITERATIONS,
-                    out=out,
-                )
-                break
-            except InputError:
-                if not bound.rebound:
-                    raise
-                self._bound = None  # one sample was the nearest of two groups: bound anew, each has its own
-        if not self._whole:
-            shape[own] = result.vertices
-        shape[handles.index[hard]] = handles.target[hard]
+        step: dict[str, Any] = {
+            "rotations": None if handles.rotation is None else handles.rotation[subset.reduced],
+            "tolerance": TOLERANCE,
+            "max_iterations": ITERATIONS,
+            "out": shape if self._connected else None,
+        }
+        bound = self._bind(component.mesh, subset, settings)
+        try:
+            result = bound.deformer(handles.target[subset.reduced], **step)
+        except InputError:
+            if not bound.rebound:
+                raise
+            # Two groups share their nearest sample. Bound anew, each group has samples of its own.
+            self._bound = None
+            bound = self._bind(component.mesh, subset, settings)
+            result = bound.deformer(handles.target[subset.reduced], **step)
+        if not self._connected:
+            shape[component.vertices] = result.vertices
+        shape[handles.index[subset.hard]] = handles.target[subset.hard]
 
     def forget(self) -> None:
-        """Let the next step begin as the method does: handles are to be elsewhere than they were."""
+        """Start the next step anew, because the handles are not where the last step left them."""
         if self._bound is not None:
             self._bound.deformer.reset()
 
-    def _component(self, on: int) -> tuple[int, np.ndarray, Mesh | None]:
-        """The component of a vertex, its vertices, and a mesh of it unless that cannot be bound."""
-        component = int(self._mesh.component[on])
-        if self._part is None or self._part[0] != component:
-            if self._whole:
-                own, part = np.arange(self._mesh.n), self._mesh
-            else:
-                own = np.flatnonzero(self._mesh.component == component)
-                F = self._mesh.F[self._mesh.component[self._mesh.F[:, 0]] == component]
-                part = Mesh(self._mesh.V[own], np.searchsorted(own, F))
-            sound = part.is_manifold and part.is_oriented
-            self._part = component, own, part if sound else None
-        return self._part
+    def _component(self, on: int) -> _Component:
+        """Return the component of a vertex."""
+        number = int(self._mesh.component[on])
+        if self._last_component is None or self._last_component.number != number:
+            mesh = self._mesh
+            vertices = np.flatnonzero(mesh.component == number)
+            if not self._connected:
+                F = mesh.F[mesh.component[mesh.F[:, 0]] == number]
+                mesh = Mesh(mesh.V[vertices], np.searchsorted(vertices, F))
+            sound = mesh.is_manifold and mesh.is_oriented
+            self._last_component = _Component(number, vertices, mesh if sound else None)
+        return self._last_component
 
-    def _leading(self, handles: Handles, on: int) -> _Led:
-        """Of the handles on the component of a vertex those that lead the proxy, a few of each group."""
-        component, own, _ = self._component(on)
-        if self._led is None or self._led.component != component or self._led.of is not handles.group:
-            there = np.flatnonzero(self._mesh.component[handles.index] == component)
-            rng, groups = np.random.default_rng(0), handles.group[there]
-            chosen = []
-            for group in np.unique(groups):
-                some = there[groups == group]
-                few = some if len(some) <= LEADING else np.sort(rng.choice(some, LEADING, replace=False))
-                chosen.append(few)
-            lead = np.concatenate(chosen)
-            index = np.searchsorted(own, handles.index[lead])
-            given = {"group": handles.group[lead], "weight": handles.weight[lead]}
-            hard = there[handles.hard[there]]
-            self._led = _Led(handles.group, component, there, hard, lead, index, given)
-        return self._led
+    def _reduced(self, handles: Handles, component: _Component) -> _Reduced:
+        """Return the handles on a component, and at most :data:`REDUCED` of each group."""
+        last = self._last_reduced
+        if last is None or last.component != component.number or last.group is not handles.group:
+            members = np.flatnonzero(self._mesh.component[handles.index] == component.number)
+            rng, chosen = np.random.default_rng(0), []
+            for group in np.unique(handles.group[members]):
+                few = members[handles.group[members] == group]
+                chosen.append(
+                    few if len(few) <= REDUCED else np.sort(rng.choice(few, REDUCED, replace=False))
+                )
+            reduced = np.concatenate(chosen)
+            binding = {
+                "index": np.searchsorted(component.vertices, handles.index[reduced]),
+                "group": handles.group[reduced],
+                "weight": handles.weight[reduced],
+            }
+            hard = members[handles.hard[members]]
+            last = _Reduced(component.number, handles.group, members, hard, reduced, binding)
+            self._last_reduced = last
+        return last
 
-    def _bind(self, on: int, handles: Handles, settings: Settings) -> _Bound:
-        """What is bound with these handles."""
-        component, _, part = self._component(on)
-        assert part is not None
-        led = self._leading(handles, on)
-        index, given = led.vertices, led.given
-        key = index.tobytes(), given["group"].tobytes(), given["weight"].tobytes()
+    def _bind(self, mesh: Mesh, subset: _Reduced, settings: Settings) -> _Bound:
+        """Return a Deformer that is bound with the reduced handles."""
+        key = tuple(values.tobytes() for values in subset.binding.values())
         bound, self._bound = self._bound, None
-        if bound is not None and (bound.component, bound.settings) == (component, settings):
-            if bound.handles != key and part.n >= REBOUND:
+        if bound is not None and (bound.component, bound.settings) == (subset.component, settings):
+            if bound.handles != key and mesh.n >= REBOUND:
                 try:
-                    bound.deformer.rebind_handles(index, **given)
+                    bound.deformer.rebind_handles(**subset.binding)
                     bound = bound._replace(handles=key, rebound=True)
-                except InputError:  # too far from the samples, or two groups on one
+                except InputError:  # a handle is too far from the samples, or two groups share a sample
                     bound = None
             if bound is not None and bound.handles == key:
                 self._bound = bound
                 return bound
-        method, options = _options(settings)
-        if method != "paper":
-            method, regional = "fast", len(led.lead) < len(led.there)
-            edges = {name: REGIONS[method][name] for name in ("area", "bending") if regional}
-            options = {"volume": VOLUME, **edges, **options}
-        binding: Any = {"method": method, "vertices": VERTICES, **options, **given}
-        deformer = Deformer(part, index, **binding)
-        self._bound = _Bound(component, settings, deformer, key)
+        options = _options(settings)
+        if settings.method != "paper":
+            is_region = len(subset.reduced) < len(subset.members)
+            regional = {name: REGIONS["fast"][name] for name in ("area", "bending") if is_region}
+            options = {"volume": VOLUME, **regional, **options}
+        options["method"] = "paper" if settings.method == "paper" else "fast"
+        deformer = Deformer(mesh, vertices=VERTICES, **options, **subset.binding)
+        self._bound = _Bound(subset.component, settings, deformer, key)
         return self._bound

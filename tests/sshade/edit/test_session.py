@@ -294,7 +294,7 @@ def test_of_a_large_group_a_few_vertices_lead_and_all_arrive(monkeypatch):
     session = begun()
     number = marked(session)
     full = session.drag(number, LIFT)
-    monkeypatch.setattr(follower, "LEADING", 20)
+    monkeypatch.setattr(follower, "REDUCED", 20)
     session = begun()
     number = marked(session)
     session.alter(session.state.groups[0].number, weight=50.0)
