@@ -1,8 +1,7 @@
 """Charts of an experiment: ``sshade-eval charts [ROWS ...]``, needs the extra ``figures``.
 
-For each metric how it is distributed over the runs of each method, and the
-curves that iterative methods left. Made from rows and run folders; no method is
-run. One file a chart, for a paper: out/figures/<experiment>/<chart>.svg.
+The distribution of each metric over the runs of each method, and the convergence curves of iterative methods,
+from rows and run folders. A chart is a file, out/figures/<experiment>/<chart>.svg.
 """
 
 from __future__ import annotations
@@ -26,29 +25,26 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-#: A chart whose values span more than this factor has a logarithmic axis.
+#: Ratio of the largest to the smallest value above which an axis is logarithmic.
 LOG_ABOVE = 30.0
-
-#: Powers of ten that an axis shows at most: what is smaller is what rounding left of zero.
+#: Powers of ten that an axis shows at most; smaller values are rounding errors.
 DECADES = 6
-
-#: Width of a chart in inches: a column of a paper, and of a telephone.
+#: Width of a chart in inches: a column of a paper.
 WIDTH = 4.4
-
-#: Lines of a box that is drawn behind the runs.
+#: Lines of a box.
 BOX = {"color": "#999999", "linewidth": 0.8}
 
 
 def charts(experiment: Experiment) -> dict[str, Figure]:
-    """Every chart that the rows and runs have something for, by name."""
+    """Return all charts by name."""
     return {**distributions(experiment.rows), **convergence(experiment)}
 
 
 def distributions(rows: pd.DataFrame) -> dict[str, Figure]:
-    """A chart for each metric, and for memory, that is not the same in every run.
+    """Return a chart for each metric, and for memory, whose values differ between runs.
 
-    Every run is a dot; the box spans the quartiles, its line is the median and
-    its whiskers reach the last runs within 1.5 boxes. References are left out.
+    A dot is a run. The box spans the quartiles, its line is the median, and the whiskers end at the last
+    runs within 1.5 boxes. References are left out.
     """
     rows = rows[~reference_rows(rows)]
     measures = {f"metric.{name}": (name, metric.unit) for name, metric in METRICS.items()}
@@ -84,7 +80,7 @@ def _distribution(values: dict[str, np.ndarray], *, label: str, looks: dict) -> 
     )
     dots = {"s": 9, "alpha": 0.65, "linewidths": 0, "clip_on": False, "zorder": 3}
     for place, (method, runs) in zip(places, values.items(), strict=True):
-        # Spread by the golden ratio: even, and the same every time.
+        # The golden ratio spreads the dots evenly and reproducibly.
         spread = 0.44 * ((np.arange(len(runs)) * 0.618034) % 1 - 0.5)
         axes.scatter(runs, place + spread, **dots, **looks[method])
     axes.set_yticks(places, list(values))
@@ -95,7 +91,7 @@ def _distribution(values: dict[str, np.ndarray], *, label: str, looks: dict) -> 
 
 
 def _scale(axes: Axes, numbers: np.ndarray) -> None:
-    """A logarithmic axis for what spans orders of magnitude, else one that begins at zero."""
+    """Choose a logarithmic axis for values over orders of magnitude, otherwise an axis from zero."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
     seen = numbers[numbers > numbers.max() / 10**DECADES]
@@ -115,34 +111,23 @@ def _scale(axes: Axes, numbers: np.ndarray) -> None:
     axes.grid(axis="x", alpha=0.3)
 
 
-def _with_legend_below(methods: int) -> tuple[Figure, Axes]:
-    """A figure with one panel, and room for a legend in three columns below it."""
-    figure = new_figure(WIDTH, 2.6 + 0.16 * ((methods + 2) // 3))
-    axes = figure.subplots()
-    axes.grid(alpha=0.3)
-    return figure, axes
-
-
 def _looks(rows: pd.DataFrame) -> dict[str, dict[str, Any]]:
-    """Colour and marker of each method; the sizes of one method share them."""
-    families = _families(rows)
-    looks = look(dict.fromkeys(families.values()))
-    return {method: looks[family] for method, family in families.items()}
+    """Return the colour and marker of each method.
 
-
-def _families(rows: pd.DataFrame) -> dict[str, str]:
-    """Each method without a size that its label ends with, such as arap-7000 for 7000 vertices."""
+    Methods share a look if their labels differ only in the number of vertices, such as arap-7000.
+    """
     families = {}
     for method in method_names(rows):
         family, number = split_label(method)
         sizes = rows["task.vertices"][rows["method.name"] == method]
         is_size = number is not None and all(abs(size - number) < 0.5 * number for size in sizes)
         families[method] = family if is_size else method
-    return families
+    looks = look(dict.fromkeys(families.values()))
+    return {method: looks[family] for method, family in families.items()}
 
 
 def convergence(experiment: Experiment) -> dict[str, Figure]:
-    """A chart for each curve that runs left, such as a loss over the steps: a line a run."""
+    """Return a chart for each curve of the runs, such as the loss over the steps, with a line a run."""
     lines: dict[str, list[tuple[str, np.ndarray]]] = {}
     for row in records(valid(experiment.rows)):
         for name, curve in experiment.curves(row).items():
@@ -156,7 +141,10 @@ def convergence(experiment: Experiment) -> dict[str, Figure]:
 
 @style()
 def _curves(title: str, lines: list[tuple[str, np.ndarray]], *, looks: dict) -> Figure:
-    figure, axes = _with_legend_below(len({method for method, _ in lines}))
+    methods = len({method for method, _ in lines})
+    figure = new_figure(WIDTH, 2.6 + 0.16 * ((methods + 2) // 3))  # with a legend in three columns below
+    axes = figure.subplots()
+    axes.grid(alpha=0.3)
     seen: set[str] = set()
     for method, values in lines:
         label = None if method in seen else method

@@ -1,4 +1,4 @@
-"""What the columns of a table are, of deformations and of pose transfers; what no table ranks."""
+"""The columns of tables of deformations and of pose transfers, and the methods that tables do not rank."""
 
 from __future__ import annotations
 
@@ -9,41 +9,38 @@ import pandas as pd
 from eval.rows.frame import distinct, numbers
 from eval.rows.store import MISSING, TRANSFER, VALID
 
-#: Functions that are no methods, whatever their label, and what tables say of them.
+#: Functions that are references rather than methods, with their notes in tables.
 REFERENCES = {
-    "baselines.identity.identity": "no method but what doing nothing costs: the rest shape with its handles "
-    "on their targets. It takes part in no ranking."
+    "baselines.identity.identity": "a reference, not a method: the rest shape with its handles at their "
+    "targets. It is not ranked."
 }
-
-
-#: Mean distance of handles to their targets, in percent of the diagonal, up to which a result reaches them.
+#: Largest mean distance of the handles to their targets for a success, % of the bounding-box diagonal.
 REACHED = 0.1
-
-#: The column of :func:`with_success`, which no run has.
+#: Column that :func:`with_success` adds.
 SUCCESS = "success"
 
 
 @dataclass(frozen=True)
 class Column:
-    """One number of a table.
+    """A column of a table.
 
     Parameters
     ----------
     heading, unit : str
     source : str
-        The row's column.
+        Column of the rows.
     decimals : int
-        What it is printed with.
+        Number of printed decimals.
     ranked : bool
-        Whether the lowest ones are marked.
+        Mark the lowest values.
     optional : bool
-        Left out of tables whose rows have nothing there, or only zeros.
+        Leave the column out if the rows have no value other than zero.
     legend : str
-        What it says, where it is no metric.
+        Definition, if the column is no metric.
     scientific : bool
-        Printed with a power of ten.
-    hidden : bool
-        Stands in the second table, of what means hide; left out where no row has a value.
+        Print with a power of ten.
+    further : bool
+        Print in the second table, if a row has a value.
     """
 
     heading: str
@@ -54,7 +51,7 @@ class Column:
     optional: bool = False
     legend: str = ""
     scientific: bool = False
-    hidden: bool = False
+    further: bool = False
 
     @property
     def label(self) -> str:
@@ -62,7 +59,7 @@ class Column:
         return f"{self.heading} ({self.unit})" if self.unit else self.heading
 
     def text(self, value: float) -> str:
-        """The number as printed."""
+        """Return the printed number."""
         return f"{value:.{self.decimals}{'e' if self.scientific else 'f'}}"
 
 
@@ -73,7 +70,7 @@ COLUMNS = (
     Column("FA", "deg", "metric.angle", 3),
     Column("handle", "%", "metric.handle", 3),
     Column("flips", "", "metric.flips", 1, optional=True),
-    # Not ranked: where handles bring parts together, the true pose crosses itself, too.
+    # Not ranked: the true pose intersects itself as well if handles bring parts together.
     Column("crossings", "", "metric.self_intersections", 1, ranked=False, optional=True),
     Column(
         "far",
@@ -81,73 +78,73 @@ COLUMNS = (
         "extra.far_share",
         3,
         optional=True,
-        legend="vertices carried by a proxy triangle more than 2 covering radii away along the proxy",
+        legend="vertices that follow a proxy triangle more than 2 covering radii away along the proxy",
     ),
     Column("iterations", "", "iterations", 0, ranked=False),
-    Column("truth", "%", "metric.truth_distance", 2, hidden=True),
-    Column("truth 95", "%", "metric.truth_distance_95", 2, hidden=True),
-    Column("normal", "deg", "metric.truth_normal", 2, hidden=True),
-    Column("D", "", "metric.distortion", 4, hidden=True),
-    Column("D 95", "", "metric.distortion_95", 3, hidden=True),
-    Column("D 99", "", "metric.distortion_99", 3, hidden=True),
-    Column("D max", "", "metric.distortion_max", 1, hidden=True),
-    Column("collapsed", "", "metric.collapsed", 1, hidden=True),
-    Column("bend", "deg", "metric.bend", 2, hidden=True),
-    Column("bend 99.9", "deg", "metric.bend_tail", 1, hidden=True),
-    Column("detail", "deg", "metric.detail", 2, hidden=True),
-    Column("spike", "deg", "metric.spike", 1, hidden=True),
+    Column("truth", "%", "metric.truth_distance", 2, further=True),
+    Column("truth 95", "%", "metric.truth_distance_95", 2, further=True),
+    Column("normal", "deg", "metric.truth_normal", 2, further=True),
+    Column("D", "", "metric.distortion", 4, further=True),
+    Column("D 95", "", "metric.distortion_95", 3, further=True),
+    Column("D 99", "", "metric.distortion_99", 3, further=True),
+    Column("D max", "", "metric.distortion_max", 1, further=True),
+    Column("collapsed", "", "metric.collapsed", 1, further=True),
+    Column("bend", "deg", "metric.bend", 2, further=True),
+    Column("bend 99.9", "deg", "metric.bend_tail", 1, further=True),
+    Column("detail", "deg", "metric.detail", 2, further=True),
+    Column("spike", "deg", "metric.spike", 1, further=True),
     Column(
         "success",
         "%",
         SUCCESS,
         1,
         ranked=False,
-        hidden=True,
-        legend=f"planned runs with a result whose handles are on average within {REACHED:g} % of the "
-        "diagonal of their targets",
+        further=True,
+        legend=f"planned runs whose handles are on average within {REACHED:g} % of the diagonal of their "
+        "targets",
     ),
 )
 
-#: Of pose transfers with a known truth.
+#: Columns of pose transfers with ground truth.
 TRANSFER_COLUMNS = (
     Column("d_H", "", "metric.hausdorff", 2, scientific=True),
     Column("d_C", "", "metric.chamfer", 2, scientific=True),
     Column("distance", "%", "metric.truth_distance", 4),
     Column("EL to truth", "%", "metric.truth_edge", 3),
     Column("FA to truth", "deg", "metric.truth_angle", 3),
-    Column("distance 95", "%", "metric.truth_distance_95", 4, hidden=True),
-    Column("normal", "deg", "metric.truth_normal", 3, hidden=True),
+    Column("distance 95", "%", "metric.truth_distance_95", 4, further=True),
+    Column("normal", "deg", "metric.truth_normal", 3, further=True),
 )
 
 
 def columns_of(rows: pd.DataFrame) -> tuple[Column, ...]:
-    """The columns of deformations by handles, or of pose transfers, that the rows have numbers for."""
+    """Return the columns that the rows have numbers for."""
     columns = COLUMNS
     if are_transfers(rows):
         columns = TRANSFER_COLUMNS
         if numbers(rows, "metric.hausdorff").isna().all():
-            # Without a truth there is what changed against the rest shape, some of it the pose's own doing.
+            # Without ground truth: changes from the rest shape, which include the changes of the pose itself.
             columns = tuple(
                 replace(column, ranked=False)
                 for column in COLUMNS
-                if not column.hidden and column.source not in ("metric.handle", "iterations")
+                if not column.further and column.source not in ("metric.handle", "iterations")
             )
     return tuple(column for column in columns if _is_shown(column, numbers(rows, column.source)))
 
 
 def _is_shown(column: Column, values: pd.Series) -> bool:
-    if column.hidden:
+    if column.further:
         return values.notna().any()
     return not column.optional or values.fillna(0).any()
 
 
 def begun(rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows of runs that took place; the others tell only that one was planned."""
+    """Return the rows of runs that have begun, without rows of planned runs."""
     return rows[rows["status"] != MISSING]
 
 
 def with_success(rows: pd.DataFrame) -> pd.DataFrame:
-    """Rows with a column :data:`SUCCESS`: 100 where the run has a result that reaches its handles, else 0."""
+    """Add the column :data:`SUCCESS`: 100 if the handles of the result reach their targets, else 0."""
     reached = rows["status"].isin(VALID) & (numbers(rows, "metric.handle") <= REACHED)
     return rows.assign(**{SUCCESS: 100.0 * reached})
 
@@ -158,5 +155,5 @@ def are_transfers(rows: pd.DataFrame) -> bool:
 
 
 def reference_rows(rows: pd.DataFrame) -> pd.Series:
-    """Whether each row is one of a reference, such as doing nothing, which no table ranks."""
+    """Whether each row is of a reference, which no table ranks."""
     return rows.reindex(columns=["method.target"])["method.target"].isin(REFERENCES)

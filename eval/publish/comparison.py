@@ -1,12 +1,9 @@
-"""What a table compares: the results of methods over the cases that all of them have.
+"""Compare methods over the cases that all of them have.
 
-A case is a task. A method has it where every run of it that has begun has a
-result, and its value there is the mean over its seeds; a seed that was only
-planned takes nothing from the others. A mean over what a method
-happened to finish would flatter the one that lost its hardest cases, so means
-are over common cases only; and so that a method which lost most of its own does
-not take them from the others, those with the fewest cases are left out until at
-least half of all cases are common to the rest.
+A case is a task. A method has a case if all begun runs of the method on the task have a result; its value is
+the mean over the seeds. Means are over common cases only: otherwise a method that failed on the hardest cases
+would look better. Methods with the fewest cases are left out until at least half of all cases are common to
+the rest, so that a method with few results does not remove cases of the others.
 """
 
 from __future__ import annotations
@@ -20,30 +17,30 @@ from eval.publish.columns import Column, begun, reference_rows
 from eval.rows.frame import method_names, numbers
 from eval.rows.store import VALID
 
-#: The levels of values by run: method, case and seed.
+#: Columns that identify a run.
 RUN = ["method.name", "task.name", "seed"]
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Values of methods over the cases that they have in common.
+    """Values of methods over their common cases.
 
     Parameters
     ----------
     cases : Index
-        Every planned task.
+        All planned tasks.
     common : Index
-        Those that every method compared has.
+        Tasks that every compared method has.
     finished : Series
-        By method, in a table's order: how many tasks it has.
+        Number of tasks of each method, in the order of the table.
     ranked : list of str
-        The methods compared, without references.
+        The compared methods, without references.
     runs : DataFrame
-        The rows that count: of the methods compared, references too, on the common cases.
+        Rows of the compared methods and references on the common cases.
     values : DataFrame
-        By method and task, a column a heading: means over seeds; NaN where one lacks the number.
+        Means over seeds, by method and task; NaN if a seed lacks the number. A column a heading.
     spread : DataFrame
-        By method: standard deviation over seeds of the mean over the cases; NaN without a second seed.
+        Standard deviation over seeds of the mean over the cases, by method; NaN without a second seed.
     """
 
     cases: pd.Index
@@ -56,20 +53,20 @@ class Comparison:
 
     @property
     def compared(self) -> list[str]:
-        """The methods that have means, references too."""
+        """The compared methods and references."""
         return method_names(self.runs)
 
 
 def compare(rows: pd.DataFrame, columns: Sequence[Column]) -> Comparison:
-    """Find the common cases of the rows' methods, and their values there."""
+    """Find the common cases of the methods, and their values on these cases."""
     ended = begun(rows)
     by_case = ended["status"].isin(VALID).groupby([ended["method.name"], ended["task.name"]]).all()
     cases = pd.Index(sorted(rows["task.name"].unique()), name="task.name")
     complete = by_case.unstack(fill_value=False).reindex(method_names(rows), columns=cases, fill_value=False)
     references = set(rows["method.name"][reference_rows(rows)])
     rivals = complete.drop(index=references)
-    chosen, common = _common(rivals if len(rivals) else complete)
-    candidates = [name for name in complete.index if name in references or name in chosen]
+    methods, common = _common(rivals if len(rivals) else complete)
+    candidates = [name for name in complete.index if name in references or name in methods]
     compared = [name for name in candidates if len(common) and complete.loc[name, common].all()]
     runs = ended[ended["method.name"].isin(compared) & ended["task.name"].isin(common)]
     of_runs = pd.DataFrame({column.heading: numbers(runs, column.source) for column in columns})
@@ -86,7 +83,7 @@ def compare(rows: pd.DataFrame, columns: Sequence[Column]) -> Comparison:
 
 
 def _common(complete: pd.DataFrame) -> tuple[list[str], pd.Index]:
-    """The methods to compare and the cases that all of them have.
+    """Return the methods to compare and their common cases.
 
     Parameters
     ----------
@@ -105,13 +102,13 @@ def _common(complete: pd.DataFrame) -> tuple[list[str], pd.Index]:
 
 
 def means(values: pd.DataFrame, levels: str | list[str]) -> pd.DataFrame:
-    """Means by levels of the index; NaN where one of the values is."""
+    """Return means by levels of the index; NaN if a value of the group is NaN."""
     groups = values.groupby(level=levels)
     return groups.mean().where(groups.count().eq(groups.size(), axis=0))
 
 
 def _spread(of_runs: pd.DataFrame, *, cases: int) -> pd.DataFrame:
-    """By method, over the seeds that it has for every case; see :class:`Comparison`."""
+    """Return the standard deviation by method, over the seeds that cover all cases."""
     method_seed = [RUN[0], RUN[2]]
     everywhere = of_runs.groupby(level=method_seed).size() == cases
     return means(of_runs, method_seed)[everywhere].groupby(level=RUN[0]).std()

@@ -1,9 +1,8 @@
-"""How numbers change with a size: ``sshade-eval curves ROWS``, needs the extra ``figures``.
+"""Metrics against a size or a parameter: ``sshade-eval curves ROWS``, needs the extra ``figures``.
 
-For experiments whose methods are labelled by a number, such as ``arap-7000``:
-one curve a method over the vertices of its tasks (``conf/experiment/resolution.yaml``)
-or over another column of the rows, such as ``--over method.samplings``
-(``conf/experiment/ablation_samplings.yaml``). Made from rows; no method is run.
+For experiments whose methods are labelled by a number, such as ``arap-7000``: a curve a method over the
+vertices of its tasks (``conf/experiment/resolution.yaml``), or over another column of the rows, such as
+``--over method.samplings`` (``conf/experiment/ablation_samplings.yaml``).
 """
 
 from __future__ import annotations
@@ -28,31 +27,24 @@ if TYPE_CHECKING:
 #: Method -> (size, value), by growing size.
 Curves = dict[str, list[tuple[float, float]]]
 
-#: What can be drawn -> the row's column and its unit.
-DRAWN = {name: (f"metric.{name}", metric.unit) for name, metric in METRICS.items()}
-
 
 def curves(rows: pd.DataFrame, metric: str = "volume", *, over: str = "task.vertices") -> Curves:
-    """Means over the valid runs of each method and size.
+    """Return means over the valid runs of each method and size.
 
     Parameters
     ----------
     rows : DataFrame
-        Labelled ``<method>-<size>``.
+        Methods are labelled ``<method>-<size>``.
     metric : str
-        A name in :data:`DRAWN`.
     over : str
-        The rows' column that is the size.
+        Column of the rows that holds the size.
 
     Raises
     ------
     InputError
-        On an unknown metric, or when no valid row has such a label, that metric
-        and a number in that column.
+        If no valid row has such a label, the metric, and a number in the column.
     """
-    if metric not in DRAWN:
-        raise InputError(f"there is no metric {metric!r}; there are {', '.join(DRAWN)}")
-    rows = valid(rows).reindex(columns=["method.name", over, DRAWN[metric][0]])
+    rows = valid(rows).reindex(columns=["method.name", over, f"metric.{metric}"])
     labels = rows["method.name"].map(split_label)
     points = pd.DataFrame({"method": labels.str[0], "number": labels.str[1].astype(float)})
     points["size"], points["value"] = (pd.to_numeric(rows[name], "coerce") for name in rows.columns[1:])
@@ -66,15 +58,7 @@ def curves(rows: pd.DataFrame, metric: str = "volume", *, over: str = "task.vert
 
 @style()
 def draw(panels: dict[str, Curves], *, over: str = "task.vertices") -> Figure:
-    """Draw curves.
-
-    Parameters
-    ----------
-    panels : dict
-        Metric -> its curves, one panel each.
-    over : str
-        The column that is the size; numbers of vertices get a logarithmic axis.
-    """
+    """Draw a panel a metric. Numbers of vertices have a logarithmic axis."""
     one = len(panels) == 1
     figure = new_figure(6.0 if one else 2.5 * len(panels), 3.8 if one else 2.5)
     every = figure.subplots(1, len(panels), squeeze=False)[0]
@@ -83,7 +67,7 @@ def draw(panels: dict[str, Curves], *, over: str = "task.vertices") -> Figure:
         if over.endswith("vertices"):
             axes.set_xscale("log")
         axes.set_ylim(0, 1.06 * max(value for points in lines.values() for _, value in points) or 1.0)
-        axes.set(xlabel=over.rpartition(".")[2], ylabel=axis_label(metric, DRAWN[metric][1]))
+        axes.set(xlabel=over.rpartition(".")[2], ylabel=axis_label(metric, METRICS[metric].unit))
     if one or len(lines) > 1:
         axes.legend()
     return figure
@@ -92,9 +76,7 @@ def draw(panels: dict[str, Curves], *, over: str = "task.vertices") -> Figure:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("rows", type=rows_file, help=ROWS_HELP)
-    parser.add_argument(
-        "--metric", nargs="+", default=["volume"], help=f"of {', '.join(DRAWN)} (default: volume)"
-    )
+    parser.add_argument("--metric", nargs="+", choices=METRICS, default=["volume"], help="default: volume")
     parser.add_argument("--over", default="task.vertices", help="column of the rows (default: %(default)s)")
     parser.add_argument("-o", "--out", type=Path, help="default: out/figures/<experiment>.png")
 

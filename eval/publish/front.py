@@ -1,9 +1,8 @@
-"""What a knob costs: ``sshade-eval front ROWS [ROWS ...]``, needs the extra ``figures``.
+"""Measures against each other: ``sshade-eval front ROWS [ROWS ...]``, needs the extra ``figures``.
 
-Measures of methods against each other, by default stretch against volume. A method labelled by the value of
-a setting, such as ``sshade_fine-0.1``, is a curve along it; any other is a point. Means over
-the cases that all of them have, a line of panels for tuning cases and one for held-out ones. Made from rows;
-no method is run.
+By default volume against stretch. Methods that are labelled by the value of a setting, such as ``fine-0.1``,
+form a curve; any other method is a point. Means are over the cases that all methods have. Tuning and held-out
+cases have a line of panels each.
 """
 
 from __future__ import annotations
@@ -16,9 +15,10 @@ import pandas as pd
 
 from eval.metrics import METRICS
 from eval.publish.plotting import FIGURES, axis_label, look, new_figure, plot_points, save, style
+from eval.publish.summary import HALVES
 from eval.rows.experiment import rows_file
 from eval.rows.frame import read_csv, split_label, valid
-from eval.rows.splits import split_of
+from eval.rows.splits import TUNING, split_of
 from eval.rows.store import ROWS_HELP
 from sshade.errors import InputError
 from sshade.figures import require_extra
@@ -26,12 +26,10 @@ from sshade.figures import require_extra
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: The setting and the measures by default; the first measure is what the others are drawn against.
+#: Default setting and measures. The others are drawn against the first measure.
 KNOB, MEASURES = "volume", ("volume", "edge", "angle")
-#: Titles of lines of panels.
-HALVES = {"tuning": "tuning cases", "held_out": "held-out cases", None: "cases"}
 
-#: A point of the figure: the mean of each measure.
+#: The mean of each measure.
 Point = tuple[float, ...]
 
 
@@ -42,13 +40,13 @@ def front(
     measures: tuple[str, ...] = MEASURES,
     leave_out: tuple[str, ...] = ("identity",),
 ) -> dict[str, list[Point]]:
-    """Means of each method, curves by the values of a setting, from the largest mean of the first measure.
+    """Return the means of each method, in falling order of the first measure.
 
     Parameters
     ----------
     rows : DataFrame
-        A method's curve: those named ``<method>-<value>`` with the value in ``method.<knob>``,
-        and the one named ``<method>``, of another experiment perhaps.
+        A method's curve has the rows named ``<method>-<value>`` with the value in ``method.<knob>``, and the
+        rows named ``<method>``.
     knob : str
     measures : names of metrics
     leave_out : names of methods
@@ -56,12 +54,12 @@ def front(
     Returns
     -------
     dict
-        Method -> points, a number for each measure; several make a curve.
+        Method -> points with a number for each measure.
 
     Raises
     ------
     InputError
-        When no case has a valid row of every method.
+        If no case has a valid row of every method.
     """
     columns = [f"metric.{name}" for name in measures]
     setting = f"method.{knob}"
@@ -73,9 +71,7 @@ def front(
     values = rows.drop_duplicates(run, keep="last").set_index(run)[columns].astype(float)
     common = values.unstack(["family", "method.name"]).dropna()
     if common.empty:
-        raise InputError(
-            f"the methods of these rows have no case in common that all have a {' and a '.join(measures)} for"
-        )
+        raise InputError(f"the methods of these rows have no common case with {' and '.join(measures)}")
     means = common.mean().unstack(0)[columns]
     return {
         family: sorted(own.itertuples(index=False, name=None), reverse=True)
@@ -84,7 +80,7 @@ def front(
 
 
 def _family(name: str, value: Any) -> str:
-    """A row's method: its name without the setting's value, where the name ends with that."""
+    """Return the label of a method without the value of the setting."""
     family, number = split_label(name)
     try:
         return family if value is not None and number == float(value) else name
@@ -94,7 +90,7 @@ def _family(name: str, value: Any) -> str:
 
 @style()
 def draw(points: dict[str | None, dict[str, list[Point]]], measures: tuple[str, ...] = MEASURES) -> Figure:
-    """A line of panels for each half of the cases, and in it one for each measure but the first."""
+    """Draw a line of panels for each half of the cases, with a panel for each measure but the first."""
     first, *others = measures
     figure = new_figure(3.5 * len(others), 3.4 * len(points))
     lines = figure.subplots(len(points), len(others), squeeze=False)
@@ -123,7 +119,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=METRICS,
         default=MEASURES,
         metavar="METRIC",
-        help=f"the first is what the others are drawn against; default: {' '.join(MEASURES)}",
+        help=f"the others are drawn against the first; default: {' '.join(MEASURES)}",
     )
     parser.add_argument(
         "--leave-out", nargs="*", default=["identity"], metavar="METHOD", help="default: identity"
@@ -135,13 +131,13 @@ def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
     measures = tuple(options.measures)
     if len(measures) < 2:
-        raise InputError(f"one measure is drawn against another; there is but {measures[0]}")
+        raise InputError(f"--measures needs at least two metrics, and {measures[0]} is the only one")
     require_extra("matplotlib")
     rows = pd.concat([read_csv(path) for path in options.rows], ignore_index=True)
     halves = rows["task.name"].map(split_of)
     points = {
         half: front(own, knob=options.knob, measures=measures, leave_out=tuple(options.leave_out))
-        for half in HALVES
+        for half in sorted(HALVES, key=lambda half: half != TUNING)
         if len(own := rows[halves.isna() if half is None else halves == half])
     }
     save(draw(points, measures), options.out or FIGURES / f"{options.rows[0].stem}.png")

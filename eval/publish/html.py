@@ -1,20 +1,23 @@
-"""What pages of results share: tables, figures and facts of rows as HTML, and how templates are filled."""
+"""Parts of HTML pages of results: tables, figures, configurations and facts of rows."""
 
 from __future__ import annotations
 
 import base64
 import re
+from collections.abc import Sequence
 from importlib.resources import files
 from typing import Any
 
 import pandas as pd
 
+from eval.publish.columns import Column
 from eval.publish.plotting import to_svg
 from eval.publish.summary import Table
 from eval.publish.tables import cells
 from eval.rows.frame import distinct, records
+from eval.rows.store import Row
 
-#: Facts about runs that pages tell, and their headings.
+#: Columns of facts about runs, and their headings.
 FACTS = {
     "env.machine": "machine",
     "env.python": "Python",
@@ -27,12 +30,12 @@ FACTS = {
 
 
 def style() -> str:
-    """The style sheet of all pages."""
+    """Return the style sheet of all pages."""
     return files("eval.publish").joinpath("style.css").read_text(encoding="utf-8")
 
 
 def environment(**options: Any) -> Any:
-    """jinja2's, with everything escaped, and no name left undefined."""
+    """Return an environment of jinja2 that escapes all text and refuses undefined names."""
     from jinja2 import Environment, StrictUndefined
 
     return Environment(
@@ -40,8 +43,13 @@ def environment(**options: Any) -> Any:
     )
 
 
-def views(table: Table) -> list[dict[str, Any]]:
-    """The tables of a :class:`Table` as headings and cells of HTML."""
+def tables(table: Table) -> dict[str, Any]:
+    """Return a table, its notes and its parts as headings and cells of HTML."""
+    parts = [{"title": part.title, "views": _views(part), "notes": part.notes} for part in table.parts]
+    return {"views": _views(table), "notes": table.notes, "parts": parts}
+
+
+def _views(table: Table) -> list[dict[str, Any]]:
     from markupsafe import escape
 
     marks = {0: "{}", 1: '<b title="best">{}</b>', 2: '<u title="second best">{}</u>'}
@@ -56,59 +64,57 @@ def views(table: Table) -> list[dict[str, Any]]:
     ]
 
 
+def texts(row: Row, columns: Sequence[Column], *, missing: str) -> list[str]:
+    """Return the printed numbers of a row."""
+    return [missing if row.get(c.source) is None else c.text(row[c.source]) for c in columns]
+
+
 def charts(figures: dict[str, Any]) -> dict[str, str]:
-    """Figures as data URIs, by name."""
+    """Return figures as data URIs, by name."""
     packed = {name: base64.b64encode(to_svg(figure).encode()) for name, figure in figures.items()}
     return {name: f"data:image/svg+xml;base64,{data.decode('ascii')}" for name, data in packed.items()}
 
 
 def configuration(rows: pd.DataFrame, method: str) -> str:
-    """A method's settings as YAML, nested as in its configuration."""
+    """Return the settings of a method as YAML, nested as in its configuration."""
     import yaml
 
     row = records(rows[rows["method.name"] == method])[0]
-    nested: dict[str, Any] = {}
-    for column, value in row.items():
-        group, _, name = column.partition(".")
-        if group != "method" or name in ("name", "hash", "note", "sources"):
-            continue
-        *parents, last = name.split(".")
-        place = nested
+    # A setting without a value belongs to another method.
+    names = {name for name, value in row.items() if name.startswith("method.") and value is not None}
+    names -= {f"method.{fact}" for fact in ("name", "hash", "note", "sources")}
+    settings: dict[str, Any] = {}
+    for name in sorted(names, key=_function_first):
+        _, *parents, last = name.split(".")
+        place = settings
         for parent in parents:
             place = place.setdefault(parent, {})
-        # A column that only other methods fill is none of this one's settings.
-        place["_target_" if last == "target" else last] = value
-    text = yaml.safe_dump(_pruned(nested), sort_keys=False, default_flow_style=False)
+        place["_target_" if last == "target" else last] = row[name]
+    text = yaml.safe_dump(settings, sort_keys=False, default_flow_style=False)
     return f"# configuration {row['method.hash']}, code {row.get('env.version.code')}\n{text}"
 
 
-def _pruned(settings: dict[str, Any]) -> dict[str, Any]:
-    """Settings without empty ones, the function first."""
-    kept = {
-        name: _pruned(value) if isinstance(value, dict) else value
-        for name, value in settings.items()
-        if value is not None
-    }
-    return dict(sorted(((n, v) for n, v in kept.items() if v != {}), key=lambda pair: pair[0] != "_target_"))
+def _function_first(name: str) -> list[str]:
+    return ["" if part == "target" else part for part in name.split(".")]
 
 
 def facts(rows: pd.DataFrame) -> list[tuple[str, str]]:
-    """Where and when the rows were made; several values are listed."""
-    told = []
+    """Return when and where the rows were made; several values are listed."""
+    found = []
     for column, heading in FACTS.items():
         values = distinct(rows, column)
         if len(values) > 4 and all(isinstance(value, (int, float)) for value in values):
-            told.append((heading, f"{values[0]:g} to {values[-1]:g}"))
+            found.append((heading, f"{values[0]:g} to {values[-1]:g}"))
         elif values:
-            told.append((heading, ", ".join(map(_word, values))))
+            found.append((heading, ", ".join(map(_word, values))))
     for column in sorted(name for name in rows if name.startswith("env.version.")):
-        told.append((column.removeprefix("env.version."), ", ".join(distinct(rows, column))))
+        found.append((column.removeprefix("env.version."), ", ".join(distinct(rows, column))))
     days = sorted({date[:10] for date in distinct(rows, "date")})
-    return [("dates", " to ".join(dict.fromkeys(days[:1] + days[-1:]))), *told]
+    return [("dates", " to ".join(dict.fromkeys(days[:1] + days[-1:]))), *found]
 
 
 def _word(value: Any) -> str:
-    """A fact as text: a bool in words, a commit by its beginning."""
+    """Return a fact as text: a bool as a word, the beginning of a commit."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     text = str(value)

@@ -1,9 +1,8 @@
-"""Rows of panels for the comparison picture: shapes from one side each, errors in colours on one scale.
+"""Rows of panels for the comparison picture: shapes, coloured by their errors on one scale.
 
-A deformation has one row: the rest shape with its handles (blue: static, yellow:
-dynamic) and each method's result. A pose transfer has two: the rest shape, the
-edited one, the pose and each result; then the same for the surroundings of the
-place where the results are farthest from the truth.
+A deformation has a row: the rest shape with its handles (blue: fixed, yellow: moved) and the result of each
+method. A pose transfer has two rows: the rest shape, the edited shape, the pose and each result; then a
+close-up of the place where the results are farthest from the ground truth.
 """
 
 from __future__ import annotations
@@ -26,22 +25,21 @@ from sshade.task import Handles, TransferTask
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Reach of a close-up over the bounding-box diagonal.
+#: Radius of a close-up, as a fraction of the bounding-box diagonal.
 CLOSE_UP = 0.06
-
-#: Width of a panel in inches, that of all of them and the mean height of a row at most, and a panel's pixels.
+#: Width of a panel, largest width of all panels, and largest mean height of a row, in inches; pixels of a
+#: panel.
 INCHES, WIDEST, TALLEST, PIXELS = 2.1, 12.0, 2.8, 600
-
-#: Most characters of why a panel is empty.
+#: Largest number of characters of the text in an empty panel.
 REASON = 125
 _MIDDLE = {"ha": "center", "va": "center", "fontsize": 6, "color": "#7f7f7f"}
 
 
 class Panels(NamedTuple):
-    """A row of panels: shapes (n, 3) of one connectivity, each from its own side but at one scale.
+    """A row of panels: shapes (n, 3) of one connectivity, with a view each and one scale.
 
-    Those with an error (n,) are coloured by it; handles are shown on the shape named "rest". Where
-    there is no shape, the panel says why.
+    Shapes with an error (n,) are coloured by it. Handles are drawn on the shape named "rest". A text in place
+    of a shape is the reason why there is no shape.
     """
 
     label: str
@@ -53,38 +51,39 @@ class Panels(NamedTuple):
 
 
 def error_of(task: Task, V: np.ndarray) -> np.ndarray:
-    """Error at each vertex, (n,): the distance to the truth of a pose transfer, else the change of edges.
+    """Return the error at each vertex, (n,), in percent.
 
-    In percent: of the diagonal, or of the length of the edges at a vertex.
+    For a pose transfer with ground truth: the distance to it, % of the diagonal. Otherwise the change of edge
+    lengths at a vertex, % of the lengths.
     """
-    if not _held_to_truth(task):
+    if not _has_truth(task):
         return edge_error(task.mesh, V)
     return 100 * np.linalg.norm(V - task.truth, axis=1) / task.mesh.diagonal
 
 
 def error_label(task: Task) -> str:
-    """What the numbers of :func:`error_of` are, with their unit."""
-    if _held_to_truth(task):
-        return "distance to the true place (% of the diagonal)"
+    """Return the name and unit of the error of :func:`error_of`."""
+    if _has_truth(task):
+        return "distance to the ground truth (% of the diagonal)"
     return "change of edge length at a vertex (%)"
 
 
-def _held_to_truth(task: Task) -> bool:
+def _has_truth(task: Task) -> bool:
     return isinstance(task, TransferTask) and task.truth is not None
 
 
 def rows_of(
     task: Task, results: Mapping[str, np.ndarray | str], *, towards: np.ndarray, up: np.ndarray
 ) -> list[Panels]:
-    """The rows of a case.
+    """Return the rows of a case.
 
     Parameters
     ----------
     task : DeformationTask or TransferTask
     results : mapping
-        By method its shape (n, 3), or why it has none.
+        Method -> shape (n, 3), or the reason why there is no shape.
     towards, up : (3,) float64
-        From the scene to the camera, and the upright direction.
+        Direction from the scene to the camera, and upright direction.
     """
     found = {name: V for name, V in results.items() if isinstance(V, np.ndarray)}
     errors = {name: error_of(task, V) for name, V in found.items()}
@@ -92,40 +91,37 @@ def rows_of(
         view = View.of([task.mesh.V, *found.values()], towards=towards, up=up)
         shapes = {"rest": task.mesh.V, **results}
         return [Panels(_label(task), task.mesh, shapes, errors, [view] * len(shapes), task.handles)]
-    given = {"rest": task.rest.V}
-    if task.mesh is not task.rest:
-        given |= {"edited": task.mesh.V}
-    given |= {"pose": task.posed}
-    if task.mesh is not task.rest and task.truth is not None:
-        given |= {"truth": task.truth}
-    own = given | found
-    views = _alike([View.of([V], towards=towards, up=up) for V in own.values()])
+    edited = task.mesh is not task.rest
+    inputs = {"rest": task.rest.V} | ({"edited": task.mesh.V} if edited else {}) | {"pose": task.posed}
+    inputs |= {"truth": task.truth} if edited and task.truth is not None else {}
+    shapes = inputs | found
+    views = _at_one_scale([View.of([V], towards=towards, up=up) for V in shapes.values()])
     worst = int(np.argmax(sum(errors.values())))
     ids, patch = surroundings(task.rest, worst, CLOSE_UP * task.rest.diagonal)
-    close = {name: V[ids] for name, V in own.items()}
-    near = _alike([View.of([V], towards=_outwards(patch, V), up=up) for V in close.values()])
+    close = {name: V[ids] for name, V in shapes.items()}
+    near = _at_one_scale([View.of([V], towards=_outwards(patch, V), up=up) for V in close.values()])
     in_patch = {name: error[ids] for name, error in errors.items()}
 
     def row(label: str, mesh: Mesh, of: Mapping[str, np.ndarray], error: Mapping[str, np.ndarray], sides):
-        """With the panels of methods without a shape in their places."""
-        shapes = {name: of.get(name, results.get(name, "")) for name in (*given, *results)}
+        """Return a row that has the texts of methods without a shape."""
+        shapes = {name: of.get(name, results.get(name, "")) for name in (*inputs, *results)}
         side = dict(zip(of, sides, strict=True))
         return Panels(label, mesh, shapes, error, [side.get(name, sides[0]) for name in shapes])
 
     return [
-        row(_label(task), task.mesh, own, errors, views),
+        row(_label(task), task.mesh, shapes, errors, views),
         row("largest error", patch, close, in_patch, near),
     ]
 
 
 def _label(task: Task) -> str:
-    """The name of a task without its dataset's, and what its pose is called."""
+    """Return the name of a task without its dataset, and the name of its pose."""
     pose = task.meta.get("source_pose")
     return f"{task.name.partition('/')[2] or task.name}\n{pose}" if pose else task.name
 
 
 def surroundings(mesh: Mesh, vertex: int, radius: float) -> tuple[np.ndarray, Mesh]:
-    """The faces at a vertex, and those in a ball about it that hang together with it: vertex ids and mesh."""
+    """Return the part of a mesh in a ball around a vertex that is connected to it: vertex ids and mesh."""
     inside = np.linalg.norm(mesh.V - mesh.V[vertex], axis=1) <= radius
     F = mesh.F[inside[mesh.F].all(axis=1) | (vertex == mesh.F).any(axis=1)]
     i, j = F.ravel(), F[:, [1, 2, 0]].ravel()
@@ -136,20 +132,20 @@ def surroundings(mesh: Mesh, vertex: int, radius: float) -> tuple[np.ndarray, Me
 
 
 def _outwards(patch: Mesh, V: np.ndarray) -> np.ndarray:
-    """The mean normal of a piece of surface in a pose."""
+    """Return the mean normal of a patch in a pose, not normalised."""
     a, b, c = (V[patch.F[:, k]] for k in range(3))
     return np.cross(b - a, c - a).sum(axis=0)
 
 
-def _alike(views: list[View]) -> list[View]:
-    """The views with the extents of the largest, so that a unit of length has one size in all."""
+def _at_one_scale(views: list[View]) -> list[View]:
+    """Return the views with the largest extents, so that a unit of length has the same size in all."""
     width, height, depth = (max(getattr(v, name) for v in views) for name in ("width", "height", "depth"))
     return [replace(view, width=width, height=height, depth=depth) for view in views]
 
 
 @style()
 def draw(rows: Sequence[Panels], *, title: str, top: float, label: str, pixels: int = PIXELS) -> Figure:
-    """Draw rows of panels with one bar of colours, labelled `label`, from 0 to `top`."""
+    """Draw rows of panels with a colour bar, labelled `label`, from 0 to `top`."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 

@@ -1,4 +1,4 @@
-"""What the drawn figures share: colours, fonts, lines, and files that the same rows give byte by byte."""
+"""Colours, fonts, lines and files of all figures. The same rows give the same bytes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-#: Colours of methods in the order of the table; told apart by people who do not see all of them.
+#: Colours of methods in the order of the table; colour-blind people can tell them apart.
 PALETTE = (
     *("#0072b2", "#e69f00", "#009e73", "#d55e00", "#cc79a7"),
     *("#56b4e9", "#8c6d31", "#6b6ecf", "#637939", "#7f7f7f"),
@@ -40,21 +40,20 @@ _STYLE = {
     "pdf.fonttype": 42,
 }
 
-#: Without the time and the library's version in the file the same rows give the same bytes.
+#: Metadata without the time and the version of the library, which would change the bytes.
 _METADATA = {
     ".png": {"Software": None},
     ".pdf": {"CreationDate": None, "Producer": None, "Creator": None},
     ".svg": {"Date": None, "Creator": None},
 }
 
-
-#: Where figures go unless told.
+#: Default folder of figures.
 FIGURES = Path("out/figures")
 
 
 @contextmanager
 def style() -> Iterator[None]:
-    """A context in which figures are made and saved, or as a decorator a function that makes one."""
+    """Set the style of figures that are made and saved in this context or in a decorated function."""
     import matplotlib
 
     with matplotlib.rc_context(_STYLE):
@@ -62,14 +61,14 @@ def style() -> Iterator[None]:
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure of a size in inches; it belongs to no window system."""
+    """Return an empty figure of a size in inches."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), layout="constrained")
 
 
 def look(methods: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Colour and marker of each method, by its place."""
+    """Return the colour and marker of each method, by its position."""
     return {
         method: {"color": PALETTE[i % len(PALETTE)], "marker": MARKERS[i // len(PALETTE) % len(MARKERS)]}
         for i, method in enumerate(methods)
@@ -79,7 +78,7 @@ def look(methods: Iterable[str]) -> dict[str, dict[str, Any]]:
 def plot_points(
     axes: Axes, points: Mapping[str, Iterable[tuple[float, float]]], looks: Mapping[str, dict[str, Any]]
 ) -> None:
-    """Plot (x, y) of each method: a line through several, a marker alone for one."""
+    """Plot (x, y) of each method: a line through several points, a marker for a single point."""
     for method, own in points.items():
         x, y = zip(*own, strict=True)
         line = "-" if len(x) > 1 else "none"
@@ -87,14 +86,14 @@ def plot_points(
 
 
 def axis_label(name: str, unit: str) -> str:
-    """A measure's name with its unit, if it has one."""
+    """Return the name of a measure with its unit, if it has a unit."""
     return f"{name.replace('_', ' ')} ({unit})" if unit not in ("", "-") else name.replace("_", " ")
 
 
 def save(figure: Figure, path: Path, *, small: bool = False) -> None:
-    """Write a figure as .svg, .pdf or .png, by the path's suffix, and print where it is.
+    """Write a figure as .svg, .pdf or .png, by the suffix of the path, and print the path.
 
-    A .png that is to be `small` has 256 colours and fewer pixels: of surfaces a third of the bytes.
+    A `small` .png has 256 colours and fewer pixels, and about a third of the bytes.
 
     Raises
     ------
@@ -113,12 +112,13 @@ def save(figure: Figure, path: Path, *, small: bool = False) -> None:
 
 
 def _reduce(path: Path) -> None:
-    """Leave a picture 256 colours, chosen from the distinct ones, so that rare ones stay, as of handles."""
+    """Reduce a picture to 256 colours. Rare colours, such as of handles, stay."""
     from PIL import Image
 
     with Image.open(path) as whole:
         picture = whole.convert("RGB")
-    # In steps of 4, which nobody sees, or a hundred thousand blends would outvote a rare colour.
+    # Colours in invisible steps of 4 count once each; otherwise many similar blends would displace a rare
+    # colour.
     distinct = np.unique(np.asarray(picture).reshape(-1, 3) & 252, axis=0)
     palette = Image.fromarray(distinct[None].astype(np.uint8)).quantize(255)
     colours = palette.getpalette()[: 3 * 255]
@@ -129,7 +129,7 @@ def _reduce(path: Path) -> None:
 
 
 def to_svg(figure: Figure) -> str:
-    """A figure as SVG text."""
+    """Return a figure as SVG text."""
     text = io.StringIO()
     with style():
         figure.savefig(text, format="svg", metadata=_METADATA[".svg"])
@@ -137,12 +137,12 @@ def to_svg(figure: Figure) -> str:
 
 
 def add_camera(parser: argparse.ArgumentParser) -> None:
-    """Declare --towards and --up, from the scene to the camera and the upright direction."""
+    """Declare --towards, the direction from the scene to the camera, and --up, the upright direction."""
     parser.add_argument("--towards", nargs=3, type=float, metavar=("X", "Y", "Z"))
     parser.add_argument("--up", nargs=3, type=float, metavar=("X", "Y", "Z"))
 
 
-def camera(options: argparse.Namespace, told: Mapping[str, Any] | None = None) -> dict[str, np.ndarray]:
-    """The camera of parsed arguments, or of what else was told: ``towards`` and ``up``, (3,) float64."""
-    usual = {"towards": TOWARDS, "up": UP, **(told or {})}
-    return {name: np.array(getattr(options, name) or usual[name]) for name in ("towards", "up")}
+def camera(options: argparse.Namespace, defaults: Mapping[str, Any] | None = None) -> dict[str, np.ndarray]:
+    """Return ``towards`` and ``up``, (3,) float64, of parsed arguments, with defaults."""
+    defaults = {"towards": TOWARDS, "up": UP, **(defaults or {})}
+    return {name: np.array(getattr(options, name) or defaults[name]) for name in ("towards", "up")}

@@ -1,12 +1,10 @@
-"""Put rows, tables and figures where they are committed: ``sshade-eval publish EXPERIMENT ...``.
+"""Put rows, tables and figures into ``results``: ``sshade-eval publish EXPERIMENT ...``.
 
-Nothing else writes to ``results``: rows of out/rows join those of the same version
-in results/rows, their tables are made in results/tables, and the figures that
-out/figures has under the experiment's name go to results/figures. Published are
-rows of the project's own methods, of one version of the code and of the metrics, from a
-clean checkout of a commit; --replace puts them in the place of those of another
-version. A name without rows, such as that of the picture of ``sshade-eval bench``,
-stands for its figure alone. Everything is checked before anything is written.
+Rows of out/rows join the rows of the same version in results/rows, tables are made in results/tables, and
+figures of out/figures with the name of the experiment are copied to results/figures. Published rows must be
+of methods of this project, of one version of the code and of the metrics, and from a clean checkout of a
+commit. With --replace they replace published rows of another version. A name without rows, such as the name
+of a picture of ``sshade-eval bench``, publishes a figure alone. All is checked before a file is written.
 """
 
 from __future__ import annotations
@@ -33,23 +31,23 @@ from sshade.io.files import make_folder, replacing
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("names", nargs="+", metavar="EXPERIMENT", help="name of rows in out/rows")
-    parser.add_argument("--replace", action="store_true", help="give up published rows of another version")
+    parser.add_argument("--replace", action="store_true", help="discard published rows of another version")
 
 
 def joined(name: str, *, replace: bool) -> pd.DataFrame:
-    """The new rows of an experiment with the published ones of their version.
+    """Return the new rows of an experiment, with the published rows of the same version.
 
     Raises
     ------
     InputError
-        When the new ones are of several versions, not of a commit alone or by methods of a user's own, or
-        without `replace` when the published ones are of another version.
+        If the new rows are of several versions, of a modified tree, or of methods of a user; or if the
+        published rows are of another version and not `replace`.
     """
     path, target = ROWS / f"{name}.csv", PUBLISHED / "rows" / f"{name}.csv"
     new = read_rows(path)
     runs = [row for row in new if row["status"] != MISSING]
     if not runs:
-        raise InputError(f"{path} has no rows of runs yet; the same sweep, begun again, makes them")
+        raise InputError(f"{path} has no rows of runs yet; start the sweep again to make them")
     loose = [row for row in runs if row.get("env.modified") is not False or not row.get("env.commit")]
     if loose:
         raise InputError(
@@ -60,15 +58,15 @@ def joined(name: str, *, replace: bool) -> pd.DataFrame:
     if users:
         raise InputError(
             f"{len(users)} of {len(runs)} rows of {path} are of methods that are no part of this project "
-            f"({_counts(users, 'method.name')}), so that the commit does not say what made them: "
-            "`sshade-eval submit` takes such rows"
+            f"({_counts(users, 'method.name')}), so the commit does not hold their code: "
+            "hand them in with `sshade-eval submit`"
         )
     metrics = {version_of(row)[1] for row in runs}
     versions = {row["method.name"]: version_of(row) for row in runs}
     if len(metrics) > 1 or any(version_of(row) != versions[row["method.name"]] for row in runs):
         raise InputError(
-            f"{path} has rows of {_versions(runs)}; all rows of a method must have one version of the code, "
-            "and all rows one of the metrics: run the others again"
+            f"{path} has rows of {_versions(runs)}; the rows of a method must have one version of the code, "
+            "and all rows one version of the metrics: run the older ones again"
         )
     old = read_rows(target) if target.is_file() else []
     before = [row for row in old if row["status"] != MISSING]
@@ -89,13 +87,13 @@ def joined(name: str, *, replace: bool) -> pd.DataFrame:
 
 
 def _packages(row: Row) -> list[str]:
-    """Top-level packages of the functions that a row's method names, nested ones too."""
+    """Return the top-level packages of the functions of a row's method, nested methods included."""
     targets = [value for name, value in row.items() if re.fullmatch(r"method\.(.*\.)?target", name)]
     return [str(target).split(".")[0] for target in targets if target]
 
 
 def _versions(rows: list[Row]) -> str:
-    """The versions of rows in words, and how many rows are of each."""
+    """List the versions of rows, with the number of rows of each."""
     named = [
         {"version": f"version {(code or 'unknown')[:8]} (metrics {(metrics or 'unknown')[:8]})"}
         for code, metrics in map(version_of, rows)

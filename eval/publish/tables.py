@@ -1,8 +1,7 @@
 """Tables from rows: ``sshade-eval tables [ROWS ...]`` writes CSV, Markdown and LaTeX.
 
-A table is a pure function of rows: one line a method, means over the cases that
-all methods have, in the paper's order of columns; beside it a second one of what
-means hide.
+A table has a line a method, with means over the cases that all methods have. Its columns are in the order of
+the paper's table. A second table holds further measures.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 from eval.publish.columns import Column
+from eval.publish.markdown import markdown_lines
 from eval.publish.summary import MIXED_HELP, Table, make_table, ranks
 from eval.rows.experiment import read_experiments, rows_file
 from eval.rows.store import ROWS_HELP
@@ -23,23 +23,17 @@ from sshade.io.files import make_folder, replacing
 
 
 def to_csv(table: Table) -> str:
-    """Numbers to six digits, without marks; where there are parts, a first column names them."""
+    """Return numbers with six digits, without marks. If there are parts, a first column names them."""
     tables = {"all": table} | {part.title: part for part in table.parts}
-    digits = "{:.6g}".format
     labels = {c.heading: f"{c.heading} [{c.unit}]" if c.unit else c.heading for c in table.columns}
     spreads = {heading: f"sd of {label}" for heading, label in labels.items()}
-    lines = pd.concat(
-        {
-            name: part.lines[["runs", "valid", "cases", "converged"]].join(
-                [
-                    part.means.rename(columns=labels).map(digits, na_action="ignore"),
-                    part.spread.rename(columns=spreads).map(digits, na_action="ignore"),
-                ]
-            )
-            for name, part in tables.items()
-        },
-        names=["part", "method"],
-    )
+
+    def lines_of(part: Table) -> pd.DataFrame:
+        values = [part.means.rename(columns=labels), part.spread.rename(columns=spreads)]
+        texts = [numbers.map("{:.6g}".format, na_action="ignore") for numbers in values]
+        return part.lines[["runs", "valid", "cases", "converged"]].join(texts)
+
+    lines = pd.concat({name: lines_of(part) for name, part in tables.items()}, names=["part", "method"])
     empty = lines.isna().all()
     lines = lines.drop(columns=[name for name in spreads.values() if empty.get(name, False)])
     lines = lines if table.parts else lines.droplevel("part")
@@ -47,22 +41,21 @@ def to_csv(table: Table) -> str:
 
 
 def to_markdown(table: Table) -> str:
-    """Both tables and the notes, then the parts; best in bold, second best underlined."""
+    """Return both tables, the notes and the parts; best in bold, second best underlined."""
     marks = {0: "{}", 1: "**{}**", 2: "<u>{}</u>"}
-    out = []
+    out: list[str] = []
     for part in (table, *table.parts):
         for heading, columns in part.views:
             labels = ["method", "runs", *(column.label for column in columns)]
+            body = cells(part, columns, marks, not_available="n/a")
             out += [f"{'####' if out else '###'} {heading}", ""]
-            out += [f"| {' | '.join(labels)} |", f"| --- |{' ---: |' * (len(labels) - 1)}"]
-            out += [f"| {' | '.join(texts)} |" for texts in cells(part, columns, marks, not_available="n/a")]
-            out.append("")
+            out += [*markdown_lines(labels, body, left=["method"]), ""]
         out += [f"- {note}" for note in part.notes] + [""] * bool(part.notes)
     return "\n".join(out)
 
 
 def to_latex(table: Table) -> str:
-    """A booktabs tabular of the paper's columns, and one of the others; notes as comments."""
+    """Return booktabs tabulars of the paper's and of further measures, with notes as comments."""
     marks = {0: "{}", 1: "\\textbf{{{}}}", 2: "\\underline{{{}}}"}
     units = {"%": " (\\%)", "deg": " ($^\\circ$)", "": ""}
     notes = [(part.title, note) for part in table.parts for note in part.notes]
@@ -93,8 +86,22 @@ def cells(
     spread: str = " ± ",
     escape: Callable[[str], str] = str,
 ) -> list[list[str]]:
-    """The texts of a table's columns, line by line: `marks` holds formats by rank, 0 for none."""
-    own = {column.heading: column for column in table.columns}  # in a part they may print otherwise
+    """Return the texts of a table, line by line.
+
+    Parameters
+    ----------
+    table : Table
+    columns : sequence of Column
+    marks : dict
+        Format of a number by its rank; 0 for no rank.
+    not_available : str
+        Text of a missing number.
+    spread : str
+        Text between a mean and its standard deviation.
+    escape : callable
+        Escapes a method's name.
+    """
+    own = {column.heading: column for column in table.columns}  # a part may have other formats
     rank = {heading: ranks(table, column) for heading, column in own.items()}
     body = []
     for method, line in table.lines.iterrows():
@@ -140,7 +147,7 @@ def command(options: argparse.Namespace) -> int:
     experiments = read_experiments(options.rows)
     if any(path.parent.resolve() == options.out.resolve() for path in map(rows_file, options.rows)):
         raise InputError(f"{options.out} holds the rows, which the tables would replace; name another -o")
-    # All of them, before anything is written.
+    # All tables are made before the first is written.
     tables = [make_table(e.rows, title=e.name, mixed=options.mixed) for e in experiments]
     write_tables(tables, options.out)
     for table in tables:

@@ -1,1 +1,1 @@
-"""The leaderboard: static pages made from published rows, and what others hand in for them."""
+"""The leaderboard: static pages from published rows, and submissions of others."""

@@ -1,7 +1,7 @@
 """The leaderboard as static pages: ``sshade-eval site`` from published rows and submissions.
 
-A page of all tracks (conf/tracks.yaml), one a track with both tables, quality against time and its rows to
-download, one a method with its configuration, cases, failures and provenance. No method is run.
+There is a page of all tracks (conf/tracks.yaml); a page a track with tables, quality against time and rows to
+download; and a page a method with its configuration, cases, failures and provenance.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ def command(options: argparse.Namespace) -> int:
     if not tracks:
         raise InputError(f"no track has published rows in {PUBLISHED / 'rows'}: {WHERE}")
     for name in known.keys() - tracks.keys():
-        print(f"left out: {name}, of which no rows are published")  # noqa: T201
+        print(f"left out: {name}, which has no published rows")  # noqa: T201
     rows = {track.name: published(track) for track in tracks.values()}
     submissions: dict[str, Submission] = {}
     for folder in sorted(path.parent for path in SUBMISSIONS.glob("*/submission.yaml")):
         name = read_facts(folder)["track"]
         if name not in tracks:
-            raise InputError(f"{folder}: {name!r} is no track; they are {', '.join(tracks)}")
+            raise InputError(f"{folder}: {name!r} is no track; the tracks are {', '.join(tracks)}")
         found = check(folder, tracks[name], records(rows[name]))
         if submissions.setdefault(found.facts["name"], found) is not found:
             raise InputError(f"{folder}: another submission is called {found.facts['name']}")

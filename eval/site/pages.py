@@ -1,4 +1,4 @@
-"""The pages of the leaderboard: one of all tracks, one a track, one a method, and the rows to download."""
+"""The pages of the leaderboard: all tracks, each track, each method, and rows to download."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from eval.publish.columns import SUCCESS, Column
-from eval.publish.html import charts, configuration, environment, facts, style, views
+from eval.publish.html import charts, configuration, environment, facts, style, tables, texts
 from eval.publish.plotting import look, new_figure, plot_points
 from eval.publish.plotting import style as drawing
 from eval.publish.summary import Table, make_table
@@ -23,12 +23,12 @@ from eval.site.tracks import Track
 from eval.timing.table import make_time_table
 from sshade.io.files import make_folder, replacing
 
-#: Measures of the charts of quality against time.
+#: Headings of the measures that are drawn against time.
 DRAWN = ("EL", "truth", "FA", "normal")
 
 
 class Contest(NamedTuple):
-    """A track with its held-out rows, those of submissions among them, and their table."""
+    """A track, its held-out rows with the rows of submissions, and their table."""
 
     track: Track
     rows: pd.DataFrame
@@ -36,11 +36,11 @@ class Contest(NamedTuple):
 
 
 def contest(track: Track, rows: pd.DataFrame, submissions: Mapping[str, Submission]) -> Contest:
-    """A track's held-out cases by all methods; submissions are of versions of their own."""
-    theirs = [row for own in submissions.values() if own.facts["track"] == track.name for row in own.rows]
-    every = to_frame([*records(rows), *theirs])
+    """Return the contest of a track. Submissions may be of other versions of the code."""
+    entered = [own for own in submissions.values() if own.facts["track"] == track.name]
+    every = to_frame([*records(rows), *(row for own in entered for row in own.rows)])
     every = every[every["task.name"].map(split_of) == HELD_OUT].reset_index(drop=True)
-    return Contest(track, every, make_table(every, title=track.title, mixed=bool(theirs)))
+    return Contest(track, every, make_table(every, title=track.title, mixed=bool(entered)))
 
 
 def write_site(
@@ -50,16 +50,16 @@ def write_site(
     *,
     results: Path = PUBLISHED,
 ) -> list[Path]:
-    """Write all pages into a folder; those written.
+    """Write all pages into a folder; return their paths.
 
     Parameters
     ----------
     out : path
     contests : list of Contest
     submissions : mapping
-        By the name of the method.
+        Name of the method -> submission.
     results : path
-        Where times and pictures were published.
+        Folder of published times and pictures.
     """
     make_folder(out)
     every = to_frame([row for own in contests for row in records(own.rows)])
@@ -69,7 +69,7 @@ def write_site(
     for own in contests:
         name = own.track.name
         write_csv(out / f"{name}.csv", own.rows)
-        page = {"track": own.track, **_tables(own.table), "facts": facts(valid(own.rows))}
+        page = {"track": own.track, **tables(own.table), "facts": facts(valid(own.rows))}
         page["charts"] = charts(_charts(own, results))
         page["picture"] = _picture(results / "figures" / f"{name}.png")
         written.append(_write(out / f"{name}.html", "track.html", **page, **shared))
@@ -96,19 +96,14 @@ def _write(path: Path, template: str, **names: Any) -> Path:
 
 
 def _picture(path: Path) -> str | None:
-    """The published picture of a track as a data URI; None where there is none."""
+    """Return the published picture of a track as a data URI, or None."""
     if not path.is_file():
         return None
     return f"data:image/png;base64,{base64.b64encode(path.read_bytes()).decode()}"
 
 
-def _tables(table: Table) -> dict[str, Any]:
-    parts = [{"title": part.title, "views": views(part), "notes": part.notes} for part in table.parts]
-    return {"views": views(table), "notes": table.notes, "parts": parts}
-
-
 def _front(own: Contest) -> dict[str, Any]:
-    """What the page of all tracks says of one: who is best in each column."""
+    """Return the entry of a track on the page of all tracks: the best methods in each column."""
     means = own.table.means[own.table.lines["competes"].astype(bool)]
     best = [_least(column, means[column.heading]) for column in own.table.columns if column.ranked]
     counts = {"cases": own.rows["task.name"].nunique(), "methods": own.rows["method.name"].nunique()}
@@ -116,7 +111,7 @@ def _front(own: Contest) -> dict[str, Any]:
 
 
 def _least(column: Column, means: pd.Series) -> dict[str, Any] | None:
-    """The methods that print a column's least number; None where nothing is to be told apart."""
+    """Return the methods with the smallest printed number of a column; None if all numbers are equal."""
     printed = means.dropna().map(column.text)
     if printed.nunique() < 2:
         return None
@@ -125,20 +120,19 @@ def _least(column: Column, means: pd.Series) -> dict[str, Any] | None:
 
 
 def _cases(own: Contest, method: str) -> dict[str, Any]:
-    """A method's runs of a track: numbers, or why there are none."""
+    """Return the runs of a method on a track: numbers, or the reason why there are none."""
     columns = [column for column in own.table.columns if column.source != SUCCESS]
-    body = []
-    for row in records(own.rows[own.rows["method.name"] == method]):
-        values = [row.get(column.source) for column in columns]
-        texts = ["" if v is None else c.text(v) for c, v in zip(columns, values, strict=True)]
-        body.append([row["task.name"], row["seed"], row["status"], *texts, row.get("reason") or ""])
+    body = [
+        [row["task.name"], row["seed"], row["status"], *texts(row, columns, missing=""), row["reason"] or ""]
+        for row in records(own.rows[own.rows["method.name"] == method])
+    ]
     labels = ["case", "seed", "status", *(column.label for column in columns), "reason"]
     return {"track": own.track, "labels": labels, "body": body}
 
 
 def _times(contests: list[Contest], method: str, results: Path) -> list[dict[str, Any]]:
-    """A method's times, of the rows that name their machine, for each size that tracks are of."""
-    tables = []
+    """Return the times of a method, a table for each file of times that a track names."""
+    found = []
     for name in dict.fromkeys(own.track.timing for own in contests if own.track.timing):
         table = make_time_table(read_csv(results / "timing" / f"{name}.csv"), title=name)
         own = table.lines[table.lines["method"] == method]
@@ -147,8 +141,8 @@ def _times(contests: list[Contest], method: str, results: Path) -> list[dict[str
             [case, *map(_number, values)] for case, *values in own[["case", *names]].itertuples(index=False)
         ]
         if body:
-            tables.append({"title": name, "body": body, "notes": table.notes[:3]})
-    return tables
+            found.append({"title": name, "body": body, "notes": table.notes[:3]})
+    return found
 
 
 def _number(value: float) -> str:
@@ -157,7 +151,7 @@ def _number(value: float) -> str:
 
 @drawing()
 def _charts(own: Contest, results: Path) -> dict[str, Any]:
-    """Measures against times, of methods that were timed at about this size."""
+    """Draw measures against times, of the methods that were timed at a similar size."""
     if own.track.timing is None:
         return {}
     from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter

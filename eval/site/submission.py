@@ -1,12 +1,12 @@
-"""Results that others hand in for a track, read as a stranger's: a folder with
+"""Check the results that others submit for a track. A submission is a folder with
 
-- ``submission.yaml``: ``name`` of the method, ``track``, ``authors``, ``code`` (where it is, https) and,
-  if there are such, ``paper`` and ``note``;
-- ``method.yaml``: what ``sshade-eval run`` ran it by;
-- ``rows.csv``: what ``sshade-eval collect`` made of all runs;
-- ``runs``, if given: the run folders with their vertices, which are then measured again.
+- ``submission.yaml``: ``name`` of the method, ``track``, ``authors``, ``code`` (an https address), and
+  optionally ``paper`` and ``note``;
+- ``method.yaml``: the configuration of the method;
+- ``rows.csv``: the rows that ``sshade-eval collect`` made from all runs;
+- ``runs``, optional: the run folders with their vertices, which are measured again.
 
-Nothing that a submission holds is ever called: tasks are loaded by what the project's own rows say.
+A submission is not trusted. No function that it names is called: tasks are loaded as the project's rows say.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from eval.site.tracks import Track
 from sshade.errors import InputError
 from sshade.progress import Progress, silent
 
-#: Facts that ``submission.yaml`` must give, and may.
+#: Required and optional keys of ``submission.yaml``.
 NEEDED, ALLOWED = ("name", "track", "authors", "code"), ("paper", "note")
-#: Letters of a fact, and bytes of a file of facts, at most.
+#: Largest number of letters of a value, and of bytes of a file.
 LETTERS, BYTES = 500, 65_536
-#: How far a measure of stored vertices, which are single precision, may be from the reported one.
+#: Tolerances of measures of stored vertices, which have single precision: relative, absolute, and of counts.
 RELATIVE, ABSOLUTE, COUNTED = 1e-3, 1e-4, 2
-#: The files of a task of a dataset, and how they were read.
+#: Columns that identify the files of a task and the way they were read.
 BY_FILES = (
     "task.meta.checksum",
     "task.meta.raw",
@@ -49,17 +49,17 @@ COUNTS = ("flips", "self_intersections", "collapsed", "zero_area_faces")
 
 
 class Submission(NamedTuple):
-    """What a folder holds, once it was checked.
+    """The contents of a checked folder.
 
     Attributes
     ----------
     facts : dict
-        Of ``submission.yaml``.
+        Contents of ``submission.yaml``.
     method : str
-        The text of ``method.yaml``.
+        Text of ``method.yaml``.
     rows : list of dict
     remeasured : int
-        Runs whose vertices were there and gave what their rows say.
+        Number of runs whose vertices were measured again.
     """
 
     facts: dict[str, str]
@@ -69,27 +69,25 @@ class Submission(NamedTuple):
 
 
 def read_facts(folder: Path) -> dict[str, str]:
-    """The facts of ``submission.yaml``.
+    """Read ``submission.yaml``.
 
     Raises
     ------
     InputError
-        When they are not those that are asked for.
+        If a key is missing or unknown, or a value is not as required.
     """
     path = folder / "submission.yaml"
     facts = _yaml(path)
     for name in NEEDED:
         if name not in facts:
-            raise InputError(f"{path}: has no {name!r}; needed are {', '.join(NEEDED)}")
+            raise InputError(f"{path}: has no {name!r}; required are {', '.join(NEEDED)}")
     for name, value in facts.items():
         if name not in (*NEEDED, *ALLOWED):
-            raise InputError(
-                f"{path}: {name!r} is no fact of a submission; they are {', '.join(NEEDED + ALLOWED)}"
-            )
+            raise InputError(f"{path}: {name!r} is unknown; a submission has {', '.join(NEEDED + ALLOWED)}")
         if not isinstance(value, str) or not 0 < len(value) <= LETTERS:
             raise InputError(f"{path}: {name} must be text of at most {LETTERS} letters")
     if not re.fullmatch(r"[a-z][a-z0-9_]{1,40}", facts["name"]):
-        raise InputError(f"{path}: the name {facts['name']!r} must be of small letters, digits and _")
+        raise InputError(f"{path}: the name {facts['name']!r} must consist of small letters, digits and _")
     for name in ("code", "paper"):
         if not re.fullmatch(r"https://[^\s<>\"']+", facts.get(name, "https://x")):
             raise InputError(f"{path}: {name} must be an address that begins with https://")
@@ -97,20 +95,20 @@ def read_facts(folder: Path) -> dict[str, str]:
 
 
 def check(folder: Path, track: Track, published: list[Row], *, progress: Progress = silent) -> Submission:
-    """Read a submission and hold it against the track's published rows.
+    """Read a submission and compare it with the published rows of the track.
 
     Parameters
     ----------
     folder : path
     track : Track
     published : list of dict
-        The project's rows of the track: which cases there are, and what loads them.
+        The project's rows of the track, which define its cases.
     progress : Progress
 
     Raises
     ------
     InputError
-        With what is wrong first.
+        With the first problem.
     """
     facts = read_facts(folder)
     name, path = facts["name"], folder / "rows.csv"
@@ -129,13 +127,13 @@ def check(folder: Path, track: Track, published: list[Row], *, progress: Progres
     remeasured = 0
     if (folder / "runs").is_dir():
         remeasured = _remeasure(folder / "runs", rows, official, progress)
-    # By the track's own name for it, so that a case of another processor is the same one in tables.
+    # Tables identify a case by the checksum of the track, which may differ from that of another processor.
     rows = [row | {"task.checksum": official[row["task.name"]]["task.checksum"]} for row in rows]
     return Submission(facts, (folder / "method.yaml").read_text(encoding="utf-8"), rows, remeasured)
 
 
 def _yaml(path: Path) -> dict[str, Any]:
-    """A mapping of a small YAML file."""
+    """Read a mapping from a small YAML file."""
     if not path.is_file():
         raise InputError(f"{path}: no such file")
     if path.stat().st_size > BYTES:
@@ -150,17 +148,12 @@ def _yaml(path: Path) -> dict[str, Any]:
 
 
 def _check_one_method(path: Path, rows: list[Row], name: str, settings: Mapping[str, Any]) -> None:
-    """All rows are of one method, configuration and version, measured by today's metrics."""
+    """Require rows of one method, configuration and version, measured by the current metrics."""
     if not rows:
         raise InputError(f"{path}: holds no rows of runs")
-    for row in rows:
-        if row["method.name"] != name:
-            raise InputError(f"{path}: has rows of {row['method.name']}, and the submission is of {name}")
-        if row.get("method.target") != settings.get("_target_"):
-            raise InputError(
-                f"{path}: rows were made by {row.get('method.target')}, and method.yaml names "
-                f"{settings.get('_target_')}"
-            )
+    for column, expected in {"method.name": name, "method.target": settings.get("_target_")}.items():
+        for found in {row.get(column) for row in rows} - {expected}:
+            raise InputError(f"{path}: has rows of {found}, and the submission is of {expected}")
     several = {
         "method.hash": "configurations",
         "env.version.code": "versions of the code",
@@ -169,13 +162,12 @@ def _check_one_method(path: Path, rows: list[Row], name: str, settings: Mapping[
     for column, what in several.items():
         if len({row.get(column) for row in rows}) > 1:
             raise InputError(f"{path}: has rows of several {what}; run the older ones again")
-    row = rows[0]
-    if row.get("env.version.metrics") != METRICS:
-        raise InputError(f"{path}: was measured by other metrics than those of this version; remeasure it")
+    if rows[0].get("env.version.metrics") != METRICS:
+        raise InputError(f"{path}: was measured by other metrics than this version has; remeasure it")
 
 
 def _check_code(path: Path, rows: list[Row], known: Set[Any]) -> None:
-    """Rows are from a commit of the evaluator, or of a wheel, which has none, of the track's version."""
+    """Require rows of a clean commit, or of a wheel of the track's version, which has no commit."""
     for row in rows:
         commit, modified = row.get("env.commit"), row.get("env.modified")
         committed = modified is False and re.fullmatch("[0-9a-f]{40}", str(commit))
@@ -183,24 +175,22 @@ def _check_code(path: Path, rows: list[Row], known: Set[Any]) -> None:
         if not committed and not known_wheel:
             raise InputError(
                 f"{path}: the row of {row['task.name']} is of a modified tree, or of no commit and another "
-                "version of the code than the track's rows; run it again in a clean clone of the project, or "
-                "with a wheel of that version"
+                "version of the code than the track's rows; run it again in a clean clone of the project or "
+                "with a wheel of the track's version"
             )
         if not row.get("env.machine_id"):
-            raise InputError(
-                f"{path}: the row of {row['task.name']} does not say which machine it was made on"
-            )
+            raise InputError(f"{path}: the row of {row['task.name']} names no machine; run it again")
 
 
 def _check_row(where: str, row: Row, official: Mapping[str, Row]) -> None:
-    """A row is of a case of the track, unchanged, and has all of its measures, or says why not."""
+    """Require an unchanged case of the track with all of its measures, or a reason why there are none."""
     case = official.get(row["task.name"])
     if case is None:
         raise InputError(f"{where} is of no case of the track")
     for column in ("task.vertices", *(() if _of_equal_files(row, case) else ("task.checksum",))):
         if row.get(column) != case[column]:
             raise InputError(
-                f"{where} is of another task of this name ({column} {row.get(column)}, the track's "
+                f"{where} is of another task of this name ({column} {row.get(column)}, the track has "
                 f"{case[column]}); build the dataset again"
             )
     if row["status"] not in VALID:
@@ -218,14 +208,14 @@ def _check_row(where: str, row: Row, official: Mapping[str, Row]) -> None:
 def _of_equal_files(row: Row, case: Row) -> bool:
     """Whether two rows are of tasks that were read from equal files in the same way.
 
-    What a method saw of them may differ in the last digits: targets that turn with their group come of a
-    singular value decomposition, whose rounding is that of the processor.
+    The tasks may differ in the last digits: targets come from a singular value decomposition, whose rounding
+    depends on the processor.
     """
     return case.get("task.meta.checksum") is not None and all(row.get(c) == case.get(c) for c in BY_FILES)
 
 
 def _check_complete(path: Path, rows: list[Row], official: Mapping[str, Row]) -> None:
-    """Each seed has every held-out case once."""
+    """Require every held-out case once a seed."""
     runs = Counter((row["task.name"], row["seed"]) for row in rows)
     (task, seed), count = runs.most_common(1)[0]
     if count > 1:
@@ -236,17 +226,17 @@ def _check_complete(path: Path, rows: list[Row], official: Mapping[str, Row]) ->
         if missing:
             raise InputError(
                 f"{path}: seed {seed} lacks {len(missing)} of the track's {len(needed)} held-out cases, "
-                f"such as {missing[0]}; a run that failed has a row, too"
+                f"such as {missing[0]}; failed runs need a row as well"
             )
 
 
 def _remeasure(runs: Path, rows: list[Row], official: Mapping[str, Row], progress: Progress) -> int:
-    """Measure the vertices that are there again; how many runs had them."""
+    """Measure the vertices of the run folders again; return the number of runs."""
     by_key = {row["key"]: row for row in rows}
     found = [(by_key.get((read_row(folder) or {}).get("key")), folder) for folder in run_folders(runs)]
     for row, folder in found:
         if row is None:
-            raise InputError(f"{folder}: is the folder of none of the rows")
+            raise InputError(f"{folder}: belongs to no row of rows.csv")
     found = [(row, folder) for row, folder in found if row["status"] in VALID]
     found.sort(key=lambda pair: pair[0]["task.name"])
     name, task = "", None
@@ -254,14 +244,13 @@ def _remeasure(runs: Path, rows: list[Row], official: Mapping[str, Row], progres
         progress("measuring again", done, len(found), row["task.name"])
         if row["task.name"] != name:
             name, task = row["task.name"], _task(row, official[row["task.name"]])
-        values = measure(task, read_vertices(folder, n=row["task.vertices"]))
-        for measure_name, value in values.items():
-            _check_measure(folder, measure_name, value, row.get(f"metric.{measure_name}"))
+        for metric, value in measure(task, read_vertices(folder, n=row["task.vertices"])).items():
+            _check_measure(folder, metric, value, row.get(f"metric.{metric}"))
     return len(found)
 
 
 def _task(row: Row, case: Row) -> Task:
-    """The task of a case, as it is on the track's processor or on that of the row."""
+    """Load the task of a case, with the checksum of the track or of the row's processor."""
     try:
         return load_task(case)
     except InputError:
@@ -275,4 +264,4 @@ def _check_measure(folder: Path, name: str, value: float | None, reported: float
         return
     near = COUNTED if name in COUNTS else ABSOLUTE
     if value is None or reported is None or not math.isclose(value, reported, rel_tol=RELATIVE, abs_tol=near):
-        raise InputError(f"{folder}: its vertices have a {name} of {value}, and its row says {reported}")
+        raise InputError(f"{folder}: the vertices have {name} {value}, and the row says {reported}")

@@ -1,10 +1,9 @@
 """Hand in results for the leaderboard: ``sshade-eval submit FOLDER``.
 
-The folder holds submission.yaml (name, track, authors, code), method.yaml, rows.csv and, if you like, runs
-with the vertices, which are measured again here. It is read as a stranger's: one configuration and
-version, a clean commit, every held-out case of the track once a seed, the track's own tasks, measures that
-are numbers and those of the vertices. With --check that is all; without, a copy but for
-the vertices goes to submissions/NAME, for a pull request. See CONTRIBUTING.md.
+The folder holds submission.yaml (name, track, authors, code), method.yaml, rows.csv and optionally the run
+folders with the vertices, which are measured again. Rows must come from one configuration, one version and a
+clean commit, and cover every held-out case of the track once a seed. Unless --check is given, the files
+without vertices are copied to submissions/NAME for a pull request. See CONTRIBUTING.md.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from sshade.cli.console import progress_bar
 from sshade.errors import InputError
 from sshade.io.files import make_folder, replacing
 
-#: Where submissions are committed.
+#: Folder of committed submissions.
 SUBMISSIONS = Path("submissions")
 FILES = ("submission.yaml", "method.yaml", "rows.csv")
 
@@ -27,24 +26,22 @@ FILES = ("submission.yaml", "method.yaml", "rows.csv")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="the submission")
-    parser.add_argument("--check", action="store_true", help="check it, and write nothing")
+    parser.add_argument("--check", action="store_true", help="check the submission, and write nothing")
 
 
 def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
     tracks, facts = read_tracks(), read_facts(options.folder)
     if facts["track"] not in tracks:
-        raise InputError(f"{facts['track']!r} is no track; they are {', '.join(tracks)}")
+        raise InputError(f"{facts['track']!r} is no track; the tracks are {', '.join(tracks)}")
     track = tracks[facts["track"]]
     rows = published(track).to_dict("records")
     with progress_bar() as progress:
         found = check(options.folder, track, rows, progress=progress)
     seeds = len({row["seed"] for row in found.rows})
-    measured = (
-        f"{found.remeasured} of them measured again from their vertices"
-        if found.remeasured
-        else ("none of them with vertices, so that their measures stand as reported")
-    )
+    measured = "none with vertices: measures are as reported"
+    if found.remeasured:
+        measured = f"{found.remeasured} measured again from their vertices"
     print(  # noqa: T201
         f"{facts['name']} on {track.name}: {len(found.rows)} runs, "
         f"{seeds} seed{'s' * (seeds > 1)}, {measured}"

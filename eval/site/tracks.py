@@ -1,4 +1,4 @@
-"""The tracks of the leaderboard, of ``conf/tracks.yaml``, and the rows published for them."""
+"""The tracks of the leaderboard, from ``conf/tracks.yaml``, and their published rows."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from eval.rows.store import PUBLISHED
 from sshade.cli.configuration import CONFIGURATION
 from sshade.errors import InputError
 
-#: Rows are no part of a wheel.
+#: End of the message about missing rows: a wheel does not contain them.
 WHERE = "run this in a clone of the repository"
 
 
 class Track(NamedTuple):
-    """A published experiment as a contest.
+    """A published experiment as a track.
 
     Attributes
     ----------
     name : str
-        Of the experiment.
+        Name of the experiment.
     title, text : str
     timing : str, optional
-        Name of the rows of times that are about its size.
+        Name of the rows of times on cases of a similar size.
     """
 
     name: str
@@ -36,18 +36,18 @@ class Track(NamedTuple):
 
 
 def read_tracks(path: Path = CONFIGURATION / "tracks.yaml") -> dict[str, Track]:
-    """The tracks by name, in their order."""
+    """Return the tracks by name, in their order."""
     with path.open(encoding="utf-8") as file:
         return {name: Track(name, **facts) for name, facts in yaml.safe_load(file).items()}
 
 
 def published(track: Track, results: Path = PUBLISHED) -> pd.DataFrame:
-    """The project's rows of a track.
+    """Return the project's rows of a track.
 
     Raises
     ------
     InputError
-        When none were published.
+        If the track has no published rows.
     """
     path = _rows(track, results)
     if not path.is_file():
@@ -56,7 +56,7 @@ def published(track: Track, results: Path = PUBLISHED) -> pd.DataFrame:
 
 
 def is_published(track: Track, results: Path = PUBLISHED) -> bool:
-    """Whether the project has rows of a track yet."""
+    """Whether the track has published rows."""
     return _rows(track, results).is_file()
 
 

@@ -1,1 +1,1 @@
-"""Single questions about the method, each answered by a command."""
+"""Studies of the method: a command each."""

@@ -1,13 +1,12 @@
-"""How far the deformation jumps across the proxy's edges: ``sshade-eval jumps MESH HANDLES``.
+"""Jumps of the deformation across edges of the proxy: ``sshade-eval jumps MESH HANDLES``.
 
-Each triangle of M turns by some rotation, that of its affine map. Neighbouring
-triangles of a smooth deformation turn nearly alike, wherever they lie; frames
-that change abruptly from one triangle of the proxy to the next show as lines
-along the proxy's edges, and as larger angles between the rotations there.
+The affine map of each triangle of M has a rotation. Neighbouring triangles of a smooth deformation have
+nearly equal rotations. If frames change abruptly between triangles of the proxy, lines are visible along the
+edges of the proxy, and the angles between neighbouring rotations are large there.
 
-A pair of neighbouring triangles *crosses* when its four vertices do not all
-follow the same triangle of the proxy from the same Voronoi region; the others
-are *inside*. The proxy is that of the first sampling, which all settings share.
+A pair of neighbouring triangles *crosses* an edge of the proxy if its four vertices do not all follow the
+same triangle of the proxy from the same cell. Other pairs are *inside*. The proxy is that of the first
+sampling, which all settings share.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eval.publish.markdown import markdown_lines
 from eval.publish.panels import Panels, draw
 from eval.publish.plotting import save
 from sshade.carry.affine import affine_maps
@@ -36,13 +36,11 @@ from sshade.task import DeformationTask
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: What is compared: the kind of frames and the number of samplings.
+#: Kinds of frames and numbers of samplings to compare.
 SETTINGS = (("triangle", 1), ("triangle", 5), ("affine", 1), ("blended", 1), ("blended_affine", 1))
-
-#: Width of a panel of the close-up in pixels.
+#: Width of a panel of the close-up, in pixels.
 PANEL = 700
-
-#: Radius of the close-up over the bounding-box diagonal.
+#: Radius of the close-up, as a fraction of the bounding-box diagonal.
 RADIUS = 0.08
 
 
@@ -53,11 +51,11 @@ class Jumps:
     Parameters
     ----------
     pairs : (p, 2) int64
-        Neighbouring triangles of M that have an area in M and M'.
+        Neighbouring triangles of M; triangles without area in M or M' are left out.
     angle : (p,) float64
-        In degrees.
+        Degrees.
     crossing : (p,) bool
-        Whether the pair crosses from one triangle or region of the proxy to another.
+        Whether the pair crosses an edge of the proxy.
     """
 
     pairs: np.ndarray
@@ -65,10 +63,10 @@ class Jumps:
     crossing: np.ndarray
 
     def summary(self) -> dict[str, float]:
-        """Median and 99th percentile across and inside; NaN where there is no such pair."""
+        """Return the median and 99th percentile across and inside; NaN if there is no such pair."""
         result = {}
-        for name, chosen in (("across", self.crossing), ("inside", ~self.crossing)):
-            values = self.angle[chosen]
+        for name, pairs in (("across", self.crossing), ("inside", ~self.crossing)):
+            values = self.angle[pairs]
             for word, percent in (("median", 50), ("p99", 99)):
                 result[f"{name} {word}"] = float(np.percentile(values, percent)) if len(values) else np.nan
         return result
@@ -84,7 +82,7 @@ def measure_jumps(rest: Mesh, vertices: np.ndarray, *, binding: Binding) -> Jump
     vertices : (n, 3) float64
         M'.
     binding : Binding
-        Of M to the proxy whose edges count.
+        Binding of M to the proxy.
     """
     A, known = affine_maps(rest.V, np.ascontiguousarray(vertices, dtype=np.float64), F=rest.F)
     R = nearest_rotations(A)
@@ -98,7 +96,7 @@ def measure_jumps(rest: Mesh, vertices: np.ndarray, *, binding: Binding) -> Jump
 
 
 def compare(task: DeformationTask, *, vertices: int, seed: int = 0) -> dict[str, tuple[np.ndarray, Jumps]]:
-    """Deform with each of the :data:`SETTINGS`: positions (n, 3) and jumps by the setting's name."""
+    """Deform with each of the :data:`SETTINGS`; return vertices (n, 3) and jumps by setting."""
     handles = task.handles
     deformer = Deformer(
         task.mesh, handles.index, group=handles.group, method="paper", vertices=vertices, seed=seed
@@ -120,33 +118,32 @@ def compare(task: DeformationTask, *, vertices: int, seed: int = 0) -> dict[str,
 
 
 def table(results: dict[str, tuple[np.ndarray, Jumps]]) -> str:
-    """The summaries as a Markdown table, in degrees."""
+    """Return the summaries as a Markdown table, in degrees."""
     rows = {name: jumps.summary() for name, (_, jumps) in results.items()}
     names = list(next(iter(rows.values())))
-    lines = [["frames", *names], ["---", *["---:"] * len(names)]]
-    lines += [[name, *(f"{row[column]:.2f}" for column in names)] for name, row in rows.items()]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    body = [[name, *(f"{row[column]:.2f}" for column in names)] for name, row in rows.items()]
+    return "\n".join(markdown_lines(["frames", *names], body, left=["frames"]))
 
 
 def close_up(mesh: Mesh, results: dict[str, tuple[np.ndarray, Jumps]]) -> tuple[int, Figure]:
-    """Draw the place with the most large jumps in each result: shaded above, coloured by the jumps below.
+    """Draw the place with the most large jumps in each result, shaded and coloured by the jumps.
 
     Parameters
     ----------
     mesh : Mesh
         M.
     results : mapping
-        From :func:`compare`; the first one chooses the place and the scale of colours.
+        Results of :func:`compare`. The first result determines the place and the scale of colours.
 
     Returns
     -------
     int, Figure
-        The vertex in the middle, seen along the normal there, and the picture.
+        The vertex in the centre, seen along its normal, and the picture.
 
     Raises
     ------
     InputError
-        When the mesh is so coarse that no triangle lies within :data:`RADIUS` diagonals of the place.
+        If no triangle lies within :data:`RADIUS` diagonals of the place.
     """
     V, jumps = next(iter(results.values()))
     radius = RADIUS * mesh.diagonal
@@ -172,14 +169,14 @@ def close_up(mesh: Mesh, results: dict[str, tuple[np.ndarray, Jumps]]) -> tuple[
 
 
 def at_vertices(mesh: Mesh, jumps: Jumps) -> np.ndarray:
-    """(n,) largest angle of the pairs whose triangles touch a vertex, in degrees."""
+    """Return the largest angle at each vertex, (n,), of the pairs that touch it, in degrees."""
     result = np.zeros(mesh.n)
     np.maximum.at(result, mesh.F[jumps.pairs].reshape(-1, 6), jumps.angle[:, None])
     return result
 
 
 def busiest(mesh: Mesh, jumps: Jumps, *, radius: float) -> int:
-    """The vertex with the most of the largest hundredth of the crossing jumps within a radius."""
+    """Return the vertex with most of the largest 1 % of the crossing jumps within a radius."""
     from scipy.spatial import cKDTree
 
     angle = np.where(jumps.crossing, jumps.angle, -1.0)
@@ -193,9 +190,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("mesh", metavar="MESH", help="rest shape")
     parser.add_argument("handles", metavar="HANDLES", help="handle file")
-    parser.add_argument("--vertices", type=int, default=6000, metavar="N", help="of the proxy (6000)")
+    parser.add_argument(
+        "--vertices", type=int, default=6000, metavar="N", help="vertices of the proxy (6000)"
+    )
     parser.add_argument("--seed", type=int, default=0, metavar="S")
-    parser.add_argument("-o", "--out", type=Path, help="picture of the place with the most large jumps")
+    parser.add_argument("-o", "--out", type=Path, help="picture of the place with most large jumps")
 
 
 def command(options: argparse.Namespace) -> int:

@@ -1,9 +1,8 @@
-"""What remeshing keeps of the topology of meshes: ``sshade-eval topology MESH|FOLDER ...``.
+"""Whether proxies keep the topology of meshes: ``sshade-eval topology MESH|FOLDER ...``.
 
-Remesh shapes to several numbers of samples and check what the proxy keeps: manifold,
-consistently oriented, Euler characteristic, components, boundary loops, every sample used.
-Prints a table; the exit code is 1 if any check fails. A folder stands for the rest poses
-in it (subject_*/rest.ply).
+Sample proxies with several numbers of vertices and compare them with the mesh: manifold, consistently
+oriented, Euler characteristic, components, boundary loops, every sample used. The command prints a table; its
+exit code is 1 if a check fails. A folder stands for its rest poses (subject_*/rest.ply).
 """
 
 from __future__ import annotations
@@ -22,11 +21,11 @@ COLUMNS = "mesh", "vertices", "samples", "added", "rounds", "euler", "components
 
 
 def check(mesh: Mesh, samples: int, *, seed: int = 0) -> dict[str, object]:
-    """Remesh and compare: the columns of a line, whose ``result`` is ``ok`` or says what differs."""
+    """Sample a proxy and return the columns of its line. ``result`` is ``ok`` or names the differences."""
     line: dict[str, object] = {"vertices": mesh.n, "samples": samples}
     try:
         sampling = sample_proxy(mesh, samples, seed=seed)
-        proxy = proxy_mesh(mesh, sampling)  # which refuses samples without a face
+        proxy = proxy_mesh(mesh, sampling)  # raises on samples without a face
     except InputError as error:
         return {**line, "result": str(error)}
     rest, kept = mesh.topology._asdict(), proxy.topology._asdict()
@@ -57,7 +56,7 @@ def command(options: argparse.Namespace) -> int:
             line = {"mesh": name, **check(mesh, count, seed=options.seed)}
             print("  ".join(f"{line.get(column, '')!s:>10}" for column in COLUMNS), flush=True)  # noqa: T201
             results.append(line["result"])
-    print(f"{results.count('ok')} of {len(results)} remeshings kept the topology")  # noqa: T201
+    print(f"{results.count('ok')} of {len(results)} proxies kept the topology")  # noqa: T201
     return int(any(result != "ok" for result in results))
 
 

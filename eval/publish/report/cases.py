@@ -1,4 +1,4 @@
-"""The sections of cases: pictures of the rest shape and of each result, and the shapes for the 3D view."""
+"""The sections of cases in a report: pictures of the rest shape and of each result, and the 3D view."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PANEL = 360
 
 @dataclass(frozen=True)
 class Shape:
-    """A shape of a case: the rest shape (no error), the truth, or what a method left."""
+    """A shape of a case: the rest shape (without an error), the ground truth, or a result."""
 
     name: str
     caption: str
@@ -40,19 +40,19 @@ class Case:
     Parameters
     ----------
     rows : list of rows
-        One a method.
+        A row a method.
     missing : list of str
-        Why something is not shown, in sentences.
+        Sentences on parts that cannot be shown.
     panels : list of dict
-        Of each rendering the name, the caption under it and the image as a data URI.
+        Name, caption and image (a data URI) of each rendering.
     label : str
-        What the colours say.
+        Name of the error that the colours show.
     top : float
-        Upper end of their scale.
+        Upper end of the colour scale.
     handles : bool
         Whether the rest shape shows handles.
     view : dict, optional
-        What the 3D view needs.
+        Data of the 3D view.
     """
 
     rows: list[Row]
@@ -78,11 +78,11 @@ def show_case(
     ----------
     experiment : Experiment
     rows : list of rows
-        Of one case, a method each.
+        Rows of the case, a row a method.
     towards, up : (3,) float64
-        From the scene to the camera, and the upright direction.
+        Direction from the scene to the camera, and upright direction.
     turnable : bool
-        Pack the shapes for the 3D view too.
+        Pack the shapes for the 3D view as well.
     """
     case = Case(rows)
     found = [(row, V) for row in rows if (V := experiment.vertices(row)) is not None]
@@ -122,7 +122,7 @@ def show_case(
 
 
 def _shapes(task: Task, found: list[tuple[Row, np.ndarray]]) -> list[Shape]:
-    """The shapes of a case."""
+    """Return the shapes of a case."""
     counts = f"{task.mesh.n:,} vertices"
     shapes = [Shape("rest", counts, task.mesh.V)]
     if isinstance(task, TransferTask) and task.truth is not None:
@@ -134,7 +134,7 @@ def _shapes(task: Task, found: list[tuple[Row, np.ndarray]]) -> list[Shape]:
 
 
 def _packed(case: Case, task: Task, shapes: list[Shape]) -> dict[str, Any]:
-    """The shapes, handles and scale of a case, packed for the 3D view."""
+    """Pack the shapes, handles and scale of a case for the 3D view."""
     handles = getattr(task, "handles", None)
     index = np.zeros(0, dtype=np.int64) if handles is None else handles.index
     shown = surface(task.mesh, keep=index)
@@ -166,7 +166,7 @@ def _packed(case: Case, task: Task, shapes: list[Shape]) -> dict[str, Any]:
 
 
 def image_uri(pixels: np.ndarray) -> str:
-    """(h, w, 3) uint8 as a data URI."""
+    """Return an image, (h, w, 3) uint8, as a data URI."""
     from PIL import Image
 
     file = io.BytesIO()

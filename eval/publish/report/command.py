@@ -1,7 +1,7 @@
-"""``sshade-eval report``: the results of experiments on one HTML page, which needs no network.
+"""``sshade-eval report``: the results of experiments on one HTML page that needs no network.
 
-From rows alone it tells numbers, distributions, configurations and failures; with the
-run folders beside them, pictures of every case and a view to turn. No method is run.
+The page shows numbers, distributions, configurations and failures from rows. If the run folders exist, it
+also has pictures of every case and a 3D view.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("rows", nargs="*", type=Path, help=f"{ROWS_HELP} (default: every CSV there)")
     parser.add_argument("-o", "--out", type=Path, default=Path("out/report.html"))
-    runs = "where the run folders lie (default: out/runs/<experiment>)"
+    runs = "folders of the run folders (default: out/runs/<experiment>)"
     parser.add_argument("--runs", nargs="+", type=Path, default=[], metavar="FOLDER", help=runs)
-    cases = "task names to show in pictures and in 3D (default: all in pictures, three in 3D)"
+    cases = "task names to show in pictures and in 3D (default: pictures of all, three in 3D)"
     parser.add_argument("--cases", nargs="+", default=[], metavar="TASK", help=cases)
     parser.add_argument("--mixed", action="store_true", help=MIXED_HELP)
     add_camera(parser)

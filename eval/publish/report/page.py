@@ -1,4 +1,4 @@
-"""The report's page: what stands in it, and the template that it is made by."""
+"""The page of a report: its contents, and its template."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import numpy as np
 import pandas as pd
 
 from eval.publish.charts import convergence, distributions
-from eval.publish.columns import SUCCESS, Column, begun
-from eval.publish.html import charts, configuration, environment, facts, style, views
-from eval.publish.report.cases import Case, show_case
-from eval.publish.summary import make_table
+from eval.publish.columns import SUCCESS, begun
+from eval.publish.html import charts, configuration, environment, facts, style, tables, texts
+from eval.publish.report.cases import show_case
+from eval.publish.summary import converged_runs, make_table
 from eval.rows.experiment import Experiment
 from eval.rows.frame import method_names, numbers, records, valid
 from sshade import threejs
@@ -22,7 +22,7 @@ from sshade.errors import InputError
 from sshade.figures import COLOURS
 from sshade.progress import Progress, silent
 
-#: Cases of an experiment in the 3D view, unless they are named.
+#: Default number of cases of an experiment in the 3D view.
 TURNABLE = 3
 
 
@@ -35,32 +35,32 @@ def write_page(
     up: np.ndarray,
     progress: Progress = silent,
 ) -> str:
-    """The page as HTML text.
+    """Return the page as HTML text.
 
     Parameters
     ----------
     experiments : list of Experiment
     cases : list of str
-        Names of tasks to show; empty: every case in pictures, and of each
-        experiment three in the 3D view.
+        Names of tasks to show. If empty: pictures of every case, and three cases of each experiment in 3D.
     mixed : bool
         Accept rows of several versions of the code, with a warning.
     towards, up : (3,) float64
-        From the scene to the camera, and the upright direction.
+        Direction from the scene to the camera, and upright direction.
     progress : Progress
 
     Raises
     ------
     InputError
-        When no experiment has such a case, or the rows of one make no table.
+        If no experiment has a named case, or the rows of an experiment make no table.
     """
     every = pd.concat([experiment.rows for experiment in experiments], ignore_index=True)
     known = set(every["task.name"])
     unknown = [name for name in cases if name not in known]
     if unknown:
         raise InputError(f"there is no case {unknown[0]!r}; there are {', '.join(sorted(known))}")
+    camera = {"towards": towards, "up": up}
     sections = [
-        _section(experiment, cases=cases, mixed=mixed, towards=towards, up=up, progress=progress)
+        _section(experiment, cases=cases, mixed=mixed, camera=camera, progress=progress)
         for experiment in experiments
     ]
     views = [
@@ -69,17 +69,21 @@ def write_page(
         for i, case in enumerate(section["cases"])
         if case.view is not None
     ]
-    return _template().render(
-        sections=sections,
-        views=[{name: value for name, value in view.items() if name != "data"} for view in views],
-        data=[view["data"] for view in views],
-        camera={"towards": list(towards), "up": list(up)},
-        ramp=_ramp(),
-        style=style(),
-        script=_text("viewer.js"),
-        three=threejs.source(),
-        valid=len(valid(every)),
-        runs=len(every),
+    return (
+        environment()
+        .from_string(_text("page.html"))
+        .render(
+            sections=sections,
+            views=[{name: value for name, value in view.items() if name != "data"} for view in views],
+            data=[view["data"] for view in views],
+            camera={name: list(direction) for name, direction in camera.items()},
+            ramp=_ramp(),
+            style=style(),
+            script=_text("viewer.js"),
+            three=threejs.source(),
+            valid=len(valid(every)),
+            runs=len(every),
+        )
     )
 
 
@@ -88,12 +92,11 @@ def _section(
     *,
     cases: list[str],
     mixed: bool,
-    towards: np.ndarray,
-    up: np.ndarray,
+    camera: dict[str, np.ndarray],
     progress: Progress,
 ) -> dict[str, Any]:
-    """An experiment as the template needs it."""
-    rows, made = experiment.rows, begun(experiment.rows)
+    """Return the contents of the section of an experiment."""
+    rows, runs = experiment.rows, begun(experiment.rows)
     table = make_table(rows, title=experiment.name, mixed=mixed)
     groups = [group for group in experiment.cases() if not cases or group[0]["task.name"] in cases]
     turnable = set(range(len(groups)))
@@ -102,63 +105,48 @@ def _section(
     shown = []
     for i, group in enumerate(groups):
         progress(experiment.name, i, len(groups), group[0]["task.name"])
-        shown.append(show_case(experiment, group, towards=towards, up=up, turnable=i in turnable))
+        shown.append(show_case(experiment, group, **camera, turnable=i in turnable))
     progress(experiment.name, len(groups), len(groups))
     measured = [column for column in table.columns if column.source != SUCCESS]
-    slug = re.sub(r"[^a-z0-9]+", "-", experiment.name.lower())
-    return {
+    return tables(table) | {
         "name": experiment.name,
-        "slug": slug,
-        "views": views(table),
-        "notes": table.notes,
-        "parts": [{"title": part.title, "views": views(part), "notes": part.notes} for part in table.parts],
+        "slug": re.sub(r"[^a-z0-9]+", "-", experiment.name.lower()),
         "charts": charts(distributions(rows)),
         "curves": charts(convergence(experiment)),
         "convergence": _convergence(experiment),
         "cases": shown,
-        "numbers": [_numbers(case, measured) for case in shown],
+        "numbers": [
+            [[row["method.name"], *texts(row, measured, missing="n/a")] for row in case.rows]
+            for case in shown
+        ],
         "measures": [column.label for column in measured],
         "failures": records(rows.drop(valid(rows).index)),
-        "configurations": [(method, configuration(made, method)) for method in method_names(made)],
-        "facts": facts(made),
+        "configurations": [(method, configuration(runs, method)) for method in method_names(runs)],
+        "facts": facts(runs),
     }
 
 
-def _numbers(case: Case, columns: list[Column]) -> list[list[str]]:
-    """A case's numbers, method by method."""
-    body = []
-    for row in case.rows:
-        values = [row.get(column.source) for column in columns]
-        texts = ["n/a" if v is None else c.text(v) for c, v in zip(columns, values, strict=True)]
-        body.append([row["method.name"], *texts])
-    return body
-
-
 def _convergence(experiment: Experiment) -> list[list[str]]:
-    """Headings, then a line an iterating method: runs converged, iterations, residuals, energies.
-
-    Columns without a number are left out.
-    """
+    """Return headings and a line an iterating method; columns without a number are left out."""
     lines = [["method", "converged", "iterations", "last residual", "energy"]]
     rows = valid(experiment.rows)
     rows = rows[numbers(rows, "iterations") > 0]
     for method in method_names(rows):
         own = rows[rows["method.name"] == method]
-        rule = own["converged"].dropna()
-        share = f"{int(rule.sum())}/{len(rule)}" if len(rule) else "no rule"
-        facts = [_range(numbers(own, f"extra.{name}"), "{:.3g}") for name in ("residual", "energy")]
-        lines.append([method, share, _range(numbers(own, "iterations"), "{:,.0f}"), *facts])
+        ranges = [_range(numbers(own, f"extra.{name}"), "{:.3g}") for name in ("residual", "energy")]
+        iterations = _range(numbers(own, "iterations"), "{:,.0f}")
+        lines.append([method, converged_runs(own["converged"]), iterations, *ranges])
     kept = [i for i in range(len(lines[0])) if any(line[i] != "-" for line in lines[1:])]
     return [[line[i] for i in kept] for line in lines]
 
 
 def _range(values: pd.Series, form: str) -> str:
-    """Smallest, median and largest of numbers."""
+    """Return the smallest, median and largest number."""
     return " / ".join(map(form.format, values.quantile([0, 0.5, 1]))) if values.notna().any() else "-"
 
 
 def _ramp() -> str:
-    """256 colours of errors, three bytes each, as base64."""
+    """Return 256 colours of errors, three bytes each, as base64."""
     import matplotlib
 
     colours = matplotlib.colormaps[COLOURS](np.arange(256), bytes=True)[:, :3]
@@ -167,7 +155,3 @@ def _ramp() -> str:
 
 def _text(name: str) -> str:
     return files("eval.publish.report").joinpath(name).read_text(encoding="utf-8")
-
-
-def _template() -> Any:
-    return environment().from_string(_text("page.html"))

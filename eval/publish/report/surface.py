@@ -1,4 +1,4 @@
-"""A case's shapes for the 3D view: few enough vertices, packed into text."""
+"""The shapes of a case for the 3D view: reduced to fewer vertices and packed into text."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from sshade.mesh.mesh import Mesh
 from sshade.sampling.proxy import sample_proxy
 
-#: A mesh of more vertices is shown in 3D by some of them; ids fit into 16 bits.
+#: Largest mesh that is shown completely, and number of vertices of larger meshes. Ids fit into 16 bits.
 LIMIT, SAMPLES = 28_000, 20_000
 
 
@@ -24,30 +24,29 @@ class Surface:
     samples : (k,) int
         Vertices of the mesh.
     faces : (l, 3) int
-        Faces between them, ids counted in `samples`.
-    region : (n,) int
-        For each vertex of the mesh the one in `samples` that stands for it.
+        Faces, as indices into `samples`.
+    cell : (n,) int
+        Index into `samples` of the sample of each vertex of the mesh.
     """
 
     samples: np.ndarray
     faces: np.ndarray
-    region: np.ndarray
+    cell: np.ndarray
 
     def mean(self, values: np.ndarray) -> np.ndarray:
-        """(k,) means over the vertices that each sample stands for, of values (n,)."""
-        return np.bincount(self.region, values) / np.bincount(self.region)
+        """Return the means (k,) of values (n,) over the cells of the samples."""
+        return np.bincount(self.cell, values) / np.bincount(self.cell)
 
 
 def surface(mesh: Mesh, *, keep: np.ndarray, limit: int = LIMIT, samples: int = SAMPLES) -> Surface:
-    """The mesh itself, or above `limit` vertices its remeshing by `samples`, among them `keep`.
+    """Return the mesh, or above `limit` vertices a proxy of `samples` vertices that include `keep`.
 
-    A remeshing's vertices are vertices of the mesh, so that a deformation of the
-    mesh moves them too.
+    The vertices of the proxy are vertices of the mesh, and move with a deformation of the mesh.
 
     Raises
     ------
     InputError
-        When a large mesh is not manifold or has several components.
+        If a large mesh is not manifold or has several components.
     """
     if mesh.n <= limit:
         return Surface(np.arange(mesh.n), mesh.F, np.arange(mesh.n))
@@ -56,11 +55,10 @@ def surface(mesh: Mesh, *, keep: np.ndarray, limit: int = LIMIT, samples: int = 
 
 
 def pack(shapes: list[np.ndarray], errors: list[np.ndarray | None], faces: np.ndarray, *, top: float) -> dict:
-    """Shapes of one mesh as compressed base64.
+    """Pack shapes of one mesh as compressed base64.
 
-    Little-endian: the faces as uint16, then for each shape its positions as
-    uint16 in the box of all shapes, coordinate by coordinate, and, where it has an
-    error, that as uint8 of the range from 0 to `top`.
+    Little-endian: the faces as uint16; then for each shape its positions as uint16 in the bounding box of all
+    shapes, coordinate by coordinate; and its error, if it has one, as uint8 of the range from 0 to `top`.
 
     Parameters
     ----------

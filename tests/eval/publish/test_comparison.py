@@ -37,7 +37,7 @@ def test_means_ranks_and_the_contest_are_over_the_cases_that_all_have():
     assert table.lines["cases"].tolist() == [4, 4] and table.lines["competes"].all()
     text = to_markdown(table)
     assert "| a | 5 | **2.00** |" in text and "| b | 4/5 | <u>2.50</u> |" in text
-    assert "means over 4 of 5, those that every method compared has a result for." in table.notes[0]
+    assert "means over 4 of 5, the cases for which every compared method has a result." in table.notes[0]
     assert "b: 1 failed (ValueError: no): t4." in table.notes
     worst, won = table.parts
     assert worst.means["volume"].tolist() == [2.0, 3.0] and won.title == "cases won, of 4"
@@ -95,7 +95,7 @@ def test_rows_without_any_result_make_a_table_of_what_became_of_them():
     text = to_markdown(table_of(lost("a"), lost("b", status="timeout", reason="after 5 s")))
     assert "| a | 0/1 | failed |" in text and "| b | 0/1 | timeout |" in text
     assert "- b: 1 timeout (after 5 s): every case." in text and "means over 0 of 1" in text
-    with pytest.raises(InputError, match="none of the 2 runs that were planned has begun"):
+    with pytest.raises(InputError, match="none of the 2 planned runs has begun"):
         table_of(planned("a"), planned("b"))
 
 
@@ -117,7 +117,7 @@ def test_the_headline_is_over_held_out_cases_and_tuning_cases_follow():
     assert part.title == "tuning cases" and part.means["volume"].fillna(-1).tolist() == [4.0, 3.0, -1]
     text = to_markdown(table)
     headline, rest = text.split("#### tuning cases\n")
-    assert headline.startswith("### t: held-out cases\n") and "#### tuning cases: what means hide" in rest
+    assert headline.startswith("### t: held-out cases\n") and "#### tuning cases: further measures" in rest
     assert "Held-out cases: no constant of a method was chosen on them." in headline
     assert "2 cases of" in rest and "constants of methods were chosen on them" in rest
     assert "c: 1 failed" in rest and "c: 1 failed" not in headline
@@ -127,7 +127,7 @@ def test_the_headline_is_over_held_out_cases_and_tuning_cases_follow():
     assert alone.label == "tuning cases" and alone.notes[1].startswith("Tuning cases: ") and not alone.parts
     mine = table_of(*own)
     assert to_markdown(mine).startswith("### t\n") and not any("onstants" in note for note in mine.notes)
-    assert [part.title for part in table_of(*own, *tuning).parts] == ["cases of neither half"]
+    assert [part.title for part in table_of(*own, *tuning).parts] == ["other cases"]
 
 
 def test_a_case_counts_with_the_mean_over_its_seeds_and_the_spread_is_shown():
@@ -176,7 +176,7 @@ UNKNOWN = {"env__version__code": None, "env__version__metrics": None}
         (
             {"env__version__metrics": "0ther"},
             "version c0dec0de, metrics 0ther, commit abcdef01, clean tree",
-            "measure the older ones again with `sshade-eval remeasure`",
+            "measure the older rows again with `sshade-eval remeasure`",
         ),
     ],
 )

@@ -36,7 +36,7 @@ def test_error_is_the_distance_to_the_truth_or_else_the_change_of_edges():
     V = known.truth + [0, 0.03, 0.04]
     np.testing.assert_allclose(error_of(known, V), 100 * 0.05 / known.mesh.diagonal)
     np.testing.assert_array_equal(error_of(unknown, V), edge_error(unknown.mesh, V))
-    assert "true place" in error_label(known)
+    assert "ground truth" in error_label(known)
     assert error_label(unknown) == error_label(bumpy_task(level=1)) and "edge" in error_label(unknown)
 
 

@@ -134,15 +134,15 @@ def test_rows_of_other_methods_keep_their_version(project):
         ),
         (
             [clean(), clean("b", env__version__code="d"), clean("c", env__version__metrics="n")],
-            r"version c \(metrics m\): 1, version c \(metrics n\): 1, version d \(metrics m\): 1; all rows",
+            r"version c \(metrics m\): 1, version c \(metrics n\): 1, version d \(metrics m\): 1; the rows",
         ),
         (
             [clean(), clean(task="t2", env__version__code="d")],
-            r"version c \(metrics m\): 1, version d \(metrics m\): 1; all rows of a method",
+            r"version c \(metrics m\): 1, version d \(metrics m\): 1; the rows",
         ),
         (
             [clean("a", method__target="baselines.arap.arap"), clean("b", method__target="mine.method")],
-            r"1 of 2 rows .* no part of this project \(b: 1\).* `sshade-eval submit` takes",
+            r"1 of 2 rows .* no part of this project \(b: 1\).*hand them in with `sshade-eval submit`",
         ),
         (
             [clean("b", **{"method.target": "sshade.sshade", "method.coarse.target": "mine.method"})],

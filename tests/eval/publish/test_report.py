@@ -99,7 +99,7 @@ def test_tables_of_the_experiment_and_of_each_case(page, tiny):
     assert "Machine: " in page.told("notes")
     assert page.tables[1][0][:3] == ["method", "runs", "D"] and page.tables[1][0][-1] == "success (%)"
     assert {line[0]: line[-1] for line in page.tables[1][1:]}["failing"] == "0.0"
-    assert "tiny: what means hide" in page.told("experiment")
+    assert "tiny: further measures" in page.told("experiment")
     of_case = page.tables[3]
     assert [line[0] for line in of_case[1:]] == ["arap", "learned", "stretching"]
     assert of_case[1][1] == f"{numbers['arap', 'bumpy_10']:.2f}"
@@ -234,8 +234,8 @@ def test_pose_transfers_are_held_against_the_truth(tmp_path):
     rows = make_transfers(tmp_path)
     page = Page(report(rows, tmp_path / "r.html", "--runs", str(tmp_path / "runs" / "moved"), *LOOK))
     assert list(page.images) == ["rest", "truth", "mirror"] and len(page.images["truth"]) == 2
-    assert "distance to the true place (% of the diagonal)" in page.told("scale")
-    assert "static" not in page.told("scale")  # there are no handles
+    assert "distance to the ground truth (% of the diagonal)" in page.told("scale")
+    assert "fixed" not in page.told("scale")  # there are no handles
     assert "edit: wider_0.1" in page.told("summary") and "edit: wider_0.3" in page.told("summary")
     # The whole, two edits, two cases: each has the numbers of its own runs.
     at = "distance (%)"
@@ -256,7 +256,7 @@ def test_a_small_mesh_is_shown_whole_and_a_large_one_by_samples():
     assert some.samples[:3].tolist() == keep.tolist()
     assert 150 <= len(some.samples) < 170 and some.faces.max() == len(some.samples) - 1
     for k in (0, 2, 100):
-        assert some.mean(values)[k] == pytest.approx(values[some.region == k].mean())
+        assert some.mean(values)[k] == pytest.approx(values[some.cell == k].mean())
     assert some.mean(np.full(mesh.n, 2.5)) == pytest.approx(2.5)
 
 
