@@ -1,12 +1,13 @@
-# make tables   the main job: builds a small DeFAUST, runs the methods, writes out/
-# make test     lint, architecture rules, tests, the small benchmark
-# make bench    times at full size, of drags, of regions, up to 11 million vertices; needs a quiet machine (an hour)
-# make scaling  the cost model of docs/scaling.md; the same (a quarter of an hour)
-# make robustness   bad inputs, kills, fuzzing, the same bits, coverage, at full strength (an hour)
-# make ablations   one change at a time on two small bodies (a quarter of an hour)
-# make transfers   poses rebuilt and transferred, at 20k and at 170k vertices (half an hour)
-# make docs     the documentation as a site, out/site; every example of it is run (five minutes)
-# The first use of any makes .venv and installs; PYTHON=... picks another interpreter.
+# make tables       build a small DeFAUST dataset, run the main methods, write tables and pictures to out/
+# make test         lint, architecture rules, types, tests, and the small benchmark
+# make bench        times at full size, of drags and handle regions, up to 11 million vertices (an hour)
+# make scaling      the cost model of docs/scaling.md (a quarter of an hour)
+# make robustness   tests of bad inputs, kills, fuzzing, reproducibility and coverage at full strength (an hour)
+# make ablations    one change at a time, on two small bodies (a quarter of an hour)
+# make transfers    poses rebuilt and transferred, at 20k and at 170k vertices (half an hour)
+# make docs         the documentation as a site, out/site; all its examples run (five minutes)
+# The first use makes .venv and installs. PYTHON=... chooses another interpreter. bench and scaling need a quiet
+# machine.
 
 PYTHON ?= python3
 VENV   := .venv
@@ -19,16 +20,16 @@ FULL   := data/defaust_170k
 SIZES  := 10000 15625 19532
 BASES  := $(SIZES:%=data/bench/%)
 BODY   := "defaust root=$(FULL) subject=0 pose=1"
-HELD   := "defaust root=$(FULL) subject=0 pose=1 handles=regions"
+REGIONS := "defaust root=$(FULL) subject=0 pose=1 handles=regions"
 ONE    := "paper-1=paper samplings=1"
 BOUND  := "paper-1=paper samplings=1 solver.start=rest" fast "fast-6000=fast vertices=6000"
 
-# Experiments conf/experiment/ablation_*; those over a number are drawn too.
+# Experiments conf/experiment/ablation_*. Ablations over a number are drawn as curves.
 ABLATIONS := $(addprefix ablation_,samplings vertices projection touching handles function frames coarse)
 CURVES    := --metric volume area edge angle
 TRANSFERS := isometric_quick pose_transfer_quick isometric pose_transfer
 
-# Where it is set, each of the hundreds of processes that tests begin compiles every module anew.
+# If it is set, each of the hundreds of processes of the tests compiles every module again.
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: tables test ci-benchmark bench scaling robustness ablations transfers docs clean
@@ -39,7 +40,7 @@ tables: $(READY) $(QUICK)/dataset.json
 	$(BIN)/sshade-eval tables quick
 	$(BIN)/sshade-eval figures quick
 	$(BIN)/sshade-eval report quick
-	@echo "tables in out/tables, the picture in out/figures, all of it in out/report.html"
+	@echo "tables: out/tables; picture: out/figures; report with both: out/report.html"
 
 test: $(READY)
 	$(BIN)/ruff check .
@@ -52,14 +53,14 @@ test: $(READY)
 ci-benchmark: $(READY) $(CI)/dataset.json
 	$(BIN)/sshade-eval run -m experiment=ci dataset.root=$(CI)
 
-# The machine must do nothing else meanwhile: `sshade-eval bench` refuses one that is not quiet.
+# Needs a quiet machine: `sshade-eval bench` ends without a result if other programs run.
 bench: $(READY) $(FULL)/dataset.json $(BASES:%=%/dataset.json)
 	$(BIN)/sshade-eval bench speed --cases $(BODY) --extrapolate arap elastic --methods arap elastic \
 	  accelerated_arap accelerated_elastic deformation_graph paper $(ONE) fast fine
-	$(BIN)/sshade-eval bench speed --name regions --cases $(HELD) --extrapolate elastic --methods elastic \
+	$(BIN)/sshade-eval bench speed --name regions --cases $(REGIONS) --extrapolate elastic --methods elastic \
 	  accelerated_elastic deformation_graph paper fast fine
 	$(BIN)/sshade-eval bench drag --cases $(BODY) --methods $(BOUND)
-	$(BIN)/sshade-eval bench drag --name drag_regions --cases $(HELD) --methods $(BOUND)
+	$(BIN)/sshade-eval bench drag --name drag_regions --cases $(REGIONS) --methods $(BOUND)
 	$(BIN)/sshade-eval bench drag --name drag_large --sizes 1000000 \
 	  --cases "defaust root=data/bench/15625 subject=0 pose=1" \
 	  --methods fast "fast-6000=fast vertices=6000"
@@ -69,12 +70,12 @@ bench: $(READY) $(FULL)/dataset.json $(BASES:%=%/dataset.json)
 	$(BIN)/sshade-eval bench whole --sizes 683000 11000000 --cases $(BODY) --methods fast
 	$(BIN)/sshade-eval timings speed regions drag drag_regions drag_large scaling startup whole
 
-# LARGEST=--largest: with a mesh of 44 million vertices, in 16 GiB.
+# LARGEST=--largest adds a mesh of 44 million vertices, which needs 16 GiB.
 scaling: $(READY) $(FULL)/dataset.json data/bench/10000/dataset.json
 	$(BIN)/python -m docs.scaling --measure $(LARGEST)
 
-# docs/robustness.md says what came of it, and when.
-# Coverage is written here, not where a process of a test works; of baselines it takes their extras.
+# docs/robustness.md has the results. COVERAGE_FILE collects the coverage of all processes in this folder.
+# The extras are needed for the coverage of baselines.
 robustness: export COVERAGE_FILE := $(CURDIR)/.coverage
 robustness: $(READY)
 	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt \
@@ -121,7 +122,7 @@ $(QUICK)/dataset.json: $(READY)
 $(CI)/dataset.json: $(READY)
 	$(BIN)/defaust build source=synthetic out=$(CI) subjects=[0] target_vertices=5000
 
-# Modules are compiled as they are imported, which is a few of them: half the time.
+# Without compilation by pip, installation takes half the time: imports compile the few modules that are used.
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 	  || { echo "Python 3.11 or newer is needed: make PYTHON=/path/to/python3.11 ..."; exit 2; }

@@ -41,11 +41,11 @@ LEFT_OUT: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
         "nothing": {},
         "blended_frames": {"frames": "triangle", "samplings": 5},
-        "held_volume": {"volume": 0.0, "area": 0.0},
+        "constraints": {"volume": 0.0, "area": 0.0},
         "softening": {"stiffness": 1.0},
-        "parts": {"attachment": 0.0, "guide_attachment": PRESETS["fast"].guide_attachment},
-        "lead": {"guide_attachment": 0.0},
-        "parts_and_lead": {"attachment": 0.0},
+        "attachment": {"attachment": 0.0, "guide_attachment": PRESETS["fast"].guide_attachment},
+        "guide": {"guide_attachment": 0.0},
+        "attachment_and_guide": {"attachment": 0.0},
     }
 )
 

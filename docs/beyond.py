@@ -63,7 +63,7 @@ def frames() -> Example:
 def volume() -> Example:
     """Volume and area unconstrained, constrained, and the true pose."""
     task = body(7, 7)
-    shapes = [without(task, "held_volume"), without(task, "nothing"), truth(task)]
+    shapes = [without(task, "constraints"), without(task, "nothing"), truth(task)]
     return Example(task, shapes, shown=task.mesh.V[:, 1] > 0.9)
 
 
@@ -76,7 +76,7 @@ def softening() -> Example:
 def attachment() -> Example:
     """A head fixed at its nose: without attachment, with attachment, and the true pose."""
     task = body(7, 3)
-    shapes = [without(task, "parts_and_lead"), without(task, "nothing"), truth(task)]
+    shapes = [without(task, "attachment_and_guide"), without(task, "nothing"), truth(task)]
     return Example(task, shapes, shown=task.mesh.V[:, 1] > 1.15, handles=True, towards=(1, 0.1, 0.8))
 
 
@@ -84,7 +84,7 @@ def guide() -> Example:
     """A sitting body: without the guide energy, with the guide energy, and the true pose."""
     task = body(5, 9)
     return Example(
-        task, [without(task, "lead"), without(task, "nothing"), truth(task)], towards=(1, 0.2, 0.6)
+        task, [without(task, "guide"), without(task, "nothing"), truth(task)], towards=(1, 0.2, 0.6)
     )
 
 

@@ -15,9 +15,17 @@ from sshade.options import OLD_METHODS, OLD_NAMES
 
 #: Old name of a method -> new name, in rows and in ``conf/method``.
 METHODS = {**OLD_METHODS, "sshade_residual": "residual"}
+#: Old name of a part that the ablation of ``fast`` leaves out -> new name.
+LEFT_OUT = {
+    "held_volume": "constraints",
+    "parts": "attachment",
+    "lead": "guide",
+    "parts_and_lead": "attachment_and_guide",
+}
 #: Old column of a row -> new column and the new names of its values.
 FACTS = {
     "extra.proxy_basin": ("extra.proxy_initialisation", {"lead": "guide", "start": "handles"}),
+    "method.without": ("method.without", LEFT_OUT),
 }
 
 #: An old method in a label: ``sshade_fine-0.1``, or ``sshade deform --method sshade_fast``.
@@ -26,6 +34,9 @@ _IN_LABEL = re.compile(r"(?:^|(?<= ))sshade\w*(?=-|$)")
 
 def new_label(label: str) -> str:
     """Return the label of a method with the new name of the method."""
+    prefix, _, left_out = label.partition("_")
+    if prefix == "without" and left_out in LEFT_OUT:
+        return f"without_{LEFT_OUT[left_out]}"
     return _IN_LABEL.sub(lambda found: METHODS.get(found[0], found[0]), label)
 
 

@@ -135,19 +135,19 @@ def test_with_nearest_samples_too_rigid_handles_move_the_mesh_rigidly():
 
 
 def test_nothing_left_out_is_sshade_fast_and_each_other_choice_differs_from_all_others():
-    task = held_ends(bumpy(4), share=0.02)  # few handles: no regions, which have no parts
+    task = held_ends(bumpy(4), share=0.02)  # few handles: no regions, which have no attachment
     options = {"vertices": 500, "seed": 3}
     found = {name: fast_without(task, without=name, **options) for name in LEFT_OUT}
     assert np.array_equal(found["nothing"].vertices, deform(task, **options).vertices)
     plain = {"blended_frames": {"frames": "triangle", "samplings": 5}, "softening": {"stiffness": 1.0}}
-    plain["parts_and_lead"] = {"attachment": 0.0}
+    plain["attachment_and_guide"] = {"attachment": 0.0}
     for name, left_out in plain.items():
         assert np.array_equal(found[name].vertices, deform(task, **left_out, **options).vertices)
     shapes = [np.round(result.vertices, 9).tobytes() for result in found.values()]
     assert len(set(shapes)) == len(LEFT_OUT)
     basin = {name for name, result in found.items() if "proxy_initialisation" in result.extra}
-    assert basin == set(LEFT_OUT) - {"lead", "parts_and_lead"}
+    assert basin == set(LEFT_OUT) - {"guide", "attachment_and_guide"}
     error = {name: result.extra["proxy_volume_error"] for name, result in found.items()}
-    assert error.pop("held_volume") > 1e-4 > 10 * max(error.values())
+    assert error.pop("constraints") > 1e-4 > 10 * max(error.values())
     with pytest.raises(InputError, match="cannot leave out 'lid'; use one of nothing, "):
         fast_without(task, without="lid")

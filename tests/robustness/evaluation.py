@@ -100,7 +100,7 @@ TABLE = {
 OPTIONS = {
     "tables tiny -o body.ply": ("body.ply: the folder cannot be made",),
     "tables tiny nosuch -o t": ("nosuch.csv: no such file",),
-    "curves tiny --metric beauty": ("no metric 'beauty'",),
+    "curves tiny --metric beauty": ("invalid choice: 'beauty'",),
     "curves tiny": ("label",),
     f"check {ROWS} --bands rubber": ("no bands 'rubber'",),
 }

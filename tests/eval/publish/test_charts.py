@@ -10,12 +10,10 @@ from eval.main import call
 from eval.rows.experiment import Experiment
 from eval.rows.frame import write_csv
 from eval.rows.store import run_folder, write_run
-from sshade.errors import InputError
 
 pytest.importorskip("matplotlib")
 
 from eval.publish.charts import charts, convergence, distributions
-from eval.publish.plotting import new_figure, save
 
 
 @pytest.fixture
@@ -52,12 +50,6 @@ def test_zeros_among_orders_of_magnitude_stay_visible():
     axes = distributions(frame(*rows))["volume"].axes[0]
     assert axes.get_xscale() == "symlog" and axes.get_xlim()[0] == 0
     assert axes.xaxis.get_transform().linthresh == pytest.approx(0.1)
-
-
-def test_references_are_in_no_chart(rows):
-    reference = row("nothing", method__target="baselines.identity.identity", metric__volume=1e6)
-    axes = distributions(frame(*rows, reference))["volume"].axes[0]
-    assert dots(axes) == [[4.0, 8.0], [2.0]]
 
 
 def test_the_sizes_of_a_method_share_its_colour():
@@ -103,8 +95,3 @@ def test_command_writes_the_same_bytes_again(rows, tmp_path, capsys, suffix):
         one, two = ((tmp_path / out / "tiny" / name).read_bytes() for out in ("one", "two"))
         assert one == two and len(one) > 1000
     assert str(tmp_path / "one" / "tiny" / f"volume.{suffix}") in capsys.readouterr().out
-
-
-def test_another_format_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"unknown figure format '.bmp'; use .svg, .pdf, .png"):
-        save(new_figure(1, 1), tmp_path / "x.bmp")

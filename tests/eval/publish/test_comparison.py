@@ -44,17 +44,6 @@ def test_means_ranks_and_the_contest_are_over_the_cases_that_all_have():
     assert won.means["volume"].tolist() == [3, 1]
 
 
-def test_planned_cases_without_a_run_count():
-    rows = [*on("a", [1.0, 2.0, 6.0]), *on("b", [1.0, 3.0]), planned("b", "t2")]
-    rows += [planned("c", f"t{i}") for i in range(3)]
-    table = table_of(*rows)
-    assert table.lines["runs"].tolist() == [3, 3, 3] and table.lines["valid"].tolist() == [3, 2, 0]
-    assert table.means["volume"].fillna(-1).tolist() == [1.5, 2.0, -1]
-    assert "b: 1 missing (planned, never run): t2." in table.notes
-    assert "c: 3 missing (planned, never run): every case." in table.notes
-    assert "| c | 0/3 | missing |" in to_markdown(table) and "| b | 2/3 | <u>2.00</u> |" in to_markdown(table)
-
-
 def test_a_method_that_lost_most_of_its_cases_has_no_means_and_takes_none_from_the_others():
     rows = [*on("a", [2.0] * 5), *on("b", [4.0] * 5), *on("poor", [0.0, 0.0, None, None, None])]
     table = table_of(*rows, *on("few", [0.0]))
@@ -72,12 +61,6 @@ def test_methods_that_lost_as_many_cases_as_each_other_are_kept():
     rows = [r for name, v in (("a", 1.0), ("b", 2.0)) for r in on(name, [v, v, None, None, None])]
     table = table_of(*rows)
     assert table.means["volume"].tolist() == [1.0, 2.0] and "means over 2 of 5" in table.notes[0]
-
-
-def test_methods_without_a_common_case_have_no_means():
-    table = table_of(*on("a", [1.0, None]), *on("b", [None, 2.0]))
-    assert table.means["volume"].isna().all() and not table.lines["competes"].any()
-    assert "means over 0 of 2" in table.notes[0] and "**" not in to_markdown(table).split("- ")[0]
 
 
 def test_a_reference_neither_widens_nor_narrows_what_is_common():
@@ -181,16 +164,21 @@ UNKNOWN = {"env__version__code": None, "env__version__metrics": None}
     ],
 )
 def test_versions_do_not_mix(tmp_path, capsys, change, old, cure):
-    write_csv(tmp_path / "t.csv", frame(row("a"), row("b"), row("old", **change)))
+    write_csv(tmp_path / "t.csv", frame(row("a"), row("b"), row("a", "t2", **change)))
     arguments = [str(tmp_path / "t.csv"), "-o", str(tmp_path / "tables")]
     new = "version c0dec0de, metrics 3e753e75, commit abcdef01, clean tree"
     said = "rows of 2 versions of the code, whose numbers need not compare"
-    said += f" ({new}: 2 rows of a, b; {old}: 1 row of old)"
+    said += f" ({new}: 2 rows of a, b; {old}: 1 row of a)"
     with pytest.raises(InputError, match=f"^{re.escape(f'{said}: {cure}')}.* with --mixed$"):
         call("tables", arguments)
     assert not (tmp_path / "tables").exists()
     assert call("tables", [*arguments, "--mixed"]) == 0
     assert f"- Warning: {said}.\n" in capsys.readouterr().out
+
+
+def test_each_method_may_have_another_version_of_the_code():
+    (note,) = (note for note in table_of(row("a"), row("b", **OTHER)).notes if "version" in note)
+    assert note.startswith("Code: version 0ldc0de0, c0dec0de, metrics 3e753e75, commit ")
 
 
 def test_the_version_stands_under_the_table():

@@ -112,13 +112,3 @@ def test_pictures_have_few_colours_and_keep_the_rare_ones(tmp_path):
 def test_what_was_not_run_is_a_clear_error(tiny_runs, options, message):
     with pytest.raises(InputError, match=message):
         read_cases(tiny_runs, **{"names": [], "methods": [], **options})
-
-
-def test_command_runs_no_method(tiny_runs, tmp_path, monkeypatch):
-    pytest.importorskip("pyvista")
-    pytest.importorskip("matplotlib")
-    monkeypatch.setattr("eval_cases.stretching", lambda *a, **k: pytest.fail("a figure ran a method"))
-    out = tmp_path / "figures" / "tiny.png"
-    camera = ["--towards", "1", "0", "0.2", "--up", "0", "0", "1"]
-    assert call("figures", [str(tiny_runs), "-o", str(out), *camera]) == 0
-    assert out.read_bytes().startswith(b"\x89PNG")

@@ -54,11 +54,6 @@ def test_another_setting_and_other_measures():
     assert set(front(rows, measures=("edge", "bend_tail"))) == {"fine-0.1", "fine-0.3"}
 
 
-def test_a_method_lacking_a_measure_has_no_case():
-    rows = [weighted("fine-1", weight=1), weighted("arap", metric__angle=None)]
-    assert set(front(frame(*rows))) == {"fine"}
-
-
 def test_tuning_and_held_out_cases_are_apart(tmp_path):
     pytest.importorskip("matplotlib")
     cases = {f"defaust-synthetic/subject_0{s}/pose_7": float(s + 1) for s in (0, 7)}

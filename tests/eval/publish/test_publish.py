@@ -168,20 +168,6 @@ def test_a_figure_may_stand_alone_but_not_be_older_than_its_rows(project):
         call("publish", ["tiny"])
 
 
-def test_elsewhere_nothing_is_published(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    write_csv("out/rows/tiny.csv", frame(row()))
-    with pytest.raises(InputError, match="no results/rows here"):
-        call("publish", ["tiny"])
-    assert not Path("results").exists()
-
-
-def test_no_other_command_writes_there(project, capsys):
-    before = contents()
-    assert call("tables", ["tiny"]) == 0 and call("tables", ["results/rows/tiny.csv"]) == 0
-    assert contents() == before and Path("out/tables/tiny.md").is_file()
-
-
 @pytest.mark.parametrize("path", ROWS, ids=lambda path: path.stem)
 def test_committed_tables_follow_from_committed_rows(path):
     table = make_table(read_csv(path), title=path.stem, mixed=True)

@@ -11,12 +11,10 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 import yaml
-from eval_rows import planned
 from report_runs import METHODS, make_transfers
 
 from eval.main import call
-from eval.rows.experiment import Experiment
-from eval.rows.frame import read_csv, records, to_frame, write_csv
+from eval.rows.frame import read_csv, records
 from sshade.errors import InputError
 from tests.shapes import bumpy
 
@@ -24,7 +22,6 @@ pytest.importorskip("matplotlib")
 pytest.importorskip("pyvista")
 pytest.importorskip("jinja2")
 
-from eval.publish.report.page import write_page
 from eval.publish.report.surface import pack, surface
 
 
@@ -162,10 +159,6 @@ def test_the_view_holds_every_shape(text):
     assert len(re.findall(r'id="turn-data-\d+"', text)) == 2
 
 
-def test_the_same_rows_and_runs_give_the_same_page(tiny, text, tmp_path, tiny_runs):
-    assert report(tiny, tmp_path / "again.html", "--runs", str(tiny_runs), *LOOK) == text
-
-
 @pytest.fixture
 def without_charts(monkeypatch):
     """Charts take most of a small report's time."""
@@ -195,38 +188,6 @@ def test_a_changed_dataset_is_told(tiny, tmp_path, monkeypatch, tiny_runs):
     monkeypatch.setattr("eval.run.recall.task_checksum", lambda task: "other")
     page = Page(report(tiny, tmp_path / "r.html", "--runs", str(tiny_runs)))
     assert "No pictures: the dataset of bumpy_10 has changed since the run" in page.told("warning")
-
-
-@pytest.mark.usefixtures("without_charts")
-def test_planned_runs_count_and_are_listed(tiny, tmp_path):
-    rows = [*records(read_csv(tiny)), planned("arap", "bumpy_70"), planned("never", "bumpy_70")]
-    experiment = Experiment("tiny", to_frame(rows), (tmp_path,))
-    towards, up = np.array([1.0, 0, 0.2]), np.array([0.0, 0, 1])
-    page = Page(write_page([experiment], cases=[], towards=towards, up=up))
-    lines = {line[0]: line[1:3] for line in page.tables[0][1:]}
-    assert lines["arap"][0] == "2/3" and lines["never"] == ["0/1", "missing"]
-    assert "never: 1 missing (planned, never run): every case." in page.told("notes")
-    failures = [line for table in page.tables for line in table if line[1:2] == ["bumpy_70"]]
-    assert failures == [
-        [name, "bumpy_70", "0", "missing", "planned, never run"] for name in ("arap", "never")
-    ]
-
-
-@pytest.mark.usefixtures("without_charts")
-def test_versions_stand_together_only_with_a_warning(tiny, tmp_path):
-    rows = read_csv(tiny)
-    rows.loc[0, "env.version.metrics"] = "0ther"
-    for name, changed in (("one", rows), ("two", read_csv(tiny))):
-        write_csv(tmp_path / f"{name}.csv", changed)
-    arguments = [*(str(tmp_path / f"{name}.csv") for name in ("one", "two")), "-o", str(tmp_path / "r.html")]
-    arguments += ["--runs", str(tmp_path)]
-    with pytest.raises(InputError, match="rows of 2 versions of the code.*--mixed"):
-        call("report", arguments)
-    assert not (tmp_path / "r.html").exists()
-    assert call("report", [*arguments, "--mixed"]) == 0
-    page = Page((tmp_path / "r.html").read_text())
-    assert "Warning: rows of 2 versions of the code" in page.told("warning")
-    assert {"one", "two"} <= set(page.ids)
 
 
 @pytest.mark.usefixtures("without_charts")
@@ -276,9 +237,3 @@ def test_packed_shapes_come_back_to_their_precision():
         assert (np.abs(low + span * stored / 65535 - V) <= 0.5001 * span / 65535).all()
     stored = np.frombuffer(data, "u1", offset=6 * m + 12 * n).astype(float)
     assert np.abs(10 * stored / 255 - np.minimum(error, 10)).max() <= 0.5001 * 10 / 255
-
-
-def test_a_flat_shape_can_be_packed():
-    V = np.array([[0.0, 0, 7], [1, 0, 7], [0, 1, 7]])
-    packed = pack([V], [None], np.array([[0, 1, 2]]), top=1.0)
-    assert packed["low"] == [0, 0, 7] and np.isfinite(packed["span"]).all()

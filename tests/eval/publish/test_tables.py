@@ -104,12 +104,6 @@ def test_notes_of_methods_stand_under_the_table_once():
     assert not any(line.startswith("arap:") for line in table.notes)
 
 
-def test_one_case_at_several_sizes():
-    table = table_of(*(row(f"arap-{n}", task__vertices=n) for n in (7000, 25000, 2000)))
-    assert list(table.lines.index) == ["arap-2000", "arap-7000", "arap-25000"]
-    assert table.notes[0].startswith("1 case of 2,000 to 25,000 vertices")
-
-
 def test_an_optional_column_is_there_where_a_row_has_more_than_zero(rows):
     for extra in (None, 0.0):
         same = table_of(*({**one, "extra.far_share": extra} for one in rows))
@@ -200,27 +194,6 @@ def test_pose_transfers_without_a_truth_show_what_changed():
     text = to_markdown(table)
     assert "| x | 1 | 1.00 | 2.00 | 3.00 | 4.000 |" in text
     assert "without ground truth its part is unknown" in text and "Lower is better" not in text
-
-
-def test_latex(rows):
-    lines = [line for line in to_latex(table_of(*rows)).splitlines() if line[0] != "%"]
-    assert lines[0] == r"\begin{tabular}{lrrrrrrr}" and lines[-2:] == [r"\bottomrule", r"\end{tabular}"]
-    assert r"volume (\%)" in lines[2] and r"FA ($^\circ$)" in lines[2]
-    assert lines[4].startswith(r"arap & 2 & \textbf{6.00} & ") and r"\underline{4.000} & " in lines[4]
-    assert lines[6].startswith(r"paper\_plain & 2 & -- & ")
-    second = lines.index(r"\begin{tabular}{lrr}")
-    assert (
-        lines[second + 2] == r"method & runs & success (\%) \\"
-        and lines[second + 4] == r"arap & 2 & 100.0 \\"
-    )
-
-
-def test_csv(rows):
-    lines = to_csv(table_of(*rows)).splitlines()
-    assert lines[0].startswith("method,runs,valid,cases,converged,volume [%],area [%]")
-    assert lines[0].endswith(",success [%]")
-    assert lines[1] == "arap,2,2,2,1/2,6,2,3,4,0,15,100"
-    assert lines[2] == "worse,1,0,0,-,,,,,,,0"
 
 
 def test_rows_of_two_configurations_are_no_one_method():

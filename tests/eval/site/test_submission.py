@@ -134,14 +134,6 @@ def test_a_task_of_equal_files_is_the_same_whatever_the_processor_rounds(folder,
             check(folder, TRACK, [row | other for row in official])
 
 
-def test_vertices_of_another_processor_are_measured_by_its_own_task(folder, published):
-    facts = {"task.meta.checksum": "aa+bb"}
-    put_rows(folder, lambda row: row | facts)
-    assert (
-        check(folder, TRACK, [row | facts | {"task.checksum": "4567"} for row in published]).remeasured == 2
-    )
-
-
 def test_rows_of_a_wheel_have_no_commit_but_a_known_version(folder, published):
     put_rows(folder, lambda row: row | {"env.commit": None, "env.modified": None})
     assert len(check(folder, TRACK, published).rows) > 0
@@ -200,4 +192,4 @@ def test_the_command_checks_and_copies(folder, published, tmp_path, monkeypatch,
     assert {path.name for path in (tmp_path / "submissions/stretching").iterdir()} == set(submit.FILES)
     (folder / "submission.yaml").write_text(yaml.safe_dump({**FACTS, "track": "nowhere"}))
     assert main(["submit", str(folder), "--check"]) == 2
-    assert "'nowhere' is no track; they are tiny" in capsys.readouterr().err
+    assert "'nowhere' is no track; the tracks are tiny" in capsys.readouterr().err

@@ -7,7 +7,7 @@ import pytest
 from eval_cases import ends_task
 
 from eval.main import call
-from eval.studies.jumps import SETTINGS, Jumps, at_vertices, busiest, close_up, compare, measure_jumps, table
+from eval.studies.jumps import SETTINGS, Jumps, close_up, compare, measure_jumps, table
 from sshade import DeformationTask, Handles, InputError, bind
 from sshade.io.handles import write_handles
 from sshade.io.meshes import write_mesh
@@ -64,26 +64,6 @@ def test_rigid_frames_jump_at_the_proxys_edges_alone_and_blended_ones_hardly_mor
         assert summary[blended]["across p99"] < 0.7 * summary["triangle x5"]["across p99"]
         assert summary[blended]["across p99"] < 0.45 * summary["triangle x1"]["across p99"]
         assert summary[blended]["across median"] < 2 * summary[blended]["inside median"]
-
-
-def test_summary_and_table():
-    pairs = np.array([[0, 1], [1, 2], [2, 3], [3, 4]])
-    jumps = Jumps(pairs, np.array([1.0, 2, 3, 10]), np.array([True, True, True, False]))
-    assert table({"a x1": (None, jumps)}).splitlines()[2] == "| a x1 | 2.00 | 2.98 | 10.00 | 10.00 |"
-    nowhere = Jumps(pairs, jumps.angle, np.ones(4, dtype=bool)).summary()
-    assert np.isnan(nowhere["inside median"])
-
-
-def test_the_largest_jumps_are_found_at_vertices():
-    mesh = bumpy(2)
-    jumps = measure_jumps(mesh, bent(mesh.V), binding=bind(mesh, 40))
-    values = at_vertices(mesh, jumps)
-    for v in (0, 17, 100):
-        at = [(v in mesh.F[i]) or (v in mesh.F[j]) for i, j in jumps.pairs]
-        assert values[v] == jumps.angle[at].max()
-    number = np.arange(len(jumps.pairs))
-    only = Jumps(jumps.pairs, np.where(number == 50, 9.0, np.where(number > 150, 10.0, 0.0)), number < 100)
-    assert busiest(mesh, only, radius=0.01) == mesh.F[jumps.pairs[50, 0], 0]
 
 
 def test_command(results, tmp_path, capsys, monkeypatch):

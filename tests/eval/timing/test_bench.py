@@ -10,7 +10,6 @@ from eval.main import call, main
 from eval.rows.frame import numbers, read_csv
 from eval.run.warmup import tiny_task
 from eval.timing.scaling import _in_new_process
-from eval.timing.speed import extrapolate
 from sshade.errors import InputError
 from sshade.io.meshes import read_mesh
 
@@ -47,15 +46,6 @@ def test_iterations_are_extrapolated(machine, case):
     assert (measured / numbers(rows, "seconds.repeat")).between(0.3, 1.0).all()
 
 
-def test_what_an_extrapolation_is():
-    row = {"iterations": 10.0, "seconds.total": 5.0, "seconds.precompute": 2.5, "seconds.solve": 2.0}
-    given = extrapolate(row, to=1000)
-    assert given["seconds.total"] == 203.0 and given["seconds.solve"] == 200.0
-    assert given["seconds.precompute"] == 2.5 and given["extrapolated_to"] == 1000
-    with pytest.raises(InputError, match="needs a method that reports its iterations"):
-        extrapolate({"iterations": 10.0, "seconds.total": 5.0}, to=1000)
-
-
 @pytest.mark.parametrize("method", [f"{ONE} solver.start=rest", "fast"])
 def test_a_drag(machine, case, method):
     rows = bench("drag", "--methods", method, "--cases", case, "--rounds", "1")
@@ -72,13 +62,6 @@ def test_a_drag(machine, case, method):
     assert 0 < row["drag.first"] < 1 and 0 < row["drag.last"] < 10
     assert call("timings", ["drag"]) == 0
     assert "new handles (s)" in Path("out/tables/drag.md").read_text()
-
-
-def test_a_drag_of_a_subdivision(machine, case):
-    method, sizes = f"{ONE} solver.start=rest", ["--sizes", "2500", "700"]
-    rows = bench("drag", "--methods", method, "--cases", case, *sizes, "--rounds", "1")
-    assert rows["task.vertices"].tolist() == [642, 2562] and (numbers(rows, "seconds.step_carry") > 0).all()
-    assert rows["task.name"].str.endswith(", level 1").tolist() == [False, True]
 
 
 def test_subdivisions_and_their_memory(machine, case):

@@ -43,15 +43,6 @@ def test_the_model_finds_the_coefficients(noise):
         assert min(found.values()) >= 0 and error <= 1e-6 + 3 * noise
 
 
-def test_small_meshes_and_fewer_threads_are_left_out_of_the_fits():
-    rows = planted(0.0)
-    small, one = rows.copy(), rows.copy()
-    small["vertices"] = 10_000
-    one["threads"], one["seconds"], one["cpu"], one["peak_mib"] = 1, 99.0, 99.0, 99.0
-    found = scaling.models(pd.concat([rows, small, one]))
-    assert found == scaling.models(rows)
-
-
 def test_a_run_is_measured(tmp_path, monkeypatch):
     from multiprocessing import get_context
 

@@ -57,13 +57,6 @@ def test_cases_are_compared_each_with_its_own_reference():
     assert lines["speed_up"].round(3).tolist() == [1, round(200 / 0.41, 3), 1, 100]
 
 
-def test_another_reference():
-    lines = make_time_table(rows(), title="speed", reference="fast").lines
-    assert lines["speed_up"].round(5).tolist() == [round(0.41 / 200, 5), 1]
-    with pytest.raises(InputError, match="speed has no method 'arap'"):
-        make_time_table(rows(), title="speed", reference="arap")
-
-
 @pytest.mark.parametrize(
     ("facts", "words"),
     [
