@@ -77,6 +77,20 @@ def test_a_broken_link_is_found(tmp_path):
         test_links_lead_to_files_and_headings(page)
 
 
+def test_names_on_the_code_page_are_in_their_files():
+    page = ROOT / "docs" / "code.md"
+    rows = re.findall(r"^\|[^|]+\|([^|]+)\|([^|]+)\|$", page.read_text(encoding="utf-8"), re.M)
+    named = [(LINK.findall(files), re.findall(r"`(\w+)`", names)) for files, names in rows]
+    assert sum(len(names) for _, names in named) > 20
+    missing = [
+        (name, places)
+        for places, names in named
+        for name in names
+        if not any(re.search(rf"\b{name}\b", (page.parent / place).read_text("utf-8")) for place in places)
+    ]
+    assert missing == []
+
+
 def test_the_pictures_of_beyond_are_there_and_small():
     page = ROOT / "docs" / "beyond.md"
     places = re.findall(r"\]\((figures/[^)]+)\)", page.read_text(encoding="utf-8"))
