@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from datetime import UTC, datetime
 from pathlib import Path
@@ -43,17 +42,6 @@ def test_one_run_from_any_folder_leaves_its_row_and_nothing_else(tmp_path):
     found = files(tmp_path)
     assert len(found) == 2
     assert all(name.startswith("out/runs/single/identity/bumpy_30/seed_0_") for name in found)
-
-
-def test_a_sweep_samples_a_quarter_of_a_small_mesh_and_notes_it_in_the_row(tmp_path):
-    """With the default of 6000, on a mesh of 642 vertices."""
-    methods = "method=paper,fast,fine,deformation_graph"
-    done = run_eval(tmp_path, "-m", "dataset=bumpy", methods)
-    assert done.returncode == 0, done.stderr
-    rows = [json.loads(path.read_text()) for path in tmp_path.rglob("row.json")]
-    handles = len(bumpy_task().handles)
-    found = [row.get("extra.samples", row.get("extra.nodes")) for row in rows]
-    assert found == 4 * [max(642 // 4, handles + 4)]
 
 
 def test_warnings_of_a_method_reach_the_user_of_a_run_and_of_a_sweep(tmp_path):

@@ -9,9 +9,8 @@ from compositions import composed
 from eval_cases import run_eval
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
-from eval.rows.collect import collect
 from eval.rows.splits import BOTH, HELD_OUT, TUNING, split_of
-from eval.rows.store import read_row, run_folders
+from eval.rows.store import run_folders
 from sshade.cli.configuration import CONFIGURATION
 
 EXPERIMENTS = sorted(path.stem for path in CONFIGURATION.glob("experiment/*.yaml"))
@@ -71,37 +70,3 @@ def test_a_case_of_the_other_half_is_not_run(tmp_path):
         assert run_eval(tmp_path, *cases, f"run.split={split}").returncode == 0
     tagged = run_eval(tmp_path, *cases, "run.split=held_out", "+dataset.tag=_mine")  # in a table of its own
     assert tagged.returncode == 0 and run_folders(tmp_path / "out/runs/single_mine")
-
-
-def test_runs_of_the_paper_and_of_the_full_table_are_shared_and_their_rows_kept_apart(tmp_path):
-    def sweep(experiment, methods):
-        data = [f"experiment={experiment}", "dataset=hairpin", "dataset.around=12", "proxy.vertices=60"]
-        done = run_eval(
-            tmp_path, "-m", *data, "run.split=both", f"method={methods}", "solver.max_iterations=9"
-        )
-        assert done.returncode == 0, done.stderr
-        return done.stdout.splitlines()[-1]
-
-    assert sweep("paper", "arap,paper_plain") == "2 runs: 2 new (2 not_converged), 0 kept"
-    assert sweep("table1", "arap,accelerated_arap,paper_plain").endswith("2 kept")
-    assert sweep("paper", "arap,accelerated_arap").endswith("0 new, 2 kept")
-    found = {name: collect(tmp_path / "out/runs" / name) for name in ("paper", "table1")}
-    assert found["paper"].equals(found["table1"])
-    runs = tmp_path / "out/runs"
-    for folder in run_folders(runs / "paper"):
-        twin = runs / "table1" / folder.relative_to(runs / "paper")
-        assert read_row(twin) == read_row(folder)
-        assert (twin / "vertices.npy").read_bytes() == (folder / "vertices.npy").read_bytes()
-
-
-def test_the_papers_rows_are_plain_iterations_from_rest_to_its_cutoff_and_five_samplings():
-    config = composed("experiment=paper", "method=paper_plain")
-    assert config.hydra.sweeper.params.method == "arap,elastic,arap_sr,implicit_arap_cpu,paper_plain"
-    ours, coarse = config.method, config.method.coarse
-    assert (ours.samplings, ours.frames, ours.vertices) == (5, "triangle", 6000)
-    assert coarse._target_.endswith("accelerated_elastic") and coarse.accelerate is False
-    assert (coarse.max_iterations, coarse.start, coarse.volume, coarse.area) == (1000, "rest", 0.0, 0.0)
-    assert coarse.stiffness == 1.0
-    for name in ("arap", "elastic", "arap_sr"):
-        method = composed("experiment=paper", f"method={name}").method
-        assert (method.max_iterations, method.start) == (1000, "rest")

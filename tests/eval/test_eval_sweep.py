@@ -11,12 +11,11 @@ from time import monotonic, sleep
 
 import pytest
 from eval_cases import bumpy_task
-from eval_rows import row
 
 from eval.main import call
 from eval.rows.plan import read_plans, write_plan
 from eval.run.monitor import Monitor
-from eval.run.record import TOLD, Ended, Sweep, SweepRecord, records, run_line, unfinished
+from eval.run.record import TOLD, Sweep, SweepRecord, records, unfinished
 from eval.run.run import run
 from sshade.errors import InputError
 
@@ -88,13 +87,6 @@ def test_a_complete_sweep_takes_unfinished_records_of_the_same_runs_along(tmp_pa
     assert names == sorted(names) == [r.folder.name for r in records(tmp_path)]
     record.complete()
     assert [r.folder.name for r in records(tmp_path)] == [other.folder.name, later.folder.name]
-
-
-def test_the_line_of_a_run_tells_its_status_and_what_left_its_band():
-    told = run_line(
-        Ended(2, BEGIN, row(), found="already there", problems=["metric.volume is 9, not in [0, 5]"])
-    )
-    assert told == "a t1 seed 0: ok, 5.00 s, 10 iterations, already there - metric.volume is 9, not in [0, 5]"
 
 
 def test_the_monitor_tells_of_runs_of_other_processes(tmp_path, capsys):

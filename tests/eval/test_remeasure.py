@@ -9,7 +9,6 @@ import pytest
 from eval.main import call
 from eval.metrics import METRICS, Metric
 from eval.rows.store import read_row, run_folders, write_row
-from eval.run import remeasure as module
 from eval.run.code import METRICS as METRICS_VERSION
 from eval.run.remeasure import remeasure
 from sshade.errors import InputError
@@ -60,16 +59,6 @@ def test_rows_of_other_metrics_are_measured_again_whole_and_no_others(runs, monk
     others = [r for r in rows_of(runs) if r["key"] != row["key"]]
     assert others == [r for r in before if r["key"] != row["key"]]
     assert remeasure(runs) == 0
-
-
-def test_a_task_is_loaded_once_for_all_its_methods(runs, tiny_runs, monkeypatch):
-    shutil.copytree(tiny_runs / "learned", runs / "learned")
-    outdate(runs)
-    loads = []
-    load = module.load_task
-    monkeypatch.setattr(module, "load_task", lambda row: loads.append(row["task.name"]) or load(row))
-    assert remeasure(runs) == 4
-    assert sorted(loads) == ["bumpy_10", "bumpy_40"]
 
 
 def test_mistakes_are_told_and_change_no_row(runs):

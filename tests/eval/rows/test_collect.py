@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 from eval_rows import row
 
 from eval.main import call
-from eval.rows.collect import collect
 from eval.rows.frame import read_csv, records, to_frame, write_csv
 from eval.rows.plan import write_plan
 from eval.rows.store import write_run
@@ -43,12 +40,6 @@ def test_folders_of_one_name_are_one_experiment(people):
     again = people / "again"
     assert call("collect", [*reversed(folders), "-o", str(again)]) == 0
     assert (again / "quick.csv").read_bytes() == (people / "rows/quick.csv").read_bytes()
-
-
-def test_a_relative_folder_gives_its_own_name(people, monkeypatch):
-    monkeypatch.chdir(people / "alice" / "quick")
-    assert call("collect", [".", "-o", str(people / "rows")]) == 0
-    assert (people / "rows" / "quick.csv").is_file()
 
 
 def test_an_empty_folder_of_a_refused_run_is_no_experiment(tmp_path, monkeypatch):
@@ -105,12 +96,3 @@ def test_published_rows_of_another_version_are_not(tmp_path, monkeypatch, name):
     write_plan(tmp_path / "out/runs/tiny", [planned("b", "t1") | VERSION])
     with pytest.raises(InputError, match="no runs there"):
         call("collect", ["tiny"])
-
-
-def test_pictures_of_rows_that_are_all_published_need_runs_of_ones_own(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match="`sshade-eval run -m experiment=tiny` makes them"):
-        collect(Path("out/runs/tiny"))
-    write_plan(tmp_path / "out/runs/tiny", [planned("b", "t1") | VERSION])
-    with pytest.raises(InputError, match=r"published rows answered for all.*run\.experiment=my_tiny"):
-        collect(Path("out/runs/tiny"))
