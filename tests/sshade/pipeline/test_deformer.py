@@ -127,18 +127,6 @@ def test_rotations_may_come_and_go_in_a_drag():
     assert np.linalg.norm(back - still, axis=1).max() < 1e-3 * mesh.diagonal
 
 
-def test_threads_that_carry_change_no_bit(mesh, held, monkeypatch):
-    shapes = []
-    for shared, cpus in ((0, 3), (10**9, 1)):
-        monkeypatch.setattr("sshade.pipeline.proxies.LARGE", shared)
-        monkeypatch.setattr("sshade.pipeline.proxies.available_cpus", lambda cpus=cpus: cpus)
-        monkeypatch.setattr("sshade.threads.ROWS", 100)
-        monkeypatch.setattr("sshade.carry.blended.ROWS", 50)
-        drag = Deformer(mesh, held, vertices=150)
-        shapes.append([drag(lifted(mesh, held, height)).vertices for height in (0.1, 0.2)])
-    np.testing.assert_array_equal(*shapes)
-
-
 def test_an_array_that_cannot_take_the_vertices_is_refused(mesh, held):
     drag = Deformer(mesh, held, vertices=150)
     for out in (np.empty((3, 3)), np.empty(mesh.V.shape, dtype=np.float32), np.empty((3, mesh.n)).T):

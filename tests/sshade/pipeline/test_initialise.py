@@ -102,11 +102,6 @@ def test_so_too_where_the_coarser_proxy_cannot_be_solved_and_the_log_says_why(ta
     assert f"solved without a coarser proxy of {size} vertices: 1 triangles of" in caplog.text
 
 
-def test_errors_of_the_solver_are_told(task, always):
-    with pytest.raises(InputError, match="volume must be a number in"):
-        initialise(task, partial(local_global, volume=-1.0))
-
-
 def test_fast_begins_with_it(task, always):
     result = fast(task, vertices=task.mesh.n // 2, start="rest")
     assert result.extra["proxy_coarser_iterations"] > 0
@@ -139,9 +134,3 @@ def test_the_guide_decides_unless_another_start_ends_clearly_lower(monkeypatch, 
     else:
         assert np.median(moved) < 0.1 if own_wins else np.median(moved) > 2.9
         assert [own for _, own in begun] == [False, True, False] and begun[2][0] == task.mesh.n > begun[0][0]
-
-
-def test_a_guess_needs_no_guide(task):
-    task = guessed(task)
-    found = initialise(task, SOLVER, guide=lambda *_, **__: pytest.fail("guided"))
-    assert "initialisation" not in found.extra

@@ -127,14 +127,6 @@ def test_positions_are_summed_in_the_order_of_the_samplings_and_let_go_of(body_t
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_identity_targets_leave_the_mesh(name):
-    mesh = MESHES[name]
-    result = paper(ends(mesh, moved=False), vertices=mesh.n // 5, samplings=2)
-    assert np.abs(result.vertices - mesh.V).max() <= 1e-6 * mesh.diagonal
-    assert result.converged
-
-
-@pytest.mark.parametrize("name", MESHES)
 def test_handles_come_near_their_targets_and_static_ones_stay(name):
     task = ends(MESHES[name])
     result = paper(task, vertices=MESHES[name].n // 4, samplings=2)
@@ -206,11 +198,3 @@ def test_the_first_result_starts_the_others(body_task):
         for i in (1, 2):
             sampling = sample_proxy(body_task.mesh, 70, first=body_task.handles.index, seed=(2, i))
             assert np.array_equal(number[i][0].guess, carried[sampling.samples])
-
-
-def test_a_warm_start_saves_iterations_and_moves_the_result_little(body_task):
-    cold = paper(body_task, vertices=100, samplings=3)
-    warm = paper(body_task, vertices=100, samplings=3, warm_start=True)
-    assert warm.iterations < cold.iterations
-    gap = np.linalg.norm(warm.vertices - cold.vertices, axis=1).max() / body_task.mesh.diagonal
-    assert 0 < gap < 1e-3
