@@ -1,4 +1,4 @@
-"""Arguments that several sub-commands of ``sshade`` have, and what they do with files."""
+"""Arguments and files that several sub-commands of ``sshade`` share."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ def add_options(parser: argparse.ArgumentParser, names: Iterable[str], **default
 
 
 def _number(text: str) -> float:
-    """A whole number where `text` is one, so that ranges of options can be checked."""
+    """Convert a text to a number, and keep whole numbers as int for the checks of options."""
     return int(text) if text.lstrip("-").isdigit() else float(text)
 
 
 def read(path: Path, output: Path) -> MeshFile:
-    """Read a mesh file, and say which of its data `output` cannot keep."""
+    """Read a mesh file, and report contents that the format of `output` cannot hold."""
     file = read_file(path)
     if lost := file.lost(output):
-        say(f"note: {output} keeps no {' or '.join(lost)} of {path}: it is of another format")
+        say(f"note: {output} loses the {' and '.join(lost)} of {path}, because it has another format")
     return file

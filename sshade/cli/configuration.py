@@ -1,8 +1,7 @@
-"""The folder ``conf`` of YAML files: where it is, which functions it names, and Hydra's complaints about it.
+"""Find the folder ``conf`` of YAML files and the functions that it names, and shorten messages of Hydra.
 
-In a clone it stands beside the packages; a wheel holds a copy in ``eval/conf``.
-It is found by the place of this file, never by the name ``conf``, which a
-user's own folder may have.
+In a clone the folder lies beside the packages; a wheel holds a copy in ``eval/conf``. It is found from the
+place of this module and not by its name, because users may have folders called ``conf``.
 """
 
 from __future__ import annotations
@@ -18,24 +17,23 @@ _SHIPPED = PACKAGES / "eval" / "conf"
 #: Folder of the YAML files of methods, datasets, experiments and builds.
 CONFIGURATION = _SHIPPED if _SHIPPED.is_dir() else PACKAGES / "conf"
 
-#: Keys whose value is the dotted name of a function to call; the last two are those of Python's logging.
+#: Keys whose value is the dotted name of a function to call; "class" and "()" belong to Python's logging.
 CALLED = ("_target_", "cases", "class", "()")
 _NAMES = re.compile(rf"^\s*(?:{'|'.join(map(re.escape, CALLED))})\s*:\s*[\"']?([\w.]+)", re.MULTILINE)
 
 
 @cache
 def named_functions() -> frozenset[str]:
-    """Dotted names of the functions that the files of ``conf`` name: these may be called.
+    """Return the dotted names of all functions in the files of ``conf``. Only these may be called.
 
-    A name that comes from elsewhere, as from a folder of configurations or of
-    results that was received from others, could name any function there is.
+    Configurations and results from other people could name any function.
     """
     texts = (path.read_text(encoding="utf-8") for path in CONFIGURATION.rglob("*.yaml"))
     return frozenset(name for text in texts for name in _NAMES.findall(text))
 
 
 def one_sentence(complaint: str) -> str:
-    """Hydra's complaint in one sentence: without its search path and its hints for programmers."""
+    """Shorten a message of Hydra to one sentence, without its search path and its hints for programmers."""
     text = re.sub(r"\s+", " ", complaint.split("Config search path")[0]).strip()
     choice = re.search(r"Could not find '(.+)/([^/']+)' Available options in '[^']*': (.+)", text)
     if choice:
@@ -46,7 +44,7 @@ def one_sentence(complaint: str) -> str:
 
 
 def unreadable_override(text: str, *, example: str) -> str:
-    """What to do about an argument ``key=value`` that Hydra cannot read, in one sentence."""
+    """Say in one sentence how to correct an argument ``key=value`` that Hydra cannot read."""
     return (
         f"{text} is not understood; close its brackets, and put names with spaces or letters "
         f"outside of a-z in quotes twice, as in \"{example}='données'\""

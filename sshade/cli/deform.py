@@ -10,14 +10,14 @@ HANDLES is a .json file of this project or a .yaml file of Implicit-ARAP. In JSO
                                             "rotation": [[..], [..], [..]], "translation": [x, y, z]},
     {"landmark": "tail", "vertices": [99], "target": [[x, y, z]], "weight": 5, "rotation": [x, y, z, w]}]}
 
-Handles are vertex ids, positions on the mesh (snapped to the nearest vertices), or regions: all
-vertices in some boxes (lowest and highest corner), which go to R v + t. Those with a weight are soft:
-they are pulled to their targets, with 1 about as strongly as the surface around holds them. A rotation, a
-matrix or a quaternion [x, y, z, w] as in glTF, says how the surface turns at handles beside boxes.
-The output is the file of the input with other positions and normals: texture coordinates, colours,
-materials, groups, polygons and all else stay, where OUT is of the same format. Vertices that stand
-twice along a seam move as one. Components are deformed each on its own, with its own handles.
-Where the mesh is not manifold it is cut, and joined again.
+Handles are vertex ids, positions on the mesh (snapped to the nearest vertices), or regions: all vertices v in
+some boxes (lowest and highest corner), which move to R v + t. Groups with a weight are soft: they are pulled
+to their targets, with weight 1 about as strongly as the surface resists. Without boxes, a rotation prescribes
+the rotation of the surface at the handles. Rotations are matrices, or quaternions [x, y, z, w] as in glTF.
+
+If OUT has the format of MESH, only positions and normals change: texture coordinates, colours, materials,
+groups, polygons and all other contents stay. Vertices at one place along a seam move as one. Components are
+deformed separately, each with its handles. A mesh that is not manifold is cut, and joined again afterwards.
 
 examples:
   sshade deform body.ply pose.json -o posed.ply
@@ -35,8 +35,7 @@ import numpy as np
 from sshade.cli.arguments import FORMATS, add_files, add_options, read
 from sshade.cli.console import announced_compilation, progress_bar, say
 from sshade.cli.notes import notes
-from sshade.errors import InputError
-from sshade.io.files import check_output
+from sshade.io.files import check_output, naming
 from sshade.io.handles import read_handles
 from sshade.io.meshes import SUFFIXES, repair, write_file
 from sshade.mesh.surface import Surface, surface
@@ -55,24 +54,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--method",
         default="fast",
         metavar="METHOD",
-        help="fast: one proxy that keeps volume and area (default); fine: the same, then a polish at full "
-        "resolution, some ten times slower; fine_free: the same without constraints; paper: the published "
-        "method, five proxies averaged; paper_plain: the same with the published iterations",
+        help="fast: one proxy with volume and area constraints (default); fine: fast with a polish at full "
+        "resolution, about ten times slower; fine_free: fine without constraints; paper: the published "
+        "method, the mean of five proxies; paper_plain: paper with the published iterations",
     )
     add_options(parser, OPTIONS)
     parser.add_argument(
         "--weight",
         type=float,
         metavar="W",
-        help="pull the handles of each group to their targets instead of fixing them there; 1 is about as "
-        "strong as the surface, at any size and resolution (default: hard, or the weights of the file)",
+        help="pull the handles softly to their targets; 1 is about as strong as the surface, at any size and "
+        "resolution (default: hard, or the weights of the file)",
     )
     flags = {
-        "--raw": "take targets as they are, not moved by the snap",
-        "--repair": "deform a copy with coincident vertices welded and unused ones dropped; the output still "
-        "has the input's vertices",
-        "--carry-unconstrained": "move components without handles rigidly with the nearest one, as eyes with "
-        "a head",
+        "--raw": "keep the targets of handles that are snapped, instead of moving them by the snap",
+        "--repair": "weld coincident vertices and drop unused vertices before deforming; the output still "
+        "has all vertices of the input",
+        "--carry-unconstrained": "move components without handles rigidly with the nearest component that "
+        "has handles, such as eyes with a head",
     }
     for flag, text in flags.items():
         parser.add_argument(flag, action="store_true", help=text)
@@ -84,14 +83,12 @@ def command(options: argparse.Namespace) -> int:
     check_output(options.output, SUFFIXES)
     values = {name: getattr(options, name) for name in OPTIONS if getattr(options, name) is not None}
     if require_method(options.method) in PAPER:
-        values.setdefault("start", "rigid")  # far handles make folds from the rest shape
+        values.setdefault("start", "rigid")  # started at rest, handles that turn far may end in folds
     asked = resolve(options.method, values).vertices
     file = read(options.mesh, options.output)
     V = file.V
-    try:
+    with naming(options.mesh):
         whole = Surface(*repair(V, file.F), {}) if options.repair else surface(V, file.F)
-    except InputError as mistake:
-        raise InputError(f"{options.mesh}: {mistake}") from mistake
     mesh = whole.mesh
     handles = read_handles(options.handles, mesh, raw=options.raw, vertex=whole.vertex)
     if options.weight is not None:
@@ -105,24 +102,17 @@ def command(options: argparse.Namespace) -> int:
     write_file(options.output, file, whole.placed(V, result.vertices))
     error = np.linalg.norm(result.vertices[handles.index] - handles.target, axis=1).mean() / mesh.diagonal
     samplings = result.extra.get("samplings", 1)
-    of = f"{samplings} proxies" if samplings > 1 else "a proxy"
+    proxies = f"{samplings} proxies" if samplings > 1 else "a proxy"
     say(
         f"{options.output}: {len(V)} vertices, {len(handles)} handles reached to {100 * error:.2g} % of "
-        f"the diagonal, {of} of {result.extra['proxy_vertices']:.0f} vertices, {seconds:.2f} s"
+        f"the diagonal, {proxies} of {result.extra['proxy_vertices']:.0f} vertices, {seconds:.2f} s"
     )
-    snap = float(handles.snap_distance.max())
-    facts = {
-        **result.extra,
-        **whole.facts,
-        "asked": asked,
-        "snap": snap,
-        "diagonal": mesh.diagonal,
-    }
-    for note in notes(facts):
+    facts = {"asked": asked, "snap": float(handles.snap_distance.max()), "diagonal": mesh.diagonal}
+    for note in notes({**result.extra, **whole.facts, **facts}):
         say(f"note: {note}")
     if result.converged is False:
         say(
-            f"note: the iterations stopped at {result.iterations:.0f} in the mean, "
+            f"note: the iterations did not converge: they stopped after {result.iterations:.0f} on average, "
             f"with a residual of {result.extra['residual']:.1e}"
         )
     return 0

@@ -101,5 +101,7 @@ def write(
             f"the file to write like has vertices {file.V.shape}, not {V.shape}; they must correspond"
         )
     if lost := file.lost(path):
-        raise InputError(f"{path} keeps no {' or '.join(lost)}: take the same format, or give faces")
+        raise InputError(
+            f"{path} would lose the {' and '.join(lost)}: use the format of `like`, or pass F instead"
+        )
     write_file(path, file, V)

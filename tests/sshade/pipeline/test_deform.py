@@ -145,7 +145,7 @@ def test_files_are_read_as_arrays_and_written_like_their_source(tmp_path):
             sshade.write(*arguments)
     with pytest.raises(InputError, match="they must correspond"):
         sshade.write(out, U[1:], like=path)
-    with pytest.raises(InputError, match="keeps no texture coordinates"):
+    with pytest.raises(InputError, match="would lose the texture coordinates"):
         sshade.write(tmp_path / "posed.stl", U, like=path)
 
 
