@@ -33,7 +33,7 @@ def sole_builder(out: Path) -> Iterator[None]:
     Raises
     ------
     InputError
-        When another process builds there, or the folder cannot be made.
+        When another process builds there, or the folder cannot be created.
     """
     make_folder(out)
     if fcntl is None:

@@ -92,7 +92,7 @@ def make_folder(path: str | os.PathLike[str]) -> None:
     try:
         Path(path).mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{path}: the folder cannot be made ({reason(error)})") from error
+        raise InputError(f"{path}: the folder cannot be created ({reason(error)})") from error
 
 
 def check_output(path: str | os.PathLike[str], suffixes: Collection[str]) -> None:

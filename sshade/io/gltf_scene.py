@@ -35,7 +35,7 @@ def require_plain(tree: dict[str, Any], path: Path) -> None:
     """
     primitives = [p for mesh in tree.get("meshes", []) for p in mesh["primitives"]]
     used = set(tree.get("extensionsUsed", [])) | set(tree.get("extensionsRequired", []))
-    found = [what for name, what in _UNREAD.items() if name in used]
+    found = [contents for name, contents in _UNREAD.items() if name in used]
     changed = [p["attributes"][a] for p in primitives for a in _CHANGED if a in p["attributes"]]
     accessors = [tree["accessors"][i] for i in changed]
     found += ["a skin"] * bool(tree.get("skins"))
@@ -47,8 +47,8 @@ def require_plain(tree: dict[str, Any], path: Path) -> None:
     )
     found += ["lines or points"] * any(p.get("mode", _TRIANGLES) < _TRIANGLES for p in primitives)
     if found:
-        what = " and ".join(dict.fromkeys(found))
-        raise InputError(f"{path}: it holds {what}, which are not deformed; export it again without them")
+        contents = " and ".join(dict.fromkeys(found))
+        raise InputError(f"{path}: it holds {contents}, which cannot be deformed; export it again without")
     for attributes in (primitive["attributes"] for primitive in primitives):
         if "POSITION" not in attributes:
             raise ValueError("one of its primitives has no positions")
@@ -104,7 +104,7 @@ def require_apart(tree: dict[str, Any], buffers: list[bytes], path: Path) -> Non
 
 
 def _refuse_shared(number: int, path: Path) -> None:
-    raise InputError(f"{path}: its accessor {number} shares bytes with another one; export it again")
+    raise InputError(f"{path}: its accessor {number} shares bytes with another accessor; export it again")
 
 
 def accessor_bytes(tree: dict[str, Any], number: int) -> tuple[int, int, int, int, str]:

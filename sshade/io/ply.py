@@ -90,7 +90,7 @@ def _parsed(data: bytes) -> _Ply:
             typed = Element(element.name, element.size, properties)
         element.rows, at = take(numbers, at, typed, binary)
     if at != len(numbers):
-        raise ValueError("more follows after the last of what it announces")
+        raise ValueError("more numbers follow after the last announced row")
     return _Ply(data, body, order, {element.name: element for element in elements}, words)
 
 

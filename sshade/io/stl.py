@@ -75,7 +75,7 @@ def _solid(text: np.ndarray, path: Path) -> tuple[Numbers, Numbers]:
     if inside[-1] or len(corners.value) != 3 * len(normals.value):
         raise ValueError("it ends within a solid")
     if solid.sum() > 1:
-        raise InputError(f"{path}: the file holds {solid.sum()} meshes; give one mesh a file")
+        raise InputError(f"{path}: the file holds {solid.sum()} meshes; write each mesh to a file of its own")
     return normals, corners
 
 

@@ -140,7 +140,7 @@ OPTIONS_OF_BUILDS = {
 }
 OPTIONS_OF_TWO = {
     "out=body.ply": ("body.ply is a file; give a folder",),
-    "out=body.ply/x": ("the folder cannot be made",),
+    "out=body.ply/x": ("the folder cannot be created",),
     "out=.": ("is not empty and holds no DeFAUST build",),
     "workers=0": ("0 workers",),
     "handles_per_landmark=11": ("cannot be drawn",),

@@ -98,7 +98,7 @@ TABLE = {
     "no dates": (_cells("date", ""), "it has no date"),
 }
 OPTIONS = {
-    "tables tiny -o body.ply": ("body.ply: the folder cannot be made",),
+    "tables tiny -o body.ply": ("body.ply: the folder cannot be created",),
     "tables tiny nosuch -o t": ("nosuch.csv: no such file",),
     "curves tiny --metric beauty": ("invalid choice: 'beauty'",),
     "curves tiny": ("label",),

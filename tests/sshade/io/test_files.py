@@ -57,7 +57,7 @@ def test_a_place_that_cannot_be_written_is_an_input_error(tmp_path):
         with pytest.raises(InputError, match=r"a\.txt: cannot be written \("), replacing(path) as temporary:
             temporary.write_text("new")
     for path in (tmp_path / "file", tmp_path / "file" / "below", Path("/dev/null/below")):
-        with pytest.raises(InputError, match=f"{path}: the folder cannot be made"):
+        with pytest.raises(InputError, match=f"{path}: the folder cannot be created"):
             make_folder(path)
     assert (tmp_path / "file").read_text() == "old"
     make_folder(tmp_path / "a" / "b")

@@ -107,7 +107,7 @@ OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1//1 2//1 3//1\n"
         (".obj", OBJ, " 3//1", " 3//0", "line 5: .*counted from 1"),
         (".obj", OBJ, " 3//1", " 3//2", "a normal outside 1..1"),
         (".obj", OBJ, " 3//1", " 3//-2", "line 5: .*more normals than there are above it"),
-        (".stl", STL, "endsolid two", "endsolid\n" + STL, "2 meshes; give one mesh a file"),
+        (".stl", STL, "endsolid two", "endsolid\n" + STL, "2 meshes; write each mesh"),
         (".stl", STL, STL[STL.index("\n") :], "\nendsolid", "no triangles"),
         (".stl", STL, "vertex 1 1e0 0", "vertex 1 1e0", "line 12: a vertex needs three"),
         (".stl", STL, "vertex 1 1e0 0", "vertex 1 1 1 1", "line 12 has more than three"),

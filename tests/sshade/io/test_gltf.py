@@ -213,7 +213,7 @@ PRIMITIVE = "meshes.0.primitives.0"
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"skins": [{"joints": [0]}]}, "it holds a skin, which are not deformed"),
+        ({"skins": [{"joints": [0]}]}, "it holds a skin, which cannot be deformed"),
         ({"extensionsUsed": ["KHR_draco_mesh_compression"]}, "compressed buffers"),
         ({"extensionsRequired": ["EXT_meshopt_compression"]}, "compressed buffers"),
         ({"extensionsRequired": ["KHR_mesh_quantization"]}, "quantised positions"),
@@ -238,8 +238,8 @@ PRIMITIVE = "meshes.0.primitives.0"
         ({"accessors.4.componentType": 5126, "accessors.4.count": 12}, "no whole numbers"),
         ({"accessors.4.type": "VEC2", "accessors.4.count": 30}, "no whole numbers"),
         ({"accessors.4.bufferView": 0, "accessors.4.count": 9}, "refers to vertex"),
-        ({"accessors.1.byteOffset": 4}, "shares bytes with another one"),
-        ({"accessors.3.byteOffset": 4}, "shares bytes with another one"),
+        ({"accessors.1.byteOffset": 4}, "shares bytes with another accessor"),
+        ({"accessors.3.byteOffset": 4}, "shares bytes with another accessor"),
         ({f"{PRIMITIVE}.attributes.NORMAL": 0}, "shares bytes"),
         ({"accessors.2.byteOffset": 0}, "shares bytes"),
         ({"bufferViews.3.byteOffset": 1000}, "shares bytes"),

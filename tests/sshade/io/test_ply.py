@@ -101,7 +101,7 @@ def test_any_end_but_the_last_byte_is_too_early(tmp_path, order):
         (b"4.0 0.0 1.0 2.0 3.0 ", b"4.0 1e300 1.0 2.0 3.0 ", "no vertex id"),
         (b"4.0 0.0 1.0 2.0 3.0 ", b"2.0 0.0 1.0 ", "a face has 2 corners"),
         (b"4.0 0.0 1.0 2.0 3.0 ", b"4.0 zero 1.0 2.0 3.0 ", "zero"),
-        (b"element face 4", b"element face 3", "more follows"),
+        (b"element face 4", b"element face 3", "more numbers follow"),
         (b"element face 4", b"element face 99999999999999999999", "ends within"),
     ],
 )
