@@ -120,4 +120,5 @@ class Document:
         method = [] if settings.method == Settings().method else ["--method", settings.method]
         carry = ["--carry-unconstrained"] if self._carry_unconstrained else []
         paths = [str(self._path), str(self.outputs.path["handles"]), "-o", str(self.outputs.path["mesh"])]
-        return shlex.join(["sshade", "deform", *paths, *method, *carry])
+        constraints = [word for name in settings.constraints for word in (f"--{name}", "0")]
+        return shlex.join(["sshade", "deform", *paths, *method, *constraints, *carry])

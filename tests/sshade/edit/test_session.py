@@ -485,6 +485,7 @@ def test_only_files_beside_the_mesh_or_named_in_advance_are_written(folder):
     assert session.save_mesh("posed.obj")[0] == folder / "out" / "posed.obj"
     command = session.document.command(Settings())
     assert "out/posed.obj" in command and "other.json" in command
+    assert session.document.command(Settings("fine", volume=False)).endswith(" --method fine --volume 0")
     plain = begun()
     with pytest.raises(InputError, match="is the mesh"):
         plain.save_mesh("body.ply", over=True)
