@@ -23,7 +23,7 @@ def render_card(document: dict[str, Any]) -> str:
         "build": build,
         "at_low": " at low resolution" if upsampled else "",
         "where": "At low resolution" if upsampled else "As the registered meshes are used,",
-        "of": ", of which a pose has some" if others else " of every pose",
+        "of": " (each pose uses some of them)" if others else " of every pose",
         "landmarks": ", ".join(document["landmarks"] if regions else everywhere),
         "more_landmarks": f" Poses that are turned as a whole add {', '.join(others)}." if others else "",
     }

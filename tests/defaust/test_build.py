@@ -1,4 +1,4 @@
-"""Builds: determinism, resuming, and what is refused."""
+"""Builds: determinism, resuming, and refused configurations."""
 
 import json
 import shutil
@@ -49,7 +49,7 @@ def test_resume_after_a_kill(finished, tmp_path, monkeypatch):
     original = module.build_subject
 
     def killed(source, folder, *, subject, **options):
-        if subject == 1:  # as a kill leaves it: half a subject, no record of it
+        if subject == 1:  # a killed build leaves half a subject without a record
             (folder / ".subject_01.partial").mkdir()
             (folder / ".subject_01.partial" / "rest_low.ply").write_bytes(b"half")
             (folder / ".README.1.partial.md").write_text("half")
@@ -102,7 +102,7 @@ def test_another_configuration_is_refused(dataset, source, options, message):
     with pytest.raises(InputError, match=message):
         build(source, dataset, options=options, workers=1)
     assert contents(dataset) == before
-    # So it is while a build is unfinished.
+    # The same holds for an unfinished build.
     (dataset / ".build").mkdir()
     (dataset / ".build/subject_00.json").write_text(json.dumps(read_dataset(dataset)["subjects"][0]))
     (dataset / "dataset.json").rename(dataset / ".build/recipe.json")
@@ -110,7 +110,7 @@ def test_another_configuration_is_refused(dataset, source, options, message):
         build(source, dataset, options=options, workers=1)
 
 
-def test_a_recipe_that_built_nothing_binds_nobody(tmp_path):
+def test_a_recipe_without_a_finished_subject_is_replaced(tmp_path):
     out = tmp_path / "balls"
     with pytest.raises(InputError, match="subject 0: only 642 vertices can be reached"):
         build(Balls(), out, options=replace(OPTIONS, subjects=(0,), neighbourhood=1000), workers=1)
@@ -130,17 +130,13 @@ def test_errors_of_a_subject_name_it(tmp_path):
     ("options", "message"),
     [
         ({"target_vertices": 0}, "target_vertices is 0; it must be at least 1"),
-        ({"remesh_iterations": 0}, "remesh_iterations is 0"),
-        ({"seed": -1}, "seed is -1"),
+        ({"seed": -1}, "seed is -1; it must be at least 0"),
         ({"subjects": ()}, "subjects is empty"),
-        ({"ls3_steps": -1}, "ls3_steps is -1"),
+        ({"window": (1.1, 1.2)}, "give two numbers around 1"),
         ({"static_below": 0.0}, "static_below is 0.0"),
     ],
 )
 def test_wrong_options(options, message):
+    assert BuildOptions(subjects=(3, 1, 3)).subjects == (1, 3)
     with pytest.raises(InputError, match=message):
         BuildOptions(**options)
-
-
-def test_subjects_are_sorted_and_single():
-    assert BuildOptions(subjects=(3, 1, 3)).subjects == (1, 3)

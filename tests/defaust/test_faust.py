@@ -115,7 +115,7 @@ def test_wrong_meshes_are_named(copy):
         ("source.target_poses=[1,10]", "source.target_poses: there is no 10; choose from 0, 1, 2"),
         ("source.target_poses=[0,1]", "source.target_poses holds 0, which is the rest pose"),
         ("source.rest_pose=11", "source.rest_pose: there is no 11; choose from 0"),
-        ("source.base_landmarks=[]", "source.base_landmarks is empty"),
+        ("source.base_landmarks=[]", "source.base_landmarks is empty; it needs at least one entry"),
         ("source.more_landmarks=[nose]", "'nose' is listed twice"),
         ("source.landmarks.nose=6890", "the vertex of nose is 6890, but the registrations have 6890 vert"),
     ],

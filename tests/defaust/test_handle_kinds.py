@@ -47,7 +47,7 @@ def handles(ball):
 
 
 def distances(mesh, vertex):
-    """Along the edges, by scipy over a matrix of its own."""
+    """Distances along the edges, by scipy."""
     i, j = mesh.F.ravel(), mesh.F[:, [1, 2, 0]].ravel()
     length = np.linalg.norm(mesh.V[i] - mesh.V[j], axis=1)
     graph = coo_array((length, (i, j)), shape=(mesh.n, mesh.n)).tocsr()
@@ -129,6 +129,8 @@ def test_tasks_of_all_kinds(finished):
         assert task.meta["n_static"] + task.meta["n_dynamic"] == len(task.handles)
     assert len(tasks["points"].handles) == 3
     np.testing.assert_array_equal(tasks["landmarks"].handles.target, stored.handles.target)
+    with pytest.raises(InputError, match="a pose transfer has no handles; leave handles=points out"):
+        load_task(finished, subject=1, pose=2, handles="points", edit=Unedited())
     # The pose turns the whole body, so every region agrees with the ground truth.
     regions = tasks["regions"].handles
     np.testing.assert_allclose(regions.target, stored.truth[regions.index], atol=2e-2 * stored.mesh.diagonal)
@@ -148,8 +150,3 @@ def test_kinds_of_stored_regions(tmp_path):
     for kind in ("points", "landmarks"):
         own = tasks[kind].handles
         assert [target[vertex] for vertex in own.index.tolist()] == own.target.tolist()
-
-
-def test_a_transfer_has_no_handles(finished):
-    with pytest.raises(InputError, match="a pose transfer has no handles; leave handles=points out"):
-        load_task(finished, subject=1, pose=2, handles="points", edit=Unedited())

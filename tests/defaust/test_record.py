@@ -63,13 +63,6 @@ def test_a_record_that_contradicts_itself_is_refused(dataset, edit, words):
         read_dataset(dataset, intact=False)
 
 
-def test_a_record_changed_after_the_build_is_not_used(dataset):
-    change(dataset, lambda d: d["source"].update(title="cubes"), sign=False)
-    with pytest.raises(InputError, match="changed after the build"):
-        load_task(dataset, subject=0, pose=1)
-    assert {fault.file for fault in verify(dataset)} == {"dataset.json"}
-
-
 @pytest.mark.parametrize(
     ("edit", "words"),
     [

@@ -65,21 +65,6 @@ def test_bodies_are_closed_and_in_correspondence(faces, subject):
         np.testing.assert_array_equal(mesh.F, faces)
 
 
-def test_landmarks_lie_where_their_names_say():
-    rest = SyntheticBodies().rest(0)
-    at = {name: rest.V[v] for name, v in load_bodies().landmarks.items()}
-    assert len(at) == len(set(load_bodies().landmarks.values())) == 31
-    for name in at:
-        if name.endswith("_l"):  # the person's left is at +x, and both sides mirror each other
-            right = at[f"{name[:-2]}_r"]
-            assert at[name][0] > 0
-            np.testing.assert_allclose(at[name] * [-1, 1, 1], right, atol=0.03)
-    assert at["head_top"][1] == pytest.approx(rest.V[:, 1].max(), abs=2e-3)
-    assert at["chest"][2] > 0.05 + at["upper_back"][2]
-    assert at["toe_l"][2] > 0.15 + at["heel_l"][2]
-    assert at["nose"][1] > at["chest"][1] > at["hip_l"][1] > at["knee_l"][1] > at["heel_l"][1]
-
-
 def test_root_rotation_is_a_rigid_motion():
     bodies = load_bodies()
     rotations = np.zeros_like(bodies.rotations[0, 0])
@@ -94,12 +79,12 @@ def test_bone_motions_follow_the_chain():
     joints = np.array([[0.0, 0, 0], [1.0, 0, 0]])
     rotations = np.array([[0, 0, np.pi / 2], [0, 0, np.pi / 2]])
     motions = bone_motions(joints, np.array([-1, 0]), rotations=rotations)
-    # The elbow goes to (0, 1, 0); what was one unit beyond it turns half a turn in all.
+    # The elbow moves to (0, 1, 0); the point one unit beyond it turns by half a turn.
     np.testing.assert_allclose(apply_motions(motions[[1]], np.array([[2.0, 0, 0]])), [[-1, 1, 0]], atol=1e-15)
 
 
 def test_skinning_does_not_collapse_under_twist():
-    # Half way between no rotation and a half turn lies a quarter turn; linear blending would give radius 0.
+    # The mean of no rotation and a half turn is a quarter turn; linear blending would give radius 0.
     motions = bone_motions(
         np.zeros((2, 3)), np.array([-1, 0]), rotations=np.array([[0, 0, 0], [np.pi - 1e-9, 0, 0]])
     )

@@ -34,20 +34,20 @@ def test_low_resolution_is_exact(finished):
     assert task.meta["snap_max"] == 0 and task.meta["merged"] == 0
 
 
-def test_static_handles_stay_where_their_vertices_are(finished):
+def test_static_handles_stay_at_their_vertices(finished):
     task = load_task(finished, subject=0, pose=1)
     static = task.handles.index[~task.handles.dynamic]
     assert len(static) == task.meta["n_static"] > 0
     np.testing.assert_array_equal(task.handles.target[~task.handles.dynamic], task.mesh.V[static])
-    # Group ids are positions in the dataset's list of landmarks: top moves, bottom stays.
+    # Group ids are landmark ids: the top (0) moves, the bottom (1) stays.
     assert set(task.handles.group[task.handles.dynamic]) == {0}
     assert set(task.handles.group[~task.handles.dynamic]) == {1}
     raw = load_task(finished, subject=0, pose=1, raw=True)
     stored = json.loads((finished / "subject_00/pose_1.json").read_text())["handles"]
-    single = [t for h in stored[:2] for t in h["target"]]
-    assert raw.meta["merged"] + len(raw.handles) == len(single) == 12
-    assert any(np.array_equal(raw.handles.target[0], t) for t in single) or raw.meta["merged"] > 0
-    assert not np.array_equal(raw.handles.target, task.handles.target)
+    targets = {tuple(t) for h in stored[:2] for t in h["target"]}
+    assert raw.meta["merged"] + len(raw.handles) == len(targets) == 12
+    # Handles that are not merged keep their stored targets.
+    assert sum(tuple(t) in targets for t in raw.handles.target.tolist()) >= 12 - 2 * raw.meta["merged"] > 0
 
 
 @pytest.fixture(scope="module")
@@ -70,12 +70,12 @@ def test_truth_of_an_unposed_body_is_its_rest_shape(body, monkeypatch):
 def test_truth_of_other_meshes_is_the_subdivided_registration(finished):
     task = load_task(finished, subject=1, pose=2)
     assert task.meta["posed_by"] == "subdivision"
-    # This pose is a rigid motion, under which subdivision moves along.
+    # Subdivision commutes with the rigid motion of this pose.
     expected = task.mesh.V[:, [2, 1, 0]] * [1, 1, -1] + [3.0, 0.0, 0.0]
     np.testing.assert_allclose(task.truth, expected, atol=1e-6)
 
 
-def test_a_task_without_truth_says_why(dataset, body, tmp_path):
+def test_a_task_without_ground_truth_has_a_reason(dataset, body, tmp_path):
     low = read_mesh(dataset / "subject_00/rest_low.ply")
     write_mesh(dataset / "subject_00/rest_low.ply", 1.02 * low.V, low.F)
     relist(dataset, "subject_00/rest_low.ply")
@@ -100,21 +100,11 @@ def test_meta(finished):
     assert task.name == "defaust-balls/subject_02/pose_1"
     assert task.meta["checksum"] == "+".join(sums) and task.meta["source_pose"] == "lean"
     assert (task.meta["source"], task.meta["subject"], task.meta["pose"]) == ("balls", 2, 1)
-    assert task.meta["n_static"] + task.meta["n_dynamic"] == len(task.handles)
-
-
-def test_wrong_requests(finished):
-    assert load_task(finished, subject=0, pose=1, source="balls").name
     with pytest.raises(InputError, match="was built with source=balls, not source=faust"):
         load_task(finished, subject=0, pose=1, source="faust")
 
 
-def test_damaged_files(dataset):
-    (dataset / "subject_01/pose_1_low.ply").unlink()
-    with pytest.raises(InputError, match="pose_1_low.ply is missing"):
-        load_task(dataset, subject=1, pose=1, resolution="low")
-    with pytest.raises(InputError, match="pose_1_low.ply is missing"):
-        load_task(dataset, subject=1, pose=1)
+def test_unlisted_files_are_refused(dataset):
     change(dataset, lambda d: d["files"].pop("subject_02/rest.ply"))
     with pytest.raises(InputError, match="lists no subject_02/rest.ply"):
         load_task(dataset, subject=2, pose=1)

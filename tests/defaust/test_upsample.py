@@ -1,4 +1,4 @@
-"""Subdivision and remeshing keep what they must keep."""
+"""Subdivision and remeshing: counts, topology, shape, and refused meshes."""
 
 import sys
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from defaust.build import upsample as module
-from defaust.build.upsample import check_window, default_steps, edge_length_for, subdivide, upsample
+from defaust.build.upsample import default_steps, subdivide, upsample
 from sshade import InputError, Mesh
 from tests.shapes import icosphere, torus
 
@@ -41,17 +41,6 @@ def test_every_edge_is_split(ball):
 def test_steps_closest_to_the_target():
     cases = {5000: 0, 6890: 0, 20_000: 1, 25_000: 1, 170_000: 2, 440_000: 3}
     assert {target: default_steps(6890, target) for target in cases} == cases
-
-
-def test_edge_length_of_equilateral_triangles():
-    # n vertices have 2 n faces of area sqrt(3) / 4 h^2.
-    assert edge_length_for(2 * 100 * np.sqrt(3) / 4 * 0.25, 100) == pytest.approx(0.5)
-
-
-@pytest.mark.parametrize("window", [(0.9,), (1.1, 1.2), (0.0, 1.1), (0.5, 0.9)])
-def test_window_must_be_around_one(window):
-    with pytest.raises(InputError, match="two numbers around 1"):
-        check_window(window)
 
 
 def test_unfit_surfaces_are_refused(ball):

@@ -33,11 +33,9 @@ def test_record_without_an_entry(dataset):
         (lambda h: h[1]["source"].__setitem__(1, h[1]["source"][0]), "a vertex serves twice"),
         (lambda h: h[1]["source"].__setitem__(1, h[0]["source"][0]), "a vertex serves twice"),
         (lambda h: h[0].update(delta=1.0), "delta is 1.0"),
-        (lambda h: h[0].update(delta_mean=1.0), "delta_mean is 1.0"),
         (lambda h: h[1].update(kind="dynamic"), "listed as dynamic, and static when recomputed"),
         (lambda h: h[0].update(kind="unused"), "unused, but it has handles"),
         (lambda h: h.reverse(), "its landmarks differ from those of the dataset"),
-        (lambda h: h[0].update(delta=None), "delta is None"),
         (lambda h: h[0].pop("kind"), "it has no handles[0].kind"),
     ],
 )

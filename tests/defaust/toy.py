@@ -31,16 +31,8 @@ class Balls(Source):
 
     @property
     def provenance(self) -> Mapping[str, object]:
-        return {
-            "title": "balls",
-            "origin": "Spheres",
-            "licence": "CC0",
-            "citation": "Nobody",
-            "limits": ["They are balls."],
-            "axes": "y up",
-            "unit": "metre",
-            "stretch": self.stretch,
-        }
+        facts = dict.fromkeys(("title", "origin", "licence", "citation", "axes", "unit"), "balls")
+        return {**facts, "limits": ["They are balls."], "stretch": self.stretch}
 
     def landmark_vertices(self, subject: int) -> Mapping[str, int]:
         V = self.rest(subject).V
