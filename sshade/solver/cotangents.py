@@ -14,22 +14,21 @@ from sshade.mesh.mesh import Mesh
 from sshade.mesh.sides import sides_by_edge
 from sshade.threads import in_ranges
 
-#: Slack of a triangle without area in the triangle inequality, over the longer of the mesh's mean edge
-#: and its own longest: what its edges are lengthened to have.
+#: Least slack in the triangle inequalities of a zero-area triangle after its edges are lengthened, as a
+#: fraction of the mesh's mean edge or of the triangle's longest edge, whichever is longer.
 SLACK = 1e-5
-#: Size (x diagonal) of a triangle in the place of one whose corners coincide at rest, which no strain can
-#: be relative to; any positive number would do.
+#: Size of a triangle whose corners coincide at rest, as a fraction of the diagonal. Strains are relative to
+#: it; any positive number would do.
 POINT = 1e-10
 
 
 def half_cotangents(mesh: Mesh) -> np.ndarray:
-    """Half the cotangent of the angle opposite each triangle's edges 01, 12, 20.
+    """Compute half the cotangent of the angle opposite each triangle's edges 01, 12, 20.
 
-    A triangle without area (:attr:`sshade.mesh.mesh.Mesh.without_area`) has those of one whose
-    edges are longer by the least length that gives its triangle inequalities a slack of
-    :data:`SLACK`, relative to the longer of its longest edge and the mesh's mean one: by no more
-    than that slack. So none is larger than 1 / (2 SLACK) + 1, the quadratic form that the three make
-    stays positive, and other triangles keep theirs to the last bit.
+    The edges of a zero-area triangle (:attr:`sshade.mesh.mesh.Mesh.without_area`) are first lengthened by
+    the least equal amount that gives its triangle inequalities a slack of :data:`SLACK`. Then no
+    cotangent is larger than 1 / (2 SLACK) + 1, and the quadratic form of the triangle stays positive. Other
+    triangles are not changed.
 
     Returns
     -------
@@ -38,8 +37,8 @@ def half_cotangents(mesh: Mesh) -> np.ndarray:
 
     References
     ----------
-    N. Sharp, K. Crane, "A Laplacian for nonmanifold triangle meshes", SGP 2020: intrinsic
-    mollification, there of all triangles by one length.
+    N. Sharp, K. Crane, "A Laplacian for nonmanifold triangle meshes", SGP 2020 (intrinsic mollification of
+    all triangles by one length).
     """
     flat, h = mesh.without_area, np.empty((mesh.m, 3))
     in_ranges(lambda first, end: _half_cotangents(first, end, mesh.V, mesh.F, mesh.face_areas, h), mesh.m)
@@ -55,12 +54,12 @@ def _sides(mesh: Mesh, faces: np.ndarray) -> np.ndarray:
 
 
 def _mollified(lengths: np.ndarray, mean: float) -> np.ndarray:
-    """Half cotangents opposite edges of lengths (k, 3) that are lengthened; see :func:`half_cotangents`."""
+    """Lengthen edges of lengths (k, 3), and compute their half cotangents; see :func:`half_cotangents`."""
     longest = lengths.max(axis=1)
     wanted = SLACK * np.maximum(longest, mean)
     slack = lengths.sum(axis=1) - 2.0 * longest
     lengths = lengths + np.maximum(wanted - slack, 0.0)[:, None]
-    # Heron's formula in an order that loses no digits (W. Kahan): c - (a - b) is the slack.
+    # Heron's formula in W. Kahan's order, which loses no digits; c - (a - b) is the slack.
     c, b, a = np.sort(lengths, axis=1).T
     double_area = 0.5 * np.sqrt((a + (b + c)) * (c - (a - b)) * (c + (a - b)) * (a + (b - c)))
     squared = lengths**2
@@ -68,7 +67,7 @@ def _mollified(lengths: np.ndarray, mean: float) -> np.ndarray:
 
 
 def rest_energies(mesh: Mesh, h: np.ndarray) -> np.ndarray:
-    """The spokes-and-rims energy of each triangle shrunk to a point.
+    """Compute the spokes-and-rims energy of each triangle shrunk to a point.
 
     Parameters
     ----------
@@ -79,7 +78,7 @@ def rest_energies(mesh: Mesh, h: np.ndarray) -> np.ndarray:
     Returns
     -------
     (m,) float64
-        Six times the area, or without one three times the sum of h |e|^2; positive, unit length^2.
+        Six times the area, or 3 sum h |e|^2 for zero-area triangles; positive, unit length^2.
     """
     rest, flat = 6.0 * mesh.face_areas, mesh.without_area
     if flat.any():
@@ -102,15 +101,15 @@ def edge_weights(mesh: Mesh, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     edges : (e, 2) int32
         :attr:`sshade.mesh.mesh.Mesh.edges`.
     weights : (e,) float64
-        ``(cot a + cot b) / 2`` inside, ``cot a / 2`` on the boundary; negative
-        where opposite angles add up to more than 180 degrees.
+        ``(cot a + cot b) / 2`` inside, ``cot a / 2`` on the boundary; negative if the opposite angles add up
+        to more than 180 degrees.
     """
     sides = sides_by_edge(mesh.F, mesh.n)
     return sides.ends, np.add.reduceat(h.ravel()[sides.side], sides.start[:-1])
 
 
 def laplacian_matrix(n: int, edges: np.ndarray, weights: np.ndarray) -> csr_array:
-    """Positive semi-definite Laplacian: ``L_ij = -w_ij``, ``L_ii = sum_j w_ij``.
+    """Assemble the positive semi-definite Laplacian: ``L_ij = -w_ij``, ``L_ii = sum_j w_ij``.
 
     Parameters
     ----------

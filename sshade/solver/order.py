@@ -1,7 +1,7 @@
-"""Triangles and matrices of a mesh in an order of vertices of its own, made in little memory.
+"""The solver's order of vertices: triangles, ranges for threads and sparse matrices in that order.
 
-Nothing here is larger than what it makes: where SciPy builds a Laplacian from its entries, or
-NumPy permutes it, ten times the memory is in use meanwhile.
+Functions here need no more memory than their results. SciPy and NumPy would need ten times as much to build a
+Laplacian from its entries, or to permute it.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from sshade.mesh.mesh import Mesh
 from sshade.threads import in_ranges
 
-#: Vertices that a thread works on at a time, and half the terms.
+#: Number of vertices in a range, which a thread works on at a time.
 CHUNK = 32_768
 
 
 def band_order(mesh: Mesh) -> np.ndarray:
-    """(n,) int32 the vertices in an order in which neighbours are near, reverse Cuthill-McKee's."""
+    """Return (n,) int32 the vertices in reverse Cuthill-McKee order, where neighbours are near."""
     near = mesh.connectivity.neighbours
     pattern = np.ones(len(near.indices), dtype=np.int8)
     graph = csr_array((pattern, near.indices, near.indptr), shape=(mesh.n, mesh.n))
@@ -27,20 +27,20 @@ def band_order(mesh: Mesh) -> np.ndarray:
 
 
 def faces_in_order(F: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Faces by their lowest places, those of one in their own order.
+    """Sort faces by the lowest place of their vertices; the sort is stable.
 
     Parameters
     ----------
     F : (m, 3) int
     place : (n,) int32
-        Of each vertex.
+        Place of each vertex.
 
     Returns
     -------
     corners : (m, 3) uint32
-        Places of the vertices of each.
+        Places of the vertices of each sorted face.
     face : (m,) int32
-        Which each is.
+        Number of each sorted face in F.
     """
     corners, face = np.empty(F.shape, dtype=np.uint32), np.empty(len(F), dtype=np.int32)
     _order_faces(F, place, corners, face)
@@ -48,20 +48,22 @@ def faces_in_order(F: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def vertex_ranges(corners: np.ndarray, n: int) -> list[tuple[slice, int, int]]:
-    """Ranges of n vertices for threads, which depend on n alone, and the terms that touch each.
+    """Divide n vertices into ranges for threads, and find the elements that touch each range.
+
+    The ranges depend on n alone, so that results do not depend on the number of threads.
 
     Parameters
     ----------
     corners : (m, c) int
-        Of terms in the order of their lowest ones.
+        Vertices of elements, which are sorted by their lowest vertices.
     n : int
 
     Returns
     -------
     list of (slice, int, int)
-        Terms, first vertex, and the end of the vertices.
+        Elements, first vertex, and end of the vertices.
     """
-    column = [*corners.T]  # along rows of so few numbers NumPy takes twenty times as long
+    column = [*corners.T]  # NumPy takes twenty times as long along rows of two or three numbers
     low, high = np.minimum.reduce(column), np.maximum.accumulate(np.maximum.reduce(column))
     bounds = [*range(0, n, CHUNK), n]
     return [
@@ -71,9 +73,9 @@ def vertex_ranges(corners: np.ndarray, n: int) -> list[tuple[slice, int, int]]:
 
 
 def pattern_in_order(mesh: Mesh, vertex: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Starts (n + 1,) and columns (2e + n,) int32 of a matrix of the mesh's edges, in an order of vertices.
+    """Return starts (n + 1,) and columns (2e + n,) int32 of a sparse matrix with an entry for each edge.
 
-    Each row has its diagonal; columns ascend.
+    Rows and columns are in the solver's order. Each row has its diagonal; columns ascend.
     """
     near = mesh.connectivity.neighbours
     start = np.zeros(mesh.n + 1, dtype=np.int32)
@@ -91,15 +93,16 @@ def weighted_laplacian(
     H: np.ndarray,
     weight: np.ndarray | None = None,
 ) -> csr_array:
-    """The Laplacian of edges or triangles, each times a weight.
+    """Assemble the Laplacian of elements.
 
     Parameters
     ----------
     start, column
         From :func:`pattern_in_order`.
     corners, H
-        As of :class:`sshade.solver.terms.arap.Edges`.
+        As of :class:`sshade.solver.terms.arap.Edges`, or triangles.
     weight : (m,) float64, optional
+        Weights of the elements, by default 1.
     """
     value, n = np.zeros(len(column)), len(start) - 1
     _add_weighted(start, column, corners, H, np.ones(len(corners)) if weight is None else weight, value)
@@ -108,7 +111,7 @@ def weighted_laplacian(
 
 @njit(cache=True, nogil=True)
 def _order_faces(F, place, corners, face):
-    """By counting sort."""
+    """Counting sort."""
     start = np.zeros(len(place) + 1, dtype=np.int32)
     for f in range(len(F)):
         start[min(place[F[f, 0]], place[F[f, 1]], place[F[f, 2]]) + 1] += 1
@@ -140,7 +143,7 @@ def _rows_in_order(first, end, indptr, indices, vertex, place, start, column):
 
 @njit(cache=True, nogil=True)
 def _add_weighted(start, column, corners, H, weight, value):
-    """Add to the `value` of a sparse matrix the Laplacian of edges or triangles of weights (m,)."""
+    """Add the Laplacian of elements, times weights (m,), to the values of a sparse matrix."""
     for t in range(len(corners)):
         for c in range(H.shape[1]):
             i, j, w = corners[t, c], corners[t, (c + 1) % corners.shape[1]], weight[t] * H[t, c]

@@ -1,9 +1,8 @@
-"""Rotation fits: the rotation nearest to a matrix, for many at a time, from rotations that were near before.
+"""Rotation fits: the rotation nearest to each of many matrices, warm-started from the last rotations.
 
-Rotations are kept as unit quaternions (w, x, y, z): they stay orthogonal over
-any number of warm-started updates. Newton's method takes some hundred of them
-together, one number after the other of all: loops without a branch, which the
-compiler turns into instructions for eight.
+Rotations are stored as unit quaternions (w, x, y, z), which stay orthogonal over any number of warm-started
+updates. Newton's method works on :data:`LANES` rotations together, in loops without branches over one number
+of each rotation, which the compiler vectorises.
 """
 
 from __future__ import annotations
@@ -11,16 +10,16 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-#: Rotations that are fitted together: their work array stays in the first-level cache.
+#: Number of rotations that are fitted together; their work array fits into the first-level cache.
 LANES = 128
-#: A Newton step shorter than this (radians) leaves an error of its cube, below rounding.
+#: Length of a Newton step (radians) whose error, its cube, is below rounding.
 LAST_STEP = 1e-6
-#: Beyond this step (radians), or this many, the warm start is no use.
+#: Longest Newton step (radians), and largest number of steps. Beyond, the warm start is of no use.
 LONGEST_STEP = 0.5
 MOST_STEPS = 6
-#: Smallest accepted det H / (tr H)^3: below it the maximum is nearly undetermined.
+#: Smallest accepted det H / (tr H)^3; below it the maximum is nearly undetermined.
 SMALLEST_DETERMINANT = 1e-10
-#: Eigenvalues this close (relative) to the largest count as equal to it.
+#: Relative distance from the largest eigenvalue up to which an eigenvalue counts as equal.
 SAME_EIGENVALUE = 1e-13
 JACOBI_SWEEPS = 30
 #: State of a lane.
@@ -31,21 +30,19 @@ _PENDING, _FITTED, _UNCERTAIN = 0, 1, 2
 def fit_rotations(S, Q):
     """Compute for each matrix S_i the rotation R_i that maximises tr(R_i S_i).
 
-    Equals ``V diag(1, 1, det(V U^T)) U^T`` of the singular value decomposition
-    ``S = U diag(s) V^T``. Newton's method on the rotation group, started from
-    the previous rotation: with T = R S, the step is (tr T - sym T)^-1 times the
-    axial vector of T, and its error is the cube of its length. A stationary
-    point at which that matrix is positive definite is the global maximum, so
-    what Newton returns is certain; where it is not, or the steps are long, the
-    largest eigenvector of Horn's 4 x 4 matrix decides. Where S leaves the
-    rotation open (rank one, or zero) the previous one turns by the least that
-    makes it a maximiser.
+    R_i equals ``V diag(1, 1, det(V U^T)) U^T`` of the singular value decomposition ``S = U diag(s) V^T``.
+    Newton's method on the rotation group finds it, started from the previous rotation. With T = R S, the step
+    is (tr T - sym T)^-1 times the axial vector of T, and its error is the cube of its length. A stationary
+    point with a positive definite matrix is the global maximum, so that Newton's result is certain. If the
+    matrix is not positive definite, or a step is long, the largest eigenvector of Horn's 4 x 4 matrix
+    decides. If S leaves the rotation undetermined (rank one or zero), the previous rotation makes the
+    smallest turn to a maximiser.
 
     Parameters
     ----------
     S : (n, 9) float64
-        Covariances ``sum w e e'^T`` (rest times deformed), row by row, of any
-        scale; replaced by the rotation matrices.
+        Covariances ``sum w e e'^T`` (rest times deformed), row by row, of any scale; replaced by the
+        rotation matrices.
     Q : (n, 4) float64
         Unit quaternions, replaced.
 
@@ -87,7 +84,7 @@ def fit_rotations(S, Q):
 
 @njit(cache=True, nogil=True)
 def quaternions(R):
-    """Compute the unit quaternions of rotation matrices.
+    """Convert rotation matrices to unit quaternions.
 
     Parameters
     ----------
@@ -98,8 +95,8 @@ def quaternions(R):
     Q : (n, 4) float64
         (w, x, y, z).
     error : float
-        The largest sum of absolute differences between a matrix and its
-        quaternion's rotation: far from 0 where R is none, NaN where it has NaN.
+        Largest sum of absolute differences between a matrix and its quaternion's rotation. It is far from 0
+        if a matrix is no rotation, and NaN if one has NaN.
     """
     Q = np.empty((len(R), 4))
     error = 0.0
@@ -107,7 +104,7 @@ def quaternions(R):
         a, b, c = R[i, 0, 0], R[i, 1, 1], R[i, 2, 2]
         x, y, z = R[i, 2, 1] - R[i, 1, 2], R[i, 0, 2] - R[i, 2, 0], R[i, 1, 0] - R[i, 0, 1]
         xy, xz, yz = R[i, 0, 1] + R[i, 1, 0], R[i, 0, 2] + R[i, 2, 0], R[i, 1, 2] + R[i, 2, 1]
-        # Four times the largest of the components, times each.
+        # The components, times four times the largest one.
         if a + b + c > 0.0:
             q = (1.0 + a + b + c, x, y, z)
         elif a >= b and a >= c:
@@ -127,10 +124,10 @@ def quaternions(R):
     return Q, error
 
 
-# Where a division by zero is an error, a loop has a branch.
+# Without numpy's error model, the test for a division by zero is a branch in the loop.
 @njit(cache=True, nogil=True, error_model="numpy")
 def _load(S, Q, C, q, size, state):
-    """Write S, scaled to a largest entry of 1, to C and Q to q; return how many lanes are not zero."""
+    """Write S, scaled to a largest entry of 1, to C, and Q to q; return the number of nonzero lanes."""
     pending, lanes = 0, len(S)
     for i in range(lanes):
         largest = 0.0
@@ -149,7 +146,7 @@ def _load(S, Q, C, q, size, state):
 
 @njit(cache=True, nogil=True)
 def _decide(q, step, Q, state):
-    """Take quaternions whose last step was short; return how many lanes are pending still."""
+    """Accept quaternions whose last step was short; return the number of lanes still pending."""
     pending = 0
     for i in range(len(Q)):
         if state[i] == _PENDING:
@@ -166,7 +163,7 @@ def _decide(q, step, Q, state):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _newton_steps(C, q, squared_step, lanes):
-    """Improve the quaternions q, and write the squared steps: infinity where nothing is certain."""
+    """Improve the quaternions q, and write the squared steps: infinity for uncertain ones."""
     for i in range(lanes):
         w, x, y, z = q[0, i], q[1, i], q[2, i], q[3, i]
         r00, r01, r02, r10, r11, r12, r20, r21, r22 = _matrix(w, x, y, z)
@@ -244,7 +241,7 @@ def _matrix(w, x, y, z):
 
 @njit(cache=True, nogil=True)
 def _largest_eigenvector(C, q, A, E):
-    """Replace q by the maximiser of tr(R C) that is nearest to it: Horn's matrix, cyclic Jacobi."""
+    """Replace q by the nearest maximiser of tr(R C), by cyclic Jacobi rotations of Horn's matrix."""
     A[0, 0] = C[0] + C[4] + C[8]
     A[1, 1] = C[0] - C[4] - C[8]
     A[2, 2] = C[4] - C[0] - C[8]
@@ -282,7 +279,7 @@ def _largest_eigenvector(C, q, A, E):
 
 @njit(cache=True, nogil=True)
 def _jacobi(A, E, a, b):
-    """One rotation that annihilates A[a, b]; False where it is negligible already."""
+    """Annihilate A[a, b] by one rotation; False if it is already negligible."""
     off = A[a, b]
     if abs(off) <= 1e-17 * (abs(A[a, a]) + abs(A[b, b])) or abs(off) < 1e-300:
         return False

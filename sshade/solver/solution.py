@@ -1,4 +1,4 @@
-"""What a solve returns."""
+"""The result of a solve."""
 
 from __future__ import annotations
 
@@ -15,24 +15,23 @@ class Solution(NamedTuple):
     positions : (n, 3) float64
         Hard handles are on their targets exactly.
     rotations : (n, 3, 3) float64
-        The local step at `positions`: det 1, from rest edges to deformed ones; those that are known as given.
+        Rotations of the local step at `positions`, from rest edges to deformed ones.
     iterations : int
         Global steps.
     residual : float
         Largest move of a vertex in the last plain iteration / bounding-box diagonal.
     residual_curve : (iterations,) float64
-        That of each iteration.
+        Residual of each iteration.
     energy, energy_initial : float
-        After the local steps at `positions` and at the start, with the penalties
-        of weighted constraints and the pull of soft handles; unit length^2. The start fulfils no constraint,
-        so that its energy may be the lower one.
+        Energies after the local steps at `positions` and at the start, with the penalties of weighted
+        constraints and the pulls of soft handles; unit length^2. The start fulfils no constraint, so that its
+        energy may be lower.
     converged : bool
     rejected : int
-        Accelerated iterates given up because the energy rose.
+        Accelerated iterates that were given up because the energy rose.
     volume_error, area_error : float
-        Relative, of the worst component; NaN where none encloses a volume.
     volume_constraint, area_constraint : str
-        See :meth:`sshade.solver.constraints.Components.status`.
+        See :meth:`sshade.solver.constraints.Surface.report`.
     """
 
     positions: np.ndarray
@@ -50,6 +49,6 @@ class Solution(NamedTuple):
     area_constraint: str
 
     def facts(self) -> dict[str, Any]:
-        """What belongs into the `extra` of a result."""
-        own = ("positions", "iterations", "converged")
-        return {name: value for name, value in self._asdict().items() if name not in own}
+        """Return the fields for the `extra` of a result."""
+        elsewhere = ("positions", "iterations", "converged")
+        return {name: value for name, value in self._asdict().items() if name not in elsewhere}

@@ -1,4 +1,4 @@
-"""Where iterative methods begin."""
+"""The shape in which iterative methods begin."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from sshade.mesh.rigid import rigid_motion
 from sshade.options import Start
 from sshade.task import DeformationTask
 
-#: How far beside a handle with a known rotation points are that turn with it (x diagonal).
+#: Distance of the auxiliary points beside a handle with a prescribed rotation, as a fraction of the diagonal.
 BESIDE = 1e-3
 
 
 def initial_guess(task: DeformationTask, start: Start) -> np.ndarray:
-    """The rest shape, or its best rigid motion, with the hard handles on their targets.
+    """Return the rest shape, or its best rigid motion to the handles, with hard handles on their targets.
 
     Parameters
     ----------
     task : DeformationTask
     start : {"rest", "rigid"}
-        ``rigid`` applies the rotation and translation that best carry the
-        handles to their targets, weighted where all are soft; known rotations decide what these leave
-        open. The task's own guess, if it has one, takes the place of either.
+        ``rigid`` applies the best rotation and translation of the handles to their targets, weighted by
+        stiffness if all handles are soft. Prescribed rotations decide if the positions leave the rotation
+        undetermined. If the task has a guess, it takes the place of both.
 
     Returns
     -------
@@ -41,12 +41,12 @@ def initial_guess(task: DeformationTask, start: Start) -> np.ndarray:
     elif start == "rest":
         U = V.copy()
     else:
-        # Soft handles alone: as little as they may pull, of all rigid motions this is the minimum.
+        # With soft handles alone, the weighted fit is the minimum of the energy over all rigid motions.
         source, target = V[handles.index], handles.target
         weights = None if handles.hard.any() else handles.stiffness
-        if known := handles.prescribed_rotations:
-            # Three more points beside each, so near that they decide only what the others leave open.
-            vertex, turns = known
+        if prescribed := handles.prescribed_rotations:
+            # Three auxiliary points beside each such handle, near enough not to disturb the fit of positions.
+            vertex, turns = prescribed
             number = np.flatnonzero(np.isin(handles.index, vertex))
             beside = BESIDE * task.mesh.diagonal * np.eye(3)
             source = np.concatenate([source, (V[vertex, None] + beside).reshape(-1, 3)])

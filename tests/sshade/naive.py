@@ -68,11 +68,14 @@ class Naive:
         self.lu = splu(csc_matrix(self.laplacian))
 
     def rotations(self, U: np.ndarray) -> np.ndarray:
+        return svd_rotations(self.covariances(U))
+
+    def covariances(self, U: np.ndarray) -> np.ndarray:
         S = np.zeros((len(U), 3, 3))
         for k, j, h, cells in self.terms:
             for i in cells:
                 S[i] += h * np.outer(self.V[k] - self.V[j], U[k] - U[j])
-        return svd_rotations(S)
+        return S
 
     def energy(self, U: np.ndarray, R: np.ndarray) -> float:
         total = 0.0
@@ -85,10 +88,14 @@ class Naive:
     def iterate(self, U: np.ndarray) -> np.ndarray:
         U = U.copy()
         U[self.index] = self.targets
-        R, b = self.rotations(U), np.zeros_like(U)
+        b = self.right_hand_side(self.rotations(U))
+        U[self.free] = self.lu.solve(b[self.free] - self.to_handles @ self.targets)
+        return U
+
+    def right_hand_side(self, R: np.ndarray) -> np.ndarray:
+        b = np.zeros_like(self.V)
         for k, j, h, cells in self.terms:
             force = h * np.mean([R[i] for i in cells], axis=0) @ (self.V[k] - self.V[j])
             b[k] += force
             b[j] -= force
-        U[self.free] = self.lu.solve(b[self.free] - self.to_handles @ self.targets)
-        return U
+        return b

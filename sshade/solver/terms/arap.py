@@ -322,7 +322,7 @@ def _weighted_forces(corners, V, H, rest, P, R, stiffness, soft, stiff, weight, 
     return energy
 
 
-# Where a division by zero is an error, a loop has a branch.
+# Without numpy's error model, the test for a division by zero is a branch in the loop.
 @njit(cache=True, nogil=True, error_model="numpy")
 def _soften(stiffness, soft, stiff, x, weight, ratio):
     """Write phi'(x) to `weight`, and phi(x) / x to `ratio`."""

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -41,14 +39,6 @@ def test_fill_is_that_of_a_symmetric_ordering():
 
 def test_nothing_to_solve():
     assert Factorisation(sp.csr_array((0, 0))).solve(np.empty((0, 3))).shape == (0, 3)
-
-
-def test_one_factorisation_serves_many_threads(Q):
-    solver = Factorisation(Q)
-    right = [np.random.default_rng(seed).normal(size=(Q.shape[0], 3)) for seed in range(16)]
-    with ThreadPoolExecutor(4) as pool:
-        together = list(pool.map(solver.solve, right))
-    assert all(np.array_equal(X, solver.solve(B)) for X, B in zip(together, right, strict=True))
 
 
 @pytest.mark.parametrize(

@@ -57,18 +57,6 @@ def test_steps_end_in_the_minimum_that_a_solve_from_there_finds(solver, parts):
     assert np.array_equal(end.positions[parts.vertex[:18]], handles_at(0.4).target)
 
 
-def test_steps_along_a_way_take_fewer_iterations_than_solves_from_the_last_shape(solver, parts):
-    following, ours, theirs = begun(solver, parts), [], []
-    last = solver.solve(**at(parts, 0.0), **ENERGY)
-    for angle in np.linspace(0.02, 0.4, 20):
-        ours.append(following.solve(**at(parts, angle), tolerance=1e-4).iterations)
-        last = solver.solve(
-            **at(parts, angle), start=last.positions, rotations=last.rotations, tolerance=1e-4, **ENERGY
-        )
-        theirs.append(last.iterations)
-    assert sum(ours) < 0.6 * sum(theirs)
-
-
 def test_a_drag_lags_less_behind_the_minima_than_one_of_as_many_plain_steps(solver, parts):
     following, lag, plain_lag = begun(solver, parts), [], []
     plain = minimum = solver.solve(**at(parts, 0.0), **ENERGY)

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 from scipy.sparse import csr_array, diags_array
-from scipy.sparse.linalg import LinearOperator, cg, spsolve
 
 from sshade.mesh.mesh import Mesh
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
-from sshade.solver.multigrid import Multigrid, _aggregates
+from sshade.solver.multigrid import Multigrid
 from sshade.threads import ThreadTeam
 from tests.shapes import bumpy, double_torus, jittered, strip, tube
 
@@ -98,33 +97,6 @@ def test_the_eigenvalues_lie_between_0_and_1(coarsest, degree, least):
     assert values[0] > least and values[-1] <= 1 + 1e-6
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_conjugate_gradients_with_a_cycle_solve_to_rounding(name):
-    A, held = matrix(name)
-    multigrid, A = Multigrid(A, held, coarsest=100), A[~held][:, ~held]
-
-    def preconditioned(x: np.ndarray) -> np.ndarray:
-        return cycle(multigrid, held, np.repeat(x[:, None], 3, axis=1))[:, 0]
-
-    b = np.random.default_rng(0).normal(size=A.shape[0])
-    steps: list[np.ndarray] = []
-    M = LinearOperator(A.shape, preconditioned, dtype=np.float64)
-    x, failed = cg(A, b, rtol=1e-12, atol=0, maxiter=80, M=M, callback=steps.append)
-    expected = spsolve(A.tocsc(), b)
-    assert failed == 0 and len(steps) < (25 if CASES[name][2] < 0.8 else 60)
-    close = 1e-8 if name == "faces without area" else 1e-10  # condition numbers of 1e8 and 1e4
-    assert np.abs(x - expected).max() < close * np.abs(expected).max()
-
-
-def test_bits_do_not_depend_on_threads(monkeypatch):
-    A, held = matrix("closed, few handles")
-    multigrid, x = Multigrid(A, held, coarsest=100), np.random.default_rng(0).normal(size=((~held).sum(), 3))
-    whole = cycle(multigrid, held, x)
-    monkeypatch.setattr("sshade.threads.ROWS", 100)
-    for workers in (1, 2, 3):
-        assert np.array_equal(cycle(multigrid, held, x, workers=workers), whole)
-
-
 def test_what_is_small_or_does_not_coarsen_is_factorised():
     A, held = matrix("closed, few handles")
     x = np.random.default_rng(0).normal(size=((~held).sum(), 3))
@@ -139,15 +111,6 @@ def test_nothing_free():
     A, held = matrix("closed, few handles")
     held = np.ones_like(held)
     assert cycle(Multigrid(A, held, coarsest=10), held, np.empty((0, 3))).shape == (0, 3)
-
-
-@pytest.mark.parametrize("name", ["boundary", "faces without area"])
-def test_aggregates_share_out_the_free_rows(name):
-    A, held = matrix(name)
-    least = np.sqrt(0.08 * A.diagonal())
-    aggregate, count = _aggregates(A.indptr, A.indices, A.data, held, least)
-    assert (aggregate[held] == -1).all()
-    assert np.array_equal(np.unique(aggregate[~held]), np.arange(count)) and count < 0.5 * len(held)
 
 
 def test_not_positive_definite():

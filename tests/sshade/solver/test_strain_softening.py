@@ -9,7 +9,7 @@ from sshade.options import Options
 from sshade.solver.cotangents import half_cotangents
 from sshade.solver.local_global import LocalGlobal, local_global
 from sshade.threads import ThreadTeam
-from tests.shapes import bumpy, end_handles
+from tests.shapes import bumpy
 from tests.sshade.naive import TASKS
 
 SOFT = {"stiffness": 0.2, "strain": 0.03}
@@ -120,19 +120,6 @@ def test_limited_triangles_are_stiff_again_and_a_far_limit_is_none(task):
     assert np.abs(shape["limited"] - shape["plain"]).max() > 1e-4 * task.mesh.diagonal
 
 
-def test_a_turned_and_scaled_task_has_the_same_strains():
-    mesh = bumpy(2)
-    task = DeformationTask("one", mesh, end_handles(mesh.V, shift=[0.3, 0, 0.1]))
-    turn = Rotation.from_rotvec([0.4, -0.9, 0.3]).as_matrix()
-    moved = Mesh(7 * mesh.V @ turn.T + [3, 1, -2], mesh.F)
-    targets = 7 * task.handles.target @ turn.T + [3, 1, -2]
-    one = solver_of(task).solve(task.handles.target, tolerance=1e-8, **LIMITED)
-    other = LocalGlobal(moved, task.handles.index).solve(targets, tolerance=1e-8, **LIMITED)
-    assert other.energy == pytest.approx(49 * one.energy, rel=1e-6)
-    error = other.positions - (7 * one.positions @ turn.T + [3, 1, -2])
-    assert np.abs(error).max() < 1e-5 * moved.diagonal
-
-
 def test_a_rigid_motion_costs_nothing(soft):
     mesh = bumpy(2)
     turn = Rotation.from_rotvec([0.4, -0.9, 0.3]).as_matrix()
@@ -141,25 +128,6 @@ def test_a_rigid_motion_costs_nothing(soft):
     assert abs(solution.energy) < 1e-12 * mesh.area
 
 
-def test_volume_and_area_are_held_too():
-    mesh = bumpy(3)
-    task = DeformationTask("held", mesh, end_handles(mesh.V, shift=[0.4, 0, 0.12]))
-    result = local_global(task, volume=np.inf, area=np.inf, **SOFT)
-    after = Mesh(result.vertices, mesh.F)
-    assert after.volume == pytest.approx(mesh.volume, rel=1e-6)
-    assert after.area == pytest.approx(mesh.area, rel=1e-6)
-
-
-@pytest.mark.parametrize("change", [{"stiffness": 0.0}, {"stiffness": 1.1}, {"stiffness": np.nan}])
-def test_a_stiffness_goes_up_to_one(task, change):
-    with pytest.raises(InputError, match="stiffness must be a number in"):
-        local_global(task, **change)
-
-
-def test_wrong_strain_and_energy(task):
-    with pytest.raises(InputError, match="strain must be a number in"):
-        local_global(task, stiffness=0.5, strain=0.0)
-    with pytest.raises(InputError, match="strain_limit must be a number in"):
-        local_global(task, stiffness=0.5, strain_limit=-0.1)
+def test_edges_do_not_soften(task):
     with pytest.raises(InputError, match="only triangles soften"):
         local_global(task, stiffness=0.5, energy="spokes")
