@@ -20,7 +20,7 @@ from eval.rows.splits import HELD_OUT, split_of
 from eval.rows.store import PUBLISHED
 from eval.site.submission import Submission
 from eval.site.tracks import Track
-from eval.timing.table import make_time_table
+from eval.timing.table import cells, make_time_table
 from sshade.io.files import make_folder, replacing
 
 #: Headings of the measures that are drawn against time.
@@ -71,7 +71,8 @@ def write_site(
         write_csv(out / f"{name}.csv", own.rows)
         page = {"track": own.track, **tables(own.table), "facts": facts(valid(own.rows))}
         page["charts"] = charts(_charts(own, results))
-        page["picture"] = _picture(results / "figures" / f"{name}.png")
+        picture = results / "figures" / f"{name}.png"
+        page["picture"] = base64.b64encode(picture.read_bytes()).decode() if picture.is_file() else None
         written.append(_write(out / f"{name}.html", "track.html", **page, **shared))
     for method in methods:
         of_tracks = [_cases(own, method) for own in contests if method in set(own.rows["method.name"])]
@@ -93,13 +94,6 @@ def _write(path: Path, template: str, **names: Any) -> Path:
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return path
-
-
-def _picture(path: Path) -> str | None:
-    """Return the published picture of a track as a data URI, or None."""
-    if not path.is_file():
-        return None
-    return f"data:image/png;base64,{base64.b64encode(path.read_bytes()).decode()}"
 
 
 def _front(own: Contest) -> dict[str, Any]:
@@ -135,18 +129,11 @@ def _times(contests: list[Contest], method: str, results: Path) -> list[dict[str
     found = []
     for name in dict.fromkeys(own.track.timing for own in contests if own.track.timing):
         table = make_time_table(read_csv(results / "timing" / f"{name}.csv"), title=name)
-        own = table.lines[table.lines["method"] == method]
-        names = ["vertices", "seconds.total", "seconds.min", "seconds.max", "repeats"]
-        body = [
-            [case, *map(_number, values)] for case, *values in own[["case", *names]].itertuples(index=False)
-        ]
-        if body:
-            found.append({"title": name, "body": body, "notes": table.notes[:3]})
+        lines = table.lines[table.lines["method"] == method].drop(columns="method")
+        if len(lines):
+            labels, body = cells(lines)
+            found.append({"labels": labels, "body": body, "notes": table.notes})
     return found
-
-
-def _number(value: float) -> str:
-    return f"{value:,.0f}" if value >= 100 or value == int(value) else f"{value:.3g}"
 
 
 @drawing()

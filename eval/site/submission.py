@@ -120,9 +120,11 @@ def check(folder: Path, track: Track, published: list[Row], *, progress: Progres
     rows = [row for row in read_rows(path) if row["status"] != "missing"]
     official = {row["task.name"]: row for row in published if row["status"] in VALID}
     _check_one_method(path, rows, name, settings)
-    _check_code(path, rows, {row.get("env.version.evaluator") for row in published} - {None})
+    known = {row.get("env.version.evaluator") for row in published} - {None}
     for row in rows:
-        _check_row(f"{path}: the row of {row['task.name']}, seed {row['seed']},", row, official)
+        where = f"{path}: the row of {row['task.name']}, seed {row['seed']},"
+        _check_origin(where, row, known)
+        _check_row(where, row, official)
     _check_complete(path, rows, official)
     remeasured = 0
     if (folder / "runs").is_dir():
@@ -166,20 +168,18 @@ def _check_one_method(path: Path, rows: list[Row], name: str, settings: Mapping[
         raise InputError(f"{path}: was measured by other metrics than this version has; remeasure it")
 
 
-def _check_code(path: Path, rows: list[Row], known: Set[Any]) -> None:
-    """Require rows of a clean commit, or of a wheel of the track's version, which has no commit."""
-    for row in rows:
-        commit, modified = row.get("env.commit"), row.get("env.modified")
-        committed = modified is False and re.fullmatch("[0-9a-f]{40}", str(commit))
-        known_wheel = not commit and modified is None and row.get("env.version.evaluator") in known
-        if not committed and not known_wheel:
-            raise InputError(
-                f"{path}: the row of {row['task.name']} is of a modified tree, or of no commit and another "
-                "version of the code than the track's rows; run it again in a clean clone of the project or "
-                "with a wheel of the track's version"
-            )
-        if not row.get("env.machine_id"):
-            raise InputError(f"{path}: the row of {row['task.name']} names no machine; run it again")
+def _check_origin(where: str, row: Row, known: Set[Any]) -> None:
+    """Require a clean commit, or a wheel of the track's version, which has no commit."""
+    commit, modified = row.get("env.commit"), row.get("env.modified")
+    committed = modified is False and re.fullmatch("[0-9a-f]{40}", str(commit))
+    known_wheel = not commit and modified is None and row.get("env.version.evaluator") in known
+    if not committed and not known_wheel:
+        raise InputError(
+            f"{where} is of a modified tree, or of no commit and another version of the code than the track"
+            "'s rows; run it again in a clean clone of the project or with a wheel of the track's version"
+        )
+    if not row.get("env.machine_id"):
+        raise InputError(f"{where} names no machine; run it again")
 
 
 def _check_row(where: str, row: Row, official: Mapping[str, Row]) -> None:

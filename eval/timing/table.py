@@ -210,9 +210,9 @@ def _notes(rows: pd.DataFrame, lines: pd.DataFrame, reference: str) -> list[str]
     return notes
 
 
-def to_markdown(table: TimeTable) -> str:
-    """Return the columns that have a number, and the notes, in Markdown."""
-    lines = table.lines.copy()
+def cells(lines: pd.DataFrame) -> tuple[list[str], list[list[str]]]:
+    """Return the headings of the columns that have a number, and the texts of the lines."""
+    lines = lines.copy()
     stages = [name for name in lines if name.startswith("seconds.") and name not in _COLUMNS]
     lines["stages"] = [
         ", ".join(f"{s.removeprefix('seconds.')} {_seconds(line[s])}" for s in stages if pd.notna(line[s]))
@@ -223,7 +223,12 @@ def to_markdown(table: TimeTable) -> str:
         ["" if pd.isna(value) else _COLUMNS[name][1](value) for name, value in zip(used, values, strict=True)]
         for values in lines[used].itertuples(index=False)
     ]
-    headings = [_COLUMNS[name][0] for name in used]
+    return [_COLUMNS[name][0] for name in used], body
+
+
+def to_markdown(table: TimeTable) -> str:
+    """Return the table and its notes in Markdown."""
+    headings, body = cells(table.lines)
     left = [heading for heading, form in _COLUMNS.values() if form is str]
     notes = [f"- {note}" for note in table.notes]
     return (

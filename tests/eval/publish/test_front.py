@@ -54,19 +54,6 @@ def test_another_setting_and_other_measures():
     assert set(front(rows, measures=("edge", "bend_tail"))) == {"fine-0.1", "fine-0.3"}
 
 
-def test_tuning_and_held_out_cases_are_apart(tmp_path):
-    pytest.importorskip("matplotlib")
-    cases = {f"defaust-synthetic/subject_0{s}/pose_7": float(s + 1) for s in (0, 7)}
-    rows = [weighted("fine-1", case, weight=1, volume=volume) for case, volume in cases.items()]
-    write_csv(tmp_path / "rows.csv", frame(*rows))
-    picture = tmp_path / "f.svg"
-    options = ["--measures", "volume", "edge", "--knob", "volume", "-o", str(picture)]
-    assert call("front", [str(tmp_path / "rows.csv"), *options]) == 0
-    text = picture.read_text()
-    assert text.count("<!-- tuning cases -->") == text.count("<!-- held-out cases -->") == 1
-    assert text.count("<!-- fine-1 -->") + text.count("<!-- fine -->") == 2
-
-
 def test_one_measure_alone_is_refused(tmp_path):
     write_csv(tmp_path / "rows.csv", frame(weighted("fine-1", weight=1)))
     with pytest.raises(InputError, match="needs at least two metrics"):

@@ -15,7 +15,6 @@ from report_runs import METHODS, make_transfers
 
 from eval.main import call
 from eval.rows.frame import read_csv, records
-from sshade.errors import InputError
 from tests.shapes import bumpy
 
 pytest.importorskip("matplotlib")
@@ -163,15 +162,6 @@ def test_the_view_holds_every_shape(text):
 def without_charts(monkeypatch):
     """Charts take most of a small report's time."""
     monkeypatch.setattr("eval.publish.report.page.charts", lambda figures: [])
-
-
-@pytest.mark.usefixtures("without_charts")
-def test_one_case_of_two(tiny, tmp_path, tiny_runs):
-    only = Page(report(tiny, tmp_path / "r.html", "--runs", str(tiny_runs), "--cases", "bumpy_40", *LOOK))
-    assert len(only.images["arap"]) == 1 and "tiny-case-1" not in only.ids
-    with pytest.raises(InputError, match="no case 'bumpy_9'; there are bumpy_10, bumpy_40"):
-        call("report", [str(tiny), "-o", str(tmp_path / "none.html"), "--cases", "bumpy_9"])
-    assert not (tmp_path / "none.html").exists()
 
 
 @pytest.mark.usefixtures("without_charts")

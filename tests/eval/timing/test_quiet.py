@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from contextlib import suppress
 from math import ceil
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import psutil
 import pytest
 
 from eval.timing import quiet
-from eval.timing.quiet import OTHERS, Reading, between, busiest_other, read_machine
+from eval.timing.quiet import OTHERS, Reading, between, read_machine
 
 BURN = "import time\nend = time.time() + 60\nwhile time.time() < end: pass"
 
@@ -69,7 +70,8 @@ def busy():
     pids = [int(pid) for pid in subprocess.run(shell, check=True, capture_output=True).stdout.split()]
     yield pids
     for pid in pids:
-        psutil.Process(pid).kill()
+        with suppress(psutil.NoSuchProcess):  # it ends by itself after a minute
+            psutil.Process(pid).kill()
 
 
 def test_a_busy_process_ends_the_command_without_rows(busy, case):
@@ -84,12 +86,3 @@ def test_a_busy_process_ends_the_command_without_rows(busy, case):
     assert last.startswith("error: the machine is not quiet: 5 repeats of identity on rest/pose in a row")
     assert "; the busiest is process " in last and last.endswith("nothing was written")
     assert not Path("out").exists()
-
-
-def test_the_busiest_process_is_named(busy, monkeypatch):
-    monkeypatch.setattr(quiet.psutil, "process_iter", lambda: map(psutil.Process, busy))
-    words = busiest_other()
-    assert any(words.startswith(f"process {pid} ({sys.executable} -c import time ") for pid in busy)
-    assert words.endswith("% of a core")
-    monkeypatch.setattr(quiet.psutil, "process_iter", lambda: [psutil.Process()])
-    assert busiest_other() == ""  # this process does not count

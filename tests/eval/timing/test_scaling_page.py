@@ -41,25 +41,3 @@ def test_the_model_finds_the_coefficients(noise):
         assert found["vertices"] == pytest.approx(0.7, rel=1e-6 + 2 * noise)
         assert found["samples"] == pytest.approx(0.2, rel=1e-6 + 3 * noise)
         assert min(found.values()) >= 0 and error <= 1e-6 + 3 * noise
-
-
-def test_a_run_is_measured(tmp_path, monkeypatch):
-    from multiprocessing import get_context
-
-    del monkeypatch  # affinity is of the process: another one runs it
-    with get_context("spawn").Pool(1) as pool:
-        row = pool.apply(measured_small, (str(tmp_path),))
-    assert row["samples"] == 200 and row["handles"] == 30 and row["threads"] == 1
-    assert row["vertices"] == 2562 and row["seconds"] > 0 and row["peak_mib"] > 0
-    assert row["seconds"] >= row["remesh"] > 0
-
-
-def measured_small(folder: str) -> dict:
-    """A run on a subdivided sphere, which stands for the body."""
-    from eval.run.warmup import icosphere
-    from sshade import DeformationTask, Handles
-
-    mesh = icosphere(3)
-    scaling.load_task = lambda root, *, subject, pose: DeformationTask(root, mesh, Handles([0], mesh.V[:1]))
-    run = scaling.Run(level=1, samples=200, handles=30, threads=1, base=folder)
-    return scaling.measured(run, 1)
