@@ -47,7 +47,7 @@ class Frames(ABC):
     def posed(self, NV: np.ndarray, rotations: np.ndarray | None, team: ThreadTeam) -> tuple[Placer, int]:
         """Return a function that places points on N', and the number of undefined frames.
 
-        The parameters are those of :meth:`decode`.
+        Parameters are as in :meth:`decode`.
         """
 
     def decode(

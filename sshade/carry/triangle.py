@@ -43,8 +43,8 @@ def frame_values(proxy: Mesh, function: str | np.ndarray = "extent") -> np.ndarr
     function : {"extent", "best", "x", "y", "z"} or (k,) float64
         ``extent`` is the coordinate of largest extent, as in the paper. ``best`` is, on each triangle, the
         coordinate with the largest tangential gradient, whose length is at least sqrt(2/3). An array holds
-        one value for each vertex of N; it is scaled to a range of one bounding-box diagonal. Where the
-        gradient is shorter than :data:`FLAT`, another function replaces f: the coordinate of next largest
+        one value for each vertex of N; it is scaled to a range of one bounding-box diagonal. If
+        the gradient is shorter than :data:`FLAT`, another function replaces f: the coordinate of next largest
         extent in place of a coordinate, ``best`` in place of an array.
 
     Returns

@@ -1,7 +1,7 @@
 """Neighbours of vertices, components, boundary loops, manifoldness and orientation, in linear time.
 
-The faces are first sorted by vertex. Threads then treat ranges of vertices on their own: each vertex gets
-its list of neighbours, and its faces are checked to form one oriented fan. The number of threads changes
+The faces are first sorted by vertex. Threads then treat ranges of vertices: each vertex gets its
+list of neighbours, and its faces are checked to form one oriented fan. The number of threads changes
 no bit of the result.
 """
 
@@ -15,8 +15,8 @@ from numba import njit
 from sshade.errors import InputError
 from sshade.threads import available_cpus, in_ranges, in_threads
 
-#: Faces for each thread that sorts faces by vertex, at least, and number of such threads, at most: each of
-#: them needs a counter for every vertex.
+#: Least number of faces for a thread that sorts faces by vertex, and largest number of such threads. Each
+#: thread needs a counter for every vertex.
 FACES, SORTERS = 100_000, 4
 #: Largest number of entries in the table of neighbours, whose row starts have 32 bits.
 MOST = 2**31 - 1

@@ -51,8 +51,8 @@ class _Pairs(NamedTuple):
 def cut_to_manifold(mesh: Mesh) -> Cut:
     """Reverse faces to agree with their neighbours, and cut the mesh where it is not manifold.
 
-    Where more than two faces meet at an edge, pairs of faces that run through the edge in opposite
-    directions stay joined, the straightest continuation first. If two continuations are equally straight,
+    At an edge with more than two faces, pairs of faces that run through the edge in opposite directions
+    stay joined, the straightest continuation first. If two continuations are equally straight,
     the pair with the smaller inside angle wins, which separates solids that touch along an edge. Fans that
     touch in a vertex are separated. A one-sided surface is cut open.
 

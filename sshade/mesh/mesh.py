@@ -117,8 +117,8 @@ class Mesh:
         """(3,) float64: a point near the mesh from which to compute; zero if the mesh lies near zero.
 
         A coordinate at a distance of 10^9 extents from zero has seven digits of its place on the mesh.
-        Sums and products of such coordinates would lose these digits. Coordinates relative to this point
-        are exact.
+        Sums and products of coordinates would lose the seven digits. Coordinates relative to this point are
+        exact.
         """
         low, high = bounds(self.V)
         extent = float((high - low).max())
@@ -288,7 +288,7 @@ class Mesh:
 
 
 def _check_numbers(V: np.ndarray, name: str = "mesh") -> None:
-    """Raise InputError on positions that are not finite, too large, too small or too far from the origin."""
+    """Raise InputError on positions that are not finite or exceed the range or the precision of float64."""
     low, high = bounds(V)
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
         bad = int(np.flatnonzero(~np.isfinite(V).all(axis=1))[0])

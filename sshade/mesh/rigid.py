@@ -13,8 +13,8 @@ def rigid_motion(
     Parameters
     ----------
     source, target : (k, 3) float64
-        Corresponding points, at least one. Where they do not determine the rotation, as on a line, the
-        result is the smallest rotation that fits.
+        Corresponding points; k must be 1 or more. Points on a line do not determine the rotation; the result
+        is the smallest rotation that fits.
     weights : (k,) float64, optional
         Positive weights w; equal by default.
 

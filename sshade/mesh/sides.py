@@ -66,7 +66,8 @@ def sides_by_edge(F: np.ndarray, n: int) -> EdgeSides:
     """
     ends = _ends_of_sides(F)
     side, start = _grouped(ends, n)
-    return EdgeSides(np.ascontiguousarray(ends[:, side[start[:-1]]].T), start, side)
+    first = side[start[:-1]]
+    return EdgeSides(np.stack([ends[0, first], ends[1, first]], axis=1), start, side)
 
 
 def faces_around_vertices(F: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -144,9 +145,9 @@ def _grouped(columns, n):
     Returns the order (r,) of the rows, and where each group of equal rows begins in it (g + 1,).
     """
     count = columns.shape[1]
-    order = np.arange(count, dtype=np.int32)
-    for column in columns[::-1]:
-        order = order[sort_by_id(column[order], n)[1]]
+    order = sort_by_id(columns[-1], n)[1]
+    for c in range(len(columns) - 2, -1, -1):
+        order = order[sort_by_id(columns[c][order], n)[1]]
     start, groups = np.empty(count + 1, dtype=np.int32), 0
     for p in range(count):
         differs = p == 0

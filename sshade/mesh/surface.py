@@ -59,7 +59,7 @@ def surface(V: np.ndarray, F: np.ndarray) -> Surface:
 def cleaned(V: np.ndarray, F: np.ndarray) -> Surface:
     """Drop faces that repeat a vertex, then vertices that no face uses; seams stay.
 
-    Parameters, returns and errors are those of :func:`surface`.
+    Parameters, result and errors are as in :func:`surface`.
     """
     V, F = np.asarray(V), np.asarray(F)
     collapsed = np.zeros(0, dtype=bool)
@@ -85,7 +85,7 @@ def cleaned(V: np.ndarray, F: np.ndarray) -> Surface:
 def without_duplicates(mesh: Mesh) -> Mesh:
     """Drop faces that have the three vertices of an earlier face, in any order.
 
-    A manifold mesh has no such faces and is returned itself.
+    A manifold mesh has no duplicates and is returned itself.
     """
     if mesh.is_manifold:
         return mesh

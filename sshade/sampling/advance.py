@@ -193,7 +193,7 @@ def cover(state, vertices, first):
 def from_outside(state, border):
     """Find the vertices of `border` that are nearer to a sample through a neighbour.
 
-    Returns these vertices, their new distances, and their new cells.
+    Returns the vertices found, their new distances, and their new cells.
     """
     distance, cell = state.distance, state.cell
     found, near, sample = np.empty_like(border), np.empty(len(border)), np.empty(len(border), dtype=np.int32)
@@ -257,7 +257,7 @@ def insert_farthest(state, count, sample, among):
     samples = np.empty(count, dtype=np.int64)
     # Distances only shrink, so an entry (-distance, vertex) of the heap is an upper bound, which is updated
     # when it comes to the top. The heap holds only the farthest candidates. When it is empty it is filled
-    # again from the candidates, and these from all vertices.
+    # again from the candidates; candidates come from all vertices.
     gathered, lowest = among[:0], np.inf
     heap, low = [(0.0, among[0]) for _ in range(0)], np.inf
     for i in range(count):

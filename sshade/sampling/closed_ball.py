@@ -1,17 +1,17 @@
 """The closed-ball test: find where the dual of Voronoi cells would have another topology than the mesh.
 
 The dual of the cells is a mesh of the same topology as M if every cell, every union of two cells that share
-an edge of M, and every union of three cells that meet in a triangle is a topological disc. Where a union is
-no disc, :func:`refinements` returns vertices to add as samples. A union C is a disc if its Euler
-characteristic is one:
+an edge of M, and every union of three cells that meet in a triangle is a topological disc. For unions that
+fail, :func:`refinements` returns vertices to add as samples. A union C is a disc if its Euler characteristic
+is one:
 
     chi(C) = #(inner vertices in C) - #(inner edges with an end in C) + #(triangles with a corner in C) = 1 .
 
 This is the condition of ReMatching (F. Maggioli, D. Baieri, S. Melzi, E. Rodola, "ReMatching: low-resolution
 representations for scalable shape correspondence", 2024).
 
-A union counts an edge or triangle once, however many of its cells touch it. By inclusion and exclusion, with
-i, j and k for cells,
+A union counts an edge or triangle once, however many of its cells touch it. Inclusion and exclusion give, for
+cells i, j and k,
 
     chi(ij)  = chi(i) + chi(j) - c(ij),   c(ij) = #triangles touching both - #inner edges between them
     chi(ijk) = chi(i) + chi(j) + chi(k) - c(ij) - c(jk) - c(ki) + #triangles touching all three .
@@ -24,8 +24,8 @@ edge between them has two triangles, or one on the boundary. Hence
 
 The sum leaves out the boundary of M, where each vertex cancels with an edge. It would accept a cell that
 crosses a strip and has two arcs on the boundary. On a mesh with boundary, two conditions are added: the trace
-of a cell on the boundary is one arc (boundary vertices minus boundary edges inside the cell equals 1), and at
-most one boundary edge joins two cells.
+of a cell on the boundary is one arc (boundary vertices minus boundary edges inside the cell equals 1), and no
+more than one boundary edge joins two cells.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ class Fronts:
     graph : VertexGraph
         Edges of the mesh with their lengths.
     first : (h,) int
-        Initial samples, at least one. Vertices at equal distance belong to the earlier sample.
+        Initial samples; h must be 1 or more. Vertices at equal distance belong to the earlier sample.
 
     Raises
     ------

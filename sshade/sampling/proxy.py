@@ -1,8 +1,8 @@
 """Build the proxy N of a mesh M: sample vertices of M and triangulate the dual of their Voronoi cells.
 
 The vertices of N are samples, vertices of M. Every vertex of M belongs to the cell of its nearest sample.
-Three cells that meet in a triangle of M make a triangle of N. Where cells are not discs, N would have
-another topology than M; more samples are added there (:mod:`sshade.sampling.closed_ball`).
+Three cells that meet in a triangle of M make a triangle of N. Cells that are not discs would give N another
+topology than M; more samples are added there (:mod:`sshade.sampling.closed_ball`).
 
 F. Maggioli, D. Baieri, S. Melzi, E. Rodola, "ReMatching: low-resolution representations for scalable shape
 correspondence", 2024.
