@@ -264,6 +264,7 @@ def _facts(result: DeformationResult, seconds: float, cpu: float) -> Row:
     row |= {f"seconds.{stage}": float(value) for stage, value in result.seconds.items() if stage != "total"}
     row |= {f"extra.{name}": _plain(value) for name, value in result.extra.items() if is_scalar(value)}
     row |= flat(result.extra.get("options", {}), "method")
+    row.pop("method.seed", None)  # the row has a column `seed`
     return row
 
 

@@ -130,5 +130,5 @@ def with_losses(task, *, seed, progress=silent):
 
 def with_options(task, *, vertices: int | None = None, seed: int, progress=silent) -> DeformationResult:
     """A method that tells its options as resolved."""
-    options = {"vertices": vertices or 1000, "volume": np.inf, "frames": "blended"}
+    options = {"vertices": vertices or 1000, "volume": np.inf, "frames": "blended", "seed": seed}
     return DeformationResult(task.mesh.V, iterations=0, converged=None, extra={"options": options})

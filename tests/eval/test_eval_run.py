@@ -202,7 +202,8 @@ def test_options_as_a_method_resolved_them_reach_the_row(task, tmp_path):
     method = {"_target_": "eval_cases.with_options", "vertices": None, "warm_up": None}
     row = run(task, method, name="o", root=tmp_path).row
     assert (row["method.vertices"], row["method.volume"], row["method.frames"]) == (1000, np.inf, "blended")
-    assert row["method.target"] == "eval_cases.with_options" and "extra.options" not in row
+    assert row["method.target"] == "eval_cases.with_options"
+    assert row["seed"] == 0 and not {"extra.options", "method.seed"} & row.keys()
     write_csv(tmp_path / "rows.csv", to_frame([row]))
     rows = read_csv(tmp_path / "rows.csv")
     assert (rows["method.vertices"].item(), rows["method.volume"].item()) == (1000, np.inf)
