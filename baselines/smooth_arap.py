@@ -23,13 +23,13 @@ modeling", 2025.
 
 from __future__ import annotations
 
-from time import perf_counter
 from typing import get_args
 
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
-from baselines.global_step import iterate, iterated
+from baselines.iteration import iterate, iterated
+from baselines.stopwatch import Stopwatch
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.options import Energy, Start
@@ -37,6 +37,7 @@ from sshade.progress import Progress, silent
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
 from sshade.solver.linear import Factorised
 from sshade.solver.rotations import fit_rotations
+from sshade.solver.run import Stop
 from sshade.solver.start import initial_guess
 from sshade.solver.terms.arap import Edges, Elements, Triangles, covariances, forces
 from sshade.task import DeformationResult, DeformationTask
@@ -93,7 +94,7 @@ def smooth_arap(
         raise InputError(f"smoothness={smoothness!r} is out of range; it takes a number from 0 to below 1")
     if energy not in get_args(Energy):
         raise InputError(f"unknown energy {energy!r}; use 'spokes' or 'spokes_and_rims'")
-    begin = perf_counter()
+    watch = Stopwatch()
     mesh, handles = task.mesh, task.handles
     handles.require_hard("Smooth ARAP")
     u = initial_guess(task, start)
@@ -109,7 +110,7 @@ def smooth_arap(
         )
     else:
         elements = Triangles(mesh.F.astype(np.uint32), mesh.V, h)
-    precomputed = perf_counter()
+    watch.end("precompute")
 
     R, B = np.empty((mesh.n, 9)), np.empty((mesh.n, 3))
     Q = np.tile([1.0, 0.0, 0.0, 0.0], (mesh.n, 1))
@@ -121,23 +122,10 @@ def smooth_arap(
         linear.solve(blend @ B, out)
         out += u
 
-    residuals = iterate(
-        advance,
-        u,
-        scale=mesh.diagonal,
-        tolerance=tolerance,
-        max_iterations=max_iterations,
-        progress=progress,
-    )
-    return iterated(
-        u,
-        residuals,
-        tolerance=tolerance,
-        seconds={"precompute": precomputed - begin, "solve": perf_counter() - precomputed},
-        extra={
-            "rotations": R.reshape(-1, 3, 3),
-        },
-    )
+    stop = Stop(tolerance, max_iterations)
+    done = iterate(advance, u, stop, diagonal=mesh.diagonal, progress=progress)
+    watch.end("solve")
+    return iterated(u, done, watch.seconds, rotations=R.reshape(-1, 3, 3))
 
 
 def blending_matrix(mesh: Mesh, laplacian: csr_array, smoothness: float) -> csr_array:

@@ -19,14 +19,13 @@ animation", IEEE TVCG 21(2), 2015.
 
 from __future__ import annotations
 
-from time import perf_counter
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from baselines.arap_sr.anderson import Anderson
 from baselines.arap_sr.smooth_rotations import Cells, band_position, largest_turn, matrices, vertex_colours
-from baselines.global_step import Plain, iterated
+from baselines.iteration import Plain, iterated
+from baselines.stopwatch import Stopwatch
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
@@ -109,7 +108,7 @@ def arap_sr(
     """
     if not 0 <= alpha < np.inf:
         raise InputError(f"alpha={alpha!r} is no weight; it takes a number from 0")
-    begin = perf_counter()
+    watch = Stopwatch()
     mesh, handles = task.mesh, task.handles
     handles.require_hard("ARAP-SR")
     U = initial_guess(task, start)
@@ -121,23 +120,16 @@ def arap_sr(
     position[order] = np.arange(mesh.n)
     cells = Cells(Mesh(mesh.V[order], position[mesh.F]), alpha=alpha, clamp=clamp, colour=colour[order])
     linear = Factorised(cells.laplacian, position[handles.index])
-    precomputed = perf_counter()
+    watch.end("precompute")
 
     state = _State(cells, linear, R0, U[order], accelerate=accelerate, diagonal=mesh.diagonal)
     if task.guess is not None:
         cells.fit(state.u, state.Q, state.R, smooth=False)
     done = run(state, Stop(tolerance, max_iterations), progress=progress)
-    return iterated(
-        state.u[position],
-        done.residual_curve,
-        tolerance=tolerance,
-        seconds={"precompute": precomputed - begin, "solve": perf_counter() - precomputed},
-        extra={
-            "rotations": state.R.reshape(-1, 3, 3)[position],
-            "restarts": state.restarts,
-            "colours": int(colour.max()) + 1,
-        },
-    )
+    watch.end("solve")
+    facts = {"restarts": state.restarts, "colours": int(colour.max()) + 1}
+    rotations = state.R.reshape(-1, 3, 3)[position]
+    return iterated(state.u[position], done, watch.seconds, rotations=rotations, **facts)
 
 
 class _State(Plain):

@@ -19,13 +19,12 @@ deformation for shape manipulation", 2007.
 
 from __future__ import annotations
 
-from time import perf_counter
-
 import numpy as np
 from numba import njit
 
 from baselines.deformation_graph.node_graph import NodeGraph, bind_to_nodes, node_graph
-from baselines.global_step import iterate, iterated
+from baselines.iteration import iterate, iterated
+from baselines.stopwatch import Stopwatch
 from sshade.errors import InputError
 from sshade.mesh.adjacency import vertex_graph
 from sshade.options import Start
@@ -36,6 +35,7 @@ from sshade.sampling.fronts import farthest_point_sampling
 from sshade.solver.cotangents import laplacian_matrix
 from sshade.solver.linear import Factorised
 from sshade.solver.rotations import fit_rotations
+from sshade.solver.run import Stop
 from sshade.solver.start import initial_guess
 from sshade.solver.terms.arap import Edges, covariances, forces
 from sshade.task import DeformationResult, DeformationTask
@@ -90,7 +90,7 @@ def deformation_graph(
     """
     if blended < 1:
         raise InputError(f"{blended} blended nodes were asked for; a vertex must follow at least one")
-    begin = perf_counter()
+    watch = Stopwatch()
     mesh, handles = task.mesh, task.handles
     handles.require_hard("the deformation graph")
     graph = vertex_graph(mesh)
@@ -100,56 +100,42 @@ def deformation_graph(
         return all_on_targets(task)
     fronts = farthest_point_sampling(regions.metric, nodes, first=regions.first)
     handle = regions.number[fronts.samples]
-    held = np.flatnonzero(handle >= 0)
+    fixed = np.flatnonzero(handle >= 0)
     coarse = node_graph(mesh, fronts)
     bound = bind_to_nodes(graph, fronts, edges=coarse.edges, blended=blended)
-    precomputed = perf_counter()
+    watch.end("precompute")
 
     q = initial_guess(task, start)[fronts.samples]
-    solver = _NodeSolver(coarse, held=held)
-    residuals = iterate(
-        solver.advance,
-        q,
-        scale=mesh.diagonal,
-        tolerance=tolerance,
-        max_iterations=max_iterations,
-        progress=progress,
-    )
+    solver = _NodeSolver(coarse, fixed=fixed)
+    stop = Stop(tolerance, max_iterations)
+    done = iterate(solver.advance, q, stop, diagonal=mesh.diagonal, progress=progress)
     R = solver.rotations(q)
-    solved = perf_counter()
+    watch.end("solve")
 
     V = np.empty((mesh.n, 3))
     _blend(mesh.V, bound.node, bound.weight, coarse.P, q, R, V)
     missed = np.linalg.norm(V[handles.index] - handles.target, axis=1)
     V = regions.on_targets(V, handles)
     V[handles.index] = handles.target
-    return iterated(
-        V,
-        residuals,
-        tolerance=tolerance,
-        seconds={
-            "precompute": precomputed - begin,
-            "solve": solved - precomputed,
-            "carry": perf_counter() - solved,
-        },
-        extra={
-            "handle_before": float(missed.mean()) / mesh.diagonal,
-            "nodes": len(q),
-            "edges": len(coarse.edges),
-        },
-    )
+    watch.end("carry")
+    facts = {
+        "handle_before": float(missed.mean()) / mesh.diagonal,
+        "nodes": len(q),
+        "edges": len(coarse.edges),
+    }
+    return iterated(V, done, watch.seconds, **facts)
 
 
 class _NodeSolver:
     """Local and global steps on a node graph."""
 
-    def __init__(self, coarse: NodeGraph, *, held: np.ndarray) -> None:
+    def __init__(self, coarse: NodeGraph, *, fixed: np.ndarray) -> None:
         k, edges = len(coarse.P), coarse.edges
         weights = np.ones(len(edges))
         Y = np.ascontiguousarray((coarse.P[edges[:, 0]] - coarse.P[edges[:, 1]])[:, None])
         self._elements = Edges(edges.astype(np.int32), Y, weights[:, None])
         self._Q, self._R, self._B = np.tile([1.0, 0.0, 0.0, 0.0], (k, 1)), np.empty((k, 9)), np.empty((k, 3))
-        self._linear = Factorised(laplacian_matrix(k, edges, weights), held)
+        self._linear = Factorised(laplacian_matrix(k, edges, weights), fixed)
 
     def rotations(self, q: np.ndarray) -> np.ndarray:
         """(k, 9) the local step at q."""

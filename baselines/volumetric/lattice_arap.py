@@ -21,7 +21,7 @@ from typing import Literal, get_args
 import numpy as np
 from scipy.sparse import csc_array
 
-from baselines.global_step import iterate, iterated
+from baselines.iteration import iterate, iterated
 from baselines.start_motion import start_motion
 from baselines.stopwatch import Stopwatch
 from baselines.volumetric.lattice import lattice
@@ -32,6 +32,7 @@ from sshade.progress import Progress, silent
 from sshade.solver.cotangents import laplacian_matrix
 from sshade.solver.factorisation import Factorisation
 from sshade.solver.rotations import fit_rotations
+from sshade.solver.run import Stop
 from sshade.solver.terms.arap import Edges, covariances, forces
 from sshade.task import DeformationResult, DeformationTask
 
@@ -118,14 +119,8 @@ def lattice_arap(
         forces(elements, q, R, B, 0, p)
         out[:] = q + factor.solve(B + pull * (C.T @ (handles.target - C @ q)))
 
-    residuals = iterate(
-        advance,
-        q,
-        scale=mesh.diagonal,
-        tolerance=tolerance,
-        max_iterations=max_iterations,
-        progress=progress,
-    )
+    stop = Stop(tolerance, max_iterations)
+    done = iterate(advance, q, stop, diagonal=mesh.diagonal, progress=progress)
     watch.end("solve")
     V = grid.carry @ q
     if carry == "motions":
@@ -138,10 +133,4 @@ def lattice_arap(
         V = np.einsum("vij,vj->vi", blended, mesh.V) + grid.carry @ shifts
     V, facts = on_targets(mesh, handles, V, nodes=p)
     watch.end("carry")
-    return iterated(
-        V,
-        residuals,
-        tolerance=tolerance,
-        seconds=watch.seconds,
-        extra={**facts, "nodes": p, "cubes": len(grid.cubes)},
-    )
+    return iterated(V, done, watch.seconds, **facts, nodes=p, cubes=len(grid.cubes))

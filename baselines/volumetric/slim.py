@@ -16,7 +16,7 @@ from typing import Unpack
 
 import numpy as np
 
-from baselines.global_step import iterate, iterated
+from baselines.iteration import iterate, iterated
 from baselines.start_motion import start_motion
 from baselines.stopwatch import Stopwatch
 from baselines.volumetric.coarse_tetrahedra import TetrahedraOptions, coarse_tetrahedra
@@ -24,6 +24,7 @@ from baselines.volumetric.node_handles import handle_error, node_handles, rigid_
 from sshade.errors import InputError
 from sshade.options import Start
 from sshade.progress import Progress, silent
+from sshade.solver.run import Stop
 from sshade.task import DeformationResult, DeformationTask
 
 
@@ -102,27 +103,12 @@ def slim(
     def advance(_: np.ndarray, out: np.ndarray) -> None:
         out[:] = igl.slim_solve(data, 1)
 
-    residuals = iterate(
-        advance,
-        u,
-        scale=1.0,
-        tolerance=tolerance,
-        max_iterations=max_iterations,
-        progress=progress,
-    )
+    stop = Stop(tolerance, max_iterations)
+    done = iterate(advance, u, stop, diagonal=1.0, progress=progress)
     watch.end("solve")
     nodes = u * scale + centre
     V = tetrahedra.carry @ nodes
     inverted = np.linalg.det(nodes[tetrahedra.T[:, 1:]] - nodes[tetrahedra.T[:, :1]]) <= 0
     watch.end("carry")
-    return iterated(
-        V,
-        residuals,
-        tolerance=tolerance,
-        seconds=watch.seconds,
-        extra={
-            **tetrahedra.facts(),
-            "inverted": int(inverted.sum()),
-            "handle_error": handle_error(mesh, handles, V),
-        },
-    )
+    facts = {"inverted": int(inverted.sum()), "handle_error": handle_error(mesh, handles, V)}
+    return iterated(V, done, watch.seconds, **tetrahedra.facts(), **facts)

@@ -15,13 +15,14 @@ from typing import Unpack
 import numpy as np
 
 from baselines.arap import libigl_iteration
-from baselines.global_step import iterate, iterated
+from baselines.iteration import iterate, iterated
 from baselines.start_motion import start_motion
 from baselines.stopwatch import Stopwatch
 from baselines.volumetric.coarse_tetrahedra import TetrahedraOptions, coarse_tetrahedra
 from baselines.volumetric.node_handles import node_handles, on_targets, rigid_parts
 from sshade.options import Start
 from sshade.progress import Progress, silent
+from sshade.solver.run import Stop
 from sshade.task import DeformationResult, DeformationTask
 
 
@@ -76,21 +77,9 @@ def tetrahedral_arap(
     watch.end("precompute")
     u = tetrahedra.V @ R.T + t
     u[fixed.index] = fixed.target
-    residuals = iterate(
-        advance,
-        u,
-        scale=mesh.diagonal,
-        tolerance=tolerance,
-        max_iterations=max_iterations,
-        progress=progress,
-    )
+    stop = Stop(tolerance, max_iterations)
+    done = iterate(advance, u, stop, diagonal=mesh.diagonal, progress=progress)
     watch.end("solve")
     V, facts = on_targets(mesh, handles, tetrahedra.carry @ u, nodes=len(u))
     watch.end("carry")
-    return iterated(
-        V,
-        residuals,
-        tolerance=tolerance,
-        seconds=watch.seconds,
-        extra={**tetrahedra.facts(), **facts},
-    )
+    return iterated(V, done, watch.seconds, **tetrahedra.facts(), **facts)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from baselines.global_step import Plain, iterate
+from baselines.iteration import Plain, iterate
 from sshade.progress import silent
 from sshade.solver.run import REPORT_EVERY, Stop, run
 
 
 def iterated(advance, u, **changes):
-    values = {"scale": 2.0, "tolerance": 1e-3, "max_iterations": 50, "progress": silent}
-    return iterate(advance, u, **{**values, **changes})
+    stop = Stop(changes.pop("tolerance", 1e-3), changes.pop("max_iterations", 50))
+    return iterate(advance, u, stop, **{"diagonal": 2.0, "progress": silent} | changes).residual_curve
 
 
 def halve(u, out):
