@@ -2,7 +2,7 @@
 
 Two parts of the paper's method can be replaced: where handles go on the proxy, and where vertices go on it.
 ReMatching's map U takes the nearest point of the whole proxy, in place of P (:mod:`sshade.carry.projection`).
-Where two parts of the surface nearly touch, U takes vertices across to the wrong one.
+Where two parts of the surface nearly touch, U takes vertices across to the wrong part.
 
 F. Maggioli, D. Baieri, S. Melzi, E. Rodola, "ReMatching: low-resolution representations for
 scalable shape correspondence", 2024.
@@ -137,7 +137,7 @@ def fast_without(
 
 
 def project_to_surface(V: np.ndarray, proxy: Mesh, sampling: Sampling) -> Projection:
-    """U: the nearest point of all of N.
+    """U: the nearest point of the whole proxy N.
 
     Parameters
     ----------
@@ -157,9 +157,9 @@ def project_to_surface(V: np.ndarray, proxy: Mesh, sampling: Sampling) -> Projec
 
 
 def cross_part(projection: Projection, proxy: Mesh, sampling: Sampling) -> np.ndarray:
-    """Vertices that a projection takes to another part of the surface than their own.
+    """Find vertices that a projection takes to another part of the surface.
 
-    Those for which the way along edges of N, from the vertex's sample to the
+    For such a vertex the way along edges of N, from the vertex's sample to the
     nearest corner of its triangle, is longer than :data:`FAR` covering radii: the covering radius
     is the largest graph distance of a vertex of M to its sample.
     N has the topology of M, so there is no short way from an arm to the torso

@@ -3,7 +3,7 @@
 F. Maggioli, D. Baieri, Z. Laehner, S. Melzi, "SShaDe: scalable shape
 deformation via local representations".
 
-Names are imported at their first use, so that what needs few of them starts at once.
+Names are imported at their first use, so that the package loads quickly.
 """
 
 from importlib import import_module

@@ -1,7 +1,7 @@
 """Every option of the methods once: its type, unit, default, range, and effect.
 
 Validation, ``--help``, the reference page and the columns of result rows are all made from :class:`Options`.
-:data:`PRESETS` lists the five methods as values of these options.
+:data:`PRESETS` has the values for each of the five methods.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def _option(default: Any, values: str, methods: tuple[str, ...] = (*PAPER, *FAST
 
 @dataclass(frozen=True)
 class Options:
-    """The options of a method. The defaults are those of the paper, with the published energy.
+    """The options of a method. By default: the paper's settings with the published energy.
 
     None stands for the method's own value wherever options are passed.
 
@@ -95,20 +95,20 @@ class Options:
         Method that deforms the proxy in place of our solver. The options of energy and iteration are then
         that method's own.
     warm_start : bool
-        Start later proxies from the result of the first one. That takes fewer iterations, and all of them end
-        in one local minimum.
+        Start later proxies from the result of the first proxy. Fewer iterations are needed, and all results
+        are in the same local minimum.
     proxy_attachment : float
-        `attachment` of the proxy; `attachment` itself is that of the polish.
+        Weight of the attachment on the proxy; `attachment` applies to the polish alone.
     proxy_stiffness : float
-        `stiffness` of the proxy; `stiffness` itself is that of the polish.
+        Fraction of stiffness at large strain on the proxy; `stiffness` applies to the polish alone.
     polish_iterations : int
         Largest number of iterations at full resolution. A larger number removes more traces of the proxy.
     polish_seconds : float, optional
         Largest time of the polish in seconds, for all components together. The result then depends on the
         machine.
     accelerate, coarser_start, polish : bool
-        What tells the methods apart: quasi-Newton steps instead of plain iterations, the proxy solve
-        initialised on a coarser proxy, a second solve at full resolution.
+        Fixed for each method: quasi-Newton steps instead of plain iterations, a proxy solve initialised on a
+        coarser proxy, and a second solve at full resolution.
     """
 
     vertices: int = _option(6000, "[1, inf)")
@@ -144,7 +144,7 @@ class Options:
         return {name: getattr(self, name) for name in names}
 
     def of_proxy(self) -> Options:
-        """Return the options of the proxy solve: those of ``fine`` differ from the polish."""
+        """Return the options of the proxy solve, which in ``fine`` differ from the options of the polish."""
         if not self.polish:
             return self
         energy: dict[str, Any] = {"attachment": self.proxy_attachment, "stiffness": self.proxy_stiffness}
@@ -180,7 +180,7 @@ _FAST = Options(
     coarser_start=True,
 )
 # The polish attaches less, so that it stretches less. Half of the attachment on the proxy finds local minima
-# nearer to the ground truth. Fine triangles crease where those of a proxy cannot: hence the strain limit. An
+# nearer to the ground truth. Fine triangles can crease, and proxies cannot: hence the strain limit. An
 # area weight of 1 leaves an error of half a percent and changes edges and angles a twentieth less than inf.
 _FINE = replace(
     _FAST,
@@ -223,12 +223,12 @@ OLD_METHODS = {
 
 
 class Option(NamedTuple):
-    """What an option means, which values and which methods take it.
+    """The meaning of an option, its valid values, and the methods that take it.
 
     Attributes
     ----------
     kind : str
-        Type: "int", "float", "bool" or another.
+        Type: "int", "float", "bool" or any.
     interval, choices : str, tuple of str
         Valid numbers or names.
     methods : tuple of str
@@ -296,7 +296,7 @@ def described() -> Mapping[str, Option]:
 
 
 def require_method(name: str, methods: Collection[str] = tuple(PRESETS)) -> str:
-    """Return the name of a method, and raise InputError on a name that is none of `methods`."""
+    """Return the name of a method, and raise InputError on a name outside `methods`."""
     if name in methods:
         return name
     if new := OLD_METHODS.get(name):
@@ -347,7 +347,7 @@ def checked(values: Mapping[str, Any], names: Collection[str], *, subject: str) 
 
 
 def complete(values: Mapping[str, Any], names: Collection[str] = SOLVER) -> Options:
-    """Return options of a solver: `values`, and the published energy for the others.
+    """Return the options of a solver: `values`, completed by the published energy.
 
     Raises
     ------
@@ -399,7 +399,7 @@ def takes_options(
     Parameters
     ----------
     names : collection of str, or callable
-        A callable returns the names for the other parameters, where they depend on them.
+        A callable computes the names from the other parameters.
     task : type, optional
         Kind of task that the function takes, where its signature does not say so.
     """

@@ -1,4 +1,4 @@
-"""What goes into a deformation method and what comes out of it."""
+"""Input and output of deformation methods."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ class DeformationTask:
         Rest shape M.
     handles : Handles
     truth : (n, 3) float64, optional
-        The true deformed positions, where they are known.
+        Ground truth: the true deformed positions, if known.
     guess : (n, 3) float64, optional
-        A shape for iterative methods to begin from, whatever their `start`.
+        Shape in which iterative methods start, in place of their option `start`.
     meta : mapping
-        Flat facts for the row of a table (subject, pose, ...).
+        Plain values for the row of a table (subject, pose, ...).
     carry_unconstrained : bool
-        Components without handles are to move rigidly with the nearest one, as eyes with a head.
-        The methods of this package do that, others may fail on them.
+        Move components without handles rigidly with the nearest component, as eyes with a head. The methods
+        of this package support it; others may fail.
 
     Raises
     ------
     InputError
-        When a handle is no vertex of the mesh, a component has no handle and is not to be carried, or
-        `truth` or `guess` have another shape than the vertices.
+        When a handle is no vertex of the mesh, a component has no handle without `carry_unconstrained`, or
+        `truth` or `guess` differ in shape from the vertices.
     """
 
     name: str
@@ -68,7 +68,7 @@ class TransferTask:
     ----------
     name : str
     mesh : Mesh
-        S, the edited shape at rest: what is to be deformed.
+        S, the edited shape at rest, to be deformed.
     rest : Mesh
         M, with the faces of S.
     posed : (n, 3) float64
@@ -101,7 +101,7 @@ class TransferTask:
 
 @dataclass(frozen=True, eq=False)
 class DeformationResult:
-    """Deformed vertices and how they came about.
+    """Deformed vertices, and a record of the computation.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ class DeformationResult:
         Wall-clock time of each stage.
     extra : mapping
         Further flat facts for the row (last residual, counts, ...), and
-        arrays: those named ``*_curve``, a line a step, are kept with the run.
+        arrays. Arrays named ``*_curve``, with a row a step, are stored with the run.
 
     Raises
     ------

@@ -1,17 +1,17 @@
 """Meshes of several components, or that are not manifold: deformed component by component.
 
-The engine needs a connected, oriented manifold. Any other mesh is cut into an oriented manifold
-(:mod:`sshade.mesh.cutting`). Its components are deformed one after the other: components with handles first,
-larger ones first. Where cutting made copies of a vertex, the later component fixes its copy at the position
-in the earlier one, so that all fit together again. A component of the mesh without handles is unconstrained:
-a task refuses it, or says that it follows the nearest component rigidly.
+The engine needs a connected, oriented manifold. Other meshes are cut into an oriented manifold
+(:mod:`sshade.mesh.cutting`). The components are deformed in turn: components with handles first, larger
+components first. Where cutting made copies of a vertex, a later component fixes its copy at the position in
+the earlier component, so that the components fit together again. A component without handles is
+unconstrained: a task refuses it, or lets it follow the nearest component rigidly.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -30,6 +30,8 @@ from sshade.task import DeformationResult, DeformationTask, Handles
 
 #: Number of vertices of the nearest component whose motion a vertex of an unconstrained component follows.
 NEAREST = 8
+#: Deforms a connected, oriented manifold: ``deform(task, progress=, **changes)``, with some options changed.
+DeformComponent = Callable[..., DeformationResult]
 #: How the facts of components are combined into a fact of the whole; other facts are dropped.
 FACTS: dict[str, Callable[[Any], Any]] = {
     "samples": sum,
@@ -40,20 +42,13 @@ FACTS: dict[str, Callable[[Any], Any]] = {
 }
 
 
-class DeformComponent(Protocol):
-    """Deforms a connected, oriented manifold."""
-
-    def __call__(self, task: DeformationTask, *, progress: Progress, **changes: Any) -> DeformationResult:
-        """Deform with some options changed."""
-
-
 def by_components(
     task: DeformationTask, deform: DeformComponent, options: Options, *, progress: Progress
 ) -> DeformationResult:
     """Extend a method for connected, oriented manifolds to all meshes.
 
-    On a connected, oriented manifold the result is that of `deform`. Any other mesh is cut, and each
-    component is deformed with its own handles. Unconstrained components move rigidly with the
+    A connected, oriented manifold is passed to `deform`. Other meshes are cut, and each component is deformed
+    with its handles. Unconstrained components move rigidly with the
     :data:`NEAREST` vertices of the nearest component.
 
     Parameters
@@ -61,9 +56,9 @@ def by_components(
     task : DeformationTask
     deform : callable
     options : Options
-        The number of proxy vertices is that of all components together, distributed by area. Each component
-        has a quarter of its own vertices at most, and at least its handles and a few more: see
-        :func:`sshade.pipeline.proxies.proxy_vertices`. `polish_seconds`, too, is for all components.
+        `vertices` and `polish_seconds` are totals, distributed over components by area. A component with n
+        vertices has at most n / 4 proxy vertices, and at least its handles and a few more: see
+        :func:`sshade.pipeline.proxies.proxy_vertices`.
     progress : Progress
 
     Returns
@@ -71,8 +66,8 @@ def by_components(
     DeformationResult
         Of a mesh that was cut, `iterations` is the mean over components. ``extra`` has the sum of
         ``proxy_vertices``, the largest ``residual``, and the numbers of deformed ``components``, of
-        ``unconstrained`` ones, of removed ``duplicates`` of faces, of ``copies`` of vertices, and of faces
-        ``turned`` to agree. ``gap`` is the largest distance between copies before they were joined, as a
+        ``unconstrained`` components, of removed ``duplicates`` of faces, of ``copies`` of vertices, and of
+        faces ``turned`` to agree. ``gap`` is the largest distance between copies before joining, as a
         fraction of the diagonal.
 
     Raises
@@ -134,16 +129,16 @@ def by_components(
 
 
 class _Components:
-    """The components of a cut mesh, and where vertices of the mesh have gone so far.
+    """The components of a cut mesh, and the positions found so far.
 
     Attributes
     ----------
     area : (c,) float64
         Of each component.
     positions : (n, 3) float64
-        Deformed; those at rest where no component with the vertex is done.
+        Deformed positions; rest positions where no component with the vertex is done.
     gap : float
-        Largest distance of a copy to the position of its vertex.
+        Largest distance of a copy from the position of its vertex.
     """
 
     def __init__(self, mesh: Mesh, cut: Cut, task: DeformationTask) -> None:
@@ -158,7 +153,7 @@ class _Components:
         self.positions, self._done, self.gap = np.array(mesh.V), np.zeros(mesh.n, dtype=bool), 0.0
 
     def order(self) -> list[int]:
-        """Components with handles, then those with copies of vertices of earlier ones; the larger first."""
+        """Return components with handles, then components joined to earlier components; larger first."""
         origin, shape = self._cut.origin, (len(self._number), len(self.area))
         copies = csr_array((np.ones(len(origin)), (origin, self._component)), shape=shape)
         beside, waiting = copies.T @ copies, copies.T @ (self._number >= 0) > 0
@@ -208,7 +203,7 @@ class _Components:
         return values
 
     def _handles_of(self, origin: np.ndarray) -> Handles:
-        """The handles of a component, then its copies of vertices that are done, fixed at their positions."""
+        """Handles of a component, then copies of finished vertices, fixed at their positions."""
         handles, number = self._handles, self._number[origin]
         with_handle = np.flatnonzero(number >= 0)
         with_handle = with_handle[np.argsort(number[with_handle], kind="stable")]
@@ -225,7 +220,7 @@ class _Components:
         )
 
     def _take_over(self, origin: np.ndarray, V: np.ndarray) -> None:
-        """The mean of the copies within a component; a vertex that is done stays."""
+        """Store the mean of the copies within a component; finished vertices stay."""
         new = ~self._done[origin]
         vertex, inverse, count = np.unique(origin[new], return_inverse=True, return_counts=True)
         mean = np.stack([np.bincount(inverse, x) for x in V[new].T], axis=1) / count[:, None]
@@ -240,12 +235,12 @@ def _renamed(progress: Progress, stage: str) -> Progress:
 
 
 def _joined(values: np.ndarray | None, number: np.ndarray, further: np.ndarray) -> np.ndarray | None:
-    """Rows `number` of optional values of handles, then further rows; None without values."""
+    """Rows `number` of optional values of handles, then `further` rows; None without values."""
     return None if values is None else np.concatenate([values[number], further])
 
 
 def _move_rigidly(mesh: Mesh, positions: np.ndarray, unconstrained: np.ndarray) -> None:
-    """Move each unconstrained component as the vertices close to it of the nearest other one."""
+    """Move each unconstrained component rigidly with the closest vertices of its nearest component."""
     from scipy.spatial import cKDTree
 
     vertices = members(mesh.component, mesh.topology.components)

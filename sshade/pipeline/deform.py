@@ -1,4 +1,4 @@
-"""Deform arrays, a mesh of this package or of trimesh, or a task, by one of the methods."""
+"""Deform arrays, meshes of this package or of trimesh, and tasks."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def deform_task(
     projection: Projector = project_to_fans,
     **values: Any,
 ) -> DeformationResult:
-    """Deform the mesh of a task by one of the methods, component by component.
+    """Deform the mesh of a task, component by component.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def deform_task(
 
     asked = resolve(method, values)
     result = by_components(task, deform_component, asked, progress=progress)
-    # Components have portions of these.
+    # Components have portions of the totals.
     shared = {"vertices": asked.vertices, "polish_seconds": asked.polish_seconds}
     options = result.extra["options"]
     options |= {name: value for name, value in shared.items() if name in options}
@@ -135,11 +135,11 @@ def deform(
         the default, is a hard handle. 1 is about as strong as the surface, at any size and resolution: see
         :class:`sshade.Handles`.
     rotations : (k, 3, 3) or (3, 3) float64, optional
-        Rotation of the surface at the handles, or at all of them; NaN where open. A vertex turns the surface
-        that is nearer to it than to other vertices of the proxy.
+        Rotation of the surface at each handle, or one rotation for all; NaN where open. A vertex turns the
+        surface that is nearer to it than to other vertices of the proxy.
     carry_unconstrained : bool
-        Move components without a handle rigidly with the nearest one, instead of refusing them. A task has
-        weights, rotations and this flag itself.
+        Move components without a handle rigidly with the nearest component, instead of refusing them. A task
+        has weights, rotations and this flag itself.
     **options
         The options of the method, ``seed`` and ``workers`` among them: see :class:`sshade.options.Options`;
         and ``progress``, a :class:`sshade.progress.Progress`.
@@ -148,7 +148,7 @@ def deform(
     -------
     (n, 3) float64, mesh or DeformationResult
         ``seconds`` of a result are summed over samplings, which overlap in time, as do ``bind`` and
-        ``solve``. ``iterations`` is the mean over samplings, or those of the polish. ``extra`` has the
+        ``solve``. ``iterations`` is the mean over samplings, or the number in the polish. ``extra`` has the
         resolved ``options``, the ``samples`` of each proxy, the ``faces_without_area`` of the mesh, the
         largest ``residual``, the number of ``degenerate_frames``, and facts of the proxies: ``proxy_energy``,
         ``proxy_volume_error`` and others. Facts of several components: see

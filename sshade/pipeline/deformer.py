@@ -30,8 +30,8 @@ class Deformer:
 
     Sampling, projection, frames and factorisation are made once. The first call deforms as
     :func:`sshade.deform` does. Each later call starts where the last one ended, so that small moves of the
-    handles take a few iterations. :meth:`settle` then converges to the minimum. It may be another local
-    minimum than that of the first call; :meth:`reset` forgets the last shape.
+    handles take a few iterations. :meth:`settle` then converges to the minimum. After a drag,
+    the local minimum may differ from the minimum of a first call; :meth:`reset` forgets the last shape.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class Deformer:
     index : (h,) int
         Handle vertices, each once. Their targets come with each call, in this order.
     group : (h,) int, optional
-        Landmark of each handle, see :class:`sshade.Handles`; by default one for all.
+        Landmark of each handle, see :class:`sshade.Handles`; by default all handles have the same.
     weight : (h,) float64 or float
         Of soft handles, see :class:`sshade.Handles`; by default inf, which is a hard handle.
     method : {"fast", "paper"}
@@ -98,13 +98,14 @@ class Deformer:
         # Its threads stay: to begin and end them takes some tenths of a millisecond.
         self._team = ThreadTeam(engine.proxies.carriers)
 
-        def bind(number: int) -> tuple[BoundProxy, Drag]:
+        def bind(number: int) -> BoundProxy:
             with ThreadPoolExecutor(max_workers=1) as pool:
-                bound = engine.bind(number, pool)
-                drag = Drag(bound.proxy, bound.place(self._rest), self._options)
-            bound.binding  # noqa: B018 - raises what binding raised
+                bound = engine.bind(
+                    number, pool, lambda proxy, _, place: Drag(proxy, place(self._rest), self._options)
+                )
+            bound.binding  # noqa: B018 - raises errors of the binding
             progress("binding", number + 1, engine.proxies.samplings)
-            return bound, drag
+            return bound
 
         samplings = 0 if engine.regions.covered else engine.proxies.samplings
         self._proxies = in_threads(bind, samplings, workers=engine.proxies.workers)
@@ -117,7 +118,7 @@ class Deformer:
     @property
     def bindings(self) -> list[Binding]:
         """The bindings of M to its proxies."""
-        return [bound.binding for bound, _ in self._proxies]
+        return [bound.binding for bound in self._proxies]
 
     def rebind_handles(
         self, index: np.ndarray, *, group: np.ndarray | None = None, weight: np.ndarray | float = inf
@@ -145,9 +146,9 @@ class Deformer:
         if not self._proxies:
             raise InputError("all vertices were handles when the mesh was bound; make another Deformer")
         proxies = []
-        for bound, drag in self._proxies:
+        for bound in self._proxies:
             place = NearestPlacement(self.mesh, bound.proxy, rest)
-            proxies.append((bound.placing(place), drag.with_handles(place.rest)))
+            proxies.append(replace(bound, place=place, solver=bound.solver.with_handles(place.rest)))
         regions = self._engine.regions_of(rest)
         self._rest, self._proxies, self._regions, self._last_handles = rest, proxies, regions, None
 
@@ -169,13 +170,15 @@ class Deformer:
         kept = {name: value for name, value in self._values.items() if name not in energy}
         self._values = {**kept, **values}
         self._options = self._resolved()
-        for _, drag in self._proxies:
-            drag.change(self._options)
+        for bound in self._proxies:
+            bound.solver.change(self._options)
+            bound.volume_goal = 1.0
 
     def reset(self) -> None:
         """Forget the last shape: the next call starts as the method does."""
-        for _, drag in self._proxies:
-            drag.reset()
+        for bound in self._proxies:
+            bound.solver.reset()
+            bound.volume_goal = 1.0
 
     def __call__(
         self,
@@ -196,7 +199,7 @@ class Deformer:
             Of the handles, NaN where open; see :class:`sshade.Handles`. A handle that has its first rotation
             makes a new factorisation of the proxy.
         tolerance, max_iterations : optional
-            By default those of the options. A few iterations keep a drag fluid; the next call continues.
+            By default as in the options. A few iterations keep a drag fluid; the next call continues.
         out : (n, 3) float64, C-contiguous, optional
             Takes the vertices, and saves a large array a call. The result then has this array.
 
@@ -212,8 +215,9 @@ class Deformer:
     def settle(self, *, tolerance: float | None = None, out: np.ndarray | None = None) -> DeformationResult:
         """Converge to the minimum for the last call's targets, at the end of a drag.
 
-        A residual is one step, and a drag lags a few hundred steps behind. At the method's tolerance these
-        are up to some thousandths of the diagonal, at a hundredth of the tolerance less than one.
+        A drag lags a few hundred steps behind, and the residual is the length of one step. At the method's
+        tolerance the shape is up to some thousandths of the diagonal from the minimum, at a hundredth of the
+        tolerance less than a thousandth.
 
         Parameters
         ----------
@@ -224,7 +228,7 @@ class Deformer:
         Raises
         ------
         InputError
-            Where these handles had no targets yet.
+            Where the handles had no targets yet.
         """
         if self._last_handles is None:
             raise InputError(
@@ -265,9 +269,9 @@ class Deformer:
         handles = self._last_handles = self._rest.at(targets, rotations)
         if self._regions.covered:
             raise InputError("all vertices are handles: there is no proxy")
-        bound, drag = self._proxies[0]
         stop = self._stopping(tolerance, max_iterations).subset(("tolerance", "max_iterations"))
-        return replace(bound.solve(handles, drag, **stop), seconds={"solve": perf_counter() - begin})
+        solved = self._proxies[0].solve(handles, **stop)
+        return replace(solved, seconds={"solve": perf_counter() - begin})
 
     def _resolved(self) -> Options:
         return resolve(self._method, self._values, regions=self._regional)
@@ -289,16 +293,9 @@ class Deformer:
             alone = len(self._proxies) == 1
 
             def deform(number: int) -> DeformationResult:
-                bound, drag = self._proxies[number]
-                return bound.deform(
-                    handles,
-                    self._regions,
-                    drag,
-                    options,
-                    again=settle or drag.at_start,
-                    team=self._team,
-                    out=out if alone else None,
-                )
+                bound, into = self._proxies[number], out if alone else None
+                again = settle or bound.solver.at_start
+                return bound.deform(handles, self._regions, options, again=again, team=self._team, out=into)
 
             result = self._engine.average(deform, handles, self._regions, options)
         if out is None or result.vertices is out:

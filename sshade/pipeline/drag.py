@@ -33,11 +33,6 @@ class Drag:
     handles : Handles
         On N, at rest.
     options : Options
-
-    Attributes
-    ----------
-    volume_goal : float
-        Volume to keep, as a multiple of N's volume at rest.
     """
 
     def __init__(self, proxy: Mesh, handles: Handles, options: Options) -> None:
@@ -58,11 +53,10 @@ class Drag:
         """Forget the last solve."""
         self._following: Following | None = None
         self._last: tuple[np.ndarray, np.ndarray] | None = None
-        self.volume_goal = 1.0
 
     def change(self, options: Options) -> None:
         """Solve with another energy from now on, from the present shape."""
-        self._options, self._following, self.volume_goal = options, None, 1.0
+        self._options, self._following = options, None
 
     def with_handles(self, handles: Handles) -> Drag:
         """Return a solver for other handles on N, which starts at the present shape."""
@@ -75,7 +69,7 @@ class Drag:
         self._solver = self._solver.with_handles(attachment.vertex, stiffness=attachment.stiffness)
         self._attachment, self._rotated, self._following = attachment, handles.has_rotation, None
 
-    def __call__(self, handles: Handles, *, tolerance: float, max_iterations: int) -> DeformationResult:
+    def __call__(self, handles: Handles, *, volume_goal: float, **stop: Any) -> DeformationResult:
         if (handles.has_rotation & ~self._rotated).any():
             self._take(handles)
         targets, fraction = self._attachment.pulls(handles.target, handles.rotation)
@@ -85,14 +79,11 @@ class Drag:
             at = self._last[0][self._solver.index]
             self._following = Following(self._solver, *self._last, at, **energy)
         if self._following is None:
-            options = replace(self._options, tolerance=tolerance, max_iterations=max_iterations)
-            result = self._first(handles, targets, pulls, options)
+            result = self._first(handles, targets, pulls, replace(self._options, **stop))
             R = result.extra["rotations"]
             self._following = Following(self._solver, result.vertices, R, targets, **pulls, **energy)
         else:
-            stop: dict[str, Any] = {"tolerance": tolerance, "max_iterations": max_iterations}
-            goal = self.volume_goal
-            result = _result(self._following.solve(targets, **pulls, volume_goal=goal, **stop))
+            result = _result(self._following.solve(targets, **pulls, volume_goal=volume_goal, **stop))
         self._last = result.vertices, result.extra["rotations"]
         return result
 

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from math import inf
 from time import perf_counter
-from typing import Any, NamedTuple, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -37,9 +37,12 @@ MET = 1e-5
 #: Largest area weight of the guide energy.
 GUIDE_AREA = 1.0
 
-#: Gives a proxy the handles of M.
+#: Places handles of M on a proxy.
 Place = Callable[[Handles], Handles]
-#: Samples a mesh, and places handles on the proxy: ``sample(mesh, regions, seed)``.
+#: Solves a proxy for handles on it: ``solve(handles, volume_goal=, tolerance=, max_iterations=)``, where the
+#: goal is a multiple of the volume at rest. Each solve starts from the result of the last one.
+SolveProxy = Callable[..., DeformationResult]
+#: Samples a mesh: ``sample(mesh, regions, seed)``.
 Sampler = Callable[[Mesh, HandleRegions, tuple[int, int]], tuple[Sampling, Place]]
 
 
@@ -55,48 +58,6 @@ def sample_with_handles(mesh: Mesh, regions: HandleRegions, seed: tuple[int, int
     sampling, number = regions.sample(seed)
     on = np.flatnonzero(number >= 0)
     return sampling, lambda handles: handles.sampled(number[on], on, mesh.V)
-
-
-class ProxySolver(Protocol):
-    """Solves one proxy, each time from the result of the last solve."""
-
-    #: Volume to keep, as a multiple of the proxy's volume at rest.
-    volume_goal: float
-
-    def __call__(self, handles: Handles, *, tolerance: float, max_iterations: int) -> DeformationResult:
-        """Deform N for handles on N at their targets."""
-
-
-class SingleSolve:
-    """Solves a proxy for targets that are known from the beginning.
-
-    Parameters
-    ----------
-    proxy : Mesh
-    options : Options
-        With a `coarse` method, that method solves.
-    name : str
-        Of the task, for logs.
-    guess : (k, 3) float64, optional
-        Where the first solve starts instead of at ``options.start``.
-    progress : Progress
-    """
-
-    def __init__(
-        self, proxy: Mesh, options: Options, *, name: str, guess: np.ndarray | None, progress: Progress
-    ) -> None:
-        self._proxy, self._options, self._name, self._guess = proxy, options, name, guess
-        self._progress, self.volume_goal = progress, 1.0
-
-    def __call__(self, handles: Handles, *, tolerance: float, max_iterations: int) -> DeformationResult:
-        task = DeformationTask(self._name, self._proxy, handles, guess=self._guess)
-        context: Any = {"seed": self._options.seed, "progress": self._progress}
-        if self._options.coarse is not None:
-            return self._options.coarse(task, **context)
-        options = replace(self._options, tolerance=tolerance, max_iterations=max_iterations)
-        result = solve_proxy(task, options, volume_goal=self.volume_goal, **context)
-        self._guess = result.vertices
-        return result
 
 
 def solve_proxy(
@@ -173,19 +134,22 @@ class Engine:
         """Return the handle regions of M for other handles."""
         return HandleRegions(self._mesh, handles, vertices=self.proxies.vertices, graph=self.proxies.graph)
 
-    def bind(self, number: int, pool: ThreadPoolExecutor) -> BoundProxy:
-        """Sample a proxy; a thread of `pool` binds M to it."""
+    def bind(
+        self, number: int, pool: ThreadPoolExecutor, solver_of: Callable[[Mesh, Sampling, Place], SolveProxy]
+    ) -> BoundProxy:
+        """Sample a proxy and make its solver; a thread of `pool` binds M to the proxy meanwhile."""
         begin = perf_counter()
         sampling, place = self._sample(self._mesh, self.regions, (self.proxies.seed, number))
         seconds = perf_counter() - begin
 
-        def bound() -> Binding:
+        def bind() -> Binding:
             frames = self.proxies.frames
             binding = bind_proxy(self._mesh, sampling, frames=frames, projection=self._projection)
             self.regions.prepare()
             return binding
 
-        return BoundProxy(proxy_mesh(self._mesh, sampling), sampling, place, pool.submit(bound), seconds)
+        bound, proxy = pool.submit(bind), proxy_mesh(self._mesh, sampling)
+        return BoundProxy(proxy, sampling, place, solver_of(proxy, sampling, place), bound, seconds)
 
     def average(
         self,
@@ -208,54 +172,38 @@ def corrects_volume(options: Options) -> bool:
     return options.volume == inf and options.coarse is None
 
 
-class _Carried(NamedTuple):
-    """N' as solved, M' (n, 3) carried with it, degenerate frames, and the volume deficit of M'."""
-
-    solved: DeformationResult
-    V: np.ndarray
-    degenerate: int
-    deficit: float
-
-    @property
-    def exact(self) -> bool:
-        """Whether N' has its volume exactly."""
-        return self.solved.extra.get("volume_constraint") == "exact"
-
-
+@dataclass
 class BoundProxy:
-    """A proxy N of a mesh M, and the binding of M to N.
+    """A proxy N of a mesh M, its solver, and the binding of M to N.
 
     Parameters
     ----------
     proxy : Mesh
     sampling : Sampling
     place : callable
-        Gives N the handles of M. Its attribute `learn`, if any, is told where handles missed their targets.
-    binding : Future of Binding
-    seconds : float
-        Time of the sampling.
+        Its method `learn`, if any, is told where handles missed their targets.
+    solver : callable
+        A :data:`SolveProxy`; that of a Deformer is a :class:`sshade.pipeline.drag.Drag`.
+    bound : Future of Binding
+    sampling_seconds : float
+    volume_goal : float
+        Volume of N', as a multiple of the volume of N, with which M' has the volume of M.
     """
 
-    def __init__(
-        self, proxy: Mesh, sampling: Sampling, place: Place, binding: Future[Binding], seconds: float
-    ) -> None:
-        self.proxy, self.sampling, self.place, self._seconds = proxy, sampling, place, seconds
-        self._binding = binding
+    proxy: Mesh
+    sampling: Sampling
+    place: Place
+    solver: Any
+    bound: Future[Binding]
+    sampling_seconds: float
+    volume_goal: float = 1.0
 
     @property
     def binding(self) -> Binding:
         """The binding of M, once it is made."""
-        return self._binding.result()
+        return self.bound.result()
 
-    def seconds(self) -> dict[str, float]:
-        """Return the times of sampling and binding."""
-        return {"remesh": self._seconds, **self.binding.seconds}
-
-    def placing(self, place: Place) -> BoundProxy:
-        """Return this proxy with another placement of handles."""
-        return BoundProxy(self.proxy, self.sampling, place, self._binding, self._seconds)
-
-    def solve(self, handles: Handles, solver: ProxySolver, **stop: Any) -> DeformationResult:
+    def solve(self, handles: Handles, **stop: Any) -> DeformationResult:
         """Solve N for handles of M at their targets.
 
         Raises
@@ -266,13 +214,12 @@ class BoundProxy:
         placed = self.place(handles)
         if handles.prescribed_rotations and not placed.prescribed_rotations:
             raise InputError("no handle with a rotation is a vertex of the proxy; ask for more vertices")
-        return solver(placed, **stop)
+        return self.solver(placed, volume_goal=self.volume_goal, **stop)
 
     def deform(
         self,
         handles: Handles,
         regions: HandleRegions,
-        solver: ProxySolver,
         options: Options,
         *,
         again: bool,
@@ -290,7 +237,6 @@ class BoundProxy:
         handles : Handles
             Of M.
         regions : HandleRegions
-        solver : ProxySolver
         options : Options
             Here `tolerance` and `max_iterations` are those of all solves together.
         again : bool
@@ -300,50 +246,45 @@ class BoundProxy:
         out : (n, 3) float64, C-contiguous, optional
             Takes the carried positions.
         """
-        best: _Carried | None = None
+        error, corrects = VOLUME_ERROR * abs(regions.volume), corrects_volume(options)
         iterations, seconds = 0.0, {"solve": 0.0, "carry": 0.0}
+        best, smallest, was_exact = None, inf, False
         for _ in range(1 + VOLUME_ROUNDS if again else 1):
             begin = perf_counter()
             left = int(options.max_iterations - iterations)
-            solved = self.solve(handles, solver, tolerance=options.tolerance, max_iterations=left)
+            solved = self.solve(handles, tolerance=options.tolerance, max_iterations=left)
             seconds["solve"] += perf_counter() - begin
             iterations += solved.iterations
+            exact, R = solved.extra.get("volume_constraint") == "exact", solved.extra.get("rotations")
             binding = self.binding
             begin = perf_counter()
-            R = solved.extra.get("rotations")
             V, degenerate = binding.carry(solved.vertices, rotations=R, team=team, out=out)
-            deficit = 0.0
-            if corrects_volume(options):
-                V = regions.on_targets(V, handles)
-                deficit = regions.volume_deficit(V)
+            V = regions.on_targets(V, handles) if corrects else V
+            deficit = regions.volume_deficit(V) if corrects else 0.0
             seconds["carry"] += perf_counter() - begin
-            carried, error = _Carried(solved, V, degenerate, deficit), VOLUME_ERROR * abs(regions.volume)
-            if best is not None:
-                larger = abs(deficit) > max(abs(best.deficit), error)
-                if larger or (best.exact and not carried.exact):
-                    break
-                solved = replace(solved, extra={**best.solved.extra, **solved.extra})
-            best = carried._replace(solved=solved)
-            goal = solver.volume_goal + (deficit / self.proxy.volume if deficit else 0.0)
-            corrected = abs(deficit) <= error or not carried.exact or goal <= 0
+            if best is not None and (abs(deficit) > max(smallest, error) or (was_exact and not exact)):
+                break  # the last shape was better
+            facts = {**best[1], **solved.extra} if best is not None else dict(solved.extra)
+            best, smallest, was_exact = (V, facts, solved.converged, degenerate), abs(deficit), exact
+            goal = self.volume_goal + (deficit / self.proxy.volume if deficit else 0.0)
+            corrected = smallest <= error or not exact or goal <= 0
             if not corrected:
-                solver.volume_goal = goal
+                self.volume_goal = goal
             learn = getattr(self.place, "learn", None)
             missed = learn(handles, V) if learn else 0.0
             met = missed <= MET * binding.mesh.diagonal
             if (corrected and met) or iterations >= options.max_iterations:
                 break
         assert best is not None
-        known = best.solved.extra
+        V, known, converged, degenerate = best
         facts = {
             "proxy_vertices": self.proxy.n,
-            "degenerate_frames": best.degenerate,
+            "degenerate_frames": degenerate,
             "residual": known.get("residual", float("nan")),
             **{f"proxy_{name}": fact for name, fact in known.items() if f"proxy_{name}" in FACTS},
+            **({"energy": known["energy"]} if "energy" in known else {}),
         }
-        if "energy" in known:
-            facts["energy"] = known["energy"]
-        return DeformationResult(best.V, iterations, best.solved.converged, seconds, facts)
+        return DeformationResult(V, iterations, converged, seconds, facts)
 
 
 def deform_once(
@@ -379,35 +320,50 @@ def deform_once(
     engine = Engine(task.mesh, task.handles, options, sample=sample, projection=projection)
     if engine.regions.covered:
         return all_on_targets(task)
-    first: Future[np.ndarray] = Future()  # M' of the first sampling
 
     def deform(number: int) -> DeformationResult:
-        with ThreadPoolExecutor(max_workers=1) as pool, ThreadTeam(engine.proxies.carriers) as team:
-            proxy = engine.bind(number, pool)
-            guess = first.result() if options.warm_start and number else task.guess
-            solver = SingleSolve(
-                proxy.proxy,
+        def solver_of(proxy: Mesh, sampling: Sampling, place: Place) -> SolveProxy:
+            guess = first.result().vertices if first is not None and number else task.guess
+            return _single_solver(
+                proxy,
                 options,
                 name=f"{task.name} proxy {number}",
-                guess=None if guess is None else guess[proxy.sampling.samples],
+                guess=None if guess is None else guess[sampling.samples],
                 progress=lambda _, done, total, note="": progress(
                     f"sampling {number + 1}", done, total, note
                 ),
             )
-            result = proxy.deform(task.handles, engine.regions, solver, options, again=True, team=team)
-        extra = {**result.extra, "added_samples": proxy.sampling.added}
-        return replace(result, seconds={**proxy.seconds(), **result.seconds}, extra=extra)
 
-    def deform_first(number: int) -> DeformationResult:
-        try:
-            result = deform(number)
-        except BaseException as error:
-            if number == 0:
-                first.set_exception(error)
-            raise
-        if number == 0:
-            first.set_result(result.vertices)
+        with ThreadPoolExecutor(max_workers=1) as pool, ThreadTeam(engine.proxies.carriers) as team:
+            bound = engine.bind(number, pool, solver_of)
+            result = bound.deform(task.handles, engine.regions, options, again=True, team=team)
+        seconds = {"remesh": bound.sampling_seconds, **bound.binding.seconds, **result.seconds}
+        extra = {**result.extra, "added_samples": bound.sampling.added}
+        return replace(result, seconds=seconds, extra=extra)
+
+    first: Future[DeformationResult] | None = None
+    with ThreadPoolExecutor(max_workers=1) as leader:
+        first = leader.submit(deform, 0) if options.warm_start else None
+
+        def run(number: int) -> DeformationResult:
+            return first.result() if first is not None and number == 0 else deform(number)
+
+        return engine.average(run, task.handles, engine.regions, options)
+
+
+def _single_solver(
+    proxy: Mesh, options: Options, *, name: str, guess: np.ndarray | None, progress: Progress
+) -> SolveProxy:
+    """Return a solver of a proxy for targets that are known from the beginning; it starts at the guess."""
+    context: dict[str, Any] = {"seed": options.seed, "progress": progress}
+
+    def solve(handles: Handles, *, volume_goal: float, **stop: Any) -> DeformationResult:
+        nonlocal guess
+        task = DeformationTask(name, proxy, handles, guess=guess)
+        if options.coarse is not None:
+            return options.coarse(task, **context)
+        result = solve_proxy(task, replace(options, **stop), volume_goal=volume_goal, **context)
+        guess = result.vertices
         return result
 
-    run = deform_first if options.warm_start else deform
-    return engine.average(run, task.handles, engine.regions, options)
+    return solve

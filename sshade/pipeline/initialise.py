@@ -6,8 +6,8 @@ its minimum.
 
 The initialisation also decides which minimum is found, because handles alone do not say to which side a
 knee bends. On the coarsest proxy the solver therefore minimises a guide energy first, in which handles
-attach whole parts of the body. It also starts once from the rest shape or the rigid motion of the handles,
-and takes that result only where its energy is clearly lower. More starts do not pay: they end lower by more
+attach whole parts of the body. It also starts once from the rest shape or the rigid motion of the handles.
+The second result is used only where its energy is clearly lower. More starts do not pay: they end lower by more
 than a few per cent only where a far twist collapses and intersects itself.
 """
 
@@ -45,13 +45,13 @@ def initialised(
     tolerance: float,
     **options: Any,
 ) -> DeformationResult:
-    """Solve on a proxy from the result on a coarser proxy, if there can be one.
+    """Solve on a proxy from the result on a coarser proxy, where a coarser proxy helps.
 
     Parameters
     ----------
     task : DeformationTask
-        Of the proxy. There is no coarser proxy below :data:`SMALLEST` vertices, with many handles, or where
-        fewer samples cannot keep the topology of a thin mesh. A task with a guess is solved from it.
+        Of the proxy. Small proxies, below :data:`SMALLEST` vertices, proxies with many handles, and thin
+        proxies whose topology a coarser proxy cannot keep are solved alone. A task with a guess starts there.
     solve : callable
         ``solve(task, tolerance=, **options)``, the solver on both proxies: it starts at the task's guess.
     guide : callable, optional
