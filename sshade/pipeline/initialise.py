@@ -7,8 +7,8 @@ its minimum.
 The initialisation also decides which minimum is found, because handles alone do not say to which side a
 knee bends. On the coarsest proxy the solver therefore minimises a guide energy first, in which handles
 attach whole parts of the body. It also starts once from the rest shape or the rigid motion of the handles.
-The second result is used only where its energy is clearly lower. More starts do not pay: they end lower by more
-than a few per cent only where a far twist collapses and intersects itself.
+The second result is used only where its energy is clearly lower. More starts do not pay: they end lower by
+more than a few per cent only where a far twist collapses and intersects itself.
 """
 
 from __future__ import annotations

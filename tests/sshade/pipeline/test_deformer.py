@@ -273,7 +273,7 @@ def test_handles_that_cannot_be_rebound_leave_everything_as_it_was(mesh, held, w
     drag = Deformer(mesh, held, vertices=150, samplings=2)
     before = drag(lifted(mesh, held, 0.3)).vertices
     if wrong == "far":  # only from the vertices of the second proxy
-        second, place = drag._proxies[1][0].proxy, deformer_module.NearestPlacement
+        second, place = drag._proxies[1].proxy, deformer_module.NearestPlacement
 
         def placed(mesh, proxy, rest):
             if proxy is second:
