@@ -19,11 +19,9 @@ def test_build_verify_info(tmp_path, capsys):
     assert document["subjects"][0]["high"]["euler"] == 2
     assert len(list_tasks(out)) == 10
     for subject, pose in list_tasks(out):
-        for resolution in ("high", "low"):
-            task = load_task(out, subject=subject, pose=pose, resolution=resolution)
-            # All landmarks move in bend_twist, in hands_together of this body, and in sitting.
-            assert (task.meta["n_static"] > 0) == (pose not in (4, 7, 9))
-            assert task.truth.shape == task.mesh.V.shape
+        task = load_task(out, subject=subject, pose=pose)
+        # All landmarks move in bend_twist, in hands_together of this body, and in sitting.
+        assert (task.meta["n_static"] > 0) == (pose not in (4, 7, 9))
     assert main(["verify", str(out)]) == 0
     assert "every file is as listed" in capsys.readouterr().out
     assert main(["info", str(out)]) == 0

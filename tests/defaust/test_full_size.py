@@ -6,7 +6,7 @@ import pytest
 from defaust.build.upsample import subdivide, upsample
 from defaust.sources.synthetic import SyntheticBodies, load_bodies
 from defaust.tasks.full_size import Skin, interpolation, subdivided_pose
-from sshade import InputError, Mesh
+from sshade import Mesh
 from tests.shapes import bumpy, icosphere, rotation
 
 
@@ -51,12 +51,6 @@ def test_a_subdivided_mesh_goes_to_the_subdivided_pose():
     np.testing.assert_allclose(
         subdivided_pose(remeshed, low, posed, steps=1), remeshed.V @ rotation(4).T * 2 + 1, atol=1e-6
     )
-
-
-def test_a_rest_mesh_from_elsewhere_is_refused():
-    low = bumpy(2)
-    with pytest.raises(InputError, match="off the subdivided registered mesh.*build the dataset again"):
-        subdivided_pose(Mesh(1.01 * low.V, low.F), low, low, steps=0)
 
 
 def test_interpolation():

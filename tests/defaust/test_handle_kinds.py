@@ -6,10 +6,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial.transform import Rotation
 
-from defaust.build.dataset import build
-from defaust.build.options import BuildOptions
 from defaust.edits import Unedited
-from defaust.sources.generated.shapes import Shapes
 from defaust.tasks import load_task
 from defaust.tasks.handle_kinds import FEW, REACH, of_kind
 from sshade import Handles, InputError, Mesh
@@ -134,19 +131,3 @@ def test_tasks_of_all_kinds(finished):
     # The pose turns the whole body, so every region agrees with the ground truth.
     regions = tasks["regions"].handles
     np.testing.assert_allclose(regions.target, stored.truth[regions.index], atol=2e-2 * stored.mesh.diagonal)
-
-
-def test_kinds_of_stored_regions(tmp_path):
-    out = tmp_path / "bar"
-    options = BuildOptions(subjects=(2,), target_vertices=3000)
-    build(Shapes(), out, options=options, workers=1)
-    stored = load_task(out, subject=2, pose=1)
-    tasks = {kind: load_task(out, subject=2, pose=1, handles=kind) for kind in KINDS}
-    np.testing.assert_array_equal(tasks["regions"].handles.index, stored.handles.index)
-    groups = len(np.unique(stored.handles.group))
-    assert len(tasks["points"].handles) == groups
-    assert np.bincount(tasks["landmarks"].handles.group).tolist() == [FEW] * groups
-    target = dict(zip(stored.handles.index.tolist(), stored.handles.target.tolist(), strict=True))
-    for kind in ("points", "landmarks"):
-        own = tasks[kind].handles
-        assert [target[vertex] for vertex in own.index.tolist()] == own.target.tolist()

@@ -10,6 +10,7 @@ from scipy.io import savemat
 from defaust.build.dataset import build
 from defaust.build.verify import verify
 from defaust.cli import configure, main
+from defaust.edits import Unedited
 from defaust.folder.record import read_dataset
 from defaust.sources.winding import same_triangles
 from defaust.tasks import list_tasks, load_task
@@ -102,6 +103,16 @@ def test_archive(tmp_path):
     assert [p.name for p in source.poses(0)] == ["V_2", "V_10"]
     np.testing.assert_array_equal(source.posed(0, source.poses(0)[1]).V, arrays["V_10"])
     assert list(source.checksums([0])) == ["walk.npz"]
+    np.savez(tmp_path / "walk.npz", V_0=ball.V[:, :2], F=ball.F)
+    with pytest.raises(InputError, match="walk.npz, V_0: "):
+        sequence(tmp_path / "walk.npz").rest(0)
+    np.savez(tmp_path / "walk.npz", V_0=ball.V)
+    with pytest.raises(InputError, match="walk.npz: holds V_0; it needs positions V_0, .* and triangles F"):
+        sequence(tmp_path / "walk.npz")
+    with (tmp_path / "walk.npz").open("wb") as file:
+        np.save(file, ball.V)
+    with pytest.raises(InputError, match="walk.npz: not an .npz file; give a folder"):
+        sequence(tmp_path / "walk.npz")
 
 
 def test_triangles_of_a_class_are_reconciled(tmp_path):
@@ -145,8 +156,8 @@ def test_tosca_keeps_its_resolution_and_the_order_of_classes(tmp_path, capsys):
     out = str(tmp_path / "out")
     command = ["build", "source=tosca", f"source.root={tmp_path / 'data'}", f"out={out}", *SMALL]
     assert main([*command, "source.classes=[wolf,cat]"]) == 0
-    document = read_dataset(out)
-    assert [s["high"]["vertices"] for s in document["subjects"]] == [162, 642]
+    assert [s["high"]["vertices"] for s in read_dataset(out)["subjects"]] == [162, 642]
+    assert load_task(out, subject=0, pose=1, edit=Unedited()).meta["class"] == "wolf"
     assert main(["info", out]) == 0
     text = capsys.readouterr().out
     assert "Subjects: 0 wolf, 1 cat" in text and "the registered mesh itself" in text
@@ -316,27 +327,6 @@ def test_damaged_files_are_named(tmp_path, name, content, message):
         (tmp_path / name).write_text(content)
     with pytest.raises(InputError, match=message):
         sequence(tmp_path).rest(0)
-
-
-BALL = icosphere(1)
-
-
-@pytest.mark.parametrize(
-    ("arrays", "message"),
-    [
-        ({"V_0": BALL.V}, "a.npz: holds V_0; it needs positions V_0, V_1, ... and triangles F"),
-        ({"V_0": BALL.V[:, :2], "F": BALL.F}, "a.npz, V_0: "),
-        (BALL.V, "a.npz: not an .npz file; give a folder"),
-    ],
-)
-def test_damaged_archives(tmp_path, arrays, message):
-    with (tmp_path / "a.npz").open("wb") as file:
-        if isinstance(arrays, dict):
-            np.savez(file, **arrays)
-        else:
-            np.save(file, arrays)
-    with pytest.raises(InputError, match=message):
-        sequence(tmp_path / "a.npz").rest(0)
 
 
 @pytest.mark.parametrize(

@@ -7,15 +7,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from defaust.build.dataset import build
-from defaust.build.options import BuildOptions
 from defaust.build.upsample import self_intersecting
 from defaust.sources import synthetic
 from defaust.sources.skinning import apply_motions, blend_motions, bone_motions
 from defaust.sources.source import SourcePose
 from defaust.sources.synthetic import SyntheticBodies, load_bodies
 from sshade import InputError
-from tests.defaust.registrations import contents
 from tests.defaust.toy import flip_a_byte
 
 SUBJECTS = range(10)
@@ -36,15 +33,6 @@ def test_asset_with_a_flipped_byte_is_refused(tmp_path, monkeypatch):
     with pytest.raises(InputError, match="damaged"):
         load_bodies()
     load_bodies.cache_clear()
-
-
-def test_poses_do_not_depend_on_which_others_are_built(tmp_path):
-    for name, poses in (("four", APART), ("ten", None)):
-        options = BuildOptions(subjects=(7,), target_vertices=None)
-        build(SyntheticBodies(poses_used=poses), tmp_path / name, options=options, workers=1)
-    four, ten = (contents(tmp_path / name / "subject_07") for name in ("four", "ten"))
-    assert len(four) == 2 + 2 * 4 and len(ten) == 2 + 2 * 10
-    assert {name: ten[name] for name in four} == four
 
 
 @pytest.mark.parametrize("subject", SUBJECTS)

@@ -1,7 +1,5 @@
 """Pose transfers of a dataset: edited meshes, poses, and ground truth."""
 
-import json
-
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -11,8 +9,6 @@ from defaust.build.options import BuildOptions
 from defaust.edits import Inflate, Unedited
 from defaust.sources.synthetic import SyntheticBodies
 from defaust.tasks import load_task
-from defaust.tasks.full_size import Registered
-from defaust.tasks.transfers import transfer_task
 from sshade import InputError, TransferTask
 from sshade.io.meshes import read_mesh
 from tests.defaust.toy import change
@@ -71,15 +67,6 @@ def test_a_source_without_a_skin_is_subdivided_and_leaves_edits_without_truth(fi
     assert gap.max() < 0.04 and gap.mean() < 1e-3  # in the triangles that the equator crosses
     edited = load_task(finished, subject=1, pose=1, edit=Inflate((0.5, 1, 0.5), radius=0.2, amount=0.1))
     assert edited.truth is None and edited.posed.shape == edited.mesh.V.shape
-
-
-def test_classes_are_called_by_name(finished):
-    document = json.loads((finished / "dataset.json").read_text())
-    document["source"]["classes"] = ["cat", "dog", "horse"]
-    low, posed = (read_mesh(finished / "subject_01" / name) for name in ("rest_low.ply", "pose_1_low.ply"))
-    facts = {"subject": 1, "source_pose": "lean"}
-    task = transfer_task(Registered(low, low, posed, 0), document, name="t", edit=Unedited(), facts=facts)
-    assert task.meta["class"] == "dog" and task.meta["posed_by"] == "registration"
 
 
 def test_bodies_of_another_version_are_refused(bodies):

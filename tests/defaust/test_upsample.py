@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from defaust.build import upsample as module
-from defaust.build.upsample import default_steps, subdivide, upsample
+from defaust.build.upsample import subdivide, upsample
 from sshade import InputError, Mesh
 from tests.shapes import icosphere, torus
 
@@ -36,11 +36,6 @@ def test_every_edge_is_split(ball):
     assert fine.m == 64 * ball.m
     assert fine.volume == pytest.approx(4 / 3 * np.pi, rel=0.01)
     assert subdivide(ball, steps=0) is ball
-
-
-def test_steps_closest_to_the_target():
-    cases = {5000: 0, 6890: 0, 20_000: 1, 25_000: 1, 170_000: 2, 440_000: 3}
-    assert {target: default_steps(6890, target) for target in cases} == cases
 
 
 def test_unfit_surfaces_are_refused(ball):
