@@ -86,12 +86,12 @@ class Attachment:
             number = _linked(graph, fronts, handles.group, LINK * r)
             groups = self._groups = _Groups.at_rest(number, mesh.V[handles.index], handles.has_rotation)
             firmness = np.where(np.isinf(handles.weight), 1.0, 1 - 1 / (1 + handles.weight))
-            strength = np.bincount(number, firmness) / np.bincount(number) * weight / r**2
+            strength = np.bincount(number, firmness) / np.bincount(number) * weight
             nearest = number[fronts.cell]
             distance = fronts.distance + groups.radius[nearest]
             near = np.flatnonzero(distance < REACH * r)
             decay = np.exp(-((distance[near] / r) ** 2))
-            pull[near] = strength[nearest[near]] * decay * mesh.vertex_areas[near]
+            pull[near] = strength[nearest[near]] / r**2 * decay * mesh.vertex_areas[near]
             group_of[near] = nearest[near]
         pull[handles.index] = 0.0
         near = np.flatnonzero(pull)

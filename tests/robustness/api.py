@@ -16,7 +16,7 @@ from sshade import (
     Mesh,
     TransferTask,
     bind,
-    sshade,
+    deform,
     transfer_pose,
 )
 from sshade.sampling.proxy import sample_proxy
@@ -34,7 +34,7 @@ def _task(**changes: Any) -> DeformationTask:
 
 
 def _deform(**parameters: Any) -> Callable[[], Any]:
-    return lambda: sshade(_task(), **{"vertices": 60, "samplings": 2, **parameters})
+    return lambda: deform(_task(), method="paper", **{"vertices": 60, "samplings": 2, **parameters})
 
 
 def _short(task: DeformationTask, *, seed: int, progress: Any = None) -> DeformationResult:
@@ -75,19 +75,22 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "task: a guess of another shape": (lambda: _task(guess=V[:, :2]), "guess has shape (162, 2)"),
     "transfer task: other faces": (lambda: TransferTask("t", BODY, Mesh(V, F[::-1]), V), "other faces"),
     "transfer task: NaN": (lambda: TransferTask("t", BODY, BODY, NAN), "NaN"),
-    "deform: no samplings": (_deform(samplings=0), "0 samplings"),
-    "deform: unknown frames": (_deform(frames="round"), "unknown frames 'round'"),
+    "deform: no samplings": (_deform(samplings=0), "samplings must be a whole number in [1, inf), not 0"),
+    "deform: unknown frames": (_deform(frames="round"), "not 'round'"),
     "deform: an unknown function of frames": (_deform(frame_function="w"), "'w'"),
     "deform: a function of frames too short": (_deform(frame_function=np.ones(5)), "162 values"),
     "deform: a function of frames with NaN": (_deform(frame_function=NAN[:, 0]), "finite"),
     "deform: a coarse method that loses a vertex": (_deform(coarse=_short), "shape"),
-    "deform: an unknown start": (_deform(coarse=partial(local_global, start="up")), "unknown start 'up'"),
+    "deform: an unknown start": (_deform(coarse=partial(local_global, start="up")), "not 'up'"),
     "deform: a negative weight": (_deform(coarse=partial(local_global, volume=-1.0)), "-1"),
     "remesh: a first vertex beyond the mesh": (lambda: sample_proxy(BODY, 60, first=[162]), "0..161"),
     "remesh: a first vertex twice": (lambda: sample_proxy(BODY, 60, first=[3, 3]), "repeat"),
     "bind: unknown frames": (lambda: bind(BODY, 60, frames="x"), "unknown frames"),
     "carry: a proxy of another size": (lambda: bind(BODY, 60).carry(V), "(162, 3)"),
-    "Deformer: no samplings": (lambda: _deformer(samplings=0), "0 samplings"),
+    "Deformer: no samplings": (
+        lambda: _deformer(samplings=0),
+        "samplings must be a whole number in [1, inf), not 0",
+    ),
     "Deformer: no handles": (lambda: Deformer(BODY, [], vertices=60), "have no handle"),
     "Deformer: a handle twice": (lambda: Deformer(BODY, [3, 3], vertices=60), "given twice"),
     "Deformer: a handle beyond the mesh": (lambda: Deformer(BODY, [162], vertices=60), "out of range"),
@@ -98,6 +101,6 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "transfer: a pose of other counts": (_transfer(posed=V[1:]), "posed"),
     "transfer: an edit of other counts": (_transfer(edited=V[1:]), "edited"),
     "transfer: NaN": (_transfer(posed=NAN), "NaN"),
-    "transfer: no samplings": (_transfer(samplings=0), "0 samplings"),
+    "transfer: no samplings": (_transfer(samplings=0), "samplings must be a whole number in [1, inf), not 0"),
 }
 CASES = [Case(f"Python, {name}", call, says=(word,)) for name, (call, word) in REFUSED.items()]

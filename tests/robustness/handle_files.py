@@ -116,12 +116,12 @@ IMPLICIT_ARAP = {
     ),
 }
 PARAMETERS = {
-    "--vertices 0": ("cannot hold",),
-    "--vertices -5": ("cannot hold",),
-    "--samplings 0": ("0 samplings", "at least one"),
-    "--samplings -1": ("-1 samplings",),
-    "--workers 0": ("0 workers", "at least one"),
-    "--seed -1": ("seed -1 is negative",),
+    "--vertices 0": ("vertices must be a whole number in [1, inf), not 0",),
+    "--vertices -5": ("not -5",),
+    "--samplings 0": ("samplings must be a whole number in [1, inf), not 0",),
+    "--samplings -1": ("not -1",),
+    "--workers 0": ("workers must be a whole number in [1, inf), not 0",),
+    "--seed -1": ("seed must be a whole number in [0, inf), not -1",),
 }
 
 
