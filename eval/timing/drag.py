@@ -53,8 +53,8 @@ def _job(method: TimedMethod, task: DeformationTask) -> Job:
     if apart > SAME:
         raise InputError(
             f"{method.label} on {task.name} cannot be bound: results of the method and of sshade.Deformer "
-            f"differ by {apart:.2g} of the diagonal; sshade.Deformer starts at rest and has its own settings "
-            "of the proxy, so set solver.start=rest and leave the settings of the proxy out"
+            f"differ by {apart:.2g} of the diagonal; the Deformer solves proxies by its own solver, so leave "
+            "method@method.coarse out"
         )
     facts = {"kind": KIND} | method.facts | task_facts(task)
     return Job(facts, lambda: drag(task, options))
