@@ -50,7 +50,7 @@ def nearest_vertices(mesh: Mesh, vertex: int, *, count: int) -> np.ndarray:
     if len(nearest) < count or not np.isfinite(distance[nearest[-1]]):
         raise InputError(
             f"only {int(np.isfinite(distance).sum())} vertices can be reached from vertex {vertex}, "
-            f"and the neighbourhood of a landmark needs {count}"
+            f"and the neighbourhood of a landmark needs {count}; use a smaller neighbourhood"
         )
     return nearest
 

@@ -148,7 +148,9 @@ def subdivided_pose(rest: Mesh, low: Mesh, posed: Mesh, *, steps: int) -> np.nda
     fine, interpolate = _on_subdivided(rest, low, steps=steps)
     fine_posed = subdivide(posed, steps=steps)
     if not np.array_equal(fine.F, fine_posed.F):
-        raise InputError("the pose is subdivided into other triangles than the rest mesh")
+        raise InputError(
+            "the pose is subdivided into other triangles than the rest mesh; build the dataset again"
+        )
     return interpolate @ fine_posed.V
 
 

@@ -143,7 +143,7 @@ def load_task(
     generated = "formulas" in document["source"]
     if edit is not None:
         if generated or not registered:
-            raise InputError(f"{name} has no registered pose to transfer")
+            raise InputError(f"{name} has no registered pose to transfer; leave the edit out")
         if handles != "stored":
             raise InputError(f"a pose transfer has no handles; leave handles={handles} out")
     if generated:
