@@ -83,12 +83,17 @@ class Factorised:
         rows = movable[self.factorisation.order]
         self._rows: np.ndarray = rows if place is None else place[rows]
         self._fixed: np.ndarray = fixed if place is None else place[fixed]
+        #: Row of the solution for each row of X; fixed ones take the row of zeros at the end.
+        self._solved = np.full(matrix.shape[0], len(rows))
+        self._solved[self._rows] = np.arange(len(rows))
 
     def solve(self, B: np.ndarray, X: np.ndarray) -> None:
-        B[self._fixed] = X[self._fixed] = 0.0
-        part = np.take(B, self._rows, axis=0)
-        self.factorisation.solve_ordered(part)
-        X[self._rows] = part
+        B[self._fixed] = 0.0
+        solution = np.zeros((len(self._rows) + 1, 3))
+        # NumPy's take is ten times as fast as an index array.
+        np.take(B, self._rows, axis=0, out=solution[:-1], mode="clip")
+        self.factorisation.solve_ordered(solution[:-1])
+        np.take(solution, self._solved, axis=0, out=X, mode="clip")
 
     def end_step(self, short: bool) -> bool:
         return short

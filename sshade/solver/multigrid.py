@@ -226,8 +226,8 @@ def _aggregates(start, column, value, fixed, least):
     """Return the aggregate of each row, -1 in fixed rows, and the number of aggregates.
 
     Rows i and j are strongly coupled by an entry larger than ``least_i least_j``. First, a row makes an
-    aggregate with its strong neighbours, unless some of them are in one already. Then each remaining row joins
-    the aggregate of its strongest neighbour. Rows without such a neighbour aggregate among themselves.
+    aggregate with its strong neighbours, unless some of them are in one already. Then each remaining row
+    joins the aggregate of its strongest neighbour. Rows without such a neighbour aggregate among themselves.
     """
     n, count = len(fixed), 0
     aggregate = np.full(n, -1, dtype=np.int32)

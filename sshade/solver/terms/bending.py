@@ -94,22 +94,22 @@ class Plate(NamedTuple):
         L v.
     corners : int
         Number of times that the as-rigid-as-possible energy counts each edge.
+    rest_energy : float
+        Energy of all vertices in one point; unit length^2.
     """
 
     rows: tuple[np.ndarray, np.ndarray, np.ndarray]
     stiffness: np.ndarray
     rest: np.ndarray
     corners: int
+    rest_energy: float
 
     @classmethod
     def of(cls, laplacian: csr_array, stiffness: np.ndarray, V: np.ndarray, corners: int) -> Plate:
         """Prepare the energy for L (n, n) and rest positions V (n, 3)."""
-        return cls(compressed_rows(laplacian), stiffness, np.asarray(laplacian @ V), corners)
-
-    @property
-    def rest_energy(self) -> float:
-        """Energy of all vertices in one point; unit length^2."""
-        return self.corners * float(self.stiffness @ (self.rest**2).sum(axis=1))
+        rest = np.asarray(laplacian @ V)
+        rest_energy = corners * float(stiffness @ (rest**2).sum(axis=1))
+        return cls(compressed_rows(laplacian), stiffness, rest, corners, rest_energy)
 
 
 class Bending:
