@@ -2,20 +2,19 @@
 
     E = (1 - l) / 2 sum_i sum_j w_ij |e'_ij - R_i e_ij|^2 + l sum_i (1 / a_i) |(L p)_i - b_i(R)|^2
 
-over the neighbours j of i, with 0 <= l < 1, L the cotangent Laplacian, b(R) the right-hand side of ARAP's
-global step and a_i the vertex areas over their mean. The rotations are fitted to the edges alone, as
-in ARAP; the global step solves
+The sums run over the vertices i and their neighbours j, with 0 <= l < 1. L is the cotangent Laplacian, b(R)
+the right-hand side of ARAP's global step, and a_i the area of a vertex divided by the mean area. Rotations
+are fitted to the edges only, as in ARAP. The global step solves
 
     [l L A^-1 L + (1 - l) L] p = l L A^-1 b(R) + (1 - l) b(R),   A = diag(a),
 
-with the handle vertices eliminated. The second term weighs as a bi-Laplacian does, which is smooth at
-handles of a single vertex, where ARAP has spikes. As a is without unit, l is tied to the spacing of the
-vertices: the same l is smoother on a coarser mesh, and l / (1 - l) times the mean vertex area is the
-square of a length, up to a factor.
+with the handle vertices eliminated. The second term acts like a bi-Laplacian: the surface is smooth at a
+single handle vertex, where ARAP has a spike. Because a has no unit, the effect of l depends on the spacing of
+the vertices. The same l is smoother on a coarser mesh.
 
-Differences from the authors' program, of which no code was used: this is written from the formulas of
-the paper; barycentric vertex areas; a residual of positions stops it; spokes and rims can take the place
-of spokes.
+The implementation follows the formulas of the paper and uses no code of the authors. It differs from their
+program in its barycentric vertex areas, in its stopping test, and in the choice between spokes and spokes and
+rims.
 
 A. Oehri, P. Herholz, O. Sorkine-Hornung, "Higher order continuity for smooth as-rigid-as-possible shape
 modeling", 2025.
@@ -42,7 +41,7 @@ from sshade.solver.start import initial_guess
 from sshade.solver.terms.arap import Edges, Elements, Triangles, covariances, forces
 from sshade.task import DeformationResult, DeformationTask
 
-#: Least area of a vertex over the mean, where triangles have none: it is divided by.
+#: Least area of a vertex, as a fraction of the mean, because the method divides by areas.
 LEAST_AREA = 1e-3
 
 
@@ -57,21 +56,22 @@ def smooth_arap(
     seed: int = 0,
     progress: Progress = silent,
 ) -> DeformationResult:
-    """Deform with Smooth ARAP, by plain local/global iterations with one factorisation.
+    """Deform with Smooth ARAP by plain local/global iterations with one factorisation.
 
-    Its matrix has an entry for each pair of vertices with a common neighbour, three times as many as
-    ARAP's, so that a factorisation of a large mesh takes several times the time and memory of ARAP's.
+    The matrix has an entry for each pair of vertices with a common neighbour, about three times as many as
+    ARAP's matrix. A factorisation therefore takes several times the time and memory of ARAP's factorisation.
 
     Parameters
     ----------
     task : DeformationTask
-        Its mesh may have a boundary, several components and triangles without area.
+        The mesh may have a boundary, several components and triangles of zero area.
     smoothness : float
-        l, in [0, 1). 0 is ARAP.
+        l, in [0, 1). Larger values are smoother; 0 gives ARAP.
     energy : {"spokes", "spokes_and_rims"}
-        Spokes are the authors'.
+        The authors use spokes.
     tolerance : float
-        Residual, relative to the diagonal, under which iteration stops. 0 never stops early.
+        Residual below which the iteration stops: the largest move of a vertex in one iteration, divided by
+        the bounding-box diagonal. 0 disables the test.
     max_iterations : int
     start : {"rest", "rigid"}
     seed : int
@@ -86,12 +86,11 @@ def smooth_arap(
     Raises
     ------
     InputError
-        On a smoothness outside of [0, 1), an unknown energy or start, or soft handles.
-    FloatingPointError
-        When the matrix is not positive definite.
+        If the smoothness is outside [0, 1), the energy or start is unknown, a handle is soft, or the matrix
+        is not positive definite.
     """
     if not 0 <= smoothness < 1:
-        raise InputError(f"smoothness={smoothness!r} is out of range; it takes a number from 0 to below 1")
+        raise InputError(f"smoothness={smoothness!r} is out of range; use a number in [0, 1)")
     if energy not in get_args(Energy):
         raise InputError(f"unknown energy {energy!r}; use 'spokes' or 'spokes_and_rims'")
     watch = Stopwatch()
@@ -129,8 +128,8 @@ def smooth_arap(
 
 
 def blending_matrix(mesh: Mesh, laplacian: csr_array, smoothness: float) -> csr_array:
-    """(n, n) ``l L A^-1 + (1 - l) I``, which both sides of ARAP's global step are multiplied by."""
+    """Return ``l L A^-1 + (1 - l) I`` (n, n), by which both sides of ARAP's global step are multiplied."""
     area = mesh.vertex_areas
-    share = np.maximum(area / area.mean(), LEAST_AREA)
+    relative = np.maximum(area / area.mean(), LEAST_AREA)
     identity = diags_array(np.full(mesh.n, 1 - smoothness), format="csr")
-    return csr_array(laplacian @ diags_array(smoothness / share, format="csr") + identity)
+    return csr_array(laplacian @ diags_array(smoothness / relative, format="csr") + identity)

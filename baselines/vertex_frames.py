@@ -1,10 +1,9 @@
-"""Pose transfer with reference frames at the vertices of the full mesh: the peer of frames on a proxy.
+"""Pose transfer with reference frames at the vertices of the full mesh, a peer of frames on a proxy.
 
-The frame of vertex i has the vertex normal z and, in the tangent plane, the
-direction of the area-weighted mean x~ of a function's gradient over the 1-ring:
-y = z x x~ / |z x x~|, x = y x z, F_i = [x y z], a rotation. This is the smallest
-neighbourhood of GFrames, where a larger radius only smooths. No code of its
-authors was at hand.
+The frame of vertex i consists of the vertex normal z and a tangent direction. The tangent direction comes
+from x~, the area-weighted mean of a function's gradient over the 1-ring: y = z x x~ / |z x x~|, x = y x z,
+F_i = [x y z]. F_i is a rotation. The 1-ring is the smallest neighbourhood of GFrames; larger ones only
+smooth. The implementation follows the paper and uses no code of the authors.
 
 S. Melzi, R. Spezialetti, F. Tombari, M. Bronstein, L. Di Stefano, E. Rodola,
 "GFrames: gradient-based local reference frame for 3D shape matching", CVPR 2019.
@@ -27,16 +26,16 @@ from sshade.task import DeformationResult, TransferTask
 
 log = logging.getLogger(__name__)
 
-#: Under this, relative to what the faces would add up to or to the largest one, a vector has no direction.
+#: Relative length below which a vector has no direction.
 NO_DIRECTION = 1e-12
 
 
 def transfer(
     task: TransferTask, *, function: str = "extent", seed: int = 0, progress: Progress = silent
 ) -> DeformationResult:
-    """:func:`transfer_pose` as a method of a task; nothing in it is random.
+    """Apply :func:`transfer_pose` to a task; the seed is unused.
 
-    It reads every vertex of M', so it reproduces a shape that was not edited.
+    The method reads every vertex of M', so it reproduces a shape that was not edited.
     """
     V = transfer_pose(task.rest, task.mesh.V, posed=task.posed, function=function)
     return DeformationResult(vertices=V, iterations=0, converged=None)
@@ -45,25 +44,24 @@ def transfer(
 def transfer_pose(
     mesh: Mesh, edited: np.ndarray, *, posed: np.ndarray, function: str | np.ndarray = "extent"
 ) -> np.ndarray:
-    """Carry an edit of a rest mesh over to another pose of it: ``s'_i = m'_i + F'_i F_i^T (s_i - m_i)``.
+    """Transfer an edit of a rest mesh to another pose: ``s'_i = m'_i + F'_i F_i^T (s_i - m_i)``.
 
-    Every vertex turns its own displacement, whatever its neighbours do. A pose
-    scaled as a whole keeps the length of displacements: frames only rotate.
+    Each vertex rotates its displacement independently of its neighbours. Displacements keep their length even
+    if the pose is scaled, because frames only rotate.
 
     Parameters
     ----------
     mesh : Mesh
-        M, with positions m_i; orientation matters, boundary and several components do not.
+        M, with positions m_i. It must be oriented; it may have a boundary and several components.
     edited : (n, 3) float64
-        s_i, in the numbering of `mesh`.
+        s_i, the edited rest positions.
     posed : (n, 3) float64
-        m'_i.
+        m'_i, the positions of the pose.
     function : {"extent", "x", "y", "z"} or (n,) float64
-        f: the rest coordinate of largest extent, one by name, or a value for each
-        vertex, which is divided by its range over the diagonal first. Where the
-        tangential gradient of f in the rest mesh is under
-        :data:`sshade.carry.triangle.FLAT`, the rest coordinate of largest one replaces it,
-        in both poses.
+        f: the rest coordinate of largest extent, a named coordinate, or one value for each vertex, which is
+        scaled to the range of the diagonal. Where the tangential gradient of f in the rest mesh is below
+        :data:`sshade.carry.triangle.FLAT`, the rest coordinate with the largest gradient replaces f in both
+        poses.
 
     Returns
     -------
@@ -73,7 +71,7 @@ def transfer_pose(
     Raises
     ------
     InputError
-        On positions of another shape, or not finite, or an unknown or constant function.
+        If positions have the wrong shape or are not finite, or the function is unknown or constant.
     """
     edited, posed = (_positions(mesh, V, name) for V, name in ((edited, "edited"), (posed, "posed")))
     values = _candidates(mesh, function)
@@ -84,18 +82,18 @@ def transfer_pose(
     R = F_posed @ F.transpose(0, 2, 1)
     missing |= missing_posed
     if missing.any():
-        log.warning("%d vertices have no frame and turn as their neighbours do", int(missing.sum()))
+        log.warning("%d vertices have no frame and take the rotation of their neighbours", int(missing.sum()))
         R = fill_from_neighbours(R, ~missing, pairs=mesh.edges, onto=nearest_rotations)
     return posed + np.einsum("nab,nb->na", R, edited - mesh.V)
 
 
 def vertex_frames(mesh: Mesh, V: np.ndarray, *, function: str | np.ndarray = "extent") -> np.ndarray:
-    """Frames of a pose of a mesh, columns x, y and z, det 1.
+    """Return the frames of a pose: rotations with the columns x, y and z.
 
     Parameters
     ----------
     mesh : Mesh
-        The rest mesh, in which f is chosen at each vertex; see :func:`transfer_pose`.
+        Rest mesh, which decides the function at each vertex; see :func:`transfer_pose`.
     V : (n, 3) float64
         Vertices of the pose.
     function : {"extent", "x", "y", "z"} or (n,) float64
@@ -103,7 +101,7 @@ def vertex_frames(mesh: Mesh, V: np.ndarray, *, function: str | np.ndarray = "ex
     Returns
     -------
     (n, 3, 3) float64
-        NaN where a vertex has no normal, or f no gradient.
+        NaN where a vertex has no normal or the function has no gradient.
     """
     values = _candidates(mesh, function)
     chosen = _choose(np.linalg.norm(_Pose(mesh, mesh.V, values).gradient, axis=2))
@@ -122,7 +120,7 @@ def _positions(mesh: Mesh, V: np.ndarray, name: str) -> np.ndarray:
 
 
 def _candidates(mesh: Mesh, function: str | np.ndarray) -> np.ndarray:
-    """(n, 4): f, then the three rest coordinates that may replace it."""
+    """Return f and the three rest coordinates as columns (n, 4)."""
     if isinstance(function, str):
         axes = {"extent": int(np.argmax(np.ptp(mesh.V, axis=0))), "x": 0, "y": 1, "z": 2}
         if function not in axes:
@@ -139,19 +137,19 @@ def _candidates(mesh: Mesh, function: str | np.ndarray) -> np.ndarray:
 
 
 def _choose(length: np.ndarray) -> np.ndarray:
-    """(n,) column of the function at each vertex, for the (n, 4) lengths of their gradients at rest."""
+    """Return the column (n,) of each vertex's function, from the lengths (n, 4) of the rest gradients."""
     return np.where(length[:, 0] < FLAT, 1 + np.argmax(length[:, 1:], axis=1), 0)
 
 
 class _Pose:
-    """Normals of a pose, and mean gradients in the planes across them.
+    """Normals of a pose, and tangential mean gradients.
 
     Attributes
     ----------
     normal : (n, 3) float64
-        Unit, weighted by area; zero where the faces at a vertex cancel.
+        Area-weighted unit normals; zero where the faces at a vertex cancel.
     gradient : (n, c, 3) float64
-        Of each function, the mean over the 1-ring without its part along the normal.
+        Tangential part of each function's mean gradient over the 1-ring.
     """
 
     def __init__(self, mesh: Mesh, V: np.ndarray, values: np.ndarray) -> None:
@@ -166,7 +164,7 @@ class _Pose:
         star = coo_array((np.ones(3 * mesh.m), (mesh.F.ravel(), faces)), shape=(mesh.n, mesh.m)).tocsr()
         total = star @ np.column_stack([doubled, length, weighted.reshape(mesh.m, -1)])
         size = np.linalg.norm(total[:, :3], axis=1, keepdims=True)
-        # Faces that cancel leave rounding, which is no normal.
+        # Where faces cancel, rounding errors remain instead of a normal.
         usable = size > NO_DIRECTION * total[:, 3:4]
         self.normal = np.divide(total[:, :3], size, out=np.zeros((mesh.n, 3)), where=usable)
         area = total[:, 3:4]
@@ -176,7 +174,7 @@ class _Pose:
         self.gradient = mean - along[:, :, None] * self.normal[:, None]
 
     def frames(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n, 3, 3) frames [x y z] for a choice of functions, and where there is none (identity there)."""
+        """Return the frames (n, 3, 3) for a choice of functions, and a mask of vertices without a frame."""
         x = self.gradient[np.arange(len(chosen)), chosen]
         length = np.linalg.norm(x, axis=1)
         missing = (length <= NO_DIRECTION * length.max()) | ~self.normal.any(axis=1)

@@ -9,23 +9,22 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-#: Pivot, relative to unit columns, under which a difference adds nothing to the others.
+#: Least pivot of unit columns; a difference with a smaller pivot depends on the other differences.
 DEPENDENT = 1e-12
 
 
 class Anderson:
-    """Extrapolates the sequence ``u -> g(u)`` from its last steps.
+    """Extrapolation of the sequence ``u -> g(u)`` from its last steps.
 
-    With F(u) = g(u) - u and the last differences dF, dG of F and g, the next
-    iterate is ``g(u) - dG theta``, theta minimising ``|F - dF theta|``. All
-    storage is allocated here.
+    Let F(u) = g(u) - u, and let dF and dG be the last differences of F and g. The next iterate is
+    ``g(u) - dG theta``, where theta minimises ``|F - dF theta|``.
 
     Parameters
     ----------
     size : int
         Number of scalar unknowns.
     window : int
-        How many differences are kept.
+        Number of differences that are kept.
     """
 
     def __init__(self, size: int, window: int) -> None:
@@ -35,14 +34,14 @@ class Anderson:
         self._gram = np.zeros((window, window))
 
     def advance(self, u: np.ndarray, g: np.ndarray) -> None:
-        """Replace u by the accelerated iterate, the first time by g; g itself stays in :attr:`plain`.
+        """Replace u by the accelerated iterate, or by g in the first call. :attr:`plain` keeps g.
 
         Parameters
         ----------
         u : (size,) float64
             Overwritten.
         g : (size,) float64
-            One plain iteration from u.
+            Plain iterate g(u).
         """
         _advance(u, g, self._count, self._last_F, self.plain, self._dF, self._dG, self._gram)
         self._count += 1
@@ -82,7 +81,7 @@ def _advance(u, g, count, last_F, last_g, dF, dG, gram):
 def _least_squares(gram, target):
     """Solve the normal equations of unit-length columns by a pivoted Cholesky factorisation.
 
-    Columns that depend on those chosen before get a zero.
+    The coefficient of a column that depends on earlier columns is zero.
     """
     n = len(target)
     scale, chosen, L = np.zeros(n), np.empty(n, dtype=np.int64), np.zeros((n, n))
@@ -124,7 +123,7 @@ def _least_squares(gram, target):
 
 @njit(cache=True, nogil=True)
 def _inner(a, b):
-    """Dot product in four partial sums: in a single one each addition waits for the last."""
+    """Return the dot product from four partial sums, because additions to one sum wait for each other."""
     s0 = s1 = s2 = s3 = 0.0
     end = len(a) - len(a) % 4
     for i in range(0, end, 4):

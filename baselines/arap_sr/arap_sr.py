@@ -2,16 +2,15 @@
 
     E = sum_i sum_j w_ij |e'_ij - R_i e_ij|^2 + alpha A sum_i sum_j v_ij |R_i - R_j|_F^2
 
-with e_ij = p_i - p_j at rest and e'_ij deformed, w_ij the cotangent weights, A
-the rest area (which frees alpha of the model's scale) and v_ij = 1 / deg(i). Its
-global step is that of spokes ARAP; the local step of vertex i maximises
-``tr(R_i S~_i)``, ``S~_i = sum_j w_ij e_ij e'_ij^T + (alpha A / deg(i)) sum_j R_j^T``.
+e_ij = p_i - p_j is an edge at rest and e'_ij the deformed edge. w_ij are the cotangent weights, and v_ij = 1
+/ deg(i). The factor A, the rest area, makes alpha independent of the model's scale. The global step is the
+global step of spokes ARAP. The local step of vertex i maximises ``tr(R_i S~_i)`` with ``S~_i = sum_j w_ij
+e_ij e'_ij^T + (alpha A / deg(i)) sum_j R_j^T``.
 
-The second term outweighs the first by about alpha n : 1, so that rotations
-spread by diffusion and the iterations needed grow like n: on dense meshes the
-method stops at the cutoff, far from its minimum although vertices hardly move
-any more. Anderson acceleration of the positions and rotations together, not
-part of the paper, comes near it in about a hundred iterations.
+The second term outweighs the first by a factor of about alpha n. Rotations therefore spread by diffusion, and
+the number of iterations grows like n. On dense meshes the method stops at the maximum number of iterations,
+far from its minimum, although vertices hardly move. Anderson acceleration of positions and rotations, which
+is not part of the paper, approaches the minimum in about a hundred iterations.
 
 Z. Levi, C. Gotsman, "Smooth rotation enhanced as-rigid-as-possible mesh
 animation", IEEE TVCG 21(2), 2015.
@@ -37,9 +36,9 @@ from sshade.solver.start import initial_guess
 from sshade.solver.terms.arap import forces
 from sshade.task import DeformationResult, DeformationTask
 
-#: Differences that the acceleration keeps.
+#: Number of differences that the acceleration keeps.
 WINDOW = 5
-#: A step this much longer than the one before it ends an acceleration; it begins anew.
+#: Growth of the step length, as a ratio, beyond which the acceleration restarts.
 LONGER = 2.0
 
 
@@ -55,40 +54,38 @@ def arap_sr(
     seed: int = 0,
     progress: Progress = silent,
 ) -> DeformationResult:
-    """Deform with ARAP-SR; one iteration is a sweep over the rotations, then a global step.
+    """Deform with ARAP-SR. An iteration is a sweep over the rotations and a global step.
 
-    The sweep is Gauss-Seidel, each rotation from the newest ones of its
-    neighbours, in the order of a greedy colouring (see :mod:`baselines.arap_sr.smooth_rotations`).
-    Compared with Jacobi's two buffers the rotations spread about twice as far in
-    a sweep; and unlike CGAL's sweep in the order of the vertices, which gives
-    much the same, one by colours fits the rotations of a colour in one call.
+    The sweep is a Gauss-Seidel sweep in the order of a greedy colouring (see
+    :mod:`baselines.arap_sr.smooth_rotations`). In a Gauss-Seidel sweep, rotations spread about twice as far
+    as in a Jacobi sweep. CGAL sweeps in the order of the vertices with nearly the same result; a sweep by
+    colours fits all rotations of a colour in one call.
 
-    Differences from CGAL's SRE_ARAP: the local step comes first, as everywhere in
-    this project; a boundary edge has one weight, where
-    CGAL's counts from one of its ends only; a residual of positions stops it,
-    not the energy without its rotation term, nor after 5 iterations. From
-    Open3D's "Smoothed": Gauss-Seidel for Jacobi, half its weight on boundary
-    edges, each cotangent clamped and not their mean, smoothing from the first
-    iteration; its default alpha of 0.01 with a factor of 2 is the same term.
+    Differences from CGAL's SRE_ARAP: the local step comes first, as everywhere in this project. A boundary
+    edge has the same weight at both ends; CGAL counts it at one end only. A residual stops the iteration;
+    CGAL stops at its energy without the rotation term or after 5 iterations.
+
+    Differences from Open3D's "Smoothed": Gauss-Seidel instead of Jacobi sweeps, half the weight on boundary
+    edges, each cotangent clamped instead of their mean, smoothing from the first iteration. Open3D's default
+    alpha of 0.01 with its factor of 2 gives the same term.
 
     Parameters
     ----------
     task : DeformationTask
-        Its mesh may have a boundary and several components.
+        The mesh may have a boundary and several components.
     alpha : float
-        Weight of the rotations' smoothness. 0 is ARAP, infinity one rotation for all.
+        Weight of the rotations' smoothness. 0 gives ARAP; large values give one rotation for all vertices.
     clamp : bool
-        Raise negative cotangents to zero, as CGAL does; without, the energy has no lower
-        bound of zero where angles are obtuse.
+        Raise negative cotangents to zero, as CGAL does. Without clamping, the energy can be negative where
+        angles are obtuse.
     accelerate : bool
-        Anderson acceleration, off in the paper.
+        Use Anderson acceleration, which the paper does not use.
     tolerance : float
-        Residual under which iteration stops: the largest move of a vertex over the diagonal, or
-        of a rotation as a unit quaternion, whichever is larger. Rotations are unknowns here,
-        and spread so slowly over a fine mesh that positions alone can stand still long before.
-        0 never stops early.
+        Residual below which the iteration stops. It is the largest move of a vertex divided by the diagonal,
+        or the largest change of a unit quaternion if that is larger. On fine meshes, positions nearly stop
+        long before the rotations have spread. 0 disables the test.
     max_iterations : int
-        Cutoff; the paper's is 1000.
+        Maximum number of iterations; the paper uses 1000.
     start : {"rest", "rigid"}
         See :func:`sshade.solver.start.initial_guess`.
     seed : int
@@ -104,17 +101,17 @@ def arap_sr(
     Raises
     ------
     InputError
-        On an unknown start, or an alpha that is negative or infinite.
+        If the start is unknown, alpha is negative or infinite, or a handle is soft.
     """
     if not 0 <= alpha < np.inf:
-        raise InputError(f"alpha={alpha!r} is no weight; it takes a number from 0")
+        raise InputError(f"alpha={alpha!r} is out of range; use a finite number of at least 0")
     watch = Stopwatch()
     mesh, handles = task.mesh, task.handles
     handles.require_hard("ARAP-SR")
     U = initial_guess(task, start)
     R0 = rigid_motion(mesh.V[handles.index], handles.target)[0] if start == "rigid" else np.eye(3)
     colour = vertex_colours(mesh)
-    # Kernels meet the vertices colour by colour, and neighbours close together within a colour.
+    # Sort vertices by colour, and within a colour so that neighbours are close in memory.
     order = np.lexsort((band_position(mesh), colour))
     position = np.empty_like(order)
     position[order] = np.arange(mesh.n)
@@ -133,7 +130,7 @@ def arap_sr(
 
 
 class _State(Plain):
-    """Positions and rotations, under a local and a global step.
+    """Positions and rotations under local and global steps.
 
     Attributes
     ----------
@@ -187,10 +184,10 @@ class _State(Plain):
 class _Acceleration:
     """Anderson acceleration of positions and quaternions as one vector.
 
-    The rotations are part of what is iterated: a sweep does not fit them to the
-    positions alone. The sweep decreases no energy that could tell a bad iterate
-    from a good one, so the length of the step does: where it grows by more than
-    :data:`LONGER`, the plain iterate is taken and the history dropped.
+    Rotations are unknowns too, because a sweep fits them to the previous rotations as well as to the
+    positions. A sweep does not decrease an energy that could identify a bad iterate. The length of the step
+    serves instead: if it grows by more than :data:`LONGER`, the plain iterate is used and the history
+    dropped.
     """
 
     def __init__(self, n: int, *, scale: float) -> None:
@@ -200,7 +197,7 @@ class _Acceleration:
         self._mixer = Anderson(7 * n, WINDOW)
 
     def mix(self, u: np.ndarray, g: np.ndarray, *, before: np.ndarray, Q: np.ndarray) -> None:
-        """Replace u and Q, which led from `u` and `before` to `g` and `Q`, by the next iterate."""
+        """Replace u and Q by the next iterate, after a step from `u` and `before` to `g` and `Q`."""
         n, x, out = len(u), self._x, self._g
         for vector, positions, quaternions in ((x, u, before), (out, g, Q)):
             np.divide(positions.ravel(), self._scale, out=vector[: 3 * n])

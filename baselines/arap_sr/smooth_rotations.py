@@ -1,9 +1,8 @@
-"""The local step of ARAP-SR: rotations that fit their neighbours' as well as the edges.
+"""The local step of ARAP-SR: fit each rotation to the edges and to the neighbours' rotations.
 
-The rotation of vertex i maximises ``tr(R_i S~_i)``,
-``S~_i = sum_j w_ij e_ij e'_ij^T + (alpha A / deg(i)) sum_j R_j^T``, given those of
-its neighbours; see :mod:`baselines.arap_sr.arap_sr`. Vertices of one colour are not
-neighbours, so their rotations may be fitted in any order, or in one call.
+For fixed rotations of its neighbours, the rotation of vertex i maximises ``tr(R_i S~_i)`` with
+``S~_i = sum_j w_ij e_ij e'_ij^T + (alpha A / deg(i)) sum_j R_j^T``; see :mod:`baselines.arap_sr.arap_sr`.
+Vertices of one colour are not neighbours, so one call fits all their rotations.
 """
 
 from __future__ import annotations
@@ -22,14 +21,12 @@ from sshade.solver.terms.arap import Edges
 
 
 def vertex_colours(mesh: Mesh) -> np.ndarray:
-    """Greedy colouring in the order of the vertices: no edge has two ends of one colour.
-
-    Vertices of a colour do not see each other, so their order in a sweep means nothing.
+    """Colour vertices greedily in their order, so that the ends of each edge have different colours.
 
     Returns
     -------
     (n,) int64
-        Counted from 0; at most one more than the highest degree.
+        Colours from 0; their number is at most the highest degree plus one.
     """
     adjacency = _symmetric(mesh, np.ones(len(mesh.edges)), edges=mesh.edges)
     return _greedy_colours(adjacency.indptr, adjacency.indices)
@@ -47,7 +44,7 @@ class Cells:
     clamp : bool
         Raise negative cotangents to zero.
     colour : (n,) int64
-        Of each vertex, ascending.
+        Colour of each vertex, in ascending order.
 
     Attributes
     ----------
@@ -59,8 +56,8 @@ class Cells:
     def __init__(self, mesh: Mesh, *, alpha: float, clamp: bool, colour: np.ndarray) -> None:
         h = half_cotangents(mesh)
         if clamp:
-            # Two angles of a triangle are acute at least, so the positive edges connect its
-            # corners and the Laplacian keeps its rank.
+            # At least two angles of a triangle are acute. The edges of positive weight therefore connect its
+            # corners, and the Laplacian keeps its rank.
             h = np.maximum(h, 0.0)
         edges, weights = edge_weights(mesh, h)
         self.laplacian = laplacian_matrix(mesh.n, edges, weights)
@@ -75,7 +72,7 @@ class Cells:
         self._first = np.searchsorted(colour, np.arange(colour[-1] + 2))
 
     def fit(self, P: np.ndarray, Q: np.ndarray, R: np.ndarray, *, smooth: bool = True) -> None:
-        """One Gauss-Seidel sweep over the colours: fit Q and R to positions P (n, 3)."""
+        """Fit Q and R to positions P (n, 3) by one Gauss-Seidel sweep over the colours."""
         weight = self._smooth if smooth else np.zeros_like(self._smooth)
         for begin, end in pairwise(self._first):
             _covariances(self._start, self._neighbour, self._edges, weight, P, R, begin, end)
@@ -83,7 +80,7 @@ class Cells:
 
 
 def _symmetric(mesh: Mesh, values: np.ndarray, *, edges: np.ndarray):
-    """Symmetric (n, n) matrix with a value at each edge, zeros kept, columns ascending."""
+    """Return the symmetric (n, n) matrix of values at edges, with stored zeros and ascending columns."""
     i, j = edges.T
     both = (np.concatenate([i, j]), np.concatenate([j, i]))
     matrix = coo_array((np.tile(values, 2), both), shape=(mesh.n, mesh.n)).tocsr()
@@ -92,7 +89,7 @@ def _symmetric(mesh: Mesh, values: np.ndarray, *, edges: np.ndarray):
 
 
 def band_position(mesh: Mesh) -> np.ndarray:
-    """(n,) place of each vertex in an order that keeps neighbours close in memory."""
+    """Return the place (n,) of each vertex in an order that keeps neighbours close in memory."""
     adjacency = _symmetric(mesh, np.ones(len(mesh.edges)), edges=mesh.edges)
     position = np.empty(mesh.n, dtype=np.int64)
     position[reverse_cuthill_mckee(adjacency, symmetric_mode=True)] = np.arange(mesh.n)
@@ -118,9 +115,9 @@ def _greedy_colours(start, neighbour):
 
 @njit(cache=True, nogil=True)
 def _covariances(start, neighbour, edges, smooth, P, R, begin, end):
-    """Write S~ of the vertices of a colour, from `begin` to `end`, in place of their rotations."""
+    """Replace the rotations of the vertices of a colour, from `begin` to `end`, by S~."""
     for i in range(begin, end):
-        S = R[i]  # no vertex of this colour reads it
+        S = R[i]  # no vertex of this colour reads this row
         S[:] = 0.0
         for p in range(start[i], start[i + 1]):
             j = neighbour[p]

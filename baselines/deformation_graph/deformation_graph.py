@@ -1,17 +1,17 @@
-"""Fast ARAP on a deformation graph, after the description of Morsucci et al.; no public code was found.
+"""Fast ARAP on a deformation graph, from the description of Morsucci et al.; no public code was found.
 
-A coarse graph lies on the mesh, ARAP is solved on its edges, and the rigid
-motions of its nodes are blended on the mesh with weights that fall with the
-distance. Nodes i, with positions p_i at rest and q_i deformed, minimise
+The method solves ARAP on a coarse graph of nodes on the mesh, and blends the rigid motions of the nodes over
+the mesh. Nodes i, with positions p_i at rest and q_i deformed, minimise
 
-    sum_i sum_{j ~ i} w_ij |(q_i - q_j) - R_i (p_i - p_j)|^2,   w_ij = 1,
+    sum_i sum_{j ~ i} w_ij |(q_i - q_j) - R_i (p_i - p_j)|^2,   w_ij = 1.
 
-and a vertex x goes to ``sum_m phi_m(x) (R_m (x - p_m) + q_m)`` over its K
-nearest nodes, ``phi_m = (1 - d_m / d_max)^2`` divided by their sum, d_m the
-distance along the surface and d_max that of the next node (Sumner et al.). What
-the paper leaves open is filled in: nodes by farthest point sampling from the
-handles on, an edge where the Voronoi regions of two nodes share a mesh edge. The
-graph has no triangles and needs no topology repair; in that it differs from SShaDe.
+A vertex x moves to ``sum_m phi_m(x) (R_m (x - p_m) + q_m)``, summed over its K nearest nodes. The weights
+phi_m are ``(1 - d_m / d_max)^2`` divided by their sum. d_m is the distance along the surface, and d_max the
+distance of the next node (Sumner et al.).
+
+The paper does not say how to choose nodes and edges. Here, farthest point sampling from the handles gives the
+nodes, and an edge connects two nodes whose Voronoi cells share a mesh edge. Unlike SShaDe's proxy, the graph
+has no triangles and needs no topology repair.
 
 Morsucci et al., 2018 (fast ARAP). R. W. Sumner, J. Schmid, M. Pauly, "Embedded
 deformation for shape manipulation", 2007.
@@ -52,44 +52,44 @@ def deformation_graph(
     seed: int = 0,
     progress: Progress = silent,
 ) -> DeformationResult:
-    """Deform with ARAP on a graph of nodes, whose rigid motions the mesh follows.
+    """Deform with ARAP on a graph of nodes and blend the nodes' rigid motions over the mesh.
 
     Parameters
     ----------
     task : DeformationTask
-        Its mesh must be manifold and oriented; boundary and several components are fine.
+        The mesh must be manifold and oriented. It may have a boundary and several components.
     nodes : int
-        k, the nodes in all; every handle vertex is one, but those of regions, see
-        :class:`sshade.pipeline.regions.HandleRegions`. A small mesh has a node for a quarter of its
-        vertices, as a proxy: see :func:`sshade.pipeline.proxies.proxy_vertices`.
+        k, number of nodes. Each handle vertex is a node, except inside handle regions (see
+        :class:`sshade.pipeline.regions.HandleRegions`). A small mesh has one node for four vertices (see
+        :func:`sshade.pipeline.proxies.proxy_vertices`).
     blended : int
-        K, the nodes that a vertex follows: the nearest along the surface, out of the
-        node of its Voronoi region and that one's neighbours in the graph.
+        K, number of nodes that move a vertex, at least 1: the nearest nodes along the surface among the node
+        of its Voronoi cell and the neighbours of this node in the graph.
     tolerance : float
-        Residual of the nodes, relative to the mesh's diagonal, under which iteration
-        stops. 0 never stops early.
+        Residual below which the iteration stops: the largest move of a node in one iteration, divided by the
+        mesh's bounding-box diagonal. 0 disables the test.
     max_iterations : int
     start : {"rest", "rigid"}
         See :func:`sshade.solver.start.initial_guess`.
     seed : int
-        Unused: the sampling begins with the handles, not with a random vertex.
+        Unused, because the sampling begins with the handles.
     progress : Progress
 
     Returns
     -------
     DeformationResult
-        Handle vertices are put on their targets in the end; ``extra`` holds
-        ``handle_before``, their mean distance to the targets before that over the
-        diagonal, ``nodes``, ``edges`` and ``residual``.
+        Handle vertices are put on their targets at the end. ``extra`` holds ``handle_before``, their mean
+        distance to the targets before this correction divided by the diagonal, ``nodes``, ``edges`` and
+        ``residual``.
 
     Raises
     ------
     InputError
-        On a mesh that is not manifold and oriented, an unknown start, fewer
-        nodes than handles, or no node to blend.
+        If the mesh is not manifold and oriented, the start is unknown, there are fewer nodes than handles,
+        `blended` is below 1, or a handle is soft.
     """
     if blended < 1:
-        raise InputError(f"{blended} blended nodes were asked for; a vertex must follow at least one")
+        raise InputError(f"blended={blended} is out of range; at least one node must move a vertex")
     watch = Stopwatch()
     mesh, handles = task.mesh, task.handles
     handles.require_hard("the deformation graph")
@@ -138,13 +138,13 @@ class _NodeSolver:
         self._linear = Factorised(laplacian_matrix(k, edges, weights), fixed)
 
     def rotations(self, q: np.ndarray) -> np.ndarray:
-        """(k, 9) the local step at q."""
+        """Return the rotations (k, 9) of the local step at q."""
         covariances(self._elements, q, self._R, 0, len(q))
         fit_rotations(self._R, self._Q)
         return self._R
 
     def advance(self, q: np.ndarray, out: np.ndarray) -> None:
-        """One local and one global step."""
+        """Write the result of one local and one global step to `out`."""
         forces(self._elements, q, self.rotations(q), self._B, 0, len(q))
         self._linear.solve(self._B, out)
         out += q

@@ -1,4 +1,4 @@
-"""Nodes on a mesh: a graph between them, and the nodes that each vertex follows."""
+"""Nodes on a mesh: the graph that connects them, and the nodes that move each vertex."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from sshade.mesh.adjacency import VertexGraph
 from sshade.mesh.mesh import Mesh
 from sshade.sampling.fronts import Fronts
 
-#: A node's edges span a plane if the second moment of their directions exceeds this, times the first.
+#: Least ratio of the two largest second moments of a node's edges that are not collinear.
 COLLINEAR = 1e-6
-#: Neighbours that every node gets, as far as there are other nodes.
+#: Least number of neighbours of a node, if its component has so many nodes.
 FEWEST_NEIGHBOURS = 3
 
 
@@ -36,12 +36,12 @@ class NodeGraph:
 
 @dataclass(frozen=True, eq=False)
 class NodeBinding:
-    """The nodes that each vertex follows.
+    """The nodes that move each vertex.
 
     Parameters
     ----------
     node : (n, K) int32
-        Nearest first; what is missing is -1 and has no weight.
+        Nearest first; -1 with weight 0 if there are fewer.
     weight : (n, K) float64
         phi; each row adds up to 1.
     """
@@ -51,11 +51,11 @@ class NodeBinding:
 
 
 def node_graph(mesh: Mesh, fronts: Fronts) -> NodeGraph:
-    """Connect samples whose Voronoi regions share a mesh edge.
+    """Connect samples whose Voronoi cells share a mesh edge.
 
-    A node with fewer than :data:`FEWEST_NEIGHBOURS`, or with neighbours along one
-    line only, leaves its rotation open. It is connected to the nodes next to it
-    along the graph until neither holds, or no node of its component is left.
+    Fewer than :data:`FEWEST_NEIGHBOURS` neighbours, or collinear neighbours, do not determine a node's
+    rotation. Such a node is also connected to the next nodes along the graph until its neighbours determine
+    the rotation, or no node of its component is left.
     """
     P, k = mesh.V[fronts.samples], len(fronts)
     ends = fronts.cell[mesh.edges].astype(np.int64)
@@ -73,37 +73,37 @@ def node_graph(mesh: Mesh, fronts: Fronts) -> NodeGraph:
 
 
 def _missing_edges(P: np.ndarray, edges: np.ndarray, length: np.ndarray) -> list[tuple[int, int]]:
-    """Edges that give each node a rotation, as far as there are other nodes."""
+    """Return the edges that are missing to determine the rotations of all nodes."""
     from scipy.sparse.csgraph import dijkstra
 
     k = len(P)
     adjacency = coo_array((length, tuple(edges.T)), shape=(k, k)).tocsr()
     star = _star(edges, k)
     neighbours = np.split(star.indices, star.indptr[1:-1])
-    poor = [node for node in range(k) if not _holds(P, node, neighbours[node])]
+    poor = [node for node in range(k) if not _determines_rotation(P, node, neighbours[node])]
     if not poor:
         return []
     added = []
     distance = dijkstra(adjacency, directed=False, indices=poor)
     for row, node in enumerate(poor):
-        known = neighbours[node].tolist()
+        connected = neighbours[node].tolist()
         for other in np.argsort(distance[row], kind="stable"):
-            if _holds(P, node, known) or not np.isfinite(distance[row, other]):
+            if _determines_rotation(P, node, connected) or not np.isfinite(distance[row, other]):
                 break
-            if other != node and other not in known:
-                known.append(int(other))
+            if other != node and other not in connected:
+                connected.append(int(other))
                 added.append((node, int(other)))
     return added
 
 
 def _star(edges: np.ndarray, k: int) -> csr_array:
-    """(k, k) ones where two nodes are connected."""
+    """Return the (k, k) adjacency matrix of the nodes."""
     i, j = np.concatenate([edges, edges[:, ::-1]]).T
     return coo_array((np.ones(len(i)), (i, j)), shape=(k, k)).tocsr()
 
 
-def _holds(P: np.ndarray, node: int, neighbours: np.ndarray | list[int]) -> bool:
-    """Whether edges to these neighbours determine the node's rotation."""
+def _determines_rotation(P: np.ndarray, node: int, neighbours: np.ndarray | list[int]) -> bool:
+    """Return whether the edges from a node to some neighbours determine its rotation."""
     if len(neighbours) < FEWEST_NEIGHBOURS:
         return False
     e = P[neighbours] - P[node]
@@ -112,12 +112,12 @@ def _holds(P: np.ndarray, node: int, neighbours: np.ndarray | list[int]) -> bool
 
 
 def bind_to_nodes(graph: VertexGraph, fronts: Fronts, *, edges: np.ndarray, blended: int) -> NodeBinding:
-    """The `blended` nodes nearest to each vertex, and their weights.
+    """Find the `blended` nodes nearest to each vertex, and their weights.
 
-    Nodes are sought among that of the vertex's region and its neighbours in the
-    graph, with distances along paths within such regions: an arm that touches the
-    torso does not follow it. Where they are fewer than K + 1 the farthest one sets
-    d_max; where all K are as far as the next one they count the same.
+    Candidates are the node of the vertex's cell and the neighbours of this node in the graph. Paths stay
+    inside the cells of the candidates, so an arm that touches the torso does not follow the torso. If there
+    are fewer than K + 1 candidates, the farthest one sets d_max. If all K nodes are as far as the next node,
+    they have equal weights.
 
     Parameters
     ----------
@@ -153,17 +153,17 @@ def bind_to_nodes(graph: VertexGraph, fronts: Fronts, *, edges: np.ndarray, blen
 
 @njit(cache=True, nogil=True)
 def _nearest_nodes(indptr, indices, lengths, region, samples, star_start, star, count):
-    """Nodes and distances, (n, count) each, nearest first; -1 and infinity where there are fewer."""
+    """Return nodes and distances (n, count), nearest first; -1 and infinity if there are fewer."""
     n, k = len(region), len(samples)
     nearest, nearest_distance = np.full((n, count), -1, np.int32), np.full((n, count), np.inf)
     distance, queued = np.full(n, np.inf), np.zeros(n, np.bool_)
     ring, reached = np.empty(n + 1, np.int32), np.empty(n, np.int32)
-    open_to = np.full(k, -1, np.int32)  # the last node whose paths may enter a region
+    open_to = np.full(k, -1, np.int32)  # the last node whose paths may enter a cell
     for m in range(k):
         open_to[m] = m
         for p in range(star_start[m], star_start[m + 1]):
             open_to[star[p]] = m
-        # Labels are corrected in the order of a queue: the regions are small.
+        # Label-correcting search with a queue, which is fast because cells are small.
         head, tail, found = 0, 1, 1
         ring[0] = reached[0] = samples[m]
         distance[samples[m]] = 0.0
@@ -190,7 +190,7 @@ def _nearest_nodes(indptr, indices, lengths, region, samples, star_start, star, 
 
 @njit(cache=True, nogil=True)
 def _insert(ids, distances, m, d):
-    """Insert into a sorted row; of equal distances the earlier one comes first, and the last falls out."""
+    """Insert into a sorted row and drop the last entry. Equal distances keep their order."""
     place = len(ids)
     while place > 0 and d < distances[place - 1]:
         place -= 1
