@@ -185,7 +185,7 @@ def test_several_components(small_body):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"alpha": -0.1}, "alpha=-0.1 is no weight"),
+        ({"alpha": -0.1}, "alpha=-0.1 is out of range"),
         ({"alpha": np.inf}, "alpha=inf"),
         ({"alpha": np.nan}, "alpha=nan"),
     ],

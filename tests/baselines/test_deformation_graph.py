@@ -196,7 +196,7 @@ def test_stops_by_the_residual_of_the_nodes(body):
 
 
 @pytest.mark.parametrize(
-    ("change", "message"), [({"blended": 0}, "0 blended nodes"), ({"nodes": 3}, "3 samples cannot hold the")]
+    ("change", "message"), [({"blended": 0}, "blended=0 is out of range"), ({"nodes": 3}, "3 samples cannot hold the")]
 )
 def test_bad_parameters_are_refused(small_body, change, message):
     with pytest.raises(InputError, match=message):
