@@ -47,8 +47,8 @@ class SourceFile(NamedTuple):
     imports : frozenset of str
         Dotted names of the imported modules and of the names imported from modules.
     lazy : mapping or None
-        For a module with a function ``__getattr__``: public name -> dotted name, from the imports that it
-        shows to type checkers. None for all other modules.
+        For a package with a function ``__getattr__``: public name -> dotted name, from the imports that the
+        package shows to type checkers. None for all other modules.
     """
 
     path: Path
@@ -69,19 +69,19 @@ def digest(*parts: bytes) -> str:
 
 
 def loaded_code(functions: Iterable[str]) -> dict[str, str]:
-    """Return the hash of each file that the rows of some functions depend on, by its place.
+    """Return the hash of each file that the rows of some functions depend on, by place; with the metrics.
 
     Parameters
     ----------
     functions : iterable of str
         Dotted names, as ``_target_`` gives them.
     """
-    return {place: file.hash for place, file in _files(frozenset(functions)).items()}
+    return {place: file.hash for place, file in (_files(frozenset(functions)) | MEASURES).items()}
 
 
 def code_version(functions: Iterable[str]) -> str:
-    """Return one hash of all files that the rows of some functions depend on."""
-    return _digest_of(loaded_code(functions))
+    """Return one hash of all files that the rows of some functions depend on, without the metrics."""
+    return _version(_files(frozenset(functions)))
 
 
 def imported_libraries(functions: Iterable[str]) -> set[str]:
@@ -121,8 +121,8 @@ def _code_changed(place: str) -> CodeChanged:
     )
 
 
-def _digest_of(hashes: Mapping[str, str]) -> str:
-    return digest(*(text.encode() for pair in sorted(hashes.items()) for text in pair))
+def _version(files: Mapping[str, SourceFile]) -> str:
+    return digest(*(text.encode() for place in sorted(files) for text in (place, files[place].hash)))
 
 
 def _stamp(path: Path) -> tuple[int, int]:
@@ -138,7 +138,7 @@ def _changed(file: SourceFile) -> bool:
         return True
 
 
-#: Stamps of the project's files when this process began. A file that is parsed later must still have its own.
+#: Stamps of the project's files when this process began; a file must still have its stamp when it is parsed.
 _BEGUN = {path: _stamp(path) for top in OWN for path in (PACKAGES / top).rglob("*.py")}
 
 
@@ -161,9 +161,10 @@ def _read(path: Path, package: str) -> SourceFile:
     stamp, text = _stamp(path), path.read_bytes()
     try:
         tree = ast.parse(text)
-    except SyntaxError:  # such a file cannot be imported
+    except (SyntaxError, ValueError):  # the file cannot be imported
         return SourceFile(path, package, stamp, digest(text), frozenset(), None)
-    is_lazy = any(isinstance(node, ast.FunctionDef) and node.name == "__getattr__" for node in tree.body)
+    functions = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+    is_lazy = path.name == "__init__.py" and "__getattr__" in functions
     lazy = dict(_imports(tree, package, typing=True)) if is_lazy else None
     imports = frozenset(name for _, name in _imports(tree, package)) | _attributes(tree)
     return SourceFile(path, package, stamp, digest(repr(_plain(tree)).encode()), imports, lazy)
@@ -303,4 +304,4 @@ MEASURES = {
     path.relative_to(PACKAGES).as_posix(): _parsed(path, "eval.metrics")
     for path in sorted((PACKAGES / "eval" / "metrics").rglob("*.py"))
 }
-METRICS = _digest_of({place: file.hash for place, file in MEASURES.items()})
+METRICS = _version(MEASURES)

@@ -40,7 +40,8 @@ def method(task):
 ''',
     "ours/package/__init__.py": "ORDER = 1\n",
     "ours/package/module.py": '"""Help."""\nfrom ..far import FAR\ndef helper():\n    return FAR\n',
-    **{f"ours/{name}.py": "VALUE = 1\n" for name in ("absolute", "far", "hints", "late", "lazy", "other")},
+    "ours/far.py": "FAR = 1\ndef __getattr__(name):\n    return FAR\n",
+    **{f"ours/{name}.py": "VALUE = 1\n" for name in ("absolute", "hints", "late", "lazy", "other")},
 }
 
 
