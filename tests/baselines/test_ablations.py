@@ -134,7 +134,7 @@ def test_with_nearest_samples_too_rigid_handles_move_the_mesh_rigidly():
     assert np.abs(result.vertices - (mesh.V @ turn.T + shift)).max() <= 1e-5 * mesh.diagonal
 
 
-def test_nothing_left_out_is_sshade_fast_and_each_other_choice_differs_from_all_others():
+def test_nothing_left_out_is_fast_and_each_other_choice_differs_from_all_others():
     task = held_ends(bumpy(4), share=0.02)  # few handles: no regions, which have no attachment
     options = {"vertices": 500, "seed": 3}
     found = {name: fast_without(task, without=name, **options) for name in LEFT_OUT}

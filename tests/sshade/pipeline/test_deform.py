@@ -147,11 +147,3 @@ def test_files_are_read_as_arrays_and_written_like_their_source(tmp_path):
         sshade.write(out, U[1:], like=path)
     with pytest.raises(InputError, match="would lose the texture coordinates"):
         sshade.write(tmp_path / "posed.stl", U, like=path)
-
-
-def test_the_version_is_that_of_the_project():
-    import tomllib
-    from pathlib import Path
-
-    project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())
-    assert sshade.__version__ == project["project"]["version"]

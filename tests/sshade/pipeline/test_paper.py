@@ -22,7 +22,7 @@ from tests.sshade.pipeline.calls import paper
 MESHES = family()
 
 
-def ends(mesh: Mesh, *, moved: bool = True) -> DeformationTask:
+def ends(mesh: Mesh) -> DeformationTask:
     """Both ends along the longest axis as handles, one turned and shifted."""
     axis = int(np.argmax(np.ptp(mesh.V, axis=0)))
     x = mesh.V[:, axis]
@@ -31,10 +31,9 @@ def ends(mesh: Mesh, *, moved: bool = True) -> DeformationTask:
     index = np.concatenate([low, high])
     dynamic = np.repeat([False, True], [len(low), len(high)])
     target = mesh.V[index].copy()
-    if moved:
-        centre = target[dynamic].mean(axis=0)
-        turn = np.linalg.matrix_power(np.array([[0.96, 0.28, 0], [-0.28, 0.96, 0], [0, 0, 1]]), 2)
-        target[dynamic] = (target[dynamic] - centre) @ turn.T + centre + 0.1 * mesh.diagonal
+    centre = target[dynamic].mean(axis=0)
+    turn = np.linalg.matrix_power(np.array([[0.96, 0.28, 0], [-0.28, 0.96, 0], [0, 0, 1]]), 2)
+    target[dynamic] = (target[dynamic] - centre) @ turn.T + centre + 0.1 * mesh.diagonal
     return DeformationTask("ends", mesh, Handles(index, target, dynamic=dynamic, group=dynamic.astype(int)))
 
 

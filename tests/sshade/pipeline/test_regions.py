@@ -157,15 +157,6 @@ def test_what_is_between_two_regions_does_not_fold(vertices):
     assert smooth < 0.7 * folded and away < 0.8 * further, (smooth, folded, away, further)
 
 
-def test_a_region_that_moves_with_all_others_moves_everything(task):
-    """Rigidly: the rotations at the edges and the correction add nothing."""
-    R, index = rotation(), task.handles.index
-    rigid = DeformationTask("rigid", task.mesh, Handles(index, task.mesh.V[index] @ R.T + [3, 1, 2]))
-    for name in ("paper", "fast"):
-        V = METHODS[name](rigid).vertices
-        np.testing.assert_allclose(V, task.mesh.V @ R.T + [3, 1, 2], atol=1e-4 * task.mesh.diagonal)
-
-
 def test_an_edge_of_many_vertices_is_thinned_and_still_exact():
     """A comb of held and free stripes, with more vertices at edges than there are samples."""
     mesh = jittered(strip(120, 30), 0.1)

@@ -49,18 +49,6 @@ def test_with_the_residual_frames_carry_the_edit_alone(mesh, frames):
     assert np.abs(found - truth).mean() < np.abs(plain - truth).mean()
 
 
-def test_more_samples_and_samplings_come_nearer(mesh):
-    posed = bent(mesh.V)
-
-    def error(**parameters):
-        result = transfer_pose(mesh, posed, **parameters)
-        return np.linalg.norm(result.vertices - posed, axis=1).mean()
-
-    coarse, fine = error(vertices=100, samplings=1), error(vertices=800, samplings=1)
-    assert fine < 0.5 * coarse
-    assert error(vertices=100, samplings=8) < coarse
-
-
 @pytest.fixture(scope="module")
 def task():
     rest = bumpy(3)
