@@ -40,7 +40,7 @@ Run deformation methods, and make tables, figures and pages from the results.
 
 {commands}
 
-  sshade-eval run method=sshade dataset=defaust dataset.root=DIR subject=0 pose=1
+  sshade-eval run method=paper dataset=defaust dataset.root=DIR subject=0 pose=1
   sshade-eval run -m experiment=quick
   sshade-eval collect quick && sshade-eval tables quick && sshade-eval report quick
 

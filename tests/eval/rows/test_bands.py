@@ -59,7 +59,7 @@ def typical(method: str, task: str) -> dict:
 
 
 @pytest.mark.parametrize("column", ["self_intersections", "flips", "collapsed"])
-def test_what_sshade_fine_promises_is_zero_in_its_bands(column):
+def test_the_promises_of_fine_are_zero_in_its_bands(column):
     for task in CI["fine"]:
         broken = typical("fine", task) | {f"metric.{column}": 1.0}
         assert out_of_band(broken, CI) == [f"metric.{column} is 1.0, not in [0.0, 0.0]"]
