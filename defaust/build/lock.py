@@ -6,7 +6,7 @@ import logging
 import os
 import platform
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
@@ -28,36 +28,55 @@ LOCK = ".lock"
 def sole_builder(out: Path) -> Iterator[None]:
     """Make a folder and lock it for this process.
 
-    The operating system releases the lock when the process ends, so a killed build blocks no later one.
+    The operating system releases the lock when the process ends, so a killed build blocks no later one. A new
+    folder that stays empty is removed.
 
     Raises
     ------
     InputError
         When another process builds there, or the folder cannot be created.
     """
+    new = not out.exists()
     make_folder(out)
-    if fcntl is None:
-        log.warning("%s: this system has no file locks; start no second build there", out)
+    file = _locked(out)
+    file.truncate(0)
+    file.write(f"process {os.getpid()} on {platform.node()}")
+    file.flush()
+    try:
         yield
-        return
+    finally:
+        if fcntl is None:
+            file.close()  # Windows does not remove open files
+        # Remove the file while it is locked: a process that opened it meanwhile sees that it is gone.
+        (out / LOCK).unlink(missing_ok=True)
+        file.close()
+        if new:
+            with suppress(OSError):  # not empty
+                out.rmdir()
+
+
+def _locked(out: Path) -> IO[str]:
+    """Open and lock the lock file of a folder."""
     path = out / LOCK
-    with path.open("a+", encoding="utf-8") as file:
+    while True:
+        file = path.open("a+", encoding="utf-8")
         _lock(file, out)
-        file.truncate(0)
-        file.write(f"process {os.getpid()} on {platform.node()}")
-        file.flush()
-        try:
-            yield
-        finally:
-            path.unlink(missing_ok=True)
+        with suppress(FileNotFoundError):
+            if os.path.samestat(path.stat(), os.fstat(file.fileno())):
+                return file
+        file.close()  # another process removed the file between opening and locking
 
 
 def _lock(file: IO[str], out: Path) -> None:
+    if fcntl is None:
+        log.warning("%s: this system has no file locks; start no second build there", out)
+        return
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except (BlockingIOError, PermissionError) as error:
         file.seek(0)
         who = file.read().strip() or "another process"
+        file.close()
         raise InputError(f"{out}: {who} builds there; wait until it is done, or give another out") from error
     except OSError as error:  # a file system without locks, such as some network file systems
         log.warning("%s: cannot be locked (%s); start no second build there", out, error.strerror)

@@ -56,3 +56,23 @@ def test_without_locks_a_build_continues_with_a_warning(tmp_path, monkeypatch, c
     with sole_builder(tmp_path / "out"):
         assert (tmp_path / "out").is_dir()
     assert "no file locks; start no second build" in caplog.text
+
+
+def test_a_lock_file_that_was_removed_meanwhile_locks_nothing(tmp_path, monkeypatch):
+    """Another build ends between the opening and the locking of its file."""
+    original = module.fcntl.flock
+
+    def removing(file, operation):
+        monkeypatch.setattr(module.fcntl, "flock", original)
+        (tmp_path / LOCK).unlink()
+        original(file, operation)
+
+    monkeypatch.setattr(module.fcntl, "flock", removing)
+    with sole_builder(tmp_path), pytest.raises(InputError, match="builds there"), sole_builder(tmp_path):
+        pass
+
+
+def test_a_new_folder_that_stays_empty_is_removed(tmp_path):
+    with sole_builder(tmp_path / "out"):
+        pass
+    assert not (tmp_path / "out").exists()
