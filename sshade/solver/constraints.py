@@ -90,7 +90,7 @@ class Surface:
         """Return (2,) volume and area at positions P (n, 3); the same bits with any number of threads."""
         origin = P[self.F[0, 0]]
         parts = team.ranges(lambda *own: volume_and_area(*own, self.F, P, origin), len(self.F), rows=FACES)
-        return sum(parts[1:], start=parts[0])
+        return sum(parts)
 
     def constraints(
         self, volume: float, area: float, *, corners: int, team: ThreadTeam, single: bool = False
@@ -234,7 +234,7 @@ class Constraints:
     def _along(self, G: np.ndarray) -> np.ndarray:
         """(q, q) derivatives ``sum_i G_i . Z_i`` of each quantity along each direction."""
         parts = self._team.ranges(lambda *own: _along(*own, G, self._Z), G.shape[1])
-        return sum(parts[1:], start=parts[0])
+        return sum(parts)
 
     def add_moves(self, B: np.ndarray) -> None:
         """Add the gradients, times the changes of the multipliers in the last :meth:`project`, to B."""

@@ -8,6 +8,7 @@ from math import inf
 import numpy as np
 
 from sshade.errors import InputError
+from sshade.options import Options
 from sshade.solver.constraints import Constraints
 from sshade.solver.energy import Energy
 from sshade.solver.linear import Linear
@@ -33,15 +34,17 @@ class Descent:
     Parameters
     ----------
     system : System
-    energy : Energy
-    constraints : Constraints or None
+    options : Options
+        Weights of the constraints, and strain weights.
     u : (n, 3) float64
         Where to begin, in the solver's order; hard handles are on their targets.
-    quasi_newton : QuasiNewton or None
-        Without, all iterates are plain.
+    team : ThreadTeam
+    window : int
+        Number of stored quasi-Newton steps; 0 for plain iterations.
+    single : bool
+        Store them in single precision.
     accelerate_last : bool
         Take a quasi-Newton step also from the last plain iterate, if another solve follows.
-    team : ThreadTeam
 
     Attributes
     ----------
@@ -58,17 +61,27 @@ class Descent:
     def __init__(
         self,
         system: System,
-        energy: Energy,
-        constraints: Constraints | None,
+        options: Options,
         u: np.ndarray,
         *,
-        quasi_newton: QuasiNewton | None = None,
-        accelerate_last: bool = False,
         team: ThreadTeam,
+        window: int = 0,
+        single: bool = False,
+        accelerate_last: bool = False,
     ) -> None:
-        self._system, self.energy, self._constraints = system, energy, constraints
-        self.u, self._g = u, np.empty_like(u)
-        self._quasi_newton, self._accelerate_last, self._team = quasi_newton, accelerate_last, team
+        self._system, self.energy, self._team = system, Energy(system, options, team=team), team
+        self._constraints = system.surface.constraints(
+            options.volume,
+            options.area,
+            corners=system.corners,
+            team=team,
+            single=system.factorised is None and not system.exact_steps,
+        )
+        self.u, self._g, self._accelerate_last = u, np.empty_like(u), accelerate_last
+        self._quasi_newton: QuasiNewton | None = None
+        if window:
+            unit = system.mesh.diagonal
+            self._quasi_newton = QuasiNewton(len(u), window, unit=unit, single=single, team=team)
         self._slack = ENERGY_ROUNDING * abs(system.rest_energy)
 
     def aim(

@@ -10,31 +10,9 @@ X. S. Li, "An overview of SuperLU", 2005; T. A. Davis, "Direct methods for spars
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
 from scipy.sparse import csc_array, csc_matrix, sparray, spmatrix
-
-
-class Factors(NamedTuple):
-    """L, unit lower triangular in compressed columns without its diagonal, and D.
-
-    Attributes
-    ----------
-    start : (n + 1,) int64
-        Where each column of L begins.
-    row : (z,) int32
-        Ascending in each column.
-    value : (z,) float64
-    inverse_pivot : (n,) float64
-        ``1 / D``.
-    """
-
-    start: np.ndarray
-    row: np.ndarray
-    value: np.ndarray
-    inverse_pivot: np.ndarray
 
 
 class Factorisation:
@@ -50,8 +28,9 @@ class Factorisation:
     order : (n,) int64
         Row of Q at each position of the elimination order. Unknowns stored in this order need no
         permutation: see :meth:`solve_ordered`.
-    factors : Factors
-        L and D, in that order.
+    factors : tuple
+        In that order: starts (n + 1,) int64, rows int32 and values float64 of the columns of L, without the
+        unit diagonal, and (n,) float64 the inverse of D.
 
     Raises
     ------
@@ -89,7 +68,7 @@ class Factorisation:
         below = np.ones(lower.nnz, dtype=bool)
         below[lower.indptr[:-1]] = False  # the unit diagonal is the first entry of each column
         self.order = np.argsort(position).astype(np.int64)
-        self.factors = Factors(
+        self.factors = (
             lower.indptr.astype(np.int64) - np.arange(n + 1),
             lower.indices[below].astype(np.int32, copy=False),
             lower.data[below].astype(np.float64, copy=False),

@@ -18,6 +18,7 @@ import numpy as np
 
 from sshade.errors import InputError
 from sshade.options import ENERGY, complete
+from sshade.solver.descent import Descent
 from sshade.solver.local_global import LocalGlobal
 from sshade.solver.run import Stop, run
 from sshade.solver.solution import Solution
@@ -71,9 +72,10 @@ class Following:
         self.solver, self._options, team = solver, complete(energy, ENERGY), ThreadTeam(1)
         self._factorised = solver.factorised
         self._to_handles = solver.matrix[solver.vertex][:, solver.index[solver.hard]]
-        self._state = solver.descent(
-            solver.to_system(positions, targets),
+        self._state = Descent(
+            solver,
             self._options,
+            solver.to_system(positions, targets),
             team=team,
             window=window,
             single=True,

@@ -11,7 +11,6 @@ P. Schroeder, "A simple geometric model for elastic deformations", 2010 (spokes 
 
 from __future__ import annotations
 
-from functools import cached_property
 from math import inf
 from time import perf_counter
 from typing import Any
@@ -21,11 +20,8 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.options import ENERGY, Energy, Options, complete
 from sshade.progress import Progress, silent
-from sshade.solver import energy as terms
 from sshade.solver.attachment import Attachment
-from sshade.solver.constraints import Surface
 from sshade.solver.descent import Descent
-from sshade.solver.quasi_newton import QuasiNewton
 from sshade.solver.run import Run, Stop, run
 from sshade.solver.solution import Solution
 from sshade.solver.start import initial_guess
@@ -47,11 +43,6 @@ class LocalGlobal(System):
     Parameters, attributes and errors as of :class:`sshade.solver.system.System`. Constraints on volume or
     area need a connected mesh.
     """
-
-    @cached_property
-    def _surface(self) -> Surface:
-        corners = self.elements.corners
-        return Surface(self.mesh, self.place, corners if self.corners == 3 else None)
 
     def solve(
         self,
@@ -127,56 +118,14 @@ class LocalGlobal(System):
         del start  # which may be the caller's last reference to a large array
         with ThreadTeam(workers) as team:
             single = self.factorised is None
-            state = self.descent(u, options, team=team, window=window if accelerate else 0, single=single)
+            window = window if accelerate else 0
+            state = Descent(self, options, u, team=team, window=window, single=single)
             state.aim(targets, prescribed, fraction, volume_goal)
             if rotations is not None:
                 state.energy.begin_with(rotations)
             state.begin()
             done = run(state, Stop(tolerance, max_iterations, max_seconds), progress=progress)
         return self.solution(state, done, targets, options)
-
-    def descent(
-        self,
-        u: np.ndarray,
-        options: Options,
-        *,
-        team: ThreadTeam,
-        window: int = 0,
-        single: bool = False,
-        accelerate_last: bool = False,
-    ) -> Descent:
-        """Prepare the state of a solve.
-
-        Parameters
-        ----------
-        u : (n, 3) float64
-            Where it begins, in the solver's order.
-        options : Options
-        team : ThreadTeam
-        window : int
-            Number of stored quasi-Newton steps; 0 for plain iterations.
-        single : bool
-            Store these steps in single precision.
-        accelerate_last : bool
-            See :class:`sshade.solver.descent.Descent`.
-        """
-        unit = self.mesh.diagonal
-        constraints = self._surface.constraints(
-            options.volume,
-            options.area,
-            corners=self.corners,
-            team=team,
-            single=self.factorised is None and not self.exact_steps,
-        )
-        return Descent(
-            self,
-            terms.Energy(self, options, team=team),
-            constraints,
-            u,
-            quasi_newton=QuasiNewton(len(u), window, unit=unit, single=single, team=team) if window else None,
-            accelerate_last=accelerate_last,
-            team=team,
-        )
 
     def solution(self, state: Descent, done: Run, targets: np.ndarray, options: Options) -> Solution:
         """Return the result of a finished run, in the mesh's order of vertices."""
@@ -190,7 +139,7 @@ class LocalGlobal(System):
             energy_initial=self.rest_energy + state.initial_value,
             converged=done.converged,
             rejected=state.rejected,
-            **self._surface.report(state.u, options.volume, options.area, volume_goal=state.volume_goal),
+            **self.surface.report(state.u, options.volume, options.area, volume_goal=state.volume_goal),
         )
 
     def project(
@@ -220,9 +169,8 @@ class LocalGlobal(System):
         """
         targets, positions = self.checked_positions(np.asarray(positions)[self.index], positions)
         with ThreadTeam(workers) as team:
-            state = self.descent(
-                self.to_system(positions, targets), Options(volume=volume, area=area), team=team
-            )
+            u = self.to_system(positions, targets)
+            state = Descent(self, Options(volume=volume, area=area), u, team=team)
             state.project()
         return self.from_system(state.u, targets)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -18,6 +19,7 @@ from sshade.errors import InputError
 from sshade.memory import give_back
 from sshade.mesh.mesh import Mesh
 from sshade.options import Energy
+from sshade.solver.constraints import Surface
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix, rest_energies
 from sshade.solver.linear import ConjugateGradients, Factorised, Linear, VCycle, not_positive_definite
 from sshade.solver.multigrid import SMOOTHER, Multigrid
@@ -201,6 +203,11 @@ class System:
     @property
     def rest_energy(self) -> float:
         return self._stretch + (self.plate.rest_energy if self.plate else 0.0)
+
+    @cached_property
+    def surface(self) -> Surface:
+        """The faces in the solver's order, for constraints."""
+        return Surface(self.mesh, self.place, self.elements.corners if self.corners == 3 else None)
 
     def metric(self, weight: np.ndarray | None = None) -> csr_array:
         """Assemble the Laplacian with weights (m,) of triangles and the stiffness of pulls, in this order."""

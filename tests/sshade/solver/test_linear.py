@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from sshade import DeformationTask, Handles, Mesh
 from sshade.options import Options
+from sshade.solver.descent import Descent
 from sshade.solver.linear import ConjugateGradients, VCycle
 from sshade.solver.local_global import LocalGlobal, local_global
 from sshade.solver.multigrid import Multigrid
@@ -167,7 +168,7 @@ def test_forces_times_the_metric_are_the_step(multigrid):
     system, rng = solver, np.random.default_rng(0)
     u = BALL.mesh.V[system.vertex] + 0.01 * rng.normal(size=BALL.mesh.V.shape)
     with ThreadTeam(1) as team:
-        state = solver.descent(u.copy(), Options(**EXACT), team=team)
+        state = Descent(solver, Options(**EXACT), u.copy(), team=team)
         state.aim(BALL.handles.target, None, None, 1.0)
         state.begin()
         state.step()

@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from sshade import DeformationTask, InputError, Mesh
 from sshade.options import Options
 from sshade.solver.cotangents import half_cotangents
+from sshade.solver.descent import Descent
 from sshade.solver.local_global import LocalGlobal, local_global
 from sshade.threads import ThreadTeam
 from tests.shapes import bumpy
@@ -63,7 +64,7 @@ def test_weights_are_the_derivative_of_the_penalty(task, soft):
     shape = solver.solve(task.handles.target, max_iterations=7, tolerance=0, **soft).positions
     u = shape[solver.vertex]
     with ThreadTeam(1) as team:
-        state = solver.descent(u, Options(**soft), team=team)
+        state = Descent(solver, Options(**soft), u, team=team)
         state.aim(task.handles.target, None, None, 1.0)
         state.begin()
     U, R, weight = np.empty_like(u), np.empty((len(u), 3, 3)), state.energy.weight
