@@ -70,15 +70,11 @@ def deform_task(
             result = polished(task, options, deform=run, regional=regional, progress=progress)
         else:
             result = run()
-        return replace(result, extra={**result.extra, "options": as_row(options, method)})
+        totals = replace(options, vertices=asked.vertices, polish_seconds=asked.polish_seconds)
+        return replace(result, extra={**result.extra, "options": as_row(totals, method)})
 
     asked = resolve(method, values)
-    result = by_components(task, deform_component, asked, progress=progress)
-    # Components have portions of the totals.
-    shared = {"vertices": asked.vertices, "polish_seconds": asked.polish_seconds}
-    options = result.extra["options"]
-    options |= {name: value for name, value in shared.items() if name in options}
-    return result
+    return by_components(task, deform_component, asked, progress=progress)
 
 
 @overload
