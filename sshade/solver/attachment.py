@@ -6,11 +6,10 @@ group of handles, and the surface near the group is pulled softly towards that m
 
     weight sum_i (a_i / r^2) exp(-(d_i / r)^2) |p_i - (R v_i + t)|^2
 
-beside ``sum_ij w_ij |e'_ij - R_i e_ij|^2``. Here a_i is the area of vertex i, d_i is its distance from the
-group plus the group's own radius, and r is :data:`RADIUS` x the square root of the mesh's area. The
-energy depends neither on the unit of length nor on the resolution. Larger groups attach less: a handle
-region as large as a hand attaches almost as much as a few points do, and a region as large as a limb
-attaches nothing.
+beside ``sum_ij w_ij |e'_ij - R_i e_ij|^2``. The area of vertex i is a_i, d_i is its distance from the group
+plus the radius of the group, and r is :data:`RADIUS` x the square root of the mesh's area. The energy depends
+neither on the unit of length nor on the resolution. Larger groups attach less: a handle region as large as a
+hand attaches almost as much as a few points do, and a region as large as a limb attaches nothing.
 
 The attached vertices and their largest stiffness depend on the rest shape alone; the targets of the
 handles decide where the vertices are pulled. Targets that no rigid motion reaches leave (R, t) uncertain,

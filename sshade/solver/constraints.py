@@ -31,8 +31,8 @@ from sshade.threads import ThreadTeam
 log = logging.getLogger(__name__)
 
 VOLUME, AREA = 0, 1
-#: Steps that share the directions. With two exact constraints there are fewer, because an error of one
-#: direction cannot be balanced along the other.
+#: Steps that share the directions. Two exact constraints need fewer, because an error of one direction cannot
+#: be balanced along the other.
 EVERY, EVERY_OF_BOTH = 8, 4
 #: Largest relative error of an exact constraint that counts as fulfilled.
 REACHED = 1e-6
@@ -270,10 +270,10 @@ class Constraints:
     def _newton(self, P: np.ndarray, multiplier: np.ndarray, *, active: np.ndarray | None = None) -> float:
         """Move P along the directions until the active equations hold; return their largest error.
 
-        Each multiplier grows by the move along its direction. Steps use the stored slopes while these
-        shrink the worst equation tenfold, and then the slopes at P. A step that increases the error is
-        halved, and undone if halving does not help. The last step is not measured if the gain of the
-        step before predicts an error of at most :data:`CERTAIN`; the prediction is returned.
+        Each multiplier grows by the move along its direction. Steps use the stored slopes as long as
+        they shrink the worst equation tenfold; later steps use the slopes at P. A step that increases the
+        error is halved, and undone if halving does not help. The last step is not measured if the gain of
+        the step before predicts an error of at most :data:`CERTAIN`; the prediction is returned.
         """
         active = np.ones(len(self._kinds), dtype=bool) if active is None else active
         compliance, kinds = 1.0 / (self._weight * self._area), np.array(self._kinds)

@@ -26,8 +26,8 @@ def half_cotangents(mesh: Mesh) -> np.ndarray:
     """Compute half the cotangent of the angle opposite each triangle's edges 01, 12, 20.
 
     The edges of a zero-area triangle (:attr:`sshade.mesh.mesh.Mesh.without_area`) are first lengthened by
-    the least equal amount that gives its triangle inequalities a slack of :data:`SLACK`. Then no
-    cotangent is larger than 1 / (2 SLACK) + 1, and the quadratic form of the triangle stays positive. Other
+    the least equal amount that gives its triangle inequalities a slack of :data:`SLACK`. Cotangents
+    are then at most 1 / (2 SLACK) + 1, and the quadratic form of the triangle stays positive. Other
     triangles are not changed.
 
     Returns

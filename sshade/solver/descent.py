@@ -28,8 +28,8 @@ class Descent:
     constraints and quasi-Newton pairs are those where the last solve ended.
 
     The safeguard compares energies after local steps. If an accelerated iterate has a higher energy than
-    the iterate before, or cannot be projected onto the exact constraints, half of its step is tried, and then
-    the plain iterate.
+    the iterate before, or cannot be projected onto the exact constraints, half of its step is tried. The last
+    resort is the plain iterate.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class Descent:
     options : Options
         Weights of the constraints, and strain weights.
     u : (n, 3) float64
-        Where to begin, in the solver's order; hard handles are on their targets.
+        First iterate, in the solver's order; hard handles are on their targets.
     team : ThreadTeam
     window : int
         Number of stored quasi-Newton steps; 0 for plain iterations.

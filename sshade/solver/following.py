@@ -37,7 +37,7 @@ class Following:
         With a factorisation.
     positions : (n, 3) float64
     rotations : (n, 3, 3) float64
-        Where to begin, as of a solution. Hard handles are first put on their targets.
+        First iterate, as of a solution. Hard handles are first put on their targets.
     targets : (k, 3) float64
         Positions of the handle vertices there.
     prescribed, fraction, volume_goal

@@ -125,7 +125,7 @@ class ConjugateGradients(VCycle):
     """The first solves are nearly exact, by conjugate gradients; later ones are V-cycles.
 
     Far from a minimum, V-cycles lead to other minima than exact steps do, and to higher ones if handles are
-    far from their targets. The step that proves convergence is nearly exact, too.
+    far from their targets. The step that proves convergence is nearly exact again.
 
     Parameters
     ----------

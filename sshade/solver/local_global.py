@@ -1,8 +1,8 @@
 """As-rigid-as-possible deformation by our local/global solver with quasi-Newton steps.
 
-:class:`LocalGlobal` binds the mesh and the handle vertices once (weights, elements, factorisation), and then
-solves for any number of handle positions. All heavy steps run without the GIL, so that solvers in several
-threads proceed at the same time.
+:class:`LocalGlobal` binds the mesh and the handle vertices once (weights, elements, factorisation). It solves
+for any number of handle positions. All heavy steps run without the GIL, so that solvers in several threads
+proceed at the same time.
 
 O. Sorkine, M. Alexa, "As-rigid-as-possible surface modeling", 2007 (spokes); I. Chao, U. Pinkall, P. Sanan,
 P. Schroeder, "A simple geometric model for elastic deformations", 2010 (spokes and rims: the paper's
@@ -73,7 +73,7 @@ class LocalGlobal(System):
         targets : (k, 3) float64
             Positions of the handle vertices, in the order of `index`.
         start : (n, 3) float64, optional
-            Where to begin, by default the rest shape. Hard handles are first put on their targets.
+            First iterate; the rest shape if missing. Hard handles are first put on their targets.
         rotations : (n, 3, 3) float64, optional
             Rotations of an earlier solution near `start`. They make the first local step faster and do not
             change its result.
@@ -81,7 +81,7 @@ class LocalGlobal(System):
             Vertices, each once, and their prescribed rotations, which the local step does not fit. See
             :attr:`sshade.Handles.prescribed_rotations`.
         fraction : (k,) float64, optional
-            Fraction of the stiffness of each soft handle, in [0, 1], by default 1. It may vary from solve to
+            Fraction of the stiffness of each soft handle, in [0, 1]; 1 if missing. It may vary from solve to
             solve with one factorisation.
         tolerance : float
             Residual below which iteration stops. 0 never stops early.
@@ -190,7 +190,7 @@ class LocalGlobal(System):
     def checked_positions(
         self, targets: np.ndarray, start: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Check targets (k, 3) and a start (n, 3), by default the rest shape."""
+        """Check targets (k, 3) and a start (n, 3); a missing one is the rest shape."""
         k, n = len(self.index), self.mesh.n
         targets = np.asarray(targets, dtype=np.float64)
         start = self.mesh.V if start is None else np.asarray(start, dtype=np.float64)
@@ -226,8 +226,8 @@ def local_global(
         Take quasi-Newton steps (L-BFGS, window 5), to the same minimum in a fraction of the steps.
     factorised : bool, optional
         Factorise the Laplacian; otherwise use V-cycles after :data:`EXACT_STEPS` nearly exact steps. V-cycles
-        need memory in proportion to the mesh, and reach the same minimum up to the tolerance. By default
-        meshes of up to :data:`FACTORISED` vertices are factorised, and all meshes with bending.
+        need memory in proportion to the mesh, and reach the same minimum up to the tolerance. The
+        default factorises meshes of up to :data:`FACTORISED` vertices, and all meshes with bending.
     volume_goal : float
         Volume to reach if the volume is constrained, as a multiple of the volume at rest; positive.
     workers : int
@@ -236,7 +236,7 @@ def local_global(
         Unused: the method is deterministic.
     progress : Progress
     **options
-        Of the energy and its iteration: :data:`sshade.options.SOLVER`, by default the published energy.
+        Of the energy and its iteration: :data:`sshade.options.SOLVER`. The defaults are the published energy.
 
     Returns
     -------

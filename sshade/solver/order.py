@@ -102,7 +102,7 @@ def weighted_laplacian(
     corners, H
         As of :class:`sshade.solver.terms.arap.Edges`, or triangles.
     weight : (m,) float64, optional
-        Weights of the elements, by default 1.
+        Weights of the elements; 1 if missing.
     """
     value, n = np.zeros(len(column)), len(start) - 1
     _add_weighted(start, column, corners, H, np.ones(len(corners)) if weight is None else weight, value)

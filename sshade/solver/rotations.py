@@ -31,8 +31,8 @@ def fit_rotations(S, Q):
     """Compute for each matrix S_i the rotation R_i that maximises tr(R_i S_i).
 
     R_i equals ``V diag(1, 1, det(V U^T)) U^T`` of the singular value decomposition ``S = U diag(s) V^T``.
-    Newton's method on the rotation group finds it, started from the previous rotation. With T = R S, the step
-    is (tr T - sym T)^-1 times the axial vector of T, and its error is the cube of its length. A stationary
+    Newton's method on the rotation group finds it, started from the previous rotation. The step is
+    (tr T - sym T)^-1 times the axial vector of T = R S, and its error is the cube of its length. A stationary
     point with a positive definite matrix is the global maximum, so that Newton's result is certain. If the
     matrix is not positive definite, or a step is long, the largest eigenvector of Horn's 4 x 4 matrix
     decides. If S leaves the rotation undetermined (rank one or zero), the previous rotation makes the

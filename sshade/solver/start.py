@@ -41,7 +41,7 @@ def initial_guess(task: DeformationTask, start: Start) -> np.ndarray:
     elif start == "rest":
         U = V.copy()
     else:
-        # With soft handles alone, the weighted fit is the minimum of the energy over all rigid motions.
+        # The weighted fit of soft handles is the minimum of the energy over all rigid motions.
         source, target = V[handles.index], handles.target
         weights = None if handles.hard.any() else handles.stiffness
         if prescribed := handles.prescribed_rotations:

@@ -52,7 +52,7 @@ class System:
         Rest shape. May have a boundary, and triangles of zero area: see
         :func:`sshade.solver.cotangents.half_cotangents`.
     index : (k,) int
-        Handle vertices, each once, at least one per component.
+        Handle vertices, each once. Every component needs one.
     energy : {"spokes", "spokes_and_rims"}
         Sorkine and Alexa's energy ("ARAP") or Chao et al.'s ("Elastic"), both with raw cotangents:
         ``sum_i sum_{ij} w_ij |e'_ij - R_i e_ij|^2``, and ``sum_i sum_{t at i} sum_{kl in t} h_t(kl)
@@ -64,8 +64,8 @@ class System:
         in the size of the mesh, and low energies are reached sooner if triangles soften. Choose it beyond
         100,000 vertices. See :mod:`sshade.solver.linear`.
     exact_steps : int
-        With multigrid, number of nearly exact first steps, for a start far from the minimum. The step that
-        proves convergence is then nearly exact, too.
+        Number of nearly exact first steps with multigrid, for a start far from the minimum. The step that
+        proves convergence is nearly exact as well.
     bending : float
         Length over which the bending energy spreads a fold, as a fraction of the square root of the mesh's
         area; 0 for none. Needs a factorisation. See :mod:`sshade.solver.terms.bending`.

@@ -8,8 +8,8 @@ An element is a small set of corners c with vectors y_c that add up to zero:
 It adds ``sum_c y_c q_c^T`` to the covariance S of each corner, and ``M y_c`` minus its Laplacian of the
 present positions to the force on corner c. M is the mean rotation of the corners.
 
-Strain weights. Quadratic energies spread the strain of a bend over a large region. With strain weights, a
-triangle of rest area A costs
+Strain weights. Quadratic energies spread the strain of a bend over a large region. A triangle of rest area A
+with strain weights costs
 
     6 A phi(s^2),   phi(x) = c x + 2 (1 - c) e^2 (sqrt(1 + x / e^2) - 1)
                              + (1 - c) x (1 - 1 / sqrt(1 + x^2 / d^4)),
@@ -22,10 +22,10 @@ takes all of it, which limits how sharply a bend can crease. Folds count as stra
 favours equal rotations at the corners of a triangle.
 
 Without a strain limit, phi is concave. The quadratic energy with each triangle weighted by ``w = phi'(s^2)``
-then lies above the energy and touches it, and neither the local nor the global step raises it. As w <= 1,
-the Laplacian of the rest shape may stay in the global step, and is factorised once (half-quadratic
-minimisation). With a strain limit well above e, w is at most 1 + e / d, and second derivatives are at most
-1.8 times those of the quadratic energy. The steps descend up to a factor of 2.
+then lies above the energy and touches it, and neither the local nor the global step raises it. The Laplacian
+of the rest shape may stay in the global step, because w <= 1, and is factorised once (half-quadratic
+minimisation). A strain limit well above e leaves w at most 1 + e / d, and second derivatives are at most 1.8
+times those of the quadratic energy. The steps descend up to a factor of 2.
 
 O. Sorkine, M. Alexa, "As-rigid-as-possible surface modeling", 2007 (spokes); I. Chao, U. Pinkall, P. Sanan,
 P. Schroeder, "A simple geometric model for elastic deformations", 2010 (spokes and rims: the paper's

@@ -1,14 +1,14 @@
 """Bending: an energy of curvature beside the as-rigid-as-possible energy.
 
-A membrane resists stretch but hardly any bending. Where handles clamp a region, or where strain gathers, it
-folds along a line, and the finer the mesh, the sharper the fold. The bending energy of vertex i is
+A membrane resists stretch but hardly any bending. It folds along a line where handles clamp a region or
+strain gathers. Folds are sharper on finer meshes. The bending energy of vertex i is
 
     (l^2 / a_i) |(L p)_i - R_i (L v)_i|^2,
 
 with the cotangent Laplacian L of the rest shape v, the area a_i of the vertex, and the rotation R_i, which is
 shared with the as-rigid-as-possible energy. (L v)_i / a_i is twice the normal times the mean curvature.
 Sharp folds therefore cost more, and a fold is spread over about the length l on any mesh. Fixed vertices
-beside movable ones have the energy, too. If their other neighbours are fixed, they fix the slope at the
+beside movable ones also have the energy. If their other neighbours are fixed, they fix the slope at the
 edge of a handle region, as in a clamped plate. Vertices on a free boundary have none, because (L v)_i is no
 curvature there: functions that are harmonic up to the boundary cost nothing.
 
