@@ -109,6 +109,12 @@ def block(solid: np.ndarray, *, cells: int = 1) -> Mesh:
     return Mesh(np.array(list(ids), dtype=float) / cells, np.array(faces))
 
 
+def two_spheres() -> Mesh:
+    """Unit spheres at a distance of 5."""
+    ball = icosphere(2)
+    return Mesh(np.concatenate([ball.V, ball.V + [5, 0, 0]]), np.concatenate([ball.F, ball.F + ball.n]))
+
+
 def double_torus(*, cells: int = 2) -> Mesh:
     """A plate with two square holes, jittered: genus 2."""
     solid = np.ones((5, 3, 1))

@@ -1,0 +1,88 @@
+"""Rigid motions, soft handles and wrong options: the same promises of several baselines."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from baselines.arap import libigl_arap
+from baselines.arap_sr.arap_sr import arap_sr
+from baselines.deformation_fields import deformation_field
+from baselines.deformation_graph.deformation_graph import deformation_graph
+from baselines.implicit_arap import implicit_arap
+from baselines.open3d_arap import open3d_arap
+from baselines.smooth_arap import smooth_arap
+from baselines.volumetric.lattice_arap import lattice_arap
+from baselines.volumetric.neo_hookean import neo_hookean
+from baselines.volumetric.skinning import bounded_biharmonic_weights
+from sshade import DeformationTask, Handles, InputError
+from tests.shapes import bumpy, held_ends, rotation
+
+ROUNDING = 1e-9
+#: libigl fits rotations in single precision.
+SINGLE = 1e-5
+RIGID = [
+    (libigl_arap, {}, SINGLE),
+    (arap_sr, {}, ROUNDING),
+    (deformation_graph, {"nodes": 30}, ROUNDING),
+    (deformation_graph, {"nodes": 10_000}, ROUNDING),
+    (deformation_field, {"order": 1}, ROUNDING),
+    (deformation_field, {"order": 2}, ROUNDING),
+    (smooth_arap, {}, ROUNDING),
+]
+WRONG = [
+    (libigl_arap, {"energy": "elements"}, "unknown energy 'elements'; use 'spokes' or 'spokes_and_rims'"),
+    (arap_sr, {"alpha": -0.1}, "alpha=-0.1 is out of range"),
+    (arap_sr, {"alpha": np.inf}, "alpha=inf"),
+    (arap_sr, {"alpha": np.nan}, "alpha=nan"),
+    (deformation_field, {"order": 3}, "order"),
+    (deformation_field, {"start": "guess"}, "start"),
+    (deformation_graph, {"blended": 0}, "blended=0 is out of range"),
+    (deformation_graph, {"nodes": 3}, "3 samples cannot hold the"),
+    (lattice_arap, {"cells": 1}, "cells"),
+    (lattice_arap, {"handle_weight": 0.0}, "cells"),
+    (lattice_arap, {"carry": "frames"}, "cells"),
+    (neo_hookean, {"poisson": 0.5}, "poisson"),
+    (neo_hookean, {"poisson": 0.0}, "poisson"),
+    (neo_hookean, {"load_steps": 0}, "poisson"),
+    (open3d_arap, {"energy": "rims"}, "energy"),
+    (open3d_arap, {"iterations": 0}, "energy"),
+    (smooth_arap, {"smoothness": 1.0}, "smoothness"),
+    (smooth_arap, {"smoothness": -0.1}, "smoothness"),
+    (smooth_arap, {"energy": "rims"}, "energy"),
+    (bounded_biharmonic_weights, {"qp_iterations": 0}, "active set"),
+]
+
+
+def called(method, task, **options):
+    try:
+        return method(task, **options)
+    except ImportError as error:
+        pytest.skip(str(error))
+
+
+@pytest.mark.parametrize(("method", "options", "close"), RIGID)
+def test_a_rigid_start_of_rigidly_moved_handles_is_the_answer(method, options, close):
+    mesh = bumpy(2)
+    expected = mesh.V @ rotation(3).T + [1.0, -2, 0.5]
+    index = np.argsort(mesh.V[:, 2])[[0, 1, 2, 3, -3, -2, -1]]
+    task = DeformationTask("rigid", mesh, Handles(index, expected[index]))
+    result = called(method, task, start="rigid", **options)
+    assert np.abs(result.vertices - expected).max() < close * mesh.diagonal
+    assert result.iterations == 1 and result.converged is not False
+    if "nodes" in options:
+        assert result.extra["nodes"] == min(options["nodes"], mesh.n // 4)
+
+
+@pytest.mark.parametrize(("method", "options", "message"), WRONG)
+def test_options_out_of_range_are_refused(method, options, message):
+    with pytest.raises(InputError, match=message):
+        called(method, held_ends(bumpy(1)), **options)
+
+
+@pytest.mark.parametrize("method", [implicit_arap, *{method: None for method, *_ in WRONG}])
+def test_soft_handles_are_refused(method):
+    task = held_ends(bumpy(1))
+    soft = Handles(task.handles.index, task.handles.target, weight=1.0)
+    with pytest.raises(InputError, match="takes no soft handles"):
+        called(method, DeformationTask("soft", task.mesh, soft))
