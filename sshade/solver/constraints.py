@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -76,51 +77,24 @@ class Surface:
         See :func:`sshade.solver.order.vertex_ranges`.
     rest : (2,) float64
         Volume and area at rest.
+    without_volume : str
+        Why there is no volume to constrain; empty if there is one.
     """
 
     def __init__(self, mesh: Mesh, place: np.ndarray, faces: np.ndarray | None = None) -> None:
         self.F = faces_in_order(mesh.F, place)[0] if faces is None else faces
-        self.ranges, self._connected = vertex_ranges(self.F, mesh.n), mesh.connectivity.components == 1
+        self.ranges, self.connected = vertex_ranges(self.F, mesh.n), mesh.connectivity.components == 1
         rest = np.empty((mesh.n, 3))
         rest[place] = mesh.V
         self.rest = self.measure(rest, ThreadTeam(1))
-        self._reason = _reason_for_no_volume(mesh, self.rest)
+        self.without_volume = _reason_for_no_volume(mesh, self.rest)
 
     def measure(self, P: np.ndarray, team: ThreadTeam) -> np.ndarray:
         """Return (2,) volume and area at positions P (n, 3); the same bits with any number of threads."""
         origin = P[self.F[0, 0]]
-        parts = team.ranges(lambda *own: volume_and_area(*own, self.F, P, origin), len(self.F), rows=FACES)
-        return sum(parts)
-
-    def constraints(
-        self, volume: float, area: float, *, corners: int, team: ThreadTeam, single: bool = False
-    ) -> Constraints | None:
-        """Prepare the constraints of a solve; None if both quantities are unconstrained.
-
-        Parameters
-        ----------
-        volume, area : float
-            Weights. 0 leaves the quantity unconstrained, inf fixes it exactly. With a weight in between, a
-            relative error e costs ``weight / 2 x e^2`` times the rest energy, which is the energy of the
-            rest shape shrunk to a point. Neither the unit of length nor the resolution matters.
-        corners : int
-            Number of times that the energy counts each edge.
-        team : ThreadTeam
-        single : bool
-            Store gradients and directions in single precision. Exact constraints stay exact.
-
-        Raises
-        ------
-        InputError
-            When a mesh of several components has a constraint.
-        """
-        if volume > 0 and self._reason:
-            log.warning("the volume constraint is off: %s", self._reason)
-        kinds = [VOLUME] * (volume > 0 and not self._reason) + [AREA] * bool(area > 0 and self.rest[AREA] > 0)
-        weights = np.array([volume, area])
-        if kinds and not self._connected:
-            raise InputError("constraints on volume and area need a connected mesh: solve for each component")
-        return Constraints(self, weights, kinds, corners=corners, team=team, single=single) if kinds else None
+        return sum(
+            team.ranges(lambda *own: volume_and_area(*own, self.F, P, origin), len(self.F), rows=FACES)
+        )
 
     def report(self, P: np.ndarray, volume: float, area: float, *, volume_goal: float) -> dict[str, Any]:
         """Describe volume and area at positions P (n, 3) after a solve with these weights.
@@ -133,14 +107,17 @@ class Surface:
             error of an exact constraint is above :data:`REACHED`. The volume may be "off: " and the reason.
         """
         now, facts = self.measure(P, ThreadTeam(1)), dict[str, Any]()
-        cases = ("volume", volume, volume_goal, self._reason), ("area", area, 1.0, self.rest[AREA] == 0)
+        cases = (
+            ("volume", volume, volume_goal, self.without_volume),
+            ("area", area, 1.0, self.rest[AREA] == 0),
+        )
         for q, (name, weight, goal, without) in enumerate(cases):
             error = math.nan if without else float(abs(now[q] / self.rest[q] - goal))
             reached = "exact" if error <= REACHED else "infeasible"
             state = "free" if weight == 0 else "weighted" if weight < math.inf else reached
             facts |= {f"{name}_error": error, f"{name}_constraint": state}
-        if volume > 0 and self._reason:
-            facts["volume_constraint"] = f"off: {self._reason}"
+        if volume > 0 and self.without_volume:
+            facts["volume_constraint"] = f"off: {self.without_volume}"
         return facts
 
 
@@ -149,26 +126,54 @@ class Constraints:
 
     Volume and area may contradict each other. If Newton's method fails, the area has the weight
     :data:`RELAXED` in this step, and after :data:`GIVE_UP` failures in a row in all later ones.
+
+    Parameters
+    ----------
+    surface : Surface
+    volume, area : float
+        Weights. 0 leaves the quantity unconstrained, inf fixes it exactly. With a weight in between, a
+        relative error e costs ``weight / 2 x e^2`` times the rest energy, which is the energy of the rest
+        shape shrunk to a point. Neither the unit of length nor the resolution matters.
+    corners : int
+        Number of times that the energy counts each edge.
+    team : ThreadTeam
+    single : bool
+        Store gradients and directions in single precision. Exact constraints stay exact.
+
+    Raises
+    ------
+    InputError
+        When a mesh of several components has a constraint.
     """
 
     def __init__(
         self,
         surface: Surface,
-        weights: np.ndarray,
-        kinds: list[int],
+        volume: float,
+        area: float,
         *,
         corners: int,
         team: ThreadTeam,
-        single: bool,
+        single: bool = False,
     ) -> None:
-        self._surface, self._team, self._kinds, self._corners = surface, team, kinds, corners
-        self._asked, self._area = weights[kinds], surface.rest[AREA] or 1.0
-        count, n = len(kinds), surface.ranges[-1][2]
+        if volume > 0 and surface.without_volume:
+            log.warning("the volume constraint is off: %s", surface.without_volume)
+        self._kinds = [VOLUME] * (volume > 0 and not surface.without_volume)
+        self._kinds += [AREA] * bool(area > 0 and surface.rest[AREA] > 0)
+        if self._kinds and not surface.connected:
+            raise InputError("constraints on volume and area need a connected mesh: solve for each component")
+        self._surface, self._team, self._corners = surface, team, corners
+        weights, self._area = np.array([volume, area]), surface.rest[AREA] or 1.0
+        self._asked, self._every = weights[self._kinds], EVERY_OF_BOTH if np.isinf(weights).all() else EVERY
+        count, n = len(self._kinds), surface.ranges[-1][2]
         self._G, self._Z = np.zeros((2, count, n, 3), dtype=np.float32 if single else np.float64)
         self._slope, self._multiplier, self._grown = np.empty((count, count)), *np.zeros((2, count))
         self._violation, self._steps = 0.0, 0
-        self._every = EVERY_OF_BOTH if np.isinf(weights).all() else EVERY
         self.aim(1.0)
+
+    def __len__(self) -> int:
+        """Number of constrained quantities."""
+        return len(self._kinds)
 
     def aim(self, volume_goal: float) -> None:
         """Set the goal of the volume, as a multiple of its value at rest, and try an exact area again."""
@@ -176,11 +181,6 @@ class Constraints:
         self._scale = 1.0 / self._surface.rest[self._kinds] / goal
         self._lasting = self._weight = self._asked
         self._failures = 0
-
-    @property
-    def ranges(self) -> int:
-        """Number of ranges of vertices for :meth:`add_forces`."""
-        return len(self._surface.ranges)
 
     @property
     def renews_directions(self) -> bool:
@@ -196,45 +196,36 @@ class Constraints:
         # The rest energy is 2 corners x area; with the penalty's 1/2 a factor of 1 remains.
         return float((weight * self._corners * self._area * error**2).sum())
 
-    def add_forces(self, number: int, P: np.ndarray, B: np.ndarray) -> None:
-        """Add ``sum_q lambda_q grad C_q(P)`` to B in one range of vertices."""
-        factor = np.zeros(2)
-        factor[self._kinds] = self._scale * self._multiplier
-        self._add_gradients(number, P, factor, B, B)
+    def add_forces(self, P: np.ndarray, B: np.ndarray) -> None:
+        """Add ``sum_q lambda_q grad C_q(P)`` to B."""
+        self._add_gradients(P, self._scale * self._multiplier, B[None])
 
-    def _add_gradients(
-        self, number: int, P: np.ndarray, factor: np.ndarray, to_volume: np.ndarray, to_area: np.ndarray
-    ) -> None:
-        own, first, end = self._surface.ranges[number]
-        add_gradients(self._surface.F[own], P, factor[VOLUME], factor[AREA], to_volume, to_area, first, end)
+    def write_gradients(self, P: np.ndarray, G: np.ndarray) -> None:
+        """Write ``grad C_q(P)`` to G (q, n, 3)."""
+        G[:] = 0.0
+        self._add_gradients(P, self._scale, G)
 
-    def gradients(self, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Write ``grad C_q(P)``; return it and the directions, (q, n, 3) each, which the caller replaces.
+    def _add_gradients(self, P: np.ndarray, scale: np.ndarray, G: np.ndarray) -> None:
+        """Add ``scale_q grad C_q(P)`` to each G_q (q, n, 3), or all to G_0 (1, n, 3)."""
+        factor, surface = np.zeros(2), self._surface
+        factor[self._kinds] = scale
 
-        The caller may set gradients to 0 at vertices whose directions are 0.
-        """
-        self._write_gradients(P, self._G)
-        return self._G, self._Z
+        def add(number: int) -> None:
+            own, first, end = surface.ranges[number]
+            add_gradients(surface.F[own], P, factor[VOLUME], factor[AREA], G[0], G[-1], first, end)
 
-    def _write_gradients(self, P: np.ndarray, G: np.ndarray) -> None:
-        factor = np.zeros(2)
-        factor[self._kinds] = self._scale
+        self._team(add, len(surface.ranges))
 
-        def write(number: int) -> None:
-            _, first, end = self._surface.ranges[number]
-            G[:, first:end] = 0.0
-            self._add_gradients(number, P, factor, G[0], G[-1])
-
-        self._team(write, len(self._surface.ranges))
-
-    def take_directions(self) -> None:
-        """Use the directions in the second array of :meth:`gradients`, ``L^-1 grad C_q``, from now on."""
+    def renew_directions(self, P: np.ndarray, solve: Callable[[np.ndarray, np.ndarray], None]) -> None:
+        """Move along ``L^-1 grad C_q(P)`` from now on; ``solve(B, X)`` writes L^-1 B to X."""
+        self.write_gradients(P, self._G)
+        for G, Z in zip(self._G, self._Z, strict=True):
+            solve(G, Z)
         self._slope[:] = self._along(self._G)
 
     def _along(self, G: np.ndarray) -> np.ndarray:
         """(q, q) derivatives ``sum_i G_i . Z_i`` of each quantity along each direction."""
-        parts = self._team.ranges(lambda *own: _along(*own, G, self._Z), G.shape[1])
-        return sum(parts)
+        return sum(self._team.ranges(lambda *own: _along(*own, G, self._Z), G.shape[1]))
 
     def add_moves(self, B: np.ndarray) -> None:
         """Add the gradients, times the changes of the multipliers in the last :meth:`project`, to B."""
@@ -285,7 +276,7 @@ class Constraints:
             slow = SLOW * error < now <= error
             if slow:
                 G = G if len(G) else np.empty_like(self._Z)
-                self._write_gradients(P, G)
+                self.write_gradients(P, G)
                 self._slope[:] = self._along(G)
             state = compliance, residual, self._slope, multiplier, step, last, error
             error, done = _take_step(slow, left == 0, now, active, *state)

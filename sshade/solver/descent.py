@@ -70,7 +70,8 @@ class Descent:
         accelerate_last: bool = False,
     ) -> None:
         self._system, self.energy, self._team = system, Energy(system, options, team=team), team
-        self._constraints = system.surface.constraints(
+        self._constraints = Constraints(
+            system.surface,
             options.volume,
             options.area,
             corners=system.corners,
@@ -96,8 +97,7 @@ class Descent:
             raise InputError(f"the volume goal must be positive and finite, not {volume_goal}")
         self.energy.aim(targets - self._system.mesh.origin, prescribed, fraction)
         self.volume_goal = volume_goal
-        if self._constraints:
-            self._constraints.aim(volume_goal)
+        self._constraints.aim(volume_goal)
 
     def begin(self) -> None:
         """Fit the rotations to the present iterate, where a solve begins."""
@@ -118,12 +118,12 @@ class Descent:
     def step(self) -> float:
         u, g, B, constraints = self.u, self._g, self.energy.forces, self._constraints
         if constraints:
-            self._team(lambda number: constraints.add_forces(number, u, B), constraints.ranges)
+            constraints.add_forces(u, B)
         self._linear.solve(B, g)
         g += u
         if constraints:
             if constraints.renews_directions:
-                self._renew_directions(constraints)
+                constraints.renew_directions(u, self._linear.solve)
             constraints.project(g)
         return float(largest_move(g, u)) / self._system.mesh.diagonal
 
@@ -152,11 +152,6 @@ class Descent:
             self._constraints.add_moves(self.energy.forces)
         return self._quasi_newton.advance(self.u, self._g, self.energy.forces)
 
-    def _renew_directions(self, constraints: Constraints) -> None:
-        for right, direction in zip(*constraints.gradients(self.u), strict=True):
-            self._linear.solve(right, direction)
-        constraints.take_directions()
-
     def restore(self) -> bool:
         """Project the iterate onto the exact constraints, along the present directions; False if missed."""
         return self._constraints.restore(self.u) if self._constraints else True
@@ -164,5 +159,5 @@ class Descent:
     def project(self) -> None:
         """Project the iterate onto the exact constraints, along new directions."""
         if self._constraints:
-            self._renew_directions(self._constraints)
+            self._constraints.renew_directions(self.u, self._linear.solve)
             self.restore()

@@ -19,6 +19,7 @@ from sshade.solver.constraints import (
     CLOSE,
     EVERY,
     EVERY_OF_BOTH,
+    Constraints,
     Surface,
     newton_step,
     volume_and_area,
@@ -74,8 +75,8 @@ def surface_of(mesh: Mesh) -> Surface:
 
 def gradients_of(mesh: Mesh, V: np.ndarray) -> np.ndarray:
     """(2, n, 3) gradients of volume and area."""
-    surface, team = surface_of(mesh), ThreadTeam(1)
-    G, _ = surface.constraints(inf, inf, corners=3, team=team).gradients(V)
+    surface, G = surface_of(mesh), np.empty((2, mesh.n, 3))
+    Constraints(surface, inf, inf, corners=3, team=ThreadTeam(1)).write_gradients(V, G)
     return G * surface.rest[:, None, None]
 
 
