@@ -73,7 +73,7 @@ def by_components(
     Raises
     ------
     InputError
-        As `deform`, then naming the component, and if the proxy cannot hold the handles.
+        As `deform`, with the name of the component, and if the proxy cannot hold the handles.
     """
     whole = task.mesh
     if whole.topology.components == 1 and whole.is_manifold and whole.is_oriented:

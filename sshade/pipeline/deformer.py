@@ -42,7 +42,7 @@ class Deformer:
     group : (h,) int, optional
         Landmark of each handle, see :class:`sshade.Handles`; by default all handles have the same.
     weight : (h,) float64 or float
-        Of soft handles, see :class:`sshade.Handles`; by default inf, which is a hard handle.
+        Weight of soft handles, see :class:`sshade.Handles`; by default inf, which is a hard handle.
     method : {"fast", "paper"}
         "paper" has one sampling by default.
     progress : Progress
@@ -196,8 +196,8 @@ class Deformer:
         targets : (h, 3) float64
             In the order of `index`.
         rotations : (h, 3, 3) float64, optional
-            Of the handles, NaN where open; see :class:`sshade.Handles`. A handle that has its first rotation
-            makes a new factorisation of the proxy.
+            Rotations of the handles, NaN where open; see :class:`sshade.Handles`. The first rotation of
+            a handle makes a new factorisation of the proxy.
         tolerance, max_iterations : optional
             By default as in the options. A few iterations keep a drag fluid; the next call continues.
         out : (n, 3) float64, C-contiguous, optional

@@ -30,7 +30,7 @@ from sshade.solver.local_global import local_global
 from sshade.task import DeformationResult, DeformationTask, Handles
 from sshade.threads import ThreadTeam
 
-#: Relative volume deficit of M' above which the proxy is solved again, and largest number of such solves.
+#: Relative volume deficit of M' above which the proxy is solved again, and largest number of further solves.
 VOLUME_ERROR, VOLUME_ROUNDS = 1e-3, 3
 #: Largest distance of a hard handle from its target that needs no other solve (x diagonal).
 MET = 1e-5
@@ -94,7 +94,7 @@ def solve_proxy(
 def deform_coarsely(
     task: DeformationTask, vertices: int, coarse: Solve, *, seed: int = 0
 ) -> DeformationResult:
-    """Deform N through a proxy of its own, which the method `coarse` deforms."""
+    """Deform N through a coarser proxy, which the method `coarse` deforms."""
     sampling: dict[str, Any] = {"vertices": vertices, "coarser": ROOM, "samplings": 1, "seed": seed}
     return deform_once(task, Options(**sampling, frames="blended", coarse=coarse))
 
@@ -183,7 +183,7 @@ class BoundProxy:
     place : callable
         Its method `learn`, if any, is told where handles missed their targets.
     solver : callable
-        A :data:`SolveProxy`; that of a Deformer is a :class:`sshade.pipeline.drag.Drag`.
+        A :data:`SolveProxy`; in a Deformer a :class:`sshade.pipeline.drag.Drag`.
     bound : Future of Binding
     sampling_seconds : float
     volume_goal : float
@@ -228,9 +228,9 @@ class BoundProxy:
     ) -> DeformationResult:
         """Deform M for handles at their targets.
 
-        A proxy has few vertices inside of handle regions. M' then has another volume than M, although N' has
-        that of N. Another solve with a corrected volume goal removes the deficit. In the same way, handles
-        that are no vertices of N come to their targets.
+        A proxy has few vertices inside of handle regions. M' may then lose volume, although N' keeps
+        the volume of N. Another solve with a corrected volume goal removes the deficit. In the same way,
+        handles that are no vertices of N come to their targets.
 
         Parameters
         ----------
@@ -238,7 +238,7 @@ class BoundProxy:
             Of M.
         regions : HandleRegions
         options : Options
-            Here `tolerance` and `max_iterations` are those of all solves together.
+            `max_iterations` limits all solves together.
         again : bool
             Solve again at once where M' needs a correction, and not only in the next call.
         team : ThreadTeam
@@ -246,7 +246,8 @@ class BoundProxy:
         out : (n, 3) float64, C-contiguous, optional
             Takes the carried positions.
         """
-        error, corrects = VOLUME_ERROR * abs(regions.volume), corrects_volume(options)
+        corrects = corrects_volume(options)
+        error = VOLUME_ERROR * abs(regions.volume) if corrects else 0.0
         iterations, seconds = 0.0, {"solve": 0.0, "carry": 0.0}
         best, smallest, was_exact = None, inf, False
         for _ in range(1 + VOLUME_ROUNDS if again else 1):

@@ -57,7 +57,7 @@ def initialised(
     guide : callable, optional
         ``guide(task, tolerance=, **options)`` minimises the guide energy.
     deform_coarsely : callable
-        ``deform_coarsely(task, vertices, coarse)`` deforms N through a proxy of its own, by the method
+        ``deform_coarsely(task, vertices, coarse)`` deforms N through a coarser proxy, by the method
         `coarse`.
     tolerance : float
         Of the last solve.

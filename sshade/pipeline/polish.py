@@ -39,7 +39,7 @@ def polished(
     """Solve at full resolution from the result of a proxy.
 
     A proxy finds the low frequencies of the motion, for which iterations at full resolution take longest.
-    These in turn remove the proxy's traces in a few iterations. Their global steps are V-cycles
+    A few iterations at full resolution remove the traces of the proxy. Their global steps are V-cycles
     (:mod:`sshade.solver.multigrid`), so that time and memory grow like the mesh. The solver is set up in a
     thread beside the proxy's solve.
 
@@ -56,7 +56,7 @@ def polished(
     Returns
     -------
     DeformationResult
-        `iterations` are those of the polish. `converged` is None where it used up its iterations or seconds,
+        `iterations` counts the polish alone. `converged` is None where it used up its iterations or seconds,
         as usual. Handles are on their targets, and exact constraints hold to 1e-6. ``seconds``:
         ``precompute`` overlaps with ``proxy``; ``wait`` is the time that it took longer. ``extra`` has the
         facts of the solution, of :func:`sshade.deform`, and ``proxy_iterations``.

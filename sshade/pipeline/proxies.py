@@ -42,7 +42,7 @@ def proxy_vertices(asked: int, n: int, handles: int = 0, *, coarser: int = Optio
     Parameters
     ----------
     asked : int
-        A number below that of the handles is returned as it is, for the sampling to thin or to refuse.
+        Fewer vertices than handles are returned unchanged; the sampling thins the handles or refuses.
     n : int
         Vertices of the mesh.
     handles : int

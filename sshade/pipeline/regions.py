@@ -2,8 +2,8 @@
 
 A handle vertex whose neighbours are all handles tells the surface outside nothing. Where most handles are
 such, distances between handle vertices count a third in the sampling. The inside of a region then keeps one
-sample for every nine outside. These samples carry its motion, its rotation at the edge and its part of the
-volume. Samples that are handle vertices are the proxy's handles; up to a quarter of all samples lie on edges.
+sample for every nine outside. The samples inside carry the region's motion, rotation and volume.
+Samples that are handle vertices are the proxy's handles; up to a quarter of all samples lie on edges.
 
 In the end every hard handle vertex goes to its target. The surface beside an edge turns with its region,
 because it would crease where it is clamped. Handles without an inside, such as single vertices or lines, have
@@ -80,7 +80,7 @@ class HandleRegions:
     first : (f,) int64
         Vertices to sample first.
     metric : VertexGraph
-        Graph for the distances by which the other vertices are sampled.
+        Graph that measures distances for sampling the remaining vertices.
     """
 
     def __init__(self, mesh: Mesh, handles: Handles, *, vertices: int, graph: VertexGraph) -> None:
@@ -140,7 +140,7 @@ class HandleRegions:
         -------
         (n, 3) float64
             ``(1 - phi) v' + phi (t_e + R_e (v - v_e))``. v_e is the nearest edge vertex, t_e its target, and
-            R_e the rotation of its region: prescribed, or that of the faces between handles. phi falls
+            R_e the rotation of its region: prescribed, or fitted to the faces between handles. phi falls
             from 1 at the edge, with slope 0, to 0, and is smaller where the surface bends beside the region.
             Beside handles without a rotation, v' moves by the harmonic function that is ``t_e - v_e'`` at the
             handles and 0 where phi ends. Soft handles there follow.
@@ -298,7 +298,7 @@ def edge_vertices(mesh: Mesh, index: np.ndarray) -> np.ndarray:
 
 
 def has_regions(mesh: Mesh, index: np.ndarray, options: Options) -> bool:
-    """Whether handles (h,) are :attr:`HandleRegions.regional` on proxies with these options."""
+    """Whether handles (h,) are :attr:`HandleRegions.regional` on proxies with the given options."""
     vertices = proxy_vertices(options.vertices, mesh.n, len(index), coarser=options.coarser)
     return _are_regions(len(edge_vertices(mesh, index)), len(index), vertices)
 
