@@ -128,8 +128,8 @@ def deform(
         :class:`sshade.Method` is called with the task.
     weight : (k,) float64 or float, optional
         Weight of soft handles, which are pulled to their targets. Handles with one weight are pulled
-        together; inf, the default, is a hard handle. 1 is about as strong as the surface, at any size and resolution: see
-        :class:`sshade.Handles`.
+        together; inf, the default, is a hard handle. 1 is about as strong as the surface, at any size and
+        resolution: see :class:`sshade.Handles`.
     rotations : (k, 3, 3) or (3, 3) float64, optional
         Rotation of the surface at each handle, or one rotation for all; NaN where open. A vertex turns the
         surface that is nearer to it than to other vertices of the proxy.
