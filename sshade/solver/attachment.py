@@ -63,7 +63,7 @@ class Attachment:
         attaches nothing.
     fold : bool
         Multiply the stiffness by the pull fractions at the handles' present targets, and drop vertices
-        whose fraction is 0. Suits a single solve with known targets: :meth:`pulls` then returns fractions
+        whose fraction is 0. Suits a single solve with fixed targets: :meth:`pulls` then returns fractions
         of 1, and fewer vertices are in the system. Without it, the fractions vary from solve to solve,
         and one factorisation serves all targets.
 

@@ -124,7 +124,7 @@ class Bending:
 
     def __init__(self, plate: Plate, ranges: list[tuple[slice, int, int]]) -> None:
         self._plate, self._ranges = plate, ranges
-        #: L P after the local step, and D (R L v - L P) once rotations are known.
+        #: L P after the local step, and D (R L v - L P) after the rotation fit.
         self._W = np.empty_like(plate.rest)
 
     def local(self, number: int, P: np.ndarray, S: np.ndarray) -> float:

@@ -1,4 +1,4 @@
-"""What handle groups pull along: by formula, by invariances, where there is nothing, and what it does."""
+"""Attachment: by formula, by invariances, without a rigid motion, and its effect on a shape."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def attached(mesh: Mesh, handles: Handles, weight: float) -> Pulled:
     return Pulled(attachment.vertex, attachment.stiffness, target)
 
 
-def test_each_vertex_is_pulled_by_the_motion_of_the_nearest_part():
+def test_each_vertex_is_pulled_by_the_motion_of_the_nearest_group():
     handles, weight = two_patches(BAR), 0.3
     pulled = attached(BAR, handles, weight)
     r = RADIUS * np.sqrt(BAR.area)
@@ -88,7 +88,7 @@ def test_the_unit_of_length_does_not_matter_and_hardly_the_resolution():
 
 
 @pytest.mark.parametrize("case", ["one", "two", "a line", "not rigid", "region", "weight 0"])
-def test_nothing_is_pulled_where_no_part_is_known(case):
+def test_nothing_is_attached_to_handles_without_a_rigid_motion(case):
     mesh, handles, weight = BAR, two_patches(BAR), 0.1
     top = mesh.V[:, 2].max()
     if case in ("one", "two"):
@@ -111,12 +111,12 @@ def test_nothing_is_pulled_where_no_part_is_known(case):
 def test_soft_handles_pull_as_far_as_they_are_held():
     handles, k = two_patches(BAR), 14
     firm = attached(BAR, handles, 0.1).stiffness[k:]
-    for weight, share in ((1.0, 0.5), (1e6, 1.0), (1e-6, 1e-6)):
+    for weight, fraction in ((1.0, 0.5), (1e6, 1.0), (1e-6, 1e-6)):
         soft = Handles(handles.index, handles.target, group=handles.group, weight=weight).with_portions(BAR)
-        assert np.allclose(attached(BAR, soft, 0.1).stiffness[k:], share * firm, rtol=1e-5)
+        assert np.allclose(attached(BAR, soft, 0.1).stiffness[k:], fraction * firm, rtol=1e-5)
 
 
-def test_a_prescribed_rotation_makes_a_part_of_a_single_handle():
+def test_a_prescribed_rotation_attaches_to_a_single_handle():
     index = patch(BAR, [0, 1, BAR.V[:, 2].max()], 1)
     goal = np.array([[0.0, 0.5, 10.0]])
     pulled = attached(BAR, Handles(index, goal, rotation=TURN[None]), 0.1)
@@ -125,7 +125,7 @@ def test_a_prescribed_rotation_makes_a_part_of_a_single_handle():
     assert np.allclose(R, TURN, atol=1e-9) and np.allclose(R @ BAR.V[index[0]] + t, goal[0], atol=1e-9)
 
 
-def test_handles_of_one_group_that_are_far_apart_are_parts_of_their_own():
+def test_handles_of_one_group_that_are_far_apart_move_apart():
     apart, pulled = two_patches(BAR), attached(BAR, two_patches(BAR), 0.1)
     ends = np.ptp(BAR.V[:, 2])
     assert ends > 2 * LINK * RADIUS * np.sqrt(BAR.area)
@@ -135,7 +135,7 @@ def test_handles_of_one_group_that_are_far_apart_are_parts_of_their_own():
 
 
 def test_what_is_near_a_turned_patch_turns_with_it():
-    """A patch at the end of a bar nods: the end nods along, where without parts only the patch does."""
+    """A patch at the end of a bar nods: the end nods along, where without attachment only the patch does."""
     turn = Rotation.from_rotvec([0.7, 0.0, 0.0]).as_matrix()
     top = np.array([0.0, 0.0, BAR.V[:, 2].max()])
     still = two_patches(BAR, turn=np.eye(3))
@@ -151,17 +151,17 @@ def test_what_is_near_a_turned_patch_turns_with_it():
     )
     end = np.flatnonzero(BAR.V[:, 2] > top[2] - 1.0)
     off = {}
-    for parts in (0.0, 0.1, 1.0):
-        V = local_global(task, attachment=parts, start="rigid", tolerance=1e-7).vertices
+    for weight in (0.0, 0.1, 1.0):
+        V = local_global(task, attachment=weight, start="rigid", tolerance=1e-7).vertices
         assert np.array_equal(V[task.handles.index], task.handles.target)
-        off[parts] = np.linalg.norm(V[end] - ((BAR.V[end] - top) @ turn.T + top), axis=1).mean()
+        off[weight] = np.linalg.norm(V[end] - ((BAR.V[end] - top) @ turn.T + top), axis=1).mean()
     assert off[1.0] < 0.7 * off[0.0] and off[0.1] < 0.95 * off[0.0]
 
 
 @pytest.mark.parametrize("way", ["straight to a turn of 150 degrees", "flattened"])
 def test_a_pull_fades_on_the_way_and_never_jumps(way):
     handles = two_patches(BAR, turn=np.eye(3), count=9)
-    parts, high = Attachment(BAR, handles, 0.1), handles.group == 1
+    attachment, high = Attachment(BAR, handles, 0.1), handles.group == 1
     rest = BAR.V[handles.index[high]]
     centre = rest.mean(axis=0)
     if way == "flattened":  # into a line and out of it again, mirrored
@@ -169,22 +169,22 @@ def test_a_pull_fades_on_the_way_and_never_jumps(way):
         turned = centre + (rest - centre) @ (np.eye(3) - 2 * np.outer(vt[1], vt[1]))
     else:
         turned = centre + (rest - centre) @ Rotation.from_rotvec([0, 0, np.radians(150)]).as_matrix().T
-    shares, pulls = [], []
+    fractions, pulls = [], []
     for step in np.linspace(0, 1, 401):
         target = handles.target.copy()
         target[high] = rest + step * (turned - rest)
-        goal, share = parts.pulls(target)
-        own = share[len(handles) :], (goal - BAR.V[parts.vertex])[len(handles) :]
-        shares.append(own[0].min())
+        goal, fraction = attachment.pulls(target)
+        own = fraction[len(handles) :], (goal - BAR.V[attachment.vertex])[len(handles) :]
+        fractions.append(own[0].min())
         pulls.append(own[0][:, None] * own[1])
-    assert max(shares) == pytest.approx(1.0) and min(shares) == 0.0
+    assert max(fractions) == pytest.approx(1.0) and min(fractions) == 0.0
     jumps = [np.abs(b - a).max() for a, b in zip(pulls, pulls[1:], strict=False)]
     assert max(jumps) < 0.1 * np.abs(pulls).max()
-    assert np.abs(np.diff(shares)).max() < 0.05
+    assert np.abs(np.diff(fractions)).max() < 0.05
 
 
 def test_goals_of_moved_targets_are_those_of_a_task():
     still, moved = two_patches(BAR, turn=np.eye(3)), two_patches(BAR)
-    goal, share = Attachment(BAR, still, 0.1).pulls(moved.target)
+    goal, fraction = Attachment(BAR, still, 0.1).pulls(moved.target)
     pulled = attached(BAR, moved, 0.1)
-    assert (share == 1.0).all() and np.allclose(goal, pulled.target, atol=1e-12)
+    assert (fraction == 1.0).all() and np.allclose(goal, pulled.target, atol=1e-12)

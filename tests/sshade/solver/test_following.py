@@ -26,95 +26,95 @@ def handles_at(angle: float) -> Handles:
 
 
 @pytest.fixture(scope="module")
-def parts() -> Attachment:
+def attachment() -> Attachment:
     return Attachment(BAR, handles_at(0.0), 0.1)
 
 
 @pytest.fixture(scope="module")
-def solver(parts) -> LocalGlobal:
-    return LocalGlobal(BAR, parts.vertex, stiffness=parts.stiffness)
+def solver(attachment) -> LocalGlobal:
+    return LocalGlobal(BAR, attachment.vertex, stiffness=attachment.stiffness)
 
 
-def at(parts: Attachment, angle: float) -> dict:
-    target, share = parts.pulls(handles_at(angle).target)
-    return {"targets": target, "fraction": share}
+def at(attachment: Attachment, angle: float) -> dict:
+    target, fraction = attachment.pulls(handles_at(angle).target)
+    return {"targets": target, "fraction": fraction}
 
 
-def begun(solver: LocalGlobal, parts: Attachment) -> Following:
+def begun(solver: LocalGlobal, attachment: Attachment) -> Following:
     still = np.broadcast_to(np.eye(3), (BAR.n, 3, 3))
-    return Following(solver, BAR.V, still, **at(parts, 0.0), **ENERGY)
+    return Following(solver, BAR.V, still, **at(attachment, 0.0), **ENERGY)
 
 
-def test_steps_end_in_the_minimum_that_a_solve_from_there_finds(solver, parts):
-    following = begun(solver, parts)
+def test_steps_end_in_the_minimum_that_a_solve_from_there_finds(solver, attachment):
+    following = begun(solver, attachment)
     for angle in np.linspace(0.02, 0.4, 20):
-        last = following.solve(**at(parts, angle), tolerance=1e-4)
-    end = following.solve(**at(parts, 0.4), tolerance=1e-9)
-    anew = solver.solve(**at(parts, 0.4), start=last.positions, tolerance=1e-9, **ENERGY)
+        last = following.solve(**at(attachment, angle), tolerance=1e-4)
+    end = following.solve(**at(attachment, 0.4), tolerance=1e-9)
+    anew = solver.solve(**at(attachment, 0.4), start=last.positions, tolerance=1e-9, **ENERGY)
     assert end.converged and anew.converged and end.energy == pytest.approx(anew.energy, rel=1e-6)
     assert np.abs(end.positions - anew.positions).max() < 1e-5 * BAR.diagonal
     assert end.area_error < 1e-6 and end.area_constraint == "exact"
-    assert np.array_equal(end.positions[parts.vertex[:18]], handles_at(0.4).target)
+    assert np.array_equal(end.positions[attachment.vertex[:18]], handles_at(0.4).target)
 
 
-def test_a_drag_lags_less_behind_the_minima_than_one_of_as_many_plain_steps(solver, parts):
-    following, lag, plain_lag = begun(solver, parts), [], []
-    plain = minimum = solver.solve(**at(parts, 0.0), **ENERGY)
+def test_a_drag_lags_less_behind_the_minima_than_one_of_as_many_plain_steps(solver, attachment):
+    following, lag, plain_lag = begun(solver, attachment), [], []
+    plain = minimum = solver.solve(**at(attachment, 0.0), **ENERGY)
     for angle in np.linspace(0.02, 0.4, 20):
-        step = following.solve(**at(parts, angle), tolerance=1e-4)
+        step = following.solve(**at(attachment, angle), tolerance=1e-4)
         from_last = {"start": plain.positions, "rotations": plain.rotations, "accelerate": False}
         plain = solver.solve(
-            **at(parts, angle), **from_last, tolerance=0, max_iterations=int(step.iterations), **ENERGY
+            **at(attachment, angle), **from_last, tolerance=0, max_iterations=int(step.iterations), **ENERGY
         )
         near = {"start": minimum.positions, "rotations": minimum.rotations}
-        minimum = solver.solve(**at(parts, angle), **near, tolerance=1e-8, **ENERGY)
+        minimum = solver.solve(**at(attachment, angle), **near, tolerance=1e-8, **ENERGY)
         lag.append(np.abs(step.positions - minimum.positions).max())
         plain_lag.append(np.abs(plain.positions - minimum.positions).max())
     assert step.iterations <= 5 and max(lag[5:]) < 0.3 * max(plain_lag[5:])
 
 
-def test_targets_that_are_shifted_take_the_shape_along_before_any_iteration(solver, parts):
+def test_targets_that_are_shifted_take_the_shape_along_before_any_iteration(solver, attachment):
     """A shift is the harmonic move of held vertices, and that of vertices pulled with all their stiffness."""
-    following, shift = begun(solver, parts), np.array([0.3, -0.2, 0.5]) * BAR.diagonal
-    start = at(parts, 0.0)
+    following, shift = begun(solver, attachment), np.array([0.3, -0.2, 0.5]) * BAR.diagonal
+    start = at(attachment, 0.0)
     before = following.solve(**start, tolerance=1e-9)
     after = following.solve(start["targets"] + shift, fraction=start["fraction"], tolerance=1e-4)
     assert after.residual_curve[0] < 1e-8
     assert np.abs(after.positions - before.positions - shift).max() < 1e-7 * BAR.diagonal
 
 
-def test_targets_that_stop_are_not_overshot_and_those_that_turn_back_lead_back(solver, parts):
-    following = begun(solver, parts)
+def test_targets_that_stop_are_not_overshot_and_those_that_turn_back_lead_back(solver, attachment):
+    following = begun(solver, attachment)
     for angle in (0.1, 0.2):
-        following.solve(**at(parts, angle), tolerance=1e-7)
-    stopped = following.solve(**at(parts, 0.2), tolerance=1e-7)
+        following.solve(**at(attachment, angle), tolerance=1e-7)
+    stopped = following.solve(**at(attachment, 0.2), tolerance=1e-7)
     assert stopped.iterations <= 3  # of those of which the last needed more
     for angle in (0.1, 0.0):
-        back = following.solve(**at(parts, angle), tolerance=1e-8)
+        back = following.solve(**at(attachment, angle), tolerance=1e-8)
     assert np.abs(back.positions - BAR.V).max() < 1e-5 * BAR.diagonal
 
 
-def test_a_share_of_a_pull_is_a_weaker_pull_in_the_same_system(solver, parts):
+def test_a_fraction_of_a_pull_is_a_weaker_pull_in_the_same_system(solver, attachment):
     """The minimum is that of a system with the weaker pull itself."""
-    target, share = parts.pulls(handles_at(0.5).target)
-    share = np.where(np.isinf(parts.stiffness), 1.0, 0.3)
-    with_share = solver.solve(target, fraction=share, tolerance=1e-10, max_iterations=3000)
-    weaker = LocalGlobal(BAR, parts.vertex, stiffness=parts.stiffness * share)
+    target, fraction = attachment.pulls(handles_at(0.5).target)
+    fraction = np.where(np.isinf(attachment.stiffness), 1.0, 0.3)
+    weaker_pull = solver.solve(target, fraction=fraction, tolerance=1e-10, max_iterations=3000)
+    weaker = LocalGlobal(BAR, attachment.vertex, stiffness=attachment.stiffness * fraction)
     expected = weaker.solve(target, tolerance=1e-10, max_iterations=3000)
     full = solver.solve(target, tolerance=1e-10, max_iterations=3000)
-    assert with_share.energy == pytest.approx(expected.energy, rel=1e-9)
-    assert np.abs(with_share.positions - expected.positions).max() < 1e-6 * BAR.diagonal
-    assert np.abs(with_share.positions - full.positions).max() > 1e-4 * BAR.diagonal
+    assert weaker_pull.energy == pytest.approx(expected.energy, rel=1e-9)
+    assert np.abs(weaker_pull.positions - expected.positions).max() < 1e-6 * BAR.diagonal
+    assert np.abs(weaker_pull.positions - full.positions).max() > 1e-4 * BAR.diagonal
 
 
-def test_without_a_factorisation_nothing_follows(parts):
-    solver = LocalGlobal(BAR, parts.vertex, stiffness=parts.stiffness, multigrid=True)
+def test_without_a_factorisation_nothing_follows(attachment):
+    solver = LocalGlobal(BAR, attachment.vertex, stiffness=attachment.stiffness, multigrid=True)
     with pytest.raises(InputError, match="needs a factorisation"):
-        begun(solver, parts)
+        begun(solver, attachment)
 
 
-def test_no_iterations_leave_the_shape(solver, parts):
-    following = begun(solver, parts)
-    before = following.solve(**at(parts, 0.2), tolerance=1e-6)
-    after = following.solve(**at(parts, 0.2), max_iterations=0)
+def test_no_iterations_leave_the_shape(solver, attachment):
+    following = begun(solver, attachment)
+    before = following.solve(**at(attachment, 0.2), tolerance=1e-6)
+    after = following.solve(**at(attachment, 0.2), max_iterations=0)
     assert after.iterations == 0 and np.array_equal(after.positions, before.positions)
