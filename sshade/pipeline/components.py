@@ -246,12 +246,12 @@ def _move_rigidly(mesh: Mesh, positions: np.ndarray, unconstrained: np.ndarray) 
     vertices = members(mesh.component, mesh.topology.components)
     others = np.flatnonzero(np.isin(mesh.component, unconstrained, invert=True))
     tree, trees = cKDTree(mesh.V[others]), {}
-    for own in (vertices[component] for component in unconstrained):
-        distance, nearest = tree.query(mesh.V[own])
+    for moved in (vertices[component] for component in unconstrained):
+        distance, nearest = tree.query(mesh.V[moved])
         leader = mesh.component[others[nearest[np.argmin(distance)]]]
         if leader not in trees:
             trees[leader] = cKDTree(mesh.V[vertices[leader]])
-        _, near = trees[leader].query(mesh.V[own], k=min(NEAREST, len(vertices[leader])))
+        _, near = trees[leader].query(mesh.V[moved], k=min(NEAREST, len(vertices[leader])))
         near = vertices[leader][np.unique(near)]
         R, t = rigid_motion(mesh.V[near], positions[near])
-        positions[own] = mesh.V[own] @ R.T + t
+        positions[moved] = mesh.V[moved] @ R.T + t
