@@ -3,12 +3,34 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 
+import pytest
 import yaml
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
 
+from eval.run.targets import instantiate
 from sshade.cli.configuration import CONFIGURATION
+from sshade.task import DeformationResult
 
 OURS = ("sshade.", "baselines.")
+#: Sizes of the tetrahedra or cubes that some methods deform.
+COARSE = {"edge": 0.1, "cells": 16}
+#: Learned methods: they meet handles softly, and a test takes few steps.
+LEARNED = ("implicit_arap_cpu", "implicit_arap_paper")
+
+
+def configured(name: str, *overrides: str) -> Callable[..., DeformationResult]:
+    """Return a method as its YAML configures it, coarse; a learned method gets the sizes of its warm-up."""
+    with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
+        config = compose("config", overrides=[f"method={name}", *overrides])
+        options = OmegaConf.to_container(config.method, resolve=True)
+    if name in LEARNED:
+        pytest.importorskip("torch", reason="the extra torch is not installed")
+        options |= options["warm_up"]
+    options |= {option: size for option, size in COARSE.items() if option in options}
+    return instantiate({**options, "_partial_": True})
 
 
 def methods(*folders: str) -> list[str]:

@@ -6,15 +6,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hydra import compose, initialize_config_dir
-from omegaconf import OmegaConf
 from scipy.spatial.transform import Rotation
 
-from eval.run.targets import instantiate
-from sshade.cli.configuration import CONFIGURATION
 from sshade.mesh.mesh import Mesh
 from sshade.task import DeformationTask, Handles, TransferTask
-from tests.methods import methods
+from tests.methods import LEARNED, configured, methods
 from tests.shapes import bumpy, end_handles
 
 METHODS = methods("", "peer", "transfer")
@@ -25,11 +21,8 @@ CLOSE = 1e-6
 #: libigl fits rotations in float32: targets at rest already move vertices by 1.2e-5 of this mesh's diagonal.
 CLOSE_LIBIGL = 5e-5
 
-#: Of the tetrahedra or cubes that some methods deform.
-COARSE = {"edge": 0.1, "cells": 16}
-
 #: Soft handles and few steps: a learned method is only near.
-LEARNED = {"implicit_arap_cpu": 2e-2, "implicit_arap_paper": 2e-2}
+CLOSE_LEARNED = 2e-2
 
 #: SShaDe's frames follow a coordinate of the mesh, so its result depends on how the mesh lies in the axes:
 #: 0.7e-3 to 1.5e-3 over four random turns with this coarse proxy.
@@ -66,22 +59,11 @@ TURNS = {
 
 @pytest.fixture(scope="module", params=METHODS)
 def method(request):
-    """The method as its YAML configures it, with a small proxy and a fixed number of iterations.
-
-    A learned method gets the sizes of its warm-up.
-    """
-    overrides = [f"method={request.param}", "proxy.vertices=200"]
-    overrides += ["solver.tolerance=0", "solver.max_iterations=40"]
-    with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
-        config = compose("config", overrides=overrides)
-        plain = OmegaConf.to_container(config.method, resolve=True)
-    if request.param in LEARNED:
-        pytest.importorskip("torch", reason="the extra torch is not installed")
-        plain |= plain["warm_up"]
-    plain |= {name: size for name, size in COARSE.items() if name in plain}
+    """A method with a small proxy and a fixed number of iterations."""
+    fixed = ("solver.tolerance=0", "solver.max_iterations=40")
+    call = configured(request.param, "proxy.vertices=200", *fixed)
     transfers = request.param.startswith("transfer/")
     task = transfer_task() if transfers else ends_task()
-    call = instantiate({**plain, "_partial_": True})
     try:
         result = call(task, seed=3)
     except ImportError as error:
@@ -126,7 +108,9 @@ def close(method) -> float:
     """How near to the exact result, over the diagonal."""
     if method.transfers:
         return 1e-12
-    return LEARNED.get(method.name, CLOSE_LIBIGL if method.name in ("arap", "elastic") else CLOSE)
+    if method.name in LEARNED:
+        return CLOSE_LEARNED
+    return CLOSE_LIBIGL if method.name in ("arap", "elastic") else CLOSE
 
 
 def test_result_has_a_finite_position_for_every_vertex(method):

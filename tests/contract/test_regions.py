@@ -7,27 +7,18 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hydra import compose, initialize_config_dir
-from omegaconf import OmegaConf
 from scipy.spatial.transform import Rotation
 
 from eval.metrics.deformation import edge
 from eval.metrics.deformed import Deformed
-from eval.run.targets import instantiate
 from sshade import DeformationTask, Handles, Mesh
-from sshade.cli.configuration import CONFIGURATION
 from sshade.solver.local_global import local_global
 from tests.full import few
-from tests.methods import methods
+from tests.methods import LEARNED, configured, methods
 from tests.shapes import block, bumpy, jittered
 
 METHODS = [name for name in methods("", "peer") if name != "identity"]
 
-#: Of the tetrahedra or cubes that some methods deform.
-COARSE = {"edge": 0.1, "cells": 16}
-
-#: Soft handles, and few steps of training: only near.
-LEARNED = {"implicit_arap_cpu", "implicit_arap_paper"}
 #: Handles as soft as the methods' own weight has them: mean distance over the diagonal.
 SOFT = {"peer/slim": 1e-2, "peer/neo_hookean": 2e-2}
 NEAR = 5e-2
@@ -100,15 +91,8 @@ CASES = (
 
 @pytest.fixture(scope="module", params=METHODS)
 def method(request):
-    overrides = [f"method={request.param}", "proxy.vertices=600", "solver.max_iterations=150"]
-    with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
-        config = compose("config", overrides=overrides)
-        plain = OmegaConf.to_container(config.method, resolve=True)
-    if request.param in LEARNED:
-        pytest.importorskip("torch", reason="the extra torch is not installed")
-        plain |= plain["warm_up"]
-    plain |= {name: size for name, size in COARSE.items() if name in plain}
-    return SimpleNamespace(name=request.param, call=instantiate({**plain, "_partial_": True}))
+    call = configured(request.param, "proxy.vertices=600", "solver.max_iterations=150")
+    return SimpleNamespace(name=request.param, call=call)
 
 
 @cache

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from defaust.folder.record import POSE, read_dataset, read_record
+from defaust.sources.files import Shape, find_shapes
 from defaust.sources.sequence import FACTS, RegisteredSequence
 from eval.rows.frame import read_csv
 from eval.rows.store import read_row
@@ -266,6 +267,44 @@ def _animation_seeds() -> list[bytes]:
     return [whole, small + offsets[0, :4].tobytes()]
 
 
+def _read_shapes(data: bytes, folder: Path) -> None:
+    """The first byte chooses the format; a table of numbers has a sound second file beside it."""
+    suffixes = (".mat", ".npz", ".vert", ".tri")
+    suffix, content = (suffixes[data[0] % 4], data[1:]) if data else (".mat", data)
+    if suffix in (".vert", ".tri"):
+        ball = icosphere(0)
+        np.savetxt(folder / "a.vert", ball.V, fmt="%.9g")
+        np.savetxt(folder / "a.tri", ball.F + 1, fmt="%d")
+    path = _put(folder, f"a{suffix}", content)
+    if suffix == ".npz":
+        for shapes in find_shapes(path, layout="auto")[0].values():
+            for shape in shapes:
+                shape.mesh()
+    else:
+        Shape("a", path.with_suffix(".mat" if suffix == ".mat" else ".vert")).mesh()
+
+
+def _shape_seeds() -> list[bytes]:
+    from scipy.io import savemat
+
+    ball, seeds = icosphere(0), []
+    surface = {"X": ball.V[:, :1], "Y": ball.V[:, 1:2], "Z": ball.V[:, 2:], "TRIV": (ball.F + 1).astype("u2")}
+    poses = {"V_0": ball.V, "V_1": 2 * ball.V, "F": ball.F}
+    writers = (
+        (b"\0", lambda file: savemat(file, {"surface": surface})),
+        (b"\0", lambda file: savemat(file, {"surface": surface}, do_compression=True)),
+        (b"\1", lambda file: np.savez(file, **poses)),
+        (b"\1", lambda file: np.savez_compressed(file, **poses)),
+        (b"\2", lambda file: np.savetxt(file, ball.V, fmt="%.9g")),
+        (b"\3", lambda file: np.savetxt(file, ball.F + 1, fmt="%d")),
+    )
+    for kind, write in writers:
+        buffer = io.BytesIO()
+        write(buffer)
+        seeds.append(kind + buffer.getvalue())
+    return seeds
+
+
 NUMBERS = b"nan inf 1e999 -1 0 99999999999999999999 1e-320 0x10 true null".split()
 _MESH = (
     b"v;vt;f;solid;endsolid;facet;vertex;endloop;OFF;COFF;ply;format ascii 1.0;end_header;element vertex ;\n"
@@ -286,5 +325,6 @@ TARGETS = {
     "yaml": Target(_read_yaml_handles, _yaml_seeds, (*_YAML, *NUMBERS)),
     "manifest": Target(_read_manifest, _manifest_seeds, (*_MANIFEST, *NUMBERS)),
     "animation": Target(_read_animation, _animation_seeds, _ANIMATION),
+    "shapes": Target(_read_shapes, _shape_seeds, tuple(NUMBERS)),
     "map": Target(_read_map, _map_seeds, tuple(_MAP)),
 }

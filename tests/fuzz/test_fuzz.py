@@ -12,29 +12,33 @@ from pathlib import Path
 import pytest
 
 from tests.fuzz.mutate import mutated
-from tests.fuzz.native import problems_of
 from tests.fuzz.targets import TARGETS, refused_or_read
 
 #: Slower ones get fewer.
-COUNTS = {"map": 60, "yaml": 150}
+COUNTS = {"map": 60, "yaml": 150, "shapes": 40}
 #: Of each round of guided fuzzing: ten go on with the inputs that the earlier ones found worth keeping.
 ROUNDS, EXECUTIONS = 10, 20_000
 #: Seconds that one input may take, MiB that the process may, bytes of an input.
 LIMITS = ["-timeout=20", "-rss_limit_mb=4096", "-max_len=60000"]
 
 
-@pytest.mark.parametrize("name", TARGETS)
-def test_mutated_inputs_are_read_or_refused(name, tmp_path):
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [
+        *((name, COUNTS.get(name, 300)) for name in TARGETS),
+        pytest.param("shapes", 5000, marks=pytest.mark.full),
+    ],
+)
+def test_mutated_inputs_are_read_or_refused(name, count, tmp_path):
     target = TARGETS[name]
     seeds = target.seeds()
-    count = COUNTS.get(name, 300)
     assert any(refused_or_read(target, seed, tmp_path) for seed in seeds)
     read = [refused_or_read(target, mutated(seeds, target.tokens, number=k), tmp_path) for k in range(count)]
     assert 0 < sum(read) < count  # some of both: the mutations are neither all harmless nor all fatal
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("name", TARGETS)
+@pytest.mark.parametrize("name", [name for name in TARGETS if name != "shapes"])  # read in other processes
 def test_inputs_guided_by_coverage_are_read_or_refused(name, tmp_path):
     """A crash ends the child process; its input stays in the test's folder, the output tells it too."""
     pytest.importorskip("atheris", reason="the extra fuzz is not installed")
@@ -50,8 +54,3 @@ def test_inputs_guided_by_coverage_are_read_or_refused(name, tmp_path):
         # Its timer may still end the process once it is done: no word of its exit code.
         ended = re.search(r"^Done \d+ in", done.stderr, re.MULTILINE)
         assert ended and "ERROR: libFuzzer" not in done.stderr, done.stderr[-3000:]
-
-
-@pytest.mark.parametrize("files", [24, pytest.param(5000, marks=pytest.mark.full)])
-def test_files_for_compiled_readers_are_read_or_refused(files, tmp_path):
-    assert problems_of(files, tmp_path) == []

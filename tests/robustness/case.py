@@ -163,6 +163,20 @@ def limited(size: int) -> Iterator[None]:
         signal.signal(signal.SIGXFSZ, before)
 
 
+def on_a_full_disk(call: str, given: Callable[[], None] = nothing, *, slow: bool = False) -> Case:
+    """The command is refused, old files stay and nothing new is left; with room it works."""
+
+    def attempt() -> None:
+        code, _, err = run(call)
+        assert code == 0, err  # first with room, so that the machine code of kernels is stored
+        before = contents()
+        with limited(60):
+            check_refusal(run(call), "cannot be written (File too large)")
+        assert contents() == before
+
+    return Case(f"full disk: {call}", attempt, given, leaves=(".",), slow=slow)
+
+
 @contextlib.contextmanager
 def read_only(folder: str) -> Iterator[None]:
     """Nothing below a folder may be written for a while, not even by root."""

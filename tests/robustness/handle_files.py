@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sshade.io.meshes import read_arrays
-from tests.robustness.case import Case, nothing, refused, run
+from tests.robustness.case import Case, nothing, refused
 from tests.robustness.inputs import BODY, Given, both, cut, data, garbage, handles, text
 
 DEFORM = "sshade deform body.ply pose.json -o out.ply"
@@ -32,10 +32,6 @@ def _entry(*words: str, **entry: object) -> tuple[Given, *tuple[str, ...]]:
     return handles(entry), *words
 
 
-def _at(k: int, z: int) -> dict:
-    return {"source": [P[k]], "target": [[0, 0, z]]}
-
-
 JSON = {
     "an empty file": (data("pose.json", b""), "pose.json: not readable as JSON"),
     "binary garbage": (garbage("pose.json"), "pose.json: not readable as JSON"),
@@ -44,30 +40,18 @@ JSON = {
     "a list": (text("pose.json", "[1, 2]"), '"handles"'),
     "entries that are no objects": (handles(1, 2), "entry 0"),
     "no entries": (handles(), "there are no handles"),
-    "unused entries alone": _entry("there are no handles", kind="unused", vertices=[1]),
     "an unknown kind": _entry("unknown kind 'moving'", kind="moving", vertices=[1]),
-    "a kind that is no word": _entry("unknown kind", kind={}, vertices=[1]),
     "neither ids nor positions": _entry('"vertices"', '"source"', kind="static"),
-    "both ids and positions": _entry('"vertices"', '"source"', vertices=[1], source=[P[1]]),
     "a dynamic group without targets": _entry('no "target"', kind="dynamic", vertices=[1]),
     "fewer targets than handles": _entry("2 handles have 1 targets", vertices=[1, 2], target=[P[1]]),
-    "more targets than handles": (handles(HELD, _moved(to=3, count=2)), "1 handles have 2 targets"),
-    "fewer targets than positions": _entry("3 handles have 2 targets", source=P[:3], target=P[:2]),
     "an id beyond the mesh": _entry("0..161, not 162", vertices=[162]),
-    "a negative id": _entry("0..161, not -1", vertices=[-1]),
-    "ids that are no integers": _ids([1.5]),
     "ids of 30 digits": _ids([10**30]),
     "ids in lists of several lengths": _ids([[1], [1, 2]]),
-    "ids that are true": _ids([True, True]),
-    "ids that are words": _ids("all"),
     "no ids in a group": _ids([]),
-    "positions of two coordinates": _entry("list of points [x, y, z]", source=[[0, 1]]),
     "positions of several lengths": _entry("list of points [x, y, z]", source=[[0, 1], [0, 1, 2]]),
     "a position of null": _entry("NaN or infinite", source=[[0, 1, None]]),
     "a NaN target": (_target("NaN"), "NaN"),
-    "an infinite target": (_target("1e999"), "infinite"),
     "contradictory targets by id": (handles(_moved(to=3), _moved(to=4)), "contradictory targets"),
-    "contradictory targets by position": (handles(_at(50, 3), _at(50, 4)), "contradictory targets"),
     "a static vertex that is also moved": (handles({"vertices": [50]}, _moved(to=3)), "contradictory"),
 }
 #: Other commands, with the sound files or another suffix.
@@ -88,10 +72,8 @@ def _static(part: str) -> str:
 
 
 IMPLICIT_ARAP = {
-    "empty": (data("pose.yaml", b""), "`handles`"),
     "binary garbage": (garbage("pose.yaml"), "not readable as YAML"),
     "no mapping": (text("pose.yaml", "- 1\n- 2\n"), "`handles`"),
-    "not closed": (text("pose.yaml", "handles: {static: [\n"), "not readable as YAML"),
     "brackets 10,000 deep": (data("pose.yaml", b"[" * 10_000), "not readable as YAML"),
     "a Python object": (
         text("pose.yaml", "handles: !!python/object/apply:os.system ['touch hacked']\n"),
@@ -104,7 +86,6 @@ IMPLICIT_ARAP = {
         both(text("secret.txt", '"password"'), _parts(_static("../secret"))),
         "'../secret' leads out of",
     ),
-    "a part by its absolute path": (_parts(_static("/etc/passwd")), "leads out of"),
     "moving parts without transforms": (
         _parts("moving: {positions: [hand]}"),
         "1 moving parts have 0 transforms",
@@ -115,28 +96,6 @@ IMPLICIT_ARAP = {
         "is this the mesh they were made for?",
     ),
 }
-PARAMETERS = {
-    "--vertices 0": ("vertices must be a whole number in [1, inf), not 0",),
-    "--vertices -5": ("not -5",),
-    "--samplings 0": ("samplings must be a whole number in [1, inf), not 0",),
-    "--samplings -1": ("not -1",),
-    "--workers 0": ("workers must be a whole number in [1, inf), not 0",),
-    "--seed -1": ("seed must be a whole number in [0, inf), not -1",),
-}
-
-
-def _same_as_sorted() -> None:
-    order = np.random.default_rng(0).permutation(BODY.n)[:40]
-    target = BODY.V[order] + np.where(BODY.V[order, 2:] > 0, 0.2, 0.0)
-    results = []
-    for name, chosen in (("a", np.argsort(order)), ("b", np.arange(40))):
-        handles({"vertices": order[chosen].tolist(), "target": target[chosen].tolist()})()
-        assert run(f"sshade deform body.ply pose.json -o {name}.ply --vertices 60")[0] == 0
-        V, _ = read_arrays(f"{name}.ply")
-        assert np.abs(V[order] - target).max() < 0.05 * BODY.diagonal
-        results.append(V)
-    # Another order of the first samples is another sampling: near, not equal.
-    assert np.abs(results[0] - results[1]).max() < 0.02 * BODY.diagonal
 
 
 def _moved_up() -> None:
@@ -162,8 +121,7 @@ CASES = [
     *refused(DEFORM, JSON, prefix="handles: "),
     *(Case(f"handles: {name}", call, g, says=(word,)) for name, (call, g, word) in CALLS.items()),
     *refused(YAML, IMPLICIT_ARAP, prefix="handles: YAML: "),
-    *(Case(f"deform {option}", f"{DEFORM} {option}", says=says) for option, says in PARAMETERS.items()),
-    Case("handles: unsorted", _same_as_sorted, leaves=("a.ply", "b.ply", "pose.json")),
+    Case("deform --seed -1", f"{DEFORM} --seed -1", says=("seed must be a whole number in [0, inf)",)),
     *(
         Case(f"handles: {name}", FINE, given, leaves=("out.ply",), holds=holds)
         for name, (given, holds) in TAKEN.items()

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
-from sshade import Handles, Mesh
-from sshade.io.handles import write_handles
+from sshade import Mesh
 from sshade.io.meshes import read_arrays, read_mesh, write_mesh
 from tests.robustness.case import Case, refused, run
 from tests.robustness.inputs import BODY, Given, both, handles, mesh, pose, posed, write_sound
-from tests.shapes import double_torus, jittered, strip, tetrahedron, torus, tube
+from tests.shapes import strip, tetrahedron, torus
 from tests.sshade.mesh.test_cutting import moebius, t_fin
 
 DEFORM = "sshade deform body.ply pose.json -o out.ply"
@@ -39,15 +38,6 @@ def _two() -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([V, 0.5 * V + [4, 0, 0]]), np.concatenate([F, F + len(V)])
 
 
-def _handles_of_two() -> None:
-    own = pose(V)
-    further = Handles(own.index + len(V), 0.5 * own.target + [4, 0, 0], dynamic=own.dynamic)
-    index, target = (
-        np.concatenate([getattr(h, name) for h in (own, further)]) for name in ("index", "target")
-    )
-    write_handles("pose.json", Handles(index, target, dynamic=np.tile(own.dynamic, 2)))
-
-
 def _touching() -> tuple[np.ndarray, np.ndarray]:
     """A second body that shares the topmost vertex with the first."""
     top, bottom = np.argmax(V[:, 2]), np.argmin(V[:, 2])
@@ -60,17 +50,12 @@ def _touching() -> tuple[np.ndarray, np.ndarray]:
 SLIVERS = strip(1, 300)
 REFUSED = {
     "a NaN coordinate": (_at((5, 1), np.nan), "vertex 5 has a NaN"),
-    "an infinite coordinate": (_at((7, 0), np.inf), "vertex 7 has a NaN or infinite"),
     "zero vertices": (mesh(np.zeros((0, 3)), []), "0 vertices and 0 faces"),
-    "one vertex": (mesh([[0, 0, 0]], []), "1 vertices and 0 faces"),
     "two vertices": (mesh(np.eye(3)[:2], [[0, 1, 0]]), "all 1 faces repeat a vertex"),
-    "vertices without faces": (mesh(V, []), "162 vertices and 0 faces"),
     "a face out of range": (_at((3, 2), 999, of="F"), "face 3", "the ids go from 0 to 161"),
-    "a face with a negative id": (_at((3, 2), -1, of="F"), "face 3"),
     "a component without handles": (mesh(*_two()), "1 of the mesh's 2 components", CARRY),
     "all vertices in one place": (mesh(np.ones_like(V), F), "coincide"),
     "coordinates of 1e200": (mesh(1e200 * V, F), "1e", "scale"),
-    "coordinates of 1e-200": (mesh(1e-200 * V, F), "scale"),
     "far beyond the digits": (mesh(V + 1e13, F), "digits"),
 }
 REFUSED_BY_REMESH = {
@@ -112,53 +97,14 @@ def _equals(change: Callable[[np.ndarray], np.ndarray], tolerance: float) -> Cal
     return holds
 
 
-def _unused_stays() -> None:
-    moved = _result()
-    assert np.array_equal(moved[-1], [0, 0, 1])
-    write_sound()
-    assert run(DEFORM)[0] == 0
-    assert np.array_equal(moved[:-1], read_arrays("out.ply")[0])
-
-
 def _taken(name: str, given: Given, holds: Callable[[], object], *, call: str = DEFORM) -> Case:
     return Case(name, call, given, leaves=("out.ply", "body.ply", "pose.json"), holds=holds)
-
-
-def _far(offset: float) -> Given:
-    """Coordinates of few bits, which a shift leaves as they are."""
-    return posed((np.round(V * 2**20) / 2**20 + offset, F))
-
-
-def _as_near_the_origin(offset: float, tolerance: float) -> None:
-    far = _result() - offset
-    _far(0.0)()
-    assert run(DEFORM)[0] == 0
-    gap = np.abs(far - _result()).max() / BODY.diagonal
-    assert gap <= tolerance, f"{gap:.1e} of the diagonal from the result near the origin"
-
-
-def _collapse(W: np.ndarray, G: np.ndarray) -> None:
-    W[G[7, 0]] = W[G[7, 1]]
-
-
-def _flatten(W: np.ndarray, G: np.ndarray) -> None:
-    W[G[7, 0]] = 0.5 * (W[G[7, 1]] + W[G[7, 2]])
-
-
-def _needle(W: np.ndarray, G: np.ndarray) -> None:
-    W[G[7, 0]] = W[G[7, 1]] + 1e-9 * (W[G[7, 0]] - W[G[7, 1]])
 
 
 def _soup() -> None:
     write_mesh("soup.stl", V, F)
     W, G = read_arrays("soup.stl")
     posed((W, G))()
-
-
-def _turned(faces: Sequence[int]) -> Given:
-    G = F.copy()
-    G[list(faces)] = G[list(faces)][:, ::-1]
-    return posed((V, G))
 
 
 def _faces_stay() -> None:
@@ -177,27 +123,16 @@ def _upright(shape: Mesh) -> Given:
     return posed((shape.V[:, [1, 2, 0]], shape.F))
 
 
-FACE_TWICE = posed((V, np.concatenate([F, F[:1]])))
-FACE_TWICE_TURNED = posed((V, np.concatenate([F, F[:1, ::-1]])))
 TRIANGLE = both(
     mesh(np.eye(3), [[0, 1, 2]]), handles({"vertices": [0, 1, 2], "target": (np.eye(3) + 1).tolist()})
 )
+TURNED = np.where(np.arange(len(F))[:, None] % 3, F, F[:, ::-1])
 #: The input, and what holds beside that the handles are near their targets.
 TAKEN = {
-    "turned inside out": (posed((V, F[:, ::-1])), _equals(lambda X: X, 1e-3)),
-    "scale 1e-6": (posed((1e-6 * V, F)), _equals(lambda X: 1e-6 * X, 1e-9)),
-    "scale 1e6": (posed((1e6 * V, F)), _equals(lambda X: 1e6 * X, 1e-9)),
-    "scale 2^-40": (posed((2.0**-40 * V, F)), _equals(lambda X: 2.0**-40 * X, 0.0)),
     "scale 1e-30": (posed((1e-30 * V, F)), _equals(lambda X: 1e-30 * X, 1e-9)),
     "scale 1e30": (posed((1e30 * V, F)), _equals(lambda X: 1e30 * X, 1e-9)),
-    "2^20 from the origin": (_far(2.0**20), lambda: _as_near_the_origin(2.0**20, 1e-9)),
-    "2^30 from the origin": (_far(2.0**30), lambda: _as_near_the_origin(2.0**30, 2e-5)),
-    "a triangle of no area: two vertices in one place": (_edited(_collapse), _result),
-    "a triangle of no area: three vertices on a line": (_edited(_flatten), _result),
-    "a needle of 1e-9": (_edited(_needle), _result),
     "all vertices on a line": (posed((V * [0, 0, 1], F)), _result),
     "a repeated index in a face": (posed((V, np.array([*F, [4, 4, 7]]))), _equals(lambda X: X, 0.0)),
-    "unreferenced vertices": (posed((np.array([*V, [0, 0, 1]]), F)), _unused_stays),
     "flattened to 1e-12": (posed((V * [1e-12, 1, 1], F)), _result),
     "flattened to a double sheet": (posed((V * [0, 1, 1], F)), _result),
     "stretched 10^4 times": (posed((V * [1, 1, 1e4], F)), _result),
@@ -205,18 +140,10 @@ TAKEN = {
         posed((SLIVERS.V[:, [0, 2, 1]] * [1e-9, 1, 1], SLIVERS.F)),
         _result,
     ),
-    "an open tube": (posed(jittered(tube(), 0.02)), _result),
-    "a strip with a rim": (_upright(jittered(strip(30, 5), 0.1)), _result),
     "a regular grid: every distance many times": (_upright(strip(30, 5)), _result),
-    "genus 1": (_upright(jittered(torus(), 0.02)), _result),
-    "genus 2": (_upright(double_torus(cells=3)), _result),
     "a tetrahedron": (posed(tetrahedron()), _result),
-    "a face twice": (FACE_TWICE, _equals(lambda X: X, 1e-3)),
-    "a face twice, once turned": (FACE_TWICE_TURNED, _equals(lambda X: X, 1e-3)),
-    "one face turned": (_turned([11]), _equals(lambda X: X, 0.0)),
-    "every third face turned": (_turned(range(0, 320, 3)), _equals(lambda X: X, 0.0)),
+    "every third face turned": (posed((V, TURNED)), _equals(lambda X: X, 0.0)),
     "a soup": (lambda: _soup(), _result),
-    "two components, each with handles": (both(mesh(*_two()), _handles_of_two), _result),
     "two closed surfaces that touch in a vertex": (posed(_touching()), _result),
     "a strip with a fin": (_upright(t_fin()), _result),
     "a one-sided band": (posed(moebius()), _result),
@@ -228,7 +155,6 @@ TAKEN = {
 TAKEN_WITH = {
     f"{CARRY}: a component without handles": mesh(*_two()),
     "--repair: a soup": _soup,
-    "--repair: a face twice": FACE_TWICE,
     "--repair: duplicate vertices": _edited(_unwelded),
 }
 
@@ -262,7 +188,7 @@ MILLION = Case(
 )
 CASES = [
     *refused(DEFORM, REFUSED),
-    *refused(REPAIR, {"a face out of range": (_at((3, 2), 999, of="F"), "no repair")}, prefix="--repair: "),
+    Case("--repair: a face out of range", REPAIR, _at((3, 2), 999, of="F"), says=("no repair",)),
     *refused(REMESH, REFUSED_BY_REMESH, prefix="remesh: "),
     *(_taken(name, given, holds) for name, (given, holds) in TAKEN.items()),
     *(

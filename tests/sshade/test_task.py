@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh
+from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh, TransferTask
 from tests.shapes import icosphere, rotation, tetrahedron
 
 
@@ -29,6 +29,8 @@ def test_repeated_ids_with_one_target_are_kept_once_in_order():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        ({"index": [], "target": np.zeros((0, 3))}, "no handles"),
+        ({"index": [0.5], "target": np.zeros((1, 3))}, "integers"),
         ({"index": [0, 1], "target": np.zeros((2, 2))}, r"targets of shape \(2, 3\), not \(2, 2\)"),
         ({"index": [5, 6], "target": [[0, 0, 0], [np.nan, 0, 0]]}, r"handle 1 \(vertex 6\) is NaN"),
         ({"index": [0, 1], "target": np.eye(3)[:2], "dynamic": [True]}, "`dynamic` of shape"),
@@ -105,6 +107,16 @@ def test_positions_that_are_not_finite_are_refused():
     for source, target in ((np.inf, 0.0), (0.0, np.nan)):
         with pytest.raises(InputError, match="NaN or infinite"):
             Handles.from_positions(tetrahedron(), [[source, 0, 0]], [[0, target, 0]])
+
+
+def test_tasks_refuse_shapes_that_do_not_correspond():
+    mesh, handles = tetrahedron(), Handles([0], [[0, 0, 0]])
+    with pytest.raises(InputError, match=r"guess has shape \(3, 3\)"):
+        DeformationTask("t", mesh, handles, guess=mesh.V[1:])
+    with pytest.raises(InputError, match="other faces"):
+        TransferTask("t", mesh, Mesh(mesh.V, mesh.F[::-1]), mesh.V)
+    with pytest.raises(InputError, match="2 handles"):
+        Handles.from_positions(mesh, mesh.V[:2], mesh.V[:1])
 
 
 def test_a_task_refuses_components_without_handles():

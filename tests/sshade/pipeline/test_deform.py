@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 import sshade
-from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh, deform
+from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh, bind, deform
 from sshade.solver.local_global import local_global
 from tests.shapes import bumpy, rotation
 from tests.sshade.mesh.test_cutting import t_fin
@@ -97,6 +97,14 @@ def test_edges_of_three_faces_and_several_components_are_taken():
         assert np.abs(U - V - shift).max() < 1e-7 * np.linalg.norm(np.ptp(V, axis=0))
 
 
+def paper_with(**options):
+    return deform(TASK, method="paper", vertices=60, **options)
+
+
+def loses_a_vertex(task, *, seed, progress=None):
+    return DeformationResult(task.mesh.V[1:], iterations=1, converged=True)
+
+
 @pytest.mark.parametrize(
     ("call", "error", "words"),
     [
@@ -114,6 +122,10 @@ def test_edges_of_three_faces_and_several_components_are_taken():
         (lambda: deform(BODY, B - 99, BC), InputError, "negative"),
         (lambda: deform(BODY.V[:, :2], BODY.F, B, BC), InputError, r"\(n, 3\)"),
         (lambda: deform(BODY.V, BODY.F + 0.5, B, BC), InputError, "integers"),
+        (lambda: paper_with(frame_function="w"), InputError, "'w'"),
+        (lambda: paper_with(frame_function=np.full(BODY.n, np.nan)), InputError, "finite"),
+        (lambda: paper_with(coarse=loses_a_vertex), InputError, "shape"),
+        (lambda: bind(BODY, 60, frames="x"), InputError, "unknown frames"),
         (lambda: deform(*unclean()[:2], [0], BC[:1]), InputError, "handle vertex 0 belongs to no face"),
     ],
 )

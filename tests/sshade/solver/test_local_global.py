@@ -292,6 +292,8 @@ def test_handle_vertices_that_cannot_be(index, message):
         ({"targets": np.zeros((2, 3))}, r"need targets of shape \(3, 3\), not \(2, 3\)"),
         ({"targets": np.full((3, 3), np.nan)}, "NaN or infinite"),
         ({"start": np.full((12, 3), np.inf)}, "NaN or infinite"),
+        ({"start": np.zeros((11, 3))}, "start must have shape"),
+        ({"window": 0}, "window"),
     ],
 )
 def test_arguments_that_cannot_be(changes, message):
