@@ -17,10 +17,16 @@ if TYPE_CHECKING:
     from rich.progress import Progress as Bars
 
 
+#: Number of characters above which a message names no choices; the help lists them.
+LONGEST_MESSAGE = 300
+
+
 class CommandParser(argparse.ArgumentParser):
     """An argument parser that raises InputError, so that a mistake is reported in one sentence."""
 
     def error(self, message: str) -> NoReturn:
+        if len(message) > LONGEST_MESSAGE:
+            message = message.partition(" (choose from")[0]
         raise InputError(f"{message}; see `{self.prog} --help`")
 
 

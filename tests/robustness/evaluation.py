@@ -124,9 +124,9 @@ NAMED = {
 METHODS = {
     "method=magic": ("there is no method 'magic'; choose one of acc",),
     "method=arap method.colour=red": ("colour",),
-    "method=arap +method.colour=red": ("has no parameter 'colour'",),
-    "method=arap method.max_iterations=many": ("max_iterations='many'",),
-    "method=arap method.start=middle": ("start='middle'",),
+    "method=arap +method.colour=red": ("has no option 'colour'",),
+    "method=arap method.max_iterations=many": ("max_iterations must be a whole number", "'many'"),
+    "method=arap method.start=middle": ("start must be rest or rigid, not 'middle'",),
     "run.speed=1": ("speed",),
     "seed=-1": ("seed=-1",),
     "run.time_limit=0": ("run.time_limit=0",),
