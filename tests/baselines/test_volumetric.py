@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from baselines.volumetric import coarse_tetrahedra as tetrahedra_module
 from baselines.volumetric.coarse_tetrahedra import barycentric_coordinates, coarse_tetrahedra
 from baselines.volumetric.neo_hookean import neo_hookean
-from baselines.volumetric.node_handles import node_handles, rigid_parts
+from baselines.volumetric.node_handles import rigid_parts
 from baselines.volumetric.skinning import (
     biharmonic_coordinates,
     bounded_biharmonic_weights,
@@ -174,17 +174,6 @@ def test_groups_stay_parts_and_what_shares_no_motion_is_one():
     rng = np.random.default_rng(0)
     wild = Handles(index, mesh.V[index] + rng.normal(size=(6, 3)))
     assert rigid_parts(mesh, wild).part.tolist() == [0] * 6
-
-
-def test_nodes_move_as_the_parts_beside_them():
-    mesh = bumpy(3)
-    made = coarse_tetrahedra(mesh, **COARSE)
-    task = held_ends(mesh)
-    parts = rigid_parts(mesh, task.handles)
-    held = node_handles(made, mesh, task.handles, parts)
-    expected = parts.moved(held.part, made.V[held.index])
-    np.testing.assert_allclose(held.target, expected, atol=1e-9)
-    assert len(np.unique(held.index)) == len(held.index)
 
 
 def test_tetrahedral_arap_comes_to_one_minimum_from_both_starts():

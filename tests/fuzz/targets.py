@@ -21,7 +21,10 @@ from eval.rows.store import read_row
 from sshade import InputError, bind, load_binding, save_binding
 from sshade.io.handles import read_handles
 from sshade.io.meshes import SUFFIXES, read_mesh, write_mesh
-from tests.shapes import bumpy, icosphere
+from tests.defaust.test_animations import packed
+from tests.shapes import bumpy, icosphere, tetrahedron
+from tests.sshade.io.test_formats import OBJ, OFF, STL
+from tests.sshade.io.test_ply import ply
 
 #: A sound mesh for handles and maps.
 BODY = bumpy(1)
@@ -68,30 +71,6 @@ def _read_mesh(data: bytes, folder: Path) -> None:
     read_mesh(_put(folder, f"mesh{suffix}", data[1:]))
 
 
-OBJ = b"""mtllib a
-v 0 0 0
-v 1 0 0
-v 1 1 0
-vt 0 0
-vn 0 0 1
-v 0 1 0
-usemtl b
-f 1/1/1 2/1/1 \\
- 3/1/1 4//1
-f -1 -2 -3
-"""
-STL = b"""solid a
-facet normal 0 0 1
-outer loop
-vertex 0 0 0
-vertex 1 0 0
-vertex 0 1 0
-endloop
-endfacet
-endsolid a
-"""
-
-
 def _mesh_seeds() -> list[bytes]:
     seeds = []
     sphere = icosphere(0)
@@ -99,19 +78,10 @@ def _mesh_seeds() -> list[bytes]:
     for number, suffix in enumerate(SUFFIXES):
         write_mesh(folder / f"seed{suffix}", sphere.V, sphere.F)
         seeds.append(bytes([number]) + (folder / f"seed{suffix}").read_bytes())
-    ply = SUFFIXES.index(".ply")
-    header = (
-        "ply\nformat {} 1.0\ncomment x\nelement vertex 4\nproperty float x\nproperty float y\n"
-        "property float z\nproperty uchar red\nelement face 2\nproperty list uchar int vertex_indices\n"
-        "property list uchar float texcoord\nend_header\n"
-    )
-    text = "0 0 0 9\n1 0 0 9\n1 1 0 9\n0 1 0 9\n4 0 1 2 3 0\n3 0 2 3 2 .5 .5\n"
-    seeds.append(bytes([ply]) + (header.format("ascii") + text).encode())
-    rows = b"".join(struct.pack(">fffB", *p, 9) for p in ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)))
-    rows += struct.pack(">B4iB", 4, 0, 1, 2, 3, 0) + struct.pack(">B3iB2f", 3, 0, 2, 3, 2, 0.5, 0.5)
-    seeds.append(bytes([ply]) + header.format("binary_big_endian").encode() + rows)
-    seeds.append(bytes([SUFFIXES.index(".obj")]) + OBJ)
-    seeds.append(bytes([SUFFIXES.index(".stl")]) + STL)
+    orders = ("ascii", "binary_little_endian", "binary_big_endian")
+    contents = [(".ply", ply(order)) for order in orders]
+    contents += [(".obj", OBJ.encode()), (".off", OFF.encode()), (".stl", STL.encode())]
+    seeds += [bytes([SUFFIXES.index(suffix)]) + content for suffix, content in contents]
     return seeds
 
 
@@ -259,12 +229,9 @@ def _read_animation(data: bytes, folder: Path) -> None:
 
 
 def _animation_seeds() -> list[bytes]:
-    V, F = BODY.V.astype("<f4"), BODY.F.astype("<i4")
-    offsets = np.stack([k * np.maximum(0, V[:, ::-1]) for k in (0.1, 0.5, -0.5)]).astype("<f4")
-    whole = struct.pack("<3i", 4, len(V), len(F)) + V.tobytes() + F.tobytes() + offsets.tobytes()
-    small = struct.pack("<3i", 2, 4, 4) + V[:4].tobytes()
-    small += np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]], dtype="<i4").tobytes()
-    return [whole, small + offsets[0, :4].tobytes()]
+    whole = packed([BODY.V + k * np.maximum(0, BODY.V[:, ::-1]) for k in (0, 0.1, 0.5, -0.5)], BODY.F)
+    small = tetrahedron()
+    return [whole, packed([small.V, 1.1 * small.V], small.F)]
 
 
 def _read_shapes(data: bytes, folder: Path) -> None:

@@ -137,13 +137,6 @@ METHODS = {
     "dataset=moon": ("there is no dataset 'moon'",),
     "paths.runs=body.ply/x": ("body.ply/x",),
 }
-#: A command, and its file that holds garbage.
-STUDIES = (
-    ("topology body.ply", "body.ply"),
-    ("jumps body.ply pose.json", "body.ply"),
-    ("jumps body.ply pose.json", "pose.json"),
-    ('bench speed --methods identity --cases "mesh mesh=body.ply handles=pose.json"', "body.ply"),
-)
 
 
 def _full_disk() -> None:
@@ -180,8 +173,10 @@ CASES = [
     ),
     Case("sound: remeasure tiny", "sshade-eval remeasure tiny", runs, leaves=(RUNS,)),
     Case("run: what is there already", SWEEP, runs, leaves=(f"{RUNS}/tiny/multirun.yaml",)),
-    *(
-        Case(f"{call}: garbage for {path}", f"sshade-eval {call}", garbage(path), says=(path,))
-        for call, path in STUDIES
+    Case(
+        "topology: a mesh of garbage",
+        "sshade-eval topology body.ply",
+        garbage("body.ply"),
+        says=("body.ply",),
     ),
 ]

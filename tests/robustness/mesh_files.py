@@ -20,13 +20,9 @@ def _of_each_format() -> list[Case]:
         sound, foreign = mesh(BODY.V, BODY.F, path), mesh(BODY.V, BODY.F, f"x{other}")
         damages: dict[str, Given] = {
             "empty": data(path, b""),
-            "blank": data(path, b"\n \n"),
             "binary garbage": garbage(path),
             "a web page": text(path, "<!DOCTYPE html>\n<title>404 Not Found</title>\n"),
             "only zeros": data(path, bytes(4096)),
-            "cut in its first line": both(sound, cut(path, 0.0004)),
-            "cut in its vertices": both(sound, cut(path, 0.2)),
-            "cut in its faces": both(sound, cut(path, 0.9)),
             "cut in its last face": both(sound, cut(path, -5)),
             f"content of {other}": both(foreign, lambda p=path, o=other: Path(f"x{o}").rename(p)),
         }
@@ -62,7 +58,6 @@ NAN = mesh(np.where(np.arange(BODY.n)[:, None] == 4, np.nan, BODY.V), BODY.F, "n
 #: Each other command that takes a mesh, with a bad one.
 PLACES = {
     "remesh body.ply -o out.ply --map m.npz": (cut("body.ply", 0.5), "body.ply", "not a readable PLY"),
-    "show body.ply -o out.png": (cut("body.ply", 0.5), "body.ply"),
     "show body.ply --deformed less.ply -o out.png": (LESS, "less.ply has shape (3, 3)"),
     "show body.ply -o out.exr": (nothing, "'.exr'"),
     "show body.ply -o nowhere/out.png": (nothing, "nowhere does not exist"),

@@ -103,21 +103,11 @@ def test_show_writes_a_picture_with_targets_and_errors(files, tmp_path, capsys):
     assert (np.ptp(right, axis=2) > 100).sum() > 10 * (np.ptp(left, axis=2) > 100).sum()
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["-o", "shape.pdf"], "unknown format '.pdf'"),
-        (["-o", "shape.png", "--deformed", "OTHER.ply"], "shape (3, 3), the mesh (642, 3)"),
-        (["-o", "shape.png", "--towards", "0", "2", "0"], "looks along the upward direction"),
-    ],
-)
-def test_what_cannot_be_shown_is_one_sentence(files, tmp_path, monkeypatch, capsys, options, message):
+def test_a_view_along_the_upward_direction_is_refused(files, tmp_path, monkeypatch, capsys):
     pytest.importorskip("pyvista")
     monkeypatch.chdir(tmp_path)
-    write_mesh(tmp_path / "OTHER.ply", np.eye(3), np.array([[0, 1, 2]]))
-    assert main(["show", str(files[0]), *options]) == 2
-    error = capsys.readouterr().err
-    assert message in error and error.startswith("error: ") and error.count("\n") == 1
+    assert main(["show", str(files[0]), "-o", "shape.png", "--towards", "0", "2", "0"]) == 2
+    assert "looks along the upward direction" in capsys.readouterr().err
     assert not (tmp_path / "shape.png").exists()
 
 
