@@ -78,7 +78,7 @@ def require_apart(tree: dict[str, Any], buffers: list[bytes], path: Path) -> Non
     owner: dict[tuple, tuple] = {}
     for attributes in (primitive["attributes"] for primitive in primitives):
         positions = accessor_bytes(tree, attributes["POSITION"])
-        for name in _CHANGED.keys() & attributes.keys():
+        for name in (name for name in _CHANGED if name in attributes):
             key = accessor_bytes(tree, attributes[name])
             if owner.setdefault(key, (name, positions)) != (name, positions):
                 _refuse_shared(attributes[name], path)

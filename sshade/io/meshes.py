@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.io.decimals import INTEGER, rows_of
 from sshade.io.document import MeshFile
 from sshade.io.files import check_output, check_suffix, naming, replacing
 from sshade.io.gltf import read_gltf, write_gltf
@@ -16,6 +15,7 @@ from sshade.io.obj import read_obj
 from sshade.io.off import read_off
 from sshade.io.ply import read_ply, write_ply
 from sshade.io.stl import read_stl
+from sshade.io.words import rows_of
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.surface import cleaned, without_duplicates
 
@@ -137,21 +137,21 @@ def write_mesh(path: str | os.PathLike[str], V: np.ndarray, F: np.ndarray) -> No
     """
     path = Path(path)
     check_output(path, SUFFIXES)
-    V, F, suffix = np.asarray(V), np.asarray(F), path.suffix.lower()
+    V, F, suffix = np.asarray(V, dtype=np.float64), np.asarray(F, dtype=np.int64), path.suffix.lower()
     with replacing(path) as temporary:
         if suffix == ".ply":
             write_ply(temporary, V, F)
         elif suffix in (".glb", ".gltf"):
-            write_gltf(temporary, V.astype(np.float64, copy=False), F)
+            write_gltf(temporary, V, F)
         elif suffix == ".stl":
             import trimesh
 
             temporary.write_bytes(trimesh.Trimesh(V, F, process=False).export(file_type="stl"))
         elif suffix == ".obj":
-            temporary.write_bytes(rows_of(b"v", V) + rows_of(b"f", F + 1, INTEGER))
+            temporary.write_bytes(rows_of("v ", V) + rows_of("f ", F + 1))
         else:
             head = f"OFF\n{len(V)} {len(F)} 0\n".encode()
-            temporary.write_bytes(head + rows_of(b"", V) + rows_of(b"3", F, INTEGER))
+            temporary.write_bytes(head + rows_of("", V) + rows_of("3 ", F))
 
 
 def repair(V: np.ndarray, F: np.ndarray) -> tuple[Mesh, np.ndarray]:

@@ -12,15 +12,13 @@ from typing import NamedTuple
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.io.decimals import DOUBLE, INTEGER, NOTHING, Edits, Numbers, edited, vectors_of
 from sshade.io.document import MeshFile, fanned, moved_reference, present
 from sshade.io.normals import turns
-from sshade.io.words import Lines, array_of, integers_of, key_of, line_number, lines_of, parts_of, words_in
+from sshade.io.words import Edits, Numbers, Text, edited, key_of
 from sshade.mesh.seams import same_rows
 
 #: Decimal places of written normals.
 DECIMALS = 6
-_NEWLINE, _RETURN, _BACKSLASH = 10, 13, 92
 
 
 class _Corners(NamedTuple):
@@ -51,23 +49,21 @@ class _Obj(NamedTuple):
 
     Attributes
     ----------
-    text : (b,) uint8
+    data : bytes
     positions, normals : Numbers
-    normal_begins, normal_ends : (k,) int64
-        Places where the line of each normal and the following line begin. Behind the last line they
-        count a line end, whether there is one or not.
+    normal_lines : (2, k) int64
+        Bytes where the line of each normal and the following line begin.
     corners : _Corners
     triangles : (m, 3) int64
         Numbers of corners.
     libraries : list of (int, int)
-        Places where lines "mtllib" and the lines behind them begin.
+        Bytes where lines "mtllib" and the lines behind them begin.
     """
 
-    text: np.ndarray
+    data: bytes
     positions: Numbers
     normals: Numbers
-    normal_begins: np.ndarray
-    normal_ends: np.ndarray
+    normal_lines: np.ndarray
     corners: _Corners
     triangles: np.ndarray
     libraries: list[tuple[int, int]]
@@ -83,120 +79,86 @@ def read_obj(path: Path) -> MeshFile:
     InputError
         When there are no triangles.
     """
-    whole = array_of(path.read_bytes())
-    text = _joined(whole)
-    lines = lines_of(text)
-    vertex_lines, normal_lines, face_lines = (lines.of(lines.key == key_of(k)) for k in (b"v", b"vn", b"f"))
-    positions, words = vectors_of(text, vertex_lines, 1, "a vertex")
-    normals, _ = vectors_of(text, normal_lines, 1, "a normal")
-    corners, triangles, sizes = _faces(text, face_lines, vertex_lines.begin, normal_lines.begin)
+    data = path.read_bytes()
+    # A line that ends with a backslash goes on in the next line.
+    joined = data.replace(b"\\\r\n", b"   ").replace(b"\\\n", b"  ") if b"\\" in data else data
+    text = Text(joined)
+    key = text.keys()
+    vertices, shading, polygons, libraries = (
+        np.flatnonzero(key == key_of(word)) for word in (b"v", b"vn", b"f", b"mtllib")
+    )
+    positions = text.vectors(vertices, 1, "a vertex")
+    normals = text.vectors(shading, 1, "a normal")
+    corners, triangles = _faces(text, polygons, vertices, shading)
     if not len(positions.value) or not len(triangles):
         raise InputError(f"{path}: the file holds no triangles")
     if corners.normal.max() >= len(normals.value):
         raise ValueError(f"a face refers to a normal outside 1..{len(normals.value)}")
-    keys = set(np.unique(lines.key).tolist())
+    keys = set(np.unique(key).tolist())
     known = (b"vt", b"mtllib", b"usemtl", b"g", b"o", b"s", b"l", b"p")
     there = {name for name in known if key_of(name) in keys}
     holds = present(
         texture_coordinates=b"vt" in there,
         normals=len(normals.value),
-        vertex_colours=(words >= 7).any(),
+        vertex_colours=(text.size[vertices] >= 7).any(),
         materials=there & {b"mtllib", b"usemtl"},
         groups=there & {b"g", b"o"},
         smoothing_groups=b"s" in there,
-        polygons=(sizes > 3).any(),
+        polygons=(text.size[polygons] > 4).any(),
         lines_and_points=there & {b"l", b"p"},
         comments=any(key & 0xFF == ord("#") for key in keys),
     )
-    ends = np.append(lines.begin[1:], len(text) + (not _has_last_line_end(text)))
-    mtllib = lines.key == key_of(b"mtllib")
-    libraries = list(zip(lines.begin[mtllib].tolist(), ends[mtllib].tolist(), strict=True))
-    normal_ends = ends[lines.key == key_of(b"vn")]
-    obj = _Obj(whole, positions, normals, normal_lines.begin, normal_ends, corners, triangles, libraries)
+    places = list(zip(*(place.tolist() for place in text.line_ends(libraries)), strict=True))
+    normal_lines = np.array(text.line_ends(shading))
+    obj = _Obj(data, positions, normals, normal_lines, corners, triangles, places)
     F = corners.vertex[triangles]
     return MeshFile(positions.value, F, holds, (".obj",), partial(_content, obj, path))
 
 
-def _joined(text: np.ndarray) -> np.ndarray:
-    """Join lines that end with a backslash to the next line, by blanks."""
-    places = np.flatnonzero(text[:-1] == _BACKSLASH)
-    one = places[text[places + 1] == _NEWLINE]
-    two = places[(text[places + 1] == _RETURN) & (places + 2 < len(text))]
-    two = two[text[two + 2] == _NEWLINE]
-    if len(one) + len(two):
-        text = text.copy()
-        for begins, size in ((one, 2), (two, 3)):
-            text[begins[:, None] + np.arange(size)] = 32
-    return text
-
-
-def _has_last_line_end(text: np.ndarray) -> bool:
-    return text[-1] in (_NEWLINE, _RETURN)
-
-
 def _faces(
-    text: np.ndarray, lines: Lines, vertex_lines: np.ndarray, normal_lines: np.ndarray
-) -> tuple[_Corners, np.ndarray, np.ndarray]:
-    """Read the faces.
+    text: Text, faces: np.ndarray, vertex_lines: np.ndarray, normal_lines: np.ndarray
+) -> tuple[_Corners, np.ndarray]:
+    """Read the faces from their lines; return their corners, and triangles (m, 3) as numbers of corners."""
 
-    Parameters
-    ----------
-    text : (b,) uint8
-    lines : Lines
-        Lines of the faces.
-    vertex_lines, normal_lines : int64
-        Places where the lines of vertices and normals begin.
-
-    Returns
-    -------
-    corners : _Corners
-    triangles : (m, 3) int64
-        Numbers of corners.
-    sizes : (p,) int64
-        Number of corners of each polygon.
-    """
-
-    def require(wrong: np.ndarray, line_begins: np.ndarray, message: str) -> None:
+    def require(wrong: np.ndarray, lines: np.ndarray, message: str) -> None:
         if wrong.any():
-            raise ValueError(f"line {line_number(text, line_begins[wrong][0])}: {message}")
+            raise ValueError(f"line {text.line_number(lines[wrong][0])}: {message}")
 
-    begin, end, sizes = words_in(text, lines.begin, lines.end, 1)
+    sizes = text.size[faces] - 1
     incomplete = "a face needs three vertices, counted from 1"
-    require(sizes < 3, lines.begin, incomplete)
+    require(sizes < 3, faces, incomplete)
     first = np.cumsum(sizes) - sizes
     of_size = [np.flatnonzero(sizes == size) for size in np.unique(sizes)]
-    polygons = [first[faces, None] + np.arange(sizes[faces[0]]) for faces in of_size]
+    polygons = [first[polygon, None] + np.arange(sizes[polygon[0]]) for polygon in of_size]
     face = np.repeat(np.arange(len(sizes)), sizes)
-    line = lines.begin[face]
-    vertex = integers_of(text, *parts_of(text, begin, end, 0))
-    begin, end = parts_of(text, begin, end, 2)
+    line = faces[face]
+    words = np.arange(len(face)) + (text.first[faces] + 1 - first)[face]
+    begin, end = text.begin[words], text.end[words]
+    slashes = np.append(np.flatnonzero(np.frombuffer(text.data, np.uint8) == ord("/")), [len(text.data)] * 3)
+    slash = np.searchsorted(slashes, begin)
+    vertex = text.integers(begin, np.minimum(slashes[slash], end))
+    begin, end = np.minimum(slashes[slash + 1] + 1, end), np.minimum(slashes[slash + 2], end)
     shaded = begin < end
     normal = np.zeros(len(begin), dtype=np.int64)
-    normal[shaded] = integers_of(text, begin[shaded], end[shaded])
+    normal[shaded] = text.integers(begin[shaded], end[shaded])
     require((vertex == 0) | (shaded & (normal == 0)), line, incomplete)
-    above = np.searchsorted(normal_lines, lines.begin)[face]
-    vertex += np.where(vertex > 0, -1, np.searchsorted(vertex_lines, lines.begin)[face])
+    above = np.searchsorted(normal_lines, faces)[face]
+    vertex += np.where(vertex > 0, -1, np.searchsorted(vertex_lines, faces)[face])
     relative = normal < 0
     normal += np.where(relative, above, -1)
     require(shaded & (normal < 0), line, "a face refers to more normals than there are above it")
     normal[~shaded] = -1
-    return _Corners(vertex, normal, begin, end, relative, above), fanned(polygons, of_size)[0], sizes
+    return _Corners(vertex, normal, begin, end, relative, above), fanned(polygons, of_size)[0]
 
 
 def _content(obj: _Obj, source: Path, V: np.ndarray, path: Path) -> bytes:
     edits = [obj.positions.edits(V)]
-    text = obj.text if _has_last_line_end(obj.text) else np.append(obj.text, np.uint8(_NEWLINE))
     if len(obj.normals.value):
         edits += _turned_normals(obj, V)
     for begin, end in obj.libraries:
-        line = obj.text[begin:end].tobytes()
-        moved = _moved_library(line, source, path)
-        if moved != line:  # the new line is appended to the text and copied from there
-            stop = np.array([begin, len(text) + len(moved)])
-            resume = np.array([len(text), end])
-            edits.append(Edits(np.full(2, begin), stop, resume, np.zeros(2, dtype=np.uint8), np.zeros(2)))
-            text = np.concatenate([text, array_of(moved)])
-    return edited(text, edits, size=len(obj.text))
+        moved = _moved_library(obj.data[begin:end], source, path).decode("latin-1")
+        edits.append(Edits(np.array([begin]), np.array([end]), [moved]))
+    return edited(obj.data, edits)
 
 
 def _moved_library(line: bytes, source: Path, path: Path) -> bytes:
@@ -235,7 +197,7 @@ def _turned_normals(obj: _Obj, V: np.ndarray) -> list[Edits]:
     order = np.argsort(normal[one], kind="stable")  # the order in which variants are written
     line_of, value = normal[one][order], new[one][order]
     written = np.bincount(line_of, minlength=len(N))
-    edits = [_variants(obj, line_of, value)]
+    edits = _variants(obj, line_of, value)
     if (written > 1).any():
         above = np.append(0, np.cumsum(np.maximum(written, 1)))  # new lines above each normal
         rank = np.arange(len(order)) - np.searchsorted(line_of, line_of)
@@ -247,7 +209,7 @@ def _turned_normals(obj: _Obj, V: np.ndarray) -> list[Edits]:
         old = corners.normal[shaded] - np.where(relative, old_base, -1)
         renumbered = place[variant[pair_of]] - np.where(relative, new_base, -1)
         numbers = Numbers(corners.begin[shaded], corners.end[shaded], old)
-        edits.append(numbers.edits(renumbered, kind=INTEGER))
+        edits.append(numbers.edits(renumbered))
     return edits
 
 
@@ -278,17 +240,20 @@ def _first_places(ids: np.ndarray) -> np.ndarray:
     return first
 
 
-def _variants(obj: _Obj, line_of: np.ndarray, value: np.ndarray) -> Edits:
+def _variants(obj: _Obj, line_of: np.ndarray, value: np.ndarray) -> list[Edits]:
     """Write normals (w, 3) into their lines (w,), ascending; a line is repeated for each further normal."""
-    begin, end, old = obj.normals
-    line = obj.normal_begins
-    repeats = np.append(line_of[1:] == line_of[:-1], False)
-    stop, resume = (np.empty((len(line_of), 4), dtype=np.int64) for _ in range(2))
-    stop[:, :3], resume[:, :3] = begin[line_of], end[line_of]
-    stop[:, 3], resume[:, 3] = obj.normal_ends[line_of], line[line_of]
-    kind = np.full(stop.shape, DOUBLE, dtype=np.uint8)
-    kind[:, 3] = NOTHING
-    changes = np.column_stack([old[line_of] != value, repeats])
-    number = np.column_stack([value, np.zeros(len(value))])
-    where = np.repeat(line[line_of][:, None], 4, axis=1)
-    return Edits(*(column[changes] for column in (where, stop, resume, kind, number)))
+    again = np.append(False, line_of[1:] == line_of[:-1])
+    begin, end, old = (column[line_of] for column in obj.normals)
+    in_place = Numbers(begin[~again], end[~again], old[~again]).edits(value[~again])
+    line_begin, behind = obj.normal_lines[:, line_of[again]]
+    copies = []
+    rows = (
+        column.tolist() for column in (line_begin, behind, begin[again], end[again], old[again], value[again])
+    )
+    for first, last, begins, ends, before, after in zip(*rows, strict=True):
+        copy = b"" if obj.data[last - 1 : last] in (b"\n", b"\r") else b"\n"
+        for a, b, x, y in zip(begins, ends, before, after, strict=True):
+            copy += obj.data[first:a] + (obj.data[a:b] if x == y else repr(y).encode())
+            first = b
+        copies.append((copy + obj.data[first:last]).decode("latin-1"))
+    return [in_place, Edits(behind, behind, copies)]

@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.io.decimals import Numbers, edited, vectors_of
 from sshade.io.document import MeshFile, fanned, present
 from sshade.io.normals import vertex_turns
-from sshade.io.words import Lines, array_of, columns_of, integers_of, line_number, lines_of
+from sshade.io.words import Numbers, Text, edited
 
 #: The first word: letters for texture coordinates, colours and normals of vertices. A small n means
 #: something else: the number of coordinates.
@@ -30,10 +29,9 @@ def read_off(path: Path) -> MeshFile:
         When there are no triangles.
     """
     data = path.read_bytes()
-    text = array_of(data)
-    lines = lines_of(text, comment=b"#")
-    rows = lines.of(lines.key != 0)
-    head = [data[begin:end].split() for begin, end in zip(rows.begin[:2], rows.end[:2], strict=True)]
+    text = Text(re.sub(rb"#[^\r\n]*", lambda comment: b" " * len(comment[0]), data))
+    last = text.first[:2] + text.size[:2] - 1
+    head = [text.data[a:b].split() for a, b in zip(text.begin[text.first[:2]], text.end[last], strict=True)]
     keyword = _KEYWORD.match(head[0][0]) if head else None
     if keyword is None:
         raise ValueError("it does not begin with OFF, or holds other than three coordinates a vertex")
@@ -43,49 +41,49 @@ def read_off(path: Path) -> MeshFile:
     if len(counts) < 2:
         raise ValueError("it does not say how many vertices and faces it holds")
     n, m = int(counts[0]), int(counts[1])
-    body = rows.of(slice(begun, None))
-    if n < 0 or m < 0 or len(body.begin) != n + m:
-        raise ValueError(f"{n} vertices and {m} faces are announced, {len(body.begin)} lines follow")
-    vertices = body.of(slice(n))
-    F, polygons, face_colours = _faces(text, body.of(slice(n, None)))
+    body = np.arange(begun, len(text.first))
+    if n < 0 or m < 0 or len(body) != n + m:
+        raise ValueError(f"{n} vertices and {m} faces are announced, {len(body)} lines follow")
+    vertices = body[:n]
+    F, polygons, face_colours = _faces(text, body[n:])
     if not n or not len(F):
         raise InputError(f"{path}: the file holds no triangles")
-    positions, words = vectors_of(text, vertices, 0, "a vertex")
-    normals = vectors_of(text, vertices, 3, "a normal")[0] if keyword[3] else None
+    positions = text.vectors(vertices, 0, "a vertex")
+    normals = text.vectors(vertices, 3, "a normal") if keyword[3] else None
     holds = present(
         texture_coordinates=keyword[1],
         normals=keyword[3],
-        vertex_colours=keyword[2] or not keyword[1] and (words > (6 if normals else 3)).any(),
+        vertex_colours=keyword[2] or not keyword[1] and (text.size[vertices] > (6 if normals else 3)).any(),
         face_colours=face_colours,
         polygons=polygons,
         comments=b"#" in data,
     )
-    return MeshFile(positions.value, F, holds, (".off",), partial(_content, text, positions, F, normals))
+    return MeshFile(positions.value, F, holds, (".off",), partial(_content, data, positions, F, normals))
 
 
-def _faces(text: np.ndarray, lines: Lines) -> tuple[np.ndarray, bool, bool]:
+def _faces(text: Text, lines: np.ndarray) -> tuple[np.ndarray, bool, bool]:
     """Return the triangles (m, 3), and whether some faces are larger polygons or have colours."""
-    begin, end, words = columns_of(text, lines.begin, lines.end, 0, 1)
-    size = integers_of(text, begin, end)[:, 0]
-    short = np.flatnonzero((size < 3) | (words < size + 1))
+    first, words = text.first[lines], text.size[lines]
+    size = text.integers(text.begin[first], text.end[first])
+    short = lines[(size < 3) | (words < size + 1)]
     if len(short):
-        number = line_number(text, lines.begin[short[0]])
+        number = text.line_number(short[0])
         raise ValueError(f"line {number}: a face needs at least three vertices and as many as it announces")
     of_size = [(size == k).nonzero()[0] for k in np.unique(size).tolist()]
     polygons = []
     for faces in of_size:
-        begin, end, _ = columns_of(text, lines.begin[faces], lines.end[faces], 1, size[faces[0]])
-        polygons.append(integers_of(text, begin, end))
+        corners = first[faces, None] + 1 + np.arange(size[faces[0]])
+        polygons.append(text.integers(text.begin[corners], text.end[corners]))
     F = fanned(polygons, of_size)[0]
     return F, bool((size > 3).any()), bool((words > size + 1).any())
 
 
 def _content(
-    text: np.ndarray, positions: Numbers, F: np.ndarray, normals: Numbers | None, V: np.ndarray, path: Path
+    data: bytes, positions: Numbers, F: np.ndarray, normals: Numbers | None, V: np.ndarray, path: Path
 ) -> bytes:
     edits = [positions.edits(V)]
     if normals is not None:
         N = normals.value
         turned = np.einsum("kij,kj->ki", vertex_turns(N, F, positions.value, V), N)
         edits.append(normals.edits(turned))
-    return edited(text, edits)
+    return edited(data, edits)

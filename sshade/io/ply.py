@@ -14,16 +14,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sshade.io.decimals import Numbers, edited, numbers_of
 from sshade.io.document import MeshFile, fanned, moved_reference, present
 from sshade.io.normals import turns, vertex_turns
 from sshade.io.ply_elements import Element, read_header, take
-from sshade.io.words import array_of, words_of
+from sshade.io.words import Numbers, Text, edited
 
 _CORNERS = ("vertex_indices", "vertex_index")
 _NORMAL = ["nx", "ny", "nz"]
 _CHANGED = ["x", "y", "z", *_NORMAL]
-_NO_WORDS = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
 
 
 class _Ply(NamedTuple):
@@ -38,15 +36,15 @@ class _Ply(NamedTuple):
         Byte order of the numbers: "<", ">", or "" for text.
     elements : dict
         Elements by name. In a text, places of rows count eight bytes for each word.
-    words : (w,) int64, twice
-        Places behind `body` where the words of a text begin and end.
+    words : Numbers, optional
+        All numbers of a text; places count from `body`.
     """
 
     data: bytes
     body: int
     order: str
     elements: dict[str, Element]
-    words: tuple[np.ndarray, np.ndarray]
+    words: Numbers | None
 
 
 def read_ply(path: Path) -> MeshFile:
@@ -74,12 +72,12 @@ def read_ply(path: Path) -> MeshFile:
 
 def _parsed(data: bytes) -> _Ply:
     order, elements, body = read_header(data)
-    numbers, at, binary, words = data, body, order, _NO_WORDS
+    numbers, at, binary, words = data, body, order, None
     if order == "":
         # Converted to doubles, a text is read like a binary file.
-        text, double = array_of(data)[body:], np.dtype("float64")
-        words = words_of(text)
-        numbers, at, binary = numbers_of(text, *words).astype("<f8").tobytes(), 0, "<"
+        double = np.dtype("float64")
+        words = Text(data[body:]).numbers(slice(None))
+        numbers, at, binary = words.value.astype("<f8").tobytes(), 0, "<"
     for element in elements:
         typed = element
         if order == "":
@@ -150,7 +148,7 @@ def _content(
         Q = turns(np.repeat(face[:, None], 3, axis=1), F, rest, V)  # one rotation a face: each has triangles
         changes.append((faces, normals, N, np.einsum("kij,kj->ki", Q, N)))
     header = _header_at(ply.data[: ply.body], source, path)
-    return _patched(ply, changes, header) if ply.order else header + _patched_text(ply, changes)
+    return header + _patched_text(ply, ply.words, changes) if ply.words else _patched(ply, changes, header)
 
 
 #: An element, the numbers of its properties that change, and their values (rows, k) before and after.
@@ -174,16 +172,13 @@ def _patched(ply: _Ply, changes: list[Change], header: bytes) -> bytearray:
     return content
 
 
-def _patched_text(ply: _Ply, changes: list[Change]) -> bytes:
-    begin, end = ply.words
+def _patched_text(ply: _Ply, words: Numbers, changes: list[Change]) -> bytes:
     edits = []
-    for element, properties, old, new in changes:
-        for column, i in enumerate(properties):
-            for rows in element.rows:
-                word = rows.places(i) // 8
-                numbers = Numbers(begin[word], end[word], old[rows.selection, column])
-                edits.append(numbers.edits(new[rows.selection, column]))
-    return edited(array_of(ply.data)[ply.body :], edits)
+    for element, properties, _, new in changes:
+        for rows in element.rows:
+            places = np.stack([rows.places(i) // 8 for i in properties], axis=1)
+            edits.append(Numbers(*(column[places] for column in words)).edits(new[rows.selection]))
+    return edited(ply.data[ply.body :], edits)
 
 
 def _header_at(header: bytes, source: Path, path: Path) -> bytes:

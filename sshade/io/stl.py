@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.io.decimals import Numbers, edited, vectors_of
 from sshade.io.document import MeshFile, present
 from sshade.io.normals import turns
-from sshade.io.words import array_of, key_of, line_number, lines_of
+from sshade.io.words import Numbers, Text, edited, key_of
 
 #: A facet of a binary STL file.
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -37,10 +36,9 @@ def read_stl(path: Path) -> MeshFile:
         content = partial(_binary, data[:84], facets, V)
         holds = present(facet_attributes=facets["attribute"].any())
     elif data.lstrip()[:5].lower() == b"solid":
-        text = array_of(data)
-        normals, corners = _solid(text, path)
+        normals, corners = _solid(Text(data), path)
         V = corners.value
-        content, holds = partial(_text, text, normals, corners), ()
+        content, holds = partial(_text, data, normals, corners), ()
     else:
         raise ValueError("it is neither a text that begins with solid, nor as long as its header says")
     if len(V) == 0:
@@ -48,11 +46,9 @@ def read_stl(path: Path) -> MeshFile:
     return MeshFile(V, np.arange(len(V)).reshape(-1, 3), holds, (".stl",), content)
 
 
-def _solid(text: np.ndarray, path: Path) -> tuple[Numbers, Numbers]:
+def _solid(text: Text, path: Path) -> tuple[Numbers, Numbers]:
     """Read the normals (m, 3) and corners (3m, 3) of a text with one solid."""
-    lines = lines_of(text, fold=True)
-    lines = lines.of(lines.key != 0)
-    key = lines.key
+    key = text.keys(fold=True)
     solid, facet, vertex = (key == key_of(word) for word in (b"solid", b"facet", b"vertex"))
     inside = np.cumsum(solid) > np.cumsum(key == key_of(b"endsolid"))
     known = solid | (key == key_of(b"endsolid"))
@@ -61,14 +57,15 @@ def _solid(text: np.ndarray, path: Path) -> tuple[Numbers, Numbers]:
 
     def require(wrong: np.ndarray, message: str) -> None:
         if len(wrong):
-            words = text[lines.begin[wrong[0]] : lines.end[wrong[0]]].tobytes().decode("latin-1").split()
-            number = line_number(text, lines.begin[wrong[0]])
-            raise ValueError(f"line {number}{message}: {' '.join(words)[:60]!r}")
+            first, last = text.first[wrong[0]], text.first[wrong[0]] + text.size[wrong[0]] - 1
+            words = text.data[text.begin[first] : text.end[last]].decode("latin-1").split()
+            raise ValueError(f"line {text.line_number(wrong[0])}{message}: {' '.join(words)[:60]!r}")
 
     require(np.flatnonzero(~known), " is not understood")
-    corners, words = vectors_of(text, lines.of(vertex), 1, "a vertex")
-    require(np.flatnonzero(vertex)[words != 4], " has more than three coordinates")
-    normals, _ = vectors_of(text, lines.of(facet), 2, "a normal")
+    vertices = np.flatnonzero(vertex)
+    corners = text.vectors(vertices, 1, "a vertex")
+    require(vertices[text.size[vertices] != 4], " has more than three coordinates")
+    normals = text.vectors(np.flatnonzero(facet), 2, "a normal")
     loops = np.flatnonzero(key == key_of(b"endloop"))
     uneven = np.cumsum(vertex)[loops] != 3 * np.cumsum(facet)[loops]
     require(loops[uneven], " ends a facet that does not have three vertices")
@@ -92,6 +89,6 @@ def _binary(head: bytes, facets: np.ndarray, rest: np.ndarray, V: np.ndarray, pa
     return head + facets.tobytes()
 
 
-def _text(text: np.ndarray, normals: Numbers, corners: Numbers, V: np.ndarray, path: Path) -> bytes:
+def _text(data: bytes, normals: Numbers, corners: Numbers, V: np.ndarray, path: Path) -> bytes:
     turned = _turned(normals.value, corners.value, V)
-    return edited(text, [normals.edits(turned), corners.edits(V)])
+    return edited(data, [normals.edits(turned), corners.edits(V)])

@@ -1,228 +1,173 @@
-"""Split a text into lines, words and whole numbers, at the speed of memory.
+"""Read and change the numbers of a text.
 
-A text is a (b,) uint8 array. A word is given by two places: its first byte, and the byte behind its last.
+Numbers are read to the nearest double and written as ``repr`` writes them: the shortest decimals that read
+back as the same double.
 """
 
 from __future__ import annotations
 
+import re
+import warnings
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-_NEWLINE, _RETURN = 10, 13
+_NEWLINE, _RETURN, _BLANK = 10, 13, 32
+_INTEGER = re.compile(rb"[+-]?[0-9]{1,18}")
 
 
-class Lines(NamedTuple):
-    """Lines of a text: three (l,) int64 arrays.
-
-    Attributes
-    ----------
-    begin, end : arrays
-        Places where each line begins and ends, without line end and comment.
-    key : array
-        First eight bytes of the first word, the first byte lowest; 0 for a line without words.
-    """
+class Edits(NamedTuple):
+    """Parts of a text from byte `begin` to byte `end`, (e,) int64 each, and e texts that replace them."""
 
     begin: np.ndarray
     end: np.ndarray
-    key: np.ndarray
+    replacements: list[str]
 
-    def of(self, chosen: np.ndarray | slice) -> Lines:
-        """Return some of the lines."""
-        return Lines(*(column[chosen] for column in self))
+
+class Numbers(NamedTuple):
+    """Numbers of a text: the bytes where they begin and end, and their values, three arrays of one shape."""
+
+    begin: np.ndarray
+    end: np.ndarray
+    value: np.ndarray
+
+    def edits(self, new: np.ndarray) -> Edits:
+        """Return the edits that write `new`; numbers that stay keep their bytes."""
+        changed = self.value != new
+        return Edits(self.begin[changed], self.end[changed], [repr(x) for x in new[changed].tolist()])
+
+
+class Text:
+    r"""Words of a text, line by line. Lines end in ``\n``, ``\r`` or ``\r\n``; empty lines do not count.
+
+    Attributes
+    ----------
+    data : bytes
+    begin, end : (w,) int64
+        Bytes where each word begins and ends.
+    first, size : (l,) int64
+        Number of the first word of each line, and how many words the line has.
+    """
+
+    def __init__(self, data: bytes) -> None:
+        self.data = data
+        self._bytes = np.frombuffer(data, np.uint8)
+        space = np.ones(len(data) + 2, dtype=bool)
+        # 9 to 13 are tab, line ends and form feed; smaller numbers wrap around.
+        space[1:-1] = (self._bytes - np.uint8(9) < 5) | (self._bytes == _BLANK)
+        edges = np.flatnonzero(space[1:] != space[:-1])
+        self.begin, self.end = edges[::2], edges[1::2]
+        breaks = np.flatnonzero((self._bytes == _NEWLINE) | (self._bytes == _RETURN))
+        self._breaks = np.concatenate([[-1], breaks, [len(data) - 1]])
+        starts = np.searchsorted(self.begin, self._breaks[:-1])
+        lasting = np.append(starts[1:] > starts[:-1], starts[-1] < len(self.begin))
+        self.first = starts[lasting]
+        self.size = np.diff(self.first, append=len(self.begin))
+
+    def keys(self, *, fold: bool = False) -> np.ndarray:
+        """Return :func:`key_of` (l,) the first word of each line, in lower case with `fold`."""
+        padded = (self.data.lower() if fold else self.data) + bytes(8)
+        eight = np.ndarray(len(self.data), "<u8", padded, strides=(1,))  # the eight bytes from each place on
+        length = np.minimum(self.end[self.first] - self.begin[self.first], 8)
+        masks = np.array([key_of(b"\xff" * k) for k in range(9)], dtype=np.uint64)
+        return eight[self.begin[self.first]] & masks[length]
+
+    def line_number(self, line: int) -> int:
+        """Return the number of a line for messages, counted from 1."""
+        before = self.data[: self.begin[self.first[line]]]
+        return max(before.count(b"\n"), before.count(b"\r")) + 1
+
+    def line_ends(self, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the bytes where some lines begin, and where the lines behind them begin."""
+        after = np.searchsorted(self._breaks, self.begin[self.first[lines]])
+        begin, end = self._breaks[after - 1] + 1, self._breaks[after] + 1
+        following = self._bytes.take(end, mode="clip")
+        return begin, end + ((self._bytes[end - 1] == _RETURN) & (following == _NEWLINE))
+
+    def vectors(self, lines: np.ndarray, first: int, name: str) -> Numbers:
+        """Read three numbers (k, 3) of each of k lines, from word `first` on.
+
+        Raises
+        ------
+        ValueError
+            When a line has too few words, or a word is no number.
+        """
+        short = lines[self.size[lines] < first + 3]
+        if len(short):
+            raise ValueError(f"line {self.line_number(short[0])}: {name} needs three coordinates")
+        return self.numbers(self.first[lines, None] + first + np.arange(3))
+
+    def numbers(self, words: np.ndarray | slice) -> Numbers:
+        """Read some words, in ascending order, as float64. Raise ValueError if a word is no number."""
+        begin, end = self.begin[words], self.end[words]
+        value = self._parsed(begin, end, np.float64)
+        if value is None:  # Python understands numbers like 1_000, and names wrong words
+            value = np.array([float(word) for word in self._slices(begin, end)]).reshape(begin.shape)
+        return Numbers(begin, end, value)
+
+    def integers(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """Read parts of the text, in ascending order, as int64.
+
+        Raises
+        ------
+        ValueError
+            When a part is not a whole number of at most 18 digits.
+        """
+        # NumPy reads "-" as 0, and clips large numbers.
+        digits = (self._bytes[end - 1] - np.uint8(ord("0")) < 10).all() and (end - begin).max(initial=0) <= 18
+        value = self._parsed(begin, end, np.int64) if digits else None
+        if value is None:
+            words = self._slices(begin, end)
+            for word in words:
+                if not _INTEGER.fullmatch(word):
+                    raise ValueError(f"{word.decode('latin-1')[:60]!r} is no whole number")
+            value = np.array([int(word) for word in words]).reshape(begin.shape)
+        return value
+
+    def _slices(self, begin: np.ndarray, end: np.ndarray) -> list[bytes]:
+        return [self.data[a:b] for a, b in zip(begin.ravel().tolist(), end.ravel().tolist(), strict=True)]
+
+    def _parsed(self, begin: np.ndarray, end: np.ndarray, kind: type) -> np.ndarray | None:
+        """Read parts of the text with NumPy; return None unless NumPy reads one number from each part."""
+        if not begin.size or (begin == end).any():
+            return None
+        low, high = begin.flat[0], end.flat[-1]
+        step = np.zeros(high - low + 1, dtype=np.int8)
+        step[begin - low], step[end - low] = 1, -1
+        chosen = np.cumsum(step[:-1], dtype=np.int8).view(bool)
+        text = np.where(chosen, self._bytes[low:high], np.uint8(_BLANK)).tobytes()
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter(
+                    "error", DeprecationWarning
+                )  # NumPy before 2.3 returns what it has read
+                value: np.ndarray = np.fromstring(text, dtype=kind, sep=" ")
+        except (ValueError, DeprecationWarning):
+            return None
+        # NumPy reads "1-2" as two numbers, and "nan(3)" as one.
+        return value.reshape(begin.shape) if value.size == begin.size and b"(" not in text else None
 
 
 def key_of(word: bytes) -> int:
-    """Return the key of lines that begin with `word`, which has at most eight bytes."""
-    return int.from_bytes(word.ljust(8, b"\0"), "little")
+    """Return the first eight bytes of a word as a number, the first byte lowest."""
+    return int.from_bytes(word[:8], "little")
 
 
-def array_of(data: bytes) -> np.ndarray:
-    """Return the (b,) uint8 array of a text."""
-    return np.frombuffer(data, np.uint8)
+def edited(data: bytes, edits: list[Edits]) -> bytes:
+    """Return a text with edits. Of edits at the same byte, the first is written first."""
+    begin, end = (np.concatenate([edit[i] for edit in edits]) for i in range(2))
+    replacements = [text for edit in edits for text in edit.replacements]
+    if (begin[1:] < begin[:-1]).any():
+        order = np.argsort(begin, kind="stable")
+        begin, end, replacements = begin[order], end[order], [replacements[i] for i in order.tolist()]
+    text = data.decode("latin-1")
+    pieces = [""] * (2 * len(replacements) + 1)
+    pieces[1::2] = replacements
+    pieces[::2] = [text[a:b] for a, b in zip([0, *end.tolist()], [*begin.tolist(), len(text)], strict=True)]
+    return "".join(pieces).encode("latin-1")
 
 
-def line_number(text: np.ndarray, place: int) -> int:
-    """Return the number of the line that contains a place, counted from 1, for messages."""
-    before = text[:place].tobytes()
-    return max(before.count(b"\n"), before.count(b"\r")) + 1
-
-
-def lines_of(text: np.ndarray, *, comment: bytes = b"\0", fold: bool = False) -> Lines:
-    r"""Find the lines, which end in ``\n``, ``\r`` or ``\r\n``.
-
-    Parameters
-    ----------
-    text : (b,) uint8
-    comment : bytes
-        Character that begins a comment. By default no character does.
-    fold : bool
-        Convert keys to lower case.
-    """
-    newlines, returns = text == _NEWLINE, text == _RETURN
-    has_returns = returns.any()
-    breaks = np.flatnonzero(newlines | returns if has_returns else newlines)
-    after = breaks + 1
-    if has_returns:
-        returned = text[breaks] == _RETURN
-        # A newline directly behind a return belongs to the same line end.
-        second = np.append(False, returned[:-1] & ~returned[1:] & (breaks[1:] == after[:-1]))
-        after[np.append(second[1:], False)] += 1
-        breaks, after = breaks[~second], after[~second]
-    begin, end = np.append(0, after), np.append(breaks, len(text))
-    if begin[-1] == len(text):
-        begin, end = begin[:-1], end[:-1]
-    return Lines(begin, *_first_words(text, begin, end, comment[0], fold))
-
-
-def words_of(text: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the places where all words begin and end, (w,) int64 each."""
-    return words_in(text, np.zeros(1, dtype=np.int64), np.full(1, len(text)), 0)[:2]
-
-
-def integers_of(text: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Read words as int64.
-
-    Raises
-    ------
-    ValueError
-        When a word is not a whole number of at most 18 digits.
-    """
-    values, wrong = _integers(text, np.ascontiguousarray(begin).ravel(), np.ascontiguousarray(end).ravel())
-    if wrong >= 0:
-        word = text[begin.flat[wrong] : end.flat[wrong]].tobytes().decode("latin-1")
-        raise ValueError(f"{word[:60]!r} is no whole number")
-    return values.reshape(begin.shape)
-
-
-# The helpers are inlined, because each call would count references to the arrays.
-
-
-@njit(inline="always")
-def _is_space(byte):
-    return byte <= 32 and (byte == 32 or 9 <= byte <= 13)
-
-
-@njit(inline="always")
-def _next_word(text, p, end):
-    """Find the next word from place `p` on; both results are `end` if there is none."""
-    while p < end and _is_space(text[p]):
-        p += 1
-    start = p
-    while p < end and not _is_space(text[p]):
-        p += 1
-    return start, p
-
-
-@njit(cache=True, nogil=True)
-def _first_words(text, begin, end, comment, fold):
-    """Return the ends of the lines without comments, and the keys."""
-    stop, key = end.copy(), np.zeros(len(end), dtype=np.int64)
-    for i in range(len(begin)):
-        if comment != 0:
-            for p in range(begin[i], end[i]):
-                if text[p] == comment:
-                    stop[i] = p
-                    break
-        word, behind = _next_word(text, begin[i], stop[i])
-        for k in range(min(8, behind - word)):
-            byte = np.int64(text[word + k])
-            key[i] |= (byte | 32 if fold and 65 <= byte <= 90 else byte) << (8 * k)
-    return stop, key
-
-
-@njit(cache=True, nogil=True)
-def words_in(text, begin, end, first):
-    """Find the words of each line from number `first` on.
-
-    Returns
-    -------
-    start, stop : (w,) int64
-        Places of the words, line by line.
-    count : (l,) int64
-        Number of found words in each line.
-    """
-    most = 0
-    for i in range(len(begin)):
-        most += (end[i] - begin[i] + 1) // 2
-    start, stop = np.empty(most, dtype=np.int64), np.empty(most, dtype=np.int64)
-    count, total = np.zeros(len(begin), dtype=np.int64), 0
-    for i in range(len(begin)):
-        p, number = begin[i], 0
-        while True:
-            q, p = _next_word(text, p, end[i])
-            if q == p:
-                break
-            if number >= first:
-                start[total], stop[total] = q, p
-                total += 1
-            number += 1
-        count[i] = max(number - first, 0)
-    return start[:total].copy(), stop[:total].copy(), count
-
-
-@njit(cache=True, nogil=True)
-def columns_of(text, begin, end, first, columns):
-    """Find the words with numbers `first` to `first` + `columns` of each line.
-
-    Returns
-    -------
-    start, stop : (l, columns) int64
-        Places of the words. Both are the end of the line where it has too few words.
-    count : (l,) int64
-        Number of all words of each line.
-    """
-    size = len(begin)
-    start, stop = np.empty((size, columns), dtype=np.int64), np.empty((size, columns), dtype=np.int64)
-    count = np.zeros(size, dtype=np.int64)
-    for i in range(size):
-        start[i], stop[i] = end[i], end[i]
-        p, number = begin[i], 0
-        while True:
-            q, p = _next_word(text, p, end[i])
-            if q == p:
-                break
-            if first <= number < first + columns:
-                start[i, number - first], stop[i, number - first] = q, p
-            number += 1
-        count[i] = number
-    return start, stop, count
-
-
-@njit(cache=True, nogil=True)
-def parts_of(text, begin, end, slashes):
-    """Find the part of each word behind a number of slashes; both places are the end if there is none."""
-    start, stop = end.copy(), end.copy()
-    for i in range(len(begin)):
-        p, passed = begin[i], 0
-        while p < end[i] and passed < slashes:
-            passed += text[p] == 47
-            p += 1
-        if passed == slashes:
-            start[i] = p
-            while p < end[i] and text[p] != 47:
-                p += 1
-            stop[i] = p
-    return start, stop
-
-
-@njit(cache=True, nogil=True)
-def _integers(text, begin, end):
-    """Return the values of words with at most 18 digits, and the number of the first other word or -1."""
-    values = np.empty(len(begin), dtype=np.int64)
-    for i in range(len(begin)):
-        p, size = begin[i], 0
-        negative = p < end[i] and text[p] == 45
-        if p < end[i] and (text[p] == 45 or text[p] == 43):
-            p += 1
-        if p == end[i] or end[i] - p > 18:
-            return values, i
-        while p < end[i]:
-            digit = np.int64(text[p]) - 48
-            if digit < 0 or digit > 9:
-                return values, i
-            size = 10 * size + digit
-            p += 1
-        values[i] = -size if negative else size
-    return values, -1
+def rows_of(prefix: str, values: np.ndarray) -> bytes:
+    """Write a line for each row of numbers (k, d): the prefix, then the numbers, separated by blanks."""
+    line = f"{prefix}{' '.join(['%r'] * values.shape[1])}\n"
+    return (line * len(values) % tuple(values.ravel().tolist())).encode()
