@@ -23,7 +23,6 @@ from baselines.implicit_arap.patches import (  # noqa: E402
     patches_at,
     pattern_of,
     random_pattern,
-    tangents,
     zero_set,
 )
 from baselines.implicit_arap.sdf import GridSdf, Surface, fit_network_sdf, grid_sdf  # noqa: E402
@@ -166,15 +165,6 @@ def test_correct_weights_are_those_of_libigl():
     assert len(expected) == 2 * len(igl.edges(F))
     assert igl.doublearea(V, F).min() > 2e-6  # under that weights are limited
     np.testing.assert_allclose(weights, expected, rtol=1e-3, atol=1e-3)
-
-
-def test_tangents_make_right_handed_frames_everywhere():
-    normal = torch.cat([points(500), torch.eye(3), -torch.eye(3), torch.tensor([[1e-9, 0, -1.0]])])
-    normal = torch.nn.functional.normalize(normal, dim=-1)
-    first, second = tangents(normal)
-    frame = torch.stack([first, second, normal], dim=-1)
-    torch.testing.assert_close(frame.mT @ frame, torch.eye(3).expand_as(frame), atol=1e-5, rtol=0)
-    torch.testing.assert_close(torch.linalg.det(frame), torch.ones(len(frame)), atol=1e-5, rtol=0)
 
 
 def test_patches_lie_on_the_level_set_of_their_centre():
