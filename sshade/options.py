@@ -42,22 +42,23 @@ class Options:
     Attributes
     ----------
     vertices : int
-        Vertices of the proxy, at most a quarter of the mesh's. Raise it where the proxy is too coarse for
-        thin parts; time grows with it.
+        Number of vertices of the proxy, at most a quarter of the mesh's (see `coarser`). Raise it where the
+        proxy is too coarse for thin parts; time grows with it.
     coarser : int
-        Smallest ratio of the mesh's vertices to the proxy's. Lower it to 1 or 2 for a detailed proxy of a
-        small mesh.
+        Smallest ratio of the mesh's number of vertices to the proxy's. Lower it to 1 or 2 for a detailed
+        proxy of a small mesh.
     samplings : int
         Number of proxies whose results are averaged. A larger number smooths the traces of triangle frames;
         blended frames need one proxy.
     frames : str or FrameMaker
-        Local frames that carry the mesh along: rigid frames of the proxy's triangles as in the paper, their
-        affine maps, or frames at the proxy's vertices blended over each triangle.
+        Local frames that prolong the proxy's deformation to the mesh: rigid frames of its triangles as in
+        the paper, affine maps of its triangles, or frames at its vertices blended over each triangle.
     frame_function : str or (n,) float64
         Scalar whose gradient directs triangle frames: the coordinate of largest extent, the steepest
         coordinate in each triangle, or a named coordinate. Change it to compare; blended frames ignore it.
     workers : int, optional
-        Threads: by default two a CPU for samplings, one a CPU for the polish. Results do not depend on it.
+        Number of threads; by default two for each CPU for samplings, one for each CPU for the polish. Results
+        do not depend on it.
     seed : int
         Seed of the sampling. Change it to see how much a result depends on the sampling.
     volume : float
@@ -75,8 +76,8 @@ class Options:
     strain_limit : float
         Strain around which softened triangles become stiff again; inf for never. Lower it if joints crease.
     attachment : float
-        Weight of the attachment, by which each group of handles pulls the surface around it along with its
-        rigid motion. Raise it if a head or hand tips around its handles; 0 turns it off.
+        Weight with which each group of handles pulls the surface around it towards the rigid motion of the
+        group. Raise it if a head or hand tips around its handles; 0 turns it off.
     bending : float
         Length over which a fold is spread, as a fraction of the square root of the area. Raise it if the
         surface creases beside handle regions; 0 turns it off.
