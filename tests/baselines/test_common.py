@@ -42,6 +42,7 @@ WRONG = [
     (lattice_arap, {"cells": 1}, "cells"),
     (lattice_arap, {"handle_weight": 0.0}, "cells"),
     (lattice_arap, {"carry": "frames"}, "cells"),
+    (lattice_arap, {"start": "guess"}, "start"),
     (neo_hookean, {"poisson": 0.5}, "poisson"),
     (neo_hookean, {"poisson": 0.0}, "poisson"),
     (neo_hookean, {"load_steps": 0}, "poisson"),
@@ -50,6 +51,7 @@ WRONG = [
     (smooth_arap, {"smoothness": 1.0}, "smoothness"),
     (smooth_arap, {"smoothness": -0.1}, "smoothness"),
     (smooth_arap, {"energy": "rims"}, "energy"),
+    (smooth_arap, {"start": "guess"}, "start"),
     (bounded_biharmonic_weights, {"qp_iterations": 0}, "active set"),
 ]
 

@@ -19,7 +19,7 @@ from tests.shapes import subdivided
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 METHODS = ("paper", "fast", "fine")
-SEEDS = 5
+SEEDS = 2
 
 
 def digests(seeds: int = 1) -> list[str]:
