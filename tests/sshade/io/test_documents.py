@@ -9,6 +9,7 @@ import pytest
 
 from sshade.io.meshes import read_arrays, read_file, write_file, write_mesh
 from tests.shapes import icosphere
+from tests.sshade.io.test_ply import SQUARE, ply
 
 #: A rotation without rounding, which takes x to y, y to z and z to x, and a shift.
 TURN = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
@@ -157,6 +158,16 @@ def test_what_does_not_move_stays_byte_by_byte(tmp_path, name, text):
     assert len(changed) == 1 and np.array_equal(read_arrays(tmp_path / f"out{path.suffix}")[0], V)
 
 
+def test_textures_normals_and_materials_of_an_obj_split_no_vertex(tmp_path):
+    for text, n, expected in (
+        (BLENDER, 6, [[0, 1, 2], [0, 2, 3], [1, 4, 5], [1, 5, 2]]),
+        (STUDIO, 5, [[0, 1, 2], [0, 2, 3], [1, 4, 2]]),
+    ):
+        (tmp_path / "a.obj").write_bytes(text.encode())
+        V, F = read_arrays(tmp_path / "a.obj")
+        assert len(V) == n and F.tolist() == expected
+
+
 @pytest.mark.parametrize(
     ("name", "text", "positions", "normals"),
     [
@@ -234,33 +245,14 @@ def test_normals_turn_with_the_surface_and_keep_what_an_artist_set(tmp_path):
     assert np.allclose(np.linalg.norm(N, axis=1), 1, atol=2e-6)
 
 
-@pytest.mark.parametrize("order", ["<", ">"])
-def test_unknown_properties_and_elements_of_a_binary_ply_survive(tmp_path, order):
-    endian = {"<": "little", ">": "big"}[order]
-    header = (
-        f"ply\nformat binary_{endian}_endian 1.0\nobj_info by hand\nelement tristrips 1\n"
-        "property list int int vertex_indices\nelement vertex 4\nproperty float x\nproperty short mark\n"
-        "property double y\nproperty float z\nproperty list uchar ushort owners\nelement face 2\n"
-        "property uchar flags\nproperty list uchar uint vertex_index\nproperty list uchar float texcoord\n"
-        "element edge 2\nproperty int vertex1\nproperty int vertex2\nend_header\n"
-    ).encode()
-    points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0.1)]
-
-    def body(V):
-        data = struct.pack(f"{order}i3i", 3, 0, 1, 2)
-        for i, (x, y, z) in enumerate(V):
-            data += struct.pack(f"{order}fhdfB{i}H", x, -i, y, z, i, *range(i))
-        data += struct.pack(f"{order}BB4IB8f", 7, 4, 0, 1, 2, 3, 8, *np.linspace(0, 1, 8))
-        data += struct.pack(f"{order}BB3IB6f", 9, 3, 0, 2, 1, 6, *np.linspace(0, 1, 6))
-        return header + data + struct.pack(f"{order}4i", 0, 1, 1, 2)
-
+@pytest.mark.parametrize("order", ["binary_little_endian", "binary_big_endian"])
+@pytest.mark.parametrize("position", ["float", "double"])
+def test_unknown_properties_and_elements_of_a_binary_ply_survive(tmp_path, order, position):
     path = tmp_path / "a.ply"
-    path.write_bytes(body(points))
-    V, F = read_arrays(path)
-    assert F.tolist() == [[0, 1, 2], [0, 2, 3], [0, 2, 1]]
-    moved = V @ TURN.T + SHIFT
-    assert rewritten(path, moved).read_bytes() == body(moved)
-    assert rewritten(path, V).read_bytes() == path.read_bytes()
+    path.write_bytes(ply(order, position=position))
+    moved = SQUARE @ TURN.T + SHIFT
+    assert rewritten(path, moved).read_bytes() == ply(order, position=position, points=moved)
+    assert rewritten(path, SQUARE).read_bytes() == path.read_bytes()
 
 
 def test_a_ply_of_whole_numbers_is_written_with_doubles(tmp_path):

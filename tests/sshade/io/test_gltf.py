@@ -175,19 +175,16 @@ def test_a_gltf_with_buffer_and_images_beside_it(tmp_path):
     file = read_file(tmp_path / "in" / "a.gltf")
     write_file(tmp_path / "out" / "b.gltf", file, file.V + [1, 0, 0])
     new = json.loads((tmp_path / "out" / "b.gltf").read_text())
-    assert [image["uri"] for image in new["images"]] == [
-        "../in/maps/skin%201.png",
-        "data:image/png;base64,AAAA",
-    ]
+    images = [image["uri"] for image in new["images"]]
+    assert images == ["../in/maps/skin%201.png", "data:image/png;base64,AAAA"]
     assert np.allclose(read_arrays(tmp_path / "out" / "b.gltf")[0], file.V + [1, 0, 0], atol=1e-6)
     assert (tmp_path / "in" / "with space.bin").read_bytes() == buffer
     data = base64.b64decode(new["buffers"][0]["uri"].partition(",")[2])
     assert np.array_equal(table(data)[:, 9:], table(buffer)[:, 9:])
     # Unmoved, the buffer is referred to where it is; in a .glb it is within.
     write_file(tmp_path / "out" / "c.gltf", file, file.V)
-    assert (
-        json.loads((tmp_path / "out" / "c.gltf").read_text())["buffers"][0]["uri"] == "../in/with%20space.bin"
-    )
+    new = json.loads((tmp_path / "out" / "c.gltf").read_text())
+    assert new["buffers"][0]["uri"] == "../in/with%20space.bin"
     write_file(tmp_path / "out" / "d.glb", file, file.V + [1, 0, 0])
     new_tree, new_buffer = taken_apart((tmp_path / "out" / "d.glb").read_bytes())
     assert "uri" not in new_tree["buffers"][0] and new_buffer[: len(data)] == data
@@ -215,7 +212,6 @@ PRIMITIVE = "meshes.0.primitives.0"
     [
         ({"skins": [{"joints": [0]}]}, "it holds a skin, which cannot be deformed"),
         ({"extensionsUsed": ["KHR_draco_mesh_compression"]}, "compressed buffers"),
-        ({"extensionsRequired": ["EXT_meshopt_compression"]}, "compressed buffers"),
         ({"extensionsRequired": ["KHR_mesh_quantization"]}, "quantised positions"),
         ({f"{PRIMITIVE}.mode": 1}, "lines or points"),
         ({f"{PRIMITIVE}.targets": [{}]}, "morph targets"),
@@ -236,28 +232,13 @@ PRIMITIVE = "meshes.0.primitives.0"
         ({"accessors.2.bufferView": ...}, "TANGENT has no bytes"),
         ({"accessors.4.bufferView": ...}, "have no bytes"),
         ({"accessors.4.componentType": 5126, "accessors.4.count": 12}, "no whole numbers"),
-        ({"accessors.4.type": "VEC2", "accessors.4.count": 30}, "no whole numbers"),
         ({"accessors.4.bufferView": 0, "accessors.4.count": 9}, "refers to vertex"),
         ({"accessors.1.byteOffset": 4}, "shares bytes with another accessor"),
-        ({"accessors.3.byteOffset": 4}, "shares bytes with another accessor"),
         ({f"{PRIMITIVE}.attributes.NORMAL": 0}, "shares bytes"),
-        ({"accessors.2.byteOffset": 0}, "shares bytes"),
         ({"bufferViews.3.byteOffset": 1000}, "shares bytes"),
-        (
-            {"accessors.6": {"bufferView": 0, "componentType": 5126, "count": 9, "type": "SCALAR"}},
-            "shares bytes",
-        ),
     ],
 )
 def test_files_that_cannot_be_deformed_are_refused(tmp_path, changes, words):
     (tmp_path / "a.glb").write_bytes(glb(*exported(**changes)))
     with pytest.raises(InputError, match=words):
         read_file(tmp_path / "a.glb")
-
-
-def test_files_that_end_early_are_refused(tmp_path):
-    data = glb(*exported())
-    for end in (3, 11, 40, len(data) - 5):
-        (tmp_path / "b.glb").write_bytes(data[:end])
-        with pytest.raises(InputError, match="not a readable GLB file"):
-            read_file(tmp_path / "b.glb")

@@ -10,6 +10,7 @@ import pytest
 from sshade import InputError, Mesh
 from sshade.io.meshes import read_file, write_file
 from tests.full import few
+from tests.shapes import bent
 from tests.sshade.io.test_gltf import SPHERE, exported, glb, taken_apart
 
 #: What stands in for a number of the JSON.
@@ -58,16 +59,6 @@ def mutated(tree, rng):
     return tree
 
 
-def bent(V):
-    """Turned more the higher a vertex is, and made larger."""
-    low, extent = V.min(axis=0), np.ptp(V, axis=0).max()
-    X = (V - low) / extent
-    c, s = np.cos(X[:, 1]), np.sin(X[:, 1])
-    return low + extent * np.column_stack(
-        [c * X[:, 0] - s * X[:, 2], 1.5 * X[:, 1], s * X[:, 0] + c * X[:, 2]]
-    )
-
-
 def free(tree, size):
     """(b,) bool: bytes of positions, normals and tangents of the first buffer, which may change."""
     found = np.zeros(size, dtype=bool)
@@ -91,7 +82,8 @@ def outcome(tree, buffer, folder):
     try:
         file = read_file(path)
         mesh = Mesh(file.V, file.F)
-        V = bent(mesh.V)
+        low, extent = mesh.V.min(axis=0), np.ptp(mesh.V, axis=0).max()
+        V = low + extent * bent((mesh.V - low) / extent)
         write_file(out, file, V)
     except InputError as error:
         assert "\n" not in str(error) and not out.exists()

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from sshade import Handles, InputError, Mesh, deform
 from sshade.io.handles import read_handles, read_task, write_handles
@@ -159,32 +158,6 @@ def test_written_handles_read_back_the_same(tmp_path, body):
     assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
 
 
-class Experiment:
-    """A folder of Implicit-ARAP: axes of its own, centred on the surface's centroid, scaled to 0.8."""
-
-    def __init__(self, folder: Path, mesh: Mesh, axes: np.ndarray) -> None:
-        self.folder, self.mesh, self.axes = folder, mesh, axes
-        self.centre = np.average(mesh.V[mesh.F].mean(axis=1), axis=0, weights=mesh.face_areas)
-        self.scale = 0.8 / np.abs(mesh.V - self.centre).max()
-        self.parts: dict[str, np.ndarray] = {}
-        for name in ("parts", "transforms"):
-            (folder / name).mkdir(parents=True)
-
-    def to_file(self, V: np.ndarray) -> np.ndarray:
-        return ((V - self.centre) * self.scale) @ self.axes.T
-
-    def to_mesh(self, points: np.ndarray) -> np.ndarray:
-        return points @ self.axes / self.scale + self.centre
-
-    def put(self, kind: str, name: str, points: np.ndarray) -> None:
-        lines = [" ".join(map(repr, point)) for point in points.tolist()]
-        (self.folder / kind / f"{name}.txt").write_text("\n".join(lines) + "\n")
-
-    def yaml(self, text: str) -> Path:
-        (self.folder / "pose.yaml").write_text(text)
-        return self.folder / "pose.yaml"
-
-
 AXES = [
     np.eye(3),
     np.diag([-1.0, 1, -1]),
@@ -208,72 +181,83 @@ def far_body() -> Mesh:
     return Mesh(170 * mesh.V + [300, -50, 20], mesh.F)
 
 
-def experiment(folder: Path, mesh: Mesh, axes: np.ndarray, *, noise: float = 0.0):
-    made = Experiment(folder, mesh, axes)
-    order = np.argsort(mesh.V @ [0.2, 0.3, 1.0])
-    ids = {"foot": order[:20], "heel": order[100:110], "hand": order[-25:]}
-    rng = np.random.default_rng(0)
-    for name, vertices in ids.items():
-        points = made.to_file(mesh.V[vertices]) + rng.normal(scale=noise, size=(len(vertices), 3))
-        made.put("parts", name, points)
-        made.parts[name] = points
-    turn = Rotation.from_rotvec([0.3, 0.5, -0.2]).as_matrix()
-    made.put("transforms", "hand_up", made.parts["hand"] @ turn.T + [0.1, 0.2, 0.3])
-    made.yaml(POSE)
-    moved = made.to_mesh(made.to_file(mesh.V[ids["hand"]]) @ turn.T + [0.1, 0.2, 0.3])
-    return made, ids, moved
+class Experiment:
+    """A folder of Implicit-ARAP, in its coordinates: other axes, centred at the centroid, scaled to 0.8."""
+
+    def __init__(self, folder: Path, mesh: Mesh, axes: np.ndarray, *, noise: float = 0.0) -> None:
+        self.folder, self.axes = folder, axes
+        self.centre = np.average(mesh.V[mesh.F].mean(axis=1), axis=0, weights=mesh.face_areas)
+        self.scale = 0.8 / np.abs(mesh.V - self.centre).max()
+        for name in ("parts", "transforms"):
+            (folder / name).mkdir(parents=True)
+        order, rng = np.argsort(mesh.V @ [0.2, 0.3, 1.0]), np.random.default_rng(0)
+        self.ids = {"foot": order[:20], "heel": order[100:110], "hand": order[-25:]}
+        for name, vertices in self.ids.items():
+            points = self.to_file(mesh.V[vertices])
+            noisy = points + rng.normal(scale=noise, size=points.shape)
+            self.put("parts", name, noisy)
+        self.put("transforms", "hand_up", noisy @ rotation(1).T + [0.1, 0.2, 0.3])
+        self.moved = (points @ rotation(1).T + [0.1, 0.2, 0.3]) @ axes / self.scale + self.centre
+        self.path = folder / "pose.yaml"
+        self.path.write_text(POSE)
+
+    def to_file(self, V: np.ndarray) -> np.ndarray:
+        return ((V - self.centre) * self.scale) @ self.axes.T
+
+    def put(self, kind: str, name: str, points: np.ndarray) -> None:
+        np.savetxt(self.folder / kind / f"{name}.txt", points, fmt="%.17g")
 
 
 @pytest.mark.parametrize("axes", AXES, ids=["same", "flipped", "cycled", "turned"])
-def test_implicit_arap_targets_come_back_in_the_meshs_own_coordinates(tmp_path, far_body, axes):
-    made, ids, moved = experiment(tmp_path / "x", far_body, axes)
-    handles = read_handles(tmp_path / "x" / "pose.yaml", far_body)
-    expected = {int(v): far_body.V[v] for name in ("foot", "heel") for v in ids[name]}
-    expected |= {int(v): p for v, p in zip(ids["hand"], moved, strict=True)}
-    assert sorted(handles.index.tolist()) == sorted(expected)
-    gap = [np.linalg.norm(t - expected[int(v)]) for v, t in zip(handles.index, handles.target, strict=True)]
-    assert max(gap) <= 1e-6 * far_body.diagonal
-    assert np.array_equal(np.sort(handles.index[handles.dynamic]), np.sort(ids["hand"]))
+@pytest.mark.parametrize("raw", [False, True])
+def test_implicit_arap_targets_come_back_in_the_coordinates_of_the_mesh(tmp_path, far_body, axes, raw):
+    experiment = Experiment(tmp_path / "x", far_body, axes)
+    handles = read_handles(experiment.path, far_body, raw=raw)
+    order = np.argsort(handles.index)
+    expected = far_body.V.copy()
+    expected[experiment.ids["hand"]] = experiment.moved
+    assert np.array_equal(handles.index[order], np.sort(np.concatenate(list(experiment.ids.values()))))
+    gap = np.linalg.norm(handles.target - expected[handles.index], axis=1)
+    assert gap.max() <= 1e-6 * far_body.diagonal
+    assert np.array_equal(np.sort(handles.index[handles.dynamic]), np.sort(experiment.ids["hand"]))
     assert np.unique(handles.group).tolist() == [0, 1, 2]
-    raw = read_handles(tmp_path / "x" / "pose.yaml", far_body, raw=True)
-    gap = [np.linalg.norm(t - expected[int(v)]) for v, t in zip(raw.index, raw.target, strict=True)]
-    assert max(gap) <= 1e-6 * far_body.diagonal
 
 
 def test_points_a_little_off_the_surface_keep_the_parts_rigid_motion(tmp_path, far_body):
     """As of another copy of the model: handles are vertices, and targets those vertices moved rigidly."""
-    _, _, moved = experiment(tmp_path / "x", far_body, AXES[2], noise=0.003)
-    handles = read_handles(tmp_path / "x" / "pose.yaml", far_body)
+    experiment = Experiment(tmp_path / "x", far_body, AXES[2], noise=0.003)
+    handles = read_handles(experiment.path, far_body)
     static = ~handles.dynamic
     assert np.array_equal(handles.target[static], far_body.V[handles.index[static]])
     at, to = far_body.V[handles.index[handles.dynamic]], handles.target[handles.dynamic]
     # Rigid: all distances among the targets are those among their vertices.
     rest, apart = (np.linalg.norm(x[:, None] - x[None], axis=2) for x in (at, to))
     assert np.allclose(apart, rest, rtol=0, atol=1e-9 * far_body.diagonal)
-    assert np.linalg.norm(to.mean(axis=0) - moved.mean(axis=0)) < 0.05 * far_body.diagonal
+    assert np.linalg.norm(to.mean(axis=0) - experiment.moved.mean(axis=0)) < 0.05 * far_body.diagonal
 
 
 def test_a_little_rigid_motion_of_another_copy_is_found_by_icp(tmp_path, far_body):
     """The centroid of another triangulation lies elsewhere: all points are off by the same shift."""
-    made, ids, _ = experiment(tmp_path / "x", far_body, AXES[3])
+    experiment = Experiment(tmp_path / "x", far_body, AXES[3])
     everywhere = np.random.default_rng(0).permutation(far_body.n)[:200]
-    shift = np.array([0.006, -0.004, 0.005])
-    made.put("parts", "all", made.to_file(far_body.V[everywhere]) + shift)
-    path = made.yaml("handles: {moving: {positions: [all], transform: [moved]}}")
-    made.put("transforms", "moved", made.to_file(far_body.V[everywhere]) + shift + [0, 0, 0.5])
-    handles = read_handles(path, far_body, raw=True)
+    shift, up = np.array([0.006, -0.004, 0.005]), np.array([0, 0, 0.5])
+    points = experiment.to_file(far_body.V[everywhere]) + shift
+    experiment.put("parts", "all", points)
+    experiment.put("transforms", "moved", points + up)
+    experiment.path.write_text("handles: {moving: {positions: [all], transform: [moved]}}")
+    handles = read_handles(experiment.path, far_body, raw=True)
     # Raw targets are the file's, mapped: without ICP all would be off by the whole shift.
-    target = made.to_mesh(made.to_file(far_body.V) + [0, 0, 0.5])
+    target = far_body.V + up @ experiment.axes / experiment.scale
     gap = np.linalg.norm(handles.target - target[handles.index], axis=1)
-    assert np.max(gap) < 0.75 * np.linalg.norm(shift) / made.scale
+    assert np.max(gap) < 0.75 * np.linalg.norm(shift) / experiment.scale
 
 
 def test_static_or_moving_parts_may_be_missing(tmp_path, far_body):
-    made, ids, _ = experiment(tmp_path / "x", far_body, AXES[0])
-    only = made.yaml("handles:\n  static:\n    positions: [foot]\n")
-    assert not read_handles(only, far_body).dynamic.any()
-    only = made.yaml("handles:\n  moving:\n    positions: [hand]\n    transform: [hand_up]\n  static:\n")
-    assert read_handles(only, far_body).dynamic.all()
+    path = Experiment(tmp_path / "x", far_body, AXES[0]).path
+    path.write_text("handles: {static: {positions: [foot]}}")
+    assert not read_handles(path, far_body).dynamic.any()
+    path.write_text("handles: {moving: {positions: [hand], transform: [hand_up]}, static: }")
+    assert read_handles(path, far_body).dynamic.all()
 
 
 def test_a_task_is_made_of_what_of_a_file_is_a_surface(tmp_path):

@@ -44,37 +44,6 @@ def test_ply_keeps_every_bit_also_of_odd_numbers(tmp_path, shuffled):
     assert back.tobytes() == V.tobytes() and np.array_equal(F, shuffled.F)
 
 
-OBJ = """\
-# quads, texture seams, normals, groups, materials, relative ids and a line that goes on
-mtllib none.mtl
-v 0 0 0
-v 7 7 7 0.5 0.5 0.5
-v 1 0 0
-v 1 1 0
-v 0 1 0
-vt 0 0
-vt 1 1
-vn 0 0 1
-vn 0 1 0
-g one
-usemtl skin
-f 1/1/1 3/2/1 4/1/2 5/2/2
-usemtl cloth
-s off
-f 1//2 \\
-  4//1 3//1
-o two
-f -1 -2 -5
-"""
-
-
-def test_what_an_obj_says_of_texture_normals_and_materials_splits_no_vertex(tmp_path):
-    (tmp_path / "mesh.obj").write_text(OBJ)
-    V, F = read_arrays(tmp_path / "mesh.obj")
-    assert V.tolist() == [[0, 0, 0], [7, 7, 7], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
-    assert F.tolist() == [[0, 2, 3], [0, 3, 4], [0, 3, 2], [4, 3, 0]]
-
-
 def test_a_folder_that_cannot_take_the_output_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(meshio.os, "access", lambda path, mode: mode != os.W_OK)
     with pytest.raises(InputError, match="is not writable"):

@@ -7,7 +7,6 @@ import struct
 import numpy as np
 import pytest
 
-from sshade.io.document import MeshFile
 from sshade.io.ply import read_ply
 
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 3]])
@@ -17,25 +16,26 @@ CODES = {"char": "b", "uchar": "B", "ushort": "H", "int": "i", "uint": "I", "flo
 SIZED = {"int8": "char", "uint16": "ushort", "float64": "double"}
 
 
-def arrays(file: MeshFile) -> tuple[np.ndarray, np.ndarray]:
-    return file.V, file.F
-
-
-def ply(order: str, *, position="double", count="uchar", corner="int", polygons=POLYGONS) -> bytes:
-    """Vertices with a colour in between, edges to skip, faces with a list after their corners, a texture."""
+def ply(
+    order: str, *, points=SQUARE, position="double", count="uchar", corner="int", polygons=POLYGONS
+) -> bytes:
+    """Vertices with a colour in between and a list, edges to skip, faces with a list after their corners."""
     sign = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}[order]
     kinds = {name: CODES[SIZED.get(name, name)] for name in (position, count, corner)}
     header = (
         f"ply\nformat {order} 1.0\ncomment TextureFile ../secret.png\nobj_info nothing\n"
         f"element vertex {len(SQUARE)}\n"
         f"property {position} x\nproperty uchar red\nproperty {position} y\nproperty {position} z\n"
+        "property list uchar ushort owners\n"
         "element edge 2\nproperty int vertex1\nproperty list uchar short more\n"
         f"element face {len(polygons)}\nproperty list {count} {corner} vertex_index\n"
         "property list uchar float uv\nend_header\n"
     )
     rows: list[tuple[str, tuple]] = []
-    for x, y, z in SQUARE:
-        rows.append((f"{kinds[position]}B{kinds[position] * 2}", (x, 200, y, z)))
+    for i, (x, y, z) in enumerate(points):
+        rows.append(
+            (f"{kinds[position]}B{kinds[position] * 2}B{i % 3}H", (x, 200, y, z, i % 3, *range(i % 3)))
+        )
     rows += [("iB", (7, 0)), ("iBhh", (8, 2, -5, 6))]
     for number, face in enumerate(polygons):
         extra = number % 3
@@ -58,9 +58,9 @@ def ply(order: str, *, position="double", count="uchar", corner="int", polygons=
 )
 def test_types_and_byte_orders(tmp_path, order, position, count, corner):
     (tmp_path / "a.ply").write_bytes(ply(order, position=position, count=count, corner=corner))
-    V, F = arrays(read_ply(tmp_path / "a.ply"))
-    assert V.dtype == np.float64 and np.array_equal(V, SQUARE)
-    assert F.dtype == np.int64 and F.tolist() == FANNED
+    file = read_ply(tmp_path / "a.ply")
+    assert file.V.dtype == np.float64 and np.array_equal(file.V, SQUARE)
+    assert file.F.dtype == np.int64 and file.F.tolist() == FANNED
 
 
 def test_windows_line_ends_and_points_alone(tmp_path):
@@ -68,8 +68,8 @@ def test_windows_line_ends_and_points_alone(tmp_path):
     (tmp_path / "a.ply").write_bytes(text)
     assert read_ply(tmp_path / "a.ply").F.tolist() == FANNED
     (tmp_path / "a.ply").write_bytes(ply("ascii", polygons=[]))
-    V, F = arrays(read_ply(tmp_path / "a.ply"))
-    assert len(V) == 5 and F.shape == (0, 3)
+    file = read_ply(tmp_path / "a.ply")
+    assert len(file.V) == 5 and file.F.shape == (0, 3)
 
 
 @pytest.mark.parametrize("order", ["ascii", "binary_little_endian"])
