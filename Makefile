@@ -24,12 +24,12 @@ REGIONS := "defaust root=$(FULL) subject=0 pose=1 handles=regions"
 ONE    := "paper-1=paper samplings=1"
 BOUND  := "paper-1=paper samplings=1 solver.start=rest" fast "fast-6000=fast vertices=6000"
 
-# Experiments conf/experiment/ablation_*. Ablations over a number are drawn as curves.
+# Experiments of `make ablations`, from conf/experiment, and metrics of the curves of ablations over a number.
 ABLATIONS := $(addprefix ablation_,samplings vertices projection touching handles function frames coarse)
 CURVES    := --metric volume area edge angle
 TRANSFERS := isometric_quick pose_transfer_quick isometric pose_transfer
 
-# If it is set, each of the hundreds of processes of the tests compiles every module again.
+# With this variable, each of the hundreds of test processes would compile every module again.
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: tables test ci-benchmark bench scaling robustness ablations transfers docs clean

@@ -2,7 +2,7 @@
 
 Two parts of the paper's method can be replaced: where handles go on the proxy, and where vertices go on it.
 ReMatching's map U takes the nearest point of the whole proxy, in place of P (:mod:`sshade.carry.projection`).
-Where two parts of the surface nearly touch, U takes vertices across to the wrong part.
+Where two parts of the surface nearly touch, U puts vertices on the wrong part.
 
 F. Maggioli, D. Baieri, S. Melzi, E. Rodola, "ReMatching: low-resolution representations for
 scalable shape correspondence", 2024.
@@ -32,8 +32,8 @@ from sshade.progress import Progress, silent
 from sshade.sampling.proxy import Sampling, sample_proxy
 from sshade.task import DeformationResult, DeformationTask, Handles
 
-#: Distance beyond which a projection crosses to another part of the surface, in covering radii. Samples whose
-#: cells touch lie nearer to each other, but for one edge of M.
+#: Distance beyond which a projection crosses to another part of the surface, in covering radii. Samples of
+#: touching cells are at most two covering radii and one edge of M apart.
 FAR = 2.0
 
 #: Parts of `fast` that :func:`fast_without` may leave out, and the options that do so.
@@ -159,11 +159,10 @@ def project_to_surface(V: np.ndarray, proxy: Mesh, sampling: Sampling) -> Projec
 def cross_part(projection: Projection, proxy: Mesh, sampling: Sampling) -> np.ndarray:
     """Find vertices that a projection takes to another part of the surface.
 
-    For such a vertex the way along edges of N, from the vertex's sample to the
-    nearest corner of its triangle, is longer than :data:`FAR` covering radii: the covering radius
-    is the largest graph distance of a vertex of M to its sample.
-    N has the topology of M, so there is no short way from an arm to the torso
-    that it touches. None where P is restricted to fans: the sample is a corner.
+    For such a vertex, the shortest path along edges of N from the vertex's sample to a corner of its triangle
+    is longer than :data:`FAR` covering radii. The covering radius is the largest graph distance of a vertex
+    of M to its sample. N has the topology of M, so no short path leads from an arm to the torso that the arm
+    touches. P never crosses, because the sample is a corner of every triangle of its fan.
 
     Parameters
     ----------

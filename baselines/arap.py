@@ -137,6 +137,6 @@ def require_areas(mesh: Mesh) -> None:
     """Raise InputError if a triangle of the rest mesh has zero area, because libigl then returns NaN."""
     if flat := int(mesh.without_area.sum()):
         raise InputError(
-            f"{flat} triangles of the rest mesh have no area, of which libigl makes NaN; remove them, or use "
-            "accelerated_arap or accelerated_elastic"
+            f"{flat} triangles of the rest mesh have no area, and libigl would return NaN; remove them, or "
+            "use accelerated_arap or accelerated_elastic"
         )

@@ -1,4 +1,4 @@
-"""The rest shape with its handles moved: the floor of the tables."""
+"""The rest shape with its handles moved: a reference that every method should beat."""
 
 from __future__ import annotations
 

@@ -113,7 +113,7 @@ def vertex_frames(mesh: Mesh, V: np.ndarray, *, function: str | np.ndarray = "ex
 def _positions(mesh: Mesh, V: np.ndarray, name: str) -> np.ndarray:
     V = np.asarray(V, dtype=np.float64)
     if V.shape != mesh.V.shape:
-        raise InputError(f"the {name} vertices have shape {V.shape}, those of the mesh {mesh.V.shape}")
+        raise InputError(f"the {name} vertices have shape {V.shape}, the mesh has {mesh.V.shape}")
     if not np.isfinite(V).all():
         raise InputError(f"the {name} vertices have NaN or infinite coordinates")
     return V

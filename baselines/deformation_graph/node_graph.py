@@ -14,7 +14,7 @@ from sshade.sampling.fronts import Fronts
 
 #: Least ratio of the two largest second moments of a node's edges that are not collinear.
 COLLINEAR = 1e-6
-#: Least number of neighbours of a node, if its component has so many nodes.
+#: Least number of neighbours of a node, unless its component has fewer nodes.
 FEWEST_NEIGHBOURS = 3
 
 

@@ -63,7 +63,7 @@ class Pattern:
         """
         e = self.difference @ patches
         image = self.difference @ images
-        # Multiply by constant matrices, because indexing has a slow backward pass that GPUs do in any order.
+        # Multiply by constant matrices: the backward pass of indexing is slow, and GPUs sum in random order.
         rotation = (self.source @ R.flatten(2)).unflatten(2, (3, 3))
         stretch = (rotation @ e[..., None])[..., 0] - image
         return (self.weights(patches) * stretch.square().sum(dim=-1)).sum(dim=1).mean()
@@ -124,8 +124,8 @@ def pattern_of(plane: np.ndarray, triangles: np.ndarray, *, device: torch.device
 
 
 def _edges(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Directed edges (e, 2), and for each which corners' cotangents it sums, (3 m, e)."""
-    # Opposite corner 0 lies edge (1, 2), and so on round.
+    """Return the directed edges (e, 2), and a (3 m, e) matrix: 1 where an edge sums a corner's cotangent."""
+    # Edge (1, 2) lies opposite corner 0, and so on cyclically.
     opposite = np.concatenate([np.roll(triangles, -k, axis=1)[:, 1:] for k in range(3)])
     edges, number = np.unique(np.sort(opposite, axis=1), axis=0, return_inverse=True)
     once = np.zeros((len(opposite), len(edges)))

@@ -105,7 +105,7 @@ class CoarseTetrahedra:
     volumes : (t,) float64
         Their volumes.
     carry : (n, p) sparse float64
-        Barycentric coordinates, four a row: ``carry @ V`` are the mesh's vertices.
+        Barycentric coordinates, four per row: ``carry @ V`` are the mesh's vertices.
     component : (p,) int
         Connected component of each node.
     seconds : float

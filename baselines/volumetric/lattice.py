@@ -30,7 +30,7 @@ class Lattice(NamedTuple):
     sharing : (e,) int64
         Number of cubes around each edge.
     carry : (n, p) sparse float64
-        Trilinear weights, eight a row: ``carry @ V`` are the mesh's vertices.
+        Trilinear weights, eight per row: ``carry @ V`` are the mesh's vertices.
     component : (p,) int
         Connected component of each node.
     """

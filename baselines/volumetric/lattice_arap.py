@@ -4,10 +4,10 @@
 
 The sums run over the edges ij of the lattice and the k handle vertices h. w_ij is the number of cubes around
 an edge divided by four, the number around an inner edge. C holds the trilinear weights of the handles.
-w is large; the distance that remains is corrected at the end. Trilinear interpolation prolongs the nodes'
-positions to the surface, or, more smoothly, their rigid motions, as in a deformation graph. The surface may
-intersect itself and have many components. Components in neighbouring cubes move together, and limbs closer
-than a cube merge.
+w is large; the remaining distance is corrected at the end. Trilinear interpolation prolongs to the surface
+either the positions of the nodes or, more smoothly, their rigid motions as in a deformation graph. The
+surface may intersect itself and have many components. Components in neighbouring cubes move together, and
+limbs closer than a cube merge.
 
 Source: the description in M. Zollhoefer, E. Sert, G. Greiner, J. Suessmuth, "GPU based ARAP deformation using
 volumetric lattices", Eurographics 2012 short papers. The authors' code is not public and uses several

@@ -15,8 +15,8 @@ from sshade.mesh.adjacency import edge_graph
 #: Number of handles of a landmark, and number of graph-nearest vertices that they are drawn from.
 PER_LANDMARK = 30
 NEIGHBOURHOOD = 60
-#: Maximum mean displacement of a static landmark, as a fraction of the rest mesh's bounding-box diagonal:
-#: about 0.1 m on a body, or 3 m as the paper's sum over 30 handles.
+#: Maximum mean displacement of a static landmark, as a fraction of the rest mesh's bounding-box diagonal.
+#: On a body this is about 0.1 m. The paper sums over 30 handles instead, which gives 3 m.
 STATIC_BELOW = 0.05
 
 STATIC, DYNAMIC, UNUSED = "static", "dynamic", "unused"

@@ -43,7 +43,7 @@ def verify(root: str | os.PathLike[str], *, progress: Progress = silent) -> list
     - Every file and dataset.json match their checksums.
     - Every mesh matches its listed counts and topology.
     - Handles are vertices of the registered rest mesh, and their targets the same vertices of the pose. No
-      vertex serves twice. Displacement and kind are recomputed.
+      vertex is a handle twice. Displacement and kind are recomputed.
     - Regions contain vertices of both rest meshes, and no two regions share a vertex.
 
     Returns
@@ -175,9 +175,9 @@ def _positions(
 
 
 def _take(index: np.ndarray, taken: np.ndarray) -> None:
-    """Mark vertices as taken; raise InputError if a vertex serves twice."""
+    """Mark vertices as taken; raise InputError if a vertex is a handle twice."""
     if taken[index].any() or len(np.unique(index)) < len(index):
-        raise InputError("a vertex serves twice")
+        raise InputError("a vertex is a handle twice")
     taken[index] = True
 
 

@@ -95,7 +95,7 @@ class Shape:
 
     @contextmanager
     def named(self) -> Iterator[None]:
-        """Begin the text of an InputError with the file's name; remove the folder, which no record names."""
+        """Put the file's name before the text of an InputError, without its folder, for dataset.json."""
         try:
             yield
         except InputError as error:

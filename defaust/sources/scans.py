@@ -195,7 +195,7 @@ def _recognised(file: Path, name: str) -> Mesh:
     mesh, wanted = read_mesh(file), SCANS[name]["identity"]
     if identity(mesh) != wanted:
         raise InputError(
-            f"{file}: is another mesh, of {mesh.n:,} vertices, than the {name} of {wanted['vertices']:,} in "
+            f"{file}: has {mesh.n:,} vertices and is not the {name} with {wanted['vertices']:,} vertices of "
             "https://github.com/odedstein/meshes; use that file, neither rotated nor renumbered, because the "
             "regions fit no other mesh"
         )

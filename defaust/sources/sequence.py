@@ -141,7 +141,7 @@ class RegisteredSequence(Source):
 
     @property
     def subjects(self) -> tuple[int, ...]:
-        """One number a class."""
+        """One number for each class."""
         return tuple(range(len(self._subjects)))
 
     @property

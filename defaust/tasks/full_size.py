@@ -160,8 +160,8 @@ def _on_subdivided(rest: Mesh, low: Mesh, *, steps: int) -> tuple[Mesh, csr_arra
     interpolate, distance = interpolation(rest.V, fine.V, fine.F)
     if distance.max() > ON_SURFACE * low.diagonal:
         raise InputError(
-            f"the rest mesh lies up to {distance.max() / low.diagonal:.1g} x its diagonal off the subdivided "
-            "registered mesh that it should have been made from; build the dataset again"
+            f"the rest mesh was not made from the subdivided registered mesh: it is up to "
+            f"{distance.max() / low.diagonal:.1g} x the diagonal away; build the dataset again"
         )
     return fine, interpolate
 

@@ -42,15 +42,15 @@ def loop_matrix(coarse: Mesh, fine: Mesh, *, steps: int) -> csr_array:
         counts.append(counts[-1] + 3 * coarse.m * 4**step // 2)
     if (fine.n, fine.m) != (counts[-1], coarse.m * 4**steps):
         raise InputError(
-            f"{fine.n} vertices and {fine.m} faces are not what {steps} subdivisions make of {coarse.n} and "
-            f"{coarse.m}"
+            f"the fine mesh has {fine.n} vertices and {fine.m} faces, but {steps} subdivisions of {coarse.n} "
+            f"vertices and {coarse.m} faces give {counts[-1]} and {coarse.m * 4**steps}"
         )
     product, F = eye_array(fine.n, format="csr"), fine.F
     for count in counts[-2::-1]:
         step, F = _one_step(F, count)
         product = product @ step
     if not same_triangles(F, coarse.F):
-        raise InputError("the fine mesh subdivides other faces than those of the coarse one")
+        raise InputError("the fine mesh is no subdivision of the coarse mesh: their faces differ")
     return product
 
 
@@ -71,7 +71,7 @@ def _one_step(F: np.ndarray, n: int) -> tuple[csr_array, np.ndarray]:
     pairs = np.unique(np.stack([corner[corner >= n], old], axis=1), axis=0)
     total = n + 3 * len(middle) // 2
     if not np.array_equal(pairs[:, 0], np.arange(n, total).repeat(2)):
-        raise InputError("the fine mesh does not have a vertex on each edge of the coarse one")
+        raise InputError("the fine mesh does not have a vertex on each edge of the coarse mesh")
     ends = pairs[:, 1].reshape(-1, 2)
 
     sums = ends[middle - n].sum(axis=2)

@@ -35,7 +35,7 @@ def bend_tail(deformed: Deformed) -> float:
 def spike(deformed: Deformed) -> float:
     """Return the 99th percentile of the changes within three rings of a handle group, in degrees.
 
-    The group with the largest value counts. An edge is within r rings if one of its ends is at most r - 1
+    The metric is the largest value of a group. An edge is within r rings if one of its ends is at most r - 1
     edges from a handle of the group.
     """
     topology, handles = deformed.rest.topology, deformed.task.handles

@@ -20,7 +20,7 @@ _RESTS: WeakKeyDictionary[Mesh, Shape] = WeakKeyDictionary()
 class Deformed:
     """A task and the deformed vertices from a method.
 
-    M is the rest mesh, and M' the deformed mesh with the same connectivity. For a pose transfer, S and S'.
+    M is the rest mesh, and M' the deformed mesh with the same connectivity. In a pose transfer: S and S'.
 
     Parameters
     ----------

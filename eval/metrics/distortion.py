@@ -26,26 +26,26 @@ COLLAPSED = 0.1
 @metric("-", "mean over area of D = (s1^2 + s2^2 + 1/s1^2 + 1/s2^2) / 2 - 2")
 def distortion(deformed: Deformed) -> float:
     """Return the area-weighted mean of D over the faces of M; infinite if a face has lost its area."""
-    D, area = _known(deformed)
+    D, area = _with_area(deformed)
     return float((D * area).sum() / area.sum()) if len(D) else np.nan
 
 
 @metric("-", "D that 95 % of the area does not exceed")
 def distortion_95(deformed: Deformed) -> float:
     """Return the 95th percentile of D by area."""
-    return weighted_percentile(*_known(deformed), 95.0)
+    return weighted_percentile(*_with_area(deformed), 95.0)
 
 
 @metric("-", "D that 99 % of the area does not exceed")
 def distortion_99(deformed: Deformed) -> float:
     """Return the 99th percentile of D by area."""
-    return weighted_percentile(*_known(deformed), 99.0)
+    return weighted_percentile(*_with_area(deformed), 99.0)
 
 
 @metric("-", "largest D of a face")
 def distortion_max(deformed: Deformed) -> float:
     """Return the largest D of a face; infinite if a face has lost its area."""
-    D, _ = _known(deformed)
+    D, _ = _with_area(deformed)
     return float(D.max()) if len(D) else np.nan
 
 
@@ -56,8 +56,8 @@ def collapsed(deformed: Deformed) -> float:
     return float(((s2 < COLLAPSED) | deformed.flipped).sum())
 
 
-def _known(deformed: Deformed) -> tuple[np.ndarray, np.ndarray]:
+def _with_area(deformed: Deformed) -> tuple[np.ndarray, np.ndarray]:
     """Return D and the rest area of all faces with an area at rest."""
     area = deformed.rest.face_areas
-    known = area > 0
-    return deformed.dirichlet[known], area[known]
+    has_area = area > 0
+    return deformed.dirichlet[has_area], area[has_area]

@@ -15,8 +15,8 @@ from scipy.sparse import csr_array
 from eval.metrics.intersections import intersecting_faces
 from sshade.mesh.sides import sides_by_edge
 
-#: Largest product of a face's normal and the mean normal around it for an inverted face. It is below zero
-#: because the mean can cancel to rounding noise on a fold.
+#: A face is inverted if its normal times the sum of its neighbours' normals is below this bound. The bound is
+#: below zero, because the sum can cancel to rounding noise on a fold.
 OPPOSED = -1e-9
 
 
@@ -196,7 +196,7 @@ def angle_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def weighted_percentile(values: np.ndarray, weights: np.ndarray, percent: float) -> float:
-    """Return the smallest value that `percent` of the weight does not exceed; NaN without values."""
+    """Return the smallest value v: `percent` of the weight has values up to v; NaN without values."""
     if not len(values):
         return np.nan
     order = np.argsort(values)

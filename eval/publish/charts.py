@@ -1,7 +1,7 @@
 """Charts of an experiment: ``sshade-eval charts [ROWS ...]``, needs the extra ``figures``.
 
 The distribution of each metric over the runs of each method, and the convergence curves of iterative methods,
-from rows and run folders. A chart is a file, out/figures/<experiment>/<chart>.svg.
+from rows and run folders. Each chart is a file out/figures/<experiment>/<chart>.svg.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 #: Ratio of the largest to the smallest value above which an axis is logarithmic.
 LOG_ABOVE = 30.0
-#: Powers of ten that an axis shows at most; smaller values are rounding errors.
+#: Largest number of powers of ten on a logarithmic axis; smaller values are rounding errors.
 DECADES = 6
 #: Width of a chart in inches: a column of a paper.
 WIDTH = 4.4
@@ -44,7 +44,7 @@ def distributions(rows: pd.DataFrame) -> dict[str, Figure]:
     """Return a chart for each metric, and for memory, whose values differ between runs.
 
     A dot is a run. The box spans the quartiles, its line is the median, and the whiskers end at the last
-    runs within 1.5 boxes. References are left out.
+    runs within 1.5 lengths of the box from its ends. References are left out.
     """
     rows = rows[~reference_rows(rows)]
     measures = {f"metric.{name}": (name, metric.unit) for name, metric in METRICS.items()}
@@ -127,7 +127,7 @@ def _looks(rows: pd.DataFrame) -> dict[str, dict[str, Any]]:
 
 
 def convergence(experiment: Experiment) -> dict[str, Figure]:
-    """Return a chart for each curve of the runs, such as the loss over the steps, with a line a run."""
+    """Return a chart for each curve of the runs, such as the loss over the steps, with one line per run."""
     lines: dict[str, list[tuple[str, np.ndarray]]] = {}
     for row in records(valid(experiment.rows)):
         for name, curve in experiment.curves(row).items():

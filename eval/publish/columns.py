@@ -118,7 +118,7 @@ TRANSFER_COLUMNS = (
 
 
 def columns_of(rows: pd.DataFrame) -> tuple[Column, ...]:
-    """Return the columns that the rows have numbers for."""
+    """Return the columns for which the rows have numbers."""
     columns = COLUMNS
     if are_transfers(rows):
         columns = TRANSFER_COLUMNS

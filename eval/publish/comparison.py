@@ -38,7 +38,7 @@ class Comparison:
     runs : DataFrame
         Rows of the compared methods and references on the common cases.
     values : DataFrame
-        Means over seeds, by method and task; NaN if a seed lacks the number. A column a heading.
+        Means over seeds, by method and task; NaN if a seed lacks the number. One column per heading.
     spread : DataFrame
         Standard deviation over seeds of the mean over the cases, by method; NaN without a second seed.
     """

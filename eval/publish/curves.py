@@ -1,6 +1,6 @@
 """Metrics against a size or a parameter: ``sshade-eval curves ROWS``, needs the extra ``figures``.
 
-For experiments whose methods are labelled by a number, such as ``arap-7000``: a curve a method over the
+For experiments whose methods are labelled by a number, such as ``arap-7000``: one curve per method over the
 vertices of its tasks (``conf/experiment/resolution.yaml``), or over another column of the rows, such as
 ``--over method.samplings`` (``conf/experiment/ablation_samplings.yaml``).
 """
@@ -58,7 +58,7 @@ def curves(rows: pd.DataFrame, metric: str = "volume", *, over: str = "task.vert
 
 @style()
 def draw(panels: dict[str, Curves], *, over: str = "task.vertices") -> Figure:
-    """Draw a panel a metric. Numbers of vertices have a logarithmic axis."""
+    """Draw one panel per metric. Numbers of vertices have a logarithmic axis."""
     one = len(panels) == 1
     figure = new_figure(6.0 if one else 2.5 * len(panels), 3.8 if one else 2.5)
     every = figure.subplots(1, len(panels), squeeze=False)[0]

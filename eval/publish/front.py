@@ -2,7 +2,7 @@
 
 By default volume against stretch. Methods that are labelled by the value of a setting, such as ``fine-0.1``,
 form a curve; any other method is a point. Means are over the cases that all methods have. Tuning and held-out
-cases have a line of panels each.
+cases have separate lines of panels.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from sshade.figures import require_extra
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Default setting and measures. The others are drawn against the first measure.
+#: Default setting, and default measures: the first measure is the horizontal axis of all panels.
 KNOB, MEASURES = "volume", ("volume", "edge", "angle")
 
 #: The mean of each measure.

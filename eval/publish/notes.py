@@ -39,7 +39,7 @@ VERSION = ["env.version.code", "env.version.metrics", "env.commit", "env.modifie
 
 
 def shortened(names: Iterable[str]) -> str:
-    """List the first :data:`LISTED` names, and say how many more there are."""
+    """List the first :data:`LISTED` names, and count the others."""
     names = list(names)
     more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
     return ", ".join(names[:LISTED]) + more

@@ -4,7 +4,7 @@ Rows of out/rows join the rows of the same version in results/rows, tables are m
 figures of out/figures with the name of the experiment are copied to results/figures. Published rows must be
 of methods of this project, of one version of the code and of the metrics, and from a clean checkout of a
 commit. With --replace they replace published rows of another version. A name without rows, such as the name
-of a picture of ``sshade-eval bench``, publishes a figure alone. All is checked before a file is written.
+of a picture of ``sshade-eval bench``, publishes a figure alone. All checks come before the first write.
 """
 
 from __future__ import annotations
@@ -51,8 +51,9 @@ def joined(name: str, *, replace: bool) -> pd.DataFrame:
     loose = [row for row in runs if row.get("env.modified") is not False or not row.get("env.commit")]
     if loose:
         raise InputError(
-            f"{len(loose)} of {len(runs)} rows of {path} are of a modified tree or of no commit "
-            f"({_counts(loose, 'method.name')}): commit, and run them again with run.force=true"
+            f"{len(loose)} of {len(runs)} rows of {path} come from a checkout with changes that are not "
+            f"committed, or from no commit ({_counts(loose, 'method.name')}): commit, and run them again "
+            "with run.force=true"
         )
     users = [row for row in runs if {*_packages(row)} - OWN]
     if users:

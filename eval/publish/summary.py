@@ -1,4 +1,4 @@
-"""The numbers of a table from rows: a line a method, means over the common cases."""
+"""The numbers of a table from rows: one line per method, with means over the common cases."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Tables from rows: ``sshade-eval tables [ROWS ...]`` writes CSV, Markdown and LaTeX.
 
-A table has a line a method, with means over the cases that all methods have. Its columns are in the order of
-the paper's table. A second table holds further measures.
+A table has one line per method, with means over the cases that all methods have. Its columns are in the order
+of the paper's table. A second table holds further measures.
 """
 
 from __future__ import annotations

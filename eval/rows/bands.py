@@ -22,12 +22,13 @@ Bands = Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]]
 #: Width of a suggested band: a factor, and for values near zero an amount in the unit of the metric. Results
 #: of different machines and library versions fit into this width. A count of zero gets a band of width zero.
 FACTOR, AMOUNT = 1.05, {"%": 0.005, "deg": 0.005, "count": 5.0, "-": 0.001}
-#: Metrics that depend on few faces or edges, and their factor, which also applies to counts.
+#: Metrics that depend on few faces or edges vary more. Their factor, which counts share, is larger.
 TAILS, TAIL_FACTOR = (
     {"bend_tail", "spike", "distortion", "distortion_95", "distortion_99", "distortion_max"},
     1.25,
 )
-#: Largest handle distance of methods that meet handles exactly, in percent of the diagonal.
+#: Smallest upper bound of a suggested band of the handle distance, in percent of the diagonal. It leaves room
+#: for rounding where a method meets its handles exactly.
 EXACT = 1e-7
 
 

@@ -1,8 +1,9 @@
 """Collect the rows of runs: ``sshade-eval collect [EXPERIMENT ...]`` writes one CSV per experiment.
 
 Folders with the same name, such as ``alice/runs/quick`` and ``bob/runs/quick``, are one experiment and share
-a CSV. Only the latest of several equal runs is kept. Published rows in ``results/rows`` with the version of a
-planned or finished run are included. A planned run without a row gets a row with status ``missing``.
+a CSV. Only the latest of several equal runs is kept. A published row in ``results/rows`` is included if a
+planned or finished run has the same version of the code and the metrics. A planned run without a row gets a
+row with status ``missing``.
 """
 
 from __future__ import annotations
@@ -45,8 +46,8 @@ def collect(*folders: Path) -> pd.DataFrame:
         again = f"`sshade-eval run -m experiment={name}` makes them"
         if read_plans(folders[0]):  # all rows of the sweep were published already
             again = (
-                f"published rows answered for all, without vertices; `sshade-eval run -m experiment={name} "
-                f"run.experiment=my_{name}` makes runs of your own"
+                "results/rows already has the rows of all planned runs, without vertices; "
+                f"`sshade-eval run -m experiment={name} run.experiment=my_{name}` makes runs of your own"
             )
         raise InputError(f"{folders[0]}: no runs there; {again}")
     return newest(rows)

@@ -61,7 +61,8 @@ def newest(rows: pd.DataFrame) -> pd.DataFrame:
     """Return the latest row of each method with its parameters, task and seed, in a fixed order.
 
     Two rows have the same task if its name and either its checksum or its source are equal. Equal checksums
-    join copies of a dataset in different folders. Equal sources replace rows of a dataset that was rebuilt.
+    join copies of a dataset in different folders. With equal sources, rows of a rebuilt dataset replace
+    rows of the earlier build.
 
     Raises
     ------
@@ -71,8 +72,9 @@ def newest(rows: pd.DataFrame) -> pd.DataFrame:
     last = rows.sort_values("date").iloc[-1]
     if last["date"] > (datetime.now(UTC) + CLOCKS_APART).isoformat():
         raise InputError(
-            f"the row of {last['method.name']} on {last['task.name']} is of the future, {last['date']}: the "
-            "clock of its machine or of this one is wrong; remove the row, or set this clock"
+            f"the row of {last['method.name']} on {last['task.name']} has a date in the future, "
+            f"{last['date']}: the clock of its machine or of this machine is wrong; remove the row, or set "
+            "the clock"
         )
     for same_task in ("task.checksum", "task.source"):
         run = ["method.name", "method.hash", "task.name", same_task, "seed"]

@@ -21,7 +21,7 @@ from sshade.io.files import make_folder, replacing
 #: Columns of a planned run, and their types.
 _FACTS = {"method.name": str, "seed": int, "task.source": str}
 
-#: Settings that number the tasks of a dataset, and their form in the name of a task.
+#: Settings that select a task of a dataset by number -> the same number in the name of the task.
 NUMBERED = {"subject": "subject_{:02d}", "pose": "pose_{}"}
 
 

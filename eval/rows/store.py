@@ -166,7 +166,7 @@ def schema_problem(row: Row) -> str:
 
 
 def version_of(row: Row) -> tuple[str | None, str | None]:
-    """Return the versions of the code and of the metrics of a row; None for rows before such columns."""
+    """Return the versions of the code and of the metrics of a row; None in old rows without the columns."""
     return row.get("env.version.code"), row.get("env.version.metrics")
 
 

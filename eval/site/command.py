@@ -1,7 +1,7 @@
 """The leaderboard as static pages: ``sshade-eval site`` from published rows and submissions.
 
-There is a page of all tracks (conf/tracks.yaml); a page a track with tables, quality against time and rows to
-download; and a page a method with its configuration, cases, failures and provenance.
+One page lists all tracks (conf/tracks.yaml). Each track has a page with tables, quality against time and rows
+to download. Each method has a page with its configuration, cases, failures and provenance.
 """
 
 from __future__ import annotations

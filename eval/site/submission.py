@@ -165,7 +165,10 @@ def _check_one_method(path: Path, rows: list[Row], name: str, settings: Mapping[
         if len({row.get(column) for row in rows}) > 1:
             raise InputError(f"{path}: has rows of several {what}; run the older ones again")
     if rows[0].get("env.version.metrics") != METRICS:
-        raise InputError(f"{path}: was measured by other metrics than this version has; remeasure it")
+        raise InputError(
+            f"{path}: was measured by another version of the metrics; run `sshade-eval remeasure`, then "
+            "`sshade-eval collect`"
+        )
 
 
 def _check_origin(where: str, row: Row, known: Set[Any]) -> None:
@@ -175,18 +178,19 @@ def _check_origin(where: str, row: Row, known: Set[Any]) -> None:
     known_wheel = not commit and modified is None and row.get("env.version.evaluator") in known
     if not committed and not known_wheel:
         raise InputError(
-            f"{where} is of a modified tree, or of no commit and another version of the code than the track"
-            "'s rows; run it again in a clean clone of the project or with a wheel of the track's version"
+            f"{where} comes from a checkout with changes that are not committed, or from no commit and "
+            "another version of the code than the track; run it again in a clean clone of the project, or "
+            "with a wheel of the track's version"
         )
     if not row.get("env.machine_id"):
         raise InputError(f"{where} names no machine; run it again")
 
 
 def _check_row(where: str, row: Row, official: Mapping[str, Row]) -> None:
-    """Require an unchanged case of the track with all of its measures, or a reason why there are none."""
+    """Require an unchanged case of the track with all of its measures, or a reason why it has no measures."""
     case = official.get(row["task.name"])
     if case is None:
-        raise InputError(f"{where} is of no case of the track")
+        raise InputError(f"{where} is not a case of the track")
     for column in ("task.vertices", *(() if _of_equal_files(row, case) else ("task.checksum",))):
         if row.get(column) != case[column]:
             raise InputError(
@@ -215,7 +219,7 @@ def _of_equal_files(row: Row, case: Row) -> bool:
 
 
 def _check_complete(path: Path, rows: list[Row], official: Mapping[str, Row]) -> None:
-    """Require every held-out case once a seed."""
+    """Require every held-out case once for each seed."""
     runs = Counter((row["task.name"], row["seed"]) for row in rows)
     (task, seed), count = runs.most_common(1)[0]
     if count > 1:

@@ -2,8 +2,8 @@
 
 The folder holds submission.yaml (name, track, authors, code), method.yaml, rows.csv and optionally the run
 folders with the vertices, which are measured again. Rows must come from one configuration, one version and a
-clean commit, and cover every held-out case of the track once a seed. Unless --check is given, the files
-without vertices are copied to submissions/NAME for a pull request. See CONTRIBUTING.md.
+clean commit, and cover every held-out case of the track once for each seed. Unless --check is given, the
+files without vertices are copied to submissions/NAME for a pull request. See CONTRIBUTING.md.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Studies of the method: a command each."""
+"""Studies of the method; each module is a command."""

@@ -1,9 +1,9 @@
-"""Measure times: ``sshade-eval bench KIND --methods ... --cases ...`` writes a line a repeat.
+"""Measure times: ``sshade-eval bench KIND --methods ... --cases ...`` writes one line per repeat.
 
 Methods take turns (A B C A B C ...), after a warm-up. A repeat counts only on a quiet machine: it is
 rejected and run again if other processes used more than 5 % of the cores, or a clock jumped. After five
-rejected repeats in a row the command ends and writes nothing. A repeat lasts at least a second, in several
-calls if one is shorter. A call of more than a minute runs once.
+rejected repeats in a row the command ends and writes nothing. A repeat lasts at least a second; shorter
+calls run several times in a repeat. A call of more than a minute runs once.
 
 kinds:
   speed    calls of methods on tasks; the methods of --extrapolate run --block iterations, from which

@@ -86,9 +86,12 @@ def drag(task: DeformationTask, options: dict[str, Any]) -> Row:
         - ``seconds.settle``: from the last step to the minimum;
         - ``seconds.rebind``: mean of removing the last group of handles and of adding it again.
 
-        Largest distances of a vertex, % of the diagonal: ``drag.first``, first solve to its minimum;
-        ``drag.last``, last step to first solve; ``drag.settled``, minimum of the drag to minimum of the
-        first solve; ``drag.return``, end of the way back to the rest solution.
+        Largest distance of a vertex between two shapes, in % of the diagonal:
+
+        - ``drag.first``: the first solve and its minimum;
+        - ``drag.last``: the last step and the first solve;
+        - ``drag.settled``: the minimum after the drag and the minimum of the first solve;
+        - ``drag.return``: the end of the way back and the solution at rest.
     """
     rest, target = task.mesh.V[task.handles.index], task.handles.target
 

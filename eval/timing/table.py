@@ -1,8 +1,8 @@
 """Tables of times: ``sshade-eval timings [NAME ...]`` from the rows of ``sshade-eval bench``.
 
-A line a method and case: the median of the accepted repeats with their minimum and maximum, stages, cores
-used, iterations, and the ratio to the time of --reference. Times of subdivided meshes are drawn as well. With
---publish, rows, tables and pictures go to ``results``; the rows must come from a clean checkout.
+A line holds the times of a method on a case: the median of the accepted repeats, their minimum and maximum,
+stages, cores used, iterations, and the ratio to the time of --reference. Times of subdivided meshes are also
+drawn. With --publish, rows, tables and pictures go to ``results``; the rows must come from a clean checkout.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class TimeTable(NamedTuple):
     ----------
     title : str
     lines : DataFrame
-        A line a method and case. ``seconds.*`` are medians, except ``seconds.min`` and ``seconds.max``.
+        One line per method and case. ``seconds.*`` are medians, except ``seconds.min`` and ``seconds.max``.
     notes : list of str
     """
 
@@ -126,7 +126,7 @@ def make_time_table(rows: pd.DataFrame, *, title: str, reference: str | None = N
 def _check(rows: pd.DataFrame) -> None:
     """Raise InputError unless the times of the rows can be compared."""
     if not {"kept", "kind"} <= set(rows) or not rows["kept"].eq(True).any():
-        raise InputError("these are no rows of times; `sshade-eval bench` makes them")
+        raise InputError("the rows hold no times; `sshade-eval bench` makes rows of times")
     same = {"env.machine": "machines", "env.machine_id": "machines"}
     same |= {c: f"versions of {c.removeprefix('env.version.')}" for c in rows if c.startswith("env.version.")}
     for column, what in same.items():
@@ -281,7 +281,10 @@ def command(options: argparse.Namespace) -> int:
         require_free(path.stem)
         tables[path] = make_time_table(rows, title=path.stem, reference=options.reference)
         if options.publish and (distinct(rows, "env.modified") != [False] or not all(rows["env.commit"])):
-            raise InputError(f"{path}: rows of a modified tree are not published; commit, and time again")
+            raise InputError(
+                f"{path}: some rows come from a checkout with changes that are not committed; commit, and "
+                "run `sshade-eval bench` again"
+            )
     for path, table in tables.items():
         make_folder(root / "tables")
         for suffix, text_of in ((".csv", to_csv), (".md", to_markdown)):

@@ -61,7 +61,7 @@ def take_turns(jobs: Sequence[Job], *, rounds: int) -> list[Row]:
     Returns
     -------
     list of dict
-        A row a repeat. ``seconds.*`` are means over the ``calls`` of the repeat; ``cores_used`` and
+        One row per repeat. ``seconds.*`` are means over the ``calls`` of the repeat; ``cores_used`` and
         ``other_cores`` are CPU use during the repeat; ``kept`` says whether the repeat counts, and
         ``reason`` why not.
 

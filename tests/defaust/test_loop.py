@@ -37,7 +37,7 @@ def test_positions_are_those_of_libigl(name, steps):
 def test_other_meshes_are_refused():
     mesh = icosphere(1)
     fine = subdivide(mesh, steps=1)
-    with pytest.raises(InputError, match="not what 2 subdivisions make of"):
+    with pytest.raises(InputError, match="but 2 subdivisions of"):
         loop_matrix(mesh, fine, steps=2)
     rng = np.random.default_rng(0)
     order = rng.permutation(fine.n)

@@ -186,8 +186,8 @@ def test_notice_names_each_asset_its_author_licence_and_changes():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda m: (bumpy(2).V, bumpy(2).F), "is another mesh, of 162 vertices, than the armadillo of 7,949"),
-        (lambda m: (m.V * [-1, 1, -1], m.F), "is another mesh, of 7,949 vertices, than the armadillo of"),
+        (lambda m: (bumpy(2).V, bumpy(2).F), "has 162 vertices and is not the armadillo with 7,949"),
+        (lambda m: (m.V * [-1, 1, -1], m.F), "has 7,949 vertices and is not the armadillo with"),
         (None, "holds no armadillo.ply; without source.root the other scans are built"),
     ],
     ids=["another", "turned", "none"],

@@ -167,7 +167,7 @@ def test_tasks(built, resolution):
     ("subject", "edit", "message"),
     [
         (BAR, lambda h: h[1].update(boxes=[[[5, 5, 5], [6, 6, 6]]]), "moved: no vertex lies in its boxes"),
-        (BAR, lambda h: h[1].update(boxes=h[0]["boxes"]), "moved: a vertex serves twice"),
+        (BAR, lambda h: h[1].update(boxes=h[0]["boxes"]), "moved: a vertex is a handle twice"),
         (BAR, lambda h: h[1]["translation"].__setitem__(2, 1.0), "a target is not its vertex"),
         (BAR, lambda h: h[1].update(kind="static"), "listed as static, and dynamic when recomputed"),
         (BAR, lambda h: h[1].pop("rotation"), "it has no handles[1].source"),

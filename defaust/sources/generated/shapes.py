@@ -1,4 +1,4 @@
-"""Plane, cylinder, bar and cactus after a survey, generated at any resolution, with whole regions as handles.
+"""Plane, cylinder, bar and cactus of a survey, generated at any resolution, with whole regions as handles.
 
 M. Botsch and O. Sorkine, "On Linear Variational Surface Deformation Methods", TVCG 2008, lift the middle of a
 bumpy plane, bend a cylinder by 120 degrees, twist a bar by 135 and bend a cactus by 70. Sizes, bumps and arms

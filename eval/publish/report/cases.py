@@ -40,7 +40,7 @@ class Case:
     Parameters
     ----------
     rows : list of rows
-        A row a method.
+        One row per method.
     missing : list of str
         Sentences on parts that cannot be shown.
     panels : list of dict
@@ -78,7 +78,7 @@ def show_case(
     ----------
     experiment : Experiment
     rows : list of rows
-        Rows of the case, a row a method.
+        Rows of the case, one per method.
     towards, up : (3,) float64
         Direction from the scene to the camera, and upright direction.
     turnable : bool

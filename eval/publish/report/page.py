@@ -127,7 +127,7 @@ def _section(
 
 
 def _convergence(experiment: Experiment) -> list[list[str]]:
-    """Return headings and a line an iterating method; columns without a number are left out."""
+    """Return headings and one line per iterative method; columns without a number are left out."""
     lines = [["method", "converged", "iterations", "last residual", "energy"]]
     rows = valid(experiment.rows)
     rows = rows[numbers(rows, "iterations") > 0]

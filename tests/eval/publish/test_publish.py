@@ -126,7 +126,7 @@ def test_rows_of_other_methods_keep_their_version(project):
     [
         (
             [clean(), clean("b", env__modified=True)],
-            r"1 of 2 rows .* of a modified tree or of no commit \(b: 1\)",
+            r"1 of 2 rows .* not committed, or from no commit \(b: 1\)",
         ),
         (
             [clean(env__commit="", env__modified=None)],

@@ -91,7 +91,7 @@ def test_a_rebuilt_dataset_replaces_the_old_and_copies_of_one_are_one():
 
 def test_a_row_of_the_future_is_not_the_newest():
     ahead = (datetime.now(UTC) + timedelta(hours=1)).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
-    with pytest.raises(InputError, match=f"the row of b on t1 is of the future, {ahead}: the clock"):
+    with pytest.raises(InputError, match=f"the row of b on t1 has a date in the future, {ahead}: the clock"):
         newest(frame(row(), row("b", date=ahead), row("c")))
 
 

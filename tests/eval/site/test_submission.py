@@ -95,8 +95,8 @@ def test_yaml_that_is_none_is_refused(folder, text, message):
     [
         ({"method.name": "other"}, "has rows of other"),
         ({"method.target": "eval_cases.other"}, "has rows of eval_cases.other"),
-        ({"env.version.metrics": "older"}, "other metrics"),
-        ({"env.modified": True}, "modified tree"),
+        ({"env.version.metrics": "older"}, "another version of the metrics"),
+        ({"env.modified": True}, "not committed"),
         ({"env.commit": None}, "no commit"),
         (
             {"env.commit": None, "env.modified": None, "env.version.evaluator": "older"},
@@ -105,7 +105,7 @@ def test_yaml_that_is_none_is_refused(folder, text, message):
         ({"env.machine_id": None}, "names no machine"),
         ({"task.checksum": "0123"}, "another task of this name"),
         ({"task.vertices": 7}, "another task of this name"),
-        ({"task.name": "elsewhere"}, "no case of the track"),
+        ({"task.name": "elsewhere"}, "not a case of the track"),
         ({"metric.edge": None}, "metric.edge of None"),
         ({"metric.edge": -1.0}, "metric.edge of -1.0"),
         ({"status": "failed", "reason": None}, "gives no reason"),

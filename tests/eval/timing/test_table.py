@@ -110,7 +110,7 @@ def test_what_comes_from_a_commit_is_published(folder):
 def test_what_no_commit_holds_is_not_published(folder, capsys, facts):
     write_csv("out/timing/speed.csv", rows(**facts))
     assert main(["timings", "speed", "--publish"]) == 2
-    assert "rows of a modified tree are not published" in capsys.readouterr().err
+    assert "come from a checkout with changes that are not committed" in capsys.readouterr().err
     assert not any(Path("results").iterdir())
 
 
@@ -118,7 +118,7 @@ def test_a_file_without_times_is_refused(folder, capsys):
     assert main(["timings"]) == 2 and "out/timing: no rows of times" in capsys.readouterr().err
     assert main(["timings", "gone"]) == 2 and "out/timing/gone.csv: no rows" in capsys.readouterr().err
     write_csv("out/timing/other.csv", rows().drop(columns=["kept"]))
-    assert main(["timings", "other"]) == 2 and "no rows of times" in capsys.readouterr().err
+    assert main(["timings", "other"]) == 2 and "the rows hold no times" in capsys.readouterr().err
     assert not Path("out/tables").exists()
 
 
