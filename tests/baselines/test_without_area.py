@@ -43,5 +43,7 @@ def test_collapsed_faces_are_deformed_as_those_around_them(method):
 
 @pytest.mark.parametrize("method", [arap, elastic])
 def test_libigl_makes_nan_of_them_and_is_not_asked(method):
-    with pytest.raises(InputError, match=r"\d triangles of the rest mesh have no area, .* libigl makes NaN"):
+    with pytest.raises(
+        InputError, match=r"\d triangles of the rest mesh have no area, and libigl would return NaN"
+    ):
         method(task(collapsed()))

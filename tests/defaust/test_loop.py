@@ -52,5 +52,5 @@ def test_other_meshes_are_refused():
     swapped = mesh.F.copy()
     swapped[swapped == 0], swapped[swapped == 1] = -1, 0
     swapped[swapped == -1] = 1
-    with pytest.raises(InputError, match="subdivides other faces"):
+    with pytest.raises(InputError, match="is no subdivision of the coarse mesh"):
         loop_matrix(Mesh(mesh.V, swapped), fine, steps=1)

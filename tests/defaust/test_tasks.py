@@ -72,7 +72,7 @@ def test_a_task_without_ground_truth_has_a_reason(dataset, body, tmp_path):
     write_mesh(dataset / "subject_00/rest_low.ply", 1.02 * low.V, low.F)
     relist(dataset, "subject_00/rest_low.ply")
     task = load_task(dataset, subject=0, pose=1)
-    assert task.truth is None and "off the subdivided registered mesh" in task.meta["no_truth"]
+    assert task.truth is None and "was not made from the subdivided registered mesh" in task.meta["no_truth"]
     assert "posed_by" not in task.meta and len(task.handles) > 0
 
     older = shutil.copytree(body, tmp_path / "older")
