@@ -29,6 +29,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -187,16 +188,14 @@ def _from_json(data: Any, mesh: Mesh, *, raw: bool, vertex: np.ndarray) -> Handl
             rotation = _rotation(entry) if "rotation" in entry and "boxes" not in entry else OPEN
             k = len(place)
             values = np.full(k, kind == "dynamic"), np.full(k, number), np.full(k, _weight(entry))
-        rows = place, target, *values, np.broadcast_to(rotation, (k, 3, 3))
-        (snapped if "source" in entry else exact).append(rows)
-    parts = []
-    if exact:
-        index, target, dynamic, group, weight, R = columns(exact)
-        parts.append(Handles(index, target, dynamic, group, weight=weight, rotation=R))
-    if snapped:  # all at once, so that one search tree is built
-        source, target, dynamic, group, weight, R = columns(snapped)
-        more = {"dynamic": dynamic, "group": group, "weight": weight, "rotation": R}
-        parts.append(Handles.from_positions(mesh, source, target, raw=raw, **more))
+        row = place, target, *values, np.broadcast_to(rotation, (k, 3, 3))
+        (snapped if "source" in entry else exact).append(row)
+    # All positions are snapped at once, so that one search tree is built.
+    parts, snap = [], partial(Handles.from_positions, mesh, raw=raw)
+    for create, rows in ((Handles, exact), (snap, snapped)):
+        if rows:
+            at, target, dynamic, group, weight, R = columns(rows)
+            parts.append(create(at, target, dynamic=dynamic, group=group, weight=weight, rotation=R))
     if not parts:
         raise InputError(NO_HANDLES)
     order = np.argsort(np.concatenate([part.group for part in parts]), kind="stable")

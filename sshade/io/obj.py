@@ -193,7 +193,7 @@ def _turned_normals(obj: _Obj, V: np.ndarray) -> list[Edits]:
     unchanged = (new == N[normal]).all(axis=1)
     new = np.where(unchanged[:, None], N[normal], np.round(new, DECIMALS) + 0.0)
     variant = same_rows(np.column_stack([normal, new]))
-    one = _first_places(variant)
+    _, one = np.unique(variant, return_index=True)
     order = np.argsort(normal[one], kind="stable")  # the order in which variants are written
     line_of, value = normal[one][order], new[one][order]
     written = np.bincount(line_of, minlength=len(N))
@@ -229,15 +229,8 @@ def _pairs(vertex: np.ndarray, normal: np.ndarray, n: int) -> tuple[np.ndarray, 
         used = last >= 0
         return (np.cumsum(used) - 1)[vertex], np.flatnonzero(used), last[used]
     pair = same_rows(np.column_stack([vertex, normal]))
-    one = _first_places(pair)
+    _, one = np.unique(pair, return_index=True)
     return pair, vertex[one], normal[one]
-
-
-def _first_places(ids: np.ndarray) -> np.ndarray:
-    """Return the place where each id, counted from 0, occurs first."""
-    first = np.empty(int(ids.max()) + 1, dtype=np.int64)
-    first[ids[::-1]] = np.arange(len(ids))[::-1]
-    return first
 
 
 def _variants(obj: _Obj, line_of: np.ndarray, value: np.ndarray) -> list[Edits]:

@@ -30,8 +30,7 @@ def read_off(path: Path) -> MeshFile:
     """
     data = path.read_bytes()
     text = Text(re.sub(rb"#[^\r\n]*", lambda comment: b" " * len(comment[0]), data))
-    last = text.first[:2] + text.size[:2] - 1
-    head = [text.data[a:b].split() for a, b in zip(text.begin[text.first[:2]], text.end[last], strict=True)]
+    head = [text.words(line) for line in range(min(2, len(text.first)))]
     keyword = _KEYWORD.match(head[0][0]) if head else None
     if keyword is None:
         raise ValueError("it does not begin with OFF, or holds other than three coordinates a vertex")

@@ -98,7 +98,7 @@ def _triangles(faces: Element) -> tuple[np.ndarray, np.ndarray]:
     if faces.size and len(corners) != 1:
         raise ValueError("its faces have no list vertex_indices")
     polygons = [_vertex_ids(rows.values[f"p{corners[0]}"]) for rows in faces.rows]
-    return fanned(polygons, [rows.numbers for rows in faces.rows])
+    return fanned(polygons, [np.arange(faces.size)[rows.selection] for rows in faces.rows])
 
 
 #: Properties of vertices and faces by their meaning.

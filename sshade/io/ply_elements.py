@@ -40,11 +40,6 @@ class Rows(NamedTuple):
     values: np.ndarray
 
     @property
-    def numbers(self) -> np.ndarray:
-        """Numbers of the rows in the element, (r,) int64."""
-        return np.arange(len(self.values)) if self.which is None else self.which
-
-    @property
     def selection(self) -> np.ndarray | slice:
         """Index of the rows into an array of all rows."""
         return slice(None) if self.which is None else self.which

@@ -51,15 +51,12 @@ def _solid(text: Text, path: Path) -> tuple[Numbers, Numbers]:
     key = text.keys(fold=True)
     solid, facet, vertex = (key == key_of(word) for word in (b"solid", b"facet", b"vertex"))
     inside = np.cumsum(solid) > np.cumsum(key == key_of(b"endsolid"))
-    known = solid | (key == key_of(b"endsolid"))
-    for word in _WORDS:
-        known |= (key == key_of(word)) & inside
+    known = solid | (key == key_of(b"endsolid")) | inside & np.isin(key, [key_of(word) for word in _WORDS])
 
     def require(wrong: np.ndarray, message: str) -> None:
         if len(wrong):
-            first, last = text.first[wrong[0]], text.first[wrong[0]] + text.size[wrong[0]] - 1
-            words = text.data[text.begin[first] : text.end[last]].decode("latin-1").split()
-            raise ValueError(f"line {text.line_number(wrong[0])}{message}: {' '.join(words)[:60]!r}")
+            words = b" ".join(text.words(wrong[0])).decode("latin-1")
+            raise ValueError(f"line {text.line_number(wrong[0])}{message}: {words[:60]!r}")
 
     require(np.flatnonzero(~known), " is not understood")
     vertices = np.flatnonzero(vertex)

@@ -72,6 +72,11 @@ class Text:
         masks = np.array([key_of(b"\xff" * k) for k in range(9)], dtype=np.uint64)
         return eight[self.begin[self.first]] & masks[length]
 
+    def words(self, line: int) -> list[bytes]:
+        """Return the words of a line."""
+        words = slice(self.first[line], self.first[line] + self.size[line])
+        return self._slices(self.begin[words], self.end[words])
+
     def line_number(self, line: int) -> int:
         """Return the number of a line for messages, counted from 1."""
         before = self.data[: self.begin[self.first[line]]]

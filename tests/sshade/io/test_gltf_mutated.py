@@ -19,43 +19,26 @@ FLOATS = (0.5, -1.0, 1e-3, 1e3, 1e-12, 1e12, 1e30, 1e-30, float("nan"), float("i
 MUTATIONS = 1500
 
 
-def leaves(tree, path=()):
-    """Paths of all numbers of a JSON document."""
-    if isinstance(tree, (dict, list)):
-        for key, value in tree.items() if isinstance(tree, dict) else enumerate(tree):
-            yield from leaves(value, (*path, key))
-    elif isinstance(tree, (int, float)):
-        yield path
-
-
-def at(tree, path):
-    for key in path:
-        tree = tree[key]
-    return tree
+def numbers(tree):
+    """Each number of a JSON document, as the object or list that holds it, and its key."""
+    for key, value in list(tree.items() if isinstance(tree, dict) else enumerate(tree)):
+        if isinstance(value, (dict, list)):
+            yield from numbers(value)
+        elif isinstance(value, (int, float)):
+            yield tree, key
 
 
 def mutated(tree, rng):
-    """One or two numbers changed, a key dropped, or an accessor made another's."""
+    """One or two numbers changed or dropped, which also makes accessors and attributes share bytes."""
     tree = copy.deepcopy(tree)
     for _ in range(rng.integers(1, 3)):
-        kind = rng.random()
-        paths = list(leaves(tree))
-        path = paths[rng.integers(len(paths))]
-        holder = at(tree, path[:-1])
-        if kind < 0.1 and isinstance(holder, dict):
-            del holder[path[-1]]
-        elif kind < 0.3:
-            accessors = tree["accessors"]
-            one, other = rng.integers(len(accessors), size=2)
-            source = {key: accessors[other].get(key, 0) for key in ("bufferView", "byteOffset")}
-            accessors[one].update(source if kind < 0.2 else accessors[other])
-        elif kind < 0.4:
-            primitive = tree["meshes"][rng.integers(len(tree["meshes"]))]["primitives"][0]
-            name = ("POSITION", "NORMAL", "TANGENT", "TEXCOORD_0")[rng.integers(4)]
-            primitive["attributes"][name] = int(rng.integers(len(tree["accessors"])))
+        every = list(numbers(tree))
+        holder, key = every[rng.integers(len(every))]
+        if rng.random() < 0.1 and isinstance(holder, dict):
+            del holder[key]
         else:
-            choice = NUMBERS if isinstance(holder[path[-1]], int) and kind < 0.9 else FLOATS
-            holder[path[-1]] = choice[rng.integers(len(choice))]
+            choice = NUMBERS if isinstance(holder[key], int) and rng.random() < 0.9 else FLOATS
+            holder[key] = choice[rng.integers(len(choice))]
     return tree
 
 
