@@ -15,18 +15,19 @@ from contextlib import nullcontext
 from functools import lru_cache
 from pathlib import Path
 from traceback import walk_tb
-from typing import Any
 
 import hydra
 from hydra._internal.utils import get_args_parser
 from hydra.core.hydra_config import HydraConfig
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.plugins import Plugins
 from hydra.errors import HydraException, OverrideParseException
 from hydra.types import RunMode
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from eval.configure import sweep as cli_sweep
-from eval.configure.sweep import SweepRefused, check_root, label_of, plain_config, runs_folder, source_of
+from eval.configure.sweep import check_root, label_of, plain_config, runs_folder, source_of
 from eval.metrics import METRICS
 from eval.rows.bands import out_of_band
 from eval.rows.old_names import refuse_old_names
@@ -45,6 +46,8 @@ from sshade.threads import available_cpus
 
 #: Packages of launchers. Errors from these packages mean that a worker was lost.
 LAUNCHERS = ("joblib", "submitit", "ray")
+#: Class of Hydra's default sweeper. Hydra loads sweepers from its own packages only, so ours takes this name.
+SWEEPER = "hydra._internal.core_plugins.basic_sweeper.BasicSweeper"
 
 
 class RunFailed(Exception):
@@ -77,10 +80,8 @@ def main() -> int:
     interrupted = False
     try:
         sys.argv[1:] = _checked(sys.argv[1:])
-        try:
-            _app()
-        except SweepRefused as refused:
-            raise refused.args[0] from refused
+        Plugins.instance().class_name_to_class[SWEEPER] = cli_sweep.PlannedSweeper
+        _app()
     except (HydraException, OmegaConfBaseException) as error:
         raise InputError(_one_line(error)) from error
     except RunFailed as error:
@@ -122,8 +123,7 @@ def _exit(errors: list[Exception], summary: str, *, interrupted: bool) -> int:
 def _checked(arguments: list[str]) -> list[str]:
     """Check a command line; return the arguments that Hydra reads, flags first.
 
-    Hydra takes no flag after a setting. Settings of :mod:`eval.run.allowed`, and the settings ``method.*`` of
-    a sweep, are taken out.
+    Hydra takes no flag after a setting. Settings of :mod:`eval.run.allowed` are taken out.
 
     Raises
     ------
@@ -141,12 +141,21 @@ def _checked(arguments: list[str]) -> list[str]:
     keys = {text: text.lstrip("+~").partition("=")[0] for text in known.overrides}
     for text, key in keys.items():
         refuse_old_names(key, re.split(r"[=,]", text)[1:])
-    cli_sweep.method_settings[:] = [
-        text for text in known.overrides if known.multirun and keys[text].startswith("method.")
-    ]
-    taken = {*cli_sweep.method_settings, *(text for text in known.overrides if keys[text] == OVERRIDE)}
-    flags = [text for text in arguments if text not in known.overrides]
-    return [*flags, *(text for text in known.overrides if text not in taken)]
+    settings = [text for text in known.overrides if keys[text] != OVERRIDE]
+    if known.multirun:
+        settings = [_as_sweep(text) if keys[text].startswith("method.") else text for text in settings]
+    return [*(text for text in arguments if text not in known.overrides), *settings]
+
+
+def _as_sweep(setting: str) -> str:
+    """Write a setting as a sweep over a single value, which Hydra checks for the method of each run.
+
+    Hydra checks all other settings for the default method, too.
+    """
+    override = OverridesParser.create().parse_override(setting)
+    if override.is_sweep_override() or override.is_delete():
+        return setting
+    return f"{override.get_key_element()}=choice({override.get_value_element_as_str()})"
 
 
 @hydra.main(version_base="1.3", config_path=str(CONFIGURATION), config_name="config")
@@ -157,13 +166,13 @@ def _app(config: DictConfig) -> None:
 
 def _job(config: DictConfig) -> None:
     """Run a composed configuration; collect its error, or raise the error in a launcher's worker."""
+    if _errors and isinstance(_errors[-1], CodeChanged):
+        return  # no further run of the sweep can use the code
     try:
         if HydraConfig.get().mode == RunMode.MULTIRUN:
             _job_of_sweep(config)
         else:
             _single_job(config)
-    except CodeChanged as error:
-        raise error if _errors is None else SweepRefused(error) from error
     except (RunFailed, InputError) as error:
         # Hydra would print an error that this process raises a second time, with all settings of the run.
         if _errors is None:
@@ -190,19 +199,16 @@ def _job_of_sweep(config: DictConfig) -> None:
     record = SweepRecord(config.run.sweep.record)
     # The record is missing if the sweep was abandoned while this run waited in a queue.
     begun_with = record.sweep().code if _errors is None and record.folder.exists() else None
-    ended: dict[str, Any] = {"row": None}
     try:
         with monitor.run_progress() if monitor is not None else nullcontext(silent) as progress:
             outcome, problems = _outcome(config, progress, begun_with=begun_with)
-        ended = {"row": outcome.row, "found": outcome.found, "problems": problems}
+        record.add(settings.job.num, row=outcome.row, found=outcome.found, problems=problems)
     except CodeChanged:
         raise  # this error ends the whole sweep
     except InputError as error:
-        ended["problems"] = [str(error)]
+        record.add(settings.job.num, row=None, problems=[str(error)])
         raise
     finally:
-        if "problems" in ended:
-            record.add(settings.job.num, **ended)
         if monitor is not None:
             monitor.update()
     if problems:

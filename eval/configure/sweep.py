@@ -11,11 +11,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.experimental.callback import Callback
-from omegaconf import DictConfig, OmegaConf, open_dict, read_write
+from hydra.core.plugins import Plugins
+from hydra.plugins.sweeper import Sweeper
+from hydra.types import HydraContext, TaskFunction
+from omegaconf import DictConfig, OmegaConf
 
 from eval.rows.plan import write_plan
 from eval.rows.store import Row
@@ -26,7 +27,6 @@ from eval.run.record import QUEUES, Sweep, SweepRecord, summary, unfinished
 from eval.run.run import run
 from eval.run.targets import check_parameters, locate, target_functions
 from sshade.errors import InputError
-from sshade.io.files import reason
 
 #: Settings that identify a case of a dataset. A sweep also takes `all` in place of numbers.
 CASE = ("subject", "pose")
@@ -39,52 +39,101 @@ VALUES = ("case", *CASE, "seed")
 #: the function that lists its cases.
 ABOUT_DATASET = ("build", "tag", "cases")
 
-
 #: Display of the sweep that this process began; None in a launcher's worker.
 monitor: Monitor | None = None
 
-#: Settings ``method.*`` from the command line of a sweep. Hydra would check them against the default method.
-#: They are passed to the runs only, so Hydra checks them against the method of each run.
-method_settings: list[str] = []
 
+class PlannedSweeper(Sweeper):
+    """Hydra's sweeper with `all` subjects or poses, a plan, a record and a display.
 
-class SweepRefused(BaseException):
-    """A sweep that cannot begin or continue; the argument is the reason.
-
-    It does not derive from Exception, because Hydra turns exceptions of callbacks into warnings, and
-    exceptions of runs into results.
+    Runs that differ in :data:`VALUES` only are composed once, because that takes a tenth of a second.
     """
 
+    def __init__(self, max_batch_size: int | None = None, params: Mapping[str, str] | None = None) -> None:
+        self.max_batch_size = max_batch_size
+        self.params = params or {}
 
-class SweepStart(Callback):
-    """Starts the record of a sweep. Hydra calls it because ``conf/config.yaml`` names it."""
+    def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
+        """Keep the configuration that all runs share, and make its launcher."""
+        self.loader, self.config = hydra_context.config_loader, config
+        self.launcher = Plugins.instance().instantiate_launcher(
+            hydra_context=hydra_context, task_function=task_function, config=config
+        )
 
-    def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
-        """List the cases and runs, write the plan, and pass the folder of the record to each run."""
+    def sweep(self, arguments: list[str]) -> None:
+        """List the runs, write their plan, and launch them with the folder of the record."""
         global monitor
-        try:
-            _add_overrides(config, *method_settings)
-            _write_out_cases(config)
-            launcher = config.hydra.runtime.choices["hydra/launcher"]
-            swept = _swept(config)
-            runs = [dict(zip(swept, values, strict=True)) for values in itertools.product(*swept.values())]
-            code = _keep_plans(_compose(config, runs))
-            folder = Path(config.hydra.sweep.dir)
-            beside = unfinished(folder)
-            record = SweepRecord.create(folder, Sweep(datetime.now(UTC), runs, launcher, code=code))
-        except OSError as error:  # of the record's folder
-            raise SweepRefused(InputError(f"{error.filename}: {reason(error)}")) from error
-        except Exception as error:
-            raise SweepRefused(error) from error
-        for other in beside:
+        runs = self._runs(arguments)
+        code = _keep_plans(self._compose(runs))
+        folder = Path(self.config.hydra.sweep.dir)
+        for other in unfinished(folder):
             print(  # noqa: T201
                 f"a sweep of {folder.name}, begun {other.begin.astimezone():%Y-%m-%d %H:%M} on {other.host}, "
                 "has not ended: runs that are part of both sweeps may be done twice",
                 file=sys.stderr,
             )
-        place = str(record.folder).replace("\\", "\\\\").replace("'", "\\'")
-        _add_overrides(config, f"run.sweep={{record:'{place}',runs:{len(runs)}}}")
+        launcher = self.config.hydra.runtime.choices["hydra/launcher"]
+        record = SweepRecord.create(folder, Sweep(datetime.now(UTC), runs, launcher, code=code))
         monitor = Monitor(record, watch=launcher != "basic")
+        place = str(record.folder).replace("\\", "\\\\").replace("'", "\\'")
+        common = f"run.sweep={{record:'{place}',runs:{len(runs)}}}"
+        texts = [[*_texts(run), common] for run in runs]
+        for done in range(0, len(runs), size := self.max_batch_size or len(runs) or 1):
+            for job in self.launcher.launch(texts[done : done + size], initial_job_idx=done):
+                _ = job.return_value  # raises the error of a run in a worker
+
+    def _runs(self, arguments: list[str]) -> list[dict[str, str]]:
+        """Return the settings of each run.
+
+        A dataset need not have every pose of every subject, so `all` subjects or poses become one sweep over
+        `case`. A dataset without a list of cases has a single case.
+        """
+        parser = OverridesParser.create(self.loader)  # the loader resolves glob(*)
+        swept = {
+            override.get_key_element(): list(override.sweep_string_iterator())
+            if override.is_sweep_override()
+            else [override.get_value_element_as_str()]
+            for override in parser.parse_overrides([*_texts(self.params), *arguments])
+        }
+        asked = {name: swept.get(name, [str(self.config[name])]) for name in CASE}
+        if any(ALL in values for values in asked.values()):
+            if any(name.split(".")[0] == "dataset" and len(values) > 1 for name, values in swept.items()):
+                raise InputError(f"{ALL} subjects or poses need a single dataset; sweep over one at a time")
+            swept = self._listed(asked) | {name: v for name, v in swept.items() if name not in CASE}
+        return [dict(zip(swept, values, strict=True)) for values in itertools.product(*swept.values())]
+
+    def _listed(self, asked: Mapping[str, list[str]]) -> dict[str, list[str]]:
+        """Return the values of `case` for the subjects and poses that a sweep asks for."""
+        dataset = self.config.dataset
+        check_root(dataset)
+        if "cases" not in dataset:
+            return {}
+        require_allowed({"cases": dataset.cases}, where="the configuration of the dataset")
+        numbers = {f"{name}s": _numbers(name, values) for name, values in asked.items()}
+        cases = locate(dataset.cases)(dataset.root, **numbers)
+        return {"case": [f"{{subject:{subject},pose:{pose}}}" for subject, pose in cases]}
+
+    def _compose(self, runs: Iterable[dict[str, str]]) -> Iterator[dict[str, Any]]:
+        """Yield the configuration of each run."""
+        hydra, parser = HydraConfig.instance(), OverridesParser.create()
+        composed: dict[tuple[str, ...], tuple[DictConfig, DictConfig]] = {}
+        for settings in runs:
+            values = {name: settings[name] for name in VALUES if name in settings}
+            others = tuple(_texts({name: value for name, value in settings.items() if name not in values}))
+            if others not in composed:
+                whole = self.loader.load_sweep_config(self.config, _texts(settings))
+                hydra.set_config(whole)  # the label may contain a choice of Hydra
+                parts = [name for name in whole if name != "hydra"]
+                composed[others] = OmegaConf.masked_copy(whole, parts), hydra.cfg
+            config, hydra.cfg = composed[others]
+            for text in _texts(values):
+                override = parser.parse_override(text)
+                OmegaConf.update(config, override.key_or_group, override.value())
+            yield plain_config(config)
+
+
+def _texts(settings: Mapping[str, str]) -> list[str]:
+    return [f"{name}={value}" for name, value in settings.items()]
 
 
 def plain_config(config: DictConfig) -> dict[str, Any]:
@@ -132,32 +181,6 @@ def runs_folder(plain: dict[str, Any]) -> Path:
     return Path(plain["paths"]["runs"], plain["run"]["folder"])
 
 
-def _compose(config: DictConfig, runs: list[dict[str, str]]) -> Iterator[dict[str, Any]]:
-    """Yield the configuration of each run of a sweep.
-
-    Composing takes a tenth of a second. Runs that differ in :data:`VALUES` only share one composition.
-    """
-    loader, hydra = GlobalHydra.instance().config_loader(), HydraConfig.instance()
-    parser, before = OverridesParser.create(), hydra.cfg
-    composed: dict[tuple[str, ...], tuple[DictConfig, DictConfig, dict[str, Any]]] = {}
-    for one in runs:
-        others = tuple(f"{name}={value}" for name, value in one.items() if name not in VALUES)
-        if others not in composed:
-            whole = loader.load_sweep_config(config, [f"{name}={value}" for name, value in one.items()])
-            hydra.set_config(whole)  # the label may contain a choice of Hydra
-            own = OmegaConf.masked_copy(whole, [name for name in whole if name != "hydra"])
-            composed[others] = own, hydra.cfg, plain_config(own)
-        own, hydra.cfg, plain = composed[others]
-        for name in VALUES:
-            if name in one:
-                OmegaConf.update(own, name, parser.parse_override(f"{name}={one[name]}").value())
-        parts = {name: OmegaConf.to_container(own[name], resolve=True) for name in ("dataset", "run")}
-        plain = plain | {"label": own.label, "seed": own.seed} | parts
-        hydra.cfg = before
-        check_settings(plain)
-        yield plain
-
-
 def _keep_plans(configs: Iterable[dict[str, Any]]) -> dict[str, str]:
     """Check that all cases exist and write the plan of each experiment; return the hashes of the code.
 
@@ -193,56 +216,6 @@ def _keep_plans(configs: Iterable[dict[str, Any]]) -> dict[str, str]:
     for folder, runs in plans.items():
         write_plan(folder, runs)
     return loaded_code(functions)
-
-
-def _overrides(config: DictConfig) -> list[str]:
-    """Return the settings of the command line, unresolved: a label may refer to values of a single run."""
-    return OmegaConf.to_container(config.hydra.overrides.task, resolve=False)
-
-
-def _add_overrides(config: DictConfig, *overrides: str) -> None:
-    """Add settings to every run of the sweep."""
-    with read_write(config), open_dict(config):
-        config.hydra.overrides.task = [*_overrides(config), *overrides]
-
-
-def _swept(config: DictConfig) -> dict[str, list[str]]:
-    """Return the values of each setting of a sweep, in the order of the sweeper."""
-    params = [f"{name}={values}" for name, values in (config.hydra.sweeper.params or {}).items()]
-    parser = OverridesParser.create(GlobalHydra.instance().config_loader())  # the loader resolves glob(*)
-    return {
-        override.get_key_element(): list(override.sweep_string_iterator())
-        if override.is_sweep_override()
-        else [override.get_value_element_as_str()]
-        for override in parser.parse_overrides([*params, *_overrides(config)])
-    }
-
-
-def _write_out_cases(config: DictConfig) -> None:
-    """Replace `all` subjects or poses of a sweep by the cases of the dataset.
-
-    A dataset need not have every pose of every subject, so subject and pose become one sweep over `case`.
-    A dataset without a list of cases has a single case.
-    """
-    swept = _swept(config)
-    asked = {name: swept.get(name, [str(config[name])]) for name in CASE}
-    if not any(ALL in values for values in asked.values()):
-        return
-    if any(name.split(".")[0] == "dataset" and len(values) > 1 for name, values in swept.items()):
-        raise InputError(f"{ALL} subjects or poses need a single dataset; sweep over one at a time")
-    check_root(config.dataset)
-    with read_write(config), open_dict(config):
-        params = {name: v for name, v in (config.hydra.sweeper.params or {}).items() if name not in CASE}
-        if "cases" in config.dataset:
-            require_allowed({"cases": config.dataset.cases}, where="the configuration of the dataset")
-            cases = locate(config.dataset.cases)(
-                config.dataset.root, **{f"{n}s": _numbers(n, asked[n]) for n in CASE}
-            )
-            params = {"case": ",".join(f"{{subject:{s},pose:{p}}}" for s, p in cases), **params}
-        config.hydra.sweeper.params = params
-        config.hydra.overrides.task = [
-            text for text in _overrides(config) if text.split("=", 1)[0] not in CASE
-        ]
 
 
 def _numbers(name: str, values: list[str]) -> list[int] | None:

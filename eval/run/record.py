@@ -22,7 +22,7 @@ import psutil
 
 from eval.rows.store import Row
 from sshade.errors import InputError
-from sshade.io.files import replacing
+from sshade.io.files import make_folder, replacing
 
 #: Folder with the records of sweeps, in the folder of the experiment.
 RECORDS = ".sweeps"
@@ -98,7 +98,7 @@ class SweepRecord:
     def create(cls, experiment: Path, sweep: Sweep) -> SweepRecord:
         """Create the record of a sweep in the folder of its experiment."""
         record = cls(experiment / RECORDS / f"{sweep.begin:%Y%m%dT%H%M%S.%f}_{os.getpid()}")
-        record.folder.mkdir(parents=True)
+        make_folder(record.folder)
         content = vars(sweep) | {"begin": sweep.begin.isoformat(), "code": dict(sweep.code)}
         content["host"] = sweep.host or socket.gethostname()
         with replacing(record.folder / "sweep.json") as temporary:

@@ -172,7 +172,7 @@ CASES = [
         says=("names subject 0, pose 9, which balls does not have",),
     ),
     Case("sound: remeasure tiny", "sshade-eval remeasure tiny", runs, leaves=(RUNS,)),
-    Case("run: what is there already", SWEEP, runs, leaves=(f"{RUNS}/tiny/multirun.yaml",)),
+    Case("run: what is there already", SWEEP, runs),
     Case(
         "topology: a mesh of garbage",
         "sshade-eval topology body.ply",
