@@ -30,8 +30,6 @@ class Metric:
         ``Deformed -> float``, NaN if not available.
     needs : tuple of {"handles", "truth", "posed"}
         Attributes that a task must have. Rows of other tasks lack the column.
-    better : {"lower"}
-        Direction of improvement.
     """
 
     name: str
@@ -39,7 +37,6 @@ class Metric:
     equation: str
     function: Function
     needs: tuple[Needs, ...] = ()
-    better: Literal["lower"] = "lower"
 
 
 #: All metrics by name, in the order of rows and legends.

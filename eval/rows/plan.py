@@ -12,7 +12,6 @@ import json
 import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 from eval.rows.store import MISSING, PLANS, Row
 from sshade.errors import InputError
@@ -20,9 +19,6 @@ from sshade.io.files import make_folder, replacing
 
 #: Columns of a planned run, and their types.
 _FACTS = {"method.name": str, "seed": int, "task.source": str}
-
-#: Settings that select a task of a dataset by number -> the same number in the name of the task.
-NUMBERED = {"subject": "subject_{:02d}", "pose": "pose_{}"}
 
 
 def write_plan(experiment: Path, runs: Sequence[Row]) -> None:
@@ -75,8 +71,8 @@ def forget_plans(experiment: Path) -> None:
 def missing_rows(planned: Iterable[Row], rows: Iterable[Row]) -> list[Row]:
     """Return a row with status ``missing`` for each planned run without a row.
 
-    The name of a task comes from a row of the same case, or of another subject or pose of the same dataset.
-    Without such a row, the settings that load the task replace its name.
+    The name of a task comes from a row of the same case. Without such a row, the settings that load the task
+    replace its name.
 
     Parameters
     ----------
@@ -86,15 +82,11 @@ def missing_rows(planned: Iterable[Row], rows: Iterable[Row]) -> list[Row]:
     """
     rows = list(rows)
     names = {_case(row): row["task.name"] for row in rows}
-    beside = ("root", *NUMBERED)
-    siblings = {_case(row, but_for=beside): row for row in rows}
     done = {(row["method.name"], row["task.name"], row["seed"]) for row in rows}
     missing = {}
     for run in planned:
         case = _case(run)
-        sibling = siblings.get(_case(run, but_for=beside))
-        learnt = names.get(case) or (_name_beside(run, sibling) if sibling else "")
-        name = learnt or run.get("task.name") or case
+        name = names.get(case) or run.get("task.name") or case
         run_of = (run["method.name"], name, run["seed"])
         if run_of not in done:
             missing[run_of] = {fact: run.get(fact) for fact in _FACTS} | {
@@ -105,29 +97,11 @@ def missing_rows(planned: Iterable[Row], rows: Iterable[Row]) -> list[Row]:
     return list(missing.values())
 
 
-def _name_beside(run: Row, sibling: Row) -> str:
-    """Derive the name of a task from a row of another subject or pose; "" if its name has no such numbers."""
-    own, other = _source(run), _source(sibling)
-    parts = sibling["task.name"].split("/")
-    for setting in own.keys() & NUMBERED.keys():
-        old, new = (NUMBERED[setting].format(source[setting]) for source in (other, own))
-        if old not in parts:
-            return ""
-        parts = [new if part == old else part for part in parts]
-    return "/".join(parts)
-
-
-def _case(run: Row, *, but_for: Iterable[str] = ("root",)) -> str:
+def _case(run: Row) -> str:
     """Return the settings that load a task as text, without the folder: copies of a dataset share cases."""
-    source = _source(run)
-    told = " ".join(f"{name}={value}" for name, value in source.items() if name not in but_for)
-    return told or run.get("task.source") or run["task.name"]
-
-
-def _source(run: Row) -> dict[str, Any]:
-    """Return the settings that load a task; empty if they are missing or damaged."""
     try:
         source = json.loads(run.get("task.source") or "")
-    except ValueError:
-        return {}
-    return source if isinstance(source, dict) else {}
+        settings = " ".join(f"{name}={value}" for name, value in source.items() if name != "root")
+    except (ValueError, AttributeError):  # the settings are missing or damaged
+        settings = ""
+    return settings or run.get("task.source") or run["task.name"]

@@ -10,17 +10,15 @@ import math
 import multiprocessing
 import signal
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
-from threading import Lock, current_thread, main_thread
+from threading import Lock
 from time import perf_counter, process_time
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
-import psutil
 
 from eval.metrics import Task
 from eval.rows.store import Row
@@ -137,8 +135,12 @@ def attempt_fresh(
     try:
         # Otherwise `start` starts the tracker, which unblocks the signals.
         resource_tracker.ensure_running()
-        with _no_interrupt():
+        # The process inherits the mask. Ctrl-C reaches this process alone, which ends the other process.
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
             process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         theirs.close()
         # As arguments, these values could block `start` for ever if the process ended before reading them.
         ours.send((method, task, seed, begun_with))
@@ -151,29 +153,6 @@ def attempt_fresh(
             process.kill()
             process.join()
         ours.close()
-
-
-@contextmanager
-def _no_interrupt() -> Iterator[None]:
-    """Delay Ctrl-C to the end of the block, and keep it from processes that start in the block.
-
-    New processes inherit the signal mask. In this process the mask is not enough, because other threads, such
-    as threads of BLAS, may receive the signal.
-    """
-    pressed: list[int] = []
-    handler = signal.getsignal(signal.SIGINT)
-    ours = handler is not None and current_thread() is main_thread()
-    if ours:
-        signal.signal(signal.SIGINT, lambda number, _: pressed.append(number))
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        if ours:
-            signal.signal(signal.SIGINT, handler)
-    if pressed:
-        raise KeyboardInterrupt
 
 
 def _answer(connection: Connection, time_limit: float | None, progress: Progress) -> Attempt:
@@ -244,8 +223,6 @@ def _peak_mib() -> float:
     high_water = process_memory("VmHWM")
     if high_water is not None:
         return high_water / 2**20
-    if sys.platform == "win32":
-        return psutil.Process().memory_info().peak_wset / 2**20
     import resource
 
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

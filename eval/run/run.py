@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -16,9 +17,9 @@ from eval.rows.store import SCHEMA, TRANSFER, VALID, Row, read_row, run_folder, 
 from eval.run.attempt import attempt, attempt_fresh, is_scalar
 from eval.run.code import METRICS, code_version, digest, require_unchanged
 from eval.run.provenance import config_hash, environment, library_versions, task_checksum
-from eval.run.shared import take_along
 from eval.run.targets import flat, instantiate, require_kind, settings, target_functions
 from sshade.errors import InputError
+from sshade.io.files import make_folder, replacing
 from sshade.progress import Progress, silent
 from sshade.task import DeformationTask
 
@@ -119,7 +120,7 @@ def run(
     row = _identity(task, method, name=name, seed=seed, source=source)
     folder = run_folder(root, row)
     if shared is not None and not force:
-        take_along(run_folder(shared, row), folder)
+        _copy_run(run_folder(shared, row), folder)
     fresh = fresh or time_limit is not None
     found = None if force else _find(folder, root.name, row, fresh=fresh, time_limit=time_limit)
     if found is not None:
@@ -141,6 +142,18 @@ def run(
     require_unchanged(functions)  # methods import modules while they run
     write_run(folder, row, vertices=done.vertices, curves=done.curves)
     return Outcome(row, folder)
+
+
+def _copy_run(run: Path, folder: Path) -> None:
+    """Copy a valid run to a folder without a valid run. The row is copied last and marks a complete run."""
+    there, here = read_row(run), read_row(folder)
+    if there is None or there["status"] not in VALID or (here is not None and here["status"] in VALID):
+        return
+    make_folder(folder)
+    for name in ("vertices.npy", "curves.npz", "row.json"):
+        if (run / name).is_file():
+            with replacing(folder / name) as temporary:
+                shutil.copyfile(run / name, temporary)
 
 
 def _find(

@@ -56,7 +56,9 @@ def instantiate(config: Mapping[str, Any]) -> Any:
 
 def locate(target: str) -> Callable[..., Any]:
     """Return the function with a dotted name; modules of the current folder are found, too."""
-    module_name, name = _split(target)
+    module_name, _, name = target.rpartition(".")
+    if not module_name:
+        raise InputError(f"_target_ {target!r} is no function; write package.module.function")
     search_here()
     try:
         module = importlib.import_module(module_name)
@@ -117,13 +119,6 @@ def flat(config: Mapping[str, Any], prefix: str) -> dict[str, Any]:
         else:
             columns[label] = str(value) if isinstance(value, (list, tuple)) else value
     return columns
-
-
-def _split(target: str) -> tuple[str, str]:
-    module, _, name = target.rpartition(".")
-    if not module:
-        raise InputError(f"_target_ {target!r} is no function; write package.module.function")
-    return module, name
 
 
 def check_parameters(function: Callable[..., Any], parameters: Mapping[str, Any], *, target: str) -> None:

@@ -61,16 +61,3 @@ def test_what_no_row_answers_for_is_missing():
     )
     assert missing_rows([one], [done("t3", pose=3)]) == []
     assert missing_rows([one | {"task.name": "t3"}], rows)[0]["task.name"] == "t3"
-
-
-def test_the_name_of_a_case_without_rows_is_learnt_from_others_of_its_dataset():
-    def numbered(subject, pose, root="data"):
-        source = {"_target_": "load", "root": root, "subject": subject, "pose": pose}
-        return {"method.name": "a", "seed": 0, "task.source": json.dumps(source)}
-
-    known = row("a", "bodies/subject_01/pose_2", task__source=numbered(1, 2)["task.source"], seed=0)
-    (one,) = missing_rows([numbered(1, 2), numbered(12, 3, root="copy")], [known])
-    assert one["task.name"] == "bodies/subject_12/pose_3"
-    other = known | {"task.name": "bodies/second"}
-    (one,) = missing_rows([numbered(12, 3)], [other])
-    assert one["task.name"] == "_target_=load subject=12 pose=3"
