@@ -12,7 +12,6 @@ import sshade
 from eval.rows.store import run_folders
 from eval.run import code
 from eval.run.run import run
-from eval.run.targets import target_functions
 
 TARGET = "ours.method.method"
 FILES = {
@@ -110,11 +109,6 @@ def test_libigls_rows_do_not_depend_on_our_energy_and_pipeline():
     assert not [place for place in places if place.startswith(parts)]
     ours = code.loaded_code(["sshade.deform"])
     assert all(any(place.startswith(part) for place in ours) for part in parts)
-
-
-def test_all_functions_of_a_configuration_count():
-    nested = {"_target_": "sshade.deform", "coarse": {"_target_": "baselines.arap.arap", "start": "rest"}}
-    assert target_functions(nested) == {"sshade.deform", "baselines.arap.arap"}
 
 
 # The tests below run a user's own method, which no package of the project holds.

@@ -182,7 +182,6 @@ def test_a_row_out_of_its_band_is_exit_code_1(tmp_path):
     ("arguments", "message"),
     [
         (["dataset=bumpy", "method=paper", "proxy.vertices=9"], "9 proxy vertices cannot hold"),
-        (["dataset=bumpy", "method=sshade_fast"], "sshade_fast is now named fast; write fast in place"),
         (["-m", "dataset=bumpy", "method=arap,sshade"], "the method sshade is now named paper; write paper"),
         (["dataset=bumpy", "method=fine", "method.limit=1"], "now named method.strain_limit; write"),
         (["dataset=bumpy", "method@method.coarse=sshade_fine"], "sshade_fine is now named fine"),

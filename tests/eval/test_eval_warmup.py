@@ -8,11 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from eval.run.warmup import (
-    tiny_task,
-    tiny_transfer,
-    warm_up,
-)
+from eval.run.warmup import tiny_task, tiny_transfer, warm_up
 from sshade.task import DeformationResult, DeformationTask, TransferTask
 
 #: Prints the kernels that a method compiles, or loads, after its warm-up: by two caps, then by two wide ones.

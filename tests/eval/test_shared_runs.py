@@ -21,29 +21,21 @@ def make(tmp_path):
     return make
 
 
-def test_an_equal_run_is_taken_along(make, tmp_path):
+def test_an_equal_run_with_a_result_is_taken_along(make, tmp_path):
     first = make(STRETCHING, "a")
     second = make(STRETCHING, "b", shared=tmp_path / "a")
     assert second.row == first.row == read_row(second.folder) and second.folder != first.folder
     assert (second.folder / "vertices.npy").read_bytes() == (first.folder / "vertices.npy").read_bytes()
     assert make(STRETCHING, "c").row["date"] != first.row["date"]  # which shares nothing
-
-
-def test_one_of_another_seed_is_not(make, tmp_path):
-    make(STRETCHING, "a")
     assert make(STRETCHING, "b", shared=tmp_path / "a", seed=1).row["seed"] == 1
-    assert len(run_folders(tmp_path / "b")) == 1
-
-
-def test_one_without_a_result_is_run_again(make, tmp_path):
-    first = make(FAILING, "a")
-    second = make(FAILING, "b", shared=tmp_path / "a")
-    assert second.row["status"] == "failed" and second.row["date"] > first.row["date"]
+    assert len(run_folders(tmp_path / "b")) == 2
+    failed = make(FAILING, "a")
+    assert make(FAILING, "b", shared=tmp_path / "a").row["date"] > failed.row["date"]
 
 
 def test_what_is_there_already_or_asked_for_anew_is_not_replaced(make, tmp_path):
-    own = make(STRETCHING, "b")
+    earlier = make(STRETCHING, "b")
     other = make(STRETCHING, "a")
-    assert make(STRETCHING, "b", shared=tmp_path / "a").row == own.row
+    assert make(STRETCHING, "b", shared=tmp_path / "a").row == earlier.row
     forced = make(STRETCHING, "b", shared=tmp_path / "a", force=True)
     assert forced.row["date"] > other.row["date"]

@@ -5,21 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eval.metrics import Deformed
-from eval.metrics.creases import bend, bend_tail, spike
+from eval.metrics import Deformed, measure
 from eval.metrics.detail import detail
-from eval.metrics.distortion import (
-    collapsed,
-    distortion,
-    distortion_95,
-    distortion_99,
-    distortion_max,
-)
+from eval.metrics.distortion import collapsed, distortion, distortion_95, distortion_max
 from eval.metrics.shape import Topology, weighted_percentile
 from sshade import DeformationTask, Handles, Mesh
 from tests.shapes import bumpy, quads, rotation, strip
-
-ALL = (distortion, distortion_95, distortion_99, distortion_max, collapsed, bend, bend_tail, spike, detail)
 
 
 def grid(size: int = 12) -> Mesh:
@@ -28,19 +19,19 @@ def grid(size: int = 12) -> Mesh:
     return Mesh(np.stack([x, y, np.zeros_like(x)], axis=2).reshape(-1, 3), quads(size, size))
 
 
-def task(mesh: Mesh, *, index: list[int] | None = None, truth: np.ndarray | None = None) -> DeformationTask:
-    index = [0, mesh.n - 1] if index is None else index
-    group = np.arange(len(index))
-    return DeformationTask("task", mesh, Handles(np.array(index), mesh.V[index], group=group), truth=truth)
+def task(mesh: Mesh) -> DeformationTask:
+    index = np.array([0, mesh.n - 1])
+    return DeformationTask("task", mesh, Handles(index, mesh.V[index], group=np.arange(2)))
 
 
-@pytest.mark.parametrize("measure", ALL, ids=lambda f: getattr(f, "__name__", "percentile"))
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
-def test_a_rigid_motion_changes_nothing(measure, scale):
+def test_a_rigid_motion_is_no_deformation(scale):
     mesh = bumpy()
     mesh = Mesh(scale * mesh.V, mesh.F)
     moved = mesh.V @ rotation(3).T + scale * np.array([3.0, -2.0, 1.0])
-    assert measure(Deformed(task(mesh), moved)) == pytest.approx(0.0, abs=1e-5)
+    found = measure(task(mesh), moved)
+    assert found.pop("handle") > 1
+    assert found == pytest.approx(dict.fromkeys(found, 0.0), abs=1e-5)
 
 
 def test_percentiles_count_area_not_faces():

@@ -4,7 +4,6 @@ import csv
 from pathlib import Path
 
 import pytest
-import yaml
 
 from eval.configure.compose import read_choice, resolved
 from eval.rows.csv_rows import COUNT
@@ -62,16 +61,6 @@ def test_labels_with_settings_are_renamed_by_their_method():
     old = {"method.coarse.parts": 0.1, "method.limit": None, "extra.proxy_basin": "lead", "metric.limit": 1}
     new = {"method.coarse.attachment": 0.1, "method.strain_limit": None}
     assert with_new_names(old) == new | {"extra.proxy_initialisation": "guide", "metric.limit": 1}
-
-
-def test_committed_experiments_have_methods_of_today():
-    names = set(read_csv(RESULTS / "rows/table1.csv")["method.name"])
-    assert names <= {path.stem for path in METHOD_FILES}
-
-
-def test_method_files_name_only_methods_of_today():
-    for path in METHOD_FILES:
-        assert "sshade_" not in str(yaml.safe_load(path.read_text()).get("defaults"))
 
 
 @pytest.mark.parametrize("old", METHODS)

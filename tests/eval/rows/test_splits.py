@@ -39,10 +39,3 @@ def test_a_case_of_the_other_half_is_refused(split):
     for stated in (split, BOTH, None):
         require_split(cases[split], stated)
     require_split("mine/pose", split)
-
-
-def test_there_are_no_other_halves():
-    with pytest.raises(
-        InputError, match="run.split=test does not fit; it takes tuning, held_out, both or null"
-    ):
-        require_split("mine/pose", "test")
