@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -53,9 +53,7 @@ def metric(unit: str, equation: str, *needs: Needs) -> Callable[[Function], Func
     return register
 
 
-def measure(
-    task: Task, vertices: np.ndarray, *, only: Collection[str] = METRICS.keys()
-) -> dict[str, float | None]:
+def measure(task: Task, vertices: np.ndarray) -> dict[str, float | None]:
     """Compute all metrics that apply to a task; None if a value is not available.
 
     Parameters
@@ -63,13 +61,11 @@ def measure(
     task : DeformationTask or TransferTask
     vertices : (n, 3) float
         M', in the numbering of the task's mesh.
-    only : collection of str
-        Names of the metrics; by default all metrics.
     """
     deformed = Deformed(task, vertices)
     values = {
         name: float(metric.function(deformed))
         for name, metric in METRICS.items()
-        if name in only and all(getattr(task, fact, None) is not None for fact in metric.needs)
+        if all(getattr(task, fact, None) is not None for fact in metric.needs)
     }
     return {name: value if np.isfinite(value) else None for name, value in values.items()}

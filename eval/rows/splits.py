@@ -18,22 +18,20 @@ TUNING, HELD_OUT = "tuning", "held_out"
 BOTH = "both"
 
 
-def split_of(task: str, splits: Mapping[str, Sequence[str]] | None = None) -> str | None:
+def split_of(task: str) -> str | None:
     """Return the half of a case: ``"tuning"``, ``"held_out"``, or None if neither half names it.
 
     Parameters
     ----------
     task : str
         Name of the task, such as ``defaust-synthetic/subject_05/pose_7``.
-    splits : mapping, optional
-        Patterns by half; by default from ``conf/splits.yaml``.
 
     Raises
     ------
     InputError
         When both halves name the task.
     """
-    splits = read_splits() if splits is None else splits
+    splits = read_splits()
     halves = [half for half in (TUNING, HELD_OUT) if any(fnmatchcase(task, p) for p in splits[half])]
     if len(halves) > 1:
         raise InputError(f"conf/splits.yaml puts {task} into both halves; a case belongs to one")

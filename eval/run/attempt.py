@@ -15,7 +15,6 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from threading import Lock
 from time import perf_counter, process_time
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -64,7 +63,7 @@ class Attempt(NamedTuple):
 
     facts: Row
     vertices: np.ndarray | None = None
-    curves: Mapping[str, np.ndarray] = MappingProxyType({})
+    curves: Mapping[str, np.ndarray] = {}
 
 
 def attempt(
@@ -195,7 +194,7 @@ def _child(connection: Connection, report: bool) -> None:
         progress=send.progress if report else silent,
         before_clock=lambda: send(CLOCK),
     )
-    send(done._replace(facts=done.facts | {"peak_mib": _peak_mib()}, curves=dict(done.curves)))
+    send(done._replace(facts=done.facts | {"peak_mib": _peak_mib()}))
 
 
 class _Sender:
