@@ -10,7 +10,7 @@ import pytest
 from eval_cases import bumpy_task, run_eval
 
 from eval.rows.collect import collect, gather
-from eval.rows.frame import records, write_csv
+from eval.rows.frame import records
 from eval.rows.store import run_folders
 from eval.run.record import Sweep, SweepRecord
 from sshade.io.handles import write_handles
@@ -105,20 +105,6 @@ def test_the_plan_of_sweeps_outlives_them_and_tells_what_is_missing(tmp_path):
         ("stretching-4.0", "bumpy_1"),
         ("stretching-4.0", "bumpy_2"),
     ]
-
-
-def test_a_sweep_counts_published_rows_of_its_version(tmp_path):
-    sweep = ["-m", "dataset=bumpy", "dataset.level=2", "method=stretching", "seed=0,1", "run.experiment=mine"]
-    assert run_eval(tmp_path, *sweep).returncode == 0
-    rows = collect(tmp_path / "out/runs/mine")
-    write_csv(tmp_path / "results/rows/mine.csv", rows[rows["seed"] == 1])
-    shutil.rmtree(tmp_path / "out")
-    again = run_eval(tmp_path, *sweep)
-    assert again.returncode == 0, again.stderr
-    lines = again.stdout.splitlines()
-    assert "seed 1: not_converged" in lines[1] and "already published [2 done" in lines[1]
-    assert lines[2] == "2 runs: 1 new (1 not_converged), 1 kept"
-    assert len(run_folders(tmp_path / "out/runs")) == 1
 
 
 def test_an_edit_ends_a_sweep_and_leaves_no_row(tmp_path):
