@@ -148,7 +148,7 @@ def picture(
 
 
 def new_plotter(**options: Any) -> Any:
-    """Return a pyvista plotter, by default off-screen; the background is white.
+    """Return a pyvista plotter with a white background. It draws off-screen unless the options differ.
 
     Raises
     ------
@@ -273,7 +273,7 @@ def aim(plotter: Any, view: View) -> None:
 
 
 def require_extra(*libraries: str) -> None:
-    """Raise InputError if a library of the extra ``figures`` is missing, by default matplotlib or pyvista."""
+    """Raise InputError if a library is missing. Without names, matplotlib and pyvista are required."""
     from importlib.util import find_spec
 
     for library in libraries or ("matplotlib", "pyvista"):

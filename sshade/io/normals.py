@@ -8,7 +8,9 @@ from numba import njit
 from sshade.mesh.seams import same_rows
 
 
-def turns(group: np.ndarray, F: np.ndarray, rest: np.ndarray, posed: np.ndarray) -> np.ndarray:
+def turns(
+    group: np.ndarray, F: np.ndarray, rest: np.ndarray, posed: np.ndarray, *, groups: int | None = None
+) -> np.ndarray:
     """Compute the rotation of the surface at each group of corners of its triangles.
 
     The frame of a group consists of its area-weighted mean normal and of the median of its largest
@@ -23,12 +25,14 @@ def turns(group: np.ndarray, F: np.ndarray, rest: np.ndarray, posed: np.ndarray)
     F : (m, 3) int
     rest, posed : (n, 3) float64
         Positions before and after the deformation.
+    groups : int, optional
+        Number k of groups, by default up to the last group that has a corner.
 
     Returns
     -------
     (k, 3, 3) float64
     """
-    groups = int(group.max(initial=-1)) + 1
+    groups = int(group.max(initial=-1)) + 1 if groups is None else groups
     arrays = (np.ascontiguousarray(V, dtype=np.float64) for V in (rest, posed))
     return _turns(group, F, *arrays, groups)
 
@@ -48,10 +52,7 @@ def vertex_turns(N: np.ndarray, F: np.ndarray, rest: np.ndarray, posed: np.ndarr
     (n, 3, 3) float64
     """
     group = same_rows(np.column_stack([rest, posed, N]))
-    Q = np.tile(np.eye(3), (int(group.max(initial=-1)) + 1, 1, 1))
-    known = turns(group[F], F, rest, posed)  # groups behind the last one with a face are missing
-    Q[: len(known)] = known
-    return Q[group]
+    return turns(group[F], F, rest, posed, groups=int(group.max(initial=-1)) + 1)[group]
 
 
 # The helpers are inlined, because each call would count references to the arrays.

@@ -65,7 +65,7 @@ class Text:
         self.size = np.diff(self.first, append=len(self.begin))
 
     def keys(self, *, fold: bool = False) -> np.ndarray:
-        """Return :func:`key_of` (l,) the first word of each line, in lower case with `fold`."""
+        """Return the keys (l,) of the first words of all lines; with `fold`, in lower case."""
         padded = (self.data.lower() if fold else self.data) + bytes(8)
         eight = np.ndarray(len(self.data), "<u8", padded, strides=(1,))  # the eight bytes from each place on
         length = np.minimum(self.end[self.first] - self.begin[self.first], 8)
@@ -83,7 +83,7 @@ class Text:
         return max(before.count(b"\n"), before.count(b"\r")) + 1
 
     def line_ends(self, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the bytes where some lines begin, and where the lines behind them begin."""
+        """Return the bytes where some lines begin, and the bytes where their next lines begin."""
         after = np.searchsorted(self._breaks, self.begin[self.first[lines]])
         begin, end = self._breaks[after - 1] + 1, self._breaks[after] + 1
         following = self._bytes.take(end, mode="clip")
@@ -143,9 +143,8 @@ class Text:
         text = np.where(chosen, self._bytes[low:high], np.uint8(_BLANK)).tobytes()
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter(
-                    "error", DeprecationWarning
-                )  # NumPy before 2.3 returns what it has read
+                # NumPy before 2.3 warns of a wrong word, and returns the numbers before it.
+                warnings.simplefilter("error", DeprecationWarning)
                 value: np.ndarray = np.fromstring(text, dtype=kind, sep=" ")
         except (ValueError, DeprecationWarning):
             return None
