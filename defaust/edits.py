@@ -69,9 +69,7 @@ class Inflate:
         """Edited vertices (n, 3)."""
         region = _around(mesh, self.at, self.radius)
         normals = _smooth_normals(mesh, region.vertices, 0.5 * self.radius * mesh.diagonal)
-        V = mesh.V.copy()
-        V[region.vertices] += self.amount * mesh.diagonal * region.weight[:, None] * normals
-        return V
+        return _moved(mesh, region, normals, self.amount)
 
 
 @dataclass(frozen=True)
@@ -99,10 +97,7 @@ class Stretch:
         """Edited vertices (n, 3)."""
         region = _around(mesh, self.at, self.radius)
         axis = mesh.V[region.seed] - mesh.V[region.vertices].mean(axis=0)
-        axis = axis / np.linalg.norm(axis)
-        V = mesh.V.copy()
-        V[region.vertices] += self.amount * mesh.diagonal * region.weight[:, None] * axis
-        return V
+        return _moved(mesh, region, axis / np.linalg.norm(axis), self.amount)
 
 
 @dataclass(frozen=True)
@@ -128,8 +123,7 @@ class Horns:
         for place in self.at:
             region = _around(mesh, place, self.radius)
             normal = (region.weight[:, None] * _normals(mesh)[region.vertices]).sum(axis=0)
-            normal = normal / np.linalg.norm(normal)
-            V[region.vertices] += self.height * mesh.diagonal * region.weight[:, None] * normal
+            V += _moved(mesh, region, normal / np.linalg.norm(normal), self.height) - mesh.V
         return V
 
 
@@ -169,9 +163,7 @@ class Fin:
         along = before[piece[inside]] + np.linalg.norm(nearest[inside] - ridge[piece[inside]], axis=1)
         profile = np.sin(np.pi * along / before[-1]) ** 2 * _bump(np.sqrt(squared[inside]) / width)
         normals = _smooth_normals(mesh, inside, width)
-        V = mesh.V.copy()
-        V[inside] += self.height * mesh.diagonal * profile[:, None] * normals
-        return V
+        return _moved(mesh, _Region(path[0], inside, profile), normals, self.height)
 
 
 class _Region(NamedTuple):
@@ -193,6 +185,13 @@ def _around(mesh: Mesh, at: Sequence[float], radius: float) -> _Region:
             f"an edit of radius {radius:g} x the diagonal moves one vertex of this mesh; use a larger radius"
         )
     return _Region(seed, vertices, _bump(distance[vertices]))
+
+
+def _moved(mesh: Mesh, region: _Region, direction: np.ndarray, amount: float) -> np.ndarray:
+    """Vertices after the displacement of a region by a fraction of the diagonal."""
+    V = mesh.V.copy()
+    V[region.vertices] += amount * mesh.diagonal * region.weight[:, None] * direction
+    return V
 
 
 def _require_length(value: float, name: str) -> None:
@@ -248,9 +247,7 @@ def _smoothed(points: np.ndarray, length: float) -> np.ndarray:
 def _normals(mesh: Mesh) -> np.ndarray:
     """Area-weighted unit normals (n, 3) at vertices."""
     total = np.zeros((mesh.n, 3))
-    for c in range(3):
-        for corner in range(3):
-            total[:, c] += np.bincount(mesh.F[:, corner], (mesh.face_areas * mesh.face_normals[:, c]), mesh.n)
+    np.add.at(total, mesh.F, (mesh.face_areas[:, None] * mesh.face_normals)[:, None])
     return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), np.finfo(float).tiny)
 
 

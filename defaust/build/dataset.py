@@ -15,18 +15,8 @@ from defaust.build.lock import LOCK, sole_builder
 from defaust.build.options import BuildOptions
 from defaust.build.subject import UnusableError
 from defaust.build.workers import build_subjects
+from defaust.folder import layout
 from defaust.folder.card import render_card
-from defaust.folder.layout import (
-    CARD,
-    DATASET,
-    FORMAT,
-    WORK,
-    checksum,
-    dump,
-    sha256,
-    subject_folder,
-    write_text,
-)
 from defaust.folder.record import FINISHED, read_dataset, read_json, read_record
 from defaust.sources.source import Source
 from sshade import InputError
@@ -107,7 +97,7 @@ def build(
                 log.warning("left out: %s", record)
             else:
                 done[subject] = record
-                write_text(_record_path(out, subject), dump(record))
+                layout.write_text(_record_path(out, subject), layout.dump(record))
                 for pose in record.get("left_out", ()):
                     log.warning("left out: subject %d, pose %d: %s", subject, pose["pose"], pose["reason"])
             progress("subjects", len(done) + len(unusable), len(subjects), f"subject {subject} done")
@@ -140,7 +130,7 @@ def _recipe(source: Source, options: BuildOptions) -> dict[str, Any]:
     files = source.checksums(subjects)
     build = asdict(options) | {"subjects": list(subjects), "window": list(options.window)}
     return {
-        "format": FORMAT,
+        "format": layout.FORMAT,
         "name": f"defaust-{source.name}",
         "source": {"name": source.name, **source.provenance, **({"files": dict(files)} if files else {})},
         "build": build,
@@ -158,12 +148,12 @@ def _recipe(source: Source, options: BuildOptions) -> dict[str, Any]:
 
 def _prepare(out: Path, recipe: dict[str, Any]) -> None:
     """Check that the folder was built by the same recipe, and begin or resume the build."""
-    started, finished = out / WORK / RECIPE, out / DATASET
-    others = [path for path in out.iterdir() if path.name not in (LOCK, WORK)]
+    started, finished = out / layout.WORK / RECIPE, out / layout.DATASET
+    others = [path for path in out.iterdir() if path.name not in (LOCK, layout.WORK)]
     if others and not started.is_file() and not finished.is_file():
         raise InputError(f"{out} is not empty and holds no DeFAUST build; give another out")
     # A recipe without a finished subject may be replaced.
-    begun = any((out / WORK).glob("subject_*.json"))
+    begun = any((out / layout.WORK).glob("subject_*.json"))
     for path in (started, finished) if begun else (finished,):
         if path.is_file():
             before = read_json(path)
@@ -175,14 +165,14 @@ def _prepare(out: Path, recipe: dict[str, Any]) -> None:
                     f"{out} was built with another configuration: {difference}; "
                     "give another out, or delete the folder"
                 )
-    make_folder(out / WORK)
-    for folder in (out, out / WORK):
+    make_folder(out / layout.WORK)
+    for folder in (out, out / layout.WORK):
         for path in folder.glob(".*.partial*"):  # leftovers of a killed build
             if path.is_dir():
                 shutil.rmtree(path)
             else:
                 path.unlink()
-    write_text(started, dump(recipe))
+    layout.write_text(started, layout.dump(recipe))
 
 
 def _difference(before: Any, now: Any, *, where: str = "") -> str:
@@ -197,16 +187,16 @@ def _difference(before: Any, now: Any, *, where: str = "") -> str:
 
 
 def _record_path(out: Path, subject: int) -> Path:
-    return out / WORK / f"{subject_folder(subject)}.json"
+    return out / layout.WORK / f"{layout.subject_folder(subject)}.json"
 
 
 def _finished(out: Path, subjects: Sequence[int]) -> dict[int, dict[str, Any]]:
     """Records of the subjects whose files are complete and intact."""
     records: dict[int, dict[str, Any]] = {}
-    if (out / DATASET).is_file():  # a finished dataset, perhaps with damaged files
+    if (out / layout.DATASET).is_file():  # a finished dataset, perhaps with damaged files
         document = read_dataset(out, intact=False)
         for record in document["subjects"]:
-            inside = f"{subject_folder(record['subject'])}/"
+            inside = f"{layout.subject_folder(record['subject'])}/"
             files = {name: e for name, e in document["files"].items() if name.startswith(inside)}
             records[record["subject"]] = record | {"files": files}
     for subject in subjects:
@@ -219,7 +209,7 @@ def _finished(out: Path, subjects: Sequence[int]) -> dict[int, dict[str, Any]]:
             records.pop(subject, None)
     for subject, record in list(records.items()):
         for name, entry in record["files"].items():
-            if not (out / name).is_file() or sha256(out / name) != entry["sha256"]:
+            if not (out / name).is_file() or layout.sha256(out / name) != entry["sha256"]:
                 log.warning("%s is missing or damaged: subject %d is built again", out / name, subject)
                 del records[subject]
                 break
@@ -238,10 +228,10 @@ def _finish(
     subjects = [{key: value for key, value in record.items() if key != "files"} for record in records]
     left_out = [{"subject": s, "reason": str(unusable[s])} for s in sorted(unusable)]
     document = recipe | {"subjects": subjects, **({"left_out": left_out} if left_out else {}), "files": files}
-    write_text(out / CARD, render_card(document))
-    path = out / CARD
-    document["files"] = files | {CARD: {"sha256": sha256(path), "bytes": path.stat().st_size}}
-    document["checksum"] = checksum(document)
-    write_text(out / DATASET, dump(document))
-    shutil.rmtree(out / WORK)
+    layout.write_text(out / layout.CARD, render_card(document))
+    path = out / layout.CARD
+    document["files"] = files | {layout.CARD: {"sha256": layout.sha256(path), "bytes": path.stat().st_size}}
+    document["checksum"] = layout.checksum(document)
+    layout.write_text(out / layout.DATASET, layout.dump(document))
+    shutil.rmtree(out / layout.WORK)
     return document

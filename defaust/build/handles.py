@@ -7,17 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from defaust.sources.source import Region
+from defaust.build.options import BuildOptions
+from defaust.sources.source import SourcePose
 from sshade import InputError, Mesh
 from sshade.io.regions import rigidly_moved, vertices_in
 from sshade.mesh.adjacency import edge_graph
-
-#: Number of handles of a landmark, and number of graph-nearest vertices that they are drawn from.
-PER_LANDMARK = 30
-NEIGHBOURHOOD = 60
-#: Maximum mean displacement of a static landmark, as a fraction of the rest mesh's bounding-box diagonal.
-#: On a body this is about 0.1 m. The paper sums over 30 handles instead, which gives 3 m.
-STATIC_BELOW = 0.05
 
 STATIC, DYNAMIC, UNUSED = "static", "dynamic", "unused"
 
@@ -56,13 +50,7 @@ def nearest_vertices(mesh: Mesh, vertex: int, *, count: int) -> np.ndarray:
 
 
 def choose_handles(
-    mesh: Mesh,
-    landmarks: Mapping[str, int],
-    *,
-    subject: int,
-    seed: int,
-    per_landmark: int = PER_LANDMARK,
-    neighbourhood: int = NEIGHBOURHOOD,
+    mesh: Mesh, landmarks: Mapping[str, int], *, subject: int, options: BuildOptions
 ) -> dict[str, np.ndarray]:
     """Draw random vertices near each landmark (H_l of the paper). No two landmarks share a vertex.
 
@@ -75,13 +63,13 @@ def choose_handles(
         Registered rest mesh.
     landmarks : mapping
         Vertex of each landmark.
-    subject, seed : int
-    per_landmark, neighbourhood : int
-        Number of handles, and number of nearest vertices that they are drawn from.
+    subject : int
+    options : BuildOptions
+        The seed, the number of handles, and the number of nearest vertices that they are drawn from.
 
     Returns
     -------
-    dict of (per_landmark,) int64, ascending
+    dict of (handles_per_landmark,) int64, ascending
 
     Raises
     ------
@@ -89,23 +77,23 @@ def choose_handles(
         When landmarks are too close to each other, so that too few vertices are left.
     """
     taken = np.zeros(mesh.n, dtype=bool)
-    chosen = {}
+    chosen, count = {}, options.handles_per_landmark
     for number, (name, vertex) in enumerate(landmarks.items()):
-        near = nearest_vertices(mesh, vertex, count=neighbourhood)
+        near = nearest_vertices(mesh, vertex, count=options.neighbourhood)
         free = near[~taken[near]]
-        if len(free) < per_landmark:
+        if len(free) < count:
             raise InputError(
                 f"landmark {name!r} has {len(free)} vertices left that no other landmark took, "
-                f"and needs {per_landmark}; use fewer landmarks or a larger neighbourhood"
+                f"and needs {count}; use fewer landmarks or a larger neighbourhood"
             )
-        rng = np.random.default_rng([seed, subject, number])
-        chosen[name] = np.sort(rng.choice(free, size=per_landmark, replace=False))
+        rng = np.random.default_rng([options.seed, subject, number])
+        chosen[name] = np.sort(rng.choice(free, size=count, replace=False))
         taken[chosen[name]] = True
     return chosen
 
 
 def displacement(
-    source: np.ndarray, target: np.ndarray, *, diagonal: float, static_below: float = STATIC_BELOW
+    source: np.ndarray, target: np.ndarray, *, diagonal: float, static_below: float
 ) -> Displacement:
     """Compute Delta_l, the sum over H_l of |v - pi(v)|, its mean, and the kind of the landmark.
 
@@ -126,54 +114,27 @@ def displacement(
 
 def handle_records(
     rest: Mesh,
-    posed: np.ndarray,
+    posed: np.ndarray | None,
+    pose: SourcePose,
     *,
+    regions: Sequence[str],
     chosen: Mapping[str, np.ndarray],
-    used: Sequence[str],
-    static_below: float = STATIC_BELOW,
+    static_below: float,
 ) -> list[dict[str, Any]]:
-    """Make the entries of a pose file, one for each landmark, in the order of `chosen`.
-
-    Parameters
-    ----------
-    rest : Mesh
-    posed : (n, 3) float64
-        Vertices of the registered target pose.
-    chosen : mapping
-        See :func:`choose_handles`.
-    used : sequence of str
-        Landmarks with handles in this pose; other landmarks are listed as unused.
-    static_below : float
-        See :func:`displacement`.
-    """
-    records: list[dict[str, Any]] = []
-    for name, index in chosen.items():
-        if name not in used:
-            records.append(_unused(name))
-            continue
-        source, target = rest.V[index], posed[index]
-        d = displacement(source, target, diagonal=rest.diagonal, static_below=static_below)
-        records.append(_facts(name, d) | {"source": source.tolist(), "target": target.tolist()})
-    return records
-
-
-def region_records(
-    rest: Mesh,
-    regions: Sequence[Region],
-    *,
-    landmarks: Sequence[str] = (),
-    static_below: float = STATIC_BELOW,
-) -> list[dict[str, Any]]:
-    """Make the entries of a pose file for landmarks that are regions.
+    """Make the entries of a pose file: landmarks that are regions, then landmarks with handles.
 
     Parameters
     ----------
     rest : Mesh
         Registered rest mesh, on which displacements are measured.
-    regions : sequence of Region
-    landmarks : sequence of str
-        All landmarks in the order of their ids; landmarks without a region are listed as unused. By default
-        only the landmarks of the regions.
+    posed : (n, 3) float64, optional
+        Vertices of the registered target pose; None if only its regions are known.
+    pose : SourcePose
+        Its landmarks have handles; other landmarks are listed as unused.
+    regions : sequence of str
+        Landmarks that are regions, in the order of their ids.
+    chosen : mapping
+        Handles of the other landmarks; see :func:`choose_handles`.
     static_below : float
         See :func:`displacement`.
 
@@ -182,29 +143,29 @@ def region_records(
     InputError
         When a region has no vertex.
     """
-    records = {name: _unused(name) for name in landmarks}
-    for region in regions:
+
+    def facts(landmark: str, source: np.ndarray, target: np.ndarray) -> dict[str, Any]:
+        d = displacement(source, target, diagonal=rest.diagonal, static_below=static_below)
+        return {"landmark": landmark, "kind": d.kind, "delta": d.delta, "delta_mean": d.delta_mean}
+
+    records = {name: _unused(name) for name in regions}
+    for region in pose.regions:
         source = rest.V[vertices_in(rest.V, region.boxes)]
         target = rigidly_moved(source, region.rotation, region.translation)
-        d = displacement(source, target, diagonal=rest.diagonal, static_below=static_below)
-        records[region.landmark] = _facts(region.landmark, d) | {
+        records[region.landmark] = facts(region.landmark, source, target) | {
             "boxes": region.boxes,
             "rotation": region.rotation.tolist(),
             "translation": region.translation.tolist(),
         }
+    for name, index in chosen.items() if posed is not None else ():
+        records[name] = _unused(name)
+        if name in pose.landmarks:
+            source, target = rest.V[index], posed[index]
+            positions = {"source": source.tolist(), "target": target.tolist()}
+            records[name] = facts(name, source, target) | positions
     return list(records.values())
 
 
-def _facts(landmark: str, d: Displacement) -> dict[str, Any]:
-    return {"landmark": landmark, "kind": d.kind, "delta": d.delta, "delta_mean": d.delta_mean}
-
-
 def _unused(landmark: str) -> dict[str, Any]:
-    return {
-        "landmark": landmark,
-        "kind": UNUSED,
-        "delta": None,
-        "delta_mean": None,
-        "source": [],
-        "target": [],
-    }
+    facts = {"landmark": landmark, "kind": UNUSED, "delta": None, "delta_mean": None}
+    return facts | {"source": [], "target": []}

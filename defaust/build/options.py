@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from defaust.build.handles import NEIGHBOURHOOD, PER_LANDMARK, STATIC_BELOW
-from defaust.build.upsample import check_window
 from defaust.folder.record import BUILD
 from sshade import InputError
 
@@ -36,7 +34,8 @@ class BuildOptions:
         Number of vertices nearest to a landmark that its handles are drawn from.
     static_below : float
         A landmark is static if its mean displacement is below this fraction of the rest mesh's
-        bounding-box diagonal.
+        bounding-box diagonal. On a body the default is about 0.1 m. The paper sums over 30 handles instead,
+        which gives 3 m.
     """
 
     subjects: tuple[int, ...] | None = None
@@ -45,9 +44,9 @@ class BuildOptions:
     window: tuple[float, float] = (0.9, 1.1)
     ls3_steps: int | None = None
     remesh_iterations: int = 5
-    handles_per_landmark: int = PER_LANDMARK
-    neighbourhood: int = NEIGHBOURHOOD
-    static_below: float = STATIC_BELOW
+    handles_per_landmark: int = 30
+    neighbourhood: int = 60
+    static_below: float = 0.05
 
     def __post_init__(self) -> None:
         counts = ("target_vertices", "remesh_iterations", "handles_per_landmark", "neighbourhood")
@@ -62,7 +61,8 @@ class BuildOptions:
                 f"{self.handles_per_landmark} handles cannot be drawn from a neighbourhood "
                 f"of {self.neighbourhood} vertices"
             )
-        check_window(self.window)
+        if not 0 < self.window[0] <= 1 <= self.window[1]:
+            raise InputError(f"window is {list(self.window)}; give two numbers around 1, e.g. [0.9, 1.1]")
         if self.subjects is not None:
             if not self.subjects:
                 raise InputError("subjects is empty; list at least one, or leave it null for all")

@@ -9,20 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from defaust.build.handles import DYNAMIC, STATIC, choose_handles, handle_records, region_records
+from defaust.build.handles import DYNAMIC, STATIC, choose_handles, handle_records
 from defaust.build.options import BuildOptions
 from defaust.build.upsample import Upsampled, self_intersecting, upsample
-from defaust.folder.layout import (
-    REST,
-    REST_LOW,
-    dump,
-    pose_file,
-    pose_mesh,
-    sha256,
-    subject_folder,
-    write_text,
-)
-from defaust.sources.source import Source, SourcePose
+from defaust.folder import layout
+from defaust.sources.source import Source
 from sshade import InputError, Mesh
 from sshade.io.files import make_folder
 from sshade.io.meshes import write_mesh
@@ -70,14 +61,14 @@ def build_subject(
         content = _content(source, subject=subject, options=options, strict=strict, progress=progress)
     except InputError as error:
         raise UnusableError(f"subject {subject}: {error}") from error
-    name = subject_folder(subject)
+    name = layout.subject_folder(subject)
     final, folder = out / name, out / f".{name}.{os.getpid()}.partial"
     make_folder(folder)
     try:
         for file, mesh in content.meshes.items():
             write_mesh(folder / file, mesh.V, mesh.F)
         for file, text in content.texts.items():
-            write_text(folder / file, text)
+            layout.write_text(folder / file, text)
     except InputError as error:
         shutil.rmtree(folder)
         raise InputError(f"subject {subject}: {error}") from error
@@ -96,40 +87,39 @@ def _content(
     progress(stage, 0, steps, "rest pose")
     rest = source.rest(subject)
     landmarks = source.landmark_vertices(subject)
-    chosen = choose_handles(
-        rest,
-        landmarks,
-        subject=subject,
-        seed=options.seed,
-        per_landmark=options.handles_per_landmark,
-        neighbourhood=options.neighbourhood,
-    )
+    chosen = choose_handles(rest, landmarks, subject=subject, options=options)
     regions = [name for name in source.landmark_names if name not in chosen]
-    meshes, texts = {REST_LOW: rest}, {}
+    meshes, texts = {layout.REST_LOW: rest}, {}
     facts, left_out = [], []
     for k, pose in enumerate(poses, start=1):
         progress(stage, k, steps, pose.name)
         try:
-            posed = _posed(source, rest, subject=subject, pose=pose)
-            handles = region_records(rest, pose.regions, landmarks=regions, static_below=options.static_below)
+            posed = source.posed(subject, pose)
+            if posed is not None and not np.array_equal(posed.F, rest.F):
+                raise InputError(f"pose {pose.name} has other faces than the rest pose")
+            handles = handle_records(
+                rest,
+                None if posed is None else posed.V,
+                pose,
+                regions=regions,
+                chosen=chosen,
+                static_below=options.static_below,
+            )
         except InputError as error:
             if strict:
                 raise
             left_out.append({"pose": k, "name": pose.name, "reason": str(error)})
             continue
         if posed is not None:
-            meshes[pose_mesh(k)] = posed
-            handles += handle_records(
-                rest, posed.V, chosen=chosen, used=pose.landmarks, static_below=options.static_below
-            )
-        texts[pose_file(k)] = dump({"source_pose": pose.name, "handles": handles}, indent=None)
+            meshes[layout.pose_mesh(k)] = posed
+        texts[layout.pose_file(k)] = layout.dump({"source_pose": pose.name, "handles": handles}, indent=None)
         facts.append({"pose": k, "name": pose.name} | _pose_facts(handles, posed))
     if not facts:
         raise InputError(left_out[0]["reason"])
 
     progress(stage, steps - 1, steps, "upsampling")
     high = _high_resolution(source, rest, subject=subject, options=options)
-    meshes[REST] = high.mesh
+    meshes[layout.REST] = high.mesh
     dropped = source.dropped(subject)
     record = {
         "subject": subject,
@@ -143,13 +133,6 @@ def _content(
     }
     progress(stage, steps, steps)
     return _Content(meshes, texts, record)
-
-
-def _posed(source: Source, rest: Mesh, *, subject: int, pose: SourcePose) -> Mesh | None:
-    posed = source.posed(subject, pose)
-    if posed is not None and not np.array_equal(posed.F, rest.F):
-        raise InputError(f"pose {pose.name} has other faces than the rest pose")
-    return posed
 
 
 def _pose_facts(handles: list[dict[str, Any]], posed: Mesh | None) -> dict[str, Any]:
@@ -167,19 +150,13 @@ def _high_resolution(source: Source, rest: Mesh, *, subject: int, options: Build
     target, (least, most) = options.target_vertices, options.window
     mesh = None if target is None else source.generated(subject, vertices=target)
     if target is None or mesh is None:
-        return upsample(
-            rest,
-            target_vertices=target,
-            window=options.window,
-            ls3_steps=options.ls3_steps,
-            iterations=options.remesh_iterations,
-        )
+        return upsample(rest, options)
     if not least * target <= mesh.n <= most * target:
         raise InputError(
             f"the mesh generated for {target} vertices has {mesh.n}, not {least:g} to {most:g} times that; "
             "choose more target_vertices or a wider window"
         )
-    return Upsampled(mesh, ls3_steps=0, edge_length=None, attempts=0)
+    return Upsampled(mesh)
 
 
 def _volume(mesh: Mesh) -> float | None:
@@ -204,6 +181,6 @@ def _mesh_facts(mesh: Mesh) -> dict[str, Any]:
 
 
 def _entry(path: Path, meshes: dict[str, Mesh]) -> dict[str, Any]:
-    entry: dict[str, Any] = {"sha256": sha256(path), "bytes": path.stat().st_size}
+    entry: dict[str, Any] = {"sha256": layout.sha256(path), "bytes": path.stat().st_size}
     mesh = meshes.get(path.name)
     return entry if mesh is None else entry | {"vertices": mesh.n, "faces": mesh.m}

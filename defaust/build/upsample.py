@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
+from defaust.build.options import BuildOptions
 from sshade import InputError, Mesh
 
 #: Ratio of the remeshed vertex count to the count that the target edge length predicts.
@@ -31,19 +33,12 @@ class Upsampled:
     """
 
     mesh: Mesh
-    ls3_steps: int
-    edge_length: float | None
-    attempts: int
+    ls3_steps: int = 0
+    edge_length: float | None = None
+    attempts: int = 0
 
 
-def upsample(
-    mesh: Mesh,
-    *,
-    target_vertices: int | None,
-    window: tuple[float, float] = (0.9, 1.1),
-    ls3_steps: int | None = None,
-    iterations: int = 5,
-) -> Upsampled:
+def upsample(mesh: Mesh, options: BuildOptions) -> Upsampled:
     """Resample a closed surface to about a given number of vertices.
 
     The result is deterministic for fixed versions of the libraries.
@@ -52,15 +47,8 @@ def upsample(
     ----------
     mesh : Mesh
         Closed, manifold, consistently oriented, one component.
-    target_vertices : int, optional
-        None keeps the mesh; it may then have holes.
-    window : (2,) float
-        Accepted vertex counts, as multiples of `target_vertices`.
-    ls3_steps : int, optional
-        Number of subdivisions before the remeshing; each multiplies the faces by four. The default comes
-        closest to the target on a logarithmic scale.
-    iterations : int
-        Rounds of split, collapse, flip, smooth and reproject.
+    options : BuildOptions
+        Without `target_vertices` the mesh is kept; it may then have holes.
 
     Raises
     ------
@@ -73,49 +61,34 @@ def upsample(
     S. Boye, G. Guennebaud, C. Schlick, "Least squares subdivision surfaces", 2010.
     M. Botsch, L. Kobbelt, "A remeshing approach to multiresolution modeling", 2004.
     """
-    if target_vertices is None:
-        return Upsampled(mesh, ls3_steps=0, edge_length=None, attempts=0)
-    check_window(window)
-    low, high = window
+    target, (low, high) = options.target_vertices, options.window
+    if target is None:
+        return Upsampled(mesh)
     _require_closed(mesh)
-    steps = default_steps(mesh.n, target_vertices) if ls3_steps is None else ls3_steps
+    steps = options.ls3_steps
+    if steps is None:
+        steps = max(0, round(float(np.log(target / mesh.n) / np.log(4.0))))
     fine = subdivide(mesh, steps=steps)
-    length = edge_length_for(mesh.area, target_vertices / COUNT_BIAS)
+    # Edge length of an equilateral triangulation of the area, with two faces for each vertex.
+    length = float(np.sqrt(4.0 / np.sqrt(3.0) * mesh.area / (2.0 * (target / COUNT_BIAS))))
     counts = []
     for attempt in range(1, ATTEMPTS + 1):
-        remeshed = remesh(fine, edge_length=length, iterations=iterations)
+        remeshed = remesh(fine, edge_length=length, iterations=options.remesh_iterations)
         counts.append(len(remeshed[0]))
-        if low * target_vertices <= counts[-1] <= high * target_vertices:
+        if low * target <= counts[-1] <= high * target:
             return Upsampled(_checked(*remeshed, original=mesh), steps, length, attempt)
-        length *= float(np.sqrt(counts[-1] / target_vertices))
+        length *= float(np.sqrt(counts[-1] / target))
     raise InputError(
-        f"remeshing to {target_vertices} vertices gave {counts}, never {low:g} to {high:g} times that; "
+        f"remeshing to {target} vertices gave {counts}, never {low:g} to {high:g} times that; "
         "choose another target_vertices, a wider window, or another number of ls3_steps"
     )
-
-
-def check_window(window: tuple[float, ...]) -> None:
-    """Raise InputError unless the window is two numbers around 1."""
-    if len(window) != 2 or not 0 < window[0] <= 1 <= window[1]:
-        raise InputError(f"window is {list(window)}; give two numbers around 1, e.g. [0.9, 1.1]")
-
-
-def default_steps(n: int, target_vertices: int) -> int:
-    """Number of subdivisions whose vertex count comes closest to the target, at least 0."""
-    return max(0, round(float(np.log(target_vertices / n) / np.log(4.0))))
-
-
-def edge_length_for(area: float, vertices: float) -> float:
-    """Edge length of an equilateral triangulation of an area, with two faces for each vertex."""
-    return float(np.sqrt(4.0 / np.sqrt(3.0) * area / (2.0 * vertices)))
 
 
 def subdivide(mesh: Mesh, *, steps: int) -> Mesh:
     """Apply LS3 Loop subdivision to all edges; return the mesh itself if `steps` is 0."""
     if steps == 0:
         return mesh
-    pymeshlab = load_pymeshlab()
-    meshes = _mesh_set(mesh)
+    pymeshlab, meshes = _mesh_set(mesh)
     # The default threshold, 1 % of the diagonal, would keep short edges unsplit.
     meshes.meshing_surface_subdivision_ls3_loop(
         iterations=steps, threshold=pymeshlab.PureValue(0), selected=False
@@ -125,8 +98,7 @@ def subdivide(mesh: Mesh, *, steps: int) -> Mesh:
 
 def remesh(mesh: Mesh, *, edge_length: float, iterations: int) -> tuple[np.ndarray, np.ndarray]:
     """Remesh isotropically; return vertices and faces, not yet checked."""
-    pymeshlab = load_pymeshlab()
-    meshes = _mesh_set(mesh)
+    pymeshlab, meshes = _mesh_set(mesh)
     meshes.meshing_isotropic_explicit_remeshing(
         iterations=iterations, targetlen=pymeshlab.PureValue(edge_length), selectedonly=False
     )
@@ -135,7 +107,7 @@ def remesh(mesh: Mesh, *, edge_length: float, iterations: int) -> tuple[np.ndarr
 
 def self_intersecting(mesh: Mesh) -> np.ndarray:
     """Mark the faces that intersect another face, (m,) bool."""
-    meshes = _mesh_set(mesh)
+    _, meshes = _mesh_set(mesh)
     meshes.compute_selection_by_self_intersections_per_face()
     return meshes.current_mesh().face_selection_array()
 
@@ -164,8 +136,8 @@ def _checked(V: np.ndarray, F: np.ndarray, *, original: Mesh) -> Mesh:
     return mesh
 
 
-def load_pymeshlab() -> ModuleType:
-    """Import pymeshlab; raise InputError if it cannot be loaded, for example for lack of a system library."""
+def _mesh_set(mesh: Mesh) -> tuple[ModuleType, Any]:
+    """pymeshlab and its copy of a mesh; InputError if it cannot be loaded, e.g. for lack of a library."""
     try:
         import pymeshlab
     except ImportError as error:
@@ -173,16 +145,11 @@ def load_pymeshlab() -> ModuleType:
             f"pymeshlab, which refines meshes, cannot be loaded ({error}); on Debian and Ubuntu install "
             "libgl1, which is the library most often missing"
         ) from error
-    return pymeshlab
-
-
-def _mesh_set(mesh: Mesh):
-    pymeshlab = load_pymeshlab()
     meshes = pymeshlab.MeshSet()
     meshes.add_mesh(pymeshlab.Mesh(mesh.V, mesh.F))
-    return meshes
+    return pymeshlab, meshes
 
 
-def _arrays(meshes) -> tuple[np.ndarray, np.ndarray]:
+def _arrays(meshes: Any) -> tuple[np.ndarray, np.ndarray]:
     current = meshes.current_mesh()
     return current.vertex_matrix().copy(), current.face_matrix().astype(np.int64)

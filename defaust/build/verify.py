@@ -9,17 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from defaust.build.handles import UNUSED, displacement
-from defaust.folder.layout import (
-    CARD,
-    DATASET,
-    REST,
-    REST_LOW,
-    checksum,
-    pose_file,
-    pose_mesh,
-    sha256,
-    subject_folder,
-)
+from defaust.folder import layout
 from defaust.folder.record import POSE, read_dataset, read_record
 from sshade import InputError, Mesh
 from sshade.io.meshes import read_mesh
@@ -59,17 +49,17 @@ def verify(root: str | os.PathLike[str], *, progress: Progress = silent) -> list
     root = Path(root)
     document = read_dataset(root, intact=False)
     faults = []
-    if checksum(document) != document["checksum"]:
-        faults.append(Fault(DATASET, "its content does not match its own checksum"))
+    if layout.checksum(document) != document["checksum"]:
+        faults.append(Fault(layout.DATASET, "its content does not match its own checksum"))
     for number, (name, entry) in enumerate(document["files"].items(), start=1):
         path = root / name
         if not path.is_file():
             faults.append(Fault(name, "missing"))
-        elif sha256(path) != entry["sha256"]:
+        elif layout.sha256(path) != entry["sha256"]:
             faults.append(Fault(name, "its sha256 differs from the listed one"))
         progress("checksums", number, len(document["files"]))
-    if CARD not in document["files"]:
-        faults.append(Fault(DATASET, f"lists no {CARD}"))
+    if layout.CARD not in document["files"]:
+        faults.append(Fault(layout.DATASET, f"lists no {layout.CARD}"))
     for number, subject in enumerate(document["subjects"], start=1):
         faults += _check_subject(root, document, subject=subject)
         progress("subjects", number, len(document["subjects"]))
@@ -77,34 +67,40 @@ def verify(root: str | os.PathLike[str], *, progress: Progress = silent) -> list
 
 
 def _check_subject(root: Path, document: dict[str, Any], *, subject: dict[str, Any]) -> list[Fault]:
-    folder = subject_folder(subject["subject"])
+    folder = layout.subject_folder(subject["subject"])
     registered = [pose["pose"] for pose in subject["poses"] if pose.get("registered", True)]
     faults: list[Fault] = []
     meshes: dict[str, Mesh] = {}
-    for name in (REST, REST_LOW, *map(pose_mesh, registered)):
+    for name in (layout.REST, layout.REST_LOW, *map(layout.pose_mesh, registered)):
         file = f"{folder}/{name}"
         if file not in document["files"]:
-            faults.append(Fault(DATASET, f"lists no {file}"))
+            faults.append(Fault(layout.DATASET, f"lists no {file}"))
         elif (root / file).is_file():  # a missing file is already reported
             try:
                 meshes[name] = _read_listed(root / file, document["files"][file], facts=subject["low"])
             except InputError as error:
                 faults.append(Fault(file, str(error)))
-    rest = meshes.get(REST_LOW)
+    rest = meshes.get(layout.REST_LOW)
     if rest is None:
         return faults  # the poses cannot be compared
-    if REST in meshes and meshes[REST].topology != rest.topology:
-        faults.append(Fault(f"{folder}/{REST}", "its topology differs from that of the registered mesh"))
+    if layout.REST in meshes and meshes[layout.REST].topology != rest.topology:
+        faults.append(
+            Fault(f"{folder}/{layout.REST}", "its topology differs from that of the registered mesh")
+        )
     for k in (pose["pose"] for pose in subject["poses"]):
-        posed = meshes.get(pose_mesh(k))
+        posed = meshes.get(layout.pose_mesh(k))
         if posed is None and k in registered:
             continue
         if posed is not None and not np.array_equal(posed.F, rest.F):
-            faults.append(Fault(f"{folder}/{pose_mesh(k)}", f"its faces differ from those of {REST_LOW}"))
-        elif (root / folder / pose_file(k)).is_file():
-            name = f"{folder}/{pose_file(k)}"
+            faults.append(
+                Fault(f"{folder}/{layout.pose_mesh(k)}", f"its faces differ from those of {layout.REST_LOW}")
+            )
+        elif (root / folder / layout.pose_file(k)).is_file():
+            name = f"{folder}/{layout.pose_file(k)}"
             try:
-                _check_handles(root / name, document, rest=rest, posed=posed, high=meshes.get(REST, rest))
+                _check_handles(
+                    root / name, document, rest=rest, posed=posed, high=meshes.get(layout.REST, rest)
+                )
             except InputError as error:
                 faults.append(Fault(name, str(error)))
     return faults
@@ -152,8 +148,18 @@ def _check_handles(
             if len(index):
                 if posed is not None and not np.array_equal(posed.V[index], target):
                     raise InputError("a target is not its vertex of the registered pose")
-                static_below = document["build"]["static_below"]
-                _check_facts(handle, rest, index, target, static_below=static_below)
+                d = displacement(
+                    rest.V[index],
+                    target,
+                    diagonal=rest.diagonal,
+                    static_below=document["build"]["static_below"],
+                )
+                for name, found in (("delta", d.delta), ("delta_mean", d.delta_mean)):
+                    listed = handle[name]
+                    if listed is None or abs(found - listed) > SAME * rest.diagonal * len(index):
+                        raise InputError(f"{name} is {listed}, and {found} when recomputed")
+                if d.kind != handle["kind"]:
+                    raise InputError(f"is listed as {handle['kind']}, and {d.kind} when recomputed")
         except InputError as error:
             raise InputError(f"landmark {handle['landmark']}: {error}") from error
 
@@ -170,7 +176,7 @@ def _positions(
     elif len(index) != build["handles_per_landmark"]:
         raise InputError(f"has {len(index)} handles, not {build['handles_per_landmark']}")
     elif -1 in index:
-        raise InputError(f"handle {index.tolist().index(-1)} is no vertex of {REST_LOW}")
+        raise InputError(f"handle {index.tolist().index(-1)} is no vertex of {layout.REST_LOW}")
     return index, target
 
 
@@ -179,16 +185,3 @@ def _take(index: np.ndarray, taken: np.ndarray) -> None:
     if taken[index].any() or len(np.unique(index)) < len(index):
         raise InputError("a vertex is a handle twice")
     taken[index] = True
-
-
-def _check_facts(
-    handle: dict[str, Any], rest: Mesh, index: np.ndarray, target: np.ndarray, *, static_below: float
-) -> None:
-    """Raise InputError unless a landmark's displacement and kind follow from its targets (k, 3)."""
-    d = displacement(rest.V[index], target, diagonal=rest.diagonal, static_below=static_below)
-    for name, found in (("delta", d.delta), ("delta_mean", d.delta_mean)):
-        listed = handle[name]
-        if listed is None or abs(found - listed) > SAME * rest.diagonal * len(index):
-            raise InputError(f"{name} is {listed}, and {found} when recomputed")
-    if d.kind != handle["kind"]:
-        raise InputError(f"is listed as {handle['kind']}, and {d.kind} when recomputed")

@@ -92,13 +92,6 @@ class OneTemplate(Source):
         """The same vertices on every subject."""
         return {name: self.landmarks[name] for name in self.landmark_names}
 
-    def _check_landmarks(self) -> None:
-        """Raise InputError unless every landmark is known and listed once."""
-        for attribute, empty in (("base_landmarks", False), ("more_landmarks", True)):
-            check_choice(self, attribute, known=self.landmarks, empty=empty)
-        both = "source.base_landmarks and source.more_landmarks"
-        require_choice(self.landmark_names, known=self.landmarks, option=both)
-
     def _poses(self, names: Iterable[tuple[str, bool]]) -> tuple[SourcePose, ...]:
         """Poses of the given names; each name comes with whether the pose is aligned."""
         return tuple(

@@ -86,7 +86,10 @@ class Faust(OneTemplate):
                     f"but the registrations have {VERTICES} vertices"
                 )
         object.__setattr__(self, "landmarks", landmarks)
-        self._check_landmarks()
+        check_choice(self, "base_landmarks", known=landmarks)
+        check_choice(self, "more_landmarks", known=landmarks, empty=True)
+        both = "source.base_landmarks and source.more_landmarks"
+        require_choice(self.landmark_names, known=landmarks, option=both)
         known = range(len(POSES))
         check_choice(self, "target_poses", known=known)
         check_choice(self, "unaligned", known=known, empty=True)
@@ -115,14 +118,10 @@ class Faust(OneTemplate):
         numbers = {s: [10 * s + pose for pose in poses] for s in subjects}
         missing = [f"tr_reg_{k:03d}" for of in numbers.values() for k in of if k not in self._files]
         if missing:
-            complete = [s for s, of in numbers.items() if all(k in self._files for k in of)]
-            hint = (
-                f"; the files of subjects=[{','.join(map(str, complete))}] are complete" if complete else ""
-            )
-            listed, of_each = (", ".join(map(str, numbers)) for numbers in (subjects, poses))
+            complete = [s for s, of in numbers.items() if self._files.keys() >= set(of)]
             raise InputError(
-                f"{self._folder} lacks {shortened(missing)}: subjects {listed} in poses {of_each} are "
-                f"{len(subjects) * len(poses)} files{hint}"
+                f"{self._folder} lacks {shortened(missing)}; poses {shortened(poses)} are complete for "
+                f"the subjects [{','.join(map(str, complete))}]"
             )
         paths = [self._files[k] for of in numbers.values() for k in sorted(of)]
         return {path.name: sha256(path) for path in paths}
@@ -142,12 +141,14 @@ class Faust(OneTemplate):
         return self._read(10 * subject + int(pose.name.split("_", 1)[0]))
 
     def _read(self, number: int, *, whole: bool = False) -> Mesh:
-        if number not in self._files:
-            raise InputError(f"{self._folder} lacks tr_reg_{number:03d}")
         file = Shape(f"tr_reg_{number:03d}", self._files[number])
-        mesh = file.mesh(whole=whole)
+        V, F = file.arrays()
         first = min(self._files)
         with file.named():
+            mesh = Mesh(V, F)
+            if whole:
+                mesh.require_manifold()
+                mesh.require_one_component()
             if (mesh.n, mesh.m) != (VERTICES, FACES):
                 raise InputError(
                     f"{mesh.n} vertices and {mesh.m} faces, but the registrations have {VERTICES} and {FACES}"

@@ -16,7 +16,7 @@ import numpy as np
 from defaust.sources.animations import SUFFIX, read_counts, read_frame
 from defaust.sources.choices import shortened
 from defaust.sources.matlab import read_surface
-from sshade import InputError, Mesh
+from sshade import InputError
 from sshade.io.meshes import read_arrays
 
 #: Mesh formats that keep shared vertices, in order of preference.
@@ -58,27 +58,6 @@ class Shape:
         second = (self.path.with_suffix(".tri"),) if self.path.suffix.lower() == ".vert" else ()
         return (self.path, *second)
 
-    def mesh(self, *, whole: bool = False) -> Mesh:
-        """Read the mesh.
-
-        Parameters
-        ----------
-        whole : bool
-            Require a manifold mesh of one component.
-
-        Raises
-        ------
-        InputError
-            When the mesh cannot be read; the message names the file.
-        """
-        V, F = self.arrays()
-        with self.named():
-            mesh = Mesh(V, F)
-            if whole:
-                mesh.require_manifold()
-                mesh.require_one_component()
-            return mesh
-
     def arrays(self) -> tuple[np.ndarray, np.ndarray]:
         """Read vertices and faces without validating them; an InputError names the file."""
         with self.named():
@@ -87,7 +66,8 @@ class Shape:
                     raise InputError(f"{path}: no such file")
             if self.array:
                 with _open_archive(self.path) as archive:
-                    return _reading(self.path, lambda: _arrays(archive, self.array))
+                    V, F = _reading(self.path, lambda: (archive[self.array], archive["F"]))
+                    return V.astype(np.float64), F.astype(np.int64)
             if self.frame is not None:
                 return read_frame(self.path, self.frame)
             read = {".vert": _read_vert_tri, ".mat": _read_mat}.get(self.path.suffix.lower(), read_arrays)
@@ -213,18 +193,11 @@ def _archive_shapes(path: Path) -> tuple[Shape, ...]:
     return tuple(Shape(name, path, name) for name in sorted(names, key=_natural))
 
 
-@contextmanager
-def _open_archive(path: Path) -> Iterator[Any]:
-    with path.open("rb") as file:
-        archive = _reading(path, lambda: np.load(file, allow_pickle=False))
-        if not isinstance(archive, np.lib.npyio.NpzFile):
-            raise InputError(f"{path}: not an .npz file; give a folder of meshes or an .npz")
-        with archive:
-            yield archive
-
-
-def _arrays(archive: Any, positions: str) -> tuple[np.ndarray, np.ndarray]:
-    return archive[positions].astype(np.float64), archive["F"].astype(np.int64)
+def _open_archive(path: Path) -> np.lib.npyio.NpzFile:
+    archive = _reading(path, lambda: np.load(path, allow_pickle=False))
+    if not isinstance(archive, np.lib.npyio.NpzFile):
+        raise InputError(f"{path}: not an .npz file; give a folder of meshes or an .npz")
+    return archive
 
 
 def _read_vert_tri(path: Path) -> tuple[np.ndarray, np.ndarray]:

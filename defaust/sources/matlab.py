@@ -52,15 +52,9 @@ def _surface(path: str) -> tuple[np.ndarray, np.ndarray]:
     raise ValueError("it holds no struct with X, Y, Z and TRIV")
 
 
-def _main(path: str) -> int:
-    try:
-        V, F = _surface(path)
-    except Exception as error:  # a reader fails in many ways, always because of the file
-        sys.stderr.write(f"{' '.join(str(error).split()) or type(error).__name__}\n")
-        return 1
-    np.savez(sys.stdout.buffer, V=V, F=F)
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(_main(sys.argv[1]))
+    try:
+        vertices, triangles = _surface(sys.argv[1])
+    except Exception as error:  # a reader fails in many ways, always because of the file
+        sys.exit(" ".join(str(error).split()) or type(error).__name__)
+    np.savez(sys.stdout.buffer, V=vertices, F=triangles)

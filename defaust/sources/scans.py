@@ -10,29 +10,23 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from scipy.spatial.transform import Rotation
 
 from defaust.folder.layout import sha256
-from defaust.sources.files import existing
-from defaust.sources.source import Region, Source, SourcePose, provenance_texts
+from defaust.sources.files import MESH_SUFFIXES, existing
+from defaust.sources.source import Region, Source, SourcePose, provenance_texts, read_asset, read_yaml
 from sshade import InputError, Mesh
 from sshade.io.meshes import read_mesh
 
 #: Credits, identity, regions and poses of each scan.
-SCANS: Mapping[str, Mapping[str, Any]] = yaml.safe_load(
-    resources.files("defaust").joinpath("data/scans.yaml").read_text(encoding="utf-8")
-)
+SCANS: Mapping[str, Mapping[str, Any]] = read_yaml("scans")
 NAMES = tuple(SCANS)
 #: Scans that the package ships; the user has the others.
 SHIPPED = tuple(name for name in NAMES if "asset_sha256" in SCANS[name])
-#: Formats of the user's files; these keep the order of vertices and faces.
-SUFFIXES = (".ply", ".obj", ".off")
 #: Number of steps of the asset's lattice along the longest side of the bounding box.
 STEPS = 2**16 - 1
 
@@ -121,7 +115,7 @@ class Scans(Source):
         if self.root is None:
             return None
         folder = existing(self.root, option="source.root to the folder that holds armadillo.ply")
-        files = [folder / f"{name}{suffix}" for suffix in SUFFIXES]
+        files = [folder / f"{name}{suffix}" for suffix in MESH_SUFFIXES]
         return next((file for file in files if file.is_file()), None)
 
 
@@ -139,12 +133,7 @@ def shipped(name: str) -> Mesh:
     InputError
         When the asset's checksum differs from the recorded one.
     """
-    path = resources.files("defaust") / "data" / f"{name}.npz"
-    found, known = hashlib.sha256(path.read_bytes()).hexdigest(), SCANS[name]["asset_sha256"]
-    if found != known:
-        raise InputError(f"{path} is damaged: its sha256 is {found}, not {known}; reinstall the package")
-    with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-        return Mesh(*unpack(arrays))
+    return Mesh(*unpack(read_asset(name, sha256=SCANS[name]["asset_sha256"])))
 
 
 def unpack(arrays: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -206,9 +195,7 @@ def _regions(regions: Mapping[str, Any], pose: Mapping[str, Any], V: np.ndarray)
     """Regions of a pose of a scan with vertices V (n, 3); data/scans.yaml says what the numbers mean."""
     low = V.min(axis=0)
     size = V.max(axis=0) - low
-    motions: dict[str, tuple[np.ndarray, np.ndarray]] = {
-        name: (np.eye(3), np.zeros(3)) for name in pose["held"]
-    }
+    motions: dict[str, tuple[np.ndarray, ...]] = dict.fromkeys(pose["held"], ())
     for move in pose["moved"]:
         axis = np.array(move["axis"], dtype=np.float64)
         R = Rotation.from_rotvec(np.radians(move["degrees"]) * axis / np.linalg.norm(axis)).as_matrix()

@@ -46,12 +46,28 @@ class _Surface(NamedTuple):
     dropped: dict[str, int]
 
 
-class _Class(NamedTuple):
+@dataclass(frozen=True)
+class _Class:
     """The meshes of a subject; `targets` are possible target poses."""
 
     name: str
     rest: Shape
     targets: tuple[Shape, ...]
+
+    @cached_property
+    def surface(self) -> _Surface:
+        """The cleaned rest mesh."""
+        V, F = self.rest.arrays()
+        with self.rest.named():
+            whole = cleaned(V, F)
+            single = without_duplicates(whole.mesh)
+            count = {
+                "unused_vertices": whole.facts["unused"],
+                "faces_that_repeat_a_vertex": whole.facts["collapsed"],
+                "duplicate_faces": whole.mesh.m - single.m,
+            }
+            dropped = {name: number for name, number in count.items() if number}
+            return _Surface(wound_outward(single), F, whole.vertex, dropped)
 
 
 @dataclass(frozen=True)
@@ -180,7 +196,7 @@ class RegisteredSequence(Source):
 
     def landmark_vertices(self, subject: int) -> Mapping[str, int]:
         """Configured vertices, or samples of the rest mesh that begin at an end of its largest component."""
-        surface = self._surface(subject)
+        surface = self._subjects[subject].surface
         rest, stored = surface.rest, surface.vertex
         if isinstance(self.landmarks, int):
             if rest.topology.components > self.landmarks:
@@ -206,31 +222,32 @@ class RegisteredSequence(Source):
 
     def poses(self, subject: int) -> tuple[SourcePose, ...]:
         """The target poses, in order."""
-        name, rest, targets = self._subjects[subject]
+        one = self._subjects[subject]
+        rest, targets = one.rest, one.targets
         if rest.frame is not None and self.poses_used is None:
             with rest.named():
                 frames = far_frames(rest.path, rest=rest.frame, count=self.frames)
             targets = tuple(shape for shape in targets if shape.frame in frames)
         if not targets:
             raise InputError(
-                f"the class {name} has no target pose besides its rest pose {rest.name}; "
+                f"the class {one.name} has no target pose besides its rest pose {rest.name}; "
                 "leave it out with source.classes or subjects"
             )
         return tuple(SourcePose(shape.name, self.landmark_names, aligned=None) for shape in targets)
 
     def rest(self, subject: int) -> Mesh:
         """Rest mesh, oriented outward where possible."""
-        return self._surface(subject).rest
+        return self._subjects[subject].surface.rest
 
     def dropped(self, subject: int) -> Mapping[str, int]:
         """Counts of vertices and faces in the rest mesh's file that are not part of its surface."""
-        return self._surface(subject).dropped
+        return self._subjects[subject].surface.dropped
 
     def posed(self, subject: int, pose: SourcePose) -> Mesh:
         """A mesh of the class, with the triangles of the rest mesh."""
-        surface = self._surface(subject)
-        _, rest, targets = self._subjects[subject]
-        shape = next(s for s in targets if s.name == pose.name)
+        one = self._subjects[subject]
+        rest, surface = one.rest, one.surface
+        shape = next(s for s in one.targets if s.name == pose.name)
         V, F = shape.arrays()
         n = len(surface.vertex)
         with shape.named():
@@ -243,54 +260,29 @@ class RegisteredSequence(Source):
                 )
             return Mesh(V[surface.vertex >= 0], surface.rest.F)
 
-    def _surface(self, subject: int) -> _Surface:
-        if subject not in self._surfaces:
-            shape = self._subjects[subject].rest
-            V, F = shape.arrays()
-            with shape.named():
-                whole = cleaned(V, F)
-                single = without_duplicates(whole.mesh)
-                count = {
-                    "unused_vertices": whole.facts["unused"],
-                    "faces_that_repeat_a_vertex": whole.facts["collapsed"],
-                    "duplicate_faces": whole.mesh.m - single.m,
-                }
-                dropped = {name: number for name, number in count.items() if number}
-                self._surfaces[subject] = _Surface(wound_outward(single), F, whole.vertex, dropped)
-        return self._surfaces[subject]
-
-    @cached_property
-    def _surfaces(self) -> dict[int, _Surface]:
-        return {}
-
     @cached_property
     def _found(self) -> tuple[Classes, dict[str, str]]:
         root = existing(self.root, option="source.root to a folder of meshes, or an .npz file")
         return find_shapes(root, layout=self.layout)
 
-    @property
+    @cached_property
     def _subjects(self) -> list[_Class]:
         """The classes in use."""
-        return self._usable[0]
+        found = self._found[0]
+        if self.classes is not None:
+            return [self._class(name) for name in self.classes]
+        classes = [self._class(name) for name in found if name not in self.without]
+        if not classes:
+            raise InputError(f"source.without leaves no class of {shortened(list(found))}")
+        return [one for one in classes if one.targets] or classes
 
     @property
     def _unused(self) -> dict[str, str]:
         """Names of unused classes and files, and the reasons."""
-        return self._usable[1]
-
-    @cached_property
-    def _usable(self) -> tuple[list[_Class], dict[str, str]]:
-        found, unused = self._found[0], dict(self._found[1])
-        if self.classes is not None:
-            return [self._class(name) for name in self.classes], unused
-        classes = [self._class(name) for name in found if name not in self.without]
-        if not classes:
-            raise InputError(f"source.without leaves no class of {shortened(list(found))}")
-        usable = [one for one in classes if one.targets]
-        if usable:
-            single = [one.name for one in classes if not one.targets]
-            unused |= dict.fromkeys(single, "it has no target pose besides its rest pose")
-        return usable or classes, unused
+        found, files = self._found
+        used = {one.name for one in self._subjects} if self.classes is None else set(found)
+        single = [name for name in found if name not in used and name not in self.without]
+        return files | dict.fromkeys(single, "it has no target pose besides its rest pose")
 
     def _class(self, name: str) -> _Class:
         shapes, used = self._found[0][name], self.poses_used

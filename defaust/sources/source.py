@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
@@ -10,7 +12,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from sshade import Mesh
+from sshade import InputError, Mesh
 
 #: Lowest and highest corner.
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -118,8 +120,25 @@ class Source:
         return None
 
 
+def read_yaml(name: str) -> dict[str, Any]:
+    """Read a YAML file of the package's folder data."""
+    text = resources.files("defaust").joinpath(f"data/{name}.yaml").read_text(encoding="utf-8")
+    content: dict[str, Any] = yaml.safe_load(text)
+    return content
+
+
 def provenance_texts(source: str) -> dict[str, Any]:
     """Texts of a source for the dataset card, from data/provenance.yaml."""
-    text = resources.files("defaust").joinpath("data/provenance.yaml").read_text(encoding="utf-8")
-    texts: dict[str, Any] = yaml.safe_load(text)[source]
+    texts: dict[str, Any] = read_yaml("provenance")[source]
     return texts
+
+
+def read_asset(name: str, *, sha256: str) -> dict[str, np.ndarray]:
+    """Read the arrays of an .npz file of the installed package; raise InputError on another checksum."""
+    path = resources.files("defaust") / "data" / f"{name}.npz"
+    data = path.read_bytes()
+    found = hashlib.sha256(data).hexdigest()
+    if found != sha256:
+        raise InputError(f"{path} is damaged: its sha256 is {found}, not {sha256}; reinstall the package")
+    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+        return dict(arrays)

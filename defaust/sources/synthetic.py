@@ -7,29 +7,22 @@ metre; y points up, the bodies face +z, and the feet stand on y = 0. :mod:`tools
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
 
 import numpy as np
 
 from defaust.sources.choices import OneTemplate, require_choice
 from defaust.sources.skinning import apply_motions, blend_motions, bone_motions
-from defaust.sources.source import SourcePose, provenance_texts
-from sshade import InputError, Mesh
+from defaust.sources.source import SourcePose, provenance_texts, read_asset
+from sshade import Mesh
 
 #: Unit of the stored integer coordinates, in metres.
 QUANTUM = 2e-5
 #: Checksum of the asset; a new bake changes it.
 SHA256 = "b85c3dfd44ed40ddfbdba348a8f7275fa96dc03c34a3c0f00612eb84b75db1e9"
 
-BASE_LANDMARKS = ("nose", "hand_l", "hand_r", "toe_l", "toe_r", "heel_l", "heel_r")
-MORE_LANDMARKS = (
-    *("elbow_l", "elbow_r", "knee_l", "knee_r", "hip_l", "hip_r"),
-    *("chest", "upper_back"),
-)
 #: Poses that are turned as a whole against the rest pose.
 UNALIGNED = ("bend_twist",)
 
@@ -81,10 +74,8 @@ class Bodies:
             weight=arrays["weight"] / 255.0,
             rotations=arrays["rotations"].astype(np.float64),
             shifts=arrays["shifts"].astype(np.float64),
-            pose_names=tuple(str(name) for name in arrays["pose_names"]),
-            landmarks=dict(
-                zip(map(str, arrays["landmark_names"]), map(int, arrays["landmarks"]), strict=True)
-            ),
+            pose_names=tuple(arrays["pose_names"].tolist()),
+            landmarks=dict(zip(arrays["landmark_names"].tolist(), arrays["landmarks"].tolist(), strict=True)),
         )
 
     def pose(self, subject: int, *, rotations: np.ndarray, shift: np.ndarray) -> np.ndarray:
@@ -100,24 +91,7 @@ class Bodies:
 @cache
 def load_bodies() -> Bodies:
     """Read and decode the asset of the installed package; raise InputError when it is damaged."""
-    return Bodies.from_arrays(read_asset())
-
-
-def read_asset() -> dict[str, np.ndarray]:
-    """Read the arrays of the asset of the installed package.
-
-    Raises
-    ------
-    InputError
-        When its checksum differs from :data:`SHA256`.
-    """
-    path = resources.files("defaust") / "data" / "bodies.npz"
-    data = path.read_bytes()
-    found = hashlib.sha256(data).hexdigest()
-    if found != SHA256:
-        raise InputError(f"{path} is damaged: its sha256 is {found}, not {SHA256}; reinstall the package")
-    with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-        return dict(arrays)
+    return Bodies.from_arrays(read_asset("bodies", sha256=SHA256))
 
 
 @dataclass(frozen=True)
@@ -126,28 +100,23 @@ class SyntheticBodies(OneTemplate):
 
     Parameters
     ----------
-    base_landmarks : sequence of str
-        Landmarks with handles in every pose.
-    more_landmarks : sequence of str
-        Additional landmarks in the pose that is turned as a whole against the rest pose.
     poses_used : sequence of str, optional
         Names of the target poses, in order; by default all poses of the asset.
 
     Raises
     ------
     InputError
-        On an unknown or repeated landmark or pose.
+        On an unknown or repeated pose.
     """
 
-    base_landmarks: tuple[str, ...] = BASE_LANDMARKS
-    more_landmarks: tuple[str, ...] = MORE_LANDMARKS
     poses_used: tuple[str, ...] | None = None
 
     name = "synthetic"
     subjects = tuple(range(10))
+    base_landmarks = ("nose", "hand_l", "hand_r", "toe_l", "toe_r", "heel_l", "heel_r")
+    more_landmarks = ("elbow_l", "elbow_r", "knee_l", "knee_r", "hip_l", "hip_r", "chest", "upper_back")
 
     def __post_init__(self) -> None:
-        self._check_landmarks()
         known = load_bodies().pose_names
         used = known if self.poses_used is None else self.poses_used
         object.__setattr__(self, "poses_used", require_choice(used, known=known, option="source.poses_used"))

@@ -8,7 +8,7 @@ subdivided and interpolated on that triangle. For other meshes the subdivided re
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +22,9 @@ from sshade import InputError, Mesh
 
 #: Maximum distance of a remeshed surface from the subdivided one, as a fraction of the diagonal.
 ON_SURFACE = 1e-6
+
+#: Poses vertex positions (n, 3).
+Skin = Callable[[np.ndarray], np.ndarray]
 
 
 class Registered(NamedTuple):
@@ -46,6 +49,8 @@ class Registered(NamedTuple):
 def true_pose(meshes: Registered, skin: Skin | None) -> tuple[np.ndarray, str]:
     """Compute the positions of the rest mesh's vertices in the pose.
 
+    Without a skin, the registered pose is subdivided and interpolated.
+
     Returns
     -------
     (n, 3) float64
@@ -55,23 +60,46 @@ def true_pose(meshes: Registered, skin: Skin | None) -> tuple[np.ndarray, str]:
     Raises
     ------
     InputError
-        See :func:`subdivided_pose`.
+        When the subdivisions do not correspond, or the rest mesh does not lie on the subdivided rest mesh.
     """
-    rest, low, posed, steps = meshes
-    if rest is low:
-        return posed.V, "registration"
+    if meshes.rest is meshes.low:
+        return meshes.posed.V, "registration"
     if skin is not None:
-        return skin(rest.V), "skinning"
-    return subdivided_pose(rest, low, posed, steps=steps), "subdivision"
+        return skin(meshes.rest.V), "skinning"
+    fine, interpolate = _on_subdivided(meshes)
+    fine_posed = subdivide(meshes.posed, steps=meshes.steps)
+    if not np.array_equal(fine.F, fine_posed.F):
+        raise InputError(
+            "the pose is subdivided into other triangles than the rest mesh; build the dataset again"
+        )
+    return interpolate @ fine_posed.V, "subdivision"
 
 
 def find_skin(meshes: Registered, source: Mapping[str, Any], *, subject: int, pose: str) -> Skin | None:
-    """Skinning of a subject; None if the dataset's source has none.
+    """Dual quaternion skinning of a synthetic body into a pose, at the vertices of the rest mesh.
+
+    The weights are subdivided by Loop's rules. Linear interpolation on the registered triangles would
+    crease weights and posed surface along edges.
+
+    Parameters
+    ----------
+    meshes : Registered
+    source : mapping
+        The dataset's record of its source.
+    subject : int
+    pose : str
+        Name of the pose.
+
+    Returns
+    -------
+    callable, optional
+        Poses vertex positions (n, 3), which an edit may have moved. None if the source has no skinning.
 
     Raises
     ------
     InputError
-        When the dataset was built from the bodies of another version of the package; and see :class:`Skin`.
+        When the package has no such body or pose, or the rest mesh does not lie on the subdivided registered
+        mesh.
     """
     asset = source.get("asset_sha256")
     if asset is None:
@@ -81,87 +109,28 @@ def find_skin(meshes: Registered, source: Mapping[str, Any], *, subject: int, po
             f"the dataset was made from other bodies (asset {asset[:12]}) than the bodies of this version "
             f"({SHA256[:12]}); build it again"
         )
-    return Skin(meshes.rest, meshes.low, steps=meshes.steps, subject=subject, pose=pose)
+    bodies = load_bodies()
+    known = 0 <= subject < len(bodies.rest) and pose in bodies.pose_names
+    if not known or not np.array_equal(meshes.low.F, bodies.faces):
+        raise InputError(f"the package has no body {subject} with these faces in the pose {pose!r}")
+    k = bodies.pose_names.index(pose)
+    motions = bodies.motions(subject, rotations=bodies.rotations[subject, k])
+    if meshes.rest is not meshes.low:
+        # Blending is linear, so subdividing the motions is the same as subdividing the weights.
+        fine, interpolate = _on_subdivided(meshes)
+        motions = interpolate @ (loop_matrix(meshes.low, fine, steps=meshes.steps) @ motions)
+    return lambda V: apply_motions(motions, V) + bodies.shifts[subject, k]
 
 
-class Skin:
-    """Dual quaternion skinning of a synthetic body into a pose, at the vertices of a mesh of the body.
-
-    Parameters
-    ----------
-    rest : Mesh
-        The mesh to be skinned: the registered rest mesh, or a mesh remeshed from it.
-    low : Mesh
-        The registered rest mesh.
-    steps : int
-        Number of subdivisions between the two. The weights are subdivided by Loop's rules. Linear
-        interpolation on the registered triangles would crease weights and posed surface along edges.
-    subject : int
-    pose : str
-        Name of the pose.
-
-    Raises
-    ------
-    InputError
-        When the package has no such body or pose; and see :func:`subdivided_pose`.
-    """
-
-    def __init__(self, rest: Mesh, low: Mesh, *, steps: int, subject: int, pose: str) -> None:
-        bodies = load_bodies()
-        known = 0 <= subject < len(bodies.rest) and pose in bodies.pose_names
-        if not known or not np.array_equal(low.F, bodies.faces):
-            raise InputError(f"the package has no body {subject} with these faces in the pose {pose!r}")
-        k = bodies.pose_names.index(pose)
-        motions = bodies.motions(subject, rotations=bodies.rotations[subject, k])
-        if rest is not low:
-            # Blending is linear, so subdividing the motions is the same as subdividing the weights.
-            fine, interpolate = _on_subdivided(rest, low, steps=steps)
-            motions = interpolate @ (loop_matrix(low, fine, steps=steps) @ motions)
-        self._motions = motions
-        self._shift = bodies.shifts[subject, k]
-
-    def __call__(self, V: np.ndarray) -> np.ndarray:
-        """Pose vertex positions (n, 3), which an edit may have moved."""
-        return apply_motions(self._motions, V) + self._shift
-
-
-def subdivided_pose(rest: Mesh, low: Mesh, posed: Mesh, *, steps: int) -> np.ndarray:
-    """Subdivide a registered pose and interpolate it at the vertices of a finer rest mesh.
-
-    Parameters
-    ----------
-    rest : Mesh
-        Remeshed from the registered rest mesh after `steps` subdivisions.
-    low, posed : Mesh
-        The registered rest mesh and pose, in correspondence.
-    steps : int
-
-    Returns
-    -------
-    (n, 3) float64
-
-    Raises
-    ------
-    InputError
-        When the subdivisions do not correspond, or `rest` does not lie on the subdivided rest mesh.
-    """
-    fine, interpolate = _on_subdivided(rest, low, steps=steps)
-    fine_posed = subdivide(posed, steps=steps)
-    if not np.array_equal(fine.F, fine_posed.F):
+def _on_subdivided(meshes: Registered) -> tuple[Mesh, csr_array]:
+    """Subdivide the registered mesh; return it with the interpolation at the vertices of the rest mesh."""
+    fine = subdivide(meshes.low, steps=meshes.steps)
+    interpolate, distance = interpolation(meshes.rest.V, fine.V, fine.F)
+    off = distance.max() / meshes.low.diagonal
+    if off > ON_SURFACE:
         raise InputError(
-            "the pose is subdivided into other triangles than the rest mesh; build the dataset again"
-        )
-    return interpolate @ fine_posed.V
-
-
-def _on_subdivided(rest: Mesh, low: Mesh, *, steps: int) -> tuple[Mesh, csr_array]:
-    """Subdivide the registered mesh; return it with the interpolation at the vertices of `rest`."""
-    fine = subdivide(low, steps=steps)
-    interpolate, distance = interpolation(rest.V, fine.V, fine.F)
-    if distance.max() > ON_SURFACE * low.diagonal:
-        raise InputError(
-            f"the rest mesh was not made from the subdivided registered mesh: it is up to "
-            f"{distance.max() / low.diagonal:.1g} x the diagonal away; build the dataset again"
+            f"the rest mesh was not made from the subdivided registered mesh: it is up to {off:.1g} x the "
+            "diagonal away; build the dataset again"
         )
     return fine, interpolate
 

@@ -7,15 +7,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from defaust.edits import Edit
 from defaust.folder.layout import REST, REST_LOW, pose_file, pose_mesh, sha256, subject_folder
 from defaust.folder.record import POSE, read_dataset, read_record
 from defaust.sources.generated.shapes import ideal_pose
 from defaust.tasks.full_size import Registered, find_skin, true_pose
 from defaust.tasks.handle_kinds import Kind, of_kind
-from defaust.tasks.transfers import transfer_task
 from sshade import DeformationTask, InputError, Mesh, TransferTask
 from sshade.io.handles import read_handles
 from sshade.io.meshes import read_mesh
@@ -92,8 +89,9 @@ def load_task(
     Returns
     -------
     DeformationTask or TransferTask
-        For a transfer see :func:`defaust.tasks.transfers.transfer_task`. Otherwise the groups of the handles
-        are landmark ids, which are positions in the dataset's list of landmarks. `meta` holds:
+        The groups of the handles are landmark ids, which are positions in the dataset's list of landmarks.
+        The ground truth of a transfer to an unedited mesh is the pose itself. An edited mesh has a ground
+        truth only if the body can be skinned. `meta` holds:
 
         - ``dataset``, ``source``, ``seed``, ``subject``, ``pose``, ``source_pose``, ``resolution``,
           ``vertices``, ``raw``;
@@ -102,6 +100,7 @@ def load_task(
         - ``snap_max``: largest distance of a stored position to its vertex; ``merged``: number of handles
           merged because they share a vertex;
         - ``checksum``: of the mesh and the pose file;
+        - for a transfer ``edit`` and ``class``, the name of the subject's class, or of the subject;
         - ``posed_by``: origin of the ground truth, ``registration``, ``skinning``, ``subdivision`` or
           ``formulas``; or ``no_truth``: the reason for a missing ground truth.
 
@@ -157,8 +156,13 @@ def load_task(
         posed = _mesh(root, f"{folder}/{pose_mesh(pose)}", document=document)
         meshes = Registered(mesh, low, posed, record["high"]["ls3_steps"])
         if edit is not None:
-            return transfer_task(meshes, document, name=name, edit=edit, facts=facts)
-        truth, how = _truth(meshes, document["source"], facts)
+            return _transfer(meshes, document["source"], name=name, edit=edit, facts=facts)
+        try:
+            skin = find_skin(meshes, document["source"], subject=subject, pose=content["source_pose"])
+            truth, origin = true_pose(meshes, skin)
+            how = {"posed_by": origin}
+        except InputError as error:  # a deformation task needs no ground truth
+            truth, how = None, {"no_truth": str(error)}
     if [entry["landmark"] for entry in content["handles"]] != document["landmarks"]:
         raise InputError(
             f"{root / pose_name}: its landmarks differ from those of the dataset; build it again"
@@ -202,16 +206,29 @@ def _tasks(
     return tasks
 
 
-def _truth(
-    meshes: Registered, source: Mapping[str, Any], facts: Mapping[str, Any]
-) -> tuple[np.ndarray | None, dict[str, str]]:
-    """Ground truth and its origin, or None and the reason, because deformation tasks need no ground truth."""
-    try:
-        skin = find_skin(meshes, source, subject=facts["subject"], pose=facts["source_pose"])
-        truth, how = true_pose(meshes, skin)
-    except InputError as error:
-        return None, {"no_truth": str(error)}
-    return truth, {"posed_by": how}
+def _transfer(
+    meshes: Registered, source: Mapping[str, Any], *, name: str, edit: Edit, facts: Mapping[str, Any]
+) -> TransferTask:
+    """Task of transferring a pose to an edited rest mesh."""
+    rest, subject = meshes.rest, facts["subject"]
+    edited = edit(rest)
+    shape = rest if edited is rest.V else Mesh(edited, rest.F)
+    skin = find_skin(meshes, source, subject=subject, pose=facts["source_pose"])
+    posed, origin = true_pose(meshes, skin)
+    classes = source.get("classes")
+    return TransferTask(
+        name=f"{name}/{edit.name}" if edit.name else name,
+        mesh=shape,
+        rest=rest,
+        posed=posed,
+        truth=posed if shape is rest else None if skin is None else skin(shape.V),
+        meta={
+            **facts,
+            "class": classes[subject] if classes else f"subject_{subject:02d}",
+            "edit": edit.name or "none",
+            "posed_by": origin,
+        },
+    )
 
 
 def _mesh(root: Path, name: str, *, document: dict[str, Any]) -> Mesh:

@@ -4,7 +4,8 @@ import gzip
 
 import numpy as np
 
-from defaust.sources.synthetic import read_asset
+from defaust.sources.source import read_asset
+from defaust.sources.synthetic import SHA256
 from tests.shapes import block, icosphere
 from tools.bake.__main__ import add_poses, main, without_reaches
 from tools.bake.morphs import AGES, BONES, BaseMesh, Shape, morph, read_base
@@ -81,7 +82,7 @@ def test_quantised_weights():
 
 
 def test_the_shipped_poses_can_be_baked_again_from_the_shipped_bodies():
-    arrays = read_asset()
+    arrays = read_asset("bodies", sha256=SHA256)
     first = arrays | {name: arrays[name][:1] for name in ("offset", "joints", "rotations", "shifts")}
     kept = without_reaches(first)
     assert kept["rotations"].shape == (1, 4, len(BONES), 3) and kept["shifts"].shape == (1, 4, 3)

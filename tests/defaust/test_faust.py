@@ -77,13 +77,9 @@ def test_poses_and_landmarks(folder):
 
 def test_missing_files_are_named(folder, tmp_path):
     source = faust(folder)
-    with pytest.raises(InputError, match=r"lacks tr_reg_038: subjects 0, 3 in poses 0, 1, 3, 6, 8 are 10 "):
-        source.checksums([0, 3])
-    message = r"lacks tr_reg_010, .* and 35 more: .*; the files of subjects=\[0\] are complete"
+    message = r"lacks tr_reg_010, .* and 35 more; poses 0, 1, 3, 6, 8 are complete for the subjects \[0\]"
     with pytest.raises(InputError, match=message):
         source.checksums(source.subjects)
-    with pytest.raises(InputError, match="lacks tr_reg_038$"):
-        source.posed(3, source.poses(3)[3])
     for root, message in (
         (tmp_path, r"holds no registrations \(tr_reg_NNN.ply, .off or .obj\)"),
         (tmp_path / "nowhere", "nowhere: no such folder; set source.root=MPI-FAUST"),

@@ -3,11 +3,17 @@
 import numpy as np
 import pytest
 
+from defaust.build.options import BuildOptions
 from defaust.build.upsample import subdivide, upsample
-from defaust.sources.synthetic import SyntheticBodies, load_bodies
-from defaust.tasks.full_size import Skin, interpolation, subdivided_pose
+from defaust.sources.synthetic import SHA256, SyntheticBodies, load_bodies
+from defaust.tasks.full_size import Registered, find_skin, interpolation, true_pose
 from sshade import Mesh
 from tests.shapes import bumpy, icosphere, rotation
+
+
+def skin_of(rest, low, *, steps, pose):
+    meshes = Registered(rest, low, low, steps)
+    return find_skin(meshes, {"asset_sha256": SHA256}, subject=3, pose=pose)
 
 
 @pytest.fixture(scope="module")
@@ -25,18 +31,18 @@ def fine(body):
 def test_the_registered_mesh_is_skinned_to_the_registered_poses(body):
     rest, poses = body
     for name, posed in zip(load_bodies().pose_names, poses, strict=True):
-        skin = Skin(rest, rest, steps=0, subject=3, pose=name)
+        skin = skin_of(rest, rest, steps=0, pose=name)
         np.testing.assert_array_equal(skin(rest.V), posed.V)
         # Interpolated from the mesh to itself, the weights stay.
-        again = Skin(Mesh(rest.V, rest.F), rest, steps=0, subject=3, pose=name)
+        again = skin_of(Mesh(rest.V, rest.F), rest, steps=0, pose=name)
         np.testing.assert_allclose(again(rest.V), posed.V, atol=1e-12)
 
 
 def test_skinned_and_subdivided_poses_of_a_fine_mesh_agree(body, fine):
     rest, poses = body
     for name, posed in list(zip(load_bodies().pose_names, poses, strict=True))[::2]:
-        skinned = Skin(fine, rest, steps=1, subject=3, pose=name)(fine.V)
-        subdivided = subdivided_pose(fine, rest, posed, steps=1)
+        skinned = skin_of(fine, rest, steps=1, pose=name)(fine.V)
+        subdivided = true_pose(Registered(fine, rest, posed, 1), None)[0]
         gap = np.linalg.norm(skinned - subdivided, axis=1)
         assert gap.mean() < 3e-4 and gap.max() < 5e-3  # metres; the largest in a crease
         moved = np.linalg.norm(skinned - fine.V, axis=1)
@@ -47,10 +53,9 @@ def test_a_subdivided_mesh_goes_to_the_subdivided_pose():
     """A remeshed surface lies on the subdivided one, where every point has its place in the pose."""
     low = bumpy(2)
     posed = Mesh(low.V @ rotation(4).T * 2 + 1, low.F)
-    remeshed = upsample(low, target_vertices=700, ls3_steps=1).mesh
-    np.testing.assert_allclose(
-        subdivided_pose(remeshed, low, posed, steps=1), remeshed.V @ rotation(4).T * 2 + 1, atol=1e-6
-    )
+    remeshed = upsample(low, BuildOptions(target_vertices=700, ls3_steps=1)).mesh
+    found, _ = true_pose(Registered(remeshed, low, posed, 1), None)
+    np.testing.assert_allclose(found, remeshed.V @ rotation(4).T * 2 + 1, atol=1e-6)
 
 
 def test_interpolation():

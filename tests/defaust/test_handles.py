@@ -3,14 +3,9 @@
 import numpy as np
 import pytest
 
-from defaust.build.handles import (
-    choose_handles,
-    displacement,
-    handle_records,
-    nearest_vertices,
-    region_records,
-)
-from defaust.sources.source import Region
+from defaust.build.handles import choose_handles, displacement, handle_records, nearest_vertices
+from defaust.build.options import BuildOptions
+from defaust.sources.source import Region, SourcePose
 from defaust.sources.synthetic import SyntheticBodies
 from sshade import InputError
 from tests.shapes import jittered, strip
@@ -26,31 +21,32 @@ def test_handles_are_near_distinct_and_reproducible():
     source = SyntheticBodies()
     rest = source.rest(1)
     landmarks = source.landmark_vertices(1)
-    chosen = choose_handles(rest, landmarks, subject=1, seed=0)
+    chosen = choose_handles(rest, landmarks, subject=1, options=BuildOptions())
     everything = np.concatenate(list(chosen.values()))
     assert len(np.unique(everything)) == len(everything) == 30 * len(landmarks)
     for name, index in chosen.items():
         assert np.isin(index, nearest_vertices(rest, landmarks[name], count=60)).all()
     for subject, seed, same in ((1, 0, True), (1, 1, False), (2, 0, False)):
-        again = choose_handles(rest, landmarks, subject=subject, seed=seed)
+        again = choose_handles(rest, landmarks, subject=subject, options=BuildOptions(seed=seed))
         assert all(np.array_equal(again[name], chosen[name]) for name in chosen) == same
     with pytest.raises(InputError, match="only 6890 vertices can be reached from vertex 0"):
         nearest_vertices(rest, 0, count=6891)
 
 
 def test_overlapping_landmarks_share_no_vertex(sheet):
-    chosen = choose_handles(sheet, {"a": 65, "b": 66}, subject=0, seed=0, per_landmark=20, neighbourhood=40)
+    options = BuildOptions(handles_per_landmark=20, neighbourhood=40)
+    chosen = choose_handles(sheet, {"a": 65, "b": 66}, subject=0, options=options)
     assert not set(chosen["a"]) & set(chosen["b"])
     with pytest.raises(InputError, match="'b' has .* left that no other landmark took, and needs 30"):
-        choose_handles(sheet, {"a": 65, "b": 65}, subject=0, seed=0, per_landmark=30, neighbourhood=40)
+        choose_handles(sheet, {"a": 65, "b": 65}, subject=0, options=BuildOptions(neighbourhood=40))
 
 
 def test_delta_by_hand():
     source = np.zeros((3, 3))
     target = np.array([[3.0, 4.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
-    d = displacement(source, target, diagonal=39.0)
+    d = displacement(source, target, diagonal=39.0, static_below=0.05)
     assert (d.delta, d.delta_mean, d.kind) == (6.0, 2.0, "dynamic")  # 2 >= 0.05 * 39 = 1.95
-    assert displacement(source, target, diagonal=41.0).kind == "static"  # 2 < 2.05
+    assert displacement(source, target, diagonal=41.0, static_below=0.05).kind == "static"  # 2 < 2.05
     assert displacement(source, target, diagonal=41.0, static_below=0.04).kind == "dynamic"
 
 
@@ -58,7 +54,8 @@ def test_records_of_a_pose(sheet):
     posed = sheet.V.copy()
     posed[:, 2] += np.where(sheet.V[:, 0] > 2.5, 100.0, 0.0)
     chosen = {"still": np.array([0, 1]), "moving": np.array([134, 135]), "absent": np.array([12, 13])}
-    still, moving, absent = handle_records(sheet, posed, chosen=chosen, used=("still", "moving"))
+    pose = SourcePose("pose", ("still", "moving"))
+    still, moving, absent = handle_records(sheet, posed, pose, regions=(), chosen=chosen, static_below=0.05)
     assert (still["kind"], still["delta"]) == ("static", 0.0)
     assert (moving["kind"], moving["delta"], moving["delta_mean"]) == ("dynamic", 200.0, 100.0)
     np.testing.assert_array_equal(moving["source"], sheet.V[[134, 135]])
@@ -71,7 +68,8 @@ def test_regions_are_recorded_by_boxes_and_motion():
     quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     box = ((-0.1, -0.1, -0.1), (0.1, 10.0, 0.1))  # five vertices
     regions = [Region("a", (box,)), Region("b", (box,), quarter, np.array([0.0, 0, 3]))]
-    fixed, moved = region_records(sheet, regions)
+    pose = SourcePose("pose", ("a", "b"), regions=tuple(regions))
+    fixed, moved = handle_records(sheet, None, pose, regions="ab", chosen={}, static_below=0.05)
     assert (fixed["landmark"], fixed["kind"], fixed["delta"]) == ("a", "static", 0.0)
     assert (fixed["rotation"], fixed["translation"]) == (np.eye(3).tolist(), [0.0, 0.0, 0.0])
     assert (moved["kind"], moved["boxes"]) == ("dynamic", (box,))

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from defaust.build.upsample import self_intersecting
-from defaust.sources import synthetic
+from defaust.sources import source as sources
 from defaust.sources.skinning import apply_motions, blend_motions, bone_motions
 from defaust.sources.source import SourcePose
 from defaust.sources.synthetic import SyntheticBodies, load_bodies
@@ -28,7 +28,7 @@ def faces():
 def test_asset_with_a_flipped_byte_is_refused(tmp_path, monkeypatch):
     shutil.copytree(resources.files("defaust") / "data", tmp_path / "data")
     flip_a_byte(tmp_path / "data/bodies.npz", 1000)
-    monkeypatch.setattr(synthetic.resources, "files", lambda package: tmp_path)
+    monkeypatch.setattr(sources.resources, "files", lambda package: tmp_path)
     load_bodies.cache_clear()
     with pytest.raises(InputError, match="damaged"):
         load_bodies()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from defaust.build import upsample as module
+from defaust.build.options import BuildOptions
 from defaust.build.upsample import subdivide, upsample
 from sshade import InputError, Mesh
 from tests.shapes import icosphere, torus
@@ -18,7 +19,7 @@ def ball() -> Mesh:
 
 @pytest.mark.parametrize(("target", "steps"), [(500, 0), (2000, 1), (9000, 2)])
 def test_counts_topology_and_shape(ball, target, steps):
-    result = upsample(ball, target_vertices=target, window=(0.9, 1.1))
+    result = upsample(ball, BuildOptions(target_vertices=target))
     mesh = result.mesh
     assert result.ls3_steps == steps
     assert 0.9 * target <= mesh.n <= 1.1 * target
@@ -42,12 +43,12 @@ def test_unfit_surfaces_are_refused(ball):
     two = Mesh(np.concatenate([ball.V, ball.V + 3]), np.concatenate([ball.F, ball.F + ball.n]))
     for mesh, message in ((Mesh(ball.V, ball.F[1:]), "3 boundary edges"), (two, "2 components")):
         with pytest.raises(InputError, match=message):
-            upsample(mesh, target_vertices=500)
+            upsample(mesh, BuildOptions(target_vertices=500))
 
 
 def test_bad_remeshings_are_refused(ball, monkeypatch):
     with pytest.raises(InputError, match="never 1 to 1 times that"):
-        upsample(ball, target_vertices=503, window=(1.0, 1.0))
+        upsample(ball, BuildOptions(target_vertices=503, window=(1.0, 1.0)))
     ring = torus()
     for V, F, message in (
         (ball.V, ball.F[1:], "broke the surface: the mesh has 3 boundary edges"),
@@ -55,7 +56,7 @@ def test_bad_remeshings_are_refused(ball, monkeypatch):
     ):
         monkeypatch.setattr(module, "remesh", lambda mesh, found=(V, F), **options: found)
         with pytest.raises(InputError, match=message):
-            upsample(ball, target_vertices=len(V))
+            upsample(ball, BuildOptions(target_vertices=len(V)))
 
 
 def test_a_library_that_is_missing_is_named(monkeypatch):

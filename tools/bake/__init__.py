@@ -10,3 +10,22 @@ To bake only the poses in which parts touch, from the bodies of the package::
 
     python -m tools.bake --out defaust/data/bodies.npz
 """
+
+import hashlib
+import logging
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from sshade.io.files import replacing
+
+
+def write_asset(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
+    """Write an .npz file, and log its checksum."""
+    with replacing(path) as temporary:
+        np.savez_compressed(temporary, **arrays)
+    data = path.read_bytes()
+    logging.getLogger("tools.bake").info(
+        "%s: %d bytes, sha256 %s", path, len(data), hashlib.sha256(data).hexdigest()
+    )

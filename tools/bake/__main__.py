@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import hashlib
 import logging
 import sys
 from collections.abc import Mapping
@@ -12,11 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from defaust.build.upsample import self_intersecting
-from defaust.sources.synthetic import QUANTUM, Bodies, read_asset
+from defaust.sources.source import read_asset
+from defaust.sources.synthetic import QUANTUM, SHA256, Bodies
 from defaust.tasks.full_size import interpolation
 from sshade import InputError, Mesh
 from sshade.cli.console import run_command
-from sshade.io.files import replacing
+from tools.bake import write_asset
 from tools.bake.landmarks import find_landmarks
 from tools.bake.morphs import (
     BONES,
@@ -191,15 +191,12 @@ def main(argv: list[str] | None = None) -> int:
 
     def work() -> int:
         if args.mpfb2 is None:
-            arrays = add_poses(without_reaches(read_asset()))
+            arrays = add_poses(without_reaches(read_asset("bodies", sha256=SHA256)))
         elif not (args.mpfb2 / "3dobjs" / "base.obj").is_file():
             raise InputError(f"{args.mpfb2}: holds no 3dobjs/base.obj; give the folder of MPFB2's data")
         else:
             arrays = bake(args.mpfb2)
-        with replacing(args.out) as temporary:
-            np.savez_compressed(temporary, **arrays)
-        data = args.out.read_bytes()
-        log.info("%s: %d bytes, sha256 %s", args.out, len(data), hashlib.sha256(data).hexdigest())
+        write_asset(args.out, arrays)
         return 0
 
     return run_command(work)

@@ -7,7 +7,6 @@ NOTICE names their authors. The assets are committed; run this only to change th
 from __future__ import annotations
 
 import argparse
-import hashlib
 import logging
 import sys
 from pathlib import Path
@@ -18,11 +17,9 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from defaust.sources.scans import SHIPPED, STEPS
 from sshade import Mesh
 from sshade.cli.console import run_command
-from sshade.io.files import replacing
 from sshade.io.meshes import read_mesh
 from sshade.mesh.adjacency import edge_graph
-
-log = logging.getLogger("tools.bake")
+from tools.bake import write_asset
 
 #: Size of a stored difference, in bytes.
 BYTES = 3
@@ -74,12 +71,7 @@ def main(argv: list[str] | None = None) -> int:
 
     def work() -> int:
         for name in SHIPPED:
-            path = args.out / f"{name}.npz"
-            arrays = pack(read_mesh(args.meshes / f"{name}.ply"))
-            with replacing(path) as temporary:
-                np.savez_compressed(temporary, **arrays)
-            data = path.read_bytes()
-            log.info("%s: %d bytes, sha256 %s", path, len(data), hashlib.sha256(data).hexdigest())
+            write_asset(args.out / f"{name}.npz", pack(read_mesh(args.meshes / f"{name}.ply")))
         return 0
 
     return run_command(work)

@@ -8,20 +8,24 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Bend:
-    """Wind the z axis onto a circular arc of the same length. Points below the arc stay.
+class _Rotation:
+    """Rotation that grows with the height z.
 
     Parameters
     ----------
     low, high : float
-        Heights between which the axis bends. Points above `high` move rigidly.
+        Heights between which the angle grows from zero. Points below stay, points above move rigidly.
     degrees : float
-        Angle from +z towards +x.
+        Angle above `high`.
     """
 
     low: float
     high: float
     degrees: float
+
+
+class Bend(_Rotation):
+    """Wind the z axis, from +z towards +x, onto a circular arc of the same length."""
 
     @property
     def radius(self) -> float:
@@ -45,21 +49,8 @@ class Bend:
         return R, np.array([self.radius, 0.0, self.low]) - R @ [self.radius, 0.0, self.high]
 
 
-@dataclass(frozen=True)
-class Twist:
-    """Rotate points about the z axis by an angle that grows linearly with their height.
-
-    Parameters
-    ----------
-    low, high : float
-        Heights between which the angle grows from zero.
-    degrees : float
-        Angle above `high`, counter-clockwise seen from +z.
-    """
-
-    low: float
-    high: float
-    degrees: float
+class Twist(_Rotation):
+    """Rotate about the z axis, counter-clockwise seen from +z, by an angle linear in the height."""
 
     def __call__(self, V: np.ndarray) -> np.ndarray:
         """Move points (n, 3)."""

@@ -100,14 +100,18 @@ def bumpy_plane(vertices: int) -> tuple[np.ndarray, np.ndarray]:
     return V, F
 
 
-def box(
-    *,
-    x: tuple[float, float] = (-FAR, FAR),
-    y: tuple[float, float] = (-FAR, FAR),
-    z: tuple[float, float] = (-FAR, FAR),
-) -> Box:
-    """Box of three intervals."""
+def box(**intervals: tuple[float, float]) -> Box:
+    """Box of intervals of x, y and z; a missing interval has no bounds."""
+    x, y, z = (intervals.get(axis, (-FAR, FAR)) for axis in "xyz")
     return (x[0], y[0], z[0]), (x[1], y[1], z[1])
+
+
+def upright(
+    pose: str, triangulate: Callable[..., Any], motion: Bend | Twist, *, is_known: bool, **sides: Any
+) -> Shape:
+    """Shape along z that is fixed below its motion, and moves above; `sides` bound the moved region."""
+    held, moved = box(z=(-FAR, motion.low)), box(z=(motion.high, FAR), **sides)
+    return Shape(pose, triangulate, held=(held,), moved=(moved,), motion=motion, is_known=is_known)
 
 
 OUTSIDE = (-FAR, -BORDER), (BORDER, FAR)
@@ -120,30 +124,9 @@ SHAPES = (
         motion=LIFTED,
         is_known=False,
     ),
-    Shape(
-        "bend",
-        partial(lattices.cylinder, radius=RADIUS, length=CYLINDER),
-        held=(box(z=(-FAR, BENT.low)),),
-        moved=(box(z=(BENT.high, FAR)),),
-        motion=BENT,
-        is_known=True,
-    ),
-    Shape(
-        "twist",
-        partial(lattices.bar, length=BAR),
-        held=(box(z=(-FAR, TWISTED.low)),),
-        moved=(box(z=(TWISTED.high, FAR)),),
-        motion=TWISTED,
-        is_known=True,
-    ),
-    Shape(
-        "bend",
-        cactus,
-        held=(box(z=(-FAR, LEANING.low)),),
-        moved=(box(x=(-TRUNK, TRUNK), z=(LEANING.high, FAR)),),
-        motion=LEANING,
-        is_known=False,
-    ),
+    upright("bend", partial(lattices.cylinder, radius=RADIUS, length=CYLINDER), BENT, is_known=True),
+    upright("twist", partial(lattices.bar, length=BAR), TWISTED, is_known=True),
+    upright("bend", cactus, LEANING, is_known=False, x=(-TRUNK, TRUNK)),
 )
 
 
