@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -22,14 +22,6 @@ from sshade.progress import Progress, silent
 
 class UnusableError(InputError):
     """The source's data of a subject cannot be used."""
-
-
-class _Content(NamedTuple):
-    """The files of a subject by name, and its entry in dataset.json without the list of files."""
-
-    meshes: dict[str, Mesh]
-    texts: dict[str, str]
-    record: dict[str, Any]
 
 
 def build_subject(
@@ -58,29 +50,32 @@ def build_subject(
         When files cannot be written.
     """
     try:
-        content = _content(source, subject=subject, options=options, strict=strict, progress=progress)
+        meshes, texts, record = _content(
+            source, subject=subject, options=options, strict=strict, progress=progress
+        )
     except InputError as error:
         raise UnusableError(f"subject {subject}: {error}") from error
     name = layout.subject_folder(subject)
     final, folder = out / name, out / f".{name}.{os.getpid()}.partial"
     make_folder(folder)
     try:
-        for file, mesh in content.meshes.items():
+        for file, mesh in meshes.items():
             write_mesh(folder / file, mesh.V, mesh.F)
-        for file, text in content.texts.items():
+        for file, text in texts.items():
             layout.write_text(folder / file, text)
     except InputError as error:
         shutil.rmtree(folder)
         raise InputError(f"subject {subject}: {error}") from error
-    files = {f"{name}/{path.name}": _entry(path, content.meshes) for path in sorted(folder.iterdir())}
+    files = {f"{name}/{path.name}": _entry(path, meshes) for path in sorted(folder.iterdir())}
     shutil.rmtree(final, ignore_errors=True)
     folder.rename(final)
-    return content.record | {"files": files}
+    return record | {"files": files}
 
 
 def _content(
     source: Source, *, subject: int, options: BuildOptions, strict: bool, progress: Progress
-) -> _Content:
+) -> tuple[dict[str, Mesh], dict[str, str], dict[str, Any]]:
+    """Meshes and texts of a subject by file name, and its entry in dataset.json without the list of files."""
     stage = f"subject {subject}"
     poses = source.poses(subject)
     steps = len(poses) + 2
@@ -132,7 +127,7 @@ def _content(
         | {"ls3_steps": high.ls3_steps, "edge_length": high.edge_length, "remeshings": high.attempts},
     }
     progress(stage, steps, steps)
-    return _Content(meshes, texts, record)
+    return meshes, texts, record
 
 
 def _pose_facts(handles: list[dict[str, Any]], posed: Mesh | None) -> dict[str, Any]:

@@ -61,9 +61,6 @@ class Shape:
     def arrays(self) -> tuple[np.ndarray, np.ndarray]:
         """Read vertices and faces without validating them; an InputError names the file."""
         with self.named():
-            for path in self.files:
-                if not path.is_file():
-                    raise InputError(f"{path}: no such file")
             if self.array:
                 with _open_archive(self.path) as archive:
                     V, F = _reading(self.path, lambda: (archive[self.array], archive["F"]))

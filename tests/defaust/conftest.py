@@ -5,7 +5,9 @@ import shutil
 import pytest
 
 from defaust.build.dataset import build
+from defaust.build.options import BuildOptions
 from defaust.cli import main
+from defaust.sources.synthetic import SyntheticBodies
 from tests.defaust.toy import OPTIONS, Balls
 
 
@@ -14,6 +16,15 @@ def finished(tmp_path_factory):
     """A finished dataset; do not change it."""
     out = tmp_path_factory.mktemp("data") / "balls"
     build(Balls(), out, options=OPTIONS, workers=1)
+    return out
+
+
+@pytest.fixture(scope="session")
+def body(tmp_path_factory):
+    """Body 4 of the package, sitting and with raised arms, subdivided once and remeshed; do not change it."""
+    out = tmp_path_factory.mktemp("data") / "body"
+    options = BuildOptions(subjects=(4,), target_vertices=12_000, ls3_steps=1)
+    build(SyntheticBodies(poses_used=("sitting", "arms_up")), out, options=options, workers=1)
     return out
 
 

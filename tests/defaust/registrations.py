@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 from defaust.build.options import BuildOptions
@@ -26,9 +27,13 @@ def write_faust(folder: Path, *, subjects=(0,), poses=POSES, suffix=".ply") -> P
     return folder
 
 
-def faust(root: Path, *overrides: str):
-    """The source that the command line makes. The bodies have other shapes at FAUST's landmarks."""
-    return configure(["out=unused", "source=faust", f"source.root='{root}'", *overrides])[0]
+def configured(name: str, root: Path, *overrides: str):
+    """The source that the command line makes."""
+    return configure(["out=unused", f"source={name}", f"source.root='{root}'", *overrides])[0]
+
+
+#: FAUST. The bodies have other shapes at FAUST's landmarks.
+faust = partial(configured, "faust")
 
 
 def contents(root: Path) -> dict[str, bytes]:

@@ -2,6 +2,7 @@
 
 import pickle
 import struct
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,14 +10,15 @@ from scipy.spatial.transform import Rotation
 
 from defaust.build.dataset import build
 from defaust.build.verify import verify
-from defaust.cli import configure
 from defaust.sources.animations import Counts, far_frames, read_counts, read_frame
 from defaust.tasks import load_task
 from sshade import InputError
+from tests.defaust.registrations import configured
 from tests.defaust.toy import KEPT
 from tests.shapes import icosphere
 
 BALL = icosphere(2)
+source_of = partial(configured, "sequence")
 
 
 def packed(frames, F):
@@ -40,10 +42,6 @@ def sheared(amount):
 def walked(V, step):
     """Move and turn a shape as a whole."""
     return V @ Rotation.from_euler("y", 40 * step, degrees=True).as_matrix().T + [3.0 * step, 0, 0]
-
-
-def source_of(root, *overrides):
-    return configure(["out=unused", "source=sequence", f"source.root='{root}'", *overrides])[0]
 
 
 def test_a_file_is_read_as_it_was_written(tmp_path):

@@ -53,8 +53,6 @@ def test_module_runs_and_starts_light():
     ("overrides", "message"),
     [
         (["out=x", "source=faust"], "source.root is not set; add e.g. source.root=MPI-FAUST"),
-        (["out=x", "+speed=1"], "there is no option speed"),
-        (["out=x", "target_vertices=2e4"], "target_vertices is 20000.0, not a whole number"),
         (["out=x", "window=[1]"], "window has 1 items, not 2"),
         (["out=x", "source.poses_used=[jump]"], "there is no 'jump'; choose from arms_up"),
         (["out=x", "+source.speed=1"], "unexpected keyword argument 'speed'"),

@@ -72,7 +72,6 @@ def test_only_the_connected_region_moves():
     ("edit", "message"),
     [
         (Inflate(at=(0.5, 0.5), radius=0.2, amount=0.1), "three fractions of the bounding box"),
-        (Inflate(at=(0.5, 0.5, np.nan), radius=0.2, amount=0.1), "three fractions"),
         (Stretch(at=(0.5, 0.5, 1.0), radius=1e-6, amount=0.1), "moves one vertex of this mesh"),
         (Horns(at=((0.5, 0.5, 1.0),), radius=0, height=0.1), "radius of an edit is 0; it must be more"),
         (Fin(start=(0, 0, 0), end=(1, 1, 1), width=-1, height=0.1), "width of an edit is -1; it must be"),

@@ -6,9 +6,9 @@ import pytest
 from defaust.build.options import BuildOptions
 from defaust.build.upsample import subdivide, upsample
 from defaust.sources.synthetic import SHA256, SyntheticBodies, load_bodies
-from defaust.tasks.full_size import Registered, find_skin, interpolation, true_pose
+from defaust.tasks.full_size import Registered, find_skin, true_pose
 from sshade import Mesh
-from tests.shapes import bumpy, icosphere, rotation
+from tests.shapes import bumpy, rotation
 
 
 def skin_of(rest, low, *, steps, pose):
@@ -26,16 +26,6 @@ def body():
 def fine(body):
     """The rest mesh subdivided once: 27,554 vertices, of which the first 6,890 are moved old ones."""
     return subdivide(body[0], steps=1)
-
-
-def test_the_registered_mesh_is_skinned_to_the_registered_poses(body):
-    rest, poses = body
-    for name, posed in zip(load_bodies().pose_names, poses, strict=True):
-        skin = skin_of(rest, rest, steps=0, pose=name)
-        np.testing.assert_array_equal(skin(rest.V), posed.V)
-        # Interpolated from the mesh to itself, the weights stay.
-        again = skin_of(Mesh(rest.V, rest.F), rest, steps=0, pose=name)
-        np.testing.assert_allclose(again(rest.V), posed.V, atol=1e-12)
 
 
 def test_skinned_and_subdivided_poses_of_a_fine_mesh_agree(body, fine):
@@ -56,16 +46,3 @@ def test_a_subdivided_mesh_goes_to_the_subdivided_pose():
     remeshed = upsample(low, BuildOptions(target_vertices=700, ls3_steps=1)).mesh
     found, _ = true_pose(Registered(remeshed, low, posed, 1), None)
     np.testing.assert_allclose(found, remeshed.V @ rotation(4).T * 2 + 1, atol=1e-6)
-
-
-def test_interpolation():
-    mesh = icosphere(2)
-    rng = np.random.default_rng(0)
-    faces = rng.integers(0, mesh.m, 50)
-    points = np.einsum("nk,nkc->nc", rng.dirichlet([1, 1, 1], size=50), mesh.V[mesh.F[faces]])
-    B, distance = interpolation(points, mesh.V, mesh.F)
-    np.testing.assert_allclose(B @ mesh.V, points, atol=1e-12)
-    assert distance.max() < 1e-12 and B.data.min() >= 0
-    B, distance = interpolation(3 * mesh.V, mesh.V, mesh.F)
-    np.testing.assert_allclose(B.toarray(), np.eye(mesh.n), atol=1e-12)
-    np.testing.assert_allclose(distance, 2)

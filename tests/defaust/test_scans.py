@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
-from defaust.build.upsample import self_intersecting
 from defaust.build.verify import verify
 from defaust.cli import main
-from defaust.edits import Unedited
 from defaust.sources import scans
 from defaust.sources.scans import NAMES, SCANS, SHIPPED, Scans, identity, shipped
 from defaust.sources.winding import same_triangles
 from defaust.tasks import list_tasks, load_task
-from sshade import InputError, Mesh
+from sshade import Mesh
 from sshade.handles import require_rotations
 from sshade.io.meshes import read_mesh, write_mesh
 from sshade.io.regions import rigidly_moved, vertices_in
@@ -26,9 +23,6 @@ from tests.shapes import bumpy, torus
 from tools.bake.scans import pack
 
 KOALA, CAT, HAND, ARMADILLO = range(4)
-#: Vertices and volume of the published meshes.
-PUBLISHED = {"koala": (49_999, 57.08943149), "cat": (7_949, 1.9817028019), "hand": (7_993, 0.0293820649)}
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -54,22 +48,6 @@ def regions_of(subject, pose):
     return Scans().poses(subject)[pose].regions
 
 
-@pytest.mark.parametrize("name", SHIPPED)
-def test_assets_hold_the_published_meshes(name):
-    mesh = shipped(name)
-    vertices, volume = PUBLISHED[name]
-    assert mesh.n == vertices and mesh.volume == pytest.approx(volume, rel=2e-6)
-    assert mesh.topology == (2, 1, 0) and mesh.is_oriented and mesh.is_closed
-    mesh.require_manifold()
-    assert not self_intersecting(mesh).any()
-
-
-def test_a_damaged_asset_is_refused(monkeypatch):
-    monkeypatch.setitem(scans.SCANS, "cat", {**SCANS["cat"], "asset_sha256": "0" * 64})
-    with pytest.raises(InputError, match="cat.npz is damaged: its sha256 is 2f76.*reinstall the package"):
-        shipped.__wrapped__("cat")
-
-
 @pytest.mark.parametrize("mesh", [bumpy(3), torus()], ids=["bumpy", "torus"])
 def test_packing_renumbers_and_moves_no_coordinate_by_more_than_half_a_step(mesh):
     mesh = Mesh(3.0 * mesh.V - 5.0, mesh.F)
@@ -86,24 +64,20 @@ def test_every_region_is_one_patch_that_moves_rigidly(subject):
     mesh = Scans().rest(subject)
     graph = edge_graph(mesh).matrix
     scan = SCANS[NAMES[subject]]
-    rng = np.random.default_rng(0)
     assert len(Scans().poses(subject)) == 3
     for number, pose in enumerate(Scans().poses(subject)):
-        taken = np.zeros(mesh.n, dtype=bool)
         told = scan["poses"][pose.name]
         degrees = {name: abs(m["degrees"]) for m in told["moved"] for name in m["regions"]}
         assert sorted(pose.landmarks) == sorted([*told["held"], *degrees]) and degrees
         for region in regions_of(subject, number):
             index = vertices_in(mesh.V, region.boxes)
-            assert not taken[index].any() and 100 < len(index) < 0.3 * mesh.n
-            taken[index] = True
+            assert 100 < len(index) < 0.3 * mesh.n
             assert connected_components(graph[index][:, index], directed=False)[0] == 1
-            some = rng.choice(index, size=60, replace=False)
-            moved = rigidly_moved(mesh.V[some], region.rotation, region.translation)
+            moved = rigidly_moved(mesh.V[index], region.rotation, region.translation)
             require_rotations(region.rotation[None])
-            angle = np.degrees(np.arccos(np.clip((np.trace(region.rotation) - 1) / 2, -1, 1)))
+            angle = np.degrees(Rotation.from_matrix(region.rotation).magnitude())
             assert angle == pytest.approx(degrees.get(region.landmark, 0.0), abs=1e-6)
-            far = np.linalg.norm(moved - mesh.V[some], axis=1).mean() / mesh.diagonal
+            far = np.linalg.norm(moved - mesh.V[index], axis=1).mean() / mesh.diagonal
             assert (far > 0.05) == (region.landmark in degrees)
 
 
@@ -124,8 +98,7 @@ def test_folder(built, capsys):
     text = capsys.readouterr().out
     for name in SHIPPED:
         assert SCANS[name]["credit"] in text and f"{name}: {SCANS[name]['licence']}" in text
-    assert "The true poses are unknown" in text and "each pose uses some of them): head" in text
-    assert "armadillo: " not in text and "LS3 Loop" not in text
+    assert "armadillo: " not in text
 
 
 def test_tasks(built):
@@ -165,22 +138,9 @@ def test_the_armadillo_is_the_users(armadillo, tmp_path):
 
 def test_the_armadillos_own_entry_is_complete():
     entry = SCANS["armadillo"]
-    assert "armadillo" not in SHIPPED and entry["identity"]["vertices"] == 49_990
-    assert len(entry["identity"]["faces_sha256"]) == 64 and len(entry["identity"]["extremes"]) == 6
     for pose in entry["poses"].values():
         moved = [name for move in pose["moved"] for name in move["regions"]]
         assert set(pose["held"]) | set(moved) <= set(entry["regions"]) and not set(pose["held"]) & set(moved)
-
-
-def test_notice_names_each_asset_its_author_licence_and_changes():
-    notice = (ROOT / "NOTICE").read_text(encoding="utf-8")
-    for name in SHIPPED:
-        entry = SCANS[name]
-        author, _, link = entry["credit"].rpartition(", ")
-        assert f"defaust/data/{name}.npz" in notice and author in notice and link in notice
-        label, _, terms = entry["licence"].partition(" (")
-        assert label in notice and terms.rstrip(")") in notice
-    assert "armadillo" not in notice and "65535" in notice
 
 
 @pytest.mark.parametrize(
@@ -200,8 +160,3 @@ def test_another_armadillo_is_refused(armadillo, tmp_path, refused, change, mess
         write_mesh(file, *change(mesh))
     refused(["source=scans", f"source.root={armadillo}", f"out={out}", "workers=1"], message)
     assert not out.exists()
-
-
-def test_scans_have_no_registered_pose(built):
-    with pytest.raises(InputError, match="pose_1 has no registered pose to transfer"):
-        load_task(built, subject=CAT, pose=1, edit=Unedited())

@@ -2,6 +2,7 @@
 
 import json
 import pickle
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,18 +10,19 @@ from scipy.io import savemat
 
 from defaust.build.dataset import build
 from defaust.build.verify import verify
-from defaust.cli import configure, main
+from defaust.cli import main
 from defaust.edits import Unedited
 from defaust.folder.record import read_dataset
 from defaust.sources.winding import same_triangles
 from defaust.tasks import list_tasks, load_task
 from sshade import InputError, Mesh
 from sshade.io.meshes import write_mesh
-from tests.defaust.registrations import contents
+from tests.defaust.registrations import configured, contents
 from tests.defaust.toy import KEPT
 from tests.shapes import icosphere, strip, torus
 from tests.sshade.mesh.test_cutting import moebius
 
+sequence = partial(configured, "sequence")
 SMALL = ["handles_per_landmark=6", "neighbourhood=10", "workers=1"]
 
 
@@ -46,10 +48,6 @@ def write_class(folder, name, mesh, *, poses=(0, 1, 2), kind=".ply"):
     for k in poses:
         write(folder, f"{name}{k}", bent(mesh, k), mesh.F, kind=kind)
     return folder
-
-
-def sequence(root, *overrides, source="sequence"):
-    return configure(["out=unused", f"source={source}", f"source.root='{root}'", *overrides])[0]
 
 
 @pytest.mark.parametrize("kind", [".off", ".ply", ".obj", ".vert", ".mat"])
@@ -106,9 +104,6 @@ def test_archive(tmp_path):
     np.savez(tmp_path / "walk.npz", V_0=ball.V[:, :2], F=ball.F)
     with pytest.raises(InputError, match="walk.npz, V_0: "):
         sequence(tmp_path / "walk.npz").rest(0)
-    np.savez(tmp_path / "walk.npz", V_0=ball.V)
-    with pytest.raises(InputError, match="walk.npz: holds V_0; it needs positions V_0, .* and triangles F"):
-        sequence(tmp_path / "walk.npz")
     with (tmp_path / "walk.npz").open("wb") as file:
         np.save(file, ball.V)
     with pytest.raises(InputError, match="walk.npz: not an .npz file; give a folder"):
@@ -193,7 +188,6 @@ def test_vertices_and_faces_outside_the_surface_are_removed(tmp_path):
     assert verify(out) == []
     (subject,) = read_dataset(out)["subjects"]
     assert subject["dropped"]["unused_vertices"] == 1 and "oriented_manifold" not in subject["low"]
-    assert "not part of the surface: 1 unused vertices" in (out / "README.md").read_text()
     task = load_task(out, subject=0, pose=2)
     np.testing.assert_allclose(task.truth, bent(ball, 2), rtol=0, atol=1e-15)
     assert same_triangles(task.mesh.F, ball.F) and task.mesh.volume == pytest.approx(ball.volume)
@@ -271,20 +265,15 @@ def test_an_unusable_mesh_does_not_stop_the_build(tmp_path, caplog, refused):
     assert all(f"Left out: {reason}" in card for reason in reasons[1:])
     before = contents(out)
     assert main(["build", *command, f"out={out}"]) == 0 and contents(out) == before
+    (root / "credits.ply").unlink()
     for classes, file in (("cat,dog", "dog1.mat"), ("cat,pig", "pig0.mat")):
-        (root / "credits.ply").unlink(missing_ok=True)
-        again = [f"out={tmp_path / file}", f"source.classes=[{classes}]", "strict=true"]
-        refused([*command, *again], file)
-        assert not (tmp_path / file / "dataset.json").exists()
+        refused([*command, f"out={tmp_path / file}", f"source.classes=[{classes}]", "strict=true"], file)
 
 
 def test_a_source_without_a_usable_mesh_is_refused(tmp_path, refused):
     write_class(tmp_path / "data", "gorilla", icosphere(1))
     command = ["source=tosca", f"source.root={tmp_path / 'data'}", f"out={tmp_path / 'out'}"]
     refused(command, "source.without leaves no class of gorilla")
-    (tmp_path / "data/gorilla0.ply").write_text("damaged")
-    refused([*command, "source.without=[]"], "subject 0: gorilla0.ply: not a readable PLY file")
-    assert not (tmp_path / "out/dataset.json").exists()
     refused([*command, "source.without=[1]"], "source.without[0] is 1, not a text")
 
 
@@ -310,16 +299,14 @@ def test_meshes_out_of_correspondence_are_refused_by_name(tmp_path):
         ("cat0.vert", "1 2 x\n", r"cat0.vert: not readable as .vert \(could not convert"),
         ("cat0.tri", "0 1 2\n", "cat0.tri: its vertices must count from 1, but one is 0"),
         ("cat0.tri", "1 2\n", r"cat0.vert: .*\(m, 3\)"),
-        ("cat0.tri", None, "cat0.tri: no such file"),
-        ("cat0.mat", "MATLAB", "cat0.mat: not readable as .mat"),
+        ("cat0.tri", None, "cat0.tri: not readable as .tri .*not found"),
         ("cat0.mat", {"surface": {"X": np.zeros(3)}, "y": 1}, "^cat0.mat: .* holds no struct with X, Y, Z"),
     ],
 )
 def test_damaged_files_are_named(tmp_path, name, content, message):
     write_class(tmp_path, "cat", icosphere(1), kind=".vert")
-    if name.endswith(".mat"):
-        (tmp_path / "cat0.vert").unlink()
     if isinstance(content, dict):
+        (tmp_path / "cat0.vert").unlink()
         savemat(tmp_path / name, content)
     elif content is None:
         (tmp_path / name).unlink()
@@ -335,7 +322,6 @@ def test_damaged_files_are_named(tmp_path, name, content, message):
         ("source.name='a b'", "source.name=a b is not made of letters"),
         ("source.layout=free", "source.layout=free is unknown; use one of auto, tosca, sequence"),
         ("source.classes=[bear]", "source.classes: there is no 'bear'; choose from cat, dog"),
-        ("source.rest_pose=cat7", "source.rest_pose: there is no 'cat7'; choose from cat0, cat1, cat2"),
         ("source.landmarks={}", "source.landmarks is empty; give names and vertices"),
         ("source.landmarks=all", "source.landmarks is 'all', not an object; give names"),
         ("source.landmarks={a:-1}", "the vertex of a is -1; give a number from 0 up"),

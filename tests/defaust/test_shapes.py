@@ -70,7 +70,7 @@ def test_every_edge_of_the_bar_is_an_edge_of_the_mesh():
     mesh = Shapes().generated(BAR, vertices=1000)
     x, y, z = np.abs(mesh.V - [0.0, 0.0, 2.0]).T
     assert (np.isclose(x, 0.5) | np.isclose(y, 0.5) | np.isclose(z, 2.0)).all()
-    # No face crosses an edge: every normal is a normal of the bar.
+    # Every normal is a normal of the bar, so no face crosses an edge.
     assert np.allclose(np.sort(np.abs(mesh.face_normals), axis=1), [0, 0, 1], atol=1e-12)
 
 
@@ -141,9 +141,7 @@ def test_folder(built, capsys):
     assert set(contents(built)) == expected | {"dataset.json", "README.md"}
     assert verify(built) == []
     assert main(["info", str(built)]) == 0
-    text = capsys.readouterr().out
-    assert "Subjects: 0 plane, 1 cylinder, 2 bar, 3 cactus." in text and "CC0" in text
-    assert "kinematic ideals" in text and "No two regions share a vertex" in text and "LS3 Loop" not in text
+    assert "Subjects: 0 plane, 1 cylinder, 2 bar, 3 cactus." in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("resolution", ["high", "low"])
@@ -169,8 +167,6 @@ def test_tasks(built, resolution):
         (BAR, lambda h: h[1].update(boxes=[[[5, 5, 5], [6, 6, 6]]]), "moved: no vertex lies in its boxes"),
         (BAR, lambda h: h[1].update(boxes=h[0]["boxes"]), "moved: a vertex is a handle twice"),
         (BAR, lambda h: h[1]["translation"].__setitem__(2, 1.0), "a target is not its vertex"),
-        (BAR, lambda h: h[1].update(kind="static"), "listed as static, and dynamic when recomputed"),
-        (BAR, lambda h: h[1].pop("rotation"), "it has no handles[1].source"),
         (BAR, lambda h: h[0].update(boxes=[[[0, 0], [1, 1, 1]]]), "handles[0]"),
         (PLANE, lambda h: h[1]["translation"].__setitem__(2, 9.0), "delta is"),
     ],

@@ -7,10 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from defaust.build.dataset import build
-from defaust.build.options import BuildOptions
 from defaust.folder.layout import sha256
-from defaust.sources.synthetic import SyntheticBodies, load_bodies
+from defaust.sources.synthetic import load_bodies
 from defaust.tasks import TaskId, full_size, list_tasks, load_task
 from sshade import InputError
 from sshade.io.meshes import read_mesh, write_mesh
@@ -20,8 +18,6 @@ from tests.defaust.toy import change, change_handles, relist
 def test_list(finished):
     assert list_tasks(finished) == [TaskId(s, p) for s in range(3) for p in (1, 2)]
     assert list_tasks(finished, subjects=[2, 0], poses=[1]) == [(0, 1), (2, 1)]
-    with pytest.raises(InputError, match=r"no pose 0; it has \[1, 2\]"):
-        list_tasks(finished, poses=[0])
 
 
 def test_low_resolution_is_exact(finished):
@@ -48,15 +44,6 @@ def test_static_handles_stay_at_their_vertices(finished):
     assert raw.meta["merged"] + len(raw.handles) == len(targets) == 12
     # Handles that are not merged keep their stored targets.
     assert sum(tuple(t) in targets for t in raw.handles.target.tolist()) >= 12 - 2 * raw.meta["merged"] > 0
-
-
-@pytest.fixture(scope="module")
-def body(tmp_path_factory):
-    """A synthetic body sitting, subdivided once and remeshed."""
-    out = tmp_path_factory.mktemp("data") / "body"
-    options = BuildOptions(subjects=(4,), target_vertices=12_000, ls3_steps=1)
-    build(SyntheticBodies(poses_used=("sitting",)), out, options=options, workers=1)
-    return out
 
 
 def test_truth_of_an_unposed_body_is_its_rest_shape(body, monkeypatch):

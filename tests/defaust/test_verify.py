@@ -12,12 +12,6 @@ def files(faults):
     return sorted({fault.file for fault in faults})
 
 
-def test_intact(finished):
-    calls = []
-    assert verify(finished, progress=lambda *args: calls.append(args)) == []
-    assert ("subjects", 3, 3) in calls
-
-
 def test_record_without_an_entry(dataset):
     change(dataset, lambda d: [d["files"].pop(name) for name in ("subject_00/rest.ply", "README.md")])
     texts = [fault.text for fault in verify(dataset)]

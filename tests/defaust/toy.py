@@ -11,7 +11,7 @@ import numpy as np
 from defaust.build.options import BuildOptions
 from defaust.folder.layout import checksum, dump, sha256
 from defaust.sources.source import Source, SourcePose
-from sshade import InputError, Mesh
+from sshade import Mesh
 from tests.shapes import icosphere
 
 OPTIONS = BuildOptions(target_vertices=400, handles_per_landmark=6, neighbourhood=10)
@@ -24,7 +24,7 @@ class Balls(Source):
     """Balls with landmarks at the top, at the bottom, and at the front."""
 
     stretch: float = 1.0
-    broken: str = ""
+    broken: bool = False
     name: str = "balls"
     subjects: tuple[int, ...] = (0, 1, 2)
     landmark_names: tuple[str, ...] = ("top", "bottom", "front")
@@ -50,9 +50,7 @@ class Balls(Source):
 
     def posed(self, subject: int, pose: SourcePose) -> Mesh:
         rest = self.rest(subject)
-        if self.broken == "error":
-            raise InputError("the file of this pose is unreadable")
-        if self.broken == "faces":
+        if self.broken:
             return Mesh(rest.V, rest.F[:, [1, 2, 0]])
         if pose.name == "lean":
             return Mesh(rest.V + [1.0, 0, 0] * np.maximum(0.0, rest.V[:, 1:2]), rest.F)

@@ -55,7 +55,7 @@ def cactus(vertices: int) -> tuple[np.ndarray, np.ndarray]:
         if abs(len(V) - wanted) <= CLOSE * wanted:
             break
         step *= (len(V) / wanted) ** 0.5
-    V = _relaxed(V, quads, rounds=ROUNDS)
+    V = _relaxed(V, quads)
     a, b, c, d = quads.T
     shorter = np.linalg.norm(V[a] - V[c], axis=1) <= np.linalg.norm(V[b] - V[d], axis=1)
     F = split_quads(quads, shorter)
@@ -79,10 +79,8 @@ def union(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     (k, 3) float64
         Gradient.
     """
-    value, gradient = np.empty(len(points)), np.empty((len(points), 3))
-    for begin in range(0, len(points), BLOCK):
-        part = slice(begin, begin + BLOCK)
-        value[part], gradient[part] = _union(points[part])
+    blocks = [_union(points[begin : begin + BLOCK]) for begin in range(0, len(points), BLOCK)]
+    value, gradient = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
     return value, gradient
 
 
@@ -136,7 +134,7 @@ def _surface_net(step: float) -> tuple[np.ndarray, np.ndarray]:
     return V, np.concatenate(quads)
 
 
-def _relaxed(V: np.ndarray, quads: np.ndarray, *, rounds: int) -> np.ndarray:
+def _relaxed(V: np.ndarray, quads: np.ndarray) -> np.ndarray:
     """Spread vertices evenly over the surface by Laplacian smoothing."""
     from scipy.sparse import coo_array
 
@@ -145,7 +143,7 @@ def _relaxed(V: np.ndarray, quads: np.ndarray, *, rounds: int) -> np.ndarray:
     adjacency = coo_array((np.ones(len(ends[0])), ends), shape=(len(V), len(V))).tocsr()
     degree = adjacency.sum(axis=1)[:, None]
     V = _onto_surface(V)
-    for _ in range(rounds):
+    for _ in range(ROUNDS):
         V = _onto_surface((adjacency @ V) / degree)
     return V
 

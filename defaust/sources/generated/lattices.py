@@ -124,19 +124,15 @@ def split_quads(quads: np.ndarray, first_diagonal: np.ndarray) -> np.ndarray:
 
 def _disc_faces(k: int) -> np.ndarray:
     """Faces between rings of 1, 6, 12, ..., 6k vertices, numbered from the inside out."""
+
+    def vertex(ring: int, step: np.ndarray) -> np.ndarray:
+        return 1 + 3 * ring * (ring - 1) + step % (6 * ring) if ring else np.zeros_like(step)
+
     faces = []
     for ring in range(k):
-        sector = np.repeat(np.arange(6), ring + 1)
-        a = np.tile(np.arange(ring + 1), 6)
-
-        def inner(step: np.ndarray, ring: int = ring) -> np.ndarray:
-            return 1 + 3 * ring * (ring - 1) + step % (6 * ring) if ring else np.zeros_like(step)
-
-        def outer(step: np.ndarray, ring: int = ring) -> np.ndarray:
-            return 1 + 3 * ring * (ring + 1) + step % (6 * ring + 6)
-
+        sector, a = np.divmod(np.arange(6 * (ring + 1)), ring + 1)
         here, there = sector * ring + a, sector * (ring + 1) + a
-        faces.append(np.stack([inner(here), outer(there), outer(there + 1)], axis=1))
-        between = a < ring
-        faces.append(np.stack([inner(here), outer(there + 1), inner(here + 1)], axis=1)[between])
+        inner, outer = vertex(ring, here), vertex(ring + 1, there + 1)
+        faces.append(np.stack([inner, vertex(ring + 1, there), outer], axis=1))
+        faces.append(np.stack([inner, outer, vertex(ring, here + 1)], axis=1)[a < ring])
     return np.concatenate(faces)
