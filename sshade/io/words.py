@@ -34,7 +34,7 @@ class Numbers(NamedTuple):
     def edits(self, new: np.ndarray) -> Edits:
         """Return the edits that write `new`; numbers that stay keep their bytes."""
         changed = self.value != new
-        return Edits(self.begin[changed], self.end[changed], [repr(x) for x in new[changed].tolist()])
+        return Edits(self.begin[changed], self.end[changed], list(map(repr, new[changed].tolist())))
 
 
 class Text:
