@@ -107,7 +107,7 @@ def _exit(errors: list[Exception], summary: str, *, interrupted: bool) -> int:
         raise mistakes[0]
     if summary:
         print(summary)  # noqa: T201
-    queue = "; the jobs in the queue go on: sshade-eval status follows them, scancel ends them"
+    queue = "; queued jobs go on: `sshade-eval status` shows their progress, `scancel` ends them"
     rest = queue if cli_sweep.in_queue() else "; the same command goes on from there" if summary else ""
     if interrupted:
         print(f"interrupted{rest}", file=sys.stderr)  # noqa: T201

@@ -1,7 +1,7 @@
 """Which functions a configuration or a row may name.
 
 A name such as ``os.system`` in a folder of configurations or results from another person would do harm.
-Therefore two kinds of functions are called only: functions that a file of the project's ``conf`` names, and
+Therefore only two kinds of functions are called: functions that a file of the project's ``conf`` names, and
 functions that the user allows. The user allows functions on the command line, with
 ``run.allow_targets=[mypackage.]``, or in the environment variable ``EVAL_ALLOW_TARGETS``.
 """
@@ -17,7 +17,7 @@ from typing import Any
 from sshade.cli.configuration import CALLED, named_functions
 from sshade.errors import InputError
 
-#: Variable with the first letters of allowed names, separated by commas. Workers of a launcher inherit it.
+#: Variable with prefixes of allowed names, separated by commas. Workers of a launcher inherit it.
 VARIABLE = "EVAL_ALLOW_TARGETS"
 #: Setting with the same meaning on the command line of ``sshade-eval run``; a YAML file cannot set it.
 OVERRIDE = "run.allow_targets"
@@ -41,11 +41,11 @@ def require_allowed(config: Any, *, where: str) -> None:
     InputError
         On a function that neither a file of ``conf`` nor the user names.
     """
-    beginnings = tuple(text for text in os.environ.get(VARIABLE, "").split(",") if text)
+    prefixes = tuple(text for text in os.environ.get(VARIABLE, "").split(",") if text)
     for key, name in _items(config):
         if key not in CALLED or isinstance(name, Mapping):
             continue
-        if not isinstance(name, str) or not (name in named_functions() or name.startswith(beginnings)):
+        if not isinstance(name, str) or not (name in named_functions() or name.startswith(prefixes)):
             top = str(name).split(".")[0]
             raise InputError(
                 f"{where} names the function {name}, which no file of conf names; if you trust it, give "

@@ -69,7 +69,9 @@ def digest(*parts: bytes) -> str:
 
 
 def loaded_code(functions: Iterable[str]) -> dict[str, str]:
-    """Return the hash of each file that the rows of some functions depend on, by place; with the metrics.
+    """Return the hash of each file that the rows of some functions depend on, and of the metrics.
+
+    Keys are paths of files, relative to the folder of their top-level package.
 
     Parameters
     ----------
@@ -281,11 +283,14 @@ def _module(root: Path, parts: list[str]) -> Path | None:
 
 @cache
 def places(top: str) -> tuple[Path, ...]:
-    """The Python file of a top-level module, or the folders of a package; none where it is not found."""
+    """Return the Python file of a top-level module or the folders of a package; empty if it is not found."""
     search_here()
     try:
         spec = importlib.util.find_spec(top)
-    except (ImportError, ValueError):  # the latter where it has none, as __main__
+    except (
+        ImportError,
+        ValueError,
+    ):  # find_spec raises ValueError for modules without a spec, such as __main__
         return ()
     if spec is None:
         return ()

@@ -56,9 +56,9 @@ class Monitor:
                 print(text, flush=True)  # noqa: T201
             self._told = len(ended)
             if self._bars is not None and ended:
-                # Runs that were found take no time and would distort the estimate of the remaining time.
-                kept = sum(bool(run.found) for run in ended)
-                total, done = len(self.sweep.runs) - kept, len(ended) - kept
+                # Runs with an earlier row take no time and would distort the estimate of the remaining time.
+                found = sum(bool(run.found) for run in ended)
+                total, done = len(self.sweep.runs) - found, len(ended) - found
                 note = counts(self.sweep, ended).partition(", ")[2]
                 self._bars.update(self._bar, total=total, completed=done, note=note)
 

@@ -21,12 +21,14 @@ def load_task(row: Row) -> Task:
         When the row does not name the source of its task, or the dataset is missing or has changed.
     """
     if not row.get("task.source"):
-        raise InputError(f"the row of {row['task.name']} does not say where its task comes from")
+        raise InputError(
+            f"the row of {row['task.name']} has no task.source, which loads its task; run it again"
+        )
     try:
         source = json.loads(row["task.source"])
     except (ValueError, RecursionError) as error:
         raise InputError(
-            f"the row of {row['task.name']} has a task.source that is no JSON ({error})"
+            f"the row of {row['task.name']} has a task.source that is not JSON ({error}); run it again"
         ) from error
     require_allowed(source, where=f"the row of {row['task.name']}")
     task = instantiate(source)

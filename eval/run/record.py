@@ -31,7 +31,7 @@ RECORDS = ".sweeps"
 QUEUES = ("slurm", "submitit_slurm")
 
 #: Columns of a row that the record keeps.
-TOLD = ("method.name", "task.name", "seed", "status", "reason", "seconds.total", "iterations")
+RECORDED = ("method.name", "task.name", "seed", "status", "reason", "seconds.total", "iterations")
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Ended:
         Position in the sweep, from 0.
     end : datetime
     row : mapping or None
-        The columns :data:`TOLD` of the row; None if the run ended without a row.
+        The columns :data:`RECORDED` of the row; None if the run ended without a row.
     found : str
         Where an earlier row was found; "" for a new row.
     problems : sequence of str
@@ -112,9 +112,9 @@ class SweepRecord:
 
     def add(self, number: int, *, row: Row | None, found: str = "", problems: Sequence[str] = ()) -> None:
         """Add a finished run, unless the sweep was abandoned and its record removed."""
-        told = row and {name: row.get(name) for name in TOLD}
+        recorded = row and {name: row.get(name) for name in RECORDED}
         end = datetime.now(UTC).isoformat()
-        content = {"end": end, "row": told, "found": found, "problems": list(problems)}
+        content = {"end": end, "row": recorded, "found": found, "problems": list(problems)}
         try:
             with replacing(self.folder / f"{number}.json") as temporary:
                 temporary.write_text(json.dumps(content))

@@ -1,8 +1,8 @@
 """Measure finished runs again from their stored vertices: ``sshade-eval remeasure EXPERIMENT ...``.
 
 After a metric was added or changed, this command measures all rows with another version of the metrics. It
-runs no method. The stored vertices have single precision, so a value differs by about 1e-5 of itself from the
-value of the run. The column ``remeasured`` holds the time of the new measurement.
+runs no method. The stored vertices have single precision, so a new value has a relative error of about
+1e-5. The column ``remeasured`` holds the time of the new measurement.
 """
 
 from __future__ import annotations

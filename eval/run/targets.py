@@ -1,9 +1,9 @@
 """Functions named in a configuration: ``_target_``, ``_partial_`` and parameters.
 
-The format is the format of Hydra's ``instantiate`` with two more keys: ``warm_up``, and ``note``, a sentence
-below a table. In contrast to Hydra, :func:`instantiate` checks the names and simple types of parameters. It
-distinguishes an unknown name, which is a mistake, from a library that is not installed, which skips the
-method. It needs no Hydra, so figures can load the task of a row.
+The format is the format of Hydra's ``instantiate``, with two more keys: ``warm_up`` has the parameters of an
+untimed first run, and ``note`` is a sentence below a table. In contrast to Hydra, :func:`instantiate` checks
+the names and simple types of parameters. An unknown name is a mistake, but a library that is not installed
+skips the method. The module needs no Hydra, so figures can load the task of a row.
 """
 
 from __future__ import annotations

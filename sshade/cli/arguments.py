@@ -24,7 +24,7 @@ def add_files(parser: argparse.ArgumentParser, *, output: str, **positional: str
 
 
 def add_options(parser: argparse.ArgumentParser, names: Iterable[str], **defaults: Any) -> None:
-    """Declare an argument for each option; `defaults` differ from those of the methods."""
+    """Declare an argument for each option; `defaults` replace the defaults of the methods."""
     for name in names:
         option, default = described()[name], defaults.get(name)
         about: dict[str, Any] = {"default": default, "help": help_text(name, default)}

@@ -67,7 +67,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "resolution (default: hard, or the weights of the file)",
     )
     flags = {
-        "--raw": "keep the targets of handles that are snapped, instead of moving them by the snap",
+        "--raw": "keep the targets of the file; by default a handle that is snapped to a vertex shifts its "
+        "target by the same vector",
         "--repair": "weld coincident vertices and drop unused vertices before deforming; the output still "
         "has all vertices of the input",
         "--carry-unconstrained": "move components without handles rigidly with the nearest component that "
@@ -83,7 +84,7 @@ def command(options: argparse.Namespace) -> int:
     check_output(options.output, SUFFIXES)
     values = {name: getattr(options, name) for name in OPTIONS if getattr(options, name) is not None}
     if require_method(options.method) in PAPER:
-        values.setdefault("start", "rigid")  # started at rest, handles that turn far may end in folds
+        values.setdefault("start", "rigid")  # from rest, handles that turn far may end in folds
     asked = resolve(options.method, values).vertices
     file = read(options.mesh, options.output)
     V = file.V

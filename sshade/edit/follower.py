@@ -22,8 +22,8 @@ VERTICES = 4000
 #: Tolerance and iterations of a step of a drag; the next step continues. More iterations come nearer to the
 #: converged shape with each picture, but show fewer pictures.
 TOLERANCE, ITERATIONS = 1e-5, 3
-#: Greatest number of vertices of a group that the proxy takes as handles during a drag. The other vertices of
-#: the group move directly to their targets.
+#: Greatest number of vertices of each group that the proxy takes as handles during a drag. The group's other
+#: vertices move directly to their targets.
 REDUCED = 200
 #: Weight of the volume constraint during a drag, which keeps the volume to about a thousandth.
 VOLUME = 1e3
@@ -32,7 +32,7 @@ VOLUME = 1e3
 REBOUND = 500_000
 
 
-def settled(task: DeformationTask, settings: Settings, *, progress: Progress = silent) -> DeformationResult:
+def converged(task: DeformationTask, settings: Settings, *, progress: Progress = silent) -> DeformationResult:
     """Return the converged shape, which equals the result of ``sshade deform``.
 
     Raises
@@ -64,7 +64,7 @@ class _Reduced(NamedTuple):
     group : array
         Array ``Handles.group`` that these handles were chosen from.
     members, hard, reduced : (k,) int64
-        Numbers of all handles on the component, of the hard ones, and of those that the proxy takes.
+        Numbers of all handles on the component, of its hard handles, and of the handles that the proxy takes.
     binding : dict
         Vertices in the component, groups and weights of the reduced handles.
     """

@@ -1,6 +1,6 @@
 """HTTP server that connects a session with one page in a browser of this machine.
 
-The server uses the standard library alone. Viewers such as viser send whole meshes where 12 bytes a vertex
+The server uses the standard library alone. Viewers such as viser send whole meshes where 12 bytes per vertex
 suffice, have no brush or lasso, and answer any page of the browser. The page asks for one step of a drag
 after the other, so that it draws every computed step. The request "alive" never ends: its answer reports the
 progress of computations, and its end tells the server that the page was closed.

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sshade.edit.document import Document
-from sshade.edit.follower import Follower, settled
+from sshade.edit.follower import Follower, converged
 from sshade.edit.history import History
 from sshade.edit.saving import Outputs
 from sshade.edit.selecting import selected
@@ -20,7 +20,7 @@ from sshade.errors import InputError
 from sshade.handles import Handles
 from sshade.progress import Progress, silent
 
-#: Greatest distance from rest, over the diagonal, at which a new static group counts as being at rest.
+#: Greatest distance from rest at which a new static group counts as at rest, as a fraction of the diagonal.
 AT_REST = 1e-6
 
 
@@ -281,7 +281,7 @@ class Session:
 
         V = state.shape
         if V is None:
-            V = settled(self.document.task(state), state.settings, progress=watched).vertices
+            V = converged(self.document.task(state), state.settings, progress=watched).vertices
         with self._lock:
             if self._revision != revision:
                 raise Superseded

@@ -46,7 +46,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def _temporary_affixes(path: Path) -> tuple[str, str]:
-    """How the temporary names for a path on this machine begin and end."""
+    """Return the prefix and the suffix of the temporary names for a path on this machine."""
     host = re.sub(r"[^A-Za-z0-9]", "_", platform.node())[:40]
     return f".{path.stem}.{host}-", f".partial{path.suffix}"
 

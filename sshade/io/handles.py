@@ -50,10 +50,10 @@ from sshade.task import DeformationTask
 WAYS = ("vertices", "source", "boxes")
 #: Keys that give the motion of a region.
 MOTION = {"rotation", "translation"}
-#: Greatest difference between 1 and the length of a quaternion; files round to a few digits.
+#: Greatest accepted difference between the length of a quaternion and 1; files round to a few digits.
 UNIT = 1e-3
-#: Stands for "no prescribed rotation".
-OPEN = np.full((3, 3), np.nan)
+#: Value for handles without a prescribed rotation.
+NO_ROTATION = np.full((3, 3), np.nan)
 
 
 def read_handles(
@@ -185,7 +185,7 @@ def _from_json(data: Any, mesh: Mesh, *, raw: bool, vertex: np.ndarray) -> Handl
             if kind == "unused":
                 continue
             place, target = _group(entry, mesh, moves=raw or kind == "dynamic", vertex=vertex)
-            rotation = _rotation(entry) if "rotation" in entry and "boxes" not in entry else OPEN
+            rotation = _rotation(entry) if "rotation" in entry and "boxes" not in entry else NO_ROTATION
             k = len(place)
             values = np.full(k, kind == "dynamic"), np.full(k, number), np.full(k, _weight(entry))
         row = place, target, *values, np.broadcast_to(rotation, (k, 3, 3))

@@ -29,9 +29,9 @@ class _Corners(NamedTuple):
     vertex, normal : int64
         Ids from 0; -1 for a corner without a normal.
     begin, end : int64
-        Places of the number of the normal.
+        Places where the number of the corner's normal begins and ends.
     relative : bool
-        Whether that number counts backwards from the face.
+        Whether the number of the normal counts backwards from the face.
     above : int64
         Number of normals above the face.
     """
@@ -225,7 +225,7 @@ def _pairs(vertex: np.ndarray, normal: np.ndarray, n: int) -> tuple[np.ndarray, 
     """
     last = np.full(n, -1)
     last[vertex] = normal
-    if (last[vertex] == normal).all():  # one normal a vertex, the usual case
+    if (last[vertex] == normal).all():  # each vertex has one normal, the usual case
         used = last >= 0
         return (np.cumsum(used) - 1)[vertex], np.flatnonzero(used), last[used]
     pair = same_rows(np.column_stack([vertex, normal]))

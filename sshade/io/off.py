@@ -33,7 +33,7 @@ def read_off(path: Path) -> MeshFile:
     head = [text.words(line) for line in range(min(2, len(text.first)))]
     keyword = _KEYWORD.match(head[0][0]) if head else None
     if keyword is None:
-        raise ValueError("it does not begin with OFF, or holds other than three coordinates a vertex")
+        raise ValueError("it does not begin with OFF, or its vertices do not have three coordinates each")
     if len(head) < 2:
         raise ValueError("it ends after its first line")
     counts, begun = (head[0][1:], 1) if len(head[0]) > 1 else (head[1], 2)

@@ -145,7 +145,7 @@ def _content(
     normals = faces.numbers(" ".join(_NORMAL)) if faces and len(F) else []
     if faces and normals:
         N = faces.columns(normals)
-        Q = turns(np.repeat(face[:, None], 3, axis=1), F, rest, V)  # one rotation a face: each has triangles
+        Q = turns(np.repeat(face[:, None], 3, axis=1), F, rest, V)  # one rotation per face
         changes.append((faces, normals, N, np.einsum("kij,kj->ki", Q, N)))
     header = _header_at(ply.data[: ply.body], source, path)
     return header + _patched_text(ply, ply.words, changes) if ply.words else _patched(ply, changes, header)

@@ -14,7 +14,7 @@ from sshade.io.words import Numbers, Text, edited, key_of
 
 #: A facet of a binary STL file.
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-#: Keywords inside a solid of a text STL file. None is longer than a key.
+#: Keywords inside a solid of a text STL file. Each fits into a key of eight bytes.
 _WORDS = (b"facet", b"outer", b"vertex", b"endloop", b"endfacet")
 
 

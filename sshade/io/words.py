@@ -60,8 +60,8 @@ class Text:
         breaks = np.flatnonzero((self._bytes == _NEWLINE) | (self._bytes == _RETURN))
         self._breaks = np.concatenate([[-1], breaks, [len(data) - 1]])
         starts = np.searchsorted(self.begin, self._breaks[:-1])
-        lasting = np.append(starts[1:] > starts[:-1], starts[-1] < len(self.begin))
-        self.first = starts[lasting]
+        nonempty = np.append(starts[1:] > starts[:-1], starts[-1] < len(self.begin))
+        self.first = starts[nonempty]
         self.size = np.diff(self.first, append=len(self.begin))
 
     def keys(self, *, fold: bool = False) -> np.ndarray:
@@ -106,7 +106,7 @@ class Text:
         """Read some words, in ascending order, as float64. Raise ValueError if a word is no number."""
         begin, end = self.begin[words], self.end[words]
         value = self._parsed(begin, end, np.float64)
-        if value is None:  # Python understands numbers like 1_000, and names wrong words
+        if value is None:  # Python also reads 1_000, and its error names the word
             value = np.array([float(word) for word in self._slices(begin, end)]).reshape(begin.shape)
         return Numbers(begin, end, value)
 
@@ -139,8 +139,8 @@ class Text:
         low, high = begin.flat[0], end.flat[-1]
         step = np.zeros(high - low + 1, dtype=np.int8)
         step[begin - low], step[end - low] = 1, -1
-        chosen = np.cumsum(step[:-1], dtype=np.int8).view(bool)
-        text = np.where(chosen, self._bytes[low:high], np.uint8(_BLANK)).tobytes()
+        inside = np.cumsum(step[:-1], dtype=np.int8).view(bool)
+        text = np.where(inside, self._bytes[low:high], np.uint8(_BLANK)).tobytes()
         try:
             with warnings.catch_warnings():
                 # NumPy before 2.3 warns of a wrong word, and returns the numbers before it.

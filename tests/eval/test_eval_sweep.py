@@ -15,7 +15,7 @@ from eval_cases import bumpy_task
 from eval.main import call
 from eval.rows.plan import read_plans, write_plan
 from eval.run.monitor import Monitor
-from eval.run.record import TOLD, Sweep, SweepRecord, records, unfinished
+from eval.run.record import RECORDED, Sweep, SweepRecord, records, unfinished
 from eval.run.run import run
 from sshade.errors import InputError
 
@@ -33,7 +33,7 @@ def test_the_record_gives_back_what_was_put_in(tmp_path):
     assert record.sweep().begin == BEGIN and record.sweep().host
     assert record.ended() == []
     done = run(bumpy_task(level=2), {"_target_": "eval_cases.stretching"}, name="s", root=experiment)
-    told = {name: done.row[name] for name in TOLD}
+    told = {name: done.row[name] for name in RECORDED}
     record.add(1, row=done.row, found="already there")
     record.add(0, row=None, problems=["seed=-1 is no seed"])
     for reader in (record, *records(experiment)):

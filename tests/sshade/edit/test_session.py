@@ -248,7 +248,7 @@ def test_a_result_is_not_shown_if_the_handles_changed_meanwhile(monkeypatch, lat
     session = begun()
     number = marked(session)
     session.release(number, LIFT)
-    compute = editing.settled
+    compute = editing.converged
 
     def disturbed(*arguments, progress, **options):
         def impatient(*step) -> None:
@@ -259,11 +259,11 @@ def test_a_result_is_not_shown_if_the_handles_changed_meanwhile(monkeypatch, lat
         session.drag(number, LIFT)
         return result
 
-    monkeypatch.setattr(editing, "settled", disturbed)
+    monkeypatch.setattr(editing, "converged", disturbed)
     with pytest.raises(Superseded):
         session.settle()
     assert not session.is_converged
-    monkeypatch.setattr(editing, "settled", compute)
+    monkeypatch.setattr(editing, "converged", compute)
     session.settle()
     assert session.is_converged
 

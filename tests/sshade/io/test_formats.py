@@ -92,8 +92,8 @@ OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1//1 2//1 3//1\n"
     ("suffix", "sound", "old", "new", "words"),
     [
         (".off", OFF, "COFF", "PLY", "does not begin with OFF"),
-        (".off", OFF, "COFF", "4OFF", "holds other than three coordinates"),
-        (".off", OFF, "COFF", "nOFF", "holds other than three coordinates"),
+        (".off", OFF, "COFF", "4OFF", "do not have three coordinates"),
+        (".off", OFF, "COFF", "nOFF", "do not have three coordinates"),
         (".off", OFF, "5 3 0", "5", "does not say how many"),
         (".off", OFF, "5 3 0", "5 4 0", "5 vertices and 4 faces are announced, 8 lines follow"),
         (".off", OFF, "5 3 0", "-5 13 0", "announced"),
