@@ -29,7 +29,7 @@ def accelerated_arap(
 ) -> DeformationResult:
     """Minimise the spokes energy; see :func:`sshade.solver.local_global.local_global`.
 
-    With a constraint on volume or area, each component of the mesh is deformed on its own.
+    If volume or area is constrained, components of the mesh are deformed separately.
     """
     return _solve(task, "spokes", accelerate=accelerate, factorised=factorised, progress=progress, **options)
 

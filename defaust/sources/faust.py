@@ -1,7 +1,7 @@
 """The registrations of FAUST, read from the user's own copy.
 
 MPI-FAUST/training/registrations holds a hundred meshes: ten subjects in ten poses. Each has 6890 vertices and
-13776 faces, and all share one list of faces. This package contains no part of them.
+13776 faces, and all share one list of faces. This package contains no data of FAUST.
 """
 
 from __future__ import annotations

@@ -146,8 +146,8 @@ def run(
 
 def _copy_run(run: Path, folder: Path) -> None:
     """Copy a valid run to a folder without a valid run. The row is copied last and marks a complete run."""
-    there, here = read_row(run), read_row(folder)
-    if there is None or there["status"] not in VALID or (here is not None and here["status"] in VALID):
+    found, stored = read_row(run), read_row(folder)
+    if found is None or found["status"] not in VALID or (stored is not None and stored["status"] in VALID):
         return
     make_folder(folder)
     for name in ("vertices.npy", "curves.npz", "row.json"):

@@ -5,8 +5,8 @@ nearly equal rotations. If frames change abruptly between triangles of the proxy
 edges of the proxy, and the angles between neighbouring rotations are large there.
 
 A pair of neighbouring triangles *crosses* an edge of the proxy if its four vertices do not all follow the
-same triangle of the proxy from the same cell. Other pairs are *inside*. The proxy
-comes from the first sampling, which all settings share.
+same triangle of the proxy from the same cell. Other pairs are *inside*. The proxy comes from the
+first sampling, which all settings share.
 """
 
 from __future__ import annotations

@@ -108,7 +108,7 @@ def _refuse_shared(number: int, path: Path) -> None:
 
 
 def accessor_bytes(tree: dict[str, Any], number: int) -> tuple[int, int, int, int, str]:
-    """Return what identifies the bytes of an accessor: view, offset, count, component type and type."""
+    """Return the view, offset, count, component type and type, which identify the bytes of an accessor."""
     accessor = tree["accessors"][number]
     place = accessor["bufferView"], accessor.get("byteOffset", 0), accessor["count"]
     return *place, accessor["componentType"], accessor["type"]
