@@ -155,7 +155,8 @@ def _as_sweep(setting: str) -> str:
     override = OverridesParser.create().parse_override(setting)
     if override.is_sweep_override() or override.is_delete():
         return setting
-    return f"{override.get_key_element()}=choice({override.get_value_element_as_str()})"
+    value = override.get_value_element_as_str() or "''"
+    return f"{override.get_key_element()}=choice({value})"
 
 
 @hydra.main(version_base="1.3", config_path=str(CONFIGURATION), config_name="config")

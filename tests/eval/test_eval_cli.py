@@ -151,9 +151,10 @@ def test_settings_of_a_sweep_are_held_against_the_method_of_each_run(tmp_path):
         (name, steps) for name in ("fine", "fine_free") for steps in (1, 2)
     ]
     assert all(row["method.stiffness"] == 0.5 for row in rows)
-    for setting in ("method.polish_iterations=3", "method.vertices=wide", "+method.nothing=1"):
+    for setting in ("method.polish_iterations=3", "method.vertices=", "+method.nothing=1"):
         wrong = run_eval(tmp_path, "-m", "dataset=bumpy", "method=fine,paper", setting)
         assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1), wrong.stderr
+        assert "choice" not in wrong.stderr
 
 
 def test_a_row_out_of_its_band_is_exit_code_1(tmp_path):
