@@ -67,8 +67,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "resolution (default: hard, or the weights of the file)",
     )
     flags = {
-        "--raw": "keep the targets of the file; by default a handle that is snapped to a vertex shifts its "
-        "target by the same vector",
+        "--raw": "keep the targets of the file; by default the target of a handle that is snapped to a "
+        "vertex is corrected by the snap, rotated with its group",
         "--repair": "weld coincident vertices and drop unused vertices before deforming; the output still "
         "has all vertices of the input",
         "--carry-unconstrained": "move components without handles rigidly with the nearest component that "
