@@ -10,7 +10,8 @@ from __future__ import annotations
 import argparse
 
 from sshade.cli.arguments import add_files
-from sshade.cli.transfer_pose import POSED, REST, add_sampling, carry_pose
+from sshade.cli.transfer_pose import POSED, REST, add_sampling
+from sshade.cli.transfer_pose import command as command
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -18,8 +19,3 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_files(parser, output="OUT", mesh=REST, posed=POSED)
     add_sampling(parser)
     parser.set_defaults(residual=False)
-
-
-def command(options: argparse.Namespace) -> int:
-    """Write OUT; return the exit code."""
-    return carry_pose(options)

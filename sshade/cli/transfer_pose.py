@@ -40,13 +40,8 @@ def add_sampling(parser: argparse.ArgumentParser) -> None:
     add_options(parser, (*defaults, "workers"), **defaults)
 
 
-def command(options: argparse.Namespace) -> int:
-    """Write OUT; return the exit code."""
-    return carry_pose(options)
-
-
 @announced_compilation()
-def carry_pose(options: argparse.Namespace) -> int:
+def command(options: argparse.Namespace) -> int:
     """Transfer the pose to the edited shape, or to the rest shape if `options` have no edited shape."""
     check_output(options.output, SUFFIXES)
     file = read(options.mesh, options.output)

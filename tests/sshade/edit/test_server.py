@@ -183,6 +183,7 @@ def test_a_mistaken_command_is_told_in_a_sentence_and_changes_nothing(server, na
 
 
 def test_bytes_that_are_no_command_are_told(server):
+    before = server.commands._session.state
     for body in b"{", b"\xff\xfe", b"[" * 100_000, b"":
         assert ask(server, "POST", f"/{server.token}/mark", body)[0] == 400
     assert ask(server, "POST", f"/{server.token}/select?how=add", b"123")[0] == 400
@@ -192,6 +193,7 @@ def test_bytes_that_are_no_command_are_told(server):
     assert ask(server, "POST", f"/{server.token}/select", b"")[0] == 400
     status, _, content = ask(server, "POST", f"/{server.token}/open?name=mine.json", b'{"handles": 3}')
     assert status == 400 and "mine.json" in json.loads(content)["error"]
+    assert server.commands._session.state is before
 
 
 def test_an_error_of_the_program_is_told_without_its_traceback(server, monkeypatch, caplog):

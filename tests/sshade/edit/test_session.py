@@ -268,15 +268,6 @@ def test_a_result_is_not_shown_if_the_handles_changed_meanwhile(monkeypatch, lat
     assert session.is_converged
 
 
-def test_a_file_without_handles_changes_nothing():
-    session = begun()
-    marked(session)
-    before = session.state
-    with pytest.raises(InputError, match="mine.json: there are no handles"):
-        session.open(b'{"handles": []}', "mine.json")
-    assert session.state is before
-
-
 def test_after_undo_a_drag_begins_as_the_first_one_did():
     shapes = []
     for far in False, True:
