@@ -21,7 +21,8 @@ Energy = Literal["spokes", "spokes_and_rims"]
 Start = Literal["rest", "rigid"]
 FunctionT = TypeVar("FunctionT", bound=Callable[..., Any])
 
-#: The methods of the paper, the methods that solve on the mesh after the proxy, and groups of methods.
+#: Groups of methods: the paper's; with a polish at full resolution; with our start and guide energy (all
+#: except the paper's); and without a polish.
 PAPER = ("paper", "paper_plain")
 FINE = ("fine", "fine_free")
 FAST = ("fast", *FINE)
@@ -160,11 +161,14 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "Paper": ("coarse", "warm_start"),
     "Polish": ("proxy_attachment", "proxy_stiffness", "polish_iterations", "polish_seconds"),
 }
-#: Options of functions that sample proxies, of the start and end of an iteration, of a solve with a given
-#: matrix, and of a solver.
+#: Options of functions that sample proxies.
 PROXIES = GROUPS["Proxy"]
+#: Options for where an iteration starts and when it stops.
 ITERATION = ("tolerance", "max_iterations", "start")
+#: Options of the energy that may change without a new factorisation. ``attachment`` and ``bending`` change
+#: the matrix and are therefore not here.
 ENERGY = ("volume", "area", "stiffness", "strain", "strain_limit")
+#: Options of the solver, :func:`sshade.solver.local_global.local_global`.
 SOLVER = (*GROUPS["Energy"], *ITERATION)
 
 _FAST = Options(

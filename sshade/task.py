@@ -61,8 +61,8 @@ class DeformationTask:
 class TransferTask:
     """One pose transfer: put an edited shape into the pose of the shape that it was made from.
 
-    With the unedited shape as `mesh` this is isometric reconstruction: a method is
-    then trusted to look at `posed` at its samples only.
+    With the unedited shape as `mesh`, the task is isometric reconstruction. A method must then read
+    `posed` at its samples only; nothing enforces this rule.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ class DeformationResult:
         Wall-clock time of each stage.
     extra : mapping
         Further flat facts for the row (last residual, counts, ...), and
-        arrays. Arrays named ``*_curve``, with a row a step, are stored with the run.
+        arrays. Arrays named ``*_curve``, with one row for each step, are stored with the run.
 
     Raises
     ------

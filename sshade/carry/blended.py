@@ -133,7 +133,10 @@ class BlendedFrames(Frames):
 
 
 def nearest_rotations(A: np.ndarray) -> np.ndarray:
-    """Return the rotations R (k, 3, 3) nearest to matrices A (k, 3, 3): they maximise tr(R^T A)."""
+    """Return the rotations R (k, 3, 3) nearest to matrices A (k, 3, 3): they maximise tr(R^T A).
+
+    :func:`sshade.solver.rotations.fit_rotations` maximises tr(R S) instead, hence S = A^T.
+    """
     R = np.array(A.transpose(0, 2, 1), dtype=np.float64, order="C").reshape(-1, 9)
     fit_rotations(R, np.tile([1.0, 0.0, 0.0, 0.0], (len(A), 1)))
     return R.reshape(-1, 3, 3)

@@ -12,7 +12,8 @@ from sshade.carry.projection import Projection
 from sshade.mesh.mesh import Mesh
 from sshade.threads import ThreadTeam
 
-#: Largest doubled area, over the squared longest edge, of a triangle that has no normal.
+#: Largest doubled area, over the squared longest edge, of a triangle that has no normal. Far smaller than
+#: :data:`sshade.mesh.areas.NO_AREA`: a needle without usable cotangents may still have a normal.
 ZERO_AREA = 1e-12
 
 #: Writes the positions of the points ``first`` to ``end``: ``place(first, end, local, on, V)``.

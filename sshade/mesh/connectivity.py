@@ -32,7 +32,7 @@ class Neighbours(NamedTuple):
     indptr, indices : (n + 1,) int32 and (2e,) int32
         The neighbours of vertex i are ``indices[indptr[i]:indptr[i + 1]]``, in ascending order.
     boundary : (2e,) bool
-        True where the edge to that neighbour has a single face.
+        True where the edge to the neighbour has a single face.
     """
 
     indptr: np.ndarray

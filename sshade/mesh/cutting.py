@@ -41,7 +41,7 @@ class Cut(NamedTuple):
 
 
 class _Pairs(NamedTuple):
-    """Faces f and g that stay joined at an edge, each (p,) int."""
+    """Pairs of faces f and g that stay joined at an edge: three arrays (p,) int of faces, faces and edges."""
 
     f: np.ndarray
     g: np.ndarray

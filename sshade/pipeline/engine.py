@@ -32,7 +32,8 @@ from sshade.threads import ThreadTeam
 
 #: Relative volume deficit of M' above which the proxy is solved again, and largest number of further solves.
 VOLUME_ERROR, VOLUME_ROUNDS = 1e-3, 3
-#: Largest distance of a hard handle from its target that needs no other solve (x diagonal).
+#: Largest distance of a hard handle from its target that needs no further solve, as a fraction of the
+#: bounding-box diagonal.
 MET = 1e-5
 #: Largest area weight of the guide energy.
 GUIDE_AREA = 1.0
@@ -181,7 +182,8 @@ class BoundProxy:
     proxy : Mesh
     sampling : Sampling
     place : callable
-        Its method `learn`, if any, is told where handles missed their targets.
+        Places handles of M on N. An optional method ``learn(handles, V)`` corrects later placements for the
+        distance of M' from the targets, and returns the largest distance.
     solver : callable
         A :data:`SolveProxy`; in a Deformer a :class:`sshade.pipeline.drag.Drag`.
     bound : Future of Binding
@@ -230,7 +232,7 @@ class BoundProxy:
 
         A proxy has few vertices inside of handle regions. M' may then lose volume, although N' keeps
         the volume of N. Another solve with a corrected volume goal removes the deficit. In the same way,
-        handles that are no vertices of N come to their targets.
+        further solves bring handles that are no vertices of N to their targets.
 
         Parameters
         ----------
@@ -296,7 +298,7 @@ def deform_once(
     sample: Sampler = sample_with_handles,
     projection: Projector = project_to_fans,
 ) -> DeformationResult:
-    """Deform a connected, oriented manifold through proxies that are let go of afterwards.
+    """Deform a connected, oriented manifold through proxies that serve this deformation alone.
 
     Projection and encoding of M run in a thread beside the solve, and samplings run in parallel.
 

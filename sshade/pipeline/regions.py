@@ -1,8 +1,8 @@
 """Handles that are regions: few samples inside, the surface turned with their edges, the volume corrected.
 
-A handle vertex whose neighbours are all handles tells the surface outside nothing. Where most handles are
-such, distances between handle vertices count a third in the sampling. The inside of a region then keeps one
-sample for every nine outside. The samples inside carry the region's motion, rotation and volume.
+A handle vertex whose neighbours are all handles tells the surface outside nothing. Where most handles are of
+this kind, the sampling counts a third of each distance between handle vertices. The inside of a region then
+keeps one sample for every nine outside. The samples inside carry the region's motion, rotation and volume.
 Samples that are handle vertices are the proxy's handles; up to a quarter of all samples lie on edges.
 
 In the end every hard handle vertex goes to its target. The surface beside an edge turns with its region,
@@ -45,7 +45,7 @@ SURROUNDED = 0.1
 #: Angles of a region against the surface beside it, in radians. Up to the first the angle is a crease and is
 #: removed; from the second on it is a bend and stays, because removing it would stretch the surface.
 CREASE, BEND = 0.3, 0.9
-#: Number of rings of neighbours along an edge over which that angle is averaged.
+#: Number of rings of neighbours along a region's edge over which the angle is averaged.
 RINGS = 4
 #: Width of the surface beside an edge that turns with its region, as a multiple of the distance between
 #: samples plus the distance between vertices.
@@ -69,7 +69,7 @@ class HandleRegions:
     Attributes
     ----------
     vertices, graph
-        As given.
+        The parameters.
     regional : bool
         Whether more than half of the handles are surrounded by others, or handles are more than half of the
         samples. Otherwise every handle is a sample, and no method here changes anything.
@@ -304,6 +304,7 @@ def has_regions(mesh: Mesh, index: np.ndarray, options: Options) -> bool:
 
 
 def _are_regions(edge: int, handles: int, vertices: int) -> bool:
+    """Whether handles are regions, for the numbers of edge handles, of all handles and of proxy vertices."""
     return 2 * edge < handles or 2 * handles > vertices
 
 

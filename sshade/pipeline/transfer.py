@@ -34,12 +34,13 @@ def transfer(
     task : TransferTask
         Its rest shape M must be manifold, oriented and of one component.
     residual : bool
-        Add to each vertex what the proxy leaves out of M' there, so that frames carry
-        the edit alone: vertices that were not edited end exactly on M'. Not in the
-        paper. It reads M' at every vertex; without it, only the samples of M' are used.
+        Add to each vertex the difference between M' and its reconstruction from the proxy.
+        Vertices that were not edited then end exactly on M'. This reads M' at every vertex, and is not in the
+        paper. Without it, only the samples of M' are used.
     progress : Progress
     **options
-        See :class:`sshade.pipeline.proxies.ProxyOptions`. By default 10 samplings, as in the paper.
+        See the options :data:`sshade.options.PROXIES` of :class:`sshade.options.Options`.
+        By default 10 samplings, as in the paper.
 
     Returns
     -------
@@ -49,7 +50,7 @@ def transfer(
     Raises
     ------
     InputError
-        On another mesh, or options out of the above.
+        If M is not as required, or on an unknown option or a value out of its range.
 
     References
     ----------
@@ -101,8 +102,8 @@ def transfer_pose(
         M', in correspondence with M.
     edited : (n, 3) float64, optional
         S, in correspondence with M. By default M itself: the result rebuilds M' from its
-        samples (isometric reconstruction), and how near it comes to M' tells what proxies
-        and frames lose.
+        samples (isometric reconstruction), and its distance from M' is the error of the
+        proxies and frames.
     residual, progress, **options
         See :func:`transfer`.
     """

@@ -44,7 +44,7 @@ SLABS = 32
 _NET_AREA = 0.8
 #: Fraction of the expected number of net vertices that is enough.
 _ENOUGH = 0.25
-#: Factor that exceeds the rounding of sums of lengths in another order.
+#: Factor on upper bounds of distances. It exceeds the rounding error of a sum of lengths in another order.
 _ROUNDING = 1 + 1e-9
 
 

@@ -29,7 +29,13 @@ class State(Protocol):
         """
 
     def end_step(self, short: bool) -> bool:
-        """Return whether the last step proves convergence; `short`: its residual is below the tolerance."""
+        """Return whether the last step proves convergence.
+
+        Parameters
+        ----------
+        short : bool
+            The residual of the step is below the tolerance.
+        """
 
     def move(self, *, last: bool) -> None:
         """Go on to g(u), or unless it is the last iterate to an accelerated one."""
