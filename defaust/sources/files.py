@@ -190,11 +190,15 @@ def _archive_shapes(path: Path) -> tuple[Shape, ...]:
     return tuple(Shape(name, path, name) for name in sorted(names, key=_natural))
 
 
-def _open_archive(path: Path) -> np.lib.npyio.NpzFile:
-    archive = _reading(path, lambda: np.load(path, allow_pickle=False))
-    if not isinstance(archive, np.lib.npyio.NpzFile):
-        raise InputError(f"{path}: not an .npz file; give a folder of meshes or an .npz")
-    return archive
+@contextmanager
+def _open_archive(path: Path) -> Iterator[np.lib.npyio.NpzFile]:
+    """Open an .npz file, and close it even if NumPy cannot read it."""
+    with _reading(path, lambda: path.open("rb")) as file:
+        archive = _reading(path, lambda: np.load(file, allow_pickle=False))
+        if not isinstance(archive, np.lib.npyio.NpzFile):
+            raise InputError(f"{path}: not an .npz file; give a folder of meshes or an .npz")
+        with archive:
+            yield archive
 
 
 def _read_vert_tri(path: Path) -> tuple[np.ndarray, np.ndarray]:

@@ -18,7 +18,7 @@ from defaust.sources.files import Shape, find_shapes
 from defaust.sources.sequence import FACTS, RegisteredSequence
 from eval.rows.frame import read_csv
 from eval.rows.store import read_row
-from sshade import InputError, bind, load_binding, save_binding
+from sshade import InputError, Mesh, bind, load_binding, save_binding
 from sshade.io.handles import read_handles
 from sshade.io.meshes import SUFFIXES, read_mesh, write_mesh
 from tests.defaust.test_animations import packed
@@ -246,9 +246,9 @@ def _read_shapes(data: bytes, folder: Path) -> None:
     if suffix == ".npz":
         for shapes in find_shapes(path, layout="auto")[0].values():
             for shape in shapes:
-                shape.mesh()
+                Mesh(*shape.arrays())
     else:
-        Shape("a", path.with_suffix(".mat" if suffix == ".mat" else ".vert")).mesh()
+        Mesh(*Shape("a", path.with_suffix(".mat" if suffix == ".mat" else ".vert")).arrays())
 
 
 def _shape_seeds() -> list[bytes]:
