@@ -287,10 +287,7 @@ def places(top: str) -> tuple[Path, ...]:
     search_here()
     try:
         spec = importlib.util.find_spec(top)
-    except (
-        ImportError,
-        ValueError,
-    ):  # find_spec raises ValueError for modules without a spec, such as __main__
+    except (ImportError, ValueError):  # ValueError: a module without a spec, such as __main__
         return ()
     if spec is None:
         return ()

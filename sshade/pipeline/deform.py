@@ -54,18 +54,12 @@ def deform_task(
     """
 
     def deform_component(task: DeformationTask, *, progress: Progress, **changes: Any) -> DeformationResult:
-        given = {**values, **changes}
-        options = resolve(method, given)
+        component_values = {**values, **changes}
+        options = resolve(method, component_values)
         if regional := has_regions(task.mesh, task.handles.index, options):
-            options = resolve(method, given, regions=True)
-        run = partial(
-            deform_once,
-            task,
-            options.of_proxy(),
-            progress=progress,
-            sample=sample,
-            projection=projection,
-        )
+            options = resolve(method, component_values, regions=True)
+        hooks: dict[str, Any] = {"sample": sample, "projection": projection}
+        run = partial(deform_once, task, options.of_proxy(), progress=progress, **hooks)
         if options.polish:
             result = polished(task, options, deform=run, regional=regional, progress=progress)
         else:
