@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from math import inf, isfinite
 from typing import Any
 
@@ -19,8 +19,8 @@ from sshade.progress import Progress, silent
 
 #: Arrays of an answer after a change of groups or of the selection.
 CHANGED = ("positions", "labels", "selection")
-#: Array types that JavaScript can view in place.
-TYPES = ("float32", "uint32", "uint8")
+#: Commands that are methods of the session. The last two take the number of a group.
+REVERTING = ("undo", "redo", "remove", "restore")
 
 
 class Commands:
@@ -41,9 +41,6 @@ class Commands:
         V = session.mesh.V
         self._centre, self._scale = 0.5 * (V.min(axis=0) + V.max(axis=0)), session.mesh.diagonal
         self._previews: dict[str, Preview | None] = {}
-        self._named: dict[str, Callable[[Mapping[str, Any]], bytes]] = {
-            name.removeprefix("do_"): getattr(self, name) for name in dir(self) if name.startswith("do_")
-        }
 
     def __call__(self, name: str, arguments: Any) -> bytes:
         """Execute a command and return the answer.
@@ -61,11 +58,16 @@ class Commands:
         Superseded
             See :meth:`sshade.edit.session.Session.settle`.
         """
-        if name not in self._named:
+        command = getattr(self, f"do_{name}", None)
+        if command is None and name not in REVERTING:
             raise InputError(f"{name!r} is no command of the editor")
         if not isinstance(arguments, Mapping):
             raise InputError(f"the command {name} takes a JSON object")
-        return self._named[name](arguments)
+        if command is not None:
+            return command(arguments)
+        number = [_given(arguments, "group", int)] if name in ("remove", "restore") else []
+        getattr(self._session, name)(*number)
+        return self._answer(*CHANGED)
 
     def whole(self, arguments: Mapping[str, Any]) -> bytes:
         """Return everything that a page needs at the beginning."""
@@ -85,49 +87,35 @@ class Commands:
         return self._answer(*CHANGED)
 
     def do_mark(self, arguments: Mapping[str, Any]) -> bytes:
-        number = self._session.mark(_text(arguments, "kind"))  # type: ignore[arg-type]
+        number = self._session.mark(_given(arguments, "kind", str))
         return self._answer(*CHANGED, marked=number)
 
-    def do_remove(self, arguments: Mapping[str, Any]) -> bytes:
-        self._session.remove(_integer(arguments, "group"))
-        return self._answer(*CHANGED)
-
-    def do_restore(self, arguments: Mapping[str, Any]) -> bytes:
-        self._session.restore(_integer(arguments, "group"))
-        return self._answer("positions")
-
     def do_alter(self, arguments: Mapping[str, Any]) -> bytes:
-        fields: dict[str, Any] = {key: _text(arguments, key) for key in ("kind", "name") if key in arguments}
+        fields: dict[str, Any] = {
+            key: _given(arguments, key, str) for key in ("kind", "name") if key in arguments
+        }
         if "weight" in arguments:
             fields["weight"] = inf if arguments["weight"] is None else _numbers(arguments, "weight", ())
-        self._session.alter(_integer(arguments, "group"), **fields)
+        self._session.alter(_given(arguments, "group", int), **fields)
         return self._answer(*CHANGED)
 
     def do_pick(self, arguments: Mapping[str, Any]) -> bytes:
-        group = self._session.state.group(_integer(arguments, "group"))
+        group = self._session.state.group(_given(arguments, "group", int))
         return self.select(group.vertices, "replace")
 
     def do_set_up(self, arguments: Mapping[str, Any]) -> bytes:
-        method = require_method(_text(arguments, "method"), METHODS)
+        method = require_method(_given(arguments, "method", str), METHODS)
         volume, area = (bool(arguments.get(name, True)) for name in ("volume", "area"))
         self._session.set_up(Settings(method, volume, area))
         return self._answer("positions")
 
-    def do_undo(self, _: Mapping[str, Any]) -> bytes:
-        self._session.undo()
-        return self._answer(*CHANGED)
-
-    def do_redo(self, _: Mapping[str, Any]) -> bytes:
-        self._session.redo()
-        return self._answer(*CHANGED)
-
     def do_drag(self, arguments: Mapping[str, Any]) -> bytes:
-        V = self._session.drag(_integer(arguments, "group"), self._motion(arguments))
+        V = self._session.drag(_given(arguments, "group", int), self._motion(arguments))
         few = self._preview(arguments)
         return packet({}, {"positions": self._positions(V if few is None else V[few.vertices])})
 
     def do_release(self, arguments: Mapping[str, Any]) -> bytes:
-        self._session.release(_integer(arguments, "group"), self._motion(arguments))
+        self._session.release(_given(arguments, "group", int), self._motion(arguments))
         return self._answer() if self._preview(arguments) is None else self._answer("positions")
 
     def do_settle(self, _: Mapping[str, Any]) -> bytes:
@@ -135,15 +123,9 @@ class Commands:
         return self._answer("positions", "change")
 
     def do_save(self, arguments: Mapping[str, Any]) -> bytes:
-        content, name = _text(arguments, "what"), _text(arguments, "name")
+        content, name = _given(arguments, "what", str), _given(arguments, "name", str)
         over = arguments.get("over") is True
-        lost: tuple[str, ...] = ()
-        if content == "mesh":
-            path, lost = self._session.save_mesh(name, over=over, progress=self._progress)
-        elif content == "handles":
-            path = self._session.save_handles(name, over=over)
-        else:
-            raise InputError(f"{content!r} cannot be saved: use handles or mesh")
+        path, lost = self._session.save(content, name, over=over, progress=self._progress)
         return self._answer("positions", "change", saved=str(path), lost=list(lost))
 
     def _preview(self, arguments: Mapping[str, Any]) -> Preview | None:
@@ -173,30 +155,25 @@ class Commands:
 
         Changes of the edges are sent only if the shape has converged.
         """
-        session, arrays = self._session, dict(further or {})
+        session, mesh, arrays = self._session, self._session.mesh, dict(further or {})
         state = session.state
         for name in names:
             if name == "positions":
                 arrays[name] = self._positions(session.shown)
             elif name == "faces":
-                arrays[name] = session.mesh.F.astype(np.uint32)
+                arrays[name] = mesh.F.astype(np.uint32)
             elif name == "labels":
-                arrays[name] = np.zeros(session.mesh.n, dtype=np.uint32)
+                arrays[name] = np.zeros(mesh.n, dtype=np.uint32)
                 for number, group in enumerate(state.groups, start=1):
                     arrays[name][group.vertices] = number
             elif name == "selection":
-                arrays[name] = np.zeros(session.mesh.n, dtype=np.uint8)
+                arrays[name] = np.zeros(mesh.n, dtype=np.uint8)
                 arrays[name][state.selection] = 1
             elif session.is_converged:
-                change = edge_error(session.mesh, session.shown)
+                change = edge_error(mesh, session.shown)
                 facts["top"] = colour_range([change])
                 arrays[name] = np.minimum(255 * change / facts["top"], 255).astype(np.uint8)
-        return packet({**self._facts(), **facts}, arrays)
-
-    def _facts(self) -> dict[str, Any]:
-        session, mesh = self._session, self._session.mesh
-        state, outputs = session.state, session.document.outputs
-        groups = [
+        facts["groups"] = [
             {
                 "number": group.number,
                 "name": group.name,
@@ -207,18 +184,18 @@ class Commands:
             }
             for group in state.groups
         ]
-        return {
+        facts |= {
             "mesh": {"name": session.document.name, "vertices": mesh.n, "faces": mesh.m},
-            "groups": groups,
             "picked": len(state.selection),
             "settings": state.settings._asdict(),
             "converged": session.is_converged,
             "unsaved": session.is_unsaved,
             "undo": session.history.can_undo,
             "redo": session.history.can_redo,
-            "outputs": {content: path.name for content, path in outputs.path.items()},
+            "outputs": {content: path.name for content, path in session.document.outputs.path.items()},
             "command": session.document.command(state.settings),
         }
+        return packet(facts, arrays)
 
 
 def packet(facts: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:
@@ -231,10 +208,9 @@ def packet(facts: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:
     ----------
     facts : mapping
     arrays : mapping
-        Arrays of one of the :data:`TYPES`.
+        Arrays float32, uint32 or uint8, which JavaScript can view in place.
     """
     listed = [[name, str(array.dtype), array.size] for name, array in arrays.items()]
-    assert all(kind in TYPES for _, kind, _ in listed)
     head = json.dumps({**facts, "arrays": listed}, allow_nan=False).encode()
     head += b" " * (-len(head) % 4)
     parts = [len(head).to_bytes(4, "little"), head]
@@ -244,16 +220,10 @@ def packet(facts: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:
     return b"".join(parts)
 
 
-def _text(arguments: Mapping[str, Any], name: str) -> str:
-    if not isinstance(arguments.get(name), str):
-        raise InputError(f'the command needs a text "{name}"')
-    return arguments[name]
-
-
-def _integer(arguments: Mapping[str, Any], name: str) -> int:
+def _given(arguments: Mapping[str, Any], name: str, kind: type) -> Any:
     value = arguments.get(name)
-    if not isinstance(value, int) or isinstance(value, bool):
-        raise InputError(f'the command needs a whole number "{name}"')
+    if type(value) is not kind:
+        raise InputError(f'the command needs a {"text" if kind is str else "whole number"} "{name}"')
     return value
 
 

@@ -92,22 +92,14 @@ class Document:
             except InputError as error:
                 raise InputError(str(error).replace(str(path), name)) from error
 
-    def write_handles(self, state: State, name: str, *, over: bool) -> Path:
-        """Write the groups as a handle file and return the path.
-
-        Raises
-        ------
-        InputError
-            See :meth:`sshade.edit.saving.Outputs.choose`; also when there are no groups.
-        """
-        path = self.outputs.choose("handles", name, over=over)
+    def write_handles(self, state: State, path: Path) -> None:
+        """Write the groups as a handle file; raise InputError when there are none."""
         handles = state.handles(self.mesh)
         handles = replace(handles, index=self._id[handles.index])
         names = {number: group.name for number, group in enumerate(state.groups)}
         made = {"method": state.settings.method, **state.settings.constraints}
         write_handles(path, handles, names=names, about={"made": made})
         self.outputs.written("handles", path)
-        return path
 
     def write_mesh(self, V: np.ndarray, path: Path) -> tuple[str, ...]:
         """Write the file with new positions (n, 3) of the mesh; return the contents that the format loses."""

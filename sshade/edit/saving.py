@@ -66,10 +66,13 @@ class Outputs:
         Raises
         ------
         InputError
-            When `name` is not the plain name of a file with a suffix of the content, or is the edited mesh.
+            On another content, or when `name` is not the plain name of a file with a suffix of the content,
+            or is the edited mesh.
         FileExists
             When the file exists and may not be replaced.
         """
+        if content not in FORMATS:
+            raise InputError(f"{content!r} cannot be saved: use {' or '.join(FORMATS)}")
         plain = Path(name).name == name and "\\" not in name and ":" not in name and name.isprintable()
         if not (name and plain) or name.startswith(".") or len(name) > LONGEST:
             raise InputError(f"{name!r}: give the name of a file alone, without a folder")

@@ -125,6 +125,10 @@ class Server(ThreadingHTTPServer):
         log.debug("a connection was lost", exc_info=True)
 
 
+class _Refused(Exception):
+    """A request is refused, with this status and sentence."""
+
+
 class _Handler(BaseHTTPRequestHandler):
     server: Server
     protocol_version = "HTTP/1.1"
@@ -134,89 +138,11 @@ class _Handler(BaseHTTPRequestHandler):
     server_version, sys_version = "sshade", ""
 
     def do_GET(self) -> None:
-        name = self._allowed()
-        if name is None:
-            return
-        if name in PAGE:
-            file, kind = PAGE[name]
-            text = files("sshade.edit").joinpath("page", file).read_text(encoding="utf-8")
-            self._send(HTTPStatus.OK, text.encode(), f"{kind}; charset=utf-8")
-        elif name == "three.js":
-            self._send(HTTPStatus.OK, threejs.source().encode(), "text/javascript; charset=utf-8")
-        elif name == "whole":
-            self._packet(lambda: self.server.commands.whole(self._query()))
-        elif name == "alive":
-            self._alive()
-        else:
-            self._refuse(HTTPStatus.NOT_FOUND, f"the editor has no page {name!r}")
-
-    def do_POST(self) -> None:
-        name = self._allowed()
-        if name is None:
-            return
-        content = self._content()
-        if content is None:
-            return
-        commands, query = self.server.commands, self._query()
-        if name == "select":
-            if len(content) % 4:
-                self._refuse(HTTPStatus.BAD_REQUEST, "vertices must be sent as 4 bytes each")
-                return
-            vertices = np.frombuffer(content, dtype="<u4").astype(np.int64)
-            self._packet(lambda: commands.select(vertices, query.get("how", "")))
-        elif name == "open":
-            self._packet(lambda: commands.open(content, query.get("name", "the file")[:200]))
-        elif name == "quit":
-            self._send(HTTPStatus.OK, b"{}", "application/json")
-            self.server.close()
-        else:
-            try:
-                arguments = json.loads(content or b"{}")
-            except (ValueError, RecursionError):
-                self._refuse(HTTPStatus.BAD_REQUEST, "commands must be sent as JSON")
-                return
-            self._packet(lambda: commands(name, arguments))
-
-    def _query(self) -> dict[str, str]:
-        return dict(parse_qsl(urlsplit(self.path).query))
-
-    def _allowed(self) -> str | None:
-        """Return the requested name, or answer and return None if the request is not allowed."""
-        hosts = self.server.hosts
-        origins = {f"http://{host}" for host in hosts}
-        # The user may follow a link to the page, also in a terminal that is itself a page.
-        visited = self.command == "GET" and self.headers.get("Sec-Fetch-Dest") == "document"
-        _, token, *rest = [*urlsplit(self.path).path.split("/", 2), ""]
-        allowed = (
-            self.headers.get("Host") in hosts
-            and self.headers.get("Origin", f"http://{self.headers.get('Host')}") in origins
-            and (self.headers.get("Sec-Fetch-Site", "none") in ("none", "same-origin") or visited)
-            and secrets.compare_digest(token.encode(), self.server.token.encode())
-        )
-        if allowed:
-            return rest[0]
-        self._refuse(HTTPStatus.FORBIDDEN, "wrong address: open the address that the editor printed")
-        return None
-
-    def _content(self) -> bytes | None:
-        """Return the body, or answer and return None if its length is missing or too large."""
-        length = self.headers.get("Content-Length", "")
-        if not length.isascii() or not length.isdecimal() or "Transfer-Encoding" in self.headers:
-            self._refuse(HTTPStatus.LENGTH_REQUIRED, "the request needs a Content-Length")
-            return None
-        if len(length) > 12 or int(length) > LARGEST + 4 * self.server.vertices:
-            self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"a request has at most {LARGEST:,} bytes")
-            return None
-        content = self.rfile.read(int(length))
-        if len(content) < int(length):
-            self.close_connection = True
-            return None
-        return content
-
-    def _packet(self, answer: Any) -> None:
-        """Send the answer of a command, or the reason why it was refused."""
+        """Answer a request, or say why it is refused."""
         try:
-            self._send(HTTPStatus.OK, answer(), "application/octet-stream")
+            (self._get if self.command == "GET" else self._post)(self._allowed())
+        except _Refused as error:
+            self._refuse(*error.args)
         except FileExists as error:
             self._refuse(HTTPStatus.CONFLICT, str(error), exists=True)
         except Superseded:
@@ -231,10 +157,74 @@ class _Handler(BaseHTTPRequestHandler):
             log.exception("the editor failed")
             self._refuse(HTTPStatus.INTERNAL_SERVER_ERROR, "the editor failed; its terminal shows the error")
 
-    def _alive(self) -> None:
-        self.close_connection = True
-        self._begin(HTTPStatus.OK, {"Content-Type": "text/plain; charset=utf-8"})
-        self.server.stages(self._beat)
+    do_POST = do_GET
+
+    def _get(self, name: str) -> None:
+        if name in PAGE:
+            file, kind = PAGE[name]
+            text = files("sshade.edit").joinpath("page", file).read_text(encoding="utf-8")
+            self._send(text.encode(), f"{kind}; charset=utf-8")
+        elif name == "three.js":
+            self._send(threejs.source().encode(), "text/javascript; charset=utf-8")
+        elif name == "whole":
+            self._send(self.server.commands.whole(self._query))
+        elif name == "alive":
+            self.close_connection = True
+            self._begin(HTTPStatus.OK, {"Content-Type": "text/plain; charset=utf-8"})
+            self.server.stages(self._beat)
+        else:
+            raise _Refused(HTTPStatus.NOT_FOUND, f"the editor has no page {name!r}")
+
+    def _post(self, name: str) -> None:
+        commands, content = self.server.commands, self._content()
+        if name == "select":
+            if len(content) % 4:
+                raise InputError("vertices must be sent as 4 bytes each")
+            vertices = np.frombuffer(content, dtype="<u4").astype(np.int64)
+            self._send(commands.select(vertices, self._query.get("how", "")))
+        elif name == "open":
+            self._send(commands.open(content, self._query.get("name", "the file")[:200]))
+        elif name == "quit":
+            self._send(b"{}", "application/json")
+            self.server.close()
+        else:
+            try:
+                arguments = json.loads(content or b"{}")
+            except (ValueError, RecursionError) as error:
+                raise InputError("commands must be sent as JSON") from error
+            self._send(commands(name, arguments))
+
+    @property
+    def _query(self) -> dict[str, str]:
+        return dict(parse_qsl(urlsplit(self.path).query))
+
+    def _allowed(self) -> str:
+        """Return the requested name, or refuse the request."""
+        hosts = self.server.hosts
+        origins = {f"http://{host}" for host in hosts}
+        # The user may follow a link to the page, also in a terminal that is itself a page.
+        visited = self.command == "GET" and self.headers.get("Sec-Fetch-Dest") == "document"
+        _, token, *rest = [*urlsplit(self.path).path.split("/", 2), ""]
+        if (
+            self.headers.get("Host") in hosts
+            and self.headers.get("Origin", f"http://{self.headers.get('Host')}") in origins
+            and (self.headers.get("Sec-Fetch-Site", "none") in ("none", "same-origin") or visited)
+            and secrets.compare_digest(token.encode(), self.server.token.encode())
+        ):
+            return rest[0]
+        raise _Refused(HTTPStatus.FORBIDDEN, "wrong address: open the address that the editor printed")
+
+    def _content(self) -> bytes:
+        """Return the body, unless its length is missing or too large."""
+        length = self.headers.get("Content-Length", "")
+        if not length.isascii() or not length.isdecimal() or "Transfer-Encoding" in self.headers:
+            raise _Refused(HTTPStatus.LENGTH_REQUIRED, "the request needs a Content-Length")
+        if len(length) > 12 or int(length) > LARGEST + 4 * self.server.vertices:
+            raise _Refused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"a request has at most {LARGEST:,} bytes")
+        content = self.rfile.read(int(length))
+        if len(content) < int(length):
+            raise ConnectionResetError
+        return content
 
     def _beat(self, line: bytes) -> None:
         """Write a line; raise OSError if the page was closed."""
@@ -245,9 +235,11 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _refuse(self, status: HTTPStatus, sentence: str, **facts: Any) -> None:
         self.close_connection = True  # the rest of the request is not read
-        self._send(status, json.dumps({"error": sentence, **facts}).encode(), "application/json")
+        self._send(json.dumps({"error": sentence, **facts}).encode(), "application/json", status)
 
-    def _send(self, status: HTTPStatus, content: bytes, kind: str) -> None:
+    def _send(
+        self, content: bytes, kind: str = "application/octet-stream", status: HTTPStatus = HTTPStatus.OK
+    ) -> None:
         self._begin(status, {"Content-Type": kind, "Content-Length": str(len(content))})
         self.wfile.write(content)
 

@@ -143,7 +143,14 @@ class Session:
                 start = rest
             number, self._number = self._number, self._number + 1
             self._push(self.state.marked(Group(number, f"group {number}", kind, vertices, start)))
-        self._prepare(vertices)
+            handles, settings = self.state.handles(self.mesh), self.state.settings
+
+        def prepare() -> None:
+            """Bind the mesh before the user begins to drag."""
+            with self._following, suppress(InputError, FloatingPointError):  # the drag reports the error
+                self._follower.prepare(handles.with_portions(self.mesh), int(vertices[0]), settings)
+
+        Thread(target=prepare, daemon=True).start()
         return number
 
     def remove(self, number: int) -> None:
@@ -231,7 +238,8 @@ class Session:
         with self._following:
             with self._lock:
                 groups, state = self.state.groups, self.state.moved(number, motion)
-                revision, shape = self._advance(), self.shown
+                self._revision += 1
+                revision, shape = self._revision, self.shown
             if self._dragged is None or self._dragged[0] is not groups:
                 self._dragged = groups, state.handles(self.mesh).with_portions(self.mesh)
             handles = self._dragged[1].at(*state.aims())
@@ -290,34 +298,40 @@ class Session:
 
     # Files.
 
-    def save_handles(self, name: str, *, over: bool = False) -> Path:
-        """Write the groups as a handle file and return its path.
-
-        Raises
-        ------
-        InputError
-            See :meth:`sshade.edit.saving.Outputs.choose`; also when there are no groups.
-        """
-        with self._lock:
-            path = self.document.write_handles(self.state, name, over=over)
-            self._saved = self.state.groups
-        return path
-
-    def save_mesh(
-        self, name: str, *, over: bool = False, progress: Progress = silent
+    def save(
+        self, content: str, name: str, *, over: bool = False, progress: Progress = silent
     ) -> tuple[Path, tuple[str, ...]]:
-        """Write the deformed mesh; return its path, and the contents that its format cannot hold.
+        """Write the groups as a handle file, or the deformed mesh.
+
+        Parameters
+        ----------
+        content : {"handles", "mesh"}
+        name, over
+            See :meth:`sshade.edit.saving.Outputs.choose`.
+        progress : Progress
+
+        Returns
+        -------
+        path : path
+        lost : tuple of str
+            Contents of the mesh file that the format of the new file cannot hold.
 
         Raises
         ------
         InputError
-            See :meth:`sshade.edit.saving.Outputs.choose`; also when the method refuses the handles.
+            See :meth:`sshade.edit.saving.Outputs.choose`; also when there are no groups to write, or the
+            method refuses them.
         Superseded
             When the handles changed during the computation.
         """
-        path = self.document.outputs.choose("mesh", name, over=over)
-        self.settle(progress)
-        return path, self.document.write_mesh(self.shown, path)
+        path = self.document.outputs.choose(content, name, over=over)
+        if content == "mesh":
+            self.settle(progress)
+            return path, self.document.write_mesh(self.shown, path)
+        with self._lock:
+            self.document.write_handles(self.state, path)
+            self._saved = self.state.groups
+        return path, ()
 
     # Helpers.
 
@@ -331,37 +345,23 @@ class Session:
 
     def _push(self, state: State) -> None:
         """Append a state. Its shape is unknown unless groups and settings stay, or all groups are at rest."""
-        if not state.same_shape(self.state):
+        before = self.state
+        if not state.same_shape(before):
             state = replace(state, shape=None if state.displaced(self.mesh) else self.mesh.V)
-            self._advance()
-            if state.shape is not None:
-                self.shown = state.shape
         self.history.push(state)
+        self._advance(before)
 
     def _go(self, step: int) -> None:
         with self._lock:
             before = self.state
             self.history.go(step)
-            if self.state.same_shape(before):
-                return
-            self._advance()
-            if self.state.shape is not None:
-                self.shown = self.state.shape
-        self._jumped = True
+            self._jumped |= self._advance(before)
 
-    def _advance(self) -> int:
-        """Mark all running computations as out of date; return the new revision."""
-        with self._lock:
-            self._revision += 1
-            return self._revision
-
-    def _prepare(self, vertices: np.ndarray) -> None:
-        """Bind the mesh with the current handles before the user begins to drag."""
-        with self._lock:
-            handles, settings = self.state.handles(self.mesh), self.state.settings
-
-        def prepare() -> None:
-            with self._following, suppress(InputError, FloatingPointError):  # the drag reports the error
-                self._follower.prepare(handles.with_portions(self.mesh), int(vertices[0]), settings)
-
-        Thread(target=prepare, daemon=True).start()
+    def _advance(self, before: State) -> bool:
+        """Return whether groups or settings differ from `before`; then computations are out of date."""
+        if self.state.same_shape(before):
+            return False
+        self._revision += 1
+        if self.state.shape is not None:
+            self.shown = self.state.shape
+        return True

@@ -149,8 +149,8 @@ def test_what_is_saved_deforms_to_the_same_file_on_the_command_line(shape, metho
     assert not session.is_converged and session.is_unsaved
     session.settle()
     assert session.is_converged
-    assert session.save_handles("pose.json").name == "pose.json" and not session.is_unsaved
-    path, lost = session.save_mesh("posed.ply")
+    assert session.save("handles", "pose.json")[0].name == "pose.json" and not session.is_unsaved
+    path, lost = session.save("mesh", "posed.ply")
     assert (
         lost == () and main(["deform", "body.ply", "pose.json", "-o", "again.ply", "--method", method]) == 0
     )
@@ -340,7 +340,7 @@ def test_saved_groups_are_opened_as_they_were():
     tip = session.mark("moving")
     session.release(tip, Motion(rotation(1), np.zeros(3)))
     session.release(number, LIFT)
-    session.save_handles("pose.json")
+    session.save("handles", "pose.json")
     again = Session(Path("body.ply"), handles=Path("pose.json"))
     assert not again.history.can_undo and not again.is_unsaved and not again.is_converged
     session.open(Path("pose.json").read_bytes(), "pose.json")
@@ -364,7 +364,7 @@ def test_free_constraints_change_the_shape_and_are_written_down():
     session.set_up(Settings(volume=False))
     session.settle()
     assert abs(kept / BODY.volume - 1) < 1e-3 < abs(Mesh(session.shown, BODY.F).volume / BODY.volume - 1)
-    made = json.loads(session.save_handles("free.json").read_text())["made"]
+    made = json.loads(session.save("handles", "free.json")[0].read_text())["made"]
     assert made == {"method": "fast", "volume": 0.0}
     session.undo()
     assert session.shown is shape
@@ -385,7 +385,7 @@ def test_of_two_components_the_one_that_is_dragged_follows_at_once():
     session.release(number, LIFT)
     session.settle()
     assert np.abs(session.shown - mesh.V)[BODY.n :].max() > 1e-3
-    assert session.save_handles("pose.json") and session.save_mesh("posed.ply")
+    assert session.save("handles", "pose.json") and session.save("mesh", "posed.ply")
     arguments = ["deform", "body.ply", "pose.json", "-o", "again.ply", "--carry-unconstrained"]
     assert main(arguments) == 0 and Path("again.ply").read_bytes() == Path("posed.ply").read_bytes()
 
@@ -414,7 +414,7 @@ def test_large_meshes_take_other_handles_without_being_bound_anew(monkeypatch):
     for limit, count in (0, 1), (body.n + 1, 2):
         monkeypatch.setattr(follower, "REBOUND", limit)
         session = begun(body)
-        session._prepare = lambda group: None
+        monkeypatch.setattr(session._follower, "prepare", lambda *_: None)
         bound.clear()
         number = marked(session)
         session.drag(number, LIFT)
@@ -446,16 +446,16 @@ def test_texture_coordinates_and_doubled_vertices_stay_in_the_saved_file():
     assert session.mesh.n == mesh.n
     number = marked(session)
     session.release(number, Motion(np.eye(3), np.array([0, 0, 3.0])))
-    path, _ = session.save_mesh("lifted.obj")
+    path, _ = session.save("mesh", "lifted.obj")
     text = path.read_text()
     assert text.count("usemtl cloth") == 1 and text.count("vt 0.25 0.75") == 1
     V, faces = read_arrays(path)
     assert faces.tolist() == F and V[0].tolist() == [100, 100, 100]
     assert np.array_equal(V[1:all_], V[all_ + seam])
-    session.save_handles("pose.json")
+    session.save("handles", "pose.json")
     assert main(["deform", "sheet.obj", "pose.json", "-o", "again.obj"]) == 0
     assert Path("again.obj").read_bytes() == path.read_bytes()
-    assert session.save_mesh("plain.ply")[1] != ()  # what PLY does not hold is told
+    assert session.save("mesh", "plain.ply")[1] != ()  # what PLY does not hold is told
 
 
 def test_only_files_beside_the_mesh_or_named_in_advance_are_written(folder):
@@ -466,20 +466,20 @@ def test_only_files_beside_the_mesh_or_named_in_advance_are_written(folder):
     names = ["../pose.json", "/tmp/pose.json", "a/b.json", "a\\b.json", "c:x.json", ".hidden.json", "", ".."]
     for name in [*names, ".", "x.txt", "pose", "a\0.json", "a\n.json", "x" * 200 + ".json"]:
         with pytest.raises(InputError):
-            session.save_handles(name, over=True)
+            session.save("handles", name, over=True)
     with pytest.raises(InputError, match="exists already"):
-        session.save_handles("other.json")
+        session.save("handles", "other.json")
     assert (folder / "other.json").read_text() == "mine"
-    session.save_handles("other.json", over=True)
-    session.save_handles("other.json")  # it is the editor's own now
+    session.save("handles", "other.json", over=True)
+    session.save("handles", "other.json")  # it is the editor's own now
     assert read_handles("other.json", BODY).index.size
-    assert session.save_mesh("posed.obj")[0] == folder / "out" / "posed.obj"
+    assert session.save("mesh", "posed.obj")[0] == folder / "out" / "posed.obj"
     command = session.document.command(Settings())
     assert "out/posed.obj" in command and "other.json" in command
     assert session.document.command(Settings("fine", volume=False)).endswith(" --method fine --volume 0")
     plain = begun()
     with pytest.raises(InputError, match="is the mesh"):
-        plain.save_mesh("body.ply", over=True)
+        plain.save("mesh", "body.ply", over=True)
     for wrong in {"output": "body.ply"}, {"output": "no/out.ply"}, {"handles_output": "a.ply"}:
         with pytest.raises(InputError):
             begun(**{name: Path(path) for name, path in wrong.items()})
