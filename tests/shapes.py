@@ -109,10 +109,21 @@ def block(solid: np.ndarray, *, cells: int = 1) -> Mesh:
     return Mesh(np.array(list(ids), dtype=float) / cells, np.array(faces))
 
 
+def beside(*meshes: Mesh) -> Mesh:
+    """One mesh of several components."""
+    offset = np.cumsum([0, *(mesh.n for mesh in meshes[:-1])])
+    faces = [mesh.F + o for mesh, o in zip(meshes, offset, strict=True)]
+    return Mesh(np.concatenate([mesh.V for mesh in meshes]), np.concatenate(faces))
+
+
+def shifted(mesh: Mesh, shift) -> Mesh:
+    """The mesh elsewhere."""
+    return Mesh(mesh.V + shift, mesh.F)
+
+
 def two_spheres() -> Mesh:
     """Unit spheres at a distance of 5."""
-    ball = icosphere(2)
-    return Mesh(np.concatenate([ball.V, ball.V + [5, 0, 0]]), np.concatenate([ball.F, ball.F + ball.n]))
+    return beside(icosphere(2), shifted(icosphere(2), [5, 0, 0]))
 
 
 def double_torus(*, cells: int = 2) -> Mesh:
@@ -159,11 +170,26 @@ def family() -> dict[str, Mesh]:
     }
 
 
-def end_handles(V: np.ndarray, *, axis: int = 2, share: float = 0.1, turn=None, shift=(0.0, 0, 0)) -> Handles:
-    """Handles at both ends along an axis: one stays, the other is turned and shifted."""
+def end_handles(
+    V: np.ndarray,
+    *,
+    axis: int = 2,
+    share: float = 0.1,
+    count: int | None = None,
+    turn=None,
+    shift=(0.0, 0, 0),
+) -> Handles:
+    """Handles at both ends along an axis: one stays, the other is turned and shifted.
+
+    `share` is that of the extent, unless `count` says how many vertices an end has.
+    """
     x = V[:, axis]
-    low = np.flatnonzero(x <= x.min() + share * np.ptp(x))
-    high = np.flatnonzero(x >= x.max() - share * np.ptp(x))
+    if count is None:
+        low = np.flatnonzero(x <= x.min() + share * np.ptp(x))
+        high = np.flatnonzero(x >= x.max() - share * np.ptp(x))
+    else:
+        order = np.argsort(x, kind="stable")
+        low, high = order[:count], order[-count:]
     moved = V[high] @ (np.eye(3) if turn is None else turn).T + shift
     dynamic = np.repeat([False, True], [len(low), len(high)])
     index, target = np.concatenate([low, high]), np.concatenate([V[low], moved])

@@ -6,13 +6,10 @@ from scipy.sparse.linalg import spsolve
 from scipy.spatial.transform import Rotation
 
 from sshade import DeformationTask, Handles, Mesh
-from sshade.options import Options
-from sshade.solver.descent import Descent
 from sshade.solver.linear import ConjugateGradients, VCycle
 from sshade.solver.local_global import LocalGlobal, local_global
 from sshade.solver.multigrid import Multigrid
 from sshade.solver.solution import Solution
-from sshade.solver.system import LEAST_WEIGHT, System
 from sshade.threads import ThreadTeam
 from tests.shapes import bumpy, double_torus, held_ends, jittered, tube
 from tests.sshade.solver.test_multigrid import CASES, matrix
@@ -104,17 +101,6 @@ def test_a_cycle_ends_in_the_minimum_that_a_factorisation_finds(name, options):
     assert np.array_equal(cycle.positions[task.handles.index[hard]], task.handles.target[hard])
 
 
-@pytest.mark.parametrize("energy", ["spokes", "spokes_and_rims"])
-def test_plain_steps_never_raise_the_energy(energy):
-    energies = [
-        solve(
-            BALL, multigrid=True, energy=energy, accelerate=False, tolerance=0, max_iterations=iterations
-        ).energy
-        for iterations in range(1, 30, 4)
-    ]
-    assert (np.diff(energies) < 0).all()
-
-
 def test_as_many_steps_reach_as_low_where_triangles_soften():
     """The metric knows which triangles are soft."""
     options = {**SOFT, **EXACT, "tolerance": 0, "max_iterations": 40}
@@ -159,50 +145,6 @@ def test_bits_do_not_depend_on_threads(monkeypatch):
     one, two, three = (solve(BALL, workers=workers, **options) for workers in (1, 2, 3))
     assert np.array_equal(one.positions, two.positions) and np.array_equal(one.positions, three.positions)
     assert one.energy == two.energy == three.energy
-
-
-@pytest.mark.parametrize("multigrid", [False, True])
-def test_forces_times_the_metric_are_the_step(multigrid):
-    """Constraints included; the step is what quasi-Newton pairs are made of."""
-    solver = LocalGlobal(BALL.mesh, BALL.handles.index, multigrid=multigrid)
-    system, rng = solver, np.random.default_rng(0)
-    u = BALL.mesh.V[system.vertex] + 0.01 * rng.normal(size=BALL.mesh.V.shape)
-    with ThreadTeam(1) as team:
-        state = Descent(solver, Options(**EXACT), u.copy(), team=team)
-        state.aim(BALL.handles.target, None, None, 1.0)
-        state.begin()
-        state.step()
-        state._constraints.add_moves(state.energy.forces)
-        again = np.empty_like(u)
-        system.linear(None, team=team).solve(state.energy.forces, again)
-    step = state._g - u
-    assert np.abs(step).max() > 1e-3 and not step[system.fixed].any()
-    assert np.abs(again - step).max() < (1e-5 if multigrid else 1e-9) * np.abs(step).max()
-
-
-def test_the_metric_has_strain_weights_and_pulls():
-    task = TASKS["pulled"]
-    own, rng = task.handles, np.random.default_rng(0)
-    options = {"energy": "spokes_and_rims", "stiffness": own.stiffness}
-    system, exact = (
-        System(task.mesh, own.index, multigrid=multigrid, **options) for multigrid in (True, False)
-    )
-    L, elements = system.metric(), system.elements
-    assert np.array_equal(exact.vertex, system.vertex)
-    in_order = exact.matrix[exact.vertex][:, exact.vertex]
-    assert np.abs((in_order - L).data).max() < 1e-12 * np.abs(L.data).max()
-    weight = rng.uniform(0.1, 1.0, len(elements.corners))
-    u, v = rng.normal(size=(2, system.mesh.n, 3))
-    with ThreadTeam(1) as team:
-        L.data[:] = system.linear(weight, team=team)._multigrid.finest[2]
-    pull, soft = np.zeros(system.mesh.n), system.place[own.index[~own.hard]]
-    pull[soft] = own.stiffness[~own.hard]
-    expected = (pull * (u * v).sum(axis=1)).sum()
-    for c in range(3):
-        i, j = elements.corners[:, c], elements.corners[:, (c + 1) % 3]
-        sides = np.maximum(weight, LEAST_WEIGHT) * elements.H[:, c]
-        expected += (sides * ((u[i] - u[j]) * (v[i] - v[j])).sum(axis=1)).sum()
-    assert (u * (L @ v)).sum() == pytest.approx(expected, rel=1e-6)
 
 
 # --- conjugate gradients

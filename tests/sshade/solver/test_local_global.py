@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import igl
 import numpy as np
 import pytest
@@ -19,11 +21,17 @@ EXACT = 1e-12  # x diagonal
 #: The energies, and what may be added to them.
 EXTRAS = (
     {"energy": "spokes"},
-    {"accelerate": False},
+    {},
+    {"bending": 0.05},
+    {"bending": 0.05, "stiffness": 0.1, "strain": 0.02},
+    {"stiffness": 0.2, "strain": 0.03, "strain_limit": 0.12},
     {"area": np.inf, "stiffness": 0.2},
+    {"volume": np.inf},
     {"volume": np.inf, "area": np.inf},
+    {"volume": np.inf, "area": 0.2},
     {"volume": 0.7, "area": 0.2},
 )
+with_extras = pytest.mark.parametrize("extra", EXTRAS, ids=str)
 
 
 @pytest.fixture(params=list(TASKS))
@@ -48,19 +56,22 @@ def test_plain_iterations_equal_the_definition(task, energy):
     assert ours.energy == pytest.approx(naive.energy(U, R), rel=1e-10)
 
 
-@pytest.mark.parametrize("energy", ENERGIES)
-def test_acceleration_reaches_the_same_minimum_in_less_than_half_the_steps(task, energy):
-    solver = solver_of(task, energy)
-    options = {"tolerance": 1e-8, "max_iterations": 20000}
-    fast = solver.solve(task.handles.target, **options)
-    plain = solver.solve(task.handles.target, accelerate=False, **options)
+@with_extras
+def test_acceleration_reaches_the_same_minimum_in_fewer_steps(task, extra):
+    # With both held exactly the bar has two minima: begin where it is clear which is near.
+    begin = local_global(task, accelerate=False, tolerance=0, max_iterations=30, **extra).vertices
+    near = replace(task, guess=begin)
+    options = {"tolerance": 1e-8, "max_iterations": 20_000, **extra}
+    fast, plain = (local_global(near, accelerate=accelerate, **options) for accelerate in (True, False))
     assert fast.converged and plain.converged
-    assert fast.energy == pytest.approx(plain.energy, rel=1e-6)
-    assert np.abs(fast.positions - plain.positions).max() < 1e-4 * task.mesh.diagonal
-    assert fast.iterations < 0.5 * plain.iterations
-    assert plain.rejected == 0
-    if (energy, len(task.mesh.boundary_edges)) == ("spokes", 0):  # a step that raises the energy is given up
-        assert fast.rejected > 0
+    assert fast.extra["energy"] == pytest.approx(plain.extra["energy"], rel=1e-6)
+    assert np.abs(fast.vertices - plain.vertices).max() < 1e-4 * task.mesh.diagonal
+    assert fast.iterations < 0.6 * plain.iterations
+    assert plain.extra["rejected"] == 0
+
+
+def test_a_quasi_newton_step_that_raises_the_energy_is_given_up():
+    assert local_global(TASKS["bar"], energy="spokes", tolerance=1e-8).extra["rejected"] > 0
 
 
 @pytest.mark.parametrize("energy", ENERGIES)
@@ -71,43 +82,34 @@ def test_converged_means_one_plain_iteration_moves_less_than_the_tolerance(task,
     assert largest_move(again, fast.positions) < 1e-6 * task.mesh.diagonal
 
 
-@pytest.mark.parametrize("energy", ENERGIES)
-def test_energy_never_rises(task, energy):
-    solver = solver_of(task, energy)
-
-    def energies(accelerate):
-        return [
-            solver.solve(task.handles.target, max_iterations=k, tolerance=0, accelerate=accelerate).energy
-            for k in range(40)
-        ]
-
-    plain = energies(False)
-    assert all(b < a for a, b in zip(plain, plain[1:], strict=False))
-    # Under acceleration each entry is the energy of a plain iterate of an accepted one.
-    fast = energies(True)
-    assert fast[-1] < plain[-1]
-    assert plain[0] == fast[0] == solver.solve(task.handles.target, max_iterations=3).energy_initial
+@with_extras
+def test_plain_iterations_lower_the_energy(task, extra):
+    """From where exact constraints are fulfilled on."""
+    first = 1 if np.inf in extra.values() else 0
+    options = {"tolerance": 0, "accelerate": False, **extra}
+    runs = [local_global(task, max_iterations=k, **options) for k in range(first, 25)]
+    assert (np.diff([run.extra["energy"] for run in runs]) < 0).all()
 
 
-@pytest.mark.parametrize("extra", EXTRAS, ids=str)
-def test_rigid_motion_of_the_problem_moves_the_solution(task, extra):
-    R, t, mesh, handles = rotation(3), np.array([0.3, -2.0, 1.0]), task.mesh, task.handles
+@with_extras
+def test_a_similarity_of_the_problem_moves_the_solution(task, extra):
+    R, t, scale, mesh = rotation(3), np.array([0.3, -2.0, 1.0]), 1e3, task.mesh
     options = {"max_iterations": 8, "tolerance": 0.0, **extra}
-    moved = DeformationTask(
-        "moved", Mesh(mesh.V @ R.T + t, mesh.F), Handles(handles.index, handles.target @ R.T + t)
-    )
-    first, second = local_global(task, **options), local_global(moved, **options)
-    assert np.abs(first.vertices @ R.T + t - second.vertices).max() < 1e-9 * mesh.diagonal
+    moved, target = (scale * (V @ R.T + t) for V in (mesh.V, task.handles.target))
+    there = DeformationTask("moved", Mesh(moved, mesh.F), Handles(task.handles.index, target))
+    first, second = local_global(task, **options), local_global(there, **options)
+    assert np.abs(scale * (first.vertices @ R.T + t) - second.vertices).max() < 1e-9 * there.mesh.diagonal
     turned = R @ first.extra["rotations"] @ R.T
     assert np.abs(turned - second.extra["rotations"]).max() < 1e-7
+    assert second.extra["energy"] == pytest.approx(scale**2 * first.extra["energy"], rel=1e-7)
 
 
-@pytest.mark.parametrize("energy", ENERGIES)
-def test_rigidly_moved_handles_move_the_mesh_rigidly(task, energy):
+@with_extras
+def test_rigidly_moved_handles_move_the_mesh_rigidly(task, extra):
     mesh, index = task.mesh, task.handles.index
     R, t = rotation(5), np.array([1.0, 2.0, 3.0])
     handles = Handles(index, mesh.V[index] @ R.T + t)
-    result = local_global(DeformationTask("rigid", mesh, handles), energy=energy, start="rigid")
+    result = local_global(DeformationTask("rigid", mesh, handles), start="rigid", **extra)
     assert result.iterations == 1 and result.converged
     assert np.abs(result.vertices - (mesh.V @ R.T + t)).max() < EXACT * mesh.diagonal
     assert np.abs(result.extra["rotations"] - R).max() < 1e-10

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from sshade.solver.quasi_newton import QuasiNewton
-from sshade.solver.run import largest_move
 
 N = 7
 
@@ -89,11 +88,3 @@ def test_where_the_energy_curves_down_nothing_is_learnt():
         assert not mixer.advance(now, g.copy(), product(g - u)) and now == pytest.approx(
             g, rel=1e-14, abs=1e-14
         )
-
-
-def test_largest_move():
-    A = np.zeros((3, 3))
-    B = np.array([[0, 3.0, 4], [1, 0, 0], [0, 0, 2]])
-    assert largest_move(A, B) == 5.0 and largest_move(A, A) == 0.0
-    B[1, 2] = np.nan
-    assert np.isnan(largest_move(A, B))
