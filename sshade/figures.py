@@ -106,16 +106,7 @@ def colour_range(errors: Iterable[np.ndarray]) -> float:
     return top if top > 0 else 1.0
 
 
-def picture(
-    mesh: Mesh,
-    V: np.ndarray,
-    *,
-    view: View,
-    width: int = 600,
-    error: np.ndarray | None = None,
-    top: float = 1.0,
-    handles: Handles | None = None,
-) -> np.ndarray:
+def picture(mesh: Mesh, V: np.ndarray, *, view: View, width: int = 600, **options: Any) -> np.ndarray:
     """Render a shape without a display.
 
     Parameters
@@ -127,21 +118,15 @@ def picture(
     view : View
     width : int
         Width in pixels; the view determines the height.
-    error : (n,) float64, optional
-        Values that colour the surface, on a scale from 0 to `top`.
-    top : float
-    handles : Handles, optional
-        Handles, shown at their vertices of `V`.
+    **options
+        See :func:`panel`.
 
     Returns
     -------
     (h, w, 3) uint8
     """
     plotter = new_plotter(window_size=view.pixels(width))
-    add_shape(plotter, mesh, V, error=error, top=top)
-    if handles is not None:
-        add_handles(plotter, V, handles, size=mesh.diagonal)
-    aim(plotter, view)
+    panel(plotter, mesh, V, view, **options)
     pixels = plotter.screenshot(return_img=True)
     plotter.close()
     return pixels
@@ -185,82 +170,52 @@ def _require_renderer() -> None:
         )
 
 
-def add_shape(
+def panel(
     plotter: Any,
     mesh: Mesh,
     V: np.ndarray,
+    view: View,
     *,
     error: np.ndarray | None = None,
     top: float = 1.0,
     bar: str | None = None,
+    handles: Handles | None = None,
+    targets: bool = False,
 ) -> None:
-    """Add a surface in one colour, or coloured by `error` from 0 to `top`, with a colour bar titled `bar`."""
-    import pyvista
-
-    surface = pyvista.PolyData.from_regular_faces(V, mesh.F)
-    if error is None:
-        plotter.add_mesh(surface, color=BODY, smooth_shading=True)
-        return
-    plotter.add_mesh(
-        surface,
-        scalars=error,
-        clim=(0, top),
-        cmap=COLOURS,
-        smooth_shading=True,
-        show_scalar_bar=bar is not None,
-        scalar_bar_args={
-            "title": bar,
-            "color": "black",
-            "n_labels": 2,
-            "fmt": "%.3g",
-            "position_x": 0.2,
-            "position_y": 0.01,
-            "width": 0.6,
-            "height": 0.07,
-        },
-        ambient=0.4,  # keeps the colours close to the colour bar
-        diffuse=0.6,
-    )
-
-
-def add_handles(plotter: Any, V: np.ndarray, handles: Handles, *, size: float, targets: bool = False) -> None:
-    """Add handles as spheres at their vertices of `V`.
+    """Draw a shape in the active panel of a plotter.
 
     Parameters
     ----------
     plotter : pyvista.Plotter
+    mesh : Mesh
+        Rest shape, which gives the faces and the size of the handles.
     V : (n, 3) float64
-    handles : Handles
-    size : float
-        Bounding-box diagonal, which determines the size of the spheres.
+        Positions to show.
+    view : View
+    error : (n,) float64, optional
+        Values that colour the surface, on a scale from 0 to `top`.
+    top : float
+    bar : str, optional
+        Title of a colour bar.
+    handles : Handles, optional
+        Handles, shown at their vertices of `V`.
     targets : bool
         Also show the targets of dynamic handles, pale and with lines.
     """
     import pyvista
 
-    ball = pyvista.Sphere(radius=SPHERE * size, theta_resolution=12, phi_resolution=12)
-
-    def balls(points: np.ndarray, colour: str, **options: Any) -> None:
-        if len(points):
-            plotter.add_mesh(
-                pyvista.PolyData(points).glyph(geom=ball, scale=False, orient=False),
-                color=colour,
-                ambient=0.5,
-                diffuse=0.6,
-                **options,
-            )
-
-    moving = handles.dynamic
-    balls(V[handles.index[~moving]], STATIC)
-    balls(V[handles.index[moving]], DYNAMIC)
-    if targets and moving.any():
-        balls(handles.target[moving], DYNAMIC, opacity=0.45)
-        ends = np.stack([V[handles.index[moving]], handles.target[moving]], axis=1).reshape(-1, 3)
-        plotter.add_mesh(pyvista.line_segments_from_points(ends), color=PATH, line_width=1)
-
-
-def aim(plotter: Any, view: View) -> None:
-    """Point the camera of the active panel of a plotter."""
+    surface = pyvista.PolyData.from_regular_faces(V, mesh.F)
+    paint: dict[str, Any] = {"color": BODY}
+    if error is not None:
+        # The light keeps the colours close to the colour bar.
+        paint = {"scalars": error, "clim": (0, top), "cmap": COLOURS, "ambient": 0.4, "diffuse": 0.6}
+        bar_style = {"title": bar, "color": "black", "n_labels": 2, "fmt": "%.3g"}
+        bar_place = {"position_x": 0.2, "position_y": 0.01, "width": 0.6, "height": 0.07}
+        paint |= {"show_scalar_bar": bar is not None, "scalar_bar_args": {**bar_style, **bar_place}}
+    plotter.add_mesh(surface, smooth_shading=True, **paint)
+    if handles is not None:
+        _add_handles(plotter, V, handles, size=mesh.diagonal, targets=targets)
+    # Point the camera.
     width, height = plotter.renderer.GetSize()
     plotter.enable_parallel_projection()
     plotter.camera.focal_point = view.centre
@@ -270,6 +225,26 @@ def aim(plotter: Any, view: View) -> None:
     plotter.camera.parallel_scale = 0.5 * max(view.height, view.width * height / width)
     plotter.reset_camera_clipping_range()
     plotter.enable_anti_aliasing("ssaa")
+
+
+def _add_handles(plotter: Any, V: np.ndarray, handles: Handles, *, size: float, targets: bool) -> None:
+    """Add handles as spheres; the bounding-box diagonal `size` determines the size of the spheres."""
+    import pyvista
+
+    ball = pyvista.Sphere(radius=SPHERE * size, theta_resolution=12, phi_resolution=12)
+
+    def balls(points: np.ndarray, colour: str, **options: Any) -> None:
+        if len(points):
+            many = pyvista.PolyData(points).glyph(geom=ball, scale=False, orient=False)
+            plotter.add_mesh(many, color=colour, ambient=0.5, diffuse=0.6, **options)
+
+    moving = handles.dynamic
+    balls(V[handles.index[~moving]], STATIC)
+    balls(V[handles.index[moving]], DYNAMIC)
+    if targets and moving.any():
+        balls(handles.target[moving], DYNAMIC, opacity=0.45)
+        ends = np.stack([V[handles.index[moving]], handles.target[moving]], axis=1).reshape(-1, 3)
+        plotter.add_mesh(pyvista.line_segments_from_points(ends), color=PATH, line_width=1)
 
 
 def require_extra(*libraries: str) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +16,30 @@ from sshade.options import described, help_text
 FORMATS = ", ".join(SUFFIXES)
 
 
+#: Descriptions of arguments that several commands take.
+REST, HANDLES = f"rest shape ({FORMATS})", "handle file (.json, .yaml)"
+CARRY = "move components without handles rigidly with the nearest component that has handles, such as eyes "
+CARRY += "with a head"
+
+
 def add_files(parser: argparse.ArgumentParser, *, output: str, **positional: str) -> None:
     """Declare paths by name with their descriptions, and -o with the name `output`."""
     for name, text in positional.items():
         parser.add_argument(name, type=Path, metavar=name.upper(), help=text)
     parser.add_argument("-o", "--output", type=Path, required=True, metavar=output, help="mesh to write")
+
+
+def add_mesh_and_handles(parser: argparse.ArgumentParser, *, output: str, text: str) -> None:
+    """Declare MESH, and HANDLES and -o, which may be left out."""
+    parser.add_argument("mesh", type=Path, metavar="MESH", help=REST)
+    parser.add_argument("handles", type=Path, nargs="?", metavar="HANDLES", help=HANDLES)
+    parser.add_argument("-o", "--output", type=Path, metavar=output, help=text)
+
+
+def add_flags(parser: argparse.ArgumentParser, flags: Mapping[str, str]) -> None:
+    """Declare flags with their descriptions."""
+    for flag, text in flags.items():
+        parser.add_argument(flag, action="store_true", help=text)
 
 
 def add_options(parser: argparse.ArgumentParser, names: Iterable[str], **defaults: Any) -> None:

@@ -19,6 +19,13 @@ If OUT has the format of MESH, only positions and normals change: texture coordi
 groups, polygons and all other contents stay. Vertices at one place along a seam move as one. Components are
 deformed separately, each with its handles. A mesh that is not manifold is cut, and joined again afterwards.
 
+methods:
+  fast         one proxy with volume and area constraints (default)
+  fine         fast with a polish at full resolution, about ten times slower
+  fine_free    fine without constraints
+  paper        the published method, the mean of five proxies
+  paper_plain  paper with the published iterations
+
 examples:
   sshade deform body.ply pose.json -o posed.ply
   sshade deform scan.obj landmarks.json -o fitted.obj --weight 10
@@ -32,7 +39,7 @@ from time import perf_counter
 
 import numpy as np
 
-from sshade.cli.arguments import FORMATS, add_files, add_options, read
+from sshade.cli.arguments import CARRY, HANDLES, REST, add_files, add_flags, add_options, read
 from sshade.cli.console import announced_compilation, progress_bar, say
 from sshade.cli.notes import notes
 from sshade.io.files import check_output, naming
@@ -49,33 +56,20 @@ OPTIONS = [name for names in GROUPS.values() for name in names if name != "coars
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    add_files(parser, output="OUT", mesh=f"rest shape ({FORMATS})", handles="handle file (.json, .yaml)")
-    parser.add_argument(
-        "--method",
-        default="fast",
-        metavar="METHOD",
-        help="fast: one proxy with volume and area constraints (default); fine: fast with a polish at full "
-        "resolution, about ten times slower; fine_free: fine without constraints; paper: the published "
-        "method, the mean of five proxies; paper_plain: paper with the published iterations",
-    )
+    add_files(parser, output="OUT", mesh=REST, handles=HANDLES)
+    method = "fast (default), fine, fine_free, paper or paper_plain, see above"
+    parser.add_argument("--method", default="fast", metavar="METHOD", help=method)
     add_options(parser, OPTIONS)
-    parser.add_argument(
-        "--weight",
-        type=float,
-        metavar="W",
-        help="pull the handles softly to their targets; 1 is about as strong as the surface, at any size and "
-        "resolution (default: hard, or the weights of the file)",
-    )
+    weight = "pull the handles softly to their targets; 1 is about as strong as the surface, at any size and "
+    weight += "resolution (default: hard, or the weights of the file)"
+    parser.add_argument("--weight", type=float, metavar="W", help=weight)
     flags = {
         "--raw": "keep the targets of the file; by default the target of a handle that is snapped to a "
         "vertex is corrected by the snap, rotated with its group",
         "--repair": "weld coincident vertices and drop unused vertices before deforming; the output still "
         "has all vertices of the input",
-        "--carry-unconstrained": "move components without handles rigidly with the nearest component that "
-        "has handles, such as eyes with a head",
     }
-    for flag, text in flags.items():
-        parser.add_argument(flag, action="store_true", help=text)
+    add_flags(parser, {**flags, "--carry-unconstrained": CARRY})
 
 
 @announced_compilation()

@@ -19,7 +19,7 @@ import argparse
 import webbrowser
 from pathlib import Path
 
-from sshade.cli.arguments import FORMATS
+from sshade.cli.arguments import CARRY, add_flags, add_mesh_and_handles
 from sshade.cli.console import announced_compilation, say
 from sshade.edit.server import Server
 from sshade.edit.session import Session
@@ -31,38 +31,16 @@ from sshade.options import require_method
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("mesh", type=Path, metavar="MESH", help=f"rest shape ({FORMATS})")
-    parser.add_argument("handles", type=Path, nargs="?", metavar="HANDLES", help="handle file (.json, .yaml)")
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        metavar="OUT",
-        help="deformed mesh to write (default: MESH's name, _deformed)",
-    )
-    parser.add_argument(
-        "--handles-out",
-        type=Path,
-        metavar="JSON",
-        help="handle file to write (default: MESH's name, _handles.json)",
-    )
-    parser.add_argument(
-        "--method",
-        default=Settings().method,
-        metavar="METHOD",
-        help=f"{', '.join(METHODS)}: method of the converged shape; the page can change it "
-        f"(default: {Settings().method})",
-    )
-    parser.add_argument(
-        "--carry-unconstrained",
-        action="store_true",
-        help="move components without handles rigidly with the nearest component that has handles, such as "
-        "eyes with a head",
-    )
+    output = "deformed mesh to write (default: MESH's name, _deformed)"
+    add_mesh_and_handles(parser, output="OUT", text=output)
+    saved = "handle file to write (default: MESH's name, _handles.json)"
+    parser.add_argument("--handles-out", type=Path, metavar="JSON", help=saved)
+    usual = Settings().method
+    method = f"{', '.join(METHODS)}: method of the converged shape; the page can change it (default: {usual})"
+    parser.add_argument("--method", default=usual, metavar="METHOD", help=method)
     parser.add_argument("--port", type=int, default=0, metavar="P", help="port (default: any free port)")
-    parser.add_argument(
-        "--no-browser", action="store_true", help="do not open a browser, only print the address"
-    )
+    browser = "do not open a browser, only print the address"
+    add_flags(parser, {"--carry-unconstrained": CARRY, "--no-browser": browser})
 
 
 def command(options: argparse.Namespace) -> int:

@@ -1,4 +1,13 @@
-"""The command ``sshade``, with one module for each sub-command; see :mod:`sshade.cli.programs`."""
+"""Deform large meshes by moving a few handles.
+
+{commands}
+
+  sshade deform body.ply pose.json -o posed.ply
+  sshade show body.ply pose.json --deformed posed.ply -o posed.png
+
+`sshade COMMAND --help` describes a command. Exit codes: 0 on success; 2 for a mistake in the arguments or the
+files, reported in one sentence.
+"""
 
 from __future__ import annotations
 
@@ -15,16 +24,6 @@ PROGRAM = Program(
         "reconstruct": ("sshade.cli.reconstruct", "rebuild a known pose from its samples"),
         "transfer-pose": ("sshade.cli.transfer_pose", "put an edited shape into a known pose"),
     },
-    text="""\
-Deform large meshes by moving a few handles.
-
-{commands}
-
-  sshade deform body.ply pose.json -o posed.ply
-  sshade show body.ply pose.json --deformed posed.ply -o posed.png
-
-`sshade COMMAND --help` describes a command. Exit codes: 0 on success; 2 for a mistake in the arguments or the
-files, reported in one sentence.
-""",
+    text=__doc__ or "",
 )
 main = PROGRAM.main

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import argparse
 
-from sshade.cli.arguments import add_files
-from sshade.cli.transfer_pose import POSED, REST, add_sampling
+from sshade.cli.arguments import REST, add_files, add_options
+from sshade.cli.transfer_pose import DEFAULTS, OPTIONS, POSED
 from sshade.cli.transfer_pose import command as command
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_files(parser, output="OUT", mesh=REST, posed=POSED)
-    add_sampling(parser)
+    add_options(parser, OPTIONS, **DEFAULTS)
     parser.set_defaults(residual=False)

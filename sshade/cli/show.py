@@ -15,25 +15,17 @@ import argparse
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from sshade.cli.arguments import add_mesh_and_handles
 from sshade.cli.console import say
 from sshade.errors import InputError
-from sshade.figures import (
-    TOWARDS,
-    UP,
-    View,
-    add_handles,
-    add_shape,
-    aim,
-    colour_range,
-    edge_error,
-    new_plotter,
-    require_extra,
-)
+from sshade.figures import TOWARDS, UP, View, colour_range, edge_error, new_plotter, panel, require_extra
 from sshade.io.files import check_output, replacing
-from sshade.io.meshes import SUFFIXES, read_arrays, read_mesh
+from sshade.io.handles import read_handles
+from sshade.io.meshes import read_arrays, read_mesh
 from sshade.mesh.mesh import Mesh
 from sshade.task import Handles
 
@@ -46,25 +38,15 @@ PANEL = 900
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("mesh", type=Path, metavar="MESH", help=f"rest shape ({', '.join(SUFFIXES)})")
-    parser.add_argument("handles", type=Path, nargs="?", metavar="HANDLES", help="handle file (.json, .yaml)")
+    add_mesh_and_handles(parser, output="PICTURE", text=f"picture to write ({', '.join(PICTURES)})")
     parser.add_argument("--deformed", type=Path, metavar="OUT", help="deformed shape, with the same vertices")
-    parser.add_argument(
-        "-o", "--output", type=Path, metavar="PICTURE", help=f"picture to write ({', '.join(PICTURES)})"
-    )
     for name, default, text in (
         ("towards", TOWARDS, "direction to the camera"),
         ("up", UP, "upward direction"),
     ):
-        shown = " ".join(f"{x:g}" for x in default)
-        parser.add_argument(
-            f"--{name}",
-            type=float,
-            nargs=3,
-            default=default,
-            metavar=("X", "Y", "Z"),
-            help=f"{text} (default: {shown})",
-        )
+        about: dict[str, Any] = {"default": default, "metavar": ("X", "Y", "Z")}
+        about["help"] = f"{text} (default: {' '.join(f'{x:g}' for x in default)})"
+        parser.add_argument(f"--{name}", type=float, nargs=3, **about)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -76,17 +58,12 @@ def command(options: argparse.Namespace) -> int:
     if path is not None:
         check_output(path, PICTURES)
     mesh = read_mesh(options.mesh)
-    handles = None
-    if options.handles is not None:
-        from sshade.io.handles import read_handles
-
-        handles = read_handles(options.handles, mesh)
+    handles = None if options.handles is None else read_handles(options.handles, mesh)
     deformed = None
     if options.deformed is not None:
         deformed = mesh.checked(read_arrays(options.deformed)[0], f"file {options.deformed}")
-    plotter = draw(
-        mesh, handles, deformed=deformed, towards=options.towards, up=options.up, window=path is None
-    )
+    look = {"towards": options.towards, "up": options.up}
+    plotter = draw(mesh, handles, deformed=deformed, window=path is None, **look)
     if path is None:
         plotter.show(title=f"sshade show {options.mesh}")
         return 0
@@ -105,18 +82,14 @@ def has_display() -> bool:
 
 
 def draw(
-    mesh: Mesh,
-    handles: Handles | None,
-    *,
-    deformed: np.ndarray | None,
-    towards: np.ndarray,
-    up: np.ndarray,
-    window: bool,
-):
-    """Return a pyvista plotter with the rest shape and the deformed shape side by side, with linked views."""
+    mesh: Mesh, handles: Handles | None, *, deformed: np.ndarray | None, window: bool, **look: np.ndarray
+) -> Any:
+    """Return a pyvista plotter with the rest shape and the deformed shape side by side, with linked views.
+
+    The directions `towards` and `up` are those of :meth:`sshade.figures.View.of`.
+    """
     shapes = [mesh.V] if deformed is None else [mesh.V, deformed]
-    around = [*shapes] if handles is None else [*shapes, handles.target]
-    view = View.of(around, towards=towards, up=up)
+    view = View.of(shapes if handles is None else [*shapes, handles.target], **look)
     if deformed is not None:
         view = view.with_foot(0.12)  # for the colour bar
     width, height = view.pixels(PANEL)
@@ -127,9 +100,7 @@ def draw(
         plotter.subplot(0, column)
         error = edge_error(mesh, V) if column else None
         top = 1.0 if error is None else colour_range([error])
-        add_shape(plotter, mesh, V, error=error, top=top, bar="edge length change (%)")
-        if handles is not None:
-            add_handles(plotter, V, handles, size=mesh.diagonal, targets=column == 0)
-        aim(plotter, view)
+        bar = "edge length change (%)" if column else None
+        panel(plotter, mesh, V, view, error=error, top=top, bar=bar, handles=handles, targets=not column)
     plotter.link_views()
     return plotter

@@ -10,34 +10,34 @@ from __future__ import annotations
 
 import argparse
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
-from sshade.cli.arguments import FORMATS, add_files, add_options, read
+from sshade.cli.arguments import REST, add_files, add_flags, add_options, read
 from sshade.cli.console import announced_compilation, progress_bar, say
 from sshade.io.files import check_output
 from sshade.io.meshes import SUFFIXES, mesh_of, read_arrays, write_file
 from sshade.options import Options
 from sshade.pipeline.transfer import SAMPLINGS, transfer_pose
 
-REST, POSED = f"rest shape ({FORMATS})", "the same vertices in a pose"
+POSED = "the same vertices in a pose"
+#: Options of sampling and frames, with their defaults.
+DEFAULTS: dict[str, Any] = {
+    "vertices": Options.vertices,
+    "samplings": SAMPLINGS,
+    "frames": "triangle",
+    "seed": 0,
+}
+OPTIONS = (*DEFAULTS, "workers")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_files(parser, output="OUT", mesh=REST, posed=POSED, edited="rest shape with moved vertices")
-    parser.add_argument(
-        "--residual",
-        action="store_true",
-        help="transfer only the edit: vertices that were not edited end exactly at their places in POSED",
-    )
-    add_sampling(parser)
-
-
-def add_sampling(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of sampling and frames."""
-    defaults = {"vertices": Options.vertices, "samplings": SAMPLINGS, "frames": "triangle", "seed": 0}
-    add_options(parser, (*defaults, "workers"), **defaults)
+    text = "transfer only the edit: vertices that were not edited end exactly at their places in POSED"
+    add_flags(parser, {"--residual": text})
+    add_options(parser, OPTIONS, **DEFAULTS)
 
 
 @announced_compilation()
@@ -50,18 +50,9 @@ def command(options: argparse.Namespace) -> int:
     edited = read_arrays(options.edited)[0] if "edited" in options else mesh.V
     begin = perf_counter()
     with progress_bar() as progress:
-        result = transfer_pose(
-            mesh,
-            posed,
-            edited,
-            vertices=options.vertices,
-            samplings=options.samplings,
-            frames=options.frames,
-            residual=options.residual,
-            workers=options.workers,
-            seed=options.seed,
-            progress=progress,
-        )
+        sampling = {name: getattr(options, name) for name in OPTIONS}
+        residual = options.residual
+        result = transfer_pose(mesh, posed, edited, residual=residual, progress=progress, **sampling)
     seconds = perf_counter() - begin
     write_file(options.output, file, result.vertices)
     say(f"{options.output}: {mesh.n} vertices, {options.samplings} proxies, {seconds:.2f} s")
