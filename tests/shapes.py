@@ -121,6 +121,28 @@ def shifted(mesh: Mesh, shift) -> Mesh:
     return Mesh(mesh.V + shift, mesh.F)
 
 
+def torn(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Arrays V, F of a mesh with a seam across its middle, and the vertices (k,) along it.
+
+    First comes a vertex of no face, then the mesh's, then k copies for the faces on one side.
+    """
+    behind = mesh.V[mesh.F].mean(axis=1)[:, 0] > mesh.V[:, 0].mean()
+    seam = np.intersect1d(mesh.F[behind], mesh.F[~behind])
+    copy = np.arange(mesh.n)
+    copy[seam] = mesh.n + np.arange(len(seam))
+    V = np.concatenate([[[9.0, 9, 9]], mesh.V, mesh.V[seam]])
+    return V, 1 + np.where(behind[:, None], copy[mesh.F], mesh.F), 1 + seam
+
+
+def as_obj(V: np.ndarray, F: np.ndarray) -> str:
+    """The text of an OBJ file with a colour and a texture coordinate at every vertex, and a material."""
+    lines = ["# by hand", "mtllib skin.mtl"]
+    lines += [f"v {x!r} {y!r} {z!r} 0.5 0.5 0.5" for x, y, z in V.tolist()]
+    lines += [f"vt {x!r} {y!r}" for x, y, _ in V.tolist()] + ["usemtl skin"]
+    lines += [f"f {a}/{a} {b}/{b} {c}/{c}" for a, b, c in (F + 1).tolist()]
+    return "\n".join(lines) + "\n"
+
+
 def two_spheres() -> Mesh:
     """Unit spheres at a distance of 5."""
     return beside(icosphere(2), shifted(icosphere(2), [5, 0, 0]))

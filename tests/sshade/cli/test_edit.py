@@ -92,11 +92,7 @@ def test_a_browser_is_opened_at_the_address(monkeypatch, capsys):
     ("arguments", "words"),
     [
         (["no.ply"], "no such file"),
-        (["body.ply", "no.json"], "no such file"),
         (["pose.json"], "unknown format"),
-        (["body.ply", "-o", "body.ply"], "is the mesh"),
-        (["body.ply", "-o", "no/out.ply"], "does not exist"),
-        (["body.ply", "--handles-out", "x.txt"], "unknown format"),
         (["body.ply", "--port", "70000"], "port"),
         (["body.ply", "--method", "sshade_fine"], "is now called 'fine'"),
         (["body.ply", "--port", "{taken}"], "cannot be used"),
