@@ -11,11 +11,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.plugins import Plugins
-from hydra.plugins.sweeper import Sweeper
-from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig, OmegaConf
 
 from eval.rows.plan import write_plan
@@ -43,22 +41,11 @@ ABOUT_DATASET = ("build", "tag", "cases")
 monitor: Monitor | None = None
 
 
-class PlannedSweeper(Sweeper):
+class PlannedSweeper(BasicSweeper):
     """Hydra's sweeper with `all` subjects or poses, a plan, a record and a display.
 
     Runs that differ in :data:`VALUES` only are composed once, because that takes a tenth of a second.
     """
-
-    def __init__(self, max_batch_size: int | None = None, params: Mapping[str, str] | None = None) -> None:
-        self.max_batch_size = max_batch_size
-        self.params = params or {}
-
-    def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
-        """Keep the configuration that all runs share, and make its launcher."""
-        self.loader, self.config = hydra_context.config_loader, config
-        self.launcher = Plugins.instance().instantiate_launcher(
-            hydra_context=hydra_context, task_function=task_function, config=config
-        )
 
     def sweep(self, arguments: list[str]) -> None:
         """List the runs, write their plan, and launch them with the folder of the record."""
@@ -88,7 +75,8 @@ class PlannedSweeper(Sweeper):
         A dataset need not have every pose of every subject, so `all` subjects or poses become one sweep over
         `case`. A dataset without a list of cases has a single case.
         """
-        parser = OverridesParser.create(self.loader)  # the loader resolves glob(*)
+        # The loader resolves glob(*).
+        parser = OverridesParser.create(self.hydra_context.config_loader)
         swept = {
             override.get_key_element(): list(override.sweep_string_iterator())
             if override.is_sweep_override()
@@ -116,12 +104,13 @@ class PlannedSweeper(Sweeper):
     def _compose(self, runs: Iterable[dict[str, str]]) -> Iterator[dict[str, Any]]:
         """Yield the configuration of each run."""
         hydra, parser = HydraConfig.instance(), OverridesParser.create()
+        loader = self.hydra_context.config_loader
         composed: dict[tuple[str, ...], tuple[DictConfig, DictConfig]] = {}
         for settings in runs:
             values = {name: settings[name] for name in VALUES if name in settings}
             others = tuple(_texts({name: value for name, value in settings.items() if name not in values}))
             if others not in composed:
-                whole = self.loader.load_sweep_config(self.config, _texts(settings))
+                whole = loader.load_sweep_config(self.config, _texts(settings))
                 hydra.set_config(whole)  # the label may contain a choice of Hydra
                 parts = [name for name in whole if name != "hydra"]
                 composed[others] = OmegaConf.masked_copy(whole, parts), hydra.cfg

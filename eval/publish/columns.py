@@ -18,6 +18,13 @@ REFERENCES = {
 REACHED = 0.1
 #: Column that :func:`with_success` adds.
 SUCCESS = "success"
+#: Definitions of columns that are no metrics.
+DEFINITIONS = {
+    "extra.far_share": "vertices that follow a proxy triangle more than 2 covering radii away along the "
+    "proxy",
+    SUCCESS: f"planned runs whose handles are on average within {REACHED:g} % of the diagonal of their "
+    "targets",
+}
 
 
 @dataclass(frozen=True)
@@ -35,8 +42,6 @@ class Column:
         Mark the lowest values.
     optional : bool
         Leave the column out if the rows have no value other than zero.
-    legend : str
-        Definition, if the column is no metric.
     scientific : bool
         Print with a power of ten.
     further : bool
@@ -49,7 +54,6 @@ class Column:
     decimals: int
     ranked: bool = True
     optional: bool = False
-    legend: str = ""
     scientific: bool = False
     further: bool = False
 
@@ -72,14 +76,7 @@ COLUMNS = (
     Column("flips", "", "metric.flips", 1, optional=True),
     # Not ranked: the true pose intersects itself as well if handles bring parts together.
     Column("crossings", "", "metric.self_intersections", 1, ranked=False, optional=True),
-    Column(
-        "far",
-        "%",
-        "extra.far_share",
-        3,
-        optional=True,
-        legend="vertices that follow a proxy triangle more than 2 covering radii away along the proxy",
-    ),
+    Column("far", "%", "extra.far_share", 3, optional=True),
     Column("iterations", "", "iterations", 0, ranked=False),
     Column("truth", "%", "metric.truth_distance", 2, further=True),
     Column("truth 95", "%", "metric.truth_distance_95", 2, further=True),
@@ -93,16 +90,7 @@ COLUMNS = (
     Column("bend 99.9", "deg", "metric.bend_tail", 1, further=True),
     Column("detail", "deg", "metric.detail", 2, further=True),
     Column("spike", "deg", "metric.spike", 1, further=True),
-    Column(
-        "success",
-        "%",
-        SUCCESS,
-        1,
-        ranked=False,
-        further=True,
-        legend=f"planned runs whose handles are on average within {REACHED:g} % of the diagonal of their "
-        "targets",
-    ),
+    Column("success", "%", SUCCESS, 1, ranked=False, further=True),
 )
 
 #: Columns of pose transfers with ground truth.

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import pandas as pd
 
 from eval.metrics import METRICS
-from eval.publish.columns import REFERENCES, SUCCESS, Column, begun, reference_rows
+from eval.publish.columns import DEFINITIONS, REFERENCES, SUCCESS, Column, begun, reference_rows
 from eval.publish.comparison import Comparison
 from eval.rows.frame import distinct, method_names, method_order, numbers
 from eval.rows.splits import HELD_OUT, TUNING
@@ -141,9 +141,8 @@ def common_notes(rows: pd.DataFrame, *, columns: Sequence[Column]) -> list[str]:
     marks = "Best in bold, second best underlined."
     if any(column.source == "iterations" for column in columns):
         marks += " In brackets after the iterations: converged runs; the other runs stopped at the cutoff."
-    metrics = {f"metric.{name}": metric.equation for name, metric in METRICS.items()}
-    defined = {column.heading: column.legend or metrics.get(column.source) for column in columns}
-    legend = "; ".join(f"{heading}: {text}" for heading, text in defined.items() if text)
+    defined = DEFINITIONS | {f"metric.{name}": metric.equation for name, metric in METRICS.items()}
+    legend = "; ".join(f"{c.heading}: {defined[c.source]}" for c in columns if c.source in defined)
     end = "Lower is better"
     if not any(column.ranked for column in columns):
         end = "The pose itself changes these measures; without ground truth its part is unknown"

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from eval.rows.files import writing
 from sshade.errors import InputError
 from sshade.figures import TOWARDS, UP
-from sshade.io.files import make_folder, replacing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -103,8 +103,7 @@ def save(figure: Figure, path: Path, *, small: bool = False) -> None:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(f"{path}: unknown figure format {path.suffix!r}; use {', '.join(SUFFIXES)}")
-    make_folder(path.parent)
-    with style(), replacing(path) as temporary:
+    with style(), writing(path) as temporary:
         figure.savefig(temporary, format=suffix[1:], dpi=150 if small else 200, metadata=_METADATA[suffix])
         if small and suffix == ".png":
             _reduce(temporary)

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import re
-import shutil
 from collections import Counter
 
 import pandas as pd
@@ -21,11 +20,11 @@ from eval.publish.summary import make_table
 from eval.publish.tables import write_tables
 from eval.rows.collect import with_missing
 from eval.rows.csv_rows import read_rows
+from eval.rows.files import copy_file
 from eval.rows.frame import write_csv
 from eval.rows.store import MISSING, PUBLISHED, ROWS, Row, version_of
 from eval.run.code import OWN
 from sshade.errors import InputError
-from sshade.io.files import make_folder, replacing
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -129,9 +128,7 @@ def command(options: argparse.Namespace) -> int:
         write_csv(PUBLISHED / "rows" / f"{name}.csv", own)
         print(f"{PUBLISHED / 'rows' / name}.csv: {len(own)} rows, and their tables")  # noqa: T201
     write_tables(tables, PUBLISHED / "tables")
-    make_folder(PUBLISHED / "figures")
     for figure in figures:
-        with replacing(PUBLISHED / "figures" / figure.name) as temporary:
-            shutil.copyfile(figure, temporary)
+        copy_file(figure, PUBLISHED / "figures" / figure.name)
         print(PUBLISHED / "figures" / figure.name)  # noqa: T201
     return 0

@@ -17,9 +17,9 @@ from eval.publish.columns import Column
 from eval.publish.markdown import markdown_lines
 from eval.publish.summary import MIXED_HELP, Table, make_table, ranks
 from eval.rows.experiment import read_experiments, rows_file
+from eval.rows.files import write_text
 from eval.rows.store import ROWS_HELP
 from sshade.errors import InputError
-from sshade.io.files import make_folder, replacing
 
 
 def to_csv(table: Table) -> str:
@@ -128,11 +128,9 @@ def _escape(text: str) -> str:
 
 def write_tables(tables: Iterable[Table], folder: Path) -> None:
     """Write tables in every format, as ``folder/<title>.<suffix>``."""
-    make_folder(folder)
     for table in tables:
         for suffix, text_of in FORMATS.items():
-            with replacing(folder / f"{table.title}.{suffix}") as temporary:
-                temporary.write_text(text_of(table))
+            write_text(folder / f"{table.title}.{suffix}", text_of(table))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

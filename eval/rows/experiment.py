@@ -106,12 +106,12 @@ def read_experiments(
     return [Experiment(path.stem, read_csv(path), tuple(runs) or (RUNS / path.stem,)) for path in paths]
 
 
-def rows_file(name: str | os.PathLike[str]) -> Path:
-    """Return the CSV of a path or an experiment's name; searches out/rows before results/rows."""
+def rows_file(name: str | os.PathLike[str], folder: Path = ROWS) -> Path:
+    """Return the CSV of a path or of a name; searches a folder of ``out`` before that of ``results``."""
     if Path(name).suffix == ".csv":
         return Path(name)
-    files = [folder / f"{name}.csv" for folder in (ROWS, PUBLISHED / "rows")]
-    return next((path for path in files if path.is_file()), files[0])
+    own, published = folder / f"{name}.csv", PUBLISHED / folder.name / f"{name}.csv"
+    return published if published.is_file() and not own.is_file() else own
 
 
 def load_rows(name: str | os.PathLike[str]) -> pd.DataFrame:

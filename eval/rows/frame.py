@@ -10,15 +10,14 @@ import os
 import re
 from collections.abc import Iterable
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from eval.rows.csv_rows import COUNT, read_rows
+from eval.rows.files import writing
 from eval.rows.store import VALID, Row, in_order
 from sshade.errors import InputError
-from sshade.io.files import make_folder, replacing
 
 #: This project's methods, in the order of tables.
 OURS = ("paper_plain", "paper", "fast", "fine", "fine_free")
@@ -111,8 +110,7 @@ def write_csv(path: str | os.PathLike[str], rows: pd.DataFrame) -> None:
     # DataFrame.map would turn integers in a column with None into floats.
     cells = pd.DataFrame({name: map(_cell, rows[name]) for name in in_order(rows)}, dtype=object)
     cells[COUNT] = len(rows)
-    make_folder(Path(path).parent)
-    with replacing(path) as temporary:
+    with writing(path) as temporary:
         cells.to_csv(temporary, index=False, lineterminator="\n")
 
 

@@ -13,9 +13,9 @@ import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from eval.rows.files import write_text
 from eval.rows.store import MISSING, PLANS, Row
 from sshade.errors import InputError
-from sshade.io.files import make_folder, replacing
 
 #: Columns of a planned run, and their types.
 _FACTS = {"method.name": str, "seed": int, "task.source": str}
@@ -34,9 +34,7 @@ def write_plan(experiment: Path, runs: Sequence[Row]) -> None:
     """
     facts = json.dumps([[run[name] for name in _FACTS] for run in runs])
     path = experiment / PLANS / f"{hashlib.sha256(facts.encode()).hexdigest()[:16]}.json"
-    make_folder(path.parent)
-    with replacing(path) as temporary:
-        temporary.write_text(json.dumps({"runs": runs}))
+    write_text(path, json.dumps({"runs": runs}))
 
 
 def read_plans(experiment: Path) -> list[Row]:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from eval.run.code import digest, imported_libraries
+from eval.run.targets import flat, settings, target_functions
 from sshade.cli.configuration import PACKAGES
 from sshade.task import DeformationTask, TransferTask
 from sshade.threads import available_cpus
@@ -49,6 +50,23 @@ def task_checksum(task: DeformationTask | TransferTask) -> str:
         if task.carry_unconstrained:
             arrays.append(np.ones(1))
     return digest(*(np.ascontiguousarray(array).tobytes() for array in arrays))
+
+
+def task_facts(task: DeformationTask | TransferTask) -> dict[str, Any]:
+    """Return the columns ``task.*`` that identify a task and its size."""
+    return {
+        "task.name": task.name,
+        "task.checksum": task_checksum(task),
+        "task.vertices": task.mesh.n,
+        "task.faces": task.mesh.m,
+    }
+
+
+def method_facts(name: str, config: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the columns ``method.*``, and the versions of the libraries that the method uses."""
+    plain, versions = settings(config), library_versions(target_functions(config))
+    facts = {"method.name": name, "method.hash": config_hash(plain)} | flat(plain, "method")
+    return facts | {f"env.version.{library}": version for library, version in versions.items()}
 
 
 def library_versions(functions: Iterable[str]) -> dict[str, str]:

@@ -20,9 +20,10 @@ from typing import Any
 
 import psutil
 
+from eval.rows.files import write_text
 from eval.rows.store import Row
 from sshade.errors import InputError
-from sshade.io.files import make_folder, replacing
+from sshade.io.files import replacing
 
 #: Folder with the records of sweeps, in the folder of the experiment.
 RECORDS = ".sweeps"
@@ -98,11 +99,9 @@ class SweepRecord:
     def create(cls, experiment: Path, sweep: Sweep) -> SweepRecord:
         """Create the record of a sweep in the folder of its experiment."""
         record = cls(experiment / RECORDS / f"{sweep.begin:%Y%m%dT%H%M%S.%f}_{os.getpid()}")
-        make_folder(record.folder)
         content = vars(sweep) | {"begin": sweep.begin.isoformat(), "code": dict(sweep.code)}
         content["host"] = sweep.host or socket.gethostname()
-        with replacing(record.folder / "sweep.json") as temporary:
-            temporary.write_text(json.dumps(content))
+        write_text(record.folder / "sweep.json", json.dumps(content))
         return record
 
     def sweep(self) -> Sweep:

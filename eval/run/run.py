@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -13,13 +12,13 @@ from typing import Any
 
 from eval.metrics import Task, measure
 from eval.rows.csv_rows import published_row
+from eval.rows.files import copy_file
 from eval.rows.store import SCHEMA, TRANSFER, VALID, Row, read_row, run_folder, write_run
 from eval.run.attempt import attempt, attempt_fresh, is_scalar
 from eval.run.code import METRICS, code_version, digest, require_unchanged
-from eval.run.provenance import config_hash, environment, library_versions, task_checksum
-from eval.run.targets import flat, instantiate, require_kind, settings, target_functions
+from eval.run.provenance import config_hash, environment, library_versions, method_facts, task_facts
+from eval.run.targets import instantiate, require_kind, settings, target_functions
 from sshade.errors import InputError
-from sshade.io.files import make_folder, replacing
 from sshade.progress import Progress, silent
 from sshade.task import DeformationTask
 
@@ -149,11 +148,9 @@ def _copy_run(run: Path, folder: Path) -> None:
     found, stored = read_row(run), read_row(folder)
     if found is None or found["status"] not in VALID or (stored is not None and stored["status"] in VALID):
         return
-    make_folder(folder)
     for name in ("vertices.npy", "curves.npz", "row.json"):
         if (run / name).is_file():
-            with replacing(folder / name) as temporary:
-                shutil.copyfile(run / name, temporary)
+            copy_file(run / name, folder / name)
 
 
 def _find(
@@ -164,13 +161,10 @@ def _find(
     if stored is not None and _usable(stored, fresh=fresh, time_limit=time_limit):
         return Outcome(stored, folder, found="already there")
     published = published_row(experiment, row["key"])
-    if (
-        published is not None
-        and published["env.version.metrics"] == row["env.version.metrics"]
-        and _usable(published, fresh=fresh, time_limit=time_limit)
-    ):
-        return Outcome(published, folder, found="already published")
-    return None
+    if published is None or published["env.version.metrics"] != row["env.version.metrics"]:
+        return None
+    usable = _usable(published, fresh=fresh, time_limit=time_limit)
+    return Outcome(published, folder, found="already published") if usable else None
 
 
 def _check_clock(by_clock: float, passed: float, row: Row) -> None:
@@ -194,45 +188,25 @@ def _identity(
     task: Task, method: Mapping[str, Any], *, name: str, seed: int, source: Mapping[str, Any] | None
 ) -> Row:
     """Return the columns that are known before the run, with the key."""
-    plain = settings(method)
-    row: Row = {"seed": seed, "schema": SCHEMA, "method.name": name, "method.hash": config_hash(plain)}
-    row |= flat(plain, "method")
+    row = method_facts(name, method) | task_facts(task) | {"seed": seed, "schema": SCHEMA}
     if "note" in method:
         row["method.note"] = " ".join(method["note"].split())
-    row |= _task_facts(task)
+    row["task.closed"] = task.mesh.is_closed
+    if isinstance(task, DeformationTask):
+        handles = task.handles
+        row |= {"task.handles": len(handles), "task.dynamic": int(handles.dynamic.sum())}
+        row["task.merged"] = handles.merged
+        row["task.snap_max"] = float(handles.snap_distance.max()) / task.mesh.diagonal
+    else:
+        row["task.kind"] = TRANSFER
+    row |= {f"task.meta.{name}": value for name, value in task.meta.items() if is_scalar(value)}
     if source is not None:
         row["task.source"] = json.dumps(source)
     data = target_functions(source or {})
     row["env.version.code"] = code_version(target_functions(method) | data)
     row["env.version.evaluator"] = code_version(data)
-    versions = library_versions(target_functions(method))
-    row |= {f"env.version.{library}": version for library, version in versions.items()}
     row["env.version.metrics"] = METRICS  # not in the key: stored vertices are measured again
-    row["key"] = digest(
-        config_hash({"method": plain, "seed": seed, "schema": SCHEMA, "versions": versions}).encode(),
-        row["task.checksum"].encode(),
-        row["env.version.code"].encode(),
-    )
-    return row
-
-
-def _task_facts(task: Task) -> Row:
-    mesh = task.mesh
-    facts = {
-        "name": task.name,
-        "checksum": task_checksum(task),
-        "vertices": mesh.n,
-        "faces": mesh.m,
-        "closed": mesh.is_closed,
-    }
-    if isinstance(task, DeformationTask):
-        facts |= {
-            "handles": len(task.handles),
-            "dynamic": int(task.handles.dynamic.sum()),
-            "merged": task.handles.merged,
-            "snap_max": float(task.handles.snap_distance.max()) / mesh.diagonal,
-        }
-    else:
-        facts["kind"] = TRANSFER
-    facts |= {f"meta.{name}": value for name, value in task.meta.items() if is_scalar(value)}
-    return {f"task.{name}": value for name, value in facts.items()}
+    choices = {"method": settings(method), "seed": seed, "schema": SCHEMA}
+    choices["versions"] = library_versions(target_functions(method))
+    parts = config_hash(choices), row["task.checksum"], row["env.version.code"]
+    return row | {"key": digest(*(part.encode() for part in parts))}

@@ -15,13 +15,13 @@ from eval.publish.html import charts, configuration, environment, facts, style, 
 from eval.publish.plotting import look, new_figure, plot_points
 from eval.publish.plotting import style as drawing
 from eval.publish.summary import Table, make_table
+from eval.rows.files import write_text
 from eval.rows.frame import method_names, read_csv, records, to_frame, valid, write_csv
 from eval.rows.splits import HELD_OUT, split_of
 from eval.rows.store import PUBLISHED
 from eval.site.submission import Submission
 from eval.site.tracks import Track
 from eval.timing.table import cells, make_time_table
-from sshade.io.files import make_folder, replacing
 
 #: Headings of the measures that are drawn against time.
 DRAWN = ("EL", "truth", "FA", "normal")
@@ -61,7 +61,6 @@ def write_site(
     results : path
         Folder of published times and pictures.
     """
-    make_folder(out)
     every = to_frame([row for own in contests for row in records(own.rows)])
     methods = method_names(every)
     shared = {"tracks": [own.track for own in contests], "style": style(), "methods": methods}
@@ -91,8 +90,7 @@ def _write(path: Path, template: str, **names: Any) -> Path:
     from jinja2 import PackageLoader
 
     text = environment(loader=PackageLoader("eval.site", "")).get_template(template).render(**names)
-    with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(path, text)
     return path
 
 

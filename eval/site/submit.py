@@ -9,14 +9,13 @@ files without vertices are copied to submissions/NAME for a pull request. See CO
 from __future__ import annotations
 
 import argparse
-import shutil
 from pathlib import Path
 
+from eval.rows.files import copy_file
 from eval.site.submission import check, read_facts
 from eval.site.tracks import published, read_tracks
 from sshade.cli.console import progress_bar
 from sshade.errors import InputError
-from sshade.io.files import make_folder, replacing
 
 #: Folder of committed submissions.
 SUBMISSIONS = Path("submissions")
@@ -48,9 +47,7 @@ def command(options: argparse.Namespace) -> int:
     )
     if not options.check:
         target = SUBMISSIONS / facts["name"]
-        make_folder(target)
         for name in FILES:
-            with replacing(target / name) as temporary:
-                shutil.copyfile(options.folder / name, temporary)
+            copy_file(options.folder / name, target / name)
         print(f"copied to {target}; commit it, and open a pull request")  # noqa: T201
     return 0

@@ -31,12 +31,17 @@ import argparse
 import re
 
 from eval.rows.frame import to_frame, write_csv
-from eval.timing import drag, scaling, speed, whole
 from eval.timing.cases import read_cases, read_methods
+from eval.timing.drag import time_drags
+from eval.timing.scaling import SIZES, time_scaling
+from eval.timing.speed import time_methods
 from eval.timing.table import TIMING, require_free
+from eval.timing.turns import DRAG, SCALING, SPEED, WHOLE
+from eval.timing.whole import time_commands
 from sshade.errors import InputError
 
-KINDS = (speed.KIND, drag.KIND, scaling.KIND, whole.KIND)
+#: Function that times the methods of a kind; `whole` takes the texts of methods.
+KINDS = {SPEED: time_methods, DRAG: time_drags, SCALING: time_scaling, WHOLE: time_commands}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,21 +58,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
-    name, rounds = options.name or options.kind, options.rounds
+    kind, name, methods = options.kind, options.name or options.kind, options.methods
     _check(options, name)
-    sizes = options.sizes or (scaling.SIZES if options.kind == scaling.KIND else ())
-    cases = read_cases(options.cases, sizes=sizes)
-    if options.kind == whole.KIND:
-        rows = whole.time_commands(options.methods, cases, rounds=rounds)
-    elif options.kind == drag.KIND:
-        rows = drag.time_drags(read_methods(options.methods), cases, rounds=rounds)
-    elif options.kind == scaling.KIND:
-        rows = scaling.time_scaling(read_methods(options.methods), cases, rounds=rounds)
-    else:
-        extrapolated = {"extrapolated": options.extrapolate, "block": options.block}
-        rows = speed.time_methods(read_methods(options.methods), cases, rounds=rounds, **extrapolated)
+    cases = read_cases(options.cases, sizes=options.sizes or (SIZES if kind == SCALING else ()))
+    if kind != WHOLE:
+        methods = read_methods(methods, blocks=dict.fromkeys(options.extrapolate, options.block))
+    rows = KINDS[kind](methods, cases, rounds=options.rounds)
     path = TIMING / f"{name}.csv"
-    write_csv(path, to_frame(rows))
+    write_csv(path, to_frame(row | {"kind": kind} for row in rows))
     lost = sum(not row["kept"] for row in rows)
     print(f"{path}: repeats kept {len(rows) - lost}, rejected {lost}; `sshade-eval timings {name}`")  # noqa: T201
     return 0
@@ -79,8 +77,8 @@ def _check(options: argparse.Namespace, name: str) -> None:
         raise InputError(f"--name {name!r} is no name of a file; use letters, digits and _.+=-")
     if min(options.rounds, *options.sizes, 1) < 1:
         raise InputError("--rounds and --sizes take numbers from 1")
-    if not options.cases and (options.kind != whole.KIND or options.sizes):
+    if not options.cases and (options.kind != WHOLE or options.sizes):
         raise InputError(f"{options.kind} needs --cases; see `sshade-eval bench --help`")
-    if options.extrapolate and options.kind != speed.KIND:
-        raise InputError(f"{options.kind} takes no --extrapolate, which is for {speed.KIND}")
+    if options.extrapolate and options.kind != SPEED:
+        raise InputError(f"{options.kind} takes no --extrapolate, which is for {SPEED}")
     require_free(name)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -13,9 +13,7 @@ import numpy as np
 from eval.configure.compose import one_each, read_choice, resolved
 from eval.configure.sweep import check_root, source_of
 from eval.metrics import Task
-from eval.rows.store import Row
-from eval.run.provenance import config_hash, library_versions, task_checksum
-from eval.run.targets import flat, instantiate, require_kind, settings, target_functions
+from eval.run.targets import instantiate, require_kind, settings
 from eval.run.warmup import warm_up
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
@@ -35,14 +33,13 @@ class TimedMethod:
         Name of the method in rows.
     config : dict
         Resolved configuration.
+    block : int, optional
+        Number of iterations from which the time of all iterations is estimated.
     """
 
     label: str
     config: dict[str, Any]
-
-    def with_parameters(self, **parameters: Any) -> TimedMethod:
-        """Return the method with other values of some parameters."""
-        return TimedMethod(self.label, self.config | parameters)
+    block: int | None = None
 
     def on(self, task: Task) -> partial[DeformationResult]:
         """Compile the method by a run on a tiny task; return its call on the task.
@@ -62,14 +59,6 @@ class TimedMethod:
         if shrunk is not None:
             warm_up(call, dict(shrunk), key=repr(settings(self.config)), kind=type(task))
         return partial(call, task, seed=0)
-
-    @property
-    def facts(self) -> Row:
-        """The columns ``method.*``, and the versions of the libraries that the method uses."""
-        plain = settings(self.config)
-        facts = {"method.name": self.label, "method.hash": config_hash(plain)} | flat(plain, "method")
-        versions = library_versions(target_functions(self.config))
-        return facts | {f"env.version.{library}": version for library, version in versions.items()}
 
 
 class TimedCase(NamedTuple):
@@ -97,20 +86,29 @@ class TimedCase(NamedTuple):
         return DeformationTask(f"{task.name}, level {self.level}", Mesh(V, F), task.handles)
 
 
-def read_methods(texts: Iterable[str]) -> list[TimedMethod]:
+def read_methods(texts: Iterable[str], *, blocks: Mapping[str, int]) -> list[TimedMethod]:
     """Resolve the choices of methods.
+
+    Parameters
+    ----------
+    texts : iterable of str
+    blocks : mapping
+        Block of each method that is extrapolated, by label.
 
     Raises
     ------
     InputError
-        If a choice cannot be resolved, or two methods have the same label.
+        If a choice cannot be resolved, two methods have the same label, or none has the label of a block.
     """
-    choices = [read_choice(text) for text in texts]
-    labels = [choice.label for choice in choices]
-    for label in labels:
-        if labels.count(label) > 1:
+    methods: dict[str, TimedMethod] = {}
+    for choice in [read_choice(text) for text in texts]:
+        label = choice.label
+        if label in methods:
             raise InputError(f"two methods are named {label!r}; name one of them LABEL={label}")
-    return [TimedMethod(choice.label, resolved("method", choice)) for choice in choices]
+        methods[label] = TimedMethod(label, resolved("method", choice), blocks.get(label))
+    if unknown := [label for label in blocks if label not in methods]:
+        raise InputError(f"--extrapolate names {unknown[0]}, which is none of the methods")
+    return list(methods.values())
 
 
 def read_cases(texts: Iterable[str], *, sizes: Sequence[int] = ()) -> list[TimedCase]:
@@ -154,13 +152,3 @@ def nearest(bases: Sequence[int], sizes: Sequence[int]) -> list[tuple[int, int, 
     """
     subdivisions = [(4**level * n, i, level) for i, n in enumerate(bases) for level in range(DEEPEST + 1)]
     return sorted({min(subdivisions, key=lambda case: abs(np.log(case[0] / size))) for size in sizes})
-
-
-def task_facts(task: Task) -> Row:
-    """Return the columns ``task.*``."""
-    return {
-        "task.name": task.name,
-        "task.checksum": task_checksum(task),
-        "task.vertices": task.mesh.n,
-        "task.faces": task.mesh.m,
-    }

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from eval.rows.store import Row
-from eval.timing.cases import TimedCase, TimedMethod, task_facts
+from eval.run.provenance import method_facts, task_facts
+from eval.timing.cases import TimedCase, TimedMethod
 from eval.timing.turns import Job, take_turns
 from sshade.errors import InputError
 from sshade.options import accepted
@@ -17,8 +18,6 @@ from sshade.pipeline.deform import deform
 from sshade.pipeline.deformer import Deformer
 from sshade.task import DeformationTask
 
-#: The column ``kind`` of the rows.
-KIND = "drag"
 #: Number of steps of a drag from rest to the targets.
 STEPS = 60
 #: Residual at which each step stops.
@@ -56,7 +55,7 @@ def _job(method: TimedMethod, task: DeformationTask) -> Job:
             f"differ by {apart:.2g} of the diagonal; the Deformer solves proxies by its own solver, so leave "
             "method@method.coarse out"
         )
-    facts = {"kind": KIND} | method.facts | task_facts(task)
+    facts = method_facts(method.label, method.config) | task_facts(task)
     return Job(facts, lambda: drag(task, options))
 
 

@@ -23,8 +23,6 @@ from sshade.cli.console import say
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: The column ``kind`` of the rows.
-KIND = "scaling"
 #: Smallest number of vertices of the fit of time against vertices.
 FIT_FROM = 100_000
 #: Numbers of vertices to measure by default.
@@ -60,8 +58,7 @@ def _time_case(methods: Sequence[TimedMethod], case: TimedCase, rounds: int) -> 
     say(f"{task.name}: {task.mesh.n:,} vertices")
     jobs = [job_of(method, task) for method in methods]
     before = process_memory("VmRSS")
-    jobs = [replace(job, facts=job.facts | {"kind": KIND}, call=_with_peak(job, before)) for job in jobs]
-    return take_turns(jobs, rounds=rounds)
+    return take_turns([replace(job, call=_with_peak(job, before)) for job in jobs], rounds=rounds)
 
 
 def _with_peak(job: Job, before: int | None) -> Callable[[], Row]:
@@ -75,11 +72,6 @@ def _with_peak(job: Job, before: int | None) -> Callable[[], Row]:
         return row | {"peak_mib": (process_memory("VmHWM") - before) / 2**20}
 
     return call
-
-
-def is_scaling(table: pd.DataFrame) -> bool:
-    """Whether all lines of a table are of subdivided meshes."""
-    return bool(table["kind"].eq(KIND).all())
 
 
 def slopes(table: pd.DataFrame) -> dict[str, float]:

@@ -2,61 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from time import perf_counter
 
 from eval.metrics import Task
 from eval.rows.store import Row
-from eval.timing.cases import TimedCase, TimedMethod, task_facts
+from eval.run.provenance import method_facts, task_facts
+from eval.timing.cases import TimedCase, TimedMethod
 from eval.timing.turns import Job, take_turns
 from sshade.errors import InputError
 from sshade.task import DeformationResult
 
-#: The column ``kind`` of the rows.
-KIND = "speed"
 
-
-def time_methods(
-    methods: Sequence[TimedMethod],
-    cases: Sequence[TimedCase],
-    *,
-    rounds: int,
-    extrapolated: Collection[str] = (),
-    block: int = 10,
-) -> list[Row]:
+def time_methods(methods: Sequence[TimedMethod], cases: Sequence[TimedCase], *, rounds: int) -> list[Row]:
     """Time methods on tasks, in turns.
-
-    Parameters
-    ----------
-    methods : sequence of TimedMethod
-    cases : sequence of TimedCase
-    rounds : int
-    extrapolated : collection of str
-        Labels of methods that run `block` iterations only. Their rows hold the estimated time of
-        ``max_iterations`` of the configuration.
-    block : int
 
     Raises
     ------
     InputError
-        As :func:`eval.timing.turns.take_turns`; and if a method to extrapolate is not among the methods,
-        or counts no iterations.
+        As :func:`eval.timing.turns.take_turns`; and if a method to extrapolate counts no iterations.
     """
-    unknown = [label for label in extrapolated if label not in {method.label for method in methods}]
-    if unknown:
-        raise InputError(f"--extrapolate names {unknown[0]}, which is none of the methods")
     tasks = [case.load() for case in cases]
-    jobs = [
-        job_of(method, task, block=block if method.label in extrapolated else None)
-        for task in tasks
-        for method in methods
-    ]
-    return take_turns(jobs, rounds=rounds)
+    return take_turns([job_of(method, task) for task in tasks for method in methods], rounds=rounds)
 
 
-def job_of(method: TimedMethod, task: Task, *, block: int | None = None) -> Job:
-    """Return a job that calls a method on a task, for `block` iterations if given."""
-    facts = {"kind": KIND} | method.facts | task_facts(task)
+def job_of(method: TimedMethod, task: Task) -> Job:
+    """Return a job that calls a method on a task.
+
+    A method with a block runs so many iterations only. Its rows hold the estimated time of
+    ``max_iterations`` of the configuration.
+    """
+    facts, block = method_facts(method.label, method.config) | task_facts(task), method.block
     if block is None:
         return Job(facts, timed(method.on(task)))
     limit = method.config.get("max_iterations")
@@ -68,7 +45,8 @@ def job_of(method: TimedMethod, task: Task, *, block: int | None = None) -> Job:
         raise InputError(
             f"a block of {block} iterations does not fit {method.label}, whose cutoff is {limit}"
         )
-    call = timed(method.with_parameters(max_iterations=block, tolerance=0.0).on(task))
+    short = replace(method, config=method.config | {"max_iterations": block, "tolerance": 0.0})
+    call = timed(short.on(task))
     return Job(facts, lambda: extrapolate(call(), to=limit))
 
 

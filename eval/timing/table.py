@@ -8,7 +8,6 @@ drawn. With --publish, rows, tables and pictures go to ``results``; the rows mus
 from __future__ import annotations
 
 import argparse
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,15 +16,14 @@ import pandas as pd
 
 from eval.publish.markdown import markdown_lines
 from eval.publish.plotting import save
+from eval.rows.experiment import rows_file
+from eval.rows.files import copy_file, write_text
 from eval.rows.frame import distinct, numbers, read_csv
-from eval.rows.store import PUBLISHED, ROWS
-from eval.timing.drag import KIND as DRAG
+from eval.rows.store import PUBLISHED
 from eval.timing.drag import STEPS, TOLERANCE
-from eval.timing.scaling import FIT_FROM, draw_scaling, is_scaling, slopes
-from eval.timing.scaling import KIND as SCALING
-from eval.timing.whole import KIND as WHOLE
+from eval.timing.scaling import FIT_FROM, draw_scaling, slopes
+from eval.timing.turns import DRAG, SCALING, WHOLE
 from sshade.errors import InputError
-from sshade.io.files import make_folder, replacing
 from sshade.pipeline.deformer import SETTLED
 
 #: Folder of the rows of times: one CSV a name.
@@ -204,7 +202,7 @@ def _notes(rows: pd.DataFrame, lines: pd.DataFrame, reference: str) -> list[str]
         )
     if "seconds.remesh" in lines:
         notes.append("Stages of samplings that run in parallel are summed.")
-    if is_scaling(lines):
+    if lines["kind"].eq(SCALING).all():
         fit = f"of log time against log vertices, from {FIT_FROM:,} vertices on"
         notes += [f"{method}: slope {slope:.2f} {fit}." for method, slope in slopes(lines).items()]
     return notes
@@ -242,21 +240,13 @@ def to_csv(table: TimeTable) -> str:
     return lines.to_csv(index=False, float_format="%.6g", lineterminator="\n")
 
 
-def timing_file(name: str) -> Path:
-    """Return the CSV of a path, or of a name in out/timing or else results/timing."""
-    if Path(name).suffix == ".csv":
-        return Path(name)
-    files = [folder / f"{name}.csv" for folder in (TIMING, PUBLISHED / "timing")]
-    return next((path for path in files if path.is_file()), files[0])
-
-
 def require_free(name: str) -> None:
     """Raise InputError if an experiment has the name: the tables of times would replace its tables."""
-    for folder in (ROWS, PUBLISHED / "rows"):
-        if (folder / f"{name}.csv").exists():
-            raise InputError(
-                f"{name} is the name of an experiment in {folder}; give the times another --name"
-            )
+    path = rows_file(name)
+    if path.is_file():
+        raise InputError(
+            f"{name} is the name of an experiment in {path.parent}; give the times another --name"
+        )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -268,7 +258,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
-    files = [timing_file(name) for name in options.names] or sorted(TIMING.glob("*.csv"))
+    files = [rows_file(name, TIMING) for name in options.names] or sorted(TIMING.glob("*.csv"))
     missing = [path for path in files or [TIMING] if not path.is_file()]
     if missing:
         raise InputError(f"{missing[0]}: no rows of times there; `sshade-eval bench` makes them")
@@ -286,15 +276,11 @@ def command(options: argparse.Namespace) -> int:
                 "run `sshade-eval bench` again"
             )
     for path, table in tables.items():
-        make_folder(root / "tables")
         for suffix, text_of in ((".csv", to_csv), (".md", to_markdown)):
-            with replacing(root / "tables" / f"{table.title}{suffix}") as temporary:
-                temporary.write_text(text_of(table))
-        if is_scaling(table.lines):
+            write_text(root / "tables" / f"{table.title}{suffix}", text_of(table))
+        if table.lines["kind"].eq(SCALING).all():
             save(draw_scaling(table.lines), root / "figures" / f"{table.title}.svg")
         if options.publish and path.resolve() != (root / "timing" / path.name).resolve():
-            make_folder(root / "timing")
-            with replacing(root / "timing" / path.name) as temporary:
-                shutil.copyfile(path, temporary)
+            copy_file(path, root / "timing" / path.name)
         print(to_markdown(table))  # noqa: T201
     return 0

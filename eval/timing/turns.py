@@ -17,6 +17,8 @@ from eval.timing.quiet import between, busiest_other, read_machine
 from sshade.cli.console import say
 from sshade.errors import InputError
 
+#: What is timed, the column ``kind`` of rows.
+SPEED, DRAG, SCALING, WHOLE = "speed", "drag", "scaling", "whole"
 #: Shortest repeat in seconds; a shorter call runs several times. CPU times of shorter spans are too coarse.
 SHORTEST = 1.0
 #: A job whose warm-up takes more seconds has the warm-up as its only repeat.
@@ -34,7 +36,7 @@ class Job:
     Parameters
     ----------
     facts : dict
-        Columns that identify the job: ``method.*``, ``task.*``, ``kind``.
+        Columns that identify the job: ``method.*``, ``task.*``.
     call : callable
         Runs once and returns further columns, at least ``seconds.total``.
     """

@@ -12,17 +12,15 @@ from tempfile import TemporaryDirectory
 from time import perf_counter
 
 from eval.rows.store import Row
-from eval.run.provenance import config_hash, library_versions
+from eval.run.provenance import config_hash, library_versions, task_facts
 from eval.run.warmup import tiny_task
-from eval.timing.cases import TimedCase, task_facts
+from eval.timing.cases import TimedCase
 from eval.timing.turns import Job, take_turns
 from sshade.cli.console import say
 from sshade.errors import InputError
 from sshade.io.handles import write_handles
 from sshade.io.meshes import write_mesh
 
-#: The column ``kind`` of the rows.
-KIND = "whole"
 #: ``python -m sshade``, followed by the status of the process, which holds the peak of its memory.
 PROGRAM = """
 import os, runpy
@@ -72,10 +70,10 @@ def time_commands(methods: Sequence[str], cases: Sequence[TimedCase], *, rounds:
 
 def _job(method: str, files: Sequence[str], facts: Row) -> Job:
     options = ["deform", "--method", method]
-    identity = {"kind": KIND, "method.name": f"sshade {' '.join(options)}"}
-    identity["method.hash"] = config_hash({"command": options})
-    identity |= {f"env.version.{name}": version for name, version in library_versions([]).items()}
-    return Job(identity | facts, partial(_call, [*options, *files]))
+    name, versions = f"sshade {' '.join(options)}", library_versions([])
+    facts = facts | {"method.name": name, "method.hash": config_hash({"command": options})}
+    facts |= {f"env.version.{library}": version for library, version in versions.items()}
+    return Job(facts, partial(_call, [*options, *files]))
 
 
 def _call(arguments: list[str]) -> Row:

@@ -12,10 +12,10 @@ from pathlib import Path
 from eval.publish.plotting import add_camera, camera
 from eval.publish.summary import MIXED_HELP
 from eval.rows.experiment import read_experiments
+from eval.rows.files import write_text
 from eval.rows.store import ROWS_HELP
 from sshade.cli.console import progress_bar
 from sshade.figures import require_extra
-from sshade.io.files import make_folder, replacing
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,8 +40,6 @@ def command(options: argparse.Namespace) -> int:
         text = write_page(
             experiments, cases=options.cases, mixed=options.mixed, **camera(options), progress=progress
         )
-    make_folder(options.out.parent)
-    with replacing(options.out) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(options.out, text)
     print(f"{options.out}: {len(text) / 1e6:.1f} MB; open it in a browser")  # noqa: T201
     return 0
