@@ -9,7 +9,6 @@ Khronos Group, "glTF 2.0 specification", 2021.
 from __future__ import annotations
 
 import base64
-import binascii
 import copy
 import json
 from functools import partial
@@ -30,6 +29,7 @@ from sshade.io.gltf_scene import (
     triangles_of,
 )
 from sshade.io.normals import vertex_turns
+from sshade.mesh.mesh import unit_rows
 
 #: Greatest error of written positions, as a fraction of the largest extent of the mesh, unless the
 #: positions of the file were already rounded more coarsely.
@@ -149,12 +149,7 @@ def _buffer(buffer: dict[str, Any], path: Path, binary: bytes | None) -> bytes:
         data = binary
     elif uri.startswith("data:"):
         head, _, body = uri.partition(",")
-        try:
-            data = (
-                base64.b64decode(body, validate=True) if head.endswith(";base64") else unquote_to_bytes(body)
-            )
-        except binascii.Error as error:
-            raise ValueError(f"a buffer is not in base 64 ({error})") from error
+        data = base64.b64decode(body, validate=True) if head.endswith(";base64") else unquote_to_bytes(body)
     else:
         if len(urlsplit(uri).scheme) > 1:
             raise InputError(f"{path}: its buffer {uri} is not a file beside it; download it first")
@@ -213,11 +208,11 @@ def _content(
         rotations = Q[vertices][turns]
         if part.normal is not None:
             stored = array_of(tree, buffers, part.normal)
-            stored[turns] = _unit(np.einsum("kij,kj->ki", rotations, normals[vertices][turns]) @ A)
+            stored[turns] = unit_rows(np.einsum("kij,kj->ki", rotations, normals[vertices][turns]) @ A)
         if part.tangent is not None:
             stored = array_of(tree, buffers, part.tangent)
             tangents = stored[turns, :3].astype(np.float64) @ A.T
-            stored[turns, :3] = _unit(np.einsum("kij,kj->ki", rotations, tangents) @ back.T)
+            stored[turns, :3] = unit_rows(np.einsum("kij,kj->ki", rotations, tangents) @ back.T)
     changed = {accessor_bytes(tree, i) for part in parts for i in part[:3] if i is not None}
     for number, accessor in enumerate(tree["accessors"]):
         if "bufferView" in accessor and accessor_bytes(tree, number) in changed:
@@ -244,18 +239,12 @@ def _require_precision(error: np.ndarray, size: float, V: np.ndarray, path: Path
         )
 
 
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
-
-
 def _bounds(tree: dict[str, Any], buffers: list[bytearray], number: int) -> None:
     """Update the least and greatest values of an accessor, if it has them."""
     accessor = tree["accessors"][number]
     values = array_of(tree, buffers, number)
-    for name, extremum in (("min", values.min), ("max", values.max)):
-        if name in accessor:
-            accessor[name] = [float(x) for x in extremum(axis=0)]
+    for name in accessor.keys() & {"min", "max"}:
+        accessor[name] = getattr(values, name)(axis=0).astype(np.float64).tolist()
 
 
 def _written(tree: dict[str, Any], buffers: list[bytearray], gltf: _Gltf, path: Path) -> bytes:

@@ -53,19 +53,16 @@ def require_plain(tree: dict[str, Any], path: Path) -> None:
         if "POSITION" not in attributes:
             raise ValueError("one of its primitives has no positions")
         size = tree["accessors"][attributes["POSITION"]]["count"]
-        for name, kind in _CHANGED.items():
-            if name not in attributes:
-                continue
+        for name in (name for name in _CHANGED if name in attributes):
             accessor = tree["accessors"][attributes[name]]
-            if (accessor["type"], accessor["count"]) != (kind, size):
-                raise ValueError(f"its attribute {name} is no {kind} for each position")
+            if (accessor["type"], accessor["count"]) != (_CHANGED[name], size):
+                raise ValueError(f"its attribute {name} is no {_CHANGED[name]} for each position")
             if "bufferView" not in accessor:
                 raise ValueError(f"its attribute {name} has no bytes")
-    for accessor in corners:
-        if accessor["componentType"] not in _INDICES or accessor["type"] != "SCALAR":
-            raise ValueError("the corners of its triangles are no whole numbers from 0")
-        if "bufferView" not in accessor:
-            raise ValueError("the corners of its triangles have no bytes")
+    if any(a["componentType"] not in _INDICES or a["type"] != "SCALAR" for a in corners):
+        raise ValueError("the corners of its triangles are no whole numbers from 0")
+    if any("bufferView" not in a for a in corners):
+        raise ValueError("the corners of its triangles have no bytes")
 
 
 def require_apart(tree: dict[str, Any], buffers: list[bytes], path: Path) -> None:
@@ -191,14 +188,9 @@ def _matrix(node: dict[str, Any]) -> np.ndarray:
     """Return the matrix (4, 4) that maps a node to the coordinates of its parent."""
     if "matrix" in node:
         return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
-    x, y, z, w = node.get("rotation", [0.0, 0.0, 0.0, 1.0])
-    R = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    *axis, w = node.get("rotation", [0.0, 0.0, 0.0, 1.0])
+    K = np.cross(np.eye(3), axis)
+    R = np.eye(3) + 2 * w * K + 2 * K @ K
     matrix = np.eye(4)
     matrix[:3, :3] = R * np.array(node.get("scale", [1.0, 1.0, 1.0]))
     matrix[:3, 3] = node.get("translation", [0.0, 0.0, 0.0])

@@ -51,8 +51,8 @@ class _Obj(NamedTuple):
     ----------
     data : bytes
     positions, normals : Numbers
-    normal_lines : (2, k) int64
-        Bytes where the line of each normal and the following line begin.
+    normal_lines : (k,) int64
+        Byte where the line of each normal begins.
     corners : _Corners
     triangles : (m, 3) int64
         Numbers of corners.
@@ -109,8 +109,7 @@ def read_obj(path: Path) -> MeshFile:
         comments=any(key & 0xFF == ord("#") for key in keys),
     )
     places = list(zip(*(place.tolist() for place in text.line_ends(libraries)), strict=True))
-    normal_lines = np.array(text.line_ends(shading))
-    obj = _Obj(data, positions, normals, normal_lines, corners, triangles, places)
+    obj = _Obj(data, positions, normals, text.line_ends(shading)[0], corners, triangles, places)
     F = corners.vertex[triangles]
     return MeshFile(positions.value, F, holds, (".obj",), partial(_content, obj, path))
 
@@ -178,7 +177,7 @@ def _turned_normals(obj: _Obj, V: np.ndarray) -> list[Edits]:
     """Turn normals with the surface.
 
     Programs write equal normals once. Where the vertices that share a normal turn differently, further
-    lines follow the line of the normal, and the faces are numbered anew.
+    lines precede the line of the normal, and the faces are numbered anew.
     """
     corners, rest, N = obj.corners, obj.positions.value, obj.normals.value
     shaded = np.flatnonzero(corners.normal >= 0)
@@ -234,19 +233,10 @@ def _pairs(vertex: np.ndarray, normal: np.ndarray, n: int) -> tuple[np.ndarray, 
 
 
 def _variants(obj: _Obj, line_of: np.ndarray, value: np.ndarray) -> list[Edits]:
-    """Write normals (w, 3) into their lines (w,), ascending; a line is repeated for each further normal."""
-    again = np.append(False, line_of[1:] == line_of[:-1])
-    begin, end, old = (column[line_of] for column in obj.normals)
-    in_place = Numbers(begin[~again], end[~again], old[~again]).edits(value[~again])
-    line_begin, behind = obj.normal_lines[:, line_of[again]]
-    copies = []
-    rows = (
-        column.tolist() for column in (line_begin, behind, begin[again], end[again], old[again], value[again])
-    )
-    for first, last, begins, ends, before, after in zip(*rows, strict=True):
-        copy = b"" if obj.data[last - 1 : last] in (b"\n", b"\r") else b"\n"
-        for a, b, x, y in zip(begins, ends, before, after, strict=True):
-            copy += obj.data[first:a] + (obj.data[a:b] if x == y else repr(y).encode())
-            first = b
-        copies.append((copy + obj.data[first:last]).decode("latin-1"))
-    return [in_place, Edits(behind, behind, copies)]
+    """Write normals (w, 3) to their lines (w,), ascending. Only the last normal of a line replaces it."""
+    last = np.append(line_of[1:] != line_of[:-1], True)
+    in_place = Numbers(*(column[line_of[last]] for column in obj.normals)).edits(value[last])
+    line_end = "\r\n" if b"\r\n" in obj.data else "\n"
+    further = [f"vn {x!r} {y!r} {z!r}{line_end}" for x, y, z in value[~last].tolist()]
+    begin = obj.normal_lines[line_of[~last]]
+    return [Edits(begin, begin, further), in_place]

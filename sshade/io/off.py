@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.io.document import MeshFile, fanned, present
 from sshade.io.normals import vertex_turns
-from sshade.io.words import Numbers, Text, edited
+from sshade.io.words import Text, edited
 
 #: The first word: letters for texture coordinates, colours and normals of vertices. A small n means
 #: something else: the number of coordinates.
@@ -57,7 +56,17 @@ def read_off(path: Path) -> MeshFile:
         polygons=polygons,
         comments=b"#" in data,
     )
-    return MeshFile(positions.value, F, holds, (".off",), partial(_content, data, positions, F, normals))
+
+    def content(V: np.ndarray, path: Path) -> bytes:
+        edits = [positions.edits(V)]
+        if normals is not None:
+            turned = np.einsum(
+                "kij,kj->ki", vertex_turns(normals.value, F, positions.value, V), normals.value
+            )
+            edits.append(normals.edits(turned))
+        return edited(data, edits)
+
+    return MeshFile(positions.value, F, holds, (".off",), content)
 
 
 def _faces(text: Text, lines: np.ndarray) -> tuple[np.ndarray, bool, bool]:
@@ -75,14 +84,3 @@ def _faces(text: Text, lines: np.ndarray) -> tuple[np.ndarray, bool, bool]:
         polygons.append(text.integers(text.begin[corners], text.end[corners]))
     F = fanned(polygons, of_size)[0]
     return F, bool((size > 3).any()), bool((words > size + 1).any())
-
-
-def _content(
-    data: bytes, positions: Numbers, F: np.ndarray, normals: Numbers | None, V: np.ndarray, path: Path
-) -> bytes:
-    edits = [positions.edits(V)]
-    if normals is not None:
-        N = normals.value
-        turned = np.einsum("kij,kj->ki", vertex_turns(N, F, positions.value, V), N)
-        edits.append(normals.edits(turned))
-    return edited(data, edits)

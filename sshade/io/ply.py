@@ -215,10 +215,9 @@ def _vertex_ids(polygons: np.ndarray) -> np.ndarray:
     """Convert the corners (m, k) of polygons to int64."""
     if polygons.shape[1] < 3:
         raise ValueError(f"a face has {polygons.shape[1]} corners")
-    whole = polygons.dtype.kind != "f"
-    if not whole and not (np.abs(polygons) < 2**53).all():
-        raise ValueError("a corner of a face is no vertex id")
-    ids = polygons.astype(np.int64)
-    if not whole and (ids != polygons).any():
-        raise ValueError("a corner of a face is no whole number")
-    return ids
+    is_whole = (
+        polygons.dtype.kind != "f" or ((np.abs(polygons) < 2**53) & (np.trunc(polygons) == polygons)).all()
+    )
+    if not is_whole:
+        raise ValueError("a corner of a face is no whole number, or too large")
+    return polygons.astype(np.int64)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -33,12 +32,21 @@ def read_stl(path: Path) -> MeshFile:
     if len(data) == 84 + _FACET.itemsize * count:
         facets = np.frombuffer(data, _FACET, count, 84)
         V = facets["corners"].reshape(-1, 3).astype(np.float64)
-        content = partial(_binary, data[:84], facets, V)
+
+        def content(posed: np.ndarray, path: Path) -> bytes:
+            changed = facets.copy()
+            changed["normal"] = _turned(facets["normal"].astype(np.float64), V, posed)
+            changed["corners"] = posed.reshape(-1, 3, 3)
+            return data[:84] + changed.tobytes()
+
         holds = present(facet_attributes=facets["attribute"].any())
     elif data.lstrip()[:5].lower() == b"solid":
         normals, corners = _solid(Text(data), path)
-        V = corners.value
-        content, holds = partial(_text, data, normals, corners), ()
+        V, holds = corners.value, ()
+
+        def content(posed: np.ndarray, path: Path) -> bytes:
+            return edited(data, [normals.edits(_turned(normals.value, V, posed)), corners.edits(posed)])
+
     else:
         raise ValueError("it is neither a text that begins with solid, nor as long as its header says")
     if len(V) == 0:
@@ -77,15 +85,3 @@ def _turned(N: np.ndarray, rest: np.ndarray, V: np.ndarray) -> np.ndarray:
     """Turn facet normals (m, 3) with the surface; the zeros that many programs write stay zeros."""
     F = np.arange(len(rest)).reshape(-1, 3)
     return np.einsum("kij,kj->ki", turns(np.repeat(np.arange(len(N))[:, None], 3, axis=1), F, rest, V), N)
-
-
-def _binary(head: bytes, facets: np.ndarray, rest: np.ndarray, V: np.ndarray, path: Path) -> bytes:
-    facets = facets.copy()
-    facets["normal"] = _turned(facets["normal"].astype(np.float64), rest, V)
-    facets["corners"] = V.reshape(-1, 3, 3)
-    return head + facets.tobytes()
-
-
-def _text(data: bytes, normals: Numbers, corners: Numbers, V: np.ndarray, path: Path) -> bytes:
-    turned = _turned(normals.value, corners.value, V)
-    return edited(data, [normals.edits(turned), corners.edits(V)])

@@ -14,7 +14,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from sshade.errors import InputError
-from sshade.mesh.mesh import Mesh
+from sshade.mesh.mesh import Mesh, unit_rows
 from sshade.mesh.sides import EdgeSides, sides_by_edge
 
 #: Difference below which two cosines count as equal. Between faces that continue a face equally well, the
@@ -156,9 +156,7 @@ def _best_pairs(
     along = mesh.V[j] - mesh.V[i]
     along = along / (np.linalg.norm(along) or 1.0)
     away = mesh.V[third] - mesh.V[i]
-    away = away - np.outer(away @ along, along)
-    length = np.linalg.norm(away, axis=1, keepdims=True)
-    away = np.divide(away, length, out=np.zeros_like(away), where=length > 0)
+    away = unit_rows(away - np.outer(away @ along, along))
     cosine = np.round(away @ away.T / SAME_COSINE)
     sine = np.einsum("ijk,k->ij", np.cross(away[:, None], away[None]), along)
     angle = np.arctan2(sine, away @ away.T) % (2 * np.pi)  # from one face to another, about the edge

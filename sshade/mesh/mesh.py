@@ -131,9 +131,7 @@ class Mesh:
     def face_normals(self) -> np.ndarray:
         """(m, 3) unit normals; zero on zero-area faces."""
         a, b, c = (self.V[self.F[:, i]] for i in range(3))
-        cross = np.cross(b - a, c - a)
-        length = np.linalg.norm(cross, axis=1, keepdims=True)
-        return np.divide(cross, length, out=np.zeros_like(cross), where=length > 0)
+        return unit_rows(np.cross(b - a, c - a))
 
     @cached_property
     def _areas(self) -> tuple[np.ndarray, np.ndarray]:
@@ -318,6 +316,12 @@ def _read_only(array: np.ndarray, original: object) -> np.ndarray:
 def repeats_vertex(F: np.ndarray) -> np.ndarray:
     """Return (m,) bool: faces (m, 3) that have a vertex twice."""
     return (F[:, 0] == F[:, 1]) | (F[:, 1] == F[:, 2]) | (F[:, 2] == F[:, 0])
+
+
+def unit_rows(vectors: np.ndarray) -> np.ndarray:
+    """Return vectors (k, 3) with length 1; a zero vector stays zero."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
 
 def bounds(V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
