@@ -31,10 +31,10 @@ _SERVER = multiprocessing.get_context("spawn" if os.name == "nt" else "forkserve
 _SERVER.set_forkserver_preload(["eval.configure.app", "eval.run.run", "sshade.pipeline.deform"])
 
 
-def run_program(folder: Path, *arguments: str) -> subprocess.CompletedProcess:
+def run_program(folder: Path, *arguments: str, **variables: str) -> subprocess.CompletedProcess:
     """Run the program as a user starts it, for launchers, which begin processes of their own like it."""
-    command = [*RUN, *arguments]
-    return subprocess.run(command, cwd=folder, env=ENVIRONMENT, capture_output=True, text=True, timeout=300)
+    command, environment = [*RUN, *arguments], ENVIRONMENT | variables
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
 
 
 def run_eval(folder: Path, *arguments: str) -> subprocess.CompletedProcess:
@@ -118,6 +118,32 @@ def endless(task, *, seed: int, warming: bool = False, progress=silent) -> Defor
 def dying(task, *, seed: int, progress=silent) -> DeformationResult:
     """A method that takes its process down."""
     os._exit(3)
+
+
+#: A method of a user's that imports two modules, and may edit one of them.
+METHOD = """
+from pathlib import Path
+from eval_cases import stretching
+def method(task, *, seed, factor=1.0, edit='', progress=None):
+    import beside
+    from .helper import FACTOR
+    with Path(__file__).with_name('helper.py').open('a') as file:
+        file.write(edit)
+    return stretching(task, factor=FACTOR, seed=seed)
+"""
+
+
+def write_theirs(folder: Path) -> Path:
+    """Write a user's package, theirs, with a module beside it that imports another one."""
+    package = folder / "theirs"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    (package / "helper.py").write_text("FACTOR = 2.0\n")
+    (package / "method.py").write_text(METHOD)
+    (package / "broken.py").write_text("no python\n")
+    (folder / "beside.py").write_text("import json, numpy\nfrom far import FAR\n")
+    (folder / "far.py").write_text("FAR = 1\n")
+    return package
 
 
 def with_losses(task, *, seed, progress=silent):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 
 import pytest
-from eval_cases import bumpy_task
+from eval_cases import bumpy_task, write_theirs
 
 import eval.run.attempt as attempt_module
 import sshade
@@ -113,31 +113,14 @@ def test_libigls_rows_do_not_depend_on_our_energy_and_pipeline():
 
 # The tests below run a user's own method, which no package of the project holds.
 
-METHOD = """
-from pathlib import Path
-from eval_cases import stretching
-def method(task, *, seed, edit='', progress=None):
-    import beside
-    from .helper import FACTOR
-    with Path(__file__).with_name('helper.py').open('a') as file:
-        file.write(edit)
-    return stretching(task, factor=FACTOR, seed=seed)
-"""
-THEIRS = {"_target_": "theirs.method.method"}
-
 
 @pytest.fixture
 def theirs(folder):
-    """A user's package, with a module beside it that imports another one."""
-    package = folder / "theirs"
-    package.mkdir()
-    (package / "__init__.py").write_text("")
-    (package / "helper.py").write_text("FACTOR = 2.0\n")
-    (package / "method.py").write_text(METHOD)
-    (package / "broken.py").write_text("no python\n")
-    (folder / "beside.py").write_text("import json, numpy\nfrom far import FAR\n")
-    (folder / "far.py").write_text("FAR = 1\n")
-    return package
+    """A user's package; a test may change it."""
+    return write_theirs(folder)
+
+
+THEIRS = {"_target_": "theirs.method.method"}
 
 
 @pytest.mark.parametrize(

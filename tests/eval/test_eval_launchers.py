@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import os
-import subprocess
 
 import pytest
 from compositions import composed
-from eval_cases import ENVIRONMENT, RUN, run_program
+from eval_cases import ENVIRONMENT, run_program, write_theirs
 from hydra.errors import HydraException
 
 from eval.configure import app as cli
@@ -21,6 +20,7 @@ NEEDS = {
     "ray": "hydra_plugins.hydra_ray_launcher",
     "ray_cluster": "hydra_plugins.hydra_ray_launcher",
 }
+JOBLIB = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
 RUNS = ["-m", "dataset=bumpy", "method=failing,paper", "proxy.vertices=100"]
 
 
@@ -67,35 +67,22 @@ def test_another_launcher_gives_the_same_rows(tmp_path, basic, launcher, options
 def test_a_worker_of_other_code_ends_the_sweep(tmp_path):
     """Each process that starts edits the method's package, so that no two load the same."""
     pytest.importorskip(NEEDS["joblib"], reason="the extra joblib is not installed")
-    (tmp_path / "theirs").mkdir()
-    (tmp_path / "theirs/__init__.py").write_text("")
-    (tmp_path / "theirs/method.py").write_text("from eval_cases import stretching as method\n")
-    path = tmp_path / "theirs/method.py"
+    path = write_theirs(tmp_path) / "helper.py"
     (tmp_path / "sitecustomize.py").write_text(
         f"with open({str(path)!r}, 'a') as file: file.write('A = 1;')\n"
     )
-    environment = ENVIRONMENT | {"PYTHONPATH": os.pathsep.join([str(tmp_path), ENVIRONMENT["PYTHONPATH"]])}
-    arguments = [
-        "-m",
-        "dataset=bumpy",
-        "method=stretching",
-        "method._target_=theirs.method.method",
-        "seed=0,1",
-    ]
-    arguments += ["run.allow_targets=[theirs.]", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
-    done = subprocess.run(
-        [*RUN, *arguments], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300
-    )
+    method = ["method=stretching", "method._target_=theirs.method.method", "run.allow_targets=[theirs.]"]
+    place = os.pathsep.join([str(tmp_path), ENVIRONMENT["PYTHONPATH"]])
+    done = run_program(tmp_path, "-m", "dataset=bumpy", *method, "seed=0,1", *JOBLIB, PYTHONPATH=place)
     assert (done.returncode, done.stdout) == (2, ""), done.stderr
     told = done.stderr.splitlines()[-1]  # Hydra announces a worker's error, too
-    assert told.startswith("error: theirs/method.py has changed since the command began")
+    assert told.startswith("error: theirs/helper.py has changed since the command began")
     assert "Traceback" not in done.stderr and not list(tmp_path.rglob("row.json"))
 
 
 def test_a_lost_worker_is_told(tmp_path):
     pytest.importorskip(NEEDS["joblib"], reason="the extra joblib is not installed")
-    joblib = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
-    done = run_program(tmp_path, "-m", "dataset=bumpy", "method=dying", "seed=0,1", *joblib)
+    done = run_program(tmp_path, "-m", "dataset=bumpy", "method=dying", "seed=0,1", *JOBLIB)
     assert done.returncode == 1
     assert done.stdout == "2 runs: 0 new, 0 kept, 2 not done\n"
     told = "failed: a worker was lost (TerminatedWorkerError); the same command goes on from there"
