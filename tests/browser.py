@@ -1,7 +1,5 @@
 """A browser for tests, where there is one, and what of its pictures they look at."""
 
-from __future__ import annotations
-
 import io
 import os
 import shutil

@@ -1,9 +1,8 @@
 """What all tests share: reproducible property tests, and a few meshes that are built once."""
 
-from __future__ import annotations
-
 import gc
 import os
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -30,6 +29,13 @@ def body() -> Mesh:
 def small_body() -> Mesh:
     """Closed, no symmetry, 162 vertices."""
     return bumpy(2)
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch) -> Path:
+    """A new folder, which is the current one."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
 
 
 def pytest_collection_finish() -> None:

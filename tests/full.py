@@ -1,7 +1,5 @@
 """Parameters of tests of which a few are enough for `make test`; `make robustness` runs all."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

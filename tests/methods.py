@@ -1,7 +1,5 @@
 """The methods that the project ships, and one of your own where the variable METHOD names it."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """Small meshes for the tests, each with a known topology and no file behind it, and handles at their ends."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sshade.mesh.mesh import Mesh

@@ -4,8 +4,6 @@ numba's disk cache knows the source of the file that it compiles, and of no othe
 an edit of the callee alone, users would go on with the old machine code of the caller.
 """
 
-from __future__ import annotations
-
 import importlib
 import sys
 from pathlib import Path

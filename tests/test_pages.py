@@ -1,7 +1,5 @@
 """Tables of pages are those of the committed results, links hold, and pictures can be drawn again."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
@@ -46,17 +44,6 @@ def test_a_changed_number_of_the_results_appears_on_the_page(tmp_path):
         assert f"| --- | ---: | ---: |\n| arap | {edge} | {angle} |\n<!-- end -->\nb\n" in text
 
 
-def test_chosen_methods_keep_their_order_lose_marks_and_must_exist(tmp_path):
-    (tmp_path / "tables").mkdir()
-    table = "| method | EL (%) |\n| --- | ---: |\n| a | **1** |\n| b | <u>2</u> |\n| c | 3 |\n| b | 4 |"
-    (tmp_path / "tables" / "tiny.md").write_text(f"### tiny\n\n{table}\n\n- 2 cases of 9 vertices.\n")
-    text = filled("<!-- table tiny: EL (%); b, a -->\n<!-- end -->\n", tmp_path, link="../there")
-    assert text.startswith("<!-- table tiny: EL (%); b, a -->\n[tiny](../there/tables/tiny.md): 2 cases")
-    assert text.endswith("| --- | ---: |\n| b | 2 |\n| b | 4 |\n| a | 1 |\n<!-- end -->\n")
-    with pytest.raises(ValueError, match="has no method d$"):
-        filled("<!-- table tiny: EL (%); d, a -->\n<!-- end -->\n", tmp_path)
-
-
 @pytest.mark.parametrize(
     "page", [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")], ids=lambda page: page.name
 )
@@ -68,13 +55,6 @@ def test_links_lead_to_files_and_headings(page):
         if not target.exists() or (anchor and anchor not in headings(target)):
             broken.append(link)
     assert broken == []
-
-
-def test_a_broken_link_is_found(tmp_path):
-    page = tmp_path / "page.md"
-    page.write_text("# One thing\n[a](page.md#one-thing) [b](#two) [c](none.md) [d](https://none.example)\n")
-    with pytest.raises(AssertionError, match=r"\['#two', 'none.md'\]"):
-        test_links_lead_to_files_and_headings(page)
 
 
 def test_names_on_the_code_page_are_in_their_files():

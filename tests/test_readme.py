@@ -1,7 +1,5 @@
 """The Python of README.md runs, and docs/benchmark.md lists every experiment."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -33,8 +31,7 @@ def test_the_page_lists_every_experiment_with_its_split():
     assert set(listed.values()) <= {*read_splits(), "both"}
 
 
-def test_the_python_runs(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_the_python_runs(here):
     body = bumpy(3)
     sshade.write("body.ply", body)
     names: dict = {}

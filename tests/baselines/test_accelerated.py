@@ -1,7 +1,5 @@
 """The accelerated methods on meshes of several components."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

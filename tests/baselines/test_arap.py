@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import igl
 import numpy as np
 import pytest
@@ -39,15 +37,6 @@ def test_iterations_one_a_call_equal_one_libigl_call_bit_for_bit(task, energy, i
     start[task.handles.index] = task.handles.target
     assert np.array_equal(result.vertices, igl_positions(task, energy, iterations, start))
     assert result.iterations == iterations and result.converged is False
-
-
-def test_progress_counts_the_iterations(task):
-    seen = []
-    options = {"tolerance": 1e-3, "max_iterations": 500}
-    result = libigl_arap(task, progress=lambda *report: seen.append(report), **options)
-    assert [done for _, done, _, _ in seen][:-1] == list(range(1, result.iterations + 1))
-    assert {(stage, total) for stage, _, total, _ in seen} == {("iterations", 500)}
-    assert f"{result.extra['residual']:.1e}" in seen[-1][3]
 
 
 def test_the_rigid_start_is_the_best_rigid_motion_of_the_handles(task):

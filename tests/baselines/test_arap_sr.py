@@ -1,7 +1,5 @@
 """ARAP-SR against a small dense implementation, measured figures, and its limits in alpha."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Rigid motions, soft handles and wrong options: the same promises of several baselines."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

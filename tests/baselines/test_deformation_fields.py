@@ -1,7 +1,5 @@
 """Harmonic and biharmonic fields against dense solutions and closed forms."""
 
-from __future__ import annotations
-
 import igl
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The deformation graph against plain loops: its edges, its bindings, its solver and its blend."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.sparse import coo_array

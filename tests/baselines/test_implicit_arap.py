@@ -1,7 +1,5 @@
 """What Implicit-ARAP promises without torch, and its normalisation."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

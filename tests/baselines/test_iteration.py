@@ -1,13 +1,11 @@
 """The loop with the stopping rule."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from baselines.iteration import Plain, iterate
+from baselines.iteration import iterate
 from sshade.progress import silent
-from sshade.solver.run import REPORT_EVERY, Stop, run
+from sshade.solver.run import REPORT_EVERY, Stop
 
 
 def iterated(advance, u, **changes):
@@ -47,20 +45,3 @@ def test_an_iterate_that_is_not_finite_ends_the_loop():
 
     with pytest.raises(FloatingPointError, match="not finite after 1 iterations"):
         iterated(diverge, np.ones((1, 3)))
-
-
-def test_the_next_iterate_may_be_another_but_the_last_is_plain():
-    """Extrapolation to the fixed point of the halving ends it in the second iteration."""
-
-    class Extrapolated(Plain):
-        def move(self, *, last):
-            if last:
-                super().move(last=last)
-            else:
-                self.u += 2 * (self.g - self.u)
-
-    done = run(Extrapolated(halve, np.ones((1, 3)), diagonal=2.0), Stop(1e-3))
-    assert done.converged and done.iterations == 2 and done.residual_curve[0] > 0 == done.residual
-    state = Extrapolated(halve, np.ones((1, 3)), diagonal=2.0)
-    run(state, Stop(max_iterations=1))
-    np.testing.assert_array_equal(state.u, 0.5)

@@ -1,7 +1,5 @@
 """Lattices around surfaces of any kind, and ARAP on them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

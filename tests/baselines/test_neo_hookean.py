@@ -1,7 +1,5 @@
 """The elastic energy, its derivatives and Newton's method on coarse tetrahedra."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import minimize

@@ -1,7 +1,5 @@
 """Open3D's ARAP against this project's, and what it refuses."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Smooth ARAP against ARAP, against its energy written out, and against spikes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Coarse tetrahedra, handles on them, and the methods that deform them."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np
@@ -34,6 +32,8 @@ CLOSE = 1e-6
 def installed(request):
     if "without_extra" not in request.fixturenames:
         pytest.importorskip("pytetwild", reason="the extra tet is not installed")
+    if getattr(request.node, "callspec", None) and request.node.callspec.params.get("method") is neo_hookean:
+        pytest.importorskip("simkit", reason="the extra neo_hookean is not installed")
 
 
 @pytest.fixture
@@ -66,15 +66,6 @@ def test_points_inside_a_tetrahedron_have_its_coordinates():
         np.testing.assert_allclose(found[[row]].toarray()[0, corners], weights, atol=1e-9)
 
 
-def test_only_the_last_meshes_are_cache(monkeypatch):
-    monkeypatch.setattr(tetrahedra_module, "CACHED", 1)
-    first, second = icosphere(1), bumpy(1)
-    made = coarse_tetrahedra(first, **COARSE)
-    coarse_tetrahedra(second, **COARSE)
-    assert len(tetrahedra_module._cache) == 1
-    assert coarse_tetrahedra(first, **COARSE).seconds != made.seconds
-
-
 def test_components_and_self_intersections_are_filled():
     apart = coarse_tetrahedra(two_spheres(), samples=200, edge=0.15)
     assert apart.component.max() == 1
@@ -88,8 +79,6 @@ def test_components_and_self_intersections_are_filled():
 
 @pytest.mark.parametrize("method", VOLUMETRIC)
 def test_an_open_surface_is_refused(method, without_extra):
-    if method is neo_hookean:
-        pytest.importorskip("simkit")
     with pytest.raises(InputError, match="boundary edges; close its holes"):
         method(held_ends(tube()))
 
@@ -102,12 +91,11 @@ def test_an_extra_that_is_missing_is_named(method, without_extra, monkeypatch):
         method(held_ends(bumpy(1)), samples=12, edge=0.31)
 
 
-def test_filling_has_a_limit_and_leaves_nothing_behind(monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
+def test_filling_has_a_limit_and_leaves_nothing_behind(monkeypatch, here):
     monkeypatch.setattr(tetrahedra_module, "LIMIT", 1)
     with pytest.raises(InputError, match="could not fill the surface: it was stopped, because it took 1 s"):
         coarse_tetrahedra(bumpy(4), samples=10**6, edge=0.01)
-    assert list(tmp_path.iterdir()) == []
+    assert list(here.iterdir()) == []
 
 
 def test_a_system_without_limits_fills_without_one_and_says_so(without_extra, monkeypatch, caplog):
@@ -123,8 +111,6 @@ def test_a_system_without_limits_fills_without_one_and_says_so(without_extra, mo
 
 @pytest.mark.parametrize("method", VOLUMETRIC)
 def test_tetrahedra_without_a_handle_are_refused(method):
-    if method is neo_hookean:
-        pytest.importorskip("simkit", reason="the extra neo_hookean is not installed")
     balls = two_spheres()
     handles = Handles(np.arange(3), balls.V[:3] + [0, 0, 1])
     task = DeformationTask("one", balls, handles, carry_unconstrained=True)
@@ -135,8 +121,6 @@ def test_tetrahedra_without_a_handle_are_refused(method):
 @pytest.mark.parametrize("method", VOLUMETRIC)
 @pytest.mark.parametrize("handles", ["regions", "landmarks"])
 def test_a_rigid_motion_is_reproduced(method, handles):
-    if method is neo_hookean:
-        pytest.importorskip("simkit", reason="the extra neo_hookean is not installed")
     mesh = bumpy(2)
     z = mesh.V[:, 2]
     index = np.argsort(z)[[0, 1, 2, 3, 9, -9, -3, -2, -1]]
@@ -221,8 +205,6 @@ def test_biharmonic_coordinates_reproduce_affine_maps_of_points():
 
 @pytest.mark.parametrize("method", [slim, neo_hookean])
 def test_soft_handles_come_nearer_with_their_weight(method):
-    if method is neo_hookean:
-        pytest.importorskip("simkit", reason="the extra neo_hookean is not installed")
     task = held_ends(bumpy(2))
     options = {**COARSE, "start": "rigid"}
     errors = [

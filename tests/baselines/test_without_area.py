@@ -1,7 +1,5 @@
 """Faces without area under the methods of comparison: deformed, or refused in one sentence."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

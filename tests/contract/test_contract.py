@@ -1,7 +1,5 @@
 """What every method of conf/method and of its folders peer and transfer promises, whoever wrote it."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Every method of conf/method takes handles that are regions, of any size and shape."""
 
-from __future__ import annotations
-
 from functools import cache
 from types import SimpleNamespace
 

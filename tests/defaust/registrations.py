@@ -1,7 +1,5 @@
 """Folders with the layout of FAUST, filled with synthetic bodies, which have FAUST's counts."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 

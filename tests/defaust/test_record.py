@@ -16,18 +16,14 @@ from tests.defaust.toy import OPTIONS, Balls, change, change_handles
 @pytest.mark.parametrize(
     ("value", "schema", "words"),
     [
-        ([], [int], ""),
         ({"a": 1, "more": []}, {"a": int, "b?": str}, ""),
         ({"x": [1], "y": [], "z?": []}, {str: [int]}, ""),
-        (True, {"a": int}, "it is True, not an object"),
         ({"a": True}, {"a": int}, "a is True, not a whole number"),
         ({"a": float("nan")}, {"a": float}, "a is nan, not a number"),
         ([10**400], [float], "[0] is 1" + 17 * "0" + "..." + 19 * "0" + ", not a number"),
-        ({"a": 1}, {"a": bool}, "a is 1, not true or false"),
         ({"a": {}}, {"a": {"b": int}}, "it has no a.b"),
         ({"a": [{"b": 1}, {"b": "x"}]}, {"a": [{"b": int}]}, "a[1].b is 'x', not a whole number"),
         ({"a": "x"}, {"a": (float, None)}, "a is 'x', not a number"),
-        ([[0, 1]], [[float, float, float]], "[0] has 2 items, not 3"),
     ],
 )
 def test_schemas(value, schema, words):

@@ -1,7 +1,5 @@
 """Scans: assets, regions and poses, tasks, and the user's armadillo."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.sparse.csgraph import connected_components

@@ -11,7 +11,6 @@ from scipy.io import savemat
 from defaust.build.dataset import build
 from defaust.build.verify import verify
 from defaust.cli import main
-from defaust.edits import Unedited
 from defaust.folder.record import read_dataset
 from defaust.sources.winding import same_triangles
 from defaust.tasks import list_tasks, load_task
@@ -65,6 +64,8 @@ def test_classes_in_every_format(tmp_path, kind):
     np.testing.assert_allclose(source.posed(1, source.poses(1)[1]).V, bent(ball, 10), rtol=0, atol=1e-14)
     expected = {f"cat{k}{kind}" for k in (0, 1)} | ({"cat0.tri", "cat1.tri"} if kind == ".vert" else set())
     assert set(source.checksums([0])) == expected
+    chosen = sequence(tmp_path, "source.classes=[dog,cat]")
+    assert chosen.provenance["classes"] == ["dog", "cat"]  # in this order
 
 
 def test_one_sequence_sorted_by_numbers_in_the_names(tmp_path):
@@ -142,20 +143,6 @@ def test_sampled_landmarks_lie_apart_at_the_ends(tmp_path):
     assert named.landmark_vertices(0) == {"left": 0, "right": 204}
     with pytest.raises(InputError, match="the vertex of landmark far is 205, but there are 205 vertices"):
         sequence(tmp_path, "source.landmarks={far:205}").landmark_vertices(0)
-
-
-def test_tosca_keeps_its_resolution_and_the_order_of_classes(tmp_path, capsys):
-    for name, mesh in (("cat", icosphere(3)), ("dog", torus()), ("wolf", icosphere(2))):
-        write_class(tmp_path / "data", name, mesh)
-    write(tmp_path / "data", "cat0", torus().V, torus().F, kind=".vert")  # .ply goes first
-    out = str(tmp_path / "out")
-    command = ["build", "source=tosca", f"source.root={tmp_path / 'data'}", f"out={out}", *SMALL]
-    assert main([*command, "source.classes=[wolf,cat]"]) == 0
-    assert [s["high"]["vertices"] for s in read_dataset(out)["subjects"]] == [162, 642]
-    assert load_task(out, subject=0, pose=1, edit=Unedited()).meta["class"] == "wolf"
-    assert main(["info", out]) == 0
-    text = capsys.readouterr().out
-    assert "Subjects: 0 wolf, 1 cat" in text and "the registered mesh itself" in text
 
 
 def fins(mesh):
@@ -332,8 +319,7 @@ def test_damaged_files_are_named(tmp_path, name, content, message):
         ("+source.facts.colour=red", "look at 'colour'"),
     ],
 )
-def test_wrong_options_are_refused(tmp_path, monkeypatch, override, message, refused):
-    monkeypatch.chdir(tmp_path)
-    write_class(tmp_path / "data", "cat", icosphere(1))
-    write_class(tmp_path / "data", "dog", icosphere(1))
+def test_wrong_options_are_refused(here, override, message, refused):
+    write_class(here / "data", "cat", icosphere(1))
+    write_class(here / "data", "dog", icosphere(1))
     refused(["out=x", "source=sequence", "source.root=data", override], message)

@@ -1,7 +1,5 @@
 """The project's configuration as Hydra composes it, for the tests of what stands in it."""
 
-from __future__ import annotations
-
 from functools import cache
 
 from hydra import compose, initialize_config_dir

@@ -1,7 +1,5 @@
 """What tests of runs share; being here, it puts this folder's modules on the path of the tests below."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

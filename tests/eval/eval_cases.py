@@ -1,7 +1,5 @@
 """Small deformation tasks with known answers, for the tests of `eval` and of the methods' contract."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import subprocess

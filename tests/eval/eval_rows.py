@@ -1,7 +1,5 @@
 """Rows of runs that never took place, for the tests of what is made of rows."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pandas as pd

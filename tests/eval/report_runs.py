@@ -1,7 +1,5 @@
 """A small experiment with everything that a report tells: results, curves, a failure, a skipped run."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The version of the code behind a row: which edits change it, and which end a run."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest

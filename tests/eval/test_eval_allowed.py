@@ -1,7 +1,5 @@
 """Functions named by configurations and rows: only known ones are called, others with leave alone."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest
@@ -75,23 +73,22 @@ def test_folders_are_checked_whole(quick, tmp_path, text, words):
 
 
 @pytest.fixture
-def theirs(tmp_path, monkeypatch):
+def theirs(here, monkeypatch):
     """A module, and a folder of configurations that names a function of it."""
-    (tmp_path / "theirs.py").write_text(
+    (here / "theirs.py").write_text(
         "from pathlib import Path\nfrom baselines.identity import identity\n"
         "def method(task, *, seed, progress=None):\n    Path('called').touch()\n"
         "    return identity(task, seed=seed)\n"
         "def task():\n    from eval.run.warmup import tiny_task\n    return tiny_task()\n"
     )
     for name, target in (("method/theirs", "method"), ("dataset/theirs", "task")):
-        path = tmp_path / "configs" / f"{name}.yaml"
+        path = here / "configs" / f"{name}.yaml"
         path.parent.mkdir(parents=True)
         path.write_text(f"_target_: theirs.{target}\n")
-    (tmp_path / "configs/experiment").mkdir()
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(tmp_path)
+    (here / "configs/experiment").mkdir()
+    monkeypatch.syspath_prepend(here)
     monkeypatch.delitem(sys.modules, "theirs", raising=False)
-    return tmp_path
+    return here
 
 
 def refused(command, *words):

@@ -1,7 +1,5 @@
 """The Hydra program as users run it: exit codes, one-line errors, sweeps, reruns."""
 
-from __future__ import annotations
-
 import shutil
 from datetime import UTC, datetime
 from pathlib import Path
@@ -21,13 +19,13 @@ def files(folder):
 
 
 def test_one_run_from_any_folder_leaves_its_row_and_nothing_else(tmp_path):
-    done = run_eval(tmp_path, "dataset=bumpy", "method=identity")
+    done = run_eval(tmp_path, "dataset=bumpy", "method=peer/harmonic")
     assert done.returncode == 0, done.stderr
-    assert "identity on bumpy_30: ok" in done.stdout and "volume" in done.stdout
+    assert "harmonic on bumpy_30: ok" in done.stdout and "volume" in done.stdout
     assert done.stderr == ""
     found = files(tmp_path)
     assert len(found) == 2
-    assert all(name.startswith("out/runs/single/identity/bumpy_30/seed_0_") for name in found)
+    assert all(name.startswith("out/runs/single/harmonic/bumpy_30/seed_0_") for name in found)
 
 
 def test_warnings_of_a_method_reach_the_user_of_a_run_and_of_a_sweep(tmp_path):

@@ -1,7 +1,5 @@
 """Every YAML of conf composes, names functions that exist, and passes them parameters that they have."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable
 from typing import get_origin

@@ -1,7 +1,5 @@
 """Every entry of conf/dataset loads what its own build command makes."""
 
-from __future__ import annotations
-
 import json
 import shlex
 
@@ -47,10 +45,9 @@ def write_originals(folder, name):
 
 
 @pytest.mark.parametrize("name", BUILT)
-def test_the_build_command_of_an_entry_makes_what_it_loads(name, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "data").mkdir()
-    write_originals(tmp_path, name)
+def test_the_build_command_of_an_entry_makes_what_it_loads(name, here):
+    (here / "data").mkdir()
+    write_originals(here, name)
     config = dataset(name)
     with pytest.raises(InputError, match="does not exist; make it with: ") as missing:
         _load_task(json.dumps(config))
@@ -65,15 +62,3 @@ def test_the_build_command_of_an_entry_makes_what_it_loads(name, tmp_path, monke
     assert len(locate(config["cases"])(config["root"])) == count
     with pytest.raises(InputError, match=r"no subject 5; it has \[0"):
         _load_task(json.dumps(dataset(name, "subject=5")))
-
-
-def test_a_mesh_and_its_handles(tmp_path):
-    mesh = bumpy(2)
-    write_mesh(tmp_path / "blob.ply", mesh.V, mesh.F)
-    held, pulled = {"kind": "static", "vertices": [3, 4]}, {"kind": "dynamic", "vertices": [9]}
-    handles = [held, pulled | {"target": [[1.0, 2, 3]]}]
-    (tmp_path / "pull.json").write_text(json.dumps({"handles": handles}))
-    config = dataset("mesh", f"dataset.mesh={tmp_path}/blob.ply", f"dataset.handles={tmp_path}/pull.json")
-    task = _load_task(json.dumps(config))
-    assert task.name == "blob/pull" and task.mesh.n == mesh.n
-    assert task.handles.index.tolist() == [3, 4, 9] and task.handles.target[2].tolist() == [1, 2, 3]

@@ -1,7 +1,5 @@
 """The bent tube with limbs that nearly touch."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The commands as they are installed: from a folder whose own names are ours too, and from a wheel."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -50,7 +48,6 @@ MINE = ["--config-dir", "conf", "method=mine", "run.allow_targets=[mymethod.]"]
     "options",
     [
         pytest.param([], id="once"),
-        pytest.param(["-m", "run.fresh=true"], marks=pytest.mark.full, id="fresh"),
         pytest.param(
             ["-m", "run.fresh=true", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2"], id="joblib"
         ),

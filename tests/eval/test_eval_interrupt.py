@@ -1,7 +1,5 @@
 """Ctrl-C, a lost worker and a terminal, as a user meets them: with signals and a pseudo-terminal."""
 
-from __future__ import annotations
-
 import os
 import pty
 import signal

@@ -1,7 +1,5 @@
 """A sweep through each launcher whose extra is installed: the same rows, and a lost worker."""
 
-from __future__ import annotations
-
 import os
 
 import pytest

@@ -1,7 +1,5 @@
 """Every experiment states its half of the benchmark, and a run of a case of the other half is refused."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """The record of a sweep: what its files say, counts, and the command that tells them."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
@@ -103,11 +101,10 @@ def test_the_monitor_tells_of_runs_of_other_processes(tmp_path, capsys):
     assert capsys.readouterr().out == "run 0: no [2 done, 2 failed, 0 remaining]\n"
 
 
-def test_the_command_tells_of_sweeps_under_way(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_the_command_tells_of_sweeps_under_way(here, capsys):
     assert call("status", []) == 0
     assert capsys.readouterr().out == "no sweep is under way\n"
-    folder = tmp_path / "out/runs/quick"
+    folder = here / "out/runs/quick"
     record = SweepRecord.create(folder, sweep("a", "b"))
     record.add(0, row=None, problems=["no"])
     for arguments in ([], ["quick"], [str(folder)]):

@@ -1,14 +1,11 @@
 """The untimed first run, and the mesh that it uses."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
-from eval.run.warmup import tiny_task, tiny_transfer, warm_up
+from eval.run.warmup import warm_up
 from sshade.task import DeformationResult, DeformationTask, TransferTask
 
 #: Prints the kernels that a method compiles, or loads, after its warm-up: by two caps, then by two wide ones.
@@ -56,18 +53,6 @@ def test_a_method_is_warmed_up_once_for_each_key_with_its_overrides():
     for key in ("first", "first", "second"):
         warm_up(method, {"size": 3}, key=f"{__name__} {key}", kind=kinds[key])
     assert calls == [(DeformationTask, 3), (TransferTask, 3)]
-
-
-def test_the_tiny_task_has_handles_of_both_kinds_and_the_tiny_transfer_is_edited_and_bent():
-    handles, mesh = tiny_task().handles, tiny_task().mesh
-    moves = np.linalg.norm(handles.target - mesh.V[handles.index], axis=1) > 0
-    np.testing.assert_array_equal(moves, handles.dynamic)
-    assert 0 < handles.dynamic.sum() < len(handles)
-
-    task = tiny_transfer()
-    for other in (task.mesh.V, task.posed):
-        assert 0.05 < np.linalg.norm(other - task.rest.V, axis=1).max() < 1
-    assert np.array_equal(task.mesh.F, task.rest.F)
 
 
 @pytest.mark.parametrize("name", ["fast", "fine"])

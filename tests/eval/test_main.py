@@ -1,7 +1,5 @@
 """The command ``sshade-eval``: what it lists, what it refuses, and that it imports only what is asked for."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

@@ -1,7 +1,5 @@
 """Metrics measured again from stored vertices."""
 
-from __future__ import annotations
-
 import shutil
 
 import pytest

@@ -1,7 +1,5 @@
 """Runs that another experiment has made."""
 
-from __future__ import annotations
-
 import pytest
 from eval_cases import bumpy_task
 

@@ -1,7 +1,5 @@
 """Pose transfers as runs: their rows, their checksums, and methods for another kind of task."""
 
-from __future__ import annotations
-
 import pytest
 from eval_cases import ends_task
 

@@ -1,7 +1,5 @@
 """Builds and sweeps in processes of their own: killed at random moments, and two at once."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import multiprocessing

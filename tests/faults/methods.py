@@ -1,7 +1,5 @@
 """Methods that take their process to its limits; for runs in a process of their own."""
 
-from __future__ import annotations
-
 import os
 import resource
 import signal

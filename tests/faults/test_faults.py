@@ -1,7 +1,5 @@
 """Builds and sweeps are killed at random moments and run twice at once; runs get no memory."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

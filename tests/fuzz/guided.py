@@ -1,7 +1,5 @@
 """The process that atheris drives: ``python -m tests.fuzz.guided TARGET CORPUS SCRATCH [options]``."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Mutations of bytes by a seed, for where no coverage guides them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

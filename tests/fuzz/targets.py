@@ -1,7 +1,5 @@
 """What is fuzzed: each target reads bytes as a file, and may only raise InputError."""
 
-from __future__ import annotations
-
 import io
 import json
 import struct

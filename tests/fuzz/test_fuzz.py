@@ -1,7 +1,5 @@
 """A few hundred mutated inputs for each reader; those marked full try many more, guided by coverage."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """What a case of the catalogue is, and how it is tried."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import importlib

@@ -1,7 +1,5 @@
 """Cases: building, checking and using datasets."""
 
-from __future__ import annotations
-
 import atexit
 import shutil
 import tempfile

@@ -1,7 +1,5 @@
 """Cases: running methods, and everything made of rows."""
 
-from __future__ import annotations
-
 import atexit
 import csv
 import json

@@ -1,7 +1,5 @@
 """Cases: handle files and parameters that do not fit the mesh, or themselves."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sshade.io.meshes import read_arrays

@@ -1,7 +1,5 @@
 """Input files of the cases: each function gives one that writes a file into the working folder."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Cases: files that hold no mesh, or not the one that they announce."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Cases: where files come from and go to: odd paths, a full disk; maps."""
 
-from __future__ import annotations
-
 import pickle
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Cases: folders and files that may not be written or read."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Cases: what a mesh may look like. Some is refused by name, most has a promised result."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The same bits from any number of cores, workers and threads, and from kernels compiled now or loaded."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import subprocess

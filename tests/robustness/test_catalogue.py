@@ -1,7 +1,5 @@
 """Bad and hard inputs, each with a name: message, exit code, files left."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.robustness import datasets, evaluation, handle_files, mesh_files, outputs, places, surfaces

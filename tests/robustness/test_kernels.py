@@ -3,8 +3,6 @@
 Work on tiny meshes calls every kernel, compiled and then not.
 """
 
-from __future__ import annotations
-
 import importlib
 import sys
 from collections.abc import Callable

@@ -1,11 +1,7 @@
 """Nothing that is read is executed: the packages call no loader that could."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
-
-import pytest
 
 ROOT = Path(__file__).parents[2]
 SOURCES = [
@@ -26,21 +22,3 @@ def test_no_module_executes_what_it_reads():
     assert len(SOURCES) > 60
     found = {str(path): DANGERS.findall(path.read_text(encoding="utf-8")) for path in SOURCES}
     assert {path: what for path, what in found.items() if what} == {}
-
-
-@pytest.mark.parametrize(
-    "source",
-    [
-        "import pickle",
-        "from joblib import load",
-        "exec(text)",
-        "import yaml\nyaml.load(text, Loader=yaml.Loader)",
-        "np.load(path)",
-        "np.load(path, allow_pickle=True)",
-        "subprocess.run(text, shell=True)",
-        "archive.extractall(folder)",
-        "torch.load(path)",
-    ],
-)
-def test_the_scan_finds(source):
-    assert DANGERS.search(source)

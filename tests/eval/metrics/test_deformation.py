@@ -1,7 +1,5 @@
 """Metrics of single faces: without area, inverted, needles; what is computed once."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from eval_cases import ends_task

@@ -1,7 +1,5 @@
 """Which faces intersect: exact arithmetic as oracle, and collapsed faces."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np

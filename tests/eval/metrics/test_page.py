@@ -1,7 +1,5 @@
 """docs/measures.md: its numbers are those of its script, and it explains every measure."""
 
-from __future__ import annotations
-
 import runpy
 from pathlib import Path
 

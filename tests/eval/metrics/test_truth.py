@@ -1,7 +1,5 @@
 """Distances to a known result: by hand, against brute force, and what leaves them unchanged."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from eval_cases import ends_task

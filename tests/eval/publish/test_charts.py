@@ -1,7 +1,5 @@
 """Charts of an experiment: what they show, and that the same rows give the same files."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from eval_rows import frame, lost, row

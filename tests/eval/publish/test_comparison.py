@@ -1,7 +1,5 @@
 """What a table compares: common cases, what is missing, halves, seeds, and one version of the code."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Curves over the size of the mesh."""
 
-from __future__ import annotations
-
 import pytest
 from eval_rows import frame, row
 

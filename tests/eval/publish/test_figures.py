@@ -1,7 +1,5 @@
 """The comparison picture: which runs it shows, and that no method is run for it."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

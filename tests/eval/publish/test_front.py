@@ -1,7 +1,5 @@
 """What a knob costs: curves of values, points of methods, over the cases that all have."""
 
-from __future__ import annotations
-
 import pytest
 from eval_rows import frame, lost, row
 

@@ -1,13 +1,11 @@
 """The one command that changes what is committed, and that what is committed belongs together."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path
 
 import pytest
-from eval_rows import frame, row
+from eval_rows import frame, planned, row
 
 from eval.main import call
 from eval.publish import publish
@@ -30,10 +28,7 @@ def clean(method="arap", task="t1", **changes):
 
 
 def lacking(method, task):
-    return {"method.name": method, "task.name": task, "seed": 0, "status": "missing"} | {
-        "reason": "planned, never run",
-        "task.source": f'{{"task": "{task}"}}',
-    }
+    return planned(method, task) | {"task.source": f'{{"task": "{task}"}}'}
 
 
 def published():
@@ -41,15 +36,14 @@ def published():
 
 
 @pytest.fixture
-def project(tmp_path, monkeypatch):
+def project(here):
     """A project with earlier results of one experiment and new rows of two."""
-    monkeypatch.chdir(tmp_path)
     write_csv("results/rows/tiny.csv", frame(clean("early")))
     for name in ("tiny", "other"):
         write_csv(f"out/rows/{name}.csv", frame(clean("arap"), clean("paper")))
     Path("out/figures").mkdir()
     Path("out/figures/tiny.png").write_bytes(b"a picture")
-    return tmp_path
+    return here
 
 
 def contents() -> dict[str, bytes]:

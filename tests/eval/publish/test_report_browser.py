@@ -1,7 +1,5 @@
 """The report in a browser, at the width of a telephone and of a desktop: it draws, and reacts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Tables: a small one by hand, what they mark and say, and what they refuse to mix."""
 
-from __future__ import annotations
-
 import pytest
 from eval_rows import frame, lost, planned, row
 
@@ -9,7 +7,7 @@ from eval.main import call
 from eval.metrics import METRICS
 from eval.publish.columns import COLUMNS, REACHED, TRANSFER_COLUMNS
 from eval.publish.summary import Table, make_table, ranks
-from eval.publish.tables import to_csv, to_latex, to_markdown
+from eval.publish.tables import to_markdown
 from eval.rows.frame import read_csv, write_csv
 from sshade.errors import InputError
 
@@ -54,19 +52,6 @@ def test_markdown(rows):
     assert "- worse: planned on 1 of 2 cases.\n- worse: 1 failed (ValueError: no): every case." in notes
 
 
-def test_what_means_hide_stands_in_a_second_table_with_ranks_of_its_own():
-    measures = {"metric__distortion_99": 0.5, "metric__collapsed": 0.0, "metric__bend_tail": 12.0}
-    rows = [row("a", **measures), row("b", **measures | {"metric__bend_tail": 34.56}), row("c")]
-    text = to_markdown(table_of(*rows))
-    first, second = text.split("#### t: further measures")
-    assert "D 99" not in first.split("\n\n")[1] and "volume" not in second.split("\n\n")[1]
-    assert "| method | runs | D 99 | collapsed | bend 99.9 (deg) | success (%) |" in second
-    assert "| a | 1 | **0.500** | **0.0** | **12.0** | 100.0 |" in second
-    assert "| b | 1 | **0.500** | **0.0** | <u>34.6</u> | 100.0 |" in second
-    assert "| c | 1 | n/a | n/a | n/a | 100.0 |" in second
-    assert "bend 99.9: 99.9th percentile of |change of the dihedral angle|" in second
-
-
 def test_every_measure_has_a_place_in_a_table():
     shown = {column.source.removeprefix("metric.") for column in (*COLUMNS, *TRANSFER_COLUMNS)}
     # The formula of the paper's text, which its table does not follow, and what that leaves out.
@@ -97,13 +82,6 @@ def test_a_reference_takes_part_in_no_ranking():
     assert not any("nothing" in ranks(table, column) for column in table.columns)
 
 
-def test_notes_of_methods_stand_under_the_table_once():
-    note = "after the paper's description"
-    table = table_of(row("graph", method__note=note), row("arap"))
-    assert to_markdown(table).count(f"- graph: {note}\n") == to_latex(table).count(f"% graph: {note}\n") == 1
-    assert not any(line.startswith("arap:") for line in table.notes)
-
-
 def test_an_optional_column_is_there_where_a_row_has_more_than_zero(rows):
     for extra in (None, 0.0):
         same = table_of(*({**one, "extra.far_share": extra} for one in rows))
@@ -130,29 +108,6 @@ def transfer_row(method, task="t1", **changes):
     facts |= {"task__kind": "transfer", "task__meta__class": "a", "task__meta__edit": "none"}
     facts |= {"task__meta__source_pose": "sit", "task__meta__posed_by": "skinning"}
     return row(method, task, **facts | changes)
-
-
-def test_pose_transfers_have_columns_of_their_own_and_parts():
-    rows = [
-        transfer_row("x"),
-        transfer_row("x", "t2", task__meta__source_pose="run", metric__hausdorff=0.03),
-        transfer_row("y", metric__chamfer=2.5e-8),
-        transfer_row("y", "t2", task__meta__source_pose="run", metric__chamfer=1.5e-8),
-    ]
-    text = to_markdown(table_of(*rows))
-    assert "| method | runs | d_H | d_C | distance (%) | EL to truth (%) | FA to truth (deg) |" in text
-    assert "| x | 2 | <u>2.00e-02</u> | <u>1.50e-07</u> | **0.0200** |" in text
-    assert "| y | 2 | **1.00e-02** | **2.00e-08** |" in text
-    assert "The poses come from skinning." in text and "iterations" not in text
-    assert text.count("#### ") == 2
-    run, sit = text.split("#### pose: run\n")[1].split("#### pose: sit\n")
-    assert "| x | 1 | <u>3.00e-02</u> |" in run and "| y | 1 | **1.00e-02** | **2.50e-08** |" in sit
-    lines = to_csv(table_of(*rows)).splitlines()
-    assert [line.split(",")[0] for line in lines[1:]] == [
-        p for p in ("all", "pose: run", "pose: sit") for _ in "xy"
-    ]
-    latex = to_latex(table_of(*rows))
-    assert latex.count(r"\midrule") == 3 and r"\multicolumn{7}{l}{pose: sit} \\" in latex
 
 
 def test_pose_transfers_by_class_and_edit():

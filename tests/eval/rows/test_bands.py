@@ -1,7 +1,5 @@
 """Committed bands of quality: what leaves them, and what they are suggested from."""
 
-from __future__ import annotations
-
 import pytest
 from eval_rows import frame, lost, row
 

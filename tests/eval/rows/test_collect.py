@@ -1,7 +1,5 @@
 """Rows of several runs, folders, people and machines together."""
 
-from __future__ import annotations
-
 import pytest
 from eval_rows import row
 
@@ -42,12 +40,11 @@ def test_folders_of_one_name_are_one_experiment(people):
     assert (again / "quick.csv").read_bytes() == (people / "rows/quick.csv").read_bytes()
 
 
-def test_an_empty_folder_of_a_refused_run_is_no_experiment(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "out/runs/refused").mkdir(parents=True)
+def test_an_empty_folder_of_a_refused_run_is_no_experiment(here):
+    (here / "out/runs/refused").mkdir(parents=True)
     with pytest.raises(InputError, match="holds no experiment"):
         call("collect", [])
-    write_run(tmp_path / "out/runs/mine/r", row())
+    write_run(here / "out/runs/mine/r", row())
     assert call("collect", []) == 0
     assert len(read_csv("out/rows/mine.csv")) == 1
 
@@ -63,17 +60,16 @@ def versioned(method, task, **changes):
     return row(method, task, key=f"{method} {task}") | planned(method, task) | VERSION | changes
 
 
-def test_published_rows_of_the_same_version_and_what_is_missing_are_taken_in(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_published_rows_of_the_same_version_and_what_is_missing_are_taken_in(here, capsys):
     lacking = planned("d", "t1") | {"task.name": "t1", "status": "missing", "reason": "planned, never run"}
     published = [versioned("a", "t1", date="2025-01-01"), versioned("b", "t1"), versioned("c", "t1"), lacking]
     write_csv("results/rows/tiny.csv", to_frame(published))
     runs = [planned(method, task) | VERSION for method in "abc" for task in ("t1", "t2")]
-    write_plan(tmp_path / "out/runs/tiny", runs)
+    write_plan(here / "out/runs/tiny", runs)
     assert call("collect", []) == 0  # all that was asked for may be published
     assert "tiny.csv: 3 rows, 4 of 7 planned runs missing\n" in capsys.readouterr().out
-    write_run(tmp_path / "out/runs/tiny/0", versioned("a", "t1"))
-    write_run(tmp_path / "out/runs/tiny/1", versioned("a", "t2"))
+    write_run(here / "out/runs/tiny/0", versioned("a", "t1"))
+    write_run(here / "out/runs/tiny/1", versioned("a", "t2"))
     assert call("collect", ["tiny"]) == 0
     rows = {(r["method.name"], r["task.name"]): r for r in records(read_csv("out/rows/tiny.csv"))}
     assert {run: row["status"] for run, row in rows.items()} == {
@@ -86,13 +82,12 @@ def test_published_rows_of_the_same_version_and_what_is_missing_are_taken_in(tmp
 
 
 @pytest.mark.parametrize("name", VERSION)
-def test_published_rows_of_another_version_are_not(tmp_path, monkeypatch, name):
-    monkeypatch.chdir(tmp_path)
+def test_published_rows_of_another_version_are_not(here, name):
     write_csv("results/rows/tiny.csv", to_frame([versioned("b", "t1", **{name: "older"})]))
-    write_run(tmp_path / "out/runs/tiny/0", versioned("a", "t1"))
+    write_run(here / "out/runs/tiny/0", versioned("a", "t1"))
     assert call("collect", ["tiny"]) == 0
     assert list(read_csv("out/rows/tiny.csv")["method.name"]) == ["a"]
-    (tmp_path / "out/runs/tiny/0/row.json").unlink()
-    write_plan(tmp_path / "out/runs/tiny", [planned("b", "t1") | VERSION])
+    (here / "out/runs/tiny/0/row.json").unlink()
+    write_plan(here / "out/runs/tiny", [planned("b", "t1") | VERSION])
     with pytest.raises(InputError, match="no runs there"):
         call("collect", ["tiny"])

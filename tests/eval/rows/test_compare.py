@@ -1,7 +1,5 @@
 """Rows of one sweep run twice: what must be equal, and what may differ."""
 
-from __future__ import annotations
-
 import pandas as pd
 import pytest
 from eval_rows import frame, row

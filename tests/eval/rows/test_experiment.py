@@ -1,7 +1,5 @@
 """Experiments found by name: one's own rows, published ones, folders of runs."""
 
-from __future__ import annotations
-
 import pytest
 from eval_rows import frame, row
 
@@ -25,8 +23,7 @@ def test_cases_of_an_experiment():
     ]
 
 
-def test_experiments_are_found_by_name(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_experiments_are_found_by_name(here):
     with pytest.raises(InputError, match="holds no rows"):
         read_experiments([])
     write_csv("out/rows/tiny.csv", frame(row()))
@@ -38,8 +35,7 @@ def test_experiments_are_found_by_name(tmp_path, monkeypatch):
         read_experiments(["tiny", "elsewhere/tiny.csv"])
 
 
-def test_published_rows_are_read_where_there_are_none_of_ones_own(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_published_rows_are_read_where_there_are_none_of_ones_own(here):
     write_csv("results/rows/tiny.csv", frame(row()))
     assert str(rows_file("tiny")) == "results/rows/tiny.csv" and len(load_rows("tiny")) == 1
     write_csv("out/rows/tiny.csv", frame(row(), row("b")))
@@ -48,8 +44,7 @@ def test_published_rows_are_read_where_there_are_none_of_ones_own(tmp_path, monk
     assert str(rows_file("none")) == "out/rows/none.csv"  # what a message names
 
 
-def test_runs_that_were_not_collected_are_rows_too(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_runs_that_were_not_collected_are_rows_too(here):
     write_run(run_folder("out/runs/new", row()), row())
     assert len(load_rows("new")) == len(load_rows("out/runs/new")) == 1
     with pytest.raises(InputError, match="no runs in older"):

@@ -1,7 +1,5 @@
 """Rows as a table of pandas: types in CSV, what is read back, the newest of equal runs, labels."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime, timedelta
 
 import pytest

@@ -1,7 +1,5 @@
 """What sweeps are to run: kept, joined, and what none of the rows answers for."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

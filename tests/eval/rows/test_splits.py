@@ -1,7 +1,5 @@
 """The halves of the benchmark."""
 
-from __future__ import annotations
-
 import pytest
 
 from eval.rows import splits

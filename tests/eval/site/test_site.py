@@ -1,7 +1,5 @@
 """The pages of the leaderboard: what the rows say stands there, links lead somewhere, nothing is fetched."""
 
-from __future__ import annotations
-
 import base64
 import re
 from html import unescape
@@ -67,11 +65,10 @@ def test_a_method_has_its_cases_failures_and_where_it_is_from(site, rows):
     assert "factor: 1.5" in handed_in and "A & B" not in unescape((site / "method_arap.html").read_text())
 
 
-def test_without_rows_it_says_where_they_are(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_without_rows_it_says_where_they_are(here, capsys):
     assert main(["site"]) == 2
     assert "no track has published rows in results/rows: run this in a clone" in capsys.readouterr().err
-    assert not [*tmp_path.iterdir()]
+    assert not [*here.iterdir()]
 
 
 def test_the_projects_own_leaderboard(tmp_path, capsys):
@@ -93,9 +90,5 @@ def test_the_projects_own_leaderboard(tmp_path, capsys):
         for method in {"fast", "fine"} & set(rows["method.name"]):
             own = unescape((tmp_path / "out" / f"method_{method}.html").read_text())
             assert all(f"Machine: {machine}" in own for machine in set(times))
-        assert set(read_csv(tmp_path / "out" / f"{name}.csv")["status"]) <= {
-            *VALID,
-            "missing",
-            "failed",
-            "skipped",
-        }
+        down = read_csv(tmp_path / "out" / f"{name}.csv")
+        assert set(down["status"]) <= {*VALID, "missing", "failed", "skipped"}

@@ -1,7 +1,5 @@
 """Jumps of the deformation across the proxy's edges."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from eval_cases import ends_task

@@ -1,7 +1,5 @@
 """The study of what remeshing keeps: its lines, and its exit code."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What the tests of times share: a machine that does nothing else, and a small case."""
 
-from __future__ import annotations
-
 import os
 from time import perf_counter, process_time, time
 
@@ -48,9 +46,8 @@ def machine(monkeypatch):
 
 
 @pytest.fixture
-def case(tmp_path, monkeypatch) -> str:
+def case(here) -> str:
     """A sphere of 642 vertices in the current folder, as a case of the command."""
-    monkeypatch.chdir(tmp_path)
     task = tiny_task()
     write_mesh("rest.ply", task.mesh.V, task.mesh.F)
     write_handles("pose.json", task.handles)
