@@ -88,7 +88,13 @@ class Naive:
     def iterate(self, U: np.ndarray) -> np.ndarray:
         U = U.copy()
         U[self.index] = self.targets
-        b = self.right_hand_side(self.rotations(U))
+        return self.positions(self.rotations(U))
+
+    def positions(self, R: np.ndarray) -> np.ndarray:
+        """Where the energy is least for rotations (n, 3, 3)."""
+        U = np.empty_like(self.V)
+        U[self.index] = self.targets
+        b = self.right_hand_side(R)
         U[self.free] = self.lu.solve(b[self.free] - self.to_handles @ self.targets)
         return U
 

@@ -12,7 +12,7 @@ from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh
 from sshade.options import Options
 from sshade.pipeline.components import by_components
 from sshade.progress import silent
-from tests.shapes import block, bumpy, icosphere, rotation, strip
+from tests.shapes import beside, block, bumpy, end_handles, icosphere, rotation, shifted, strip
 from tests.sshade.mesh.test_cutting import moebius, t_fin
 from tests.sshade.pipeline.calls import fast, fine, paper
 
@@ -25,24 +25,7 @@ def deformed(mesh, handles, method, *, carry_unconstrained=False, **options) -> 
 
 
 def ends(mesh: Mesh, *, lift=(0.3, 0.0, 0.2)) -> Handles:
-    """The lowest and the highest along z; these are moved."""
-    z = mesh.V[:, 2]
-    low, high = np.argsort(z)[:8], np.argsort(z)[-8:]
-    return Handles(
-        np.concatenate([high, low]),
-        np.concatenate([mesh.V[high] + lift, mesh.V[low]]),
-        dynamic=np.repeat([True, False], 8),
-        group=np.repeat([0, 1], 8),
-    )
-
-
-def beside(*meshes: Mesh) -> Mesh:
-    """One mesh of several components."""
-    offset = np.cumsum([0, *(mesh.n for mesh in meshes[:-1])])
-    return Mesh(
-        np.concatenate([mesh.V for mesh in meshes]),
-        np.concatenate([mesh.F + o for mesh, o in zip(meshes, offset, strict=True)]),
-    )
+    return end_handles(mesh.V, count=8, shift=lift)
 
 
 def of_all(*given: tuple[Handles, int]) -> Handles:
@@ -55,11 +38,15 @@ def of_all(*given: tuple[Handles, int]) -> Handles:
     )
 
 
+PAIR = beside(BODY, shifted(BODY, 9))
+OF_PAIR = of_all((ends(BODY), 0), (ends(shifted(BODY, 9)), BODY.n))
+
+
 @pytest.mark.parametrize("method", [paper, fast, fine])
 def test_a_component_beside_an_unconstrained_one_is_as_alone(method):
     task = DeformationTask("body", BODY, ends(BODY))
     assert "components" not in method(task, vertices=60, seed=3).extra
-    both = deformed(beside(BODY, Mesh(BODY.V + 9, BODY.F)), ends(BODY), method, carry_unconstrained=True)
+    both = deformed(PAIR, ends(BODY), method, carry_unconstrained=True)
     alone = method(task, vertices=6000)
     assert np.array_equal(both.vertices[: BODY.n], alone.vertices) and both.extra["unconstrained"] == 1
 
@@ -157,7 +144,7 @@ def test_copies_within_a_component_are_joined_at_their_mean():
 
 def three() -> tuple[Mesh, Handles]:
     """Two bodies with handles, and a ball in the moved end of the first."""
-    other = Mesh(BODY.V + [9, 0, 0], BODY.F)
+    other = shifted(BODY, [9, 0, 0])
     eye = icosphere(1)
     top = BODY.V[np.argmax(BODY.V[:, 2])]
     mesh = beside(BODY, other, Mesh(0.05 * eye.V + 0.95 * top, eye.F))
@@ -195,18 +182,9 @@ def test_an_unconstrained_component_that_was_cut_stays_together():
     assert np.allclose(*lengths, atol=1e-12) and result.extra["unconstrained"] == 1
 
 
-@pytest.mark.parametrize(
-    ("handles", "vertices", "words"),
-    [
-        (Handles([10**6], [[0.0, 0, 0]]), 60, "handle id 1000000 is out of range"),
-        (None, 10, "at least 32 are needed, to hold the 32 handle vertices"),
-    ],
-)
-def test_what_does_not_fit_is_refused(handles, vertices, words):
-    mesh = beside(BODY, Mesh(BODY.V + 9, BODY.F))
-    own = of_all((ends(BODY), 0), (ends(Mesh(BODY.V + 9, BODY.F)), BODY.n))
-    with pytest.raises(InputError, match=words):
-        deformed(mesh, handles or own, METHOD, vertices=vertices)
+def test_a_proxy_without_room_for_the_handles_of_all_is_refused():
+    with pytest.raises(InputError, match="at least 32 are needed, to hold the 32 handle vertices"):
+        deformed(PAIR, OF_PAIR, METHOD, vertices=10)
 
 
 def test_a_component_that_fails_is_named():
@@ -249,16 +227,14 @@ def test_components_share_the_seconds_of_a_polish(monkeypatch):
         return DeformationResult(task.mesh.V, 0, None, {"polish": 4.0})
 
     monkeypatch.setattr("sshade.pipeline.deform.polished", polished)
-    mesh = beside(BODY, Mesh(BODY.V + 9, BODY.F))
-    result = deformed(mesh, of_all((ends(BODY), 0), (ends(BODY), BODY.n)), fine, polish_seconds=10.0)
+    result = deformed(PAIR, OF_PAIR, fine, polish_seconds=10.0)
     assert given == pytest.approx([5.0, 6.0]) and result.extra["options"]["polish_seconds"] == 10.0
 
 
 @pytest.mark.parametrize("method", [METHOD, fast])
 def test_a_guess_is_where_iterations_begin(method):
-    mesh = beside(BODY, Mesh(BODY.V + 9, BODY.F))
-    task = DeformationTask("two", mesh, of_all((ends(BODY), 0), (ends(BODY), BODY.n)))
-    guess, still = mesh.V @ rotation(3).T, {"vertices": 150, "max_iterations": 0}
+    task = DeformationTask("two", PAIR, OF_PAIR)
+    guess, still = PAIR.V @ rotation(3).T, {"vertices": 150, "max_iterations": 0}
     for start, near in ((replace(task, guess=guess), True), (task, False)):
         apart = np.linalg.norm(method(start, **still).vertices - guess, axis=1)
-        assert (np.median(apart) < 0.01 * mesh.diagonal) == near
+        assert (np.median(apart) < 0.01 * PAIR.diagonal) == near

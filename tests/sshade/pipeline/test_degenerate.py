@@ -12,11 +12,10 @@ from hypothesis import strategies as st
 from sshade import DeformationTask, Handles, Mesh
 from sshade.solver.cotangents import SLACK, half_cotangents
 from sshade.solver.local_global import local_global
-from tests.shapes import bumpy, end_handles, rotation
+from tests.shapes import QUARTER, bumpy, end_handles, rotation
 from tests.sshade.pipeline.calls import fast, fine, paper
 
 BODY = bumpy(3)
-TURN = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
 METHODS = {
     "sshade": partial(paper, samplings=2),
     "fast": fast,
@@ -51,7 +50,7 @@ def collapsed(draw) -> tuple[Mesh, Mesh]:
 
 def posed(mesh: Mesh, n: int) -> DeformationTask:
     """Handles at the ends along z of the first n vertices."""
-    return DeformationTask("ends", mesh, end_handles(mesh.V[:n], turn=TURN, shift=[0, 0, 0.2]))
+    return DeformationTask("ends", mesh, end_handles(mesh.V[:n], turn=QUARTER, shift=[0, 0, 0.2]))
 
 
 def check_as_without(mesh: Mesh, flat: Mesh) -> None:

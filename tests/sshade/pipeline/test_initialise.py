@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -47,29 +48,17 @@ def test_the_seed_chooses_the_coarser_proxy_and_nothing_else_does(task, always):
     assert np.array_equal(one, same) and not np.array_equal(one, other)
 
 
-def small(task: DeformationTask) -> DeformationTask:
-    return task
-
-
-def guessed(task: DeformationTask) -> DeformationTask:
-    return DeformationTask(task.name, task.mesh, task.handles, guess=bent(task.mesh.V))
-
-
-def all_handles(task: DeformationTask) -> DeformationTask:
-    index = np.arange(0, task.mesh.n, 3)
-    return DeformationTask(task.name, task.mesh, Handles(index, bent(task.mesh.V)[index]))
-
-
-@pytest.mark.parametrize("change", [small, all_handles])
-def test_where_there_is_no_coarser_proxy_it_is_the_solver_alone(task, monkeypatch, change):
-    monkeypatch.setattr("sshade.pipeline.initialise.SMALLEST", 10_000 if change is small else 100)
-    task = change(task)
+@pytest.mark.parametrize(("smallest", "step"), [(10_000, 1000), (100, 3)], ids=["small", "many handles"])
+def test_where_there_is_no_coarser_proxy_it_is_the_solver_alone(task, monkeypatch, smallest, step):
+    monkeypatch.setattr("sshade.pipeline.initialise.SMALLEST", smallest)
+    index = np.arange(0, task.mesh.n, step)
+    task = replace(task, handles=Handles(index, bent(task.mesh.V)[index]))
     found, alone = initialise(task, SOLVER), SOLVER(task)
     assert np.array_equal(found.vertices, alone.vertices) and found.extra["coarser_iterations"] == 0.0
 
 
 def test_from_a_guess_it_is_the_solver_alone(task, always):
-    task = guessed(task)
+    task = replace(task, guess=bent(task.mesh.V))
     found, alone = initialise(task, SOLVER), SOLVER(task)
     assert np.array_equal(found.vertices, alone.vertices) and found.extra.keys() == alone.extra.keys()
 

@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-import weakref
-from threading import Event
-
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from sshade import DeformationResult, DeformationTask, Handles, Mesh, bind
-from sshade.carry.projection import project_to_fans
-from sshade.options import Options
-from sshade.pipeline.deform import deform_task
-from sshade.pipeline.proxies import Proxies
 from sshade.progress import silent
 from sshade.sampling.proxy import sample_proxy
 from sshade.solver.local_global import local_global
@@ -23,18 +17,16 @@ MESHES = family()
 
 
 def ends(mesh: Mesh) -> DeformationTask:
-    """Both ends along the longest axis as handles, one turned and shifted."""
-    axis = int(np.argmax(np.ptp(mesh.V, axis=0)))
-    x = mesh.V[:, axis]
-    low = np.flatnonzero(x < x.min() + 0.08 * np.ptp(x))[:12]
-    high = np.flatnonzero(x > x.max() - 0.08 * np.ptp(x))[:12]
-    index = np.concatenate([low, high])
-    dynamic = np.repeat([False, True], [len(low), len(high)])
-    target = mesh.V[index].copy()
-    centre = target[dynamic].mean(axis=0)
-    turn = np.linalg.matrix_power(np.array([[0.96, 0.28, 0], [-0.28, 0.96, 0], [0, 0, 1]]), 2)
-    target[dynamic] = (target[dynamic] - centre) @ turn.T + centre + 0.1 * mesh.diagonal
-    return DeformationTask("ends", mesh, Handles(index, target, dynamic=dynamic, group=dynamic.astype(int)))
+    """Twelve vertices at each end along the longest axis as handles, one end turned and shifted."""
+    x = mesh.V[:, np.argmax(np.ptp(mesh.V, axis=0))]
+    ends = x < x.min() + 0.08 * np.ptp(x), x > x.max() - 0.08 * np.ptp(x)
+    low, high = (np.flatnonzero(end)[:12] for end in ends)
+    centre = mesh.V[high].mean(axis=0)
+    turn = Rotation.from_euler("z", -32, degrees=True).as_matrix()
+    moved = (mesh.V[high] - centre) @ turn.T + centre + 0.1 * mesh.diagonal
+    dynamic = np.repeat([False, True], 12)
+    handles = Handles(np.r_[low, high], np.concatenate([mesh.V[low], moved]), dynamic=dynamic, group=dynamic)
+    return DeformationTask("ends", mesh, handles)
 
 
 def bending(task, *, seed, progress=silent) -> DeformationResult:
@@ -85,44 +77,6 @@ def test_a_coarse_method_without_rotations_has_them_fitted(body_task):
     assert np.array_equal(result.vertices, binding.carry(solved.vertices)[0])
     gap = np.abs(paper(body_task, **options).vertices - result.vertices).max()
     assert 0 < gap < 0.01 * body_task.mesh.diagonal
-
-
-def test_other_samples_and_another_projection_take_the_place_of_the_usual_ones(body_task):
-    """The sampler chooses V_N and the proxy's handles, the projector the triangles."""
-    seen = []
-
-    def sample(mesh, regions, seed):
-        assert (regions.vertices, seed) == (70, (3, 0)) and regions.graph.n == mesh.n
-        sampling = sample_proxy(mesh, regions.vertices, seed=seed, graph=regions.graph)
-        return sampling, lambda handles: Handles([0, 1, 2], mesh.V[sampling.samples[:3]])
-
-    def projection(V, proxy, sampling):
-        seen.append(project_to_fans(V, proxy, sampling))
-        return seen[0]
-
-    options = {"vertices": 70, "samplings": 1, "seed": 3}
-    result = deform_task(body_task, method="paper", sample=sample, projection=projection, **options)
-    assert len(seen) == 1 and np.abs(result.vertices - body_task.mesh.V).max() < 1e-9
-
-
-@pytest.mark.parametrize("workers", [1, 2, 4])
-def test_positions_are_summed_in_the_order_of_the_samplings_and_let_go_of(body_task, workers):
-    """Also where the first sampling is the last to end."""
-    proxies = Proxies(body_task.mesh, Options(samplings=4, workers=workers))
-    last, alive = Event(), []
-
-    def one(number: int) -> DeformationResult:
-        if workers == 4 and number == 0:
-            assert last.wait(20)
-        V = np.full((5, 3), [1e16, 1.0, -1e16, 1.0][number])
-        alive.append(weakref.ref(V))
-        if number == 3:
-            last.set()
-        return DeformationResult(V, iterations=number, converged=True)
-
-    result = proxies.average(one)
-    assert (result.vertices == (((1e16 + 1.0) - 1e16) + 1.0) / 4).all() and result.iterations == 1.5
-    assert not any(ref() is not None for ref in alive)
 
 
 @pytest.mark.parametrize("name", MESHES)
