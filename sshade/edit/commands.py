@@ -192,7 +192,7 @@ class Commands:
             "unsaved": session.is_unsaved,
             "undo": session.history.can_undo,
             "redo": session.history.can_redo,
-            "outputs": {content: path.name for content, path in session.document.outputs.path.items()},
+            "outputs": {content: path.name for content, path in session.document.outputs.items()},
             "command": session.document.command(state.settings),
         }
         return packet(facts, arrays)

@@ -6,28 +6,38 @@ import json
 import shlex
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from sshade.edit.saving import Outputs
 from sshade.edit.state import Group, Settings, State, groups_of
 from sshade.errors import InputError
-from sshade.io.files import naming
-from sshade.io.handles import read_handles, write_handles
-from sshade.io.meshes import read_file, write_file
+from sshade.handles import Handles
+from sshade.io.files import check_output, naming
+from sshade.io.handles import parsed_handles, read_handles, write_handles
+from sshade.io.meshes import SUFFIXES, read_file, write_file
 from sshade.mesh.surface import surface
 from sshade.task import DeformationTask
 
+#: Suffixes of the files that are saved, by content.
+FORMATS = {"handles": (".json",), "mesh": SUFFIXES}
+#: Greatest length of a file name, which every file system accepts.
+LONGEST = 120
+
+
+class FileExists(InputError):
+    """A file of this name exists, and this editor did not write it."""
+
 
 class Document:
-    """A mesh file and the surface in it that can be deformed.
+    """A mesh file and the surface in it that can be deformed, and the files that the editor writes.
 
     Parameters
     ----------
     path : path
         Any mesh file that ``sshade deform`` takes.
-    outputs : Outputs
+    output, handles : path, optional
+        Files for the deformed mesh and the handles. They are replaced without a question. By default the
+        files lie beside the mesh and are named after it.
     carry_unconstrained : bool
         See :class:`sshade.DeformationTask`.
 
@@ -36,16 +46,27 @@ class Document:
     mesh : Mesh
         The surface. Unused vertices of the file are missing, and vertices at one place along a seam are one.
     name : str
-    outputs : Outputs
+    outputs : dict
+        Path of the file that is proposed for the next save, by content: "handles" and "mesh".
 
     Raises
     ------
     InputError
-        When the file cannot be read.
+        When the file cannot be read, or a given path cannot be written or is the mesh itself.
     """
 
-    def __init__(self, path: Path, outputs: Outputs, *, carry_unconstrained: bool) -> None:
-        self.name, self.outputs, self._path = path.name, outputs, path
+    def __init__(
+        self, path: Path, *, output: Path | None, handles: Path | None, carry_unconstrained: bool
+    ) -> None:
+        self.name, self._path, self._replaceable = path.name, path, set[Path]()
+        self.outputs = {
+            "mesh": path.with_name(f"{path.stem}_deformed{path.suffix}"),
+            "handles": path.with_name(f"{path.stem}_handles.json"),
+        }
+        for content, given in (("mesh", output), ("handles", handles)):
+            if given is not None:
+                self._check(content, given)
+                self._propose(content, given)
         self._carry_unconstrained = carry_unconstrained
         self._file = read_file(path)
         with naming(path):
@@ -76,21 +97,59 @@ class Document:
             See :func:`sshade.io.handles.read_handles`.
         """
         handles = read_handles(path, self.mesh, vertex=self._surface.vertex)
-        names = {}
-        if path.suffix.lower() == ".json":
-            entries = json.loads(path.read_text(encoding="utf-8"))["handles"]
-            names = {i: str(entry["landmark"]) for i, entry in enumerate(entries) if "landmark" in entry}
-        return groups_of(handles, names, first=first)
+        return self._groups(handles, path.read_bytes() if path.suffix.lower() == ".json" else b"", first)
 
     def received_groups(self, content: bytes, name: str, *, first: int) -> tuple[Group, ...]:
         """Read the groups of a handle file in this project's JSON; messages call it `name`."""
-        with TemporaryDirectory(prefix="sshade-") as folder:
-            path = Path(folder, "handles.json")
-            path.write_bytes(content)
-            try:
-                return self.read_groups(path, first=first)
-            except InputError as error:
-                raise InputError(str(error).replace(str(path), name)) from error
+        with naming(name):
+            handles = parsed_handles(content, self.mesh, vertex=self._surface.vertex)
+        return self._groups(handles, content, first)
+
+    def _groups(self, handles: Handles, content: bytes, first: int) -> tuple[Group, ...]:
+        """Return the groups of handles, which JSON may name; `content` of other files is empty."""
+        entries = json.loads(content)["handles"] if content else []
+        names = {i: str(entry["landmark"]) for i, entry in enumerate(entries) if "landmark" in entry}
+        return groups_of(handles, names, first=first)
+
+    def choose(self, content: str, name: str, *, over: bool = False) -> Path:
+        """Return the path for a file name that the user typed, in the folder of the proposed path.
+
+        Parameters
+        ----------
+        content : {"handles", "mesh"}
+        name : str
+            Name of a file, without a folder.
+        over : bool
+            Allow replacing an existing file.
+
+        Raises
+        ------
+        InputError
+            On another content, or when `name` is not the plain name of a file with a suffix of the content,
+            or is the edited mesh.
+        FileExists
+            When the file exists and may not be replaced.
+        """
+        if content not in FORMATS:
+            raise InputError(f"{content!r} cannot be saved: use {' or '.join(FORMATS)}")
+        plain = Path(name).name == name and "\\" not in name and ":" not in name and name.isprintable()
+        if not (name and plain) or name.startswith(".") or len(name) > LONGEST:
+            raise InputError(f"{name!r}: give the name of a file alone, without a folder")
+        path = self.outputs[content].with_name(name)
+        self._check(content, path)
+        if path.exists() and not over and path.resolve() not in self._replaceable:
+            raise FileExists(f"{name} exists already")
+        return path
+
+    def _check(self, content: str, path: Path) -> None:
+        check_output(path, FORMATS[content])
+        if path.resolve() == self._path.resolve():
+            raise InputError(f"{path} is the mesh that is edited; save under another name")
+
+    def _propose(self, content: str, path: Path) -> None:
+        """Propose a path from now on; it may be replaced without a question."""
+        self.outputs[content] = path
+        self._replaceable.add(path.resolve())
 
     def write_handles(self, state: State, path: Path) -> None:
         """Write the groups as a handle file; raise InputError when there are none."""
@@ -99,18 +158,18 @@ class Document:
         names = {number: group.name for number, group in enumerate(state.groups)}
         made = {"method": state.settings.method, **state.settings.constraints}
         write_handles(path, handles, names=names, about={"made": made})
-        self.outputs.written("handles", path)
+        self._propose("handles", path)
 
     def write_mesh(self, V: np.ndarray, path: Path) -> tuple[str, ...]:
         """Write the file with new positions (n, 3) of the mesh; return the contents that the format loses."""
         write_file(path, self._file, self._surface.placed(self._file.V, V))
-        self.outputs.written("mesh", path)
+        self._propose("mesh", path)
         return self._file.lost(path)
 
     def command(self, settings: Settings) -> str:
         """Return the command line that computes the same shape from the saved handles."""
         method = [] if settings.method == Settings().method else ["--method", settings.method]
         carry = ["--carry-unconstrained"] if self._carry_unconstrained else []
-        paths = [str(self._path), str(self.outputs.path["handles"]), "-o", str(self.outputs.path["mesh"])]
+        paths = [str(self._path), str(self.outputs["handles"]), "-o", str(self.outputs["mesh"])]
         constraints = [word for name in settings.constraints for word in (f"--{name}", "0")]
         return shlex.join(["sshade", "deform", *paths, *method, *constraints, *carry])

@@ -47,29 +47,26 @@ def _options(settings: Settings) -> dict[str, Any]:
     return {"start": "rigid"} if settings.method == "paper" else dict(settings.constraints)
 
 
-class _Component(NamedTuple):
-    """A component of the mesh; `mesh` is None unless it is an oriented manifold."""
-
-    number: int
-    vertices: np.ndarray
-    mesh: Mesh | None
-
-
-class _Reduced(NamedTuple):
-    """Handles of a component, of which the proxy takes at most :data:`REDUCED` in each group.
+class _Part(NamedTuple):
+    """A component of the mesh and its handles; the proxy takes at most :data:`REDUCED` of each group.
 
     Attributes
     ----------
     component : int
+    vertices : (k,) int64
+    mesh : Mesh or None
+        None unless the component is an oriented manifold.
     group : array
-        Array ``Handles.group`` that these handles were chosen from.
-    members, hard, reduced : (k,) int64
+        Array ``Handles.group`` of all handles.
+    members, hard, reduced : (h,) int64
         Numbers of all handles on the component, of its hard handles, and of the handles that the proxy takes.
     binding : dict
         Vertices in the component, groups and weights of the reduced handles.
     """
 
     component: int
+    vertices: np.ndarray
+    mesh: Mesh | None
     group: np.ndarray
     members: np.ndarray
     hard: np.ndarray
@@ -102,8 +99,7 @@ class Follower:
     def __init__(self, mesh: Mesh) -> None:
         self._mesh = mesh
         self._connected = mesh.topology.components == 1
-        self._last_component: _Component | None = None
-        self._last_reduced: _Reduced | None = None
+        self._last: _Part | None = None
         self._bound: _Bound | None = None
 
     def prepare(self, handles: Handles, on: int, settings: Settings) -> None:
@@ -114,9 +110,9 @@ class Follower:
         InputError
             When the component cannot be bound with these handles.
         """
-        component = self._component(on)
-        if component.mesh is not None:
-            self._bind(component.mesh, self._reduced(handles, component), settings)
+        part = self._part(handles, on)
+        if part.mesh is not None:
+            self._bind(part, part.mesh, settings)
 
     def follow(self, handles: Handles, on: int, settings: Settings, shape: np.ndarray) -> None:
         """Continue the deformation for new targets.
@@ -136,79 +132,65 @@ class Follower:
         InputError
             See :meth:`prepare`.
         """
-        component = self._component(on)
-        subset = self._reduced(handles, component)
-        if component.mesh is None:
-            shape[handles.index[subset.members]] = handles.target[subset.members]
+        part = self._part(handles, on)
+        if part.mesh is None:
+            shape[handles.index[part.members]] = handles.target[part.members]
             return
-        step: dict[str, Any] = {
-            "rotations": None if handles.rotation is None else handles.rotation[subset.reduced],
-            "tolerance": TOLERANCE,
-            "max_iterations": ITERATIONS,
-            "out": shape if self._connected else None,
-        }
-        bound = self._bind(component.mesh, subset, settings)
+        step: dict[str, Any] = {"tolerance": TOLERANCE, "max_iterations": ITERATIONS}
+        step["rotations"] = None if handles.rotation is None else handles.rotation[part.reduced]
+        step["out"] = shape if self._connected else None
+        bound = self._bind(part, part.mesh, settings)
         try:
-            result = bound.deformer(handles.target[subset.reduced], **step)
+            result = bound.deformer(handles.target[part.reduced], **step)
         except InputError:
             if not bound.rebound:
                 raise
             # Two groups share their nearest sample. Bound anew, each group has samples of its own.
             self._bound = None
-            bound = self._bind(component.mesh, subset, settings)
-            result = bound.deformer(handles.target[subset.reduced], **step)
+            bound = self._bind(part, part.mesh, settings)
+            result = bound.deformer(handles.target[part.reduced], **step)
         if not self._connected:
-            shape[component.vertices] = result.vertices
-        shape[handles.index[subset.hard]] = handles.target[subset.hard]
+            shape[part.vertices] = result.vertices
+        shape[handles.index[part.hard]] = handles.target[part.hard]
 
     def forget(self) -> None:
         """Start the next step anew, because the handles are not where the last step left them."""
         if self._bound is not None:
             self._bound.deformer.reset()
 
-    def _component(self, on: int) -> _Component:
-        """Return the component of a vertex."""
-        number = int(self._mesh.component[on])
-        if self._last_component is None or self._last_component.number != number:
-            mesh = self._mesh
-            vertices = np.flatnonzero(mesh.component == number)
+    def _part(self, handles: Handles, on: int) -> _Part:
+        """Return the component of a vertex with its handles."""
+        last, number = self._last, int(self._mesh.component[on])
+        if last is not None and last.component == number:
+            if last.group is handles.group:
+                return last
+            vertices, mesh = last.vertices, last.mesh
+        else:
+            vertices, mesh = np.flatnonzero(self._mesh.component == number), self._mesh
             if not self._connected:
                 F = mesh.F[mesh.component[mesh.F[:, 0]] == number]
                 mesh = Mesh(mesh.V[vertices], np.searchsorted(vertices, F))
-            sound = mesh.is_manifold and mesh.is_oriented
-            self._last_component = _Component(number, vertices, mesh if sound else None)
-        return self._last_component
+            mesh = mesh if mesh.is_manifold and mesh.is_oriented else None
+        members = np.flatnonzero(self._mesh.component[handles.index] == number)
+        rng, chosen = np.random.default_rng(0), []
+        for group in np.unique(handles.group[members]):
+            few = members[handles.group[members] == group]
+            chosen.append(few if len(few) <= REDUCED else np.sort(rng.choice(few, REDUCED, replace=False)))
+        reduced = np.concatenate(chosen)
+        binding = {"index": np.searchsorted(vertices, handles.index[reduced])}
+        binding |= {"group": handles.group[reduced], "weight": handles.weight[reduced]}
+        hard = members[handles.hard[members]]
+        self._last = _Part(number, vertices, mesh, handles.group, members, hard, reduced, binding)
+        return self._last
 
-    def _reduced(self, handles: Handles, component: _Component) -> _Reduced:
-        """Return the handles on a component, and at most :data:`REDUCED` of each group."""
-        last = self._last_reduced
-        if last is None or last.component != component.number or last.group is not handles.group:
-            members = np.flatnonzero(self._mesh.component[handles.index] == component.number)
-            rng, chosen = np.random.default_rng(0), []
-            for group in np.unique(handles.group[members]):
-                few = members[handles.group[members] == group]
-                chosen.append(
-                    few if len(few) <= REDUCED else np.sort(rng.choice(few, REDUCED, replace=False))
-                )
-            reduced = np.concatenate(chosen)
-            binding = {
-                "index": np.searchsorted(component.vertices, handles.index[reduced]),
-                "group": handles.group[reduced],
-                "weight": handles.weight[reduced],
-            }
-            hard = members[handles.hard[members]]
-            last = _Reduced(component.number, handles.group, members, hard, reduced, binding)
-            self._last_reduced = last
-        return last
-
-    def _bind(self, mesh: Mesh, subset: _Reduced, settings: Settings) -> _Bound:
+    def _bind(self, part: _Part, mesh: Mesh, settings: Settings) -> _Bound:
         """Return a Deformer that is bound with the reduced handles."""
-        key = tuple(values.tobytes() for values in subset.binding.values())
+        key = tuple(values.tobytes() for values in part.binding.values())
         bound, self._bound = self._bound, None
-        if bound is not None and (bound.component, bound.settings) == (subset.component, settings):
+        if bound is not None and (bound.component, bound.settings) == (part.component, settings):
             if bound.handles != key and mesh.n >= REBOUND:
                 try:
-                    bound.deformer.rebind_handles(**subset.binding)
+                    bound.deformer.rebind_handles(**part.binding)
                     bound = bound._replace(handles=key, rebound=True)
                 except InputError:  # a handle is too far from the samples, or two groups share a sample
                     bound = None
@@ -217,10 +199,10 @@ class Follower:
                 return bound
         options = _options(settings)
         if settings.method != "paper":
-            is_region = len(subset.reduced) < len(subset.members)
+            is_region = len(part.reduced) < len(part.members)
             regional = {name: REGIONS["fast"][name] for name in ("area", "bending") if is_region}
             options = {"volume": VOLUME, **regional, **options}
         options["method"] = "paper" if settings.method == "paper" else "fast"
-        deformer = Deformer(mesh, vertices=VERTICES, **options, **subset.binding)
-        self._bound = _Bound(subset.component, settings, deformer, key)
+        deformer = Deformer(mesh, vertices=VERTICES, **options, **part.binding)
+        self._bound = _Bound(part.component, settings, deformer, key)
         return self._bound

@@ -27,7 +27,7 @@ import numpy as np
 
 from sshade import threejs
 from sshade.edit.commands import Commands
-from sshade.edit.saving import FileExists
+from sshade.edit.document import FileExists
 from sshade.edit.session import Session, Superseded
 from sshade.errors import InputError
 

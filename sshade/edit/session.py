@@ -13,7 +13,6 @@ import numpy as np
 from sshade.edit.document import Document
 from sshade.edit.follower import Follower, converged
 from sshade.edit.history import History
-from sshade.edit.saving import Outputs
 from sshade.edit.selecting import selected
 from sshade.edit.state import Group, Kind, Motion, Settings, State
 from sshade.errors import InputError
@@ -41,7 +40,7 @@ class Session:
     handles : path, optional
         Handle file with the first groups.
     output, handles_output : path, optional
-        See :class:`sshade.edit.saving.Outputs`.
+        See :class:`sshade.edit.document.Document`.
     settings : Settings
     carry_unconstrained : bool
         See :class:`sshade.DeformationTask`.
@@ -71,8 +70,8 @@ class Session:
         settings: Settings = Settings(),  # noqa: B008  (immutable)
         carry_unconstrained: bool = False,
     ) -> None:
-        outputs = Outputs(path, output=output, handles=handles_output)
-        self.document = Document(path, outputs, carry_unconstrained=carry_unconstrained)
+        files: dict[str, Any] = {"output": output, "handles": handles_output}
+        self.document = Document(path, **files, carry_unconstrained=carry_unconstrained)
         self.mesh = mesh = self.document.mesh
         self.shown = mesh.V
         self.history = History(State(settings=settings, shape=mesh.V))
@@ -138,11 +137,11 @@ class Session:
             vertices = self.state.selection
             if len(vertices) == 0:
                 raise InputError("no vertex is picked; pick some by click, brush, rectangle or lasso")
-            start, rest = self.shown[vertices], self.mesh.V[vertices]
-            if kind == "static" and np.abs(start - rest).max() <= AT_REST * self.mesh.diagonal:
-                start = rest
+            target, rest = self.shown[vertices], self.mesh.V[vertices]
+            if kind == "static" and np.abs(target - rest).max() <= AT_REST * self.mesh.diagonal:
+                target = rest
             number, self._number = self._number, self._number + 1
-            self._push(self.state.marked(Group(number, f"group {number}", kind, vertices, start)))
+            self._push(self.state.marked(Group(number, f"group {number}", kind, vertices, target)))
             handles, settings = self.state.handles(self.mesh), self.state.settings
 
         def prepare() -> None:
@@ -162,8 +161,8 @@ class Session:
     def restore(self, number: int) -> None:
         """Move a group back to its rest positions."""
         with self._lock:
-            start = self.mesh.V[self.state.group(number).vertices]
-            self._push(self.state.changed(number, start=start, motion=Motion.none(), turn=None))
+            rest = self.mesh.V[self.state.group(number).vertices]
+            self._push(self.state.changed(number, target=rest, turn=None, is_prescribed=False))
             self._jumped = True
 
     def alter(self, number: int, **fields: Any) -> None:
@@ -307,7 +306,7 @@ class Session:
         ----------
         content : {"handles", "mesh"}
         name, over
-            See :meth:`sshade.edit.saving.Outputs.choose`.
+            See :meth:`sshade.edit.document.Document.choose`.
         progress : Progress
 
         Returns
@@ -319,12 +318,12 @@ class Session:
         Raises
         ------
         InputError
-            See :meth:`sshade.edit.saving.Outputs.choose`; also when there are no groups to write, or the
+            See :meth:`sshade.edit.document.Document.choose`; also when there are no groups to write, or the
             method refuses them.
         Superseded
             When the handles changed during the computation.
         """
-        path = self.document.outputs.choose(content, name, over=over)
+        path = self.document.choose(content, name, over=over)
         if content == "mesh":
             self.settle(progress)
             return path, self.document.write_mesh(self.shown, path)

@@ -37,11 +37,6 @@ class Motion(NamedTuple):
     t: np.ndarray
 
     @classmethod
-    def none(cls) -> Motion:
-        """Return the identity."""
-        return cls(np.eye(3), np.zeros(3))
-
-    @classmethod
     def about(cls, pivot: np.ndarray, quaternion: np.ndarray, move: np.ndarray) -> Motion:
         """Return a rotation about the point `pivot`, followed by the translation `move`.
 
@@ -56,10 +51,6 @@ class Motion(NamedTuple):
         # A translation must not leave rounding in R: :attr:`Group.rotation` would take it for a rotation.
         R = Rotation.from_quat(quaternion).as_matrix() if np.any(quaternion[:3]) else np.eye(3)
         return cls(R, pivot - R @ pivot + move)
-
-    def after(self, first: Motion) -> Motion:
-        """Return the composition: `first`, then this motion."""
-        return Motion(self.R @ first.R, self.R @ first.t + self.t)
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
         """Move points (k, 3)."""
@@ -79,14 +70,14 @@ class Group:
     name : str
     kind : {"static", "moving"}
     vertices : (k,) int64
-    start : (k, 3) float64
-        Positions when the group was created, or targets from a file.
-    motion : Motion
-        Motion since then.
+    target : (k, 3) float64
+        Targets of the vertices.
     weight : float
         Weight of a soft group, inf for a hard one; see :class:`sshade.Handles`.
     turn : (3, 3) float64, optional
-        Prescribed rotation of the surface at the vertices, from a file.
+        How far the group was turned.
+    is_prescribed : bool
+        Whether `turn` comes from a file, which prescribes the rotation of the surface at the vertices.
 
     Raises
     ------
@@ -98,10 +89,10 @@ class Group:
     name: str
     kind: Kind
     vertices: np.ndarray
-    start: np.ndarray
-    motion: Motion = field(default_factory=Motion.none)
+    target: np.ndarray
     weight: float = inf
     turn: np.ndarray | None = None
+    is_prescribed: bool = False
 
     def __post_init__(self) -> None:
         if self.kind not in ("static", "moving"):
@@ -112,19 +103,12 @@ class Group:
             raise InputError("a weight is a number above 0; leave it empty for a hard group")
 
     @property
-    def target(self) -> np.ndarray:
-        """Targets of the vertices, (k, 3)."""
-        return self.motion(self.start)
-
-    @property
     def rotation(self) -> np.ndarray | None:
         """Prescribed rotation (3, 3) of the surface, unless the targets determine the rotation."""
-        if self.turn is not None:
-            return self.motion.R @ self.turn
-        if np.array_equal(self.motion.R, np.eye(3)):
-            return None
-        extents = np.linalg.svd(self.start - self.start.mean(axis=0), compute_uv=False)
-        return self.motion.R if len(extents) < 2 or extents[1] <= LINE * extents[0] else None
+        if self.turn is None or self.is_prescribed:
+            return self.turn
+        extents = np.linalg.svd(self.target - self.target.mean(axis=0), compute_uv=False)
+        return self.turn if len(extents) < 2 or extents[1] <= LINE * extents[0] else None
 
 
 class Settings(NamedTuple):
@@ -200,7 +184,10 @@ class State:
         group = self.group(number)
         if group.kind != "moving":
             raise InputError(f"{group.name} is static; make it moving to drag it")
-        return self.changed(number, motion=motion.after(group.motion))
+        turn = group.turn
+        if turn is not None or not np.array_equal(motion.R, np.eye(3)):
+            turn = motion.R if turn is None else motion.R @ turn
+        return self.changed(number, target=motion(group.target), turn=turn)
 
     def marked(self, new: Group) -> State:
         """Return a state with another group, whose vertices leave the selection and all other groups."""
@@ -210,7 +197,7 @@ class State:
             if keep.all():
                 groups.append(group)
             elif keep.any():
-                groups.append(replace(group, vertices=group.vertices[keep], start=group.start[keep]))
+                groups.append(replace(group, vertices=group.vertices[keep], target=group.target[keep]))
         return replace(self, selection=new.vertices[:0], groups=(*groups, new))
 
     def handles(self, mesh: Mesh) -> Handles:
@@ -274,6 +261,7 @@ def groups_of(handles: Handles, names: dict[int, str], *, first: int) -> tuple[G
     for number, group in enumerate(np.unique(handles.group), start=first):
         members = np.flatnonzero(handles.group == group)
         turn = None if handles.rotation is None else handles.rotation[members[0]]
+        is_turned = turn is not None and not np.isnan(turn).any()
         groups.append(
             Group(
                 number,
@@ -282,7 +270,8 @@ def groups_of(handles: Handles, names: dict[int, str], *, first: int) -> tuple[G
                 handles.index[members],
                 handles.target[members],
                 weight=float(handles.weight[members[0]]),
-                turn=None if turn is None or np.isnan(turn).any() else turn,
+                turn=turn if is_turned else None,
+                is_prescribed=is_turned,
             )
         )
     return tuple(groups)

@@ -82,17 +82,24 @@ def read_handles(
     if not path.is_file():
         raise InputError(f"{path}: no such file")
     with naming(path):
-        try:
-            if path.suffix.lower() == ".json":
-                vertex = np.arange(mesh.n) if vertex is None else vertex
-                return _from_json(json.loads(path.read_text(encoding="utf-8")), mesh, raw=raw, vertex=vertex)
-            source, target, dynamic, group = read_implicit_arap(path)
-            to_mesh = implicit_arap_frame(source, mesh)
-        except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
-            why = "nested too deeply" if isinstance(error, RecursionError) else error
-            raise InputError(f"not readable as {path.suffix[1:].upper()} ({why})") from error
+        if path.suffix.lower() == ".json":
+            return parsed_handles(path.read_bytes(), mesh, raw=raw, vertex=vertex)
+        source, target, dynamic, group = read_implicit_arap(path)
+        to_mesh = implicit_arap_frame(source, mesh)
         source, target = to_mesh(source), to_mesh(target)
         return Handles.from_positions(mesh, source, target, dynamic=dynamic, group=group, raw=raw)
+
+
+def parsed_handles(
+    content: bytes, mesh: Mesh, *, raw: bool = False, vertex: np.ndarray | None = None
+) -> Handles:
+    """Read handles from this project's JSON. Parameters and errors are those of :func:`read_handles`."""
+    try:
+        data = json.loads(content)
+    except (ValueError, RecursionError) as error:
+        why = "nested too deeply" if isinstance(error, RecursionError) else error
+        raise InputError(f"not readable as JSON ({why})") from error
+    return _from_json(data, mesh, raw=raw, vertex=np.arange(mesh.n) if vertex is None else vertex)
 
 
 def read_task(

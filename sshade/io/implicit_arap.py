@@ -26,7 +26,7 @@ def read_implicit_arap(path: Path) -> list[np.ndarray]:
 
     try:
         data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"not readable as YAML ({str(error).splitlines()[0]})") from error
     if not isinstance(data, dict) or not isinstance(data.get("handles"), dict):
         raise InputError("expected a mapping `handles` with `static` and `moving`")

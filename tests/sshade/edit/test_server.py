@@ -179,7 +179,7 @@ def test_a_mistaken_command_is_told_in_a_sentence_and_changes_nothing(server, na
     answer = command(server, name, given)
     assert answer["status"] == 400 and words in answer["error"] and "\n" not in answer["error"]
     assert server.commands._session.state is before
-    assert not list(Path(server.commands._session.document.outputs.path["mesh"]).parent.glob("x.json"))
+    assert not list(Path(server.commands._session.document.outputs["mesh"]).parent.glob("x.json"))
 
 
 def test_bytes_that_are_no_command_are_told(server):
