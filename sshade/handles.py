@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
@@ -80,11 +81,8 @@ class Handles:
     def __post_init__(self) -> None:
         index = np.asarray(self.index)
         if index.ndim != 1 or (index.size and not np.issubdtype(index.dtype, np.integer)):
-            raise InputError(
-                f"handle ids must be a list of integers, not {index.dtype} of shape {index.shape}"
-            )
-        index = index.astype(np.int64)
-        k = len(index)
+            raise InputError(f"handle ids must be integers (k,), not {index.dtype} of shape {index.shape}")
+        index, k = index.astype(np.int64), len(index)
         if k == 0:
             raise InputError(NO_HANDLES)
         target = _checked_target(self.target, index)
@@ -97,15 +95,16 @@ class Handles:
             "group": _per_handle(self.group, 0, np.int64, k, "group"),
             "snap_distance": _per_handle(self.snap_distance, 0.0, np.float64, k, "snap_distance"),
             "weight": _checked_weight(self.weight, k),
+            "portion": _per_handle(self.portion, None, np.float64, k, "portion"),
+            "rotation": _checked_rotation(self.rotation, k),
         }
-        if self.portion is not None:
-            fields["portion"] = _per_handle(self.portion, 0.0, np.float64, k, "portion")
-        if self.rotation is not None:
-            fields["rotation"] = _checked_rotation(self.rotation, k)
         first = _first_of_each(index, target, fields["weight"])
+        self._set({name: None if values is None else values[first] for name, values in fields.items()})
+
+    def _set(self, fields: Mapping[str, np.ndarray | None]) -> None:
         for name, values in fields.items():
-            values = np.array(values[first])
-            values.setflags(write=False)
+            if values is not None:
+                values.setflags(write=False)
             object.__setattr__(self, name, values)
 
     def __len__(self) -> int:
@@ -165,11 +164,7 @@ class Handles:
         """
         moved = copy(self)
         target = _checked_target(np.array(target, dtype=np.float64), self.index)
-        rotation = None if rotation is None else _checked_rotation(rotation, len(self))
-        for name, values in (("target", target), ("rotation", rotation)):
-            if values is not None:
-                values.setflags(write=False)
-            object.__setattr__(moved, name, values)
+        moved._set({"target": target, "rotation": _checked_rotation(rotation, len(self))})
         return moved
 
     def sampled(self, number: np.ndarray, index: np.ndarray, V: np.ndarray) -> Handles:
@@ -272,7 +267,7 @@ class Handles:
         dynamic = np.broadcast_to(np.asarray(dynamic, dtype=bool), (k,))
         group = _per_handle(group, 0, np.int64, k, "group")
         weight = _checked_weight(weight, k)
-        rotation = None if rotation is None else _checked_rotation(rotation, k)
+        rotation = _checked_rotation(rotation, k)
 
         distance, index = snap_to_vertices(mesh, source, group)
         moved = target.copy()
@@ -290,14 +285,9 @@ class Handles:
                 moved[rows] += offset[rows] @ R.T
 
         # One row for each group and vertex. The constructor compares groups on one vertex.
-        pairs, first, inverse, count = np.unique(
-            np.stack([group, index], axis=1),
-            axis=0,
-            return_index=True,
-            return_inverse=True,
-            return_counts=True,
-        )
-        inverse = inverse.ravel()
+        rows = np.stack([group, index], axis=1)
+        pairs, first, inverse = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+        inverse, count = inverse.ravel(), np.bincount(inverse.ravel())
         mean = np.stack([np.bincount(inverse, moved[:, c]) for c in range(3)], axis=1) / count[:, None]
         order, begin = np.argsort(inverse, kind="stable"), np.cumsum(count) - count
         return cls(
@@ -323,9 +313,9 @@ def _checked_target(target: Any, index: np.ndarray) -> np.ndarray:
     return target
 
 
-def _per_handle(values: Any, default: Any, dtype: Any, k: int, name: str) -> np.ndarray:
+def _per_handle(values: Any, default: Any, dtype: Any, k: int, name: str) -> Any:
     if values is None:
-        return np.full(k, default, dtype=dtype)
+        return None if default is None else np.full(k, default, dtype=dtype)
     values = np.asarray(values, dtype=dtype)
     if values.shape != (k,):
         raise InputError(f"{k} handles need `{name}` of shape ({k},), not {values.shape}")
@@ -333,15 +323,17 @@ def _per_handle(values: Any, default: Any, dtype: Any, k: int, name: str) -> np.
 
 
 def _checked_weight(weight: Any, k: int) -> np.ndarray:
-    weight = weight if weight is None or np.ndim(weight) else np.full(k, weight, dtype=np.float64)
-    weight = _per_handle(weight, np.inf, np.float64, k, "weight")
+    weight = np.inf if weight is None else weight
+    weight = _per_handle(weight if np.ndim(weight) else np.full(k, weight), None, np.float64, k, "weight")
     if not (weight > 0).all():
         bad = weight[~(weight > 0)][0]
         raise InputError(f"the weight of a handle goes from above 0 to inf (hard), not {bad}")
     return weight
 
 
-def _checked_rotation(rotation: Any, k: int) -> np.ndarray:
+def _checked_rotation(rotation: Any, k: int) -> np.ndarray | None:
+    if rotation is None:
+        return None
     R = np.array(rotation, dtype=np.float64)
     if R.shape != (k, 3, 3):
         raise InputError(f"{k} handles need rotations of shape ({k}, 3, 3), not {R.shape}")
@@ -354,9 +346,8 @@ def require_rotations(R: np.ndarray) -> None:
     off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0)
     wrong = ~((off <= ROTATION) & (np.linalg.det(np.nan_to_num(R)) > 0))
     if wrong.any():
-        raise InputError(
-            f"matrix {int(np.argmax(wrong))} is no rotation: its rows must be orthonormal and right-handed"
-        )
+        bad = int(np.argmax(wrong))
+        raise InputError(f"matrix {bad} is no rotation: its rows must be orthonormal and right-handed")
 
 
 def _first_of_each(index: np.ndarray, target: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -367,10 +358,8 @@ def _first_of_each(index: np.ndarray, target: np.ndarray, weight: np.ndarray) ->
         gap = np.linalg.norm(target - target[earlier], axis=1)
         if (gap > SAME_TARGET * np.linalg.norm(np.ptp(target, axis=0))).any():
             bad = int(np.argmax(gap))
-            raise InputError(
-                f"vertex {index[bad]} has contradictory targets, {gap[bad]:.3g} apart; "
-                "give each handle vertex one target"
-            )
+            vertex, apart = index[bad], f"{gap[bad]:.3g}"
+            raise InputError(f"vertex {vertex} has contradictory targets, {apart} apart; give it one target")
         if (weight != weight[earlier]).any():
             bad = int(np.argmax(weight != weight[earlier]))
             raise InputError(f"vertex {index[bad]} has two weights; give each handle vertex one")

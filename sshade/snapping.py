@@ -41,15 +41,11 @@ def snap_to_vertices(mesh: Mesh, source: np.ndarray, group: np.ndarray) -> tuple
     """
     from scipy.spatial import cKDTree
 
-    if mesh.n < LARGE:
-        distance, index = cKDTree(mesh.V).query(source)
-    else:
-        near = _vertices_around(mesh.V, source)
-        distance, index = cKDTree(mesh.V[near]).query(source)
-        index = near[index]
+    near = np.arange(mesh.n) if mesh.n < LARGE else _vertices_around(mesh.V, source)
+    distance, place = cKDTree(mesh.V[near]).query(source)
     if distance.max() > FARTHEST_SNAP * mesh.diagonal:
         _refuse_far(source, distance, group, mesh)
-    return distance, index
+    return distance, near[place]
 
 
 def _vertices_around(V: np.ndarray, source: np.ndarray) -> np.ndarray:

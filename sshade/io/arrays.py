@@ -82,8 +82,7 @@ def write(
         another number of vertices, or contents that the format of `path` cannot hold. On an unknown
         suffix, or a folder that does not exist or is not writable.
     """
-    V = getattr(mesh, "V", getattr(mesh, "vertices", mesh))
-    V = np.asarray(V, dtype=np.float64)
+    V = np.asarray(getattr(mesh, "V", getattr(mesh, "vertices", mesh)), dtype=np.float64)
     if like is None:
         F = getattr(mesh, "F", getattr(mesh, "faces", F))
         if F is None:
@@ -98,10 +97,8 @@ def write(
     file = like if isinstance(like, MeshFile) else read_file(like)
     if V.shape != file.V.shape:
         raise InputError(
-            f"the file to write like has vertices {file.V.shape}, not {V.shape}; they must correspond"
+            f"the file of `like` has vertices {file.V.shape}, not {V.shape}; they must correspond"
         )
-    if lost := file.lost(path):
-        raise InputError(
-            f"{path} would lose the {' and '.join(lost)}: use the format of `like`, or pass F instead"
-        )
+    if lost := " and ".join(file.lost(path)):
+        raise InputError(f"{path} would lose the {lost}: use the format of `like`, or pass F instead")
     write_file(path, file, V)

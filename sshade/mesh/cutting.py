@@ -40,14 +40,6 @@ class Cut(NamedTuple):
     turned: int
 
 
-class _Pairs(NamedTuple):
-    """Pairs of faces f and g that stay joined at an edge: three arrays (p,) int of faces, faces and edges."""
-
-    f: np.ndarray
-    g: np.ndarray
-    edge: np.ndarray
-
-
 def cut_to_manifold(mesh: Mesh) -> Cut:
     """Reverse faces to agree with their neighbours, and cut the mesh where it is not manifold.
 
@@ -77,10 +69,10 @@ def cut_to_manifold(mesh: Mesh) -> Cut:
         if manifold.is_manifold and manifold.is_oriented:
             return Cut(manifold, origin, int(flipped.sum()))
         # Two pairs at one edge may still be connected around both of its ends.
-        crowded = edges.faces[pairs.edge] > 2
+        crowded = edges.faces[pairs[2]] > 2
         if not crowded.any():
             raise InputError("the mesh is not manifold, and cutting it there does not make it so; remesh it")
-        pairs = _Pairs(*(column[~crowded] for column in pairs))
+        pairs = pairs[:, ~crowded]
 
 
 def faces_to_turn(mesh: Mesh, edges: EdgeSides) -> np.ndarray:
@@ -131,20 +123,23 @@ def _turn_to_agree(twin, same):
     return flipped, sheet
 
 
-def _joined(mesh: Mesh, edges: EdgeSides, flipped: np.ndarray) -> _Pairs:
-    """Return the pairs of faces that stay joined once the `flipped` faces (m,) are reversed."""
+def _joined(mesh: Mesh, edges: EdgeSides, flipped: np.ndarray) -> np.ndarray:
+    """Find the pairs of faces that stay joined once the `flipped` faces (m,) are reversed.
+
+    The rows of the result (3, p) are the first faces, the second faces, and their edges.
+    """
     face = edges.side // 3
     low = np.repeat(edges.ends[:, 0], edges.faces)
     forward = (mesh.F.ravel()[edges.side] == low) ^ flipped[face]  # from the smaller end to the larger
     two = np.flatnonzero(edges.faces == 2)
     first = edges.start[two]
     two, first = (a[forward[first] != forward[first + 1]] for a in (two, first))
-    found = [(face[first], face[first + 1], two)]
+    found = [np.stack([face[first], face[first + 1], two])]
     for e in np.flatnonzero(edges.faces > 2):
         here = slice(edges.start[e], edges.start[e + 1])
         pairs = _best_pairs(mesh, edges.ends[e], face[here], forward[here])
-        found.append((*np.array(pairs, dtype=np.int64).reshape(-1, 2).T, np.full(len(pairs), e)))
-    return _Pairs(*(np.concatenate(column) for column in zip(*found, strict=True)))
+        found.append(np.array([(*pair, e) for pair in pairs], dtype=np.int64).reshape(-1, 3).T)
+    return np.concatenate(found, axis=1)
 
 
 def _best_pairs(
@@ -171,11 +166,12 @@ def _best_pairs(
     return pairs
 
 
-def _fans(mesh: Mesh, edges: EdgeSides, pairs: _Pairs) -> tuple[np.ndarray, np.ndarray]:
+def _fans(mesh: Mesh, edges: EdgeSides, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Give each fan of joined faces its own copy of the vertex: faces (m, 3), original vertices (k,)."""
-    links = []
-    for end in edges.ends[pairs.edge].T:
-        links.append([3 * f + (mesh.F[f] == end[:, None]).argmax(axis=1) for f in (pairs.f, pairs.g)])
+    links = [
+        [3 * f + (mesh.F[f] == end[:, None]).argmax(axis=1) for f in pairs[:2]]
+        for end in edges.ends[pairs[2]].T
+    ]
     one, other = np.concatenate(links, axis=1)
     corners = 3 * mesh.m
     graph = coo_array((np.ones(len(one), dtype=bool), (one, other)), shape=(corners, corners))

@@ -67,22 +67,16 @@ class Mesh:
         if not np.issubdtype(F.dtype, np.integer):
             raise InputError(f"faces must be integers, not {F.dtype}")
         if len(F) > MOST_FACES:
-            raise InputError(
-                f"the mesh has {len(F):,} faces, and at most {MOST_FACES:,} are supported; split it"
-            )
+            raise InputError(f"{len(F):,} faces, and at most {MOST_FACES:,} are supported; split the mesh")
         F = np.ascontiguousarray(F, dtype=np.int64)
         if len(V) == 0 or len(F) == 0:
-            raise InputError(
-                f"the mesh has {len(V)} vertices and {len(F)} faces; it needs at least one triangle"
-            )
+            raise InputError(f"a mesh needs at least one triangle, not {len(V)} vertices and {len(F)} faces")
         _check_numbers(V)
         used = np.zeros(len(V), dtype=bool)
         outside, repeated, repeating = check_faces(F, used)
         if outside >= 0:
-            raise InputError(
-                f"face {outside} refers to vertices {F[outside].tolist()}, "
-                f"but the ids go from 0 to {len(V) - 1}"
-            )
+            ids = F[outside].tolist()
+            raise InputError(f"face {outside} has vertices {ids}, but the ids go from 0 to {len(V) - 1}")
         if repeated >= 0:
             raise InputError(
                 f"{repeating} faces repeat a vertex (the first is face {repeated}: {F[repeated].tolist()}); "
@@ -259,9 +253,8 @@ class Mesh:
         if facts.crowded_edge[0] != -1:
             i, j, faces = facts.crowded_edge
             raise InputError(
-                f"the mesh is not manifold: edge ({i}, {j}) has {faces} faces, "
-                "and at most two are supported; split the mesh there, or drop faces that are there twice "
-                "with --repair"
+                f"the mesh is not manifold: edge ({i}, {j}) has {faces} faces, and at most two are supported"
+                "; split the mesh there, or drop faces that are there twice with --repair"
             )
         if facts.split_vertex != -1:
             raise InputError(

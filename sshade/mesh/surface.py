@@ -62,20 +62,18 @@ def cleaned(V: np.ndarray, F: np.ndarray) -> Surface:
     Parameters, result and errors are as in :func:`surface`.
     """
     V, F = np.asarray(V), np.asarray(F)
-    collapsed = np.zeros(0, dtype=bool)
-    used = np.ones(len(V), dtype=bool)
-    if F.ndim == 2 and F.shape[1] == 3 and np.issubdtype(F.dtype, np.integer):
-        found = np.zeros(len(V), dtype=bool)
-        outside, _, repeating = check_faces(np.ascontiguousarray(F, dtype=np.int64), found)
-        if repeating:
-            collapsed = repeats_vertex(F)
-            if collapsed.all():
-                raise InputError(f"all {len(F)} faces repeat a vertex; there is no surface to deform")
-            F, found = F[~collapsed], np.zeros(len(V), dtype=bool)
-            found[F] = True
-        if outside < 0 and len(F):
-            used = found
-    vertex, facts = np.arange(len(V)), {"unused": int((~used).sum()), "collapsed": int(collapsed.sum())}
+    if F.ndim != 2 or F.shape[1] != 3 or not np.issubdtype(F.dtype, np.integer):
+        Mesh(V, F)  # raises InputError
+    used = np.zeros(len(V), dtype=bool)
+    outside, _, repeating = check_faces(np.ascontiguousarray(F, dtype=np.int64), used)
+    if outside >= 0 or len(F) == 0:
+        Mesh(V, F)  # raises InputError
+    if repeating == len(F):
+        raise InputError(f"all {len(F)} faces repeat a vertex; there is no surface to deform")
+    if repeating:
+        F, used = F[~repeats_vertex(F)], np.zeros(len(V), dtype=bool)
+        used[F] = True
+    vertex, facts = np.arange(len(V)), {"unused": int((~used).sum()), "collapsed": int(repeating)}
     if not used.all():
         vertex = np.where(used, np.cumsum(used) - 1, -1)
         V, F = V[used], vertex[F]
