@@ -1,7 +1,5 @@
 """Bent bars and sheets, and local/global iterations straight from the definitions."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -4,8 +4,6 @@ The number of iterations is fixed, so that results differ by rounding alone. Coo
 2^-20; shifts and turns by a quarter keep them exact.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

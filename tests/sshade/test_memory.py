@@ -1,7 +1,5 @@
 """Freed memory returns to the system."""
 
-from __future__ import annotations
-
 import ctypes
 import sys
 

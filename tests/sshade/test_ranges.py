@@ -1,7 +1,5 @@
 """Work by ranges of rows: the same bits from one range and one thread, and from many of both."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Pictures of shapes and ``sshade show``: what is drawn where, and in which colour."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

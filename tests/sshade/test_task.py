@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -76,15 +74,6 @@ def test_targets_that_are_no_rigid_motion_move_by_the_best_rotation(body):
     assert np.allclose(handles.target, target + (body.V[ids] - source) @ R.T, rtol=0, atol=1e-12)
 
 
-def test_raw_keeps_the_stored_targets(body):
-    source = body.V[[3, 9, 27]] + 1e-3
-    target = np.random.default_rng(2).normal(size=(3, 3))
-    handles = Handles.from_positions(body, source, target, raw=True, dynamic=[True, False, True])
-    assert handles.index.tolist() == [3, 9, 27]
-    assert np.array_equal(handles.target, target)
-    assert handles.dynamic.tolist() == [True, False, True]
-
-
 def test_handles_of_a_group_on_one_vertex_are_merged_to_their_mean():
     mesh = tetrahedron()
     source = np.array([[0.95, 0, 0], [1.05, 0, 0], [0, 1, 0]])
@@ -117,14 +106,6 @@ def test_tasks_refuse_shapes_that_do_not_correspond():
         TransferTask("t", mesh, Mesh(mesh.V, mesh.F[::-1]), mesh.V)
     with pytest.raises(InputError, match="2 handles"):
         Handles.from_positions(mesh, mesh.V[:2], mesh.V[:1])
-
-
-def test_a_task_refuses_components_without_handles():
-    a = tetrahedron()
-    mesh = Mesh(np.concatenate([a.V, a.V + 3, a.V + 6]), np.concatenate([a.F, a.F + 4, a.F + 8]))
-    with pytest.raises(InputError, match="2 of the mesh's 3 components have no handle"):
-        DeformationTask("t", mesh, Handles([5], [[0, 0, 0]]))
-    DeformationTask("t", mesh, Handles([0, 5, 9], np.eye(3)))
 
 
 def test_a_result_with_positions_that_are_not_finite_is_a_failure():

@@ -1,7 +1,5 @@
 """A mesh bound to a proxy: invariances of every kind of frames, and binding files."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Frames at the proxy's vertices, blended over its triangles; and affine maps of triangles."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

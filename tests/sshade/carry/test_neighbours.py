@@ -1,7 +1,5 @@
 """What stands in for undefined matrices."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sshade.carry.neighbours import fill_from_neighbours

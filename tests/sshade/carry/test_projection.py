@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import assume, given
@@ -102,16 +100,6 @@ def test_slivers_lose_no_digits(height):
             query = (x[:, None] * [1.0, 0, 0] + side) @ axes.T
             projection = project_to_fans(query, proxy, at(proxy, [0] * 30))
             assert np.allclose(projection.distance, 0.5, rtol=0, atol=1e-14)
-
-
-@pytest.mark.parametrize("equal", [(0, 1), (1, 2), (2, 0), (0, 1, 2)])
-def test_coincident_corners_leave_a_segment_or_a_point(equal):
-    V = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0]])
-    V[list(equal)] = V[equal[0]]
-    for p in np.random.default_rng(0).normal(size=(20, 3)):
-        proxy = Mesh(V, [[0, 1, 2]])
-        projection = project_to_fans(p[None], proxy, at(proxy, [0]))
-        assert projection.distance[0] == pytest.approx(nearest_in_triangle(p, V), rel=1e-9)
 
 
 def test_equally_near_triangles_are_told_apart_without_their_numbers(bound):

@@ -1,7 +1,5 @@
 """Least-squares affine maps of 1-rings."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

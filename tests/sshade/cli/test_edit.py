@@ -1,7 +1,5 @@
 """`sshade edit` as a process: its address, how it ends, and what it refuses."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -24,11 +22,10 @@ ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch) -> Path:
-    monkeypatch.chdir(tmp_path)
+def folder(here) -> Path:
     write_mesh("body.ply", BODY.V, BODY.F)
     write_handles("pose.json", end_handles(BODY.V, shift=(0.3, 0, 0.2)))
-    return tmp_path
+    return here
 
 
 @contextmanager

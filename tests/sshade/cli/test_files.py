@@ -1,7 +1,5 @@
 """The commands write the file that they read, with other positions."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -20,14 +18,13 @@ V, F, SEAM = torn(BODY)
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch) -> Path:
+def folder(here) -> Path:
     """A closed body, whole and with a texture whose seam doubles vertices, and handles of both."""
-    monkeypatch.chdir(tmp_path)
     write_mesh("whole.ply", BODY.V, BODY.F)
     Path("seam.obj").write_text(as_obj(V, F))
     write_handles("whole.json", POSE)
     write_handles("seam.json", Handles(POSE.index + 1, POSE.target))
-    return tmp_path
+    return here
 
 
 def test_a_seam_stays_closed_and_changes_nothing(folder, capsys):

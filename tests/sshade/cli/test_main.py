@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import json
 import sys
 from importlib.metadata import version
@@ -24,12 +22,11 @@ TURN, SHIFT = rotation(2), np.array([0.5, 0.2, 0.1])
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch) -> Path:
+def folder(here) -> Path:
     """A folder with a sound mesh and pose, and the place of an output that does not exist yet."""
-    monkeypatch.chdir(tmp_path)
     write_mesh("body.ply", BODY.V, BODY.F)
     write_handles("pose.json", POSE)
-    return tmp_path
+    return here
 
 
 def put_handles(*entries: dict) -> None:

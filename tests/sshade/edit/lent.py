@@ -1,7 +1,5 @@
 """An editor's server in this process, and how to ask it."""
 
-from __future__ import annotations
-
 import json
 import struct
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """The page in a browser: pick, mark, drag, undo and save, and the command line makes the same shape."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path
@@ -22,8 +20,7 @@ BODY = bumpy(4)
 
 
 @pytest.fixture
-def session(tmp_path, monkeypatch) -> Session:
-    monkeypatch.chdir(tmp_path)
+def session(here) -> Session:
     # Upright, as the page looks at it.
     write_mesh("body.ply", BODY.V[:, [1, 2, 0]], BODY.F)
     return Session(Path("body.ply"))

@@ -1,7 +1,5 @@
 """Who is answered, what commands do, and how a server ends."""
 
-from __future__ import annotations
-
 import json
 import logging
 import socket

@@ -1,7 +1,5 @@
 """Files in the manner of several programs keep everything but positions and normals."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np
@@ -9,6 +7,7 @@ import pytest
 
 from sshade.io.meshes import read_arrays, read_file, write_file, write_mesh
 from tests.shapes import icosphere
+from tests.sshade.io.test_formats import OFF, STL
 from tests.sshade.io.test_ply import SQUARE, ply
 
 #: A rotation without rounding, which takes x to y, y to z and z to x, and a shift.
@@ -108,28 +107,6 @@ end_header
 7.25 2 1e-3 2e+3
 """
 
-COFF = """\
-CNOFF # with colours
-3 1 0
-
-0 0 0  0 0 1  255 0 0 255
-1 0 0  0 0 1  0 255 0 255 # a corner
-0 1 0  0 0 1  0 0 255 255
-3 0 1 2  128 128 128
-"""
-
-SOLID = """\
-solid ascii part
- facet normal 0 0 1
-  outer loop
-   vertex 0 0 0
-   vertex 1 0 0
-   vertex 0 1 0
-  endloop
- endfacet
-endsolid ascii part
-"""
-
 
 def rewritten(path, V, name=None):
     out = path.with_name(name or f"out{path.suffix}")
@@ -143,7 +120,7 @@ def words(text: str) -> list[list[str]]:
 
 @pytest.mark.parametrize(
     ("name", "text"),
-    [("a.obj", BLENDER), ("a.obj", STUDIO), ("a.ply", MESHLAB), ("a.off", COFF), ("a.stl", SOLID)],
+    [("a.obj", BLENDER), ("a.obj", STUDIO), ("a.ply", MESHLAB), ("a.off", OFF), ("a.stl", STL)],
 )
 def test_what_does_not_move_stays_byte_by_byte(tmp_path, name, text):
     path = tmp_path / name
@@ -173,9 +150,9 @@ def test_textures_normals_and_materials_of_an_obj_split_no_vertex(tmp_path):
     [
         ("a.obj", BLENDER, {"v": slice(1, 4)}, {"vn": slice(1, 4)}),
         ("a.obj", STUDIO, {"v": slice(1, 4)}, {}),
-        ("a.stl", SOLID, {"vertex": slice(1, 4)}, {"facet": slice(2, 5)}),
+        ("a.stl", STL, {"vertex": slice(1, 4)}, {"facet": slice(2, 5)}),
         ("a.ply", MESHLAB, {11: slice(3)}, {11: slice(3, 6), 15: slice(12, 15), 9: slice(6, 9)}),
-        ("a.off", COFF, {10: slice(3), 13: slice(3)}, {10: slice(3, 6), 13: slice(3, 6)}),
+        ("a.off", OFF, {10: slice(3), 13: slice(3)}, {10: slice(3, 6), 13: slice(3, 6)}),
     ],
 )
 def test_a_turned_text_differs_in_positions_and_normals_alone(tmp_path, name, text, positions, normals):
@@ -296,7 +273,7 @@ def test_references_to_other_files_are_from_the_new_place(tmp_path):
 
 def test_what_another_format_loses_is_named(tmp_path):
     found = {}
-    for name, text in {"a.obj": BLENDER, "b.obj": STUDIO, "a.ply": MESHLAB, "a.off": COFF}.items():
+    for name, text in {"a.obj": BLENDER, "b.obj": STUDIO, "a.ply": MESHLAB, "a.off": OFF}.items():
         path = tmp_path / name
         path.write_text(text)
         file = read_file(path)
@@ -311,7 +288,7 @@ def test_what_another_format_loses_is_named(tmp_path):
         | {"polygons", "lines and points", "comments"},
         "a.ply": {"vertex normals", "vertex colours", "property quality", "texture coordinates"}
         | {"face normals", "element camera", "comments"},
-        "a.off": {"vertex colours", "normals", "face colours", "comments"},
+        "a.off": {"vertex colours", "normals", "face colours", "polygons", "comments"},
     }
     write_mesh(tmp_path / "plain.ply", np.eye(3), np.array([[0, 1, 2]]))
     assert read_file(tmp_path / "plain.ply").lost("a.stl") == ()

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -10,7 +8,7 @@ from threading import Barrier
 import pytest
 
 from sshade.errors import InputError
-from sshade.io.files import make_folder, reason, replacing
+from sshade.io.files import make_folder, replacing
 
 
 def test_the_file_appears_whole_on_success_under_its_name_alone(tmp_path):
@@ -63,18 +61,6 @@ def test_a_place_that_cannot_be_written_is_an_input_error(tmp_path):
     make_folder(tmp_path / "a" / "b")
     make_folder(tmp_path / "a" / "b")
     assert (tmp_path / "a" / "b").is_dir()
-
-
-@pytest.mark.parametrize(
-    ("error", "text"),
-    [
-        (OSError(28, "No space left on device", "x"), "No space left on device"),
-        (OSError("12 requested and 0 written"), "12 requested and 0 written; the disk may be full"),
-        (OSError(), "OSError; the disk may be full"),
-    ],
-)
-def test_the_reason_of_an_error_of_the_system(error, text):
-    assert reason(error) == text
 
 
 def test_what_a_killed_process_left_is_removed_and_that_of_a_living_one_is_not(tmp_path):

@@ -1,7 +1,5 @@
 """OFF, OBJ and STL files as other programs write them; damaged files are refused with their place."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np
@@ -25,28 +23,27 @@ def test_they_agree_with_another_reader(tmp_path):
 
 
 OFF = """\
-COFF
-# made by hand
+CNOFF # with colours
 5 3 0
 
-0 0 0 255 0 0 255
-1 0 0 255 0 0 255 # a corner
-1 1 0 255 0 0 255
-0 1 0 255 0 0 255
-2 0 1 255 0 0 255
+0 0 0  0 0 1  255 0 0 255
+1 0 0  0 0 1  0 255 0 255 # a corner
+1 1 0  0 0 1  0 0 255 255
+0 1 0  0 0 1  0 0 255 255
+2 0.5 0  0 0 1  0 0 255 255
 4 0 1 2 3
 3 1 4 2 0.5 0.5 0.5
-3 0 3 2
+3 0 2 3
 """
 
 
 def test_off_with_comments_colours_and_polygons(tmp_path):
-    one_line_head = OFF.replace("COFF\n# made by hand\n5", "OFF 5")
+    one_line_head = OFF.replace("CNOFF # with colours\n5", "CNOFF 5")
     for text in (OFF, OFF.replace("\n", "\r\n"), OFF.replace("\n", "\r"), one_line_head):
         (tmp_path / "a.off").write_bytes(text.encode())
         V, F = read_arrays(tmp_path / "a.off")
-        assert V.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 1]]
-        assert F.tolist() == [[0, 1, 2], [0, 2, 3], [1, 4, 2], [0, 3, 2]]
+        assert V.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0.5, 0]]
+        assert F.tolist() == [[0, 1, 2], [0, 2, 3], [1, 4, 2], [0, 2, 3]]
 
 
 STL = """\
@@ -91,17 +88,17 @@ OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1//1 2//1 3//1\n"
 @pytest.mark.parametrize(
     ("suffix", "sound", "old", "new", "words"),
     [
-        (".off", OFF, "COFF", "PLY", "does not begin with OFF"),
-        (".off", OFF, "COFF", "4OFF", "do not have three coordinates"),
-        (".off", OFF, "COFF", "nOFF", "do not have three coordinates"),
+        (".off", OFF, "CNOFF", "PLY", "does not begin with OFF"),
+        (".off", OFF, "CNOFF", "4OFF", "do not have three coordinates"),
+        (".off", OFF, "CNOFF", "nOFF", "do not have three coordinates"),
         (".off", OFF, "5 3 0", "5", "does not say how many"),
         (".off", OFF, "5 3 0", "5 4 0", "5 vertices and 4 faces are announced, 8 lines follow"),
         (".off", OFF, "5 3 0", "-5 13 0", "announced"),
-        (".off", OFF, "2 0 1 255 0 0 255", "2 0", "line 9: a vertex needs three coordinates"),
-        (".off", OFF, "2 0 1 255", "2 0 x 255", "could not convert"),
-        (".off", OFF, "4 0 1 2 3", "4 0 1 2", "line 10: a face needs"),
-        (".off", OFF, "3 0 3 2", "2 0 3", "line 12: a face needs"),
-        (".off", OFF, "3 0 3 2", "3 0 3 2.5", "is no whole number"),
+        (".off", OFF, "2 0.5 0  0 0 1  0 0 255 255", "2 0.5", "line 8: a vertex needs three coordinates"),
+        (".off", OFF, "2 0.5 0  0", "2 0.5 x  0", "could not convert"),
+        (".off", OFF, "4 0 1 2 3", "4 0 1 2", "line 9: a face needs"),
+        (".off", OFF, "3 0 2 3", "2 0 3", "line 11: a face needs"),
+        (".off", OFF, "3 0 2 3", "3 0 2 3.5", "is no whole number"),
         (".obj", OBJ, "1 0 0", "1 0", "line 2: a vertex needs three"),
         (".obj", OBJ, " 3//1", "", "line 5: a face needs three"),
         (".obj", OBJ, " 3//1", " 3//0", "line 5: .*counted from 1"),

@@ -1,7 +1,5 @@
 """glTF files with changed numbers: refused in one sentence, or read back as what was written."""
 
-from __future__ import annotations
-
 import copy
 
 import numpy as np

@@ -1,7 +1,5 @@
 """PLY: every type and byte order, mixed polygons, and what is wrong with a file."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np

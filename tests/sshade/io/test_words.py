@@ -1,7 +1,5 @@
 """Numbers of texts, against Python's float and repr."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Cutting meshes into oriented manifolds."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Kabsch against scipy, and points that leave the rotation open."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

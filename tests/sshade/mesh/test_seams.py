@@ -1,7 +1,5 @@
 """Seams: vertices that are merged, and vertices at one position that stay apart."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

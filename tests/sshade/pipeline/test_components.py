@@ -1,7 +1,5 @@
 """Component by component: each as it is alone, seams that stay closed, unconstrained ones, and shares."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

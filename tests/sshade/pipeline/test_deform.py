@@ -1,7 +1,5 @@
 """The one call: its forms give the same, keep what they are given, and take meshes as they come."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Faces without area: deformed as if they were not there, by every method."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

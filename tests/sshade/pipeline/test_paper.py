@@ -1,7 +1,5 @@
 """The paper's method from end to end."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

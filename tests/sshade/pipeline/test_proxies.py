@@ -1,7 +1,5 @@
 """How many vertices a proxy has: the same rule whoever asks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

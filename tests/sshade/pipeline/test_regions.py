@@ -1,7 +1,5 @@
 """Handles that are regions of any size."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

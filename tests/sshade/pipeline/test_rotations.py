@@ -1,7 +1,5 @@
 """Prescribed rotations of handles: an oracle, what follows, resolution, invariance, levels, files."""
 
-from __future__ import annotations
-
 import json
 from functools import partial
 

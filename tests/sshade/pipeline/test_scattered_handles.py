@@ -1,7 +1,5 @@
 """Many single vertices as handles: more than a proxy's samples can hold, and no rotation at any."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Soft handles from end to end: methods, regions, components, the bound mesh, files, refusals."""
 
-from __future__ import annotations
-
 import json
 from functools import partial
 

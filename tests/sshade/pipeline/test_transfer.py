@@ -1,7 +1,5 @@
 """Isometric reconstruction and pose transfer."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

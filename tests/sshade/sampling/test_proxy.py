@@ -1,15 +1,11 @@
-from __future__ import annotations
-
 import re
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.sparse.csgraph import dijkstra
 
 from sshade import InputError, Mesh
-from sshade.mesh.adjacency import vertex_graph
 from sshade.sampling import proxy as module
 from sshade.sampling.proxy import Sampling, proxy_mesh, sample_proxy
 from tests.shapes import bumpy, double_torus, icosphere, jittered, strip, tetrahedron, torus, tube
@@ -73,16 +69,6 @@ def test_the_proxy_keeps_the_topology(name, count):
 def test_the_proxy_is_valid_for_any_seed_and_size(name, seed, k):
     mesh = SURFACES[name]
     assert_valid_proxy(mesh, sample_proxy(mesh, min(k, mesh.n), seed=seed))
-
-
-@pytest.mark.parametrize("name", ["bumpy", "double torus", "tube", "strip 5 wide"])
-@pytest.mark.parametrize("k", [5, 40])
-def test_every_vertex_is_in_the_cell_of_its_nearest_sample(name, k):
-    mesh = SURFACES[name]
-    result = sample_proxy(mesh, k, seed=2)
-    to_all = dijkstra(vertex_graph(mesh).matrix, directed=False, indices=result.samples)
-    assert np.array_equal(result.distance, to_all.min(axis=0))
-    assert np.array_equal(to_all[result.cell, np.arange(mesh.n)], result.distance)
 
 
 def test_all_vertices_as_samples_give_the_mesh_back(small_body):

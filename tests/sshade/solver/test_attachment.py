@@ -1,7 +1,5 @@
 """Attachment: by formula, by invariances, without a rigid motion, and its effect on a shape."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -25,9 +23,10 @@ def patch(mesh: Mesh, point, count: int) -> np.ndarray:
     return np.argsort(np.linalg.norm(mesh.V - np.asarray(point), axis=1), kind="stable")[:count]
 
 
-def two_patches(mesh: Mesh, *, turn=TURN, count=7) -> Handles:
+def two_patches(mesh: Mesh, *, turn=TURN, shift=(0.4, 0.1, 0.2), count=7) -> Handles:
+    """One end stays, the other is turned and shifted."""
     low, high = patch(mesh, [0, 1, mesh.V[:, 2].min()], count), patch(mesh, [0, 1, mesh.V[:, 2].max()], count)
-    target = np.concatenate([mesh.V[low], mesh.V[high] @ turn.T + [0.4, 0.1, 0.2]])
+    target = np.concatenate([mesh.V[low], mesh.V[high] @ turn.T + shift])
     return Handles(np.concatenate([low, high]), target, group=np.repeat([0, 1], count))
 
 
@@ -138,17 +137,7 @@ def test_what_is_near_a_turned_patch_turns_with_it():
     """A patch at the end of a bar nods: the end nods along, where without attachment only the patch does."""
     turn = Rotation.from_rotvec([0.7, 0.0, 0.0]).as_matrix()
     top = np.array([0.0, 0.0, BAR.V[:, 2].max()])
-    still = two_patches(BAR, turn=np.eye(3))
-    moved = (BAR.V[still.index] - top) @ turn.T + top
-    task = DeformationTask(
-        "nod",
-        BAR,
-        Handles(
-            still.index,
-            np.where((still.group == 1)[:, None], moved, BAR.V[still.index]),
-            group=still.group,
-        ),
-    )
+    task = DeformationTask("nod", BAR, two_patches(BAR, turn=turn, shift=top - turn @ top))
     end = np.flatnonzero(BAR.V[:, 2] > top[2] - 1.0)
     off = {}
     for weight in (0.0, 0.1, 1.0):

@@ -1,7 +1,5 @@
 """The energy of bending: against its definition, a clamped plate, and what it must not depend on."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.sparse import csc_matrix

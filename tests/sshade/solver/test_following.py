@@ -1,16 +1,15 @@
 """Solves that follow moving targets: the same minimum as anew, nothing from a wrong past."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from sshade import Handles, InputError
 from sshade.solver.attachment import Attachment
 from sshade.solver.following import Following
 from sshade.solver.local_global import LocalGlobal
 from tests.shapes import tube
-from tests.sshade.solver.test_attachment import patch
+from tests.sshade.solver.test_attachment import two_patches
 
 BAR = tube(24, 60, length=6.0)
 ENERGY = {"volume": np.inf, "area": np.inf, "stiffness": 0.1, "strain": 0.02}
@@ -18,11 +17,8 @@ ENERGY = {"volume": np.inf, "area": np.inf, "stiffness": 0.1, "strain": 0.02}
 
 def handles_at(angle: float) -> Handles:
     """Both ends of the bar, one of them turned and moved."""
-    low, high = patch(BAR, [0, 1, BAR.V[:, 2].min()], 9), patch(BAR, [0, 1, BAR.V[:, 2].max()], 9)
-    c, s = np.cos(angle), np.sin(angle)
-    turn = np.array([[1.0, 0, 0], [0, c, -s], [0, s, c]])
-    target = np.concatenate([BAR.V[low], BAR.V[high] @ turn.T + [0.1 * angle, 0, 0]])
-    return Handles(np.concatenate([low, high]), target, group=np.repeat([0, 1], 9))
+    turn = Rotation.from_euler("x", angle).as_matrix()
+    return two_patches(BAR, turn=turn, shift=[0.1 * angle, 0, 0], count=9)
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,5 @@
 """Soft handles: the minimum against an energy of its own, limits, invariance, and what a weight means."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
