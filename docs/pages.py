@@ -22,13 +22,7 @@ from eval.rows.frame import numbers, read_csv, valid
 from sshade.options import reference
 
 ROOT = Path(__file__).parents[1]
-PAGES = (
-    ROOT / "README.md",
-    *(
-        ROOT / "docs" / f"{name}.md"
-        for name in ("results", "claims", "benchmark", "methods", "beyond", "deform", "options")
-    ),
-)
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 BLOCK = re.compile(
     r"(?P<begin><!-- "
     r"(table (?P<name>\w+): (?P<columns>[^\n;]+)(; (?P<lines>[^\n]+))?|rows|(?P<options>options))"

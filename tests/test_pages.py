@@ -72,7 +72,7 @@ def test_names_on_the_code_page_are_in_their_files():
 
 
 def test_the_pictures_of_beyond_are_there_and_small():
-    page = ROOT / "docs" / "beyond.md"
+    page = ROOT / "docs" / "beyond_fast.md"
     places = re.findall(r"\]\((figures/[^)]+)\)", page.read_text(encoding="utf-8"))
     assert len(places) > 5 and len(set(places)) == len(places)
     assert [place for place in places if (page.parent / place).stat().st_size > 150_000] == []

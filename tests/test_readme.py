@@ -1,4 +1,4 @@
-"""The Python of README.md runs, and docs/benchmark.md lists every experiment."""
+"""The Python of README.md runs, and docs/experiments.md lists every experiment."""
 
 import re
 from pathlib import Path
@@ -12,11 +12,11 @@ from sshade.cli.configuration import CONFIGURATION
 from tests.shapes import bumpy
 
 ROOT = Path(__file__).parents[1]
-README, BENCHMARK = ((ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/benchmark.md"))
+README, LIST = ((ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/experiments.md"))
 
 
 def test_the_page_lists_every_experiment_with_its_split():
-    (rows,) = (block["old"] for block in BLOCK.finditer(BENCHMARK) if block["name"] is None)
+    (rows,) = (block["old"] for block in BLOCK.finditer(LIST) if block["name"] is None)
     listed = {
         name: half
         for line in rows.splitlines()[2:]
