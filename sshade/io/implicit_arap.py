@@ -64,8 +64,8 @@ def _read_points(folder: Path, name: str) -> np.ndarray:
         raise InputError(f"{name!r} leads out of the folder {folder.name}; name a file in it")
     if not path.is_file():
         raise InputError(f"no such file: {path}")
-    rows = [line.split() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
     try:
+        rows = [line.split() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
         values = [[float(word) for word in row] for row in rows]
     except ValueError as error:
         raise InputError(f"{path}: each line needs three numbers ({error})") from error
