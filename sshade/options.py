@@ -6,6 +6,7 @@ Validation, ``--help``, the reference page and the columns of result rows are al
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
@@ -284,13 +285,8 @@ def _meant(name: Any, names: Iterable[str]) -> str:
 @cache
 def described() -> Mapping[str, Option]:
     """Return each option by name, with the effect from the docstring of :class:`Options`."""
-    effects, name = dict[str, str](), ""
-    for line in cleandoc(Options.__doc__ or "").partition("----------\n")[2].splitlines():
-        if line.startswith(" "):
-            effects[name] = f"{effects[name]} {line.strip()}".lstrip()
-        else:
-            name = line.partition(" : ")[0]
-            effects[name] = ""
+    attributes = re.findall(r"^(\w+) : .*((?:\n    .+)+)", cleandoc(Options.__doc__ or ""), re.MULTILINE)
+    effects = {name: " ".join(text.split()) for name, text in attributes}
     found = {}
     for entry in fields(Options):
         values, interval = entry.metadata["values"], entry.metadata["values"][:1] in ("[", "(")

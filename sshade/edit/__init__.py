@@ -2,7 +2,7 @@
 
 The folder ``page`` holds the page in the browser. :mod:`sshade.edit.server` answers its requests,
 :mod:`sshade.edit.commands` translates them into calls of the :mod:`sshade.edit.session`, which works without
-a browser. :mod:`sshade.edit.state` describes one step that undo returns to, and :mod:`sshade.edit.history`
-keeps the steps. :mod:`sshade.edit.follower` deforms the mesh during a drag and at rest,
-:mod:`sshade.edit.document` reads and writes files.
+a browser. :mod:`sshade.edit.state` describes the steps that undo returns to.
+:mod:`sshade.edit.follower` deforms the mesh during a drag and at rest, and :mod:`sshade.edit.document` reads
+and writes files.
 """

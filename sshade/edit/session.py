@@ -12,9 +12,7 @@ import numpy as np
 
 from sshade.edit.document import Document
 from sshade.edit.follower import Follower, converged
-from sshade.edit.history import History
-from sshade.edit.selecting import selected
-from sshade.edit.state import Group, Kind, Motion, Settings, State
+from sshade.edit.state import Group, History, Kind, Motion, Settings, State, selected
 from sshade.errors import InputError
 from sshade.handles import Handles
 from sshade.progress import Progress, silent
@@ -111,7 +109,7 @@ class Session:
         ----------
         vertices : (k,) int
         how : str
-            See :func:`sshade.edit.selecting.selected`.
+            See :func:`sshade.edit.state.selected`.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""A state of the editor: selected vertices, handle groups with their motions, and the method."""
+"""States of the editor, which undo returns to: selected vertices, handle groups, and the method."""
 
 from __future__ import annotations
 
@@ -17,6 +17,10 @@ Kind = Literal["static", "moving"]
 #: Methods of the editor.
 METHODS = ("fast", "fine", "paper")
 
+#: Ways to change a selection. The first three take vertices.
+WAYS = ("replace", "add", "remove", "all", "none", "invert", "grow", "shrink")
+#: Number of kept states, and bytes of their shapes. Shapes of older states are computed again on demand.
+STATES, BYTES = 1000, 500_000_000
 #: Greatest ratio of the second extent of vertices to the first, at which they count as a line. Their targets
 #: do not determine a rotation, which is therefore prescribed.
 LINE = 1e-6
@@ -275,3 +279,100 @@ def groups_of(handles: Handles, names: dict[int, str], *, first: int) -> tuple[G
             )
         )
     return tuple(groups)
+
+
+class History:
+    """A list of states and a current state.
+
+    Parameters
+    ----------
+    first : State
+    """
+
+    def __init__(self, first: State) -> None:
+        self._states, self._at = [first], 0
+
+    @property
+    def state(self) -> State:
+        """Current state."""
+        return self._states[self._at]
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is an earlier state."""
+        return self._at > 0
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether there is a later state."""
+        return self._at < len(self._states) - 1
+
+    def push(self, state: State) -> None:
+        """Append a state and make it the current one; states that were undone are dropped."""
+        self._states = [*self._states[: self._at + 1], state][-STATES:]
+        self._at = len(self._states) - 1
+
+    def go(self, steps: int) -> None:
+        """Go forth, or back if `steps` is negative, as far as there are states."""
+        self._at = min(max(self._at + steps, 0), len(self._states) - 1)
+
+    def store_shape(self, state: State, shape: np.ndarray) -> None:
+        """Store the converged shape of a state, also for states that differ in the selection only."""
+        for i, other in enumerate(self._states):
+            if other.same_shape(state):
+                self._states[i] = replace(other, shape=shape)
+        self._drop_shapes()
+
+    def _drop_shapes(self) -> None:
+        """Drop the oldest shapes until all shapes fit in :data:`BYTES`."""
+        kept = {id(self.state.shape): 0 if self.state.shape is None else self.state.shape.nbytes}
+        for i in range(len(self._states) - 1, -1, -1):
+            shape = self._states[i].shape
+            if shape is None or id(shape) in kept:
+                continue
+            if sum(kept.values()) + shape.nbytes > BYTES:
+                self._states[i] = replace(self._states[i], shape=None)
+            else:
+                kept[id(shape)] = shape.nbytes
+
+
+def selected(mesh: Mesh, before: np.ndarray, vertices: np.ndarray, how: str) -> np.ndarray:
+    """Change a selection.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    before : (j,) int64
+        Selected vertices.
+    vertices : (k,) int
+        Vertices for "replace", "add" and "remove".
+    how : str
+        A word of :data:`WAYS`. "grow" adds the neighbours of selected vertices; "shrink" removes selected
+        vertices with a neighbour that is not selected.
+
+    Returns
+    -------
+    (j',) int64
+        Selected vertices, ascending.
+
+    Raises
+    ------
+    InputError
+        When `how` is another word, or a vertex is out of range.
+    """
+    if how not in WAYS:
+        raise InputError(f"{how!r} is no way to pick vertices; use {', '.join(WAYS)}")
+    if vertices.ndim != 1 or (len(vertices) and (vertices.min() < 0 or vertices.max() >= mesh.n)):
+        raise InputError(f"vertices to pick are numbers from 0 to {mesh.n - 1}")
+    chosen = np.zeros(mesh.n, dtype=bool)
+    chosen[before] = how not in ("replace", "none")
+    if how in ("replace", "add", "remove"):
+        chosen[vertices] = how != "remove"
+    elif how == "all":
+        chosen[:] = True
+    elif how == "invert":
+        chosen = ~chosen
+    elif how in ("grow", "shrink"):
+        ends = chosen[mesh.edges]
+        chosen[mesh.edges[ends[:, 0] != ends[:, 1]]] = how == "grow"
+    return np.flatnonzero(chosen)

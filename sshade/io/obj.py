@@ -30,18 +30,16 @@ class _Corners(NamedTuple):
         Ids from 0; -1 for a corner without a normal.
     begin, end : int64
         Places where the number of the corner's normal begins and ends.
-    relative : bool
-        Whether the number of the normal counts backwards from the face.
-    above : int64
-        Number of normals above the face.
+    base : int64
+        What is added to the number in the file: the normals above the face if the number counts backwards
+        from the face, otherwise -1.
     """
 
     vertex: np.ndarray
     normal: np.ndarray
     begin: np.ndarray
     end: np.ndarray
-    relative: np.ndarray
-    above: np.ndarray
+    base: np.ndarray
 
 
 class _Obj(NamedTuple):
@@ -56,7 +54,7 @@ class _Obj(NamedTuple):
     corners : _Corners
     triangles : (m, 3) int64
         Numbers of corners.
-    libraries : list of (int, int)
+    libraries : (2, l) int64
         Bytes where lines "mtllib" and the lines behind them begin.
     """
 
@@ -66,7 +64,7 @@ class _Obj(NamedTuple):
     normal_lines: np.ndarray
     corners: _Corners
     triangles: np.ndarray
-    libraries: list[tuple[int, int]]
+    libraries: np.ndarray
 
 
 def read_obj(path: Path) -> MeshFile:
@@ -108,7 +106,7 @@ def read_obj(path: Path) -> MeshFile:
         lines_and_points=there & {b"l", b"p"},
         comments=any(key & 0xFF == ord("#") for key in keys),
     )
-    places = list(zip(*(place.tolist() for place in text.line_ends(libraries)), strict=True))
+    places = np.stack(text.line_ends(libraries))
     obj = _Obj(data, positions, normals, text.line_ends(shading)[0], corners, triangles, places)
     F = corners.vertex[triangles]
     return MeshFile(positions.value, F, holds, (".obj",), partial(_content, obj, path))
@@ -141,22 +139,20 @@ def _faces(
     normal = np.zeros(len(begin), dtype=np.int64)
     normal[shaded] = text.integers(begin[shaded], end[shaded])
     require((vertex == 0) | (shaded & (normal == 0)), line, incomplete)
-    above = np.searchsorted(normal_lines, faces)[face]
     vertex += np.where(vertex > 0, -1, np.searchsorted(vertex_lines, faces)[face])
-    relative = normal < 0
-    normal += np.where(relative, above, -1)
+    base = np.where(normal < 0, np.searchsorted(normal_lines, faces)[face], -1)
+    normal += base
     require(shaded & (normal < 0), line, "a face refers to more normals than there are above it")
     normal[~shaded] = -1
-    return _Corners(vertex, normal, begin, end, relative, above), fanned(polygons, of_size)[0]
+    return _Corners(vertex, normal, begin, end, base), fanned(polygons, of_size)[0]
 
 
 def _content(obj: _Obj, source: Path, V: np.ndarray, path: Path) -> bytes:
     edits = [obj.positions.edits(V)]
     if len(obj.normals.value):
         edits += _turned_normals(obj, V)
-    for begin, end in obj.libraries:
-        moved = _moved_library(obj.data[begin:end], source, path).decode("latin-1")
-        edits.append(Edits(np.array([begin]), np.array([end]), [moved]))
+    lines = [_moved_library(obj.data[a:b], source, path) for a, b in obj.libraries.T.tolist()]
+    edits.append(Edits(obj.libraries[0], obj.libraries[1], [line.decode("latin-1") for line in lines]))
     return edited(obj.data, edits)
 
 
@@ -203,12 +199,9 @@ def _turned_normals(obj: _Obj, V: np.ndarray) -> list[Edits]:
         place = np.empty(len(order), dtype=np.int64)
         place[order] = above[line_of] + rank
         # Numbers that count backwards from the face keep doing so.
-        old_base, new_base = corners.above[shaded], above[corners.above[shaded]]
-        relative = corners.relative[shaded]
-        old = corners.normal[shaded] - np.where(relative, old_base, -1)
-        renumbered = place[variant[pair_of]] - np.where(relative, new_base, -1)
-        numbers = Numbers(corners.begin[shaded], corners.end[shaded], old)
-        edits.append(numbers.edits(renumbered))
+        begin, end, base = (column[shaded] for column in corners[2:])
+        numbers = Numbers(begin, end, corners.normal[shaded] - base)
+        edits.append(numbers.edits(place[variant[pair_of]] - np.where(base < 0, -1, above[base])))
     return edits
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from sshade import InputError, Mesh
 from sshade.cli.main import main
-from sshade.edit import follower, history
+from sshade.edit import follower, state
 from sshade.edit import session as editing
 from sshade.edit.session import Session, Superseded
 from sshade.edit.state import Motion, Settings
@@ -216,7 +216,7 @@ def test_a_drag_goes_on_from_where_the_group_was_released_and_from_where_undo_br
 
 
 def test_shapes_that_were_dropped_for_want_of_memory_are_computed_again(monkeypatch):
-    monkeypatch.setattr(history, "BYTES", 3 * BODY.V.nbytes)
+    monkeypatch.setattr(state, "BYTES", 3 * BODY.V.nbytes)
     session = begun()
     number = marked(session)
     shapes = []
