@@ -87,8 +87,7 @@ def command(options: argparse.Namespace) -> int:
     mesh = whole.mesh
     handles = read_handles(options.handles, mesh, raw=options.raw, vertex=whole.vertex)
     if options.weight is not None:
-        weight = np.where(handles.hard, options.weight, handles.weight)
-        handles = replace(handles, weight=weight)
+        handles = replace(handles, weight=np.where(handles.hard, options.weight, handles.weight))
     task = DeformationTask(options.mesh.stem, mesh, handles, carry_unconstrained=options.carry_unconstrained)
     begin = perf_counter()
     with progress_bar() as progress:

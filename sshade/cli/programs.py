@@ -38,17 +38,14 @@ class Program(NamedTuple):
 
     def main(self, argv: Sequence[str] | None = None) -> int:
         """Run the command line; return the exit code."""
-        arguments = list(sys.argv[1:] if argv is None else argv)
-        if arguments and arguments[0] in ("-h", "--help"):
-            print(self.help, end="")  # noqa: T201
-            return 0
-        if arguments and arguments[0] == "--version":
-            print(version_of(self.name))  # noqa: T201
+        name, *arguments = (sys.argv[1:] if argv is None else argv) or [""]
+        if name in ("-h", "--help", "--version"):
+            print(f"{version_of(self.name)}\n" if name == "--version" else self.help, end="")  # noqa: T201
             return 0
         try:
             from sshade.cli.console import run_command
 
-            return run_command(lambda: self.call(arguments[0] if arguments else "", arguments[1:]))
+            return run_command(lambda: self.call(name, arguments))
         except KeyboardInterrupt:  # while libraries are imported
             print("interrupted", file=sys.stderr)  # noqa: T201
             return 130

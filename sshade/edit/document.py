@@ -38,8 +38,8 @@ class Document:
     output, handles : path, optional
         Files for the deformed mesh and the handles. They are replaced without a question. By default the
         files lie beside the mesh and are named after it.
-    carry_unconstrained : bool
-        See :class:`sshade.DeformationTask`.
+    carry : bool
+        The `carry_unconstrained` of :class:`sshade.DeformationTask`.
 
     Attributes
     ----------
@@ -55,9 +55,7 @@ class Document:
         When the file cannot be read, or a given path cannot be written or is the mesh itself.
     """
 
-    def __init__(
-        self, path: Path, *, output: Path | None, handles: Path | None, carry_unconstrained: bool
-    ) -> None:
+    def __init__(self, path: Path, *, output: Path | None, handles: Path | None, carry: bool) -> None:
         self.name, self._path, self._replaceable = path.name, path, set[Path]()
         self.outputs = {
             "mesh": path.with_name(f"{path.stem}_deformed{path.suffix}"),
@@ -67,8 +65,7 @@ class Document:
             if given is not None:
                 self._check(content, given)
                 self._propose(content, given)
-        self._carry_unconstrained = carry_unconstrained
-        self._file = read_file(path)
+        self._carry, self._file = carry, read_file(path)
         with naming(path):
             self._surface = surface(self._file.V, self._file.F)
         self.mesh = self._surface.mesh
@@ -86,7 +83,7 @@ class Document:
             When there are no handles, or a component has none and may not follow another component.
         """
         handles = state.handles(self.mesh)
-        return DeformationTask(self.name, self.mesh, handles, carry_unconstrained=self._carry_unconstrained)
+        return DeformationTask(self.name, self.mesh, handles, carry_unconstrained=self._carry)
 
     def read_groups(self, path: Path, *, first: int) -> tuple[Group, ...]:
         """Read the groups of a handle file; `first` is the number of the first group.
@@ -169,7 +166,7 @@ class Document:
     def command(self, settings: Settings) -> str:
         """Return the command line that computes the same shape from the saved handles."""
         method = [] if settings.method == Settings().method else ["--method", settings.method]
-        carry = ["--carry-unconstrained"] if self._carry_unconstrained else []
+        carry = ["--carry-unconstrained"] if self._carry else []
         paths = [str(self._path), str(self.outputs["handles"]), "-o", str(self.outputs["mesh"])]
         constraints = [word for name in settings.constraints for word in (f"--{name}", "0")]
         return shlex.join(["sshade", "deform", *paths, *method, *constraints, *carry])

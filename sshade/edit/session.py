@@ -68,8 +68,7 @@ class Session:
         settings: Settings = Settings(),  # noqa: B008  (immutable)
         carry_unconstrained: bool = False,
     ) -> None:
-        files: dict[str, Any] = {"output": output, "handles": handles_output}
-        self.document = Document(path, **files, carry_unconstrained=carry_unconstrained)
+        self.document = Document(path, output=output, handles=handles_output, carry=carry_unconstrained)
         self.mesh = mesh = self.document.mesh
         self.shown = mesh.V
         self.history = History(State(settings=settings, shape=mesh.V))

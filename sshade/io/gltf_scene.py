@@ -79,25 +79,24 @@ def require_apart(tree: dict[str, Any], buffers: list[bytes], path: Path) -> Non
             key = accessor_bytes(tree, attributes[name])
             if owner.setdefault(key, (name, positions)) != (name, positions):
                 _refuse_shared(attributes[name], path)
-    taken = [bytearray(len(data)) for data in buffers]  # 1 for bytes that are in use
-    changed: dict[tuple, int] = {}
+    uses = [np.zeros(len(data), dtype=np.uint8) for data in buffers]  # of each byte, counted up to 3
+    numbers: dict[tuple, int] = {}
     views = [image.get("bufferView") for image in tree.get("images", [])]
     for number, accessor in enumerate(tree["accessors"]):
         if "sparse" in accessor:
             views += [accessor["sparse"][part]["bufferView"] for part in ("indices", "values")]
-        if "bufferView" in accessor and accessor_bytes(tree, number) in owner:
-            changed[accessor_bytes(tree, number)] = number
-        elif "bufferView" in accessor:
-            array_of(tree, taken, number).view(np.uint8)[:] = 1
+        if "bufferView" in accessor:
+            numbers[accessor_bytes(tree, number)] = number
+    for number in numbers.values():
+        here = array_of(tree, uses, number).view(np.uint8)
+        here += here < 2
     there = range(len(tree["bufferViews"]))
     for view in (tree["bufferViews"][number] for number in views if number in there):
         begin = view.get("byteOffset", 0)
-        taken[view["buffer"]][begin : begin + view["byteLength"]] = b"\1" * view["byteLength"]
-    for number in changed.values():
-        flags = array_of(tree, taken, number).view(np.uint8)
-        if flags.any():
-            _refuse_shared(number, path)
-        flags[:] = 1
+        uses[view["buffer"]][begin : begin + view["byteLength"]] |= 2
+    for key in owner:
+        if (array_of(tree, uses, numbers[key]).view(np.uint8) > 1).any():
+            _refuse_shared(numbers[key], path)
 
 
 def _refuse_shared(number: int, path: Path) -> None:

@@ -72,21 +72,12 @@ def read_ply(path: Path) -> MeshFile:
 
 def _parsed(data: bytes) -> _Ply:
     order, elements, body = read_header(data)
-    numbers, at, binary, words = data, body, order, None
+    numbers, at, words = data, body, None
     if order == "":
-        # Converted to doubles, a text is read like a binary file.
-        double = np.dtype("float64")
         words = Text(data[body:]).numbers(slice(None))
-        numbers, at, binary = words.value.astype("<f8").tobytes(), 0, "<"
+        numbers, at = words.value.astype("<f8").tobytes(), 0
     for element in elements:
-        typed = element
-        if order == "":
-            properties = [
-                p._replace(kind=double, length=None if p.length is None else double)
-                for p in element.properties
-            ]
-            typed = Element(element.name, element.size, properties)
-        element.rows, at = take(numbers, at, typed, binary)
+        element.rows, at = take(numbers, at, element, order)
     if at != len(numbers):
         raise ValueError("more numbers follow after the last announced row")
     return _Ply(data, body, order, {element.name: element for element in elements}, words)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from struct import unpack_from
+from struct import calcsize, unpack_from
 from typing import NamedTuple
 
 import numpy as np
@@ -115,8 +115,9 @@ def take(data: bytes, at: int, element: Element, order: str) -> tuple[list[Rows]
     """Read the rows of an element that begins at byte `at`; return the rows and the byte where they end."""
     if not element.size or not element.properties:
         return [], at
-    lengths = _lengths(data, at, element, order)
-    layout = _layout(element, lengths, order)
+    codes = [(_code(p.length, order) if p.length else "", _code(p.kind, order)) for p in element.properties]
+    lengths = _lengths(data, at, element, codes)
+    layout = _layout(lengths, codes)
     end = at + element.size * layout.itemsize
     if end <= len(data):  # all rows may have lists as long as those of the first row
         values = np.frombuffer(data, layout, element.size, at)
@@ -125,9 +126,9 @@ def take(data: bytes, at: int, element: Element, order: str) -> tuple[list[Rows]
     layouts: dict[tuple[int | None, ...], np.dtype] = {}
     places: dict[tuple[int | None, ...], list[tuple[int, int]]] = {}
     for row in range(element.size):
-        lengths = _lengths(data, at, element, order)
+        lengths = _lengths(data, at, element, codes)
         if lengths not in layouts:
-            layouts[lengths], places[lengths] = _layout(element, lengths, order), []
+            layouts[lengths], places[lengths] = _layout(lengths, codes), []
         places[lengths].append((row, at))
         at += layouts[lengths].itemsize
     groups, every = [], np.frombuffer(data, np.uint8)
@@ -138,32 +139,35 @@ def take(data: bytes, at: int, element: Element, order: str) -> tuple[list[Rows]
     return groups, at
 
 
-def _lengths(data: bytes, at: int, element: Element, order: str) -> tuple[int | None, ...]:
+def _code(kind: np.dtype, order: str) -> str:
+    """Return the code of a type for struct and NumPy. The numbers of a text are read as doubles."""
+    return order + kind.char if order else "<d"
+
+
+def _lengths(data: bytes, at: int, element: Element, codes: list[tuple[str, str]]) -> tuple[int | None, ...]:
     """Return the lengths of the lists in the row that begins at byte `at`; None for plain numbers."""
     lengths: list[int | None] = []
-    for one in element.properties:
+    for length_code, code in codes:
         length = None
-        if one.length is not None:
-            if at + one.length.itemsize > len(data):
+        if length_code:
+            if at + calcsize(length_code) > len(data):
                 break
-            (length,) = unpack_from(order + one.length.char, data, at)
+            (length,) = unpack_from(length_code, data, at)
             if length < 0 or length != int(length):
                 raise ValueError(f"a list of its element {element.name} has a length of {length}")
             length = int(length)
-            at += one.length.itemsize
+            at += calcsize(length_code)
         lengths.append(length)
-        at += one.kind.itemsize * (1 if length is None else length)
-    if len(lengths) < len(element.properties) or at > len(data):
+        at += calcsize(code) * (1 if length is None else length)
+    if len(lengths) < len(codes) or at > len(data):
         raise ValueError(f"it ends within the {element.size} rows of its element {element.name}")
     return tuple(lengths)
 
 
-def _layout(element: Element, lengths: tuple[int | None, ...], order: str) -> np.dtype:
+def _layout(lengths: tuple[int | None, ...], codes: list[tuple[str, str]]) -> np.dtype:
     fields: list[tuple] = []
-    for i, (one, length) in enumerate(zip(element.properties, lengths, strict=True)):
-        kind = order + one.kind.char
-        if one.length is None:
-            fields.append((f"p{i}", kind))
-        else:
-            fields += [(f"n{i}", order + one.length.char), (f"p{i}", kind, (length,))]
+    for i, (length, (length_code, code)) in enumerate(zip(lengths, codes, strict=True)):
+        fields += (
+            [(f"p{i}", code)] if length is None else [(f"n{i}", length_code), (f"p{i}", code, (length,))]
+        )
     return np.dtype(fields)
