@@ -184,15 +184,9 @@ class Handles:
         portion = self.portion
         if portion is not None:
             portion = portion[number] if len(number) == len(self) else self._gathered(portion, number, V)
-        return Handles(
-            index,
-            self.target[number],
-            dynamic=self.dynamic[number],
-            group=self.group[number],
-            weight=self.weight[number],
-            portion=portion,
-            rotation=None if self.rotation is None else self.rotation[number],
-        )
+        arrays = {name: values for name, values in vars(self).items() if isinstance(values, np.ndarray)}
+        some = {name: values[number] for name, values in arrays.items()}
+        return Handles(**{**some, "index": index, "portion": portion})
 
     def require_hard(self, method: str) -> None:
         """Raise InputError if a handle is soft or has a prescribed rotation, which `method` cannot use."""
@@ -274,13 +268,12 @@ class Handles:
         if not raw:
             offset = mesh.V[index] - source
             moved[~dynamic] = mesh.V[index[~dynamic]]
-            fitted = dynamic.copy()
+            turned = np.zeros(k, dtype=bool)
             if rotation is not None:
                 turned = dynamic & np.isfinite(rotation).all(axis=(1, 2))
                 moved[turned] += np.einsum("iab,ib->ia", rotation[turned], offset[turned])
-                fitted &= ~turned
-            for g in np.unique(group[fitted]):
-                rows = fitted & (group == g)
+            for g in np.unique(group[dynamic & ~turned]):
+                rows = dynamic & ~turned & (group == g)
                 R, _ = rigid_motion(source[rows], target[rows])
                 moved[rows] += offset[rows] @ R.T
 

@@ -184,8 +184,8 @@ def write_handles(
 def _from_json(data: Any, mesh: Mesh, *, raw: bool, vertex: np.ndarray) -> Handles:
     if not isinstance(data, dict) or not isinstance(data.get("handles"), list):
         raise InputError('expected an object with a list "handles"')
-    exact: list[tuple[np.ndarray, ...]] = []
-    snapped: list[tuple[np.ndarray, ...]] = []
+    # Rows of handles by id, and rows of positions, which are snapped at once with one search tree.
+    rows: tuple[list[tuple[np.ndarray, ...]], ...] = ([], [])
     for number, entry in enumerate(data["handles"]):
         with naming(f"entry {number}"):
             kind = _kind(entry)
@@ -196,12 +196,11 @@ def _from_json(data: Any, mesh: Mesh, *, raw: bool, vertex: np.ndarray) -> Handl
             k = len(place)
             values = np.full(k, kind == "dynamic"), np.full(k, number), np.full(k, _weight(entry))
         row = place, target, *values, np.broadcast_to(rotation, (k, 3, 3))
-        (snapped if "source" in entry else exact).append(row)
-    # All positions are snapped at once, so that one search tree is built.
-    parts, snap = [], partial(Handles.from_positions, mesh, raw=raw)
-    for create, rows in ((Handles, exact), (snap, snapped)):
-        if rows:
-            at, target, dynamic, group, weight, R = columns(rows)
+        rows["source" in entry].append(row)
+    parts, snapped = [], partial(Handles.from_positions, mesh, raw=raw)
+    for create, some in (Handles, rows[0]), (snapped, rows[1]):
+        if some:
+            at, target, dynamic, group, weight, R = columns(some)
             parts.append(create(at, target, dynamic=dynamic, group=group, weight=weight, rotation=R))
     if not parts:
         raise InputError(NO_HANDLES)
@@ -240,19 +239,14 @@ def _rotation(entry: dict[str, Any]) -> np.ndarray:
     from scipy.spatial.transform import Rotation
 
     form = "three rows of three numbers, or a quaternion [x, y, z, w]"
-    value, R = entry["rotation"], np.zeros((3, 3))
-    if isinstance(value, list) and len(value) == 4:
-        quaternion = as_array(value, '"rotation"', (4,), form)
-        if abs(np.linalg.norm(quaternion) - 1) <= UNIT:
-            R = Rotation.from_quat(quaternion).as_matrix()
-    else:
-        R = as_array(value, '"rotation"', (3, 3), form)
-    try:
+    if isinstance(entry["rotation"], list) and len(entry["rotation"]) == 4:
+        quaternion = as_array(entry["rotation"], '"rotation"', (4,), form)
+        if abs(np.linalg.norm(quaternion) - 1) > UNIT:
+            raise InputError('"rotation" is no rotation: a quaternion has length 1')
+        return Rotation.from_quat(quaternion).as_matrix()
+    R = as_array(entry["rotation"], '"rotation"', (3, 3), form)
+    with naming('"rotation" is no rotation'):
         require_rotations(R[None])
-    except InputError as error:
-        raise InputError(
-            '"rotation" is no rotation: rows must be orthonormal and right-handed, quaternions of length 1'
-        ) from error
     return R
 
 
