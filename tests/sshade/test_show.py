@@ -1,16 +1,15 @@
 """Pictures of shapes and ``sshade show``: what is drawn where, and in which colour."""
 
-import json
-
 import numpy as np
 import pytest
 
 from sshade.cli.main import main
 from sshade.figures import View, _require_renderer, colour_range, edge_error, picture
+from sshade.io.handles import write_handles
 from sshade.io.meshes import write_mesh
 from sshade.mesh.mesh import Mesh
 from sshade.task import Handles
-from tests.shapes import rotation
+from tests.shapes import end_handles, rotation
 
 
 def coloured(pixels: np.ndarray, *, red=(0, 255), green=(0, 255), blue=(0, 255)) -> np.ndarray:
@@ -76,10 +75,7 @@ def files(body, tmp_path):
     mesh, posed, handles = (tmp_path / name for name in ("rest.ply", "posed.ply", "handles.json"))
     write_mesh(mesh, body.V, body.F)
     write_mesh(posed, body.V * [1, 1, 1.5], body.F)
-    low, high = np.argsort(body.V[:, 2])[[[0, 1], [-1, -2]]].tolist()
-    target = (body.V[high] + [0, 0, 2.0]).tolist()
-    groups = [{"kind": "static", "vertices": low}, {"kind": "dynamic", "vertices": high, "target": target}]
-    handles.write_text(json.dumps({"handles": groups}))
+    write_handles(handles, end_handles(body.V, count=2, shift=[0, 0, 2.0]))
     return mesh, handles, posed
 
 

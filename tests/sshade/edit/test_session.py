@@ -53,6 +53,19 @@ def marked(session: Session) -> int:
     return session.mark("moving")
 
 
+def ready(mesh: Mesh = BODY, **given) -> tuple[Session, int]:
+    """A session with both ends marked, and the number of the movable one."""
+    session = begun(mesh, **given)
+    return session, marked(session)
+
+
+def settled(session: Session, number: int, motion: Motion) -> np.ndarray:
+    """The shape at rest after a group is released."""
+    session.release(number, motion)
+    session.settle()
+    return session.shown
+
+
 def turned(V: np.ndarray, amount: float) -> Motion:
     """A turn of an end about its middle, and a shift, both by a share."""
     _, free = ends(V)
@@ -129,8 +142,7 @@ def test_a_vertex_is_in_the_group_that_took_it_last():
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("method", ["fast", "fine", "paper"])
 def test_what_is_saved_deforms_to_the_same_file_on_the_command_line(shape, method):
-    session = begun(SHAPES[shape], settings=Settings(method))
-    number = marked(session)
+    session, number = ready(SHAPES[shape], settings=Settings(method))
     motion = turned(session.mesh.V, 0.5)
     session.drag(number, turned(session.mesh.V, 0.2))
     session.drag(number, motion)
@@ -151,8 +163,8 @@ def test_what_is_saved_deforms_to_the_same_file_on_the_command_line(shape, metho
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_a_drag_follows_the_group_and_comes_near_the_shape_at_rest(shape):
-    session = begun(SHAPES[shape])
-    number, V = marked(session), session.mesh.V
+    session, number = ready(SHAPES[shape])
+    V = session.mesh.V
     for step in np.linspace(0.05, 0.4, 8):
         shown = session.drag(number, turned(V, step))
         handles = session.state.moved(number, turned(V, step)).handles(session.mesh)
@@ -172,8 +184,7 @@ def test_a_group_alone_takes_the_mesh_along_rigidly():
     number = session.mark("moving")
     motion = Motion(rotation(3), np.array([0.3, -0.2, 0.1]))
     session.drag(number, Motion(np.eye(3), np.array([0.1, 0.0, 0.0])))
-    session.release(number, motion)
-    session.settle()
+    settled(session, number, motion)
     assert np.abs(session.shown - (BODY.V @ motion.R.T + motion.t)).max() < 1e-4 * BODY.diagonal
 
 
@@ -182,8 +193,7 @@ def test_undo_and_redo_bring_back_what_was_and_its_shape():
     seen = [(session.state, session.shown)]
     number = marked(session)
     for amount in 0.2, 0.3:
-        session.release(number, turned(BODY.V, amount))
-        session.settle()
+        settled(session, number, turned(BODY.V, amount))
         seen.append((session.state, session.shown))
     session.select(np.arange(3), "replace")
     assert session.is_converged and session.state.shape is seen[-1][1]
@@ -201,12 +211,10 @@ def test_undo_and_redo_bring_back_what_was_and_its_shape():
 
 
 def test_a_drag_goes_on_from_where_the_group_was_released_and_from_where_undo_brought_it():
-    session = begun()
-    number = marked(session)
+    session, number = ready()
     _, free = ends(BODY.V)
     session.release(number, LIFT)
-    session.release(number, LIFT)
-    session.settle()
+    settled(session, number, LIFT)
     assert np.allclose(session.shown[free], BODY.V[free] + 2 * LIFT.t)
     session.drag(number, LIFT)
     session.undo()
@@ -217,13 +225,10 @@ def test_a_drag_goes_on_from_where_the_group_was_released_and_from_where_undo_br
 
 def test_shapes_that_were_dropped_for_want_of_memory_are_computed_again(monkeypatch):
     monkeypatch.setattr(state, "BYTES", 3 * BODY.V.nbytes)
-    session = begun()
-    number = marked(session)
+    session, number = ready()
     shapes = []
     for _ in range(5):
-        session.release(number, Motion(np.eye(3), np.array([0, 0, 0.05])))
-        session.settle()
-        shapes.append(session.shown)
+        shapes.append(settled(session, number, Motion(np.eye(3), np.array([0, 0, 0.05]))))
     for shape in reversed(shapes[:-1]):
         session.undo()
         session.settle()
@@ -234,8 +239,7 @@ def test_shapes_that_were_dropped_for_want_of_memory_are_computed_again(monkeypa
 @pytest.mark.parametrize("late", [False, True])
 def test_a_result_is_not_shown_if_the_handles_changed_meanwhile(monkeypatch, late):
     """They change while the method computes, or when it has finished."""
-    session = begun()
-    number = marked(session)
+    session, number = ready()
     session.release(number, LIFT)
     compute = editing.converged
 
@@ -260,8 +264,7 @@ def test_a_result_is_not_shown_if_the_handles_changed_meanwhile(monkeypatch, lat
 def test_after_undo_a_drag_begins_as_the_first_one_did():
     shapes = []
     for far in False, True:
-        session = begun()
-        number = marked(session)
+        session, number = ready()
         if far:
             session.drag(number, turned(BODY.V, 2.0))
             session.release(number, turned(BODY.V, 2.0))
@@ -271,12 +274,10 @@ def test_after_undo_a_drag_begins_as_the_first_one_did():
 
 
 def test_of_a_large_group_a_few_vertices_lead_and_all_arrive(monkeypatch):
-    session = begun()
-    number = marked(session)
+    session, number = ready()
     full = session.drag(number, LIFT)
     monkeypatch.setattr(follower, "REDUCED", 20)
-    session = begun()
-    number = marked(session)
+    session, number = ready()
     session.alter(session.state.groups[0].number, weight=50.0)
     group = session.state.group(number)
     led = session.drag(number, LIFT)
@@ -285,11 +286,8 @@ def test_of_a_large_group_a_few_vertices_lead_and_all_arrive(monkeypatch):
 
 
 def test_groups_marked_on_a_deformed_shape_stay_where_they_are():
-    session = begun()
-    number = marked(session)
-    session.release(number, LIFT)
-    session.settle()
-    before = session.shown
+    session, number = ready()
+    before = settled(session, number, LIFT)
     middle = np.flatnonzero(np.abs(BODY.V[:, 2]) < 0.1)
     session.select(middle, "replace")
     session.mark("static")
@@ -305,11 +303,8 @@ def test_groups_marked_on_a_deformed_shape_stay_where_they_are():
 
 
 def test_another_name_leaves_the_shape_and_another_weight_does_not():
-    session = begun()
-    number = marked(session)
-    session.release(number, LIFT)
-    session.settle()
-    shape = session.shown
+    session, number = ready()
+    shape = settled(session, number, LIFT)
     session.alter(number, name="tip")
     assert session.is_converged and session.shown is shape and session.is_unsaved
     session.alter(number, weight=1.0)
@@ -322,8 +317,7 @@ def test_another_name_leaves_the_shape_and_another_weight_does_not():
 
 
 def test_saved_groups_are_opened_as_they_were():
-    session = begun()
-    number = marked(session)
+    session, number = ready()
     session.alter(number, name="top", weight=7.5)
     session.select(np.array([300]), "replace")
     tip = session.mark("moving")
@@ -345,10 +339,8 @@ def test_saved_groups_are_opened_as_they_were():
 
 
 def test_free_constraints_change_the_shape_and_are_written_down():
-    session = begun()
-    number = marked(session)
-    session.release(number, turned(BODY.V, 0.8))
-    session.settle()
+    session, number = ready()
+    settled(session, number, turned(BODY.V, 0.8))
     kept, shape = Mesh(session.shown, BODY.F).volume, session.shown
     session.set_up(Settings(volume=False))
     session.settle()
@@ -371,8 +363,7 @@ def test_of_two_components_the_one_that_is_dragged_follows_at_once():
     moved = np.abs(shown - mesh.V).max(axis=1)
     free = np.setdiff1d(left, np.concatenate([group.vertices for group in session.state.groups]))
     assert (moved[free] > 1e-4).mean() > 0.9 and moved[BODY.n :].max() == 0
-    session.release(number, LIFT)
-    session.settle()
+    settled(session, number, LIFT)
     assert np.abs(session.shown - mesh.V)[BODY.n :].max() > 1e-3
     assert session.save("handles", "pose.json") and session.save("mesh", "posed.ply")
     arguments = ["deform", "body.ply", "pose.json", "-o", "again.ply", "--carry-unconstrained"]
@@ -390,8 +381,7 @@ def test_a_mesh_that_is_no_manifold_follows_when_the_mouse_rests():
     own = session.state.group(number).vertices
     shown = session.drag(number, LIFT)
     assert np.flatnonzero(np.abs(shown - mesh.V).max(axis=1)).tolist() == own.tolist()
-    session.release(number, LIFT)
-    session.settle()
+    settled(session, number, LIFT)
     assert np.count_nonzero(np.abs(session.shown - mesh.V).max(axis=1) > 1e-6) > 2 * len(own)
 
 

@@ -11,18 +11,7 @@ from sshade.mesh import connectivity as module
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.connectivity import connectivity
 from sshade.mesh.sides import faces_around_vertices, group_rows, sides_by_edge
-from tests.shapes import (
-    beside,
-    block,
-    double_torus,
-    icosphere,
-    jittered,
-    shifted,
-    strip,
-    tetrahedron,
-    torus,
-    tube,
-)
+from tests.shapes import beside, block, double_torus, icosphere, jittered, strip, tetrahedron, torus, tube
 
 
 def soup(seed: int, *, n: int = 12, m: int = 14) -> tuple[np.ndarray, int]:
@@ -44,7 +33,7 @@ MESHES = {
     "lattice block": block(np.ones((4, 3, 2))),
     "inside out": Mesh(strip(6, 4).V, strip(6, 4).F[:, ::-1]),
     "a hole of one vertex's fan": Mesh(icosphere(1).V, icosphere(1).F[1:]),
-    "two components": beside(tetrahedron(), shifted(tetrahedron(), 3)),
+    "two components": beside(tetrahedron(), Mesh(tetrahedron().V + 3, tetrahedron().F)),
 }
 CASES = [soup(seed) for seed in range(60)] + [(np.array(mesh.F), mesh.n) for mesh in MESHES.values()]
 #: Faces of a fan: work that grows as the square of the faces at a vertex would take minutes.

@@ -5,7 +5,7 @@ import pytest
 
 from sshade import Mesh
 from sshade.mesh.seams import join_seams, same_rows
-from tests.shapes import icosphere
+from tests.shapes import beside, icosphere
 
 SPHERE = icosphere(2)
 
@@ -33,7 +33,7 @@ def test_a_surface_cut_anywhere_becomes_whole_again(parts):
 
 def test_without_a_seam_it_is_the_same_object():
     strip = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0], [-1, 0, 0], [0, -1, 0]], [[0, 1, 2], [3, 4, 5]])
-    twice = Mesh(np.concatenate([SPHERE.V, SPHERE.V]), np.concatenate([SPHERE.F, SPHERE.F + SPHERE.n]))
+    twice = beside(SPHERE, SPHERE)
     parallel = Mesh(np.concatenate([strip.V[:3]] * 2), [[0, 1, 2], [3, 4, 5]])  # both run the same way
     for mesh in (SPHERE, strip, twice, parallel):
         joined, vertex = join_seams(mesh)

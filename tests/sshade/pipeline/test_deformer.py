@@ -20,6 +20,11 @@ def held(mesh: Mesh) -> np.ndarray:
     return np.concatenate([order[:8], order[-8:]])
 
 
+@pytest.fixture
+def drag(mesh: Mesh, held: np.ndarray) -> Deformer:
+    return Deformer(mesh, held, vertices=150)
+
+
 def lifted(mesh: Mesh, held: np.ndarray, height: float) -> np.ndarray:
     return mesh.V[held] + np.where(np.arange(16) < 8, 0.0, height)[:, None] * [0.5, 0, 1]
 
@@ -133,8 +138,7 @@ def test_rotations_may_come_and_go_in_a_drag():
     assert np.linalg.norm(back - still, axis=1).max() < 1e-3 * mesh.diagonal
 
 
-def test_an_array_that_cannot_take_the_vertices_is_refused(mesh, held):
-    drag = Deformer(mesh, held, vertices=150)
+def test_an_array_that_cannot_take_the_vertices_is_refused(drag, mesh, held):
     for out in (np.empty((3, 3)), np.empty(mesh.V.shape, dtype=np.float32), np.empty((3, mesh.n)).T):
         with pytest.raises(InputError, match="`out` must be"):
             drag(mesh.V[held], out=out)
@@ -142,15 +146,13 @@ def test_an_array_that_cannot_take_the_vertices_is_refused(mesh, held):
         Deformer(mesh, held, method="fine")
 
 
-def test_a_frame_that_moves_nothing_is_one_step(mesh, held):
-    drag = Deformer(mesh, held, vertices=150)
+def test_a_frame_that_moves_nothing_is_one_step(drag, mesh, held):
     drag(lifted(mesh, held, 0.3))
     drag.settle()
     assert drag(lifted(mesh, held, 0.3)).iterations == 1
 
 
-def test_there_is_nothing_to_settle_before_a_call_or_after_other_handles(mesh, held):
-    drag = Deformer(mesh, held, vertices=150)
+def test_there_is_nothing_to_settle_before_a_call_or_after_other_handles(drag, mesh, held):
     with pytest.raises(InputError, match="nothing to settle"):
         drag.settle()
     drag(mesh.V[held])
@@ -175,10 +177,9 @@ def test_a_preview_is_the_proxy_that_carries_the_mesh(mesh, held):
         Deformer(mesh, np.arange(mesh.n)).preview(mesh.V)
 
 
-def test_constraints_are_switched_as_if_bound_with_them(mesh, held):
+def test_constraints_are_switched_as_if_bound_with_them(drag, mesh, held):
     targets = lifted(mesh, held, 0.8)
     volume = {}
-    drag = Deformer(mesh, held, vertices=150)
     drag(targets)
     for name, energy in (("held", {}), ("free", {"volume": 0.0, "area": 0.0}), ("again", {"volume": None})):
         drag.change_energy(**energy)
@@ -194,8 +195,7 @@ def test_constraints_are_switched_as_if_bound_with_them(mesh, held):
     assert abs(volume["free"] - 1) > 1e-3
 
 
-def test_an_energy_that_is_none_is_refused_and_changes_nothing(mesh, held):
-    drag = Deformer(mesh, held, vertices=150)
+def test_an_energy_that_is_none_is_refused_and_changes_nothing(drag, mesh, held):
     before = drag(lifted(mesh, held, 0.3)).vertices
     with pytest.raises(InputError, match="volume must be a number in"):
         drag.change_energy(volume=-1.0)

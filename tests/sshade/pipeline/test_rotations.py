@@ -84,12 +84,8 @@ def test_the_middle_of_a_sheet_follows_a_turn_of_60_degrees(name, axis):
         V = result.vertices
         assert np.abs(V[task.handles.index] - task.handles.target).max() < 1e-9
         R = turned_about(task.mesh, V, np.array([0.5, 0.5, 0]), 0.03)
-        assert (
-            np.linalg.norm(
-                Rotation.from_matrix(R).as_rotvec(degrees=True) - degrees_of(R) * np.eye(3)["xyz".index(axis)]
-            )
-            < 6
-        )
+        vector = Rotation.from_matrix(R).as_rotvec(degrees=True)
+        assert np.linalg.norm(vector - degrees_of(R) * np.eye(3)["xyz".index(axis)]) < 6
         angles.append(degrees_of(R))
         free = METHODS[name](sheet(cells, degrees=0), vertices=300, area=0.0).vertices
         assert np.abs(free - task.mesh.V).max() < 1e-5
@@ -123,9 +119,7 @@ def test_the_end_of_a_tube_bends_it_and_everything_may_move_together():
     low, high = np.flatnonzero(z == z.min()), np.flatnonzero(z == z.max())
     # On a tube with equal distances a motion's rounding chooses other samples.
     mesh = Mesh(even.V + 1e-3 * np.random.default_rng(0).normal(size=even.V.shape), even.F)
-    bend = np.concatenate(
-        [np.broadcast_to(np.eye(3), (len(low), 3, 3)), np.broadcast_to(turn(40, "x"), (len(high), 3, 3))]
-    )
+    bend = np.repeat([np.eye(3), turn(40, "x")], [len(low), len(high)], axis=0)
     index = np.r_[low, high]
     weight = np.repeat([np.inf, 1e-6], [len(low), len(high)])
     own = Handles(index, mesh.V[index], group=np.isfinite(weight), weight=weight, rotation=bend)
