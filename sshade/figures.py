@@ -39,20 +39,16 @@ class View:
 
     Parameters
     ----------
-    right, up, towards : (3,) float64
-        Axes of the picture, and direction from the scene to the camera.
+    axes : (3, 3) float64
+        Rows: the axes of the picture to the right and upwards, and the direction to the camera.
     centre : (3,) float64
-    width, height, depth : float
-        Extent of the scene along the axes, in the unit of length of the mesh.
+    size : (3,) float64
+        Width, height and depth: the extent along the axes, in the unit of length of the mesh.
     """
 
-    right: np.ndarray
-    up: np.ndarray
-    towards: np.ndarray
+    axes: np.ndarray
     centre: np.ndarray
-    width: float
-    height: float
-    depth: float
+    size: np.ndarray
 
     @classmethod
     def of(cls, shapes: Iterable[np.ndarray], *, towards: ArrayLike = TOWARDS, up: ArrayLike = UP) -> View:
@@ -73,17 +69,16 @@ class View:
         points = np.concatenate([np.asarray(shape) for shape in shapes]) @ axes.T
         low, high = points.min(axis=0), points.max(axis=0)
         size = np.maximum(1.06 * (high - low), 1e-3 * np.linalg.norm(high - low))
-        width, height, depth = (float(extent) for extent in size)
-        return cls(axes[0], axes[1], axes[2], 0.5 * (low + high) @ axes, width, height, depth)
+        return cls(axes, 0.5 * (low + high) @ axes, size)
 
     def with_foot(self, fraction: float) -> View:
         """Return a view with additional space below, as a fraction of the height."""
-        foot = fraction * self.height
-        return replace(self, height=self.height + foot, centre=self.centre - 0.5 * foot * self.up)
+        foot = np.array([0.0, fraction * self.size[1], 0.0])
+        return replace(self, size=self.size + foot, centre=self.centre - 0.5 * foot @ self.axes)
 
     def pixels(self, width: int) -> tuple[int, int]:
         """Return the width and height of a picture of this view."""
-        return width, max(1, round(width * self.height / self.width))
+        return width, max(1, round(width * self.size[1] / self.size[0]))
 
 
 def edge_error(rest: Mesh, vertices: np.ndarray) -> np.ndarray:
@@ -219,10 +214,10 @@ def panel(
     width, height = plotter.renderer.GetSize()
     plotter.enable_parallel_projection()
     plotter.camera.focal_point = view.centre
-    plotter.camera.position = view.centre + 2 * (view.width + view.height + view.depth) * view.towards
-    plotter.camera.up = view.up
+    plotter.camera.position = view.centre + 2 * view.size.sum() * view.axes[2]
+    plotter.camera.up = view.axes[1]
     # Half the visible height, which is larger if the panel is narrower than the view.
-    plotter.camera.parallel_scale = 0.5 * max(view.height, view.width * height / width)
+    plotter.camera.parallel_scale = 0.5 * max(view.size[1], view.size[0] * height / width)
     plotter.reset_camera_clipping_range()
     plotter.enable_anti_aliasing("ssaa")
 

@@ -139,8 +139,8 @@ def _outwards(patch: Mesh, V: np.ndarray) -> np.ndarray:
 
 def _at_one_scale(views: list[View]) -> list[View]:
     """Return the views with the largest extents, so that a unit of length has the same size in all."""
-    width, height, depth = (max(getattr(v, name) for v in views) for name in ("width", "height", "depth"))
-    return [replace(view, width=width, height=height, depth=depth) for view in views]
+    size = np.max([view.size for view in views], axis=0)
+    return [replace(view, size=size) for view in views]
 
 
 @style()
@@ -150,7 +150,7 @@ def draw(rows: Sequence[Panels], *, title: str, top: float, label: str, pixels: 
     from matplotlib.colors import Normalize
 
     columns = max(len(row.shapes) for row in rows)
-    heights = [row.views[0].height / row.views[0].width for row in rows]
+    heights = [row.views[0].size[1] / row.views[0].size[0] for row in rows]
     inches = min(INCHES, WIDEST / columns, TALLEST * len(rows) / sum(heights))
     figure = new_figure(inches * columns + 0.9, inches * sum(heights) + 0.6 + 0.3 * len(rows))
     axes = figure.subplots(len(rows), columns, squeeze=False, height_ratios=heights)

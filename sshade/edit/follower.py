@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -189,12 +190,11 @@ class Follower:
         bound, self._bound = self._bound, None
         if bound is not None and (bound.component, bound.settings) == (part.component, settings):
             if bound.handles != key and mesh.n >= REBOUND:
-                try:
+                # A handle may be too far from the samples, or two groups may share a sample.
+                with suppress(InputError):
                     bound.deformer.rebind_handles(**part.binding)
                     bound = bound._replace(handles=key, rebound=True)
-                except InputError:  # a handle is too far from the samples, or two groups share a sample
-                    bound = None
-            if bound is not None and bound.handles == key:
+            if bound.handles == key:
                 self._bound = bound
                 return bound
         options = _options(settings)

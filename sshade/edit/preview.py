@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sshade.mesh.mesh import Mesh
+from sshade.mesh.mesh import Mesh, repeats_vertex
 
 #: Approximate number of vertices for a graphics card, and for a processor, which also computes the shape.
 VERTICES = {"card": 50_000, "processor": 8_000}
@@ -59,5 +59,4 @@ def preview(mesh: Mesh, drawn: str) -> Preview | None:
     number = np.empty(len(count), dtype=np.int64)
     number[cluster[vertices]] = np.arange(len(vertices))
     faces = number[cluster][mesh.F]
-    whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
-    return Preview(vertices, faces[whole])
+    return Preview(vertices, faces[~repeats_vertex(faces)])

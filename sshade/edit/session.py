@@ -171,11 +171,7 @@ class Session:
             See :class:`sshade.edit.state.Group`.
         """
         with self._lock:
-            before, shape = self.shown, self.state.shape
             self._push(self.state.changed(number, **fields))
-            if set(fields) == {"name"} and shape is not None:  # a name does not change the shape
-                self.history.store_shape(self.state, shape)
-                self.shown = before
 
     def set_up(self, settings: Settings) -> None:
         """Change the method or the constraints."""

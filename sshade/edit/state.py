@@ -156,8 +156,10 @@ class State:
     shape: np.ndarray | None = None
 
     def same_shape(self, other: State) -> bool:
-        """Whether both states have the same groups and settings."""
-        return self.groups is other.groups and self.settings == other.settings
+        """Whether both states have the same settings and groups, except for names of groups."""
+        own, others = ([{**vars(group), "name": ""} for group in state.groups] for state in (self, other))
+        same = all(a[name] is b[name] for a, b in zip(own, others, strict=False) for name in a)
+        return same and len(own) == len(others) and self.settings == other.settings
 
     def group(self, number: int) -> Group:
         """Return the group with a number.

@@ -46,9 +46,7 @@ class VertexGraph:
     @cached_property
     def on_boundary(self) -> np.ndarray:
         """(n,) bool: vertices with an edge on the boundary."""
-        found = np.zeros(self.n, dtype=bool)
-        found[self.indices[self.boundary]] = True
-        return found
+        return np.bincount(self.indices[self.boundary], minlength=self.n) > 0
 
     @property
     def matrix(self) -> csr_array:

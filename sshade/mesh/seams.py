@@ -64,8 +64,7 @@ def join_seams(mesh: Mesh) -> tuple[Mesh, np.ndarray]:
         return unchanged
     # Faces with two corners on the boundary include all faces at boundary edges.
     near = mesh.connectivity.neighbours
-    on_boundary = np.zeros(mesh.n, dtype=bool)
-    on_boundary[near.indices[near.boundary]] = True
+    on_boundary = np.bincount(near.indices[near.boundary], minlength=mesh.n) > 0
     F = mesh.F[on_boundary[mesh.F].sum(axis=1) >= 2]
     edges = sides_by_edge(F, mesh.n)
     side = edges.side[edges.start[:-1][edges.faces == 1]].astype(np.int64)

@@ -39,17 +39,15 @@ def test_a_view_holds_its_shapes_upright(body):
     R = rotation(2)
     shapes = [body.V, body.V @ R.T + 3]
     view = View.of(shapes, towards=[1.0, 0.3, 0.2], up=[0, 0, 1.0])
-    axes = np.stack([view.right, view.up, view.towards])
+    axes = view.axes
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-15)
-    assert np.linalg.det(axes) == pytest.approx(1) and view.up[2] > 0.9
+    assert np.linalg.det(axes) == pytest.approx(1) and axes[1, 2] > 0.9
     for V in shapes:
-        assert (
-            np.abs((V - view.centre) @ axes.T) < 0.5 * np.array([view.width, view.height, view.depth])
-        ).all()
+        assert (np.abs((V - view.centre) @ axes.T) < 0.5 * view.size).all()
     foot = view.with_foot(0.25)
-    assert foot.height == 1.25 * view.height
+    assert foot.size[1] == 1.25 * view.size[1]
     # Its upper edge is where it was.
-    assert (foot.centre - view.centre) @ view.up + foot.height / 2 == pytest.approx(view.height / 2)
+    assert (foot.centre - view.centre) @ axes[1] + foot.size[1] / 2 == pytest.approx(view.size[1] / 2)
 
 
 def test_a_picture_fills_the_view_with_the_shape_and_its_handles(body):
@@ -58,7 +56,7 @@ def test_a_picture_fills_the_view_with_the_shape_and_its_handles(body):
     handles = Handles(np.array([low, high]), body.V[[low, high]], dynamic=np.array([False, True]))
     view = View.of([body.V], towards=[1.0, 0, 0], up=[0, 0, 1.0])
     pixels = picture(body, body.V, view=view, width=200, handles=handles)
-    assert pixels.shape == (round(200 * view.height / view.width), 200, 3)
+    assert pixels.shape == (round(200 * view.size[1] / view.size[0]), 200, 3)
     rows, columns = np.nonzero((pixels < 250).any(axis=2))
     height, width = pixels.shape[:2]
     margin = 0.03 / 1.06  # on each side

@@ -23,10 +23,9 @@ def transfer(edited=True, known=True) -> TransferTask:
 
 def assert_fits(row):
     """One scale in all panels of a row, and every shape fits."""
-    assert len({(view.width, view.height) for view in row.views}) == 1
+    assert len({tuple(view.size) for view in row.views}) == 1
     for V, view in zip(row.shapes.values(), row.views, strict=True):
-        assert (np.abs((V - view.centre) @ view.right) < view.width / 2).all()
-        assert (np.abs((V - view.centre) @ view.up) < view.height / 2).all()
+        assert (np.abs((V - view.centre) @ view.axes.T) < view.size / 2).all()
 
 
 def test_error_is_the_distance_to_the_truth_or_else_the_change_of_edges():
@@ -42,7 +41,7 @@ def test_a_deformation_shows_the_rest_shape_with_its_handles_and_each_result():
     task = bumpy_task(level=2)
     (row,) = rows_of(task, {"far": task.mesh.V + [0, 0, 3.0]}, **CAMERA)
     assert list(row.shapes) == ["rest", "far"] and list(row.errors) == ["far"]
-    assert row.handles is task.handles and row.views[0].up[2] > 0.9
+    assert row.handles is task.handles and row.views[0].axes[1, 2] > 0.9
     assert_fits(row)
     with pytest.raises(InputError, match="upward direction"):
         rows_of(task, {}, towards=np.array([0.0, 0, 1]), up=np.array([0.0, 0, 1]))
@@ -85,7 +84,7 @@ def test_the_close_up_shows_the_largest_error_from_outside():
     V[17] += 0.3
     _, close = rows_of(case, {"good": case.truth, "bad": V}, **CAMERA)
     assert close.errors["bad"].max() == error_of(case, V)[17] > 0
-    assert (close.mesh.face_normals @ close.views[0].towards).min() > 0.3
+    assert (close.mesh.face_normals @ close.views[0].axes[2]).min() > 0.3
 
 
 def test_surroundings_hang_together():
