@@ -22,13 +22,8 @@ from sshade.mesh.seams import join_seams
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    add_files(
-        parser,
-        output="OUT",
-        mesh="mesh that was remeshed",
-        map=".npz map from `sshade remesh`",
-        edited="proxy with moved vertices",
-    )
+    files = {"mesh": "mesh that was remeshed", "map": ".npz map from `sshade remesh`"}
+    add_files(parser, output="OUT", **files, edited="proxy with moved vertices")
     add_options(parser, ("frames",), frames="triangle")
 
 

@@ -266,20 +266,13 @@ def groups_of(handles: Handles, names: dict[int, str], *, first: int) -> tuple[G
     groups = []
     for number, group in enumerate(np.unique(handles.group), start=first):
         members = np.flatnonzero(handles.group == group)
-        turn = None if handles.rotation is None else handles.rotation[members[0]]
-        is_turned = turn is not None and not np.isnan(turn).any()
-        groups.append(
-            Group(
-                number,
-                names.get(int(group), "")[:LONGEST] or f"group {number}",
-                "moving" if handles.dynamic[members].any() else "static",
-                handles.index[members],
-                handles.target[members],
-                weight=float(handles.weight[members[0]]),
-                turn=turn if is_turned else None,
-                is_prescribed=is_turned,
-            )
-        )
+        name = names.get(int(group), "")[:LONGEST] or f"group {number}"
+        kind: Kind = "moving" if handles.dynamic[members].any() else "static"
+        vertices, target = handles.index[members], handles.target[members]
+        one = Group(number, name, kind, vertices, target, float(handles.weight[members[0]]))
+        if handles.rotation is not None and handles.has_rotation[members[0]]:
+            one = replace(one, turn=handles.rotation[members[0]], is_prescribed=True)
+        groups.append(one)
     return tuple(groups)
 
 

@@ -128,13 +128,9 @@ def read_task(
     with naming(mesh):
         rest = surface(file.V, file.F)
     name = f"{Path(mesh).stem}/{Path(handles).stem}"
-    return DeformationTask(
-        name,
-        rest.mesh,
-        read_handles(handles, rest.mesh, raw=raw, vertex=rest.vertex),
-        meta={"raw": raw},
-        carry_unconstrained=carry_unconstrained,
-    )
+    own = read_handles(handles, rest.mesh, raw=raw, vertex=rest.vertex)
+    meta, carry = {"raw": raw}, carry_unconstrained
+    return DeformationTask(name, rest.mesh, own, meta=meta, carry_unconstrained=carry)
 
 
 def write_handles(
