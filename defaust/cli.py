@@ -1,4 +1,4 @@
-"""The command ``defaust`` with its subcommands build, verify and info."""
+"""The command ``defaust`` with its subcommands example, build, verify and info."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from defaust.build.options import BuildOptions
 
 EPILOG = """examples:
+  defaust example DIR                                              a body with handles, to try sshade deform
   defaust build out=data/defaust                                   ten synthetic bodies, 170,000 vertices each
   defaust build source=synthetic out=DIR 'subjects=[0,1]' target_vertices=20000 seed=0
   defaust build source=faust source.root=MPI-FAUST out=DIR         your own copy of FAUST
@@ -54,6 +55,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--version", action="version", version=version_of("defaust"))
     parser.add_argument("-v", "--verbose", action="store_true", help="report every step")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    example = commands.add_parser(
+        "example",
+        help="write a body with handles, to try sshade deform",
+        description="Write the mesh rest.ply, handle files of three poses, and the true mesh of each pose. "
+        "Files of the same names are replaced.",
+    )
+    example.add_argument("folder", type=Path, metavar="DIR", help="folder to make")
+    example.add_argument(
+        "--subdivisions",
+        type=int,
+        choices=range(6),
+        default=2,
+        help="0 gives 6,890 vertices, and each step four times as many (default: 2, 110,210 vertices)",
+    )
     build = commands.add_parser(
         "build",
         help="build a dataset, or resume a build",
@@ -69,9 +84,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     def run() -> int:
         args = parser.parse_args(argv)
         logging.basicConfig(level=logging.INFO if args.verbose else logging.WARNING, format="%(message)s")
-        return {"build": _build, "verify": _verify, "info": _info}[args.command](args)
+        command = {"example": _example, "build": _build, "verify": _verify, "info": _info}[args.command]
+        return command(args)
 
     return run_command(run)
+
+
+def _example(args: argparse.Namespace) -> int:
+    from defaust.example import POSES, write_example
+
+    rest = write_example(args.folder, subdivisions=args.subdivisions)
+    mesh, handles = args.folder / "rest.ply", args.folder / f"pose_{POSES[1]}.json"
+    print(f"{mesh}: {rest.n:,} vertices; try: sshade deform {mesh} {handles} -o posed.ply")  # noqa: T201
+    return 0
 
 
 def _build(args: argparse.Namespace) -> int:

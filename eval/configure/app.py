@@ -46,8 +46,6 @@ from sshade.threads import available_cpus
 
 #: Packages of launchers. Errors from these packages mean that a worker was lost.
 LAUNCHERS = ("joblib", "submitit", "ray")
-#: Class of Hydra's default sweeper. Hydra loads sweepers from its own packages only, so ours takes this name.
-SWEEPER = "hydra._internal.core_plugins.basic_sweeper.BasicSweeper"
 
 
 class RunFailed(Exception):
@@ -80,7 +78,7 @@ def main() -> int:
     interrupted = False
     try:
         sys.argv[1:] = _checked(sys.argv[1:])
-        Plugins.instance().class_name_to_class[SWEEPER] = cli_sweep.PlannedSweeper
+        Plugins.instance().class_name_to_class[cli_sweep.SWEEPER] = cli_sweep.PlannedSweeper
         _app()
     except (HydraException, OmegaConfBaseException) as error:
         raise InputError(_one_line(error)) from error

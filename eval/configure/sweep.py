@@ -11,9 +11,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.plugins import Plugins
 from omegaconf import DictConfig, OmegaConf
 
 from eval.rows.plan import write_plan
@@ -41,7 +41,13 @@ ABOUT_DATASET = ("build", "tag", "cases")
 monitor: Monitor | None = None
 
 
-class PlannedSweeper(BasicSweeper):
+#: Class of Hydra's default sweeper. Hydra loads sweepers from its own packages only, so ours takes this name.
+SWEEPER = "hydra._internal.core_plugins.basic_sweeper.BasicSweeper"
+#: The class itself. Hydra's search for plugins executes its module again: an import may give an older class.
+_Basic: Any = Plugins.instance().class_name_to_class[SWEEPER]
+
+
+class PlannedSweeper(_Basic):
     """Hydra's sweeper with `all` subjects or poses, a plan, a record and a display.
 
     Runs that differ in :data:`VALUES` only are composed once, because that takes a tenth of a second.

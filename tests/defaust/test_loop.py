@@ -1,4 +1,4 @@
-"""Loop's rules against libigl's, on the subdivisions of pymeshlab."""
+"""Loop's rules against libigl's, on the subdivisions of pymeshlab and of the example."""
 
 import igl
 import numpy as np
@@ -6,6 +6,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from defaust.build.upsample import subdivide
+from defaust.example import split
 from defaust.tasks.loop import loop_matrix
 from sshade import InputError, Mesh
 from tests.shapes import double_torus, icosphere, tetrahedron, torus
@@ -20,9 +21,14 @@ MESHES = {
 
 @pytest.mark.parametrize("name", MESHES)
 @pytest.mark.parametrize("steps", [0, 1, 2])
-def test_positions_are_those_of_libigl(name, steps):
-    mesh = MESHES[name]
-    fine = subdivide(mesh, steps=steps)
+@pytest.mark.parametrize("method", ["pymeshlab", "split"])
+def test_positions_are_those_of_libigl(name, steps, method):
+    mesh = fine = MESHES[name]
+    if method == "pymeshlab":
+        fine = subdivide(mesh, steps=steps)
+    else:
+        for _ in range(steps):
+            fine = split(fine)
     L = loop_matrix(mesh, fine, steps=steps)
     V, F = igl.loop(np.array(mesh.V), np.array(mesh.F), steps) if steps else (mesh.V, mesh.F)
     np.testing.assert_allclose(L.sum(axis=1), 1)

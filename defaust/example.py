@@ -1,0 +1,72 @@
+"""Write a body with handles and true poses, for a first deformation; needs no library of the benchmark."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from defaust.build.handles import choose_handles, handle_records
+from defaust.build.options import BuildOptions
+from defaust.folder.layout import REST, dump, pose_file, write_text
+from defaust.sources.skinning import apply_motions
+from defaust.sources.synthetic import SyntheticBodies, load_bodies
+from defaust.tasks.loop import loop_matrix
+from sshade import Mesh
+from sshade.io.files import make_folder
+from sshade.io.meshes import write_mesh
+
+SUBJECT = 0
+#: Poses by their numbers in the dataset: raised arms, raised forearms, standing on one leg.
+POSES = (1, 6, 8)
+
+
+def write_example(folder: Path, *, subdivisions: int = 2) -> Mesh:
+    """Write the rest mesh, and the handles and the true vertices of each pose.
+
+    Parameters
+    ----------
+    folder : path
+        Made if it does not exist. Files of the same names are replaced.
+    subdivisions : int
+        Number of Loop subdivisions of the body of 6,890 vertices. Each makes four triangles of one.
+
+    Returns
+    -------
+    Mesh
+        Rest mesh, in metres.
+
+    Raises
+    ------
+    InputError
+        When the files cannot be written.
+    """
+    bodies, source, options = load_bodies(), SyntheticBodies(), BuildOptions()
+    low = fine = source.rest(SUBJECT)
+    for _ in range(subdivisions):
+        fine = split(fine)
+    loop = loop_matrix(low, fine, steps=subdivisions)
+    rest = Mesh(loop @ low.V, fine.F)
+    # Subdivision keeps the numbers of the vertices.
+    chosen = choose_handles(low, source.landmark_vertices(SUBJECT), subject=SUBJECT, options=options)
+    make_folder(folder)
+    write_mesh(folder / REST, rest.V, rest.F)
+    for number in POSES:
+        pose, shift = source.poses(SUBJECT)[number - 1], bodies.shifts[SUBJECT, number - 1]
+        motions = bodies.motions(SUBJECT, rotations=bodies.rotations[SUBJECT, number - 1])
+        truth = apply_motions(loop @ motions, rest.V) + shift
+        records = handle_records(
+            rest, truth, pose, regions=(), chosen=chosen, static_below=options.static_below
+        )
+        text = dump({"source_pose": pose.name, "handles": records}, indent=None)
+        write_text(folder / pose_file(number), text)
+        write_mesh(folder / f"pose_{number}_true.ply", truth, rest.F)
+    return rest
+
+
+def split(mesh: Mesh) -> Mesh:
+    """Split each triangle into four at the midpoints of its edges; new vertices come last."""
+    middles = mesh.n + mesh.face_edges  # of the sides 01, 12, 20
+    corners = np.stack([mesh.F, middles, np.roll(middles, 1, axis=1)], axis=2).reshape(-1, 3)
+    V = np.concatenate([mesh.V, mesh.V[mesh.edges].mean(axis=1)])
+    return Mesh(V, np.concatenate([corners, middles]))
