@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import base64
+import html
 import re
 from collections.abc import Sequence
-from importlib.resources import files
+from functools import partial
 from typing import Any
 
 import pandas as pd
 
 from eval.publish.columns import Column
 from eval.publish.plotting import to_svg
-from eval.publish.summary import Table
 from eval.publish.tables import cells
 from eval.rows.frame import distinct, records
 from eval.rows.store import Row
@@ -29,39 +29,20 @@ FACTS = {
 }
 
 
-def style() -> str:
-    """Return the style sheet of all pages."""
-    return files("eval.publish").joinpath("style.css").read_text(encoding="utf-8")
+def render(template: str, **names: Any) -> str:
+    """Return a page from a template of this package. All text is escaped; undefined names are refused."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
 
-
-def environment(**options: Any) -> Any:
-    """Return an environment of jinja2 that escapes all text and refuses undefined names."""
-    from jinja2 import Environment, StrictUndefined
-
-    return Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, **options
+    pages = Environment(
+        loader=PackageLoader("eval", ""),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
-
-
-def tables(table: Table) -> dict[str, Any]:
-    """Return a table, its notes and its parts as headings and cells of HTML."""
-    parts = [{"title": part.title, "views": _views(part), "notes": part.notes} for part in table.parts]
-    return {"views": _views(table), "notes": table.notes, "parts": parts}
-
-
-def _views(table: Table) -> list[dict[str, Any]]:
-    from markupsafe import escape
-
     marks = {0: "{}", 1: '<b title="best">{}</b>', 2: '<u title="second best">{}</u>'}
-    form = {"not_available": "n/a", "escape": lambda text: str(escape(text))}
-    return [
-        {
-            "title": title,
-            "labels": ["method", "runs", *(column.label for column in columns)],
-            "body": cells(table, columns, marks, **form),
-        }
-        for title, columns in table.views
-    ]
+    pages.globals["cells"] = partial(cells, marks=marks, not_available="n/a", escape=html.escape)
+    return pages.get_template(template).render(**names)
 
 
 def texts(row: Row, columns: Sequence[Column], *, missing: str) -> list[str]:

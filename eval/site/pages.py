@@ -11,12 +11,12 @@ import numpy as np
 import pandas as pd
 
 from eval.publish.columns import SUCCESS, Column
-from eval.publish.html import charts, configuration, environment, facts, style, tables, texts
+from eval.publish.html import charts, configuration, facts, render, texts
 from eval.publish.plotting import look, new_figure, plot_points
 from eval.publish.plotting import style as drawing
 from eval.publish.summary import Table, make_table
 from eval.rows.files import write_text
-from eval.rows.frame import method_names, read_csv, records, to_frame, valid, write_csv
+from eval.rows.frame import distinct, method_names, read_csv, records, to_frame, valid, write_csv
 from eval.rows.splits import HELD_OUT, split_of
 from eval.rows.store import PUBLISHED
 from eval.site.submission import Submission
@@ -63,35 +63,27 @@ def write_site(
     """
     every = to_frame([row for own in contests for row in records(own.rows)])
     methods = method_names(every)
-    shared = {"tracks": [own.track for own in contests], "style": style(), "methods": methods}
-    written = [_write(out / "index.html", "index.html", contests=[_front(own) for own in contests], **shared)]
+    shared = {"tracks": [own.track for own in contests], "methods": methods}
+    pages = {"index": render("site/index.html", contests=[_front(own) for own in contests], **shared)}
     for own in contests:
         name = own.track.name
         write_csv(out / f"{name}.csv", own.rows)
-        page = {"track": own.track, **tables(own.table), "facts": facts(valid(own.rows))}
+        page = {"track": own.track, "table": own.table, "facts": facts(valid(own.rows))}
         page["charts"] = charts(_charts(own, results))
         picture = results / "figures" / f"{name}.png"
         page["picture"] = base64.b64encode(picture.read_bytes()).decode() if picture.is_file() else None
-        written.append(_write(out / f"{name}.html", "track.html", **page, **shared))
+        pages[name] = render("site/track.html", **page, **shared)
     for method in methods:
         of_tracks = [_cases(own, method) for own in contests if method in set(own.rows["method.name"])]
         rows = every[every["method.name"] == method]
         page = {"method": method, "of_tracks": of_tracks, "facts": facts(rows)}
         page |= {"settings": configuration(rows, method), "submission": submissions.get(method)}
         page["times"] = _times(contests, method, results)
-        page["notes"] = sorted(
-            {note for note in rows.reindex(columns=["method.note"])["method.note"] if note}
-        )
-        written.append(_write(out / f"method_{method}.html", "method.html", **page, **shared))
-    return written
-
-
-def _write(path: Path, template: str, **names: Any) -> Path:
-    from jinja2 import PackageLoader
-
-    text = environment(loader=PackageLoader("eval.site", "")).get_template(template).render(**names)
-    write_text(path, text)
-    return path
+        page["notes"] = distinct(rows, "method.note")
+        pages[f"method_{method}"] = render("site/method.html", **page, **shared)
+    for name, text in pages.items():
+        write_text(out / f"{name}.html", text)
+    return [out / f"{name}.html" for name in pages]
 
 
 def _front(own: Contest) -> dict[str, Any]:

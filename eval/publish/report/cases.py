@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import base64
 import io
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from eval.metrics import Task
+from eval.publish.columns import Column
+from eval.publish.html import texts
 from eval.publish.panels import error_label, error_of
 from eval.publish.report.surface import pack, surface
 from eval.rows.experiment import Experiment
@@ -67,6 +70,10 @@ class Case:
     def name(self) -> str:
         """The name of the task."""
         return self.rows[0]["task.name"]
+
+    def numbers(self, columns: Sequence[Column]) -> list[list[str]]:
+        """Return a line for each method: its name, and the printed numbers of columns."""
+        return [[row["method.name"], *texts(row, columns, missing="n/a")] for row in self.rows]
 
 
 def show_case(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import re
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ import pandas as pd
 
 from eval.publish.charts import convergence, distributions
 from eval.publish.columns import SUCCESS, begun
-from eval.publish.html import charts, configuration, environment, facts, style, tables, texts
+from eval.publish.html import charts, configuration, facts, render
 from eval.publish.report.cases import show_case
 from eval.publish.summary import converged_runs, make_table
 from eval.rows.experiment import Experiment
@@ -69,21 +68,16 @@ def write_page(
         for i, case in enumerate(section["cases"])
         if case.view is not None
     ]
-    return (
-        environment()
-        .from_string(_text("page.html"))
-        .render(
-            sections=sections,
-            views=[{name: value for name, value in view.items() if name != "data"} for view in views],
-            data=[view["data"] for view in views],
-            camera={name: list(direction) for name, direction in camera.items()},
-            ramp=_ramp(),
-            style=style(),
-            script=_text("viewer.js"),
-            three=threejs.source(),
-            valid=len(valid(every)),
-            runs=len(every),
-        )
+    return render(
+        "publish/report/page.html",
+        sections=sections,
+        data=[view.pop("data") for view in views],
+        views=views,
+        camera={name: list(direction) for name, direction in camera.items()},
+        ramp=_ramp(),
+        three=threejs.source(),
+        valid=len(valid(every)),
+        runs=len(every),
     )
 
 
@@ -107,19 +101,15 @@ def _section(
         progress(experiment.name, i, len(groups), group[0]["task.name"])
         shown.append(show_case(experiment, group, **camera, turnable=i in turnable))
     progress(experiment.name, len(groups), len(groups))
-    measured = [column for column in table.columns if column.source != SUCCESS]
-    return tables(table) | {
+    return {
         "name": experiment.name,
+        "table": table,
         "slug": re.sub(r"[^a-z0-9]+", "-", experiment.name.lower()),
         "charts": charts(distributions(rows)),
         "curves": charts(convergence(experiment)),
         "convergence": _convergence(experiment),
         "cases": shown,
-        "numbers": [
-            [[row["method.name"], *texts(row, measured, missing="n/a")] for row in case.rows]
-            for case in shown
-        ],
-        "measures": [column.label for column in measured],
+        "columns": [column for column in table.columns if column.source != SUCCESS],
         "failures": records(rows.drop(valid(rows).index)),
         "configurations": [(method, configuration(runs, method)) for method in method_names(runs)],
         "facts": facts(runs),
@@ -151,7 +141,3 @@ def _ramp() -> str:
 
     colours = matplotlib.colormaps[COLOURS](np.arange(256), bytes=True)[:, :3]
     return base64.b64encode(colours.tobytes()).decode("ascii")
-
-
-def _text(name: str) -> str:
-    return files("eval.publish.report").joinpath(name).read_text(encoding="utf-8")
