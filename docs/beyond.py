@@ -128,11 +128,8 @@ def draw(name: str) -> None:
     for V in example.shapes:
         error = None if example.top is None else edge_error(task.mesh, V)
         handles = task.handles if example.handles else None
-        panels.append(
-            picture(
-                task.mesh, V, view=view, width=WIDTH, error=error, top=example.top or 1.0, handles=handles
-            )
-        )
+        colours = {"error": error, "top": example.top or 1.0, "handles": handles}
+        panels.append(picture(task.mesh, V, view=view, width=WIDTH, **colours))
     path = FIGURES / f"beyond_{name}.png"
     Image.fromarray(np.hstack(panels)).quantize(COLOURS).save(path, optimize=True)
 

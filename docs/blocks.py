@@ -6,6 +6,8 @@ import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from eval.publish.markdown import markdown_lines
+
 
 def filled(text: str, blocks: dict[str, str]) -> str:
     """Return the text of a page with other contents of its blocks.
@@ -31,5 +33,4 @@ def fill(page: Path, blocks: dict[str, str]) -> None:
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a Markdown table; all columns but the first are aligned as numbers."""
-    rule = ["---", *["---:"] * (len(head) - 1)]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in [head, rule, *rows])
+    return "\n".join(markdown_lines(head, rows, left=head[:1]))

@@ -144,7 +144,7 @@ def table(name: str) -> str:
     head = [name if unit == "-" else f"{name} ({unit})" for name, unit in units.items()]
     rows = []
     for title, V in example.shapes.items():
-        values = measure(example.task, V, only=example.measures)
+        values = measure(example.task, V)
         rows.append([title, *(format(round(values[name], 3), ".4g") for name in example.measures)])
     return markdown(["shape", *head], rows)
 
@@ -158,12 +158,9 @@ def draw(name: str) -> None:
     shapes = [mesh.V, *example.shapes.values()]
     centred = [V - 0.5 * (V.min(axis=0) + V.max(axis=0)) for V in shapes]
     view = View.of(centred, towards=example.towards, up=(0, 0, 1))
-    panels = [
-        picture(mesh, V, view=view, width=240)
-        if example.top is None
-        else picture(mesh, V, view=view, width=240, error=edge_error(mesh, V), top=example.top)
-        for V in centred
-    ]
+    top = example.top
+    colours = [{} if top is None else {"error": edge_error(mesh, V), "top": top} for V in centred]
+    panels = [picture(mesh, V, view=view, width=240, **c) for V, c in zip(centred, colours, strict=True)]
     matplotlib.image.imsave(FOLDER / "figures" / f"measures_{name}.png", np.hstack(panels))
 
 

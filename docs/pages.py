@@ -18,6 +18,7 @@ import re
 import sys
 from pathlib import Path
 
+from docs.blocks import markdown
 from eval.rows.frame import numbers, read_csv, valid
 from sshade.options import reference
 
@@ -85,9 +86,8 @@ def table(path: Path, headings: list[str], *, chosen: list[str] | None = None, l
             raise ValueError(f"{path} has no method {', '.join(sorted(missing))}")
         plain = [[re.sub(r"\*\*|</?u>", "", cell) for cell in line] for line in cells]
         cells = [line for name in chosen for line in plain if line[0] == name]
-    rule = ["---", *["---:"] * len(headings)]
     caption = f"[{path.stem}]({link}/tables/{path.name}): {' '.join(caption_notes(paragraphs[end]))}\n\n"
-    return caption + "".join(f"| {' | '.join(line)} |\n" for line in [["method", *headings], rule, *cells])
+    return f"{caption}{markdown(['method', *headings], cells)}\n"
 
 
 def caption_notes(text: str) -> list[str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import sys
 from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from functools import cache
@@ -24,6 +23,7 @@ from eval.run.monitor import Monitor
 from eval.run.record import QUEUES, Sweep, SweepRecord, summary, unfinished
 from eval.run.run import run
 from eval.run.targets import check_parameters, locate, target_functions
+from sshade.cli.console import say
 from sshade.errors import InputError
 
 #: Settings that identify a case of a dataset. A sweep also takes `all` in place of numbers.
@@ -53,6 +53,10 @@ class PlannedSweeper(_Basic):
     Runs that differ in :data:`VALUES` only are composed once, because that takes a tenth of a second.
     """
 
+    def __init__(self, max_batch_size: int | None = None, params: Mapping[str, str] | None = None) -> None:
+        # Hydra loads the module of its sweeper a second time, after which the constructor there fails.
+        self.max_batch_size, self.params = max_batch_size, params or {}
+
     def sweep(self, arguments: list[str]) -> None:
         """List the runs, write their plan, and launch them with the folder of the record."""
         global monitor
@@ -60,10 +64,9 @@ class PlannedSweeper(_Basic):
         code = _keep_plans(self._compose(runs))
         folder = Path(self.config.hydra.sweep.dir)
         for other in unfinished(folder):
-            print(  # noqa: T201
+            say(
                 f"a sweep of {folder.name}, begun {other.begin.astimezone():%Y-%m-%d %H:%M} on {other.host}, "
-                "has not ended: runs that are part of both sweeps may be done twice",
-                file=sys.stderr,
+                "has not ended: runs that are part of both sweeps may be done twice"
             )
         launcher = self.config.hydra.runtime.choices["hydra/launcher"]
         record = SweepRecord.create(folder, Sweep(datetime.now(UTC), runs, launcher, code=code))

@@ -36,9 +36,8 @@ def intersecting_faces(V: np.ndarray, F: np.ndarray) -> np.ndarray:
     first, second, third = V[F.T]
     extended = np.flatnonzero(((first != second) | (first != third)).any(axis=1))
     F = np.ascontiguousarray(F[extended])
-    _, pairs, coplanar = igl.predicates.find_self_intersections(
-        np.array(V), F
-    )  # libigl needs a writable copy
+    # libigl needs a writable copy.
+    _, pairs, coplanar = igl.predicates.find_self_intersections(np.array(V), F)
     if len(pairs):
         found[extended[pairs[_confirmed(V, F, pairs, coplanar.ravel())].ravel()]] = True
     return found

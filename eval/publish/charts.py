@@ -17,8 +17,8 @@ from eval.metrics import METRICS
 from eval.publish.columns import reference_rows
 from eval.publish.plotting import FIGURES, SUFFIXES, axis_label, look, new_figure, save, style
 from eval.rows.experiment import Experiment, read_experiments
+from eval.rows.files import ROWS_HELP
 from eval.rows.frame import method_names, numbers, records, split_label, valid
-from eval.rows.store import ROWS_HELP
 from sshade.figures import require_extra
 
 if TYPE_CHECKING:
@@ -31,8 +31,12 @@ LOG_ABOVE = 30.0
 DECADES = 6
 #: Width of a chart in inches: a column of a paper.
 WIDTH = 4.4
-#: Lines of a box.
-BOX = {"color": "#999999", "linewidth": 0.8}
+#: Form and lines of a box.
+BOX: dict[str, Any] = {
+    **{"orientation": "horizontal", "widths": 0.62, "showfliers": False, "manage_ticks": False},
+    **dict.fromkeys(("boxprops", "whiskerprops", "capprops"), {"color": "#999999", "linewidth": 0.8}),
+    "medianprops": {"color": "#222222", "linewidth": 1.2},
+}
 
 
 def charts(experiment: Experiment) -> dict[str, Figure]:
@@ -66,18 +70,7 @@ def _distribution(values: dict[str, np.ndarray], *, label: str, looks: dict) -> 
     figure = new_figure(WIDTH, 0.75 + 0.23 * len(values))
     axes = figure.subplots()
     places = np.arange(len(values))[::-1]
-    axes.boxplot(
-        list(values.values()),
-        positions=places,
-        orientation="horizontal",
-        widths=0.62,
-        showfliers=False,
-        manage_ticks=False,
-        boxprops=BOX,
-        whiskerprops=BOX,
-        capprops=BOX,
-        medianprops={"color": "#222222", "linewidth": 1.2},
-    )
+    axes.boxplot(list(values.values()), positions=places, **BOX)
     dots = {"s": 9, "alpha": 0.65, "linewidths": 0, "clip_on": False, "zorder": 3}
     for place, (method, runs) in zip(places, values.items(), strict=True):
         # The golden ratio spreads the dots evenly and reproducibly.

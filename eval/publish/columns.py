@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import pandas as pd
 
@@ -27,8 +27,7 @@ DEFINITIONS = {
 }
 
 
-@dataclass(frozen=True)
-class Column:
+class Column(NamedTuple):
     """A column of a table.
 
     Parameters
@@ -113,7 +112,7 @@ def columns_of(rows: pd.DataFrame) -> tuple[Column, ...]:
         if numbers(rows, "metric.hausdorff").isna().all():
             # Without ground truth: changes from the rest shape, which include the changes of the pose itself.
             columns = tuple(
-                replace(column, ranked=False)
+                column._replace(ranked=False)
                 for column in COLUMNS
                 if not column.further and column.source not in ("metric.handle", "iterations")
             )

@@ -9,7 +9,7 @@ the rest, so that a method with few results does not remove cases of the others.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import pandas as pd
 
@@ -21,8 +21,7 @@ from eval.rows.store import VALID
 RUN = ["method.name", "task.name", "seed"]
 
 
-@dataclass(frozen=True)
-class Comparison:
+class Comparison(NamedTuple):
     """Values of methods over their common cases.
 
     Parameters

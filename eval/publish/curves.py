@@ -15,9 +15,8 @@ import pandas as pd
 
 from eval.metrics import METRICS
 from eval.publish.plotting import FIGURES, axis_label, look, new_figure, plot_points, save, style
-from eval.rows.experiment import rows_file
+from eval.rows.files import ROWS_HELP, rows_file
 from eval.rows.frame import read_csv, split_label, valid
-from eval.rows.store import ROWS_HELP
 from sshade.errors import InputError
 from sshade.figures import require_extra
 
@@ -51,7 +50,7 @@ def curves(rows: pd.DataFrame, metric: str = "volume", *, over: str = "task.vert
     means = points.dropna().groupby(["method", "number"]).mean().astype(float)
     if means.empty:
         raise InputError(
-            f"no valid row of a method labelled like arap-7000 has the metric {metric} and a number in {over}"
+            f"no valid row labelled like arap-7000 has the metric {metric} and a number in {over}"
         )
     return {method: list(own.itertuples(index=False, name=None)) for method, own in means.groupby("method")}
 

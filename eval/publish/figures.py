@@ -11,9 +11,8 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
@@ -23,16 +22,16 @@ from eval.publish import panels
 from eval.publish.plotting import FIGURES, add_camera, camera, save
 from eval.rows.collect import collect
 from eval.rows.experiment import Experiment
+from eval.rows.files import FOLDER_HELP, experiment_folder
 from eval.rows.frame import numbers, records
-from eval.rows.store import FOLDER_HELP, VALID, Row, experiment_folder
+from eval.rows.store import VALID, Row
 from eval.run.recall import load_task
 from sshade.cli.configuration import CONFIGURATION
 from sshade.errors import InputError
 from sshade.figures import colour_range, require_extra
 
 
-@dataclass(frozen=True)
-class Case:
+class Case(NamedTuple):
     """A task with the vertices (n, 3) of each method, or the reason why there are none."""
 
     task: Task

@@ -16,10 +16,9 @@ import pandas as pd
 from eval.metrics import METRICS
 from eval.publish.plotting import FIGURES, axis_label, look, new_figure, plot_points, save, style
 from eval.publish.summary import HALVES
-from eval.rows.experiment import rows_file
+from eval.rows.files import ROWS_HELP, rows_file
 from eval.rows.frame import read_csv, split_label, valid
 from eval.rows.splits import TUNING, split_of
-from eval.rows.store import ROWS_HELP
 from sshade.errors import InputError
 from sshade.figures import require_extra
 
@@ -113,17 +112,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("rows", nargs="+", type=rows_file, help=ROWS_HELP)
     parser.add_argument("--knob", default=KNOB, metavar="SETTING", help=f"default: {KNOB}")
-    parser.add_argument(
-        "--measures",
-        nargs="+",
-        choices=METRICS,
-        default=MEASURES,
-        metavar="METRIC",
-        help=f"the others are drawn against the first; default: {' '.join(MEASURES)}",
-    )
-    parser.add_argument(
-        "--leave-out", nargs="*", default=["identity"], metavar="METHOD", help="default: identity"
-    )
+    measures = {"choices": METRICS, "default": MEASURES, "metavar": "METRIC"}
+    text = f"the others are drawn against the first; default: {' '.join(MEASURES)}"
+    parser.add_argument("--measures", nargs="+", **measures, help=text)
+    parser.add_argument("--leave-out", nargs="*", default=["identity"], metavar="METHOD", help="(identity)")
     parser.add_argument("-o", "--out", type=Path, help="default: out/figures/<first experiment>.png")
 
 

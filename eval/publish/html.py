@@ -33,13 +33,9 @@ def render(template: str, **names: Any) -> str:
     """Return a page from a template of this package. All text is escaped; undefined names are refused."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    pages = Environment(
-        loader=PackageLoader("eval", ""),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    blocks = {"trim_blocks": True, "lstrip_blocks": True}
+    loader = PackageLoader("eval", "")
+    pages = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, **blocks)
     marks = {0: "{}", 1: '<b title="best">{}</b>', 2: '<u title="second best">{}</u>'}
     pages.globals["cells"] = partial(cells, marks=marks, not_available="n/a", escape=html.escape)
     return pages.get_template(template).render(**names)

@@ -169,9 +169,8 @@ def draw(rows: Sequence[Panels], *, title: str, top: float, label: str, pixels: 
             panel.set_title(name if error is None else f"{name}\nmean {error.mean():.2g}", fontsize=8)
         beside = {"rotation": 90, "ha": "right", "va": "center", "fontsize": 7}
         panels[0].text(-0.03, 0.5, row.label, transform=panels[0].transAxes, **beside)
-    bar = figure.colorbar(
-        ScalarMappable(Normalize(0, top), COLOURS), ax=axes, shrink=0.6, extend="max", pad=0.01
-    )
+    colours = ScalarMappable(Normalize(0, top), COLOURS)
+    bar = figure.colorbar(colours, ax=axes, shrink=0.6, extend="max", pad=0.01)
     bar.set_label(label)
     bar.ax.tick_params(labelsize=7)
     figure.suptitle(title, fontsize=10)

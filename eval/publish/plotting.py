@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from eval.rows.files import writing
-from sshade.errors import InputError
 from sshade.figures import TOWARDS, UP
+from sshade.io.files import check_suffix
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -101,8 +101,7 @@ def save(figure: Figure, path: Path, *, small: bool = False) -> None:
         On another suffix.
     """
     suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise InputError(f"{path}: unknown figure format {path.suffix!r}; use {', '.join(SUFFIXES)}")
+    check_suffix(path, SUFFIXES)
     with style(), writing(path) as temporary:
         figure.savefig(temporary, format=suffix[1:], dpi=150 if small else 200, metadata=_METADATA[suffix])
         if small and suffix == ".png":
@@ -122,9 +121,8 @@ def _reduce(path: Path) -> None:
     palette = Image.fromarray(distinct[None].astype(np.uint8)).quantize(255)
     colours = palette.getpalette()[: 3 * 255]
     palette.putpalette([*colours, *[255] * (3 * 256 - len(colours))])
-    picture.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG).save(
-        path, format="PNG", optimize=True
-    )
+    reduced = picture.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG)
+    reduced.save(path, format="PNG", optimize=True)
 
 
 def to_svg(figure: Figure) -> str:

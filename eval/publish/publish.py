@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import re
 from collections import Counter
+from collections.abc import Iterable
 
 import pandas as pd
 
@@ -20,9 +21,9 @@ from eval.publish.summary import make_table
 from eval.publish.tables import write_tables
 from eval.rows.collect import with_missing
 from eval.rows.csv_rows import read_rows
-from eval.rows.files import copy_file
+from eval.rows.files import PUBLISHED, ROWS, copy_file
 from eval.rows.frame import write_csv
-from eval.rows.store import MISSING, PUBLISHED, ROWS, Row, version_of
+from eval.rows.store import MISSING, Row, version_of
 from eval.run.code import OWN
 from sshade.errors import InputError
 
@@ -51,14 +52,14 @@ def joined(name: str, *, replace: bool) -> pd.DataFrame:
     if loose:
         raise InputError(
             f"{len(loose)} of {len(runs)} rows of {path} come from a checkout with changes that are not "
-            f"committed, or from no commit ({_counts(loose, 'method.name')}): commit, and run them again "
+            f"committed, or from no commit ({_methods(loose)}): commit, and run them again "
             "with run.force=true"
         )
     users = [row for row in runs if {*_packages(row)} - OWN]
     if users:
         raise InputError(
             f"{len(users)} of {len(runs)} rows of {path} are of methods that are no part of this project "
-            f"({_counts(users, 'method.name')}), so the commit does not hold their code: "
+            f"({_methods(users)}), so the commit does not hold their code: "
             "hand them in with `sshade-eval submit`"
         )
     metrics = {version_of(row)[1] for row in runs}
@@ -94,16 +95,17 @@ def _packages(row: Row) -> list[str]:
 
 def _versions(rows: list[Row]) -> str:
     """List the versions of rows, with the number of rows of each."""
-    named = [
-        {"version": f"version {(code or 'unknown')[:8]} (metrics {(metrics or 'unknown')[:8]})"}
-        for code, metrics in map(version_of, rows)
-    ]
-    return _counts(named, "version")
+    names = [[(name or "unknown")[:8] for name in version_of(row)] for row in rows]
+    return _counts(f"version {code} (metrics {metrics})" for code, metrics in names)
 
 
-def _counts(rows: list[Row], column: str) -> str:
-    counts = Counter(row[column] for row in rows)
-    return ", ".join(f"{name}: {count}" for name, count in sorted(counts.items()))
+def _methods(rows: list[Row]) -> str:
+    """List the methods of rows, with the number of rows of each."""
+    return _counts(row["method.name"] for row in rows)
+
+
+def _counts(names: Iterable[str]) -> str:
+    return ", ".join(f"{name}: {count}" for name, count in sorted(Counter(names).items()))
 
 
 def command(options: argparse.Namespace) -> int:
@@ -118,11 +120,8 @@ def command(options: argparse.Namespace) -> int:
         if rows_file.is_file() and figure.stat().st_mtime < rows_file.stat().st_mtime:
             raise InputError(f"{figure} is older than {rows_file}: draw it again, or remove it")
     alone = {figure.stem for figure in figures}
-    rows = {
-        name: joined(name, replace=options.replace)
-        for name, path in files.items()
-        if path.is_file() or name not in alone
-    }
+    experiments = [name for name, path in files.items() if path.is_file() or name not in alone]
+    rows = {name: joined(name, replace=options.replace) for name in experiments}
     tables = [make_table(own, title=name) for name, own in rows.items()]
     for name, own in rows.items():
         write_csv(PUBLISHED / "rows" / f"{name}.csv", own)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -25,8 +25,7 @@ FURTHER = "further measures"
 HALVES = {HELD_OUT: "held-out cases", TUNING: "tuning cases", None: "other cases"}
 
 
-@dataclass(frozen=True)
-class Table:
+class Table(NamedTuple):
     """The numbers of a table, its notes, and tables of parts of the rows.
 
     Parameters
@@ -60,12 +59,10 @@ class Table:
     @property
     def views(self) -> list[tuple[str, list[Column]]]:
         """Headings and columns of the tables to print: the paper's measures, and further measures."""
-        headings = f"{self.title}: {self.label}" if self.label else self.title, f"{self.title}: {FURTHER}"
-        views = [
-            (heading, [column for column in self.columns if column.further == further])
-            for heading, further in zip(headings, (False, True), strict=True)
-        ]
-        return [(heading, columns) for heading, columns in views if columns]
+        title = f"{self.title}: {self.label}" if self.label else self.title
+        first = [column for column in self.columns if not column.further]
+        further = [column for column in self.columns if column.further]
+        return [view for view in ((title, first), (f"{self.title}: {FURTHER}", further)) if view[1]]
 
 
 def make_table(rows: pd.DataFrame, *, title: str, mixed: bool = False) -> Table:
@@ -96,18 +93,16 @@ def make_table(rows: pd.DataFrame, *, title: str, mixed: bool = False) -> Table:
     of_half = {half: rows[splits.isna() if half is None else splits == half] for half in HALVES}
     (half, first), *others = [(half, own) for half, own in of_half.items() if len(own)]
     comparison = compare(first, columns)
-    parts = [
-        _table(name, columns, part, compare(part, columns))
-        for name, part in _parts(first, comparison.common).items()
-    ]
+    named = _parts(first, comparison.common)
+    parts = [_table(name, columns, part, compare(part, columns)) for name, part in named.items()]
     parts += [] if transfers else contest(comparison, first, columns)
     for other, own in others:
         of_other = compare(own, columns)
         notes = case_notes(own, of_other, half=other)
-        parts.append(replace(_table(HALVES[other], columns, own, of_other), notes=notes))
+        parts.append(_table(HALVES[other], columns, own, of_other)._replace(notes=notes))
     notes = [*case_notes(first, comparison, half=half), *versions, *common_notes(rows, columns=columns)]
     label = HALVES[half] if half else ""
-    return replace(_table(title, columns, first, comparison), notes=notes, parts=parts, label=label)
+    return _table(title, columns, first, comparison)._replace(notes=notes, parts=parts, label=label)
 
 
 def contest(comparison: Comparison, rows: pd.DataFrame, columns: Sequence[Column]) -> list[Table]:
@@ -129,7 +124,7 @@ def contest(comparison: Comparison, rows: pd.DataFrame, columns: Sequence[Column
             printed = value.map(column.text).astype(float)
             best = printed.eq(printed.min(axis=1), axis=0).sum()
             won[column.heading] = best if usable else np.nan
-    counts = [replace(c, unit="", decimals=0, ranked=False, scientific=False) for c in columns if c.ranked]
+    counts = [c._replace(unit="", decimals=0, ranked=False, scientific=False) for c in columns if c.ranked]
     lines = _lines(rows, comparison).loc[methods]
     tables = {"worst case": (columns, worst), f"cases won, of {cases}": (counts, won)}
     values = {title: (own, pd.DataFrame(value, methods)) for title, (own, value) in tables.items()}

@@ -16,9 +16,8 @@ import pandas as pd
 from eval.publish.columns import Column
 from eval.publish.markdown import markdown_lines
 from eval.publish.summary import MIXED_HELP, Table, make_table, ranks
-from eval.rows.experiment import read_experiments, rows_file
-from eval.rows.files import write_text
-from eval.rows.store import ROWS_HELP
+from eval.rows.experiment import read_experiments
+from eval.rows.files import ROWS_HELP, rows_file, write_text
 from sshade.errors import InputError
 
 

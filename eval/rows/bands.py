@@ -12,8 +12,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
+import yaml
+
 from eval.metrics import METRICS
-from eval.rows.store import ROWS_HELP, VALID, Row
+from eval.rows.csv_rows import read_rows
+from eval.rows.files import ROWS_HELP, rows_file
+from eval.rows.store import VALID, Row
 from sshade.cli.configuration import CONFIGURATION
 from sshade.errors import InputError
 
@@ -23,10 +27,8 @@ Bands = Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]]
 #: of different machines and library versions fit into this width. A count of zero gets a band of width zero.
 FACTOR, AMOUNT = 1.05, {"%": 0.005, "deg": 0.005, "count": 5.0, "-": 0.001}
 #: Metrics that depend on few faces or edges vary more. Their factor, which counts share, is larger.
-TAILS, TAIL_FACTOR = (
-    {"bend_tail", "spike", "distortion", "distortion_95", "distortion_99", "distortion_max"},
-    1.25,
-)
+TAILS = {"bend_tail", "spike", "distortion", "distortion_95", "distortion_99", "distortion_max"}
+TAIL_FACTOR = 1.25
 #: Smallest upper bound of a suggested band of the handle distance, in percent of the diagonal. It leaves room
 #: for rounding where a method meets its handles exactly.
 EXACT = 1e-7
@@ -99,8 +101,6 @@ def read_bands(name: str) -> Bands:
     InputError
         When there is no such file.
     """
-    import yaml
-
     path = CONFIGURATION / f"bands_{name}.yaml"
     if not path.is_file():
         raise InputError(f"there are no bands {name!r}: conf has no bands_{name}.yaml")
@@ -116,13 +116,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
-    from eval.rows.experiment import rows_file  # here, because single runs check bands without pandas
-    from eval.rows.frame import read_csv, records
-
-    rows = records(read_csv(rows_file(options.rows)))
+    rows = read_rows(rows_file(options.rows))
     if options.suggest:
-        import yaml
-
         print(yaml.safe_dump(suggest(rows), default_flow_style=None, width=200), end="")  # noqa: T201
         return 0
     bands = read_bands(options.bands)

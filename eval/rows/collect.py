@@ -15,20 +15,10 @@ from pathlib import Path
 import pandas as pd
 
 from eval.rows.csv_rows import read_rows
+from eval.rows.files import FOLDER_HELP, PUBLISHED, ROWS, RUNS, experiment_folder
 from eval.rows.frame import newest, records, to_frame, write_csv
 from eval.rows.plan import missing_rows, read_plans
-from eval.rows.store import (
-    FOLDER_HELP,
-    MISSING,
-    PUBLISHED,
-    ROWS,
-    RUNS,
-    Row,
-    experiment_folder,
-    read_row,
-    run_folders,
-    version_of,
-)
+from eval.rows.store import MISSING, Row, read_row, run_folders, version_of
 from sshade.errors import InputError
 
 

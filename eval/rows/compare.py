@@ -50,10 +50,8 @@ def differences(first: pd.DataFrame, second: pd.DataFrame) -> list[str]:
 
 def _by_run(rows: pd.DataFrame) -> dict[str, Row]:
     """Return the rows by method, task and seed."""
-    by_run = {
-        f"{row['method.name']} {row['task.name']} seed {row['seed']}": row
-        for row in records(rows.replace("", None))
-    }
+    plain = records(rows.replace("", None))
+    by_run = {f"{row['method.name']} {row['task.name']} seed {row['seed']}": row for row in plain}
     if len(by_run) < len(rows):
         raise InputError("several rows of one method, task and seed; compare sets that hold one row a run")
     return by_run
@@ -73,8 +71,6 @@ def command(options: argparse.Namespace) -> int:
         print(text)  # noqa: T201
     names = first.columns.union(second.columns)
     left_out = ", ".join(f"{name}*" if name.endswith(".") else name for name in LEFT_OUT)
-    print(  # noqa: T201
-        f"{len(first)} and {len(second)} rows, {sum(map(compared, names))} columns compared, "
-        f"{len(found)} differences; left out: {left_out} (but not {KEPT}*)"
-    )
+    counts = f"{len(first)} and {len(second)} rows, {sum(map(compared, names))} columns compared"
+    print(f"{counts}, {len(found)} differences; left out: {left_out} (but not {KEPT}*)")  # noqa: T201
     return 1 if found else 0

@@ -12,8 +12,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from eval.rows.files import PUBLISHED
 from eval.rows.old_names import with_new_names
-from eval.rows.store import PUBLISHED, Row, is_text, row_problem, schema_problem
+from eval.rows.store import Row, is_text, row_problem, schema_problem
 from sshade.errors import InputError
 
 #: Column with the number of rows in the file; files of older versions have no such column.
@@ -42,9 +43,7 @@ def read_rows(path: str | os.PathLike[str]) -> list[Row]:
     rows = []
     for number, line in enumerate(lines, start=2):
         if len(line) != len(header):
-            raise InputError(
-                f"{path}: line {number} has another number of cells than the first; collect again"
-            )
+            raise InputError(f"{path}: line {number} has more or fewer cells than the first; collect again")
         row = {name: _value(cell, text=t) for name, cell, t in zip(header, line, text, strict=True)}
         written = row.pop(COUNT, len(lines))
         if written != len(lines):

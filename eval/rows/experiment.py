@@ -4,30 +4,20 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from eval.rows.collect import collect
+from eval.rows.files import ROWS, RUNS, experiment_folder, rows_file
 from eval.rows.frame import method_names, read_csv, records, valid
-from eval.rows.store import (
-    PUBLISHED,
-    ROWS,
-    RUNS,
-    Row,
-    experiment_folder,
-    read_curves,
-    read_row,
-    read_vertices,
-    run_folder,
-)
+from eval.rows.store import Row, read_curves, read_row, read_vertices, run_folder
 from sshade.errors import InputError
 
 
-@dataclass(frozen=True)
-class Experiment:
+class Experiment(NamedTuple):
     """The rows of one table.
 
     Parameters
@@ -104,14 +94,6 @@ def read_experiments(
     if repeated:
         raise InputError(f"two experiments are named {repeated[0]!r}; give them one CSV, or other names")
     return [Experiment(path.stem, read_csv(path), tuple(runs) or (RUNS / path.stem,)) for path in paths]
-
-
-def rows_file(name: str | os.PathLike[str], folder: Path = ROWS) -> Path:
-    """Return the CSV of a path or of a name; searches a folder of ``out`` before that of ``results``."""
-    if Path(name).suffix == ".csv":
-        return Path(name)
-    own, published = folder / f"{name}.csv", PUBLISHED / folder.name / f"{name}.csv"
-    return published if published.is_file() and not own.is_file() else own
 
 
 def load_rows(name: str | os.PathLike[str]) -> pd.DataFrame:

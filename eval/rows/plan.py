@@ -13,8 +13,8 @@ import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from eval.rows.files import write_text
-from eval.rows.store import MISSING, PLANS, Row
+from eval.rows.files import PLANS, write_text
+from eval.rows.store import MISSING, Row
 from sshade.errors import InputError
 
 #: Columns of a planned run, and their types.
@@ -87,11 +87,8 @@ def missing_rows(planned: Iterable[Row], rows: Iterable[Row]) -> list[Row]:
         name = names.get(case) or run.get("task.name") or case
         run_of = (run["method.name"], name, run["seed"])
         if run_of not in done:
-            missing[run_of] = {fact: run.get(fact) for fact in _FACTS} | {
-                "task.name": name,
-                "status": MISSING,
-                "reason": "planned, never run",
-            }
+            facts = {"task.name": name, "status": MISSING, "reason": "planned, never run"}
+            missing[run_of] = {fact: run.get(fact) for fact in _FACTS} | facts
     return list(missing.values())
 
 

@@ -10,7 +10,8 @@ import json
 import math
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -24,17 +25,6 @@ Row = dict[str, Any]
 
 #: Version of the columns, part of every key. Increase it when the meaning of a column changes.
 SCHEMA = 1
-
-#: Default folder of runs, with one folder per experiment.
-RUNS = Path("out/runs")
-#: Folder of the plans of an experiment, in the folder of its runs.
-PLANS = ".plan"
-#: Default folder of collected rows, with one CSV per experiment.
-ROWS = Path("out/rows")
-#: Folder of committed rows, tables and figures. Only `sshade-eval publish` writes there.
-PUBLISHED = Path("results")
-FOLDER_HELP = "name of an experiment in out/runs, or a folder of runs"
-ROWS_HELP = "CSV of rows, or name of an experiment in out/rows or else results/rows"
 
 #: Values of the column ``status``. The first two are valid results.
 STATUSES = ("ok", "not_converged", "timeout", "failed", "skipped")
@@ -54,14 +44,8 @@ IDENTITY = ("task.name", "method.name", "status", "seed", "method.hash", "key", 
 _TEXT = (
     *(name for name in IDENTITY if name != "seed"),
     *("reason", "task.checksum", "task.source", "method.sources", "method.note", "remeasured"),
-    *(
-        "env.machine_id",
-        "env.commit",
-        "env.python",
-        "env.omp_num_threads",
-        "env.openblas_num_threads",
-        "env.mkl_num_threads",
-    ),
+    *("env.machine_id", "env.commit", "env.python"),
+    *(f"env.{library}_num_threads" for library in ("omp", "openblas", "mkl")),
     *(f"task.meta.{fact}" for fact in ("checksum", "class", "dataset", "edit", "note", "posed_by")),
     *("task.meta.source_pose", "env.version."),
 )
@@ -78,21 +62,6 @@ def run_folder(root: str | os.PathLike[str], row: Row) -> Path:
     """Return ``root/<method>/<task>/seed_<seed>_<key>``, with names that every file system accepts."""
     safe = [re.sub(r"[^\w.+=-]+", "_", str(row[name])) for name in ("method.name", "task.name")]
     return Path(root, *safe, f"seed_{row['seed']}_{row['key'][:12]}")
-
-
-def experiment_folder(name: Path) -> Path:
-    """Return a folder of runs, from its path or from the name of its experiment.
-
-    Raises
-    ------
-    InputError
-        When there is no such folder.
-    """
-    for folder in (name, RUNS / name):
-        # A folder such as "quick" in the current folder may hold anything; skip it unless it holds runs.
-        if (folder / PLANS).is_dir() or next(folder.rglob("row.json"), None) is not None:
-            return folder
-    raise InputError(f"no runs in {name} or {RUNS / name}; `sshade-eval run -m experiment=...` makes them")
 
 
 def write_run(
@@ -160,9 +129,7 @@ def schema_problem(row: Row) -> str:
     schema = row.get("schema", SCHEMA)
     if schema is None or schema == SCHEMA:
         return ""
-    return (
-        f"is of schema {schema}, this program reads schema {SCHEMA}; read it with the version that wrote it"
-    )
+    return f"is of schema {schema}, this program reads {SCHEMA}; read it with the version that wrote it"
 
 
 def version_of(row: Row) -> tuple[str | None, str | None]:
@@ -199,7 +166,8 @@ def read_vertices(folder: str | os.PathLike[str], *, n: int) -> np.ndarray:
     path = Path(folder, "vertices.npy")
     if not path.is_file():
         raise InputError(f"{path}: no such file; the run left no vertices")
-    V = _loading(path, lambda: np.load(path, allow_pickle=False).astype(np.float64))
+    with _reading(path):
+        V = np.load(path, allow_pickle=False).astype(np.float64)
     if V.shape != (n, 3):
         raise InputError(f"{path}: has shape {V.shape}, not ({n}, 3); remove the folder to run it again")
     return V
@@ -210,22 +178,18 @@ def read_curves(folder: str | os.PathLike[str]) -> dict[str, np.ndarray]:
     path = Path(folder, "curves.npz")
     if not path.is_file():
         return {}
-
-    def read() -> dict[str, np.ndarray]:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
-            return {name: data[name] for name in data.files}
-
-    return _loading(path, read)
+    with _reading(path), path.open("rb") as file, np.load(file, allow_pickle=False) as data:
+        return dict(data)
 
 
-def _loading(path: Path, read: Callable[[], Any]) -> Any:
+@contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    """Raise InputError if an array cannot be read from a file."""
     try:
-        return read()
+        yield
     except Exception as error:  # zipfile and numpy raise many types of errors for damaged files
-        reason = " ".join(str(error).split())
-        raise InputError(
-            f"{path}: not the file of a run ({reason}); remove the folder to run it again"
-        ) from error
+        why = " ".join(str(error).split())
+        raise InputError(f"{path}: not the file of a run ({why}); remove the folder to run again") from error
 
 
 def run_folders(root: str | os.PathLike[str]) -> list[Path]:

@@ -91,9 +91,8 @@ def _check_file(path: Path) -> None:
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"{path}: not readable as YAML ({' '.join(str(error).split())[:200]})") from error
     # Hydra adds a package to the key; the package stands in the header, or after an @ in a list of defaults.
-    words = re.findall(r"# *@package +(\S+)", text) + [
-        str(word) for pair in _items(documents) for word in pair
-    ]
+    words = re.findall(r"# *@package +(\S+)", text)
+    words += [str(word) for pair in _items(documents) for word in pair]
     for name in _RESERVED:
         if any(name in re.split(r"[.@/:]", word) for word in words):
             raise InputError(f"{path}: it sets hydra's {name}, which is for the command line alone")

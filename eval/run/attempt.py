@@ -122,10 +122,8 @@ def attempt_fresh(
         When the new process has loaded different code.
     """
     # A worker of joblib has a start method that is unknown in a child process.
-    if multiprocessing.get_start_method(allow_none=True) not in (
-        None,
-        *multiprocessing.get_all_start_methods(),
-    ):
+    method_of_start = multiprocessing.get_start_method(allow_none=True)
+    if method_of_start not in (None, *multiprocessing.get_all_start_methods()):
         multiprocessing.set_start_method("spawn", force=True)
     context = multiprocessing.get_context("spawn")
     begun_with = loaded_code(target_functions(method))
@@ -182,38 +180,24 @@ def _end(code: int) -> str:
 def _child(connection: Connection, report: bool) -> None:
     end_with_parent()
     method, task, seed, begun_with = connection.recv()
-    send = _Sender(connection)
+    lock, due = Lock(), dict[str, float]()
+
+    def send(message: Any) -> None:
+        with lock:  # threads of a method report their progress
+            connection.send(message)
+
+    def progress(stage: str, done: int, total: int, note: str = "") -> None:
+        now = perf_counter()
+        if report and (done == total or now >= due.get(stage, 0.0)):
+            due[stage] = now + PROGRESS_PERIOD
+            send((stage, done, total, note))
+
     try:
         require_unchanged(target_functions(method), begun_with=begun_with)
     except CodeChanged as changed:
         return send(changed)
-    done = attempt(
-        method,
-        task,
-        seed=seed,
-        progress=send.progress if report else silent,
-        before_clock=lambda: send(CLOCK),
-    )
+    done = attempt(method, task, seed=seed, progress=progress, before_clock=lambda: send(CLOCK))
     send(done._replace(facts=done.facts | {"peak_mib": _peak_mib()}))
-
-
-class _Sender:
-    """Sends messages to the parent from any thread, with few progress messages per second."""
-
-    def __init__(self, connection: Connection) -> None:
-        self._connection = connection
-        self._lock = Lock()
-        self._next: dict[str, float] = {}
-
-    def __call__(self, message: Any) -> None:
-        with self._lock:
-            self._connection.send(message)
-
-    def progress(self, stage: str, done: int, total: int, note: str = "") -> None:
-        now = perf_counter()
-        if done == total or now >= self._next.get(stage, 0.0):
-            self._next[stage] = now + PROGRESS_PERIOD
-            self((stage, done, total, note))
 
 
 def _peak_mib() -> float:

@@ -38,8 +38,8 @@ class SourceFile(NamedTuple):
     Attributes
     ----------
     path : Path
-    package : str
-        Dotted name of the package that holds the module; relative imports start there.
+    place : str
+        Path relative to the folder of the top-level package.
     stamp : tuple
         Time of the last write and size.
     hash : str
@@ -52,7 +52,7 @@ class SourceFile(NamedTuple):
     """
 
     path: Path
-    package: str
+    place: str
     stamp: tuple[int, int]
     hash: str
     imports: frozenset[str]
@@ -135,7 +135,7 @@ def _stamp(path: Path) -> tuple[int, int]:
 def _changed(file: SourceFile) -> bool:
     """Whether the code of a file differs from its hash; new docstrings and comments are no change."""
     try:
-        return _stamp(file.path) != file.stamp and _read(file.path, file.package).hash != file.hash
+        return _stamp(file.path) != file.stamp and _read(file.path, file.place).hash != file.hash
     except OSError:
         return True
 
@@ -145,31 +145,32 @@ _BEGUN = {path: _stamp(path) for top in OWN for path in (PACKAGES / top).rglob("
 
 
 @cache
-def _parsed(path: Path, package: str) -> SourceFile:
-    """Parse a file once for the process.
+def _parsed(path: Path, root: Path) -> SourceFile:
+    """Parse a file once for the process. `root` is the folder of the top-level package.
 
     Raises
     ------
     CodeChanged
         When one of the project's files was written since this process began.
     """
-    file = _read(path, package)
+    file = _read(path, path.relative_to(root).as_posix())
     if _BEGUN.get(path, file.stamp) != file.stamp:
-        raise _code_changed(path.relative_to(PACKAGES).as_posix())
+        raise _code_changed(file.place)
     return file
 
 
-def _read(path: Path, package: str) -> SourceFile:
+def _read(path: Path, place: str) -> SourceFile:
     stamp, text = _stamp(path), path.read_bytes()
+    package = place.rpartition("/")[0].replace("/", ".")  # relative imports start there
     try:
         tree = ast.parse(text)
     except (SyntaxError, ValueError):  # the file cannot be imported
-        return SourceFile(path, package, stamp, digest(text), frozenset(), None)
+        return SourceFile(path, place, stamp, digest(text), frozenset(), None)
     functions = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
     is_lazy = path.name == "__init__.py" and "__getattr__" in functions
     lazy = dict(_imports(tree, package, typing=True)) if is_lazy else None
     imports = frozenset(name for _, name in _imports(tree, package)) | _attributes(tree)
-    return SourceFile(path, package, stamp, digest(repr(_plain(tree)).encode()), imports, lazy)
+    return SourceFile(path, place, stamp, digest(repr(_plain(tree)).encode()), imports, lazy)
 
 
 def _imports(node: ast.AST, package: str, *, typing: bool = False) -> Iterator[tuple[str, str]]:
@@ -222,33 +223,26 @@ def _is_text(node: Any) -> bool:
 @cache
 def _files(functions: frozenset[str]) -> dict[str, SourceFile]:
     """The files that the rows of some functions depend on, by place."""
-    files = {place: _parsed(PACKAGES / place, "eval.run") for place in RUNNER}
+    files = {place: _parsed(PACKAGES / place, PACKAGES) for place in RUNNER}
     waiting, seen = {TYPES, *functions}, set[str]()
-    for top in {name.partition(".")[0] for name in functions} - OWN:
-        waiting |= _add_package(top, files)
+    for top in {name.partition(".")[0] for name in functions} - OWN:  # all files of a user's package
+        for root in places(top):
+            for path in root.rglob("*.py") if root.is_dir() else [root]:
+                file = _parsed(path, root.parent)
+                files[file.place] = file
+                waiting |= file.imports
     while waiting:
         name = waiting.pop()
         seen.add(name)
-        for place, file in _loaded_by(name):
-            if place not in files:
-                files[place] = file
+        for file in _loaded_by(name):
+            if file.place not in files:
+                files[file.place] = file
                 waiting |= file.imports - seen
     return files
 
 
-def _add_package(top: str, files: dict[str, SourceFile]) -> set[str]:
-    """Add all files of a user's module or package; return the names that they import."""
-    found = {}
-    for root in places(top):
-        for path in root.rglob("*.py") if root.is_dir() else [root]:
-            place = path.relative_to(root.parent)
-            found[place.as_posix()] = _parsed(path, ".".join(place.parent.parts))
-    files |= found
-    return {name for file in found.values() for name in file.imports}
-
-
-def _loaded_by(name: str) -> Iterator[tuple[str, SourceFile]]:
-    """Yield the place and the file of each module that an import of a dotted name loads, packages first.
+def _loaded_by(name: str) -> Iterator[SourceFile]:
+    """Yield the file of each module that an import of a dotted name loads, packages first.
 
     A package with lazy names does not count; the module that defines the name does.
     """
@@ -260,10 +254,9 @@ def _loaded_by(name: str) -> Iterator[tuple[str, SourceFile]]:
             path = _module(root, parts[1:end])
             if path is None:
                 continue
-            package = parts[:end] if path.name == "__init__.py" else parts[: end - 1]
-            file = _parsed(path, ".".join(package))
+            file = _parsed(path, root.parent)
             if file.lazy is None:
-                yield path.relative_to(root.parent).as_posix(), file
+                yield file
             elif end < len(parts) and _module(root, parts[1 : end + 1]) is None:
                 names = file.lazy if parts[end] == "*" else {parts[end]} & file.lazy.keys()
                 for attribute in names:
@@ -302,8 +295,6 @@ def _is_installed(top: str) -> bool:
 
 
 #: Files of the metrics, by place, and their version, the column ``env.version.metrics``.
-MEASURES = {
-    path.relative_to(PACKAGES).as_posix(): _parsed(path, "eval.metrics")
-    for path in sorted((PACKAGES / "eval" / "metrics").rglob("*.py"))
-}
+_OF_METRICS = sorted((PACKAGES / "eval" / "metrics").rglob("*.py"))
+MEASURES = {file.place: file for file in (_parsed(path, PACKAGES) for path in _OF_METRICS)}
 METRICS = _version(MEASURES)

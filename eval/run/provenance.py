@@ -54,12 +54,8 @@ def task_checksum(task: DeformationTask | TransferTask) -> str:
 
 def task_facts(task: DeformationTask | TransferTask) -> dict[str, Any]:
     """Return the columns ``task.*`` that identify a task and its size."""
-    return {
-        "task.name": task.name,
-        "task.checksum": task_checksum(task),
-        "task.vertices": task.mesh.n,
-        "task.faces": task.mesh.m,
-    }
+    size = {"task.vertices": task.mesh.n, "task.faces": task.mesh.m}
+    return {"task.name": task.name, "task.checksum": task_checksum(task), **size}
 
 
 def method_facts(name: str, config: Mapping[str, Any]) -> dict[str, Any]:

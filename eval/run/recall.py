@@ -1,15 +1,18 @@
-"""Load the task of a stored row again."""
+"""Load the task of a stored row again, and measure stored vertices again."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 
-from eval.metrics import Task
-from eval.rows.store import Row
+from eval.metrics import Task, measure
+from eval.rows.store import Row, read_vertices
 from eval.run.allowed import require_allowed
 from eval.run.provenance import task_checksum
 from eval.run.targets import instantiate
 from sshade.errors import InputError
+from sshade.progress import Progress
 
 
 def load_task(row: Row) -> Task:
@@ -21,17 +24,38 @@ def load_task(row: Row) -> Task:
         When the row does not name the source of its task, or the dataset is missing or has changed.
     """
     if not row.get("task.source"):
-        raise InputError(
-            f"the row of {row['task.name']} has no task.source, which loads its task; run it again"
-        )
+        raise InputError(f"the row of {row['task.name']} has no task.source to load its task; run it again")
     try:
         source = json.loads(row["task.source"])
     except (ValueError, RecursionError) as error:
-        raise InputError(
-            f"the row of {row['task.name']} has a task.source that is not JSON ({error}); run it again"
-        ) from error
+        name = row["task.name"]
+        raise InputError(f"the task.source of {name} is not JSON ({error}); run it again") from error
     require_allowed(source, where=f"the row of {row['task.name']}")
     task = instantiate(source)
     if task_checksum(task) != row["task.checksum"] or task.mesh.n != row["task.vertices"]:
         raise InputError(f"the dataset of {row['task.name']} has changed since the run; run it again")
     return task
+
+
+def measured_again(
+    runs: Iterable[tuple[Row, Path]],
+    *,
+    stage: str,
+    progress: Progress,
+    load: Callable[[Row], Task] = load_task,
+) -> Iterator[tuple[Row, Path, dict[str, float | None]]]:
+    """Yield each row with its run folder and the measures of its stored vertices. Each task is loaded once.
+
+    Raises
+    ------
+    InputError
+        When the dataset of a run has changed, or its vertices are missing.
+    """
+    runs = sorted(runs, key=lambda pair: (pair[0]["task.name"], pair[0]["task.checksum"]))
+    last: tuple[str, str] | None = None
+    for done, (row, folder) in enumerate(runs):
+        name = row["task.name"]
+        progress(stage, done, len(runs), name)
+        if last != (name, row["task.checksum"]):
+            last, task = (name, row["task.checksum"]), load(row)
+        yield row, folder, measure(task, read_vertices(folder, n=row["task.vertices"]))

@@ -11,18 +11,10 @@ import argparse
 from datetime import UTC, datetime
 from pathlib import Path
 
-from eval.metrics import measure
-from eval.rows.store import (
-    FOLDER_HELP,
-    VALID,
-    experiment_folder,
-    read_row,
-    read_vertices,
-    run_folders,
-    write_row,
-)
+from eval.rows.files import FOLDER_HELP, experiment_folder
+from eval.rows.store import VALID, read_row, run_folders, version_of, write_row
 from eval.run.code import METRICS, require_unchanged
-from eval.run.recall import load_task
+from eval.run.recall import measured_again
 from sshade.cli.console import progress_bar
 from sshade.progress import Progress, silent
 
@@ -42,19 +34,8 @@ def remeasure(folder: Path, *, progress: Progress = silent) -> int:
         during the command.
     """
     runs = [(read_row(run), run) for run in run_folders(folder)]
-    runs = [
-        (row, run)
-        for row, run in runs
-        if row["status"] in VALID and row.get("env.version.metrics") != METRICS
-    ]
-    # Sort the runs by task, so that each task is loaded once.
-    runs.sort(key=lambda pair: (pair[0].get("task.source") or "", pair[0]["task.checksum"]))
-    loaded = None
-    for done, (row, run) in enumerate(runs):
-        progress(folder.name, done, len(runs), row["task.name"])
-        if loaded is None or loaded[0] != row["task.checksum"]:
-            loaded = row["task.checksum"], load_task(row)
-        values = measure(loaded[1], read_vertices(run, n=row["task.vertices"]))
+    runs = [(row, run) for row, run in runs if row["status"] in VALID and version_of(row)[1] != METRICS]
+    for row, run, values in measured_again(runs, stage=folder.name, progress=progress):
         require_unchanged(())
         kept = {name: value for name, value in row.items() if not name.startswith("metric.")}
         kept |= {f"metric.{name}": value for name, value in values.items()}

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from time import perf_counter, time
-from typing import Any
+from typing import Any, NamedTuple
 
 from eval.metrics import Task, measure
 from eval.rows.csv_rows import published_row
@@ -26,8 +25,7 @@ from sshade.task import DeformationTask
 CLOCK_TOLERANCE = 1.0, 1e-3
 
 
-@dataclass(frozen=True)
-class Outcome:
+class Outcome(NamedTuple):
     """Result of :func:`run`.
 
     Attributes
@@ -109,13 +107,12 @@ def run(
     """
     functions = target_functions(method) | target_functions(source or {})
     require_unchanged(functions)
+    can_run = True
     try:
         call = instantiate({**method, "_partial_": True})  # raises on a mistake in the configuration
         require_kind(call, task, target=method["_target_"])
     except ImportError:
         can_run = False  # the run will be skipped, which needs no new process
-    else:
-        can_run = True
     row = _identity(task, method, name=name, seed=seed, source=source)
     folder = run_folder(root, row)
     if shared is not None and not force:

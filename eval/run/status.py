@@ -10,8 +10,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from eval.rows.files import FOLDER_HELP, RUNS
 from eval.rows.plan import forget_plans
-from eval.rows.store import FOLDER_HELP, RUNS
 from eval.run.record import SweepRecord, counts, records
 from sshade.errors import InputError
 
@@ -32,9 +32,7 @@ def report(record: SweepRecord) -> str:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("folders", nargs="*", type=Path, help=f"{FOLDER_HELP} (default: all)")
-    parser.add_argument(
-        "--forget", action="store_true", help="remove these records, and the plans; the rows stay"
-    )
+    parser.add_argument("--forget", action="store_true", help="remove these records and plans; rows stay")
 
 
 def command(options: argparse.Namespace) -> int:

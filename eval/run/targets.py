@@ -132,9 +132,7 @@ def check_parameters(function: Callable[..., Any], parameters: Mapping[str, Any]
     takes_any = any(p.kind is p.VAR_KEYWORD and name in hints for name, p in _signature(function).items())
     unknown = [name for name in parameters if name not in hints and not takes_any]
     if unknown:
-        raise InputError(
-            f"{target} has no parameter {unknown[0]!r}; it has {', '.join(hints) or 'no parameters'}"
-        )
+        raise InputError(f"{target} has no parameter {unknown[0]!r}; it has {', '.join(hints) or 'none'}")
     for name, value in parameters.items():
         if name in hints and not _fits(value, hints[name]):
             wanted = inspect.formatannotation(hints[name])

@@ -9,8 +9,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from eval.rows.files import PUBLISHED
 from eval.rows.frame import records
-from eval.rows.store import PUBLISHED
 from eval.site.pages import contest, write_site
 from eval.site.submission import Submission, check, read_facts
 from eval.site.submit import SUBMISSIONS

@@ -15,10 +15,9 @@ from eval.publish.html import charts, configuration, facts, render, texts
 from eval.publish.plotting import look, new_figure, plot_points
 from eval.publish.plotting import style as drawing
 from eval.publish.summary import Table, make_table
-from eval.rows.files import write_text
+from eval.rows.files import PUBLISHED, write_text
 from eval.rows.frame import distinct, method_names, read_csv, records, to_frame, valid, write_csv
 from eval.rows.splits import HELD_OUT, split_of
-from eval.rows.store import PUBLISHED
 from eval.site.submission import Submission
 from eval.site.tracks import Track
 from eval.timing.table import cells, make_time_table

@@ -15,17 +15,18 @@ import math
 import re
 from collections import Counter
 from collections.abc import Mapping, Set
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
 
-from eval.metrics import Task, measure
+from eval.metrics import Task
 from eval.rows.csv_rows import read_rows
 from eval.rows.splits import HELD_OUT, split_of
-from eval.rows.store import VALID, Row, read_row, read_vertices, run_folders
+from eval.rows.store import VALID, Row, read_row, run_folders
 from eval.run.code import METRICS
-from eval.run.recall import load_task
+from eval.run.recall import load_task, measured_again
 from eval.site.tracks import Track
 from sshade.errors import InputError
 from sshade.progress import Progress, silent
@@ -37,13 +38,7 @@ LETTERS, BYTES = 500, 65_536
 #: Tolerances of measures of stored vertices, which have single precision: relative, absolute, and of counts.
 RELATIVE, ABSOLUTE, COUNTED = 1e-3, 1e-4, 2
 #: Columns that identify the files of a task and the way they were read.
-BY_FILES = (
-    "task.meta.checksum",
-    "task.meta.raw",
-    "task.meta.handles",
-    "task.meta.resolution",
-    "task.handles",
-)
+BY_FILES = (*(f"task.meta.{fact}" for fact in ("checksum", "raw", "handles", "resolution")), "task.handles")
 #: Measures that are counts.
 COUNTS = ("flips", "self_intersections", "collapsed", "zero_area_faces")
 
@@ -156,12 +151,9 @@ def _check_one_method(path: Path, rows: list[Row], name: str, settings: Mapping[
     for column, expected in {"method.name": name, "method.target": settings.get("_target_")}.items():
         for found in {row.get(column) for row in rows} - {expected}:
             raise InputError(f"{path}: has rows of {found}, and the submission is of {expected}")
-    several = {
-        "method.hash": "configurations",
-        "env.version.code": "versions of the code",
-        "env.version.metrics": "versions of the metrics",
-    }
-    for column, what in several.items():
+    same = {"method.hash": "configurations"}
+    same |= {f"env.version.{part}": f"versions of the {part}" for part in ("code", "metrics")}
+    for column, what in same.items():
         if len({row.get(column) for row in rows}) > 1:
             raise InputError(f"{path}: has rows of several {what}; run the older ones again")
     if rows[0].get("env.version.metrics") != METRICS:
@@ -234,27 +226,9 @@ def _check_complete(path: Path, rows: list[Row], official: Mapping[str, Row]) ->
             )
 
 
-def _remeasure(runs: Path, rows: list[Row], official: Mapping[str, Row], progress: Progress) -> int:
-    """Measure the vertices of the run folders again; return the number of runs."""
-    by_key = {row["key"]: row for row in rows}
-    found = [(by_key.get((read_row(folder) or {}).get("key")), folder) for folder in run_folders(runs)]
-    for row, folder in found:
-        if row is None:
-            raise InputError(f"{folder}: belongs to no row of rows.csv")
-    found = [(row, folder) for row, folder in found if row["status"] in VALID]
-    found.sort(key=lambda pair: pair[0]["task.name"])
-    name, task = "", None
-    for done, (row, folder) in enumerate(found):
-        progress("measuring again", done, len(found), row["task.name"])
-        if row["task.name"] != name:
-            name, task = row["task.name"], _task(row, official[row["task.name"]])
-        for metric, value in measure(task, read_vertices(folder, n=row["task.vertices"])).items():
-            _check_measure(folder, metric, value, row.get(f"metric.{metric}"))
-    return len(found)
-
-
-def _task(row: Row, case: Row) -> Task:
-    """Load the task of a case, with the checksum of the track or of the row's processor."""
+def _task(official: Mapping[str, Row], row: Row) -> Task:
+    """Load the task of a row's case, with the checksum of the track or of the row's processor."""
+    case = official[row["task.name"]]
     try:
         return load_task(case)
     except InputError:
@@ -263,9 +237,22 @@ def _task(row: Row, case: Row) -> Task:
     return load_task(case | {"task.checksum": row["task.checksum"]})
 
 
-def _check_measure(folder: Path, name: str, value: float | None, reported: float | None) -> None:
-    if value is None and reported is None:
-        return
-    near = COUNTED if name in COUNTS else ABSOLUTE
-    if value is None or reported is None or not math.isclose(value, reported, rel_tol=RELATIVE, abs_tol=near):
-        raise InputError(f"{folder}: the vertices have {name} {value}, and the row says {reported}")
+def _remeasure(runs: Path, rows: list[Row], official: Mapping[str, Row], progress: Progress) -> int:
+    """Measure the vertices of the run folders again; return the number of runs."""
+    by_key = {row["key"]: row for row in rows}
+    found = [(by_key.get((read_row(folder) or {}).get("key")), folder) for folder in run_folders(runs)]
+    for row, folder in found:
+        if row is None:
+            raise InputError(f"{folder}: belongs to no row of rows.csv")
+    found = [(row, folder) for row, folder in found if row["status"] in VALID]
+    load = partial(_task, official)
+    for row, folder, values in measured_again(found, stage="measuring again", progress=progress, load=load):
+        for name, value in values.items():
+            reported, near = row.get(f"metric.{name}"), COUNTED if name in COUNTS else ABSOLUTE
+            if value is None or reported is None:
+                same = value is reported
+            else:
+                same = math.isclose(value, reported, rel_tol=RELATIVE, abs_tol=near)
+            if not same:
+                raise InputError(f"{folder}: the vertices have {name} {value}, and the row says {reported}")
+    return len(found)

@@ -41,10 +41,8 @@ def command(options: argparse.Namespace) -> int:
     measured = "none with vertices: measures are as reported"
     if found.remeasured:
         measured = f"{found.remeasured} measured again from their vertices"
-    print(  # noqa: T201
-        f"{facts['name']} on {track.name}: {len(found.rows)} runs, "
-        f"{seeds} seed{'s' * (seeds > 1)}, {measured}"
-    )
+    runs = f"{len(found.rows)} runs, {seeds} seed{'s' * (seeds > 1)}"
+    print(f"{facts['name']} on {track.name}: {runs}, {measured}")  # noqa: T201
     if not options.check:
         target = SUBMISSIONS / facts["name"]
         for name in FILES:

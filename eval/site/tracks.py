@@ -8,8 +8,8 @@ from typing import NamedTuple
 import pandas as pd
 import yaml
 
+from eval.rows.files import PUBLISHED
 from eval.rows.frame import read_csv
-from eval.rows.store import PUBLISHED
 from sshade.cli.configuration import CONFIGURATION
 from sshade.errors import InputError
 

@@ -12,9 +12,8 @@ first sampling, which all settings share.
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -44,8 +43,7 @@ PANEL = 700
 RADIUS = 0.08
 
 
-@dataclass(frozen=True)
-class Jumps:
+class Jumps(NamedTuple):
     """Angles between the rotations of neighbouring triangles, in degrees.
 
     Parameters
@@ -98,21 +96,11 @@ def measure_jumps(rest: Mesh, vertices: np.ndarray, *, binding: Binding) -> Jump
 def compare(task: DeformationTask, *, vertices: int, seed: int = 0) -> dict[str, tuple[np.ndarray, Jumps]]:
     """Deform with each of the :data:`SETTINGS`; return vertices (n, 3) and jumps by setting."""
     handles = task.handles
-    deformer = Deformer(
-        task.mesh, handles.index, group=handles.group, method="paper", vertices=vertices, seed=seed
-    )
-    binding = deformer.bindings[0]
+    common: dict[str, Any] = {"method": "paper", "vertices": vertices, "seed": seed}
+    binding = Deformer(task.mesh, handles.index, group=handles.group, **common).bindings[0]
     result = {}
     for frames, samplings in SETTINGS:
-        V = deform(
-            task,
-            method="paper",
-            vertices=vertices,
-            samplings=samplings,
-            frames=frames,
-            start="rigid",
-            seed=seed,
-        ).vertices
+        V = deform(task, samplings=samplings, frames=frames, start="rigid", **common).vertices
         result[f"{frames} x{samplings}"] = V, measure_jumps(task.mesh, V, binding=binding)
     return result
 
@@ -151,21 +139,16 @@ def close_up(mesh: Mesh, results: dict[str, tuple[np.ndarray, Jumps]]) -> tuple[
     near = np.linalg.norm(mesh.V - mesh.V[centre], axis=1) < radius
     shown = near[mesh.F].all(axis=1)
     if not shown.any():
-        raise InputError(
-            f"no triangle within {radius:.3g} of vertex {centre}: the mesh is too coarse to show"
-        )
+        raise InputError(f"no triangle within {radius:.3g} of vertex {centre}: a mesh too coarse to show")
     towards = Mesh(V, mesh.F).face_normals[shown].sum(axis=0)
     up = np.array(UP) if abs(towards[1]) < 0.9 * np.linalg.norm(towards) else np.array([0.0, 0.0, 1.0])
     shapes = {name: V for name, (V, _) in results.items()}
     errors = {name: at_vertices(mesh, jumps) for name, (_, jumps) in results.items()}
     views = [View.of([V[near] for V in shapes.values()], towards=towards, up=up)] * len(shapes)
-    return centre, draw(
-        [Panels("", mesh, shapes, {}, views), Panels("", mesh, shapes, errors, views)],
-        title="",
-        top=float(np.percentile(at_vertices(mesh, jumps)[near], 99)),
-        label="largest angle to a neighbouring triangle's rotation (degrees)",
-        pixels=PANEL,
-    )
+    panels = [Panels("", mesh, shapes, shown, views) for shown in ({}, errors)]
+    top = float(np.percentile(at_vertices(mesh, jumps)[near], 99))
+    label = "largest angle to a neighbouring triangle's rotation (degrees)"
+    return centre, draw(panels, title="", top=top, label=label, pixels=PANEL)
 
 
 def at_vertices(mesh: Mesh, jumps: Jumps) -> np.ndarray:
@@ -190,9 +173,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("mesh", metavar="MESH", help="rest shape")
     parser.add_argument("handles", metavar="HANDLES", help="handle file")
-    parser.add_argument(
-        "--vertices", type=int, default=6000, metavar="N", help="vertices of the proxy (6000)"
-    )
+    parser.add_argument("--vertices", type=int, default=6000, metavar="N", help="of the proxy (6000)")
     parser.add_argument("--seed", type=int, default=0, metavar="S")
     parser.add_argument("-o", "--out", type=Path, help="picture of the place with most large jumps")
 

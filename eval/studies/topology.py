@@ -39,9 +39,7 @@ def check(mesh: Mesh, samples: int, *, seed: int = 0) -> dict[str, object]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument(
-        "paths", nargs="+", type=Path, metavar="MESH|FOLDER", help="meshes, or dataset folders"
-    )
+    parser.add_argument("paths", nargs="+", type=Path, metavar="MESH|FOLDER", help="mesh or dataset folder")
     parser.add_argument("--samples", type=int, nargs="+", default=SAMPLES, metavar="K")
     parser.add_argument("--seed", type=int, default=0)
 

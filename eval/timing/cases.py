@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -23,8 +22,7 @@ from sshade.task import DeformationResult, DeformationTask
 DEEPEST = 5
 
 
-@dataclass(frozen=True)
-class TimedMethod:
+class TimedMethod(NamedTuple):
     """A method and its parameters.
 
     Parameters

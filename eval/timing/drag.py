@@ -42,9 +42,7 @@ def time_drags(methods: Sequence[TimedMethod], cases: Sequence[TimedCase], *, ro
 def _job(method: TimedMethod, task: DeformationTask) -> Job:
     call, name = method.on(task), method.config.get("method")
     if call.func is not deform or name not in ("fast", "paper"):
-        raise InputError(
-            f"{method.label} on {task.name} cannot be bound: sshade.Deformer binds the methods paper and fast"
-        )
+        raise InputError(f"{method.label} cannot be bound: sshade.Deformer binds the methods paper and fast")
     names = set(accepted(name)) - {"coarse", "warm_start"}
     options = {"method": name, **{key: value for key, value in method.config.items() if key in names}}
     bound = _bound(task, options)(task.handles.target, rotations=task.handles.rotation)

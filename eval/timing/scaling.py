@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import multiprocessing
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -58,7 +57,7 @@ def _time_case(methods: Sequence[TimedMethod], case: TimedCase, rounds: int) -> 
     say(f"{task.name}: {task.mesh.n:,} vertices")
     jobs = [job_of(method, task) for method in methods]
     before = process_memory("VmRSS")
-    return take_turns([replace(job, call=_with_peak(job, before)) for job in jobs], rounds=rounds)
+    return take_turns([job._replace(call=_with_peak(job, before)) for job in jobs], rounds=rounds)
 
 
 def _with_peak(job: Job, before: int | None) -> Callable[[], Row]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from time import perf_counter
 
 from eval.metrics import Task
@@ -38,14 +37,10 @@ def job_of(method: TimedMethod, task: Task) -> Job:
         return Job(facts, timed(method.on(task)))
     limit = method.config.get("max_iterations")
     if type(limit) is not int or "tolerance" not in method.config:
-        raise InputError(
-            f"{method.label} cannot be extrapolated: its configuration has no max_iterations and tolerance"
-        )
+        raise InputError(f"--extrapolate needs max_iterations and tolerance, and {method.label} has none")
     if not 0 < block < limit:
-        raise InputError(
-            f"a block of {block} iterations does not fit {method.label}, whose cutoff is {limit}"
-        )
-    short = replace(method, config=method.config | {"max_iterations": block, "tolerance": 0.0})
+        raise InputError(f"a block of {block} iterations does not fit {method.label}, whose limit is {limit}")
+    short = method._replace(config=method.config | {"max_iterations": block, "tolerance": 0.0})
     call = timed(short.on(task))
     return Job(facts, lambda: extrapolate(call(), to=limit))
 
@@ -76,9 +71,7 @@ def extrapolate(row: Row, *, to: int) -> Row:
         If the row has no iterations, or lacks ``seconds.solve``.
     """
     if not row["iterations"] or "seconds.solve" not in row:
-        raise InputError(
-            "extrapolation needs a method that reports its iterations and the seconds of the stage `solve`"
-        )
+        raise InputError("--extrapolate needs a method that reports iterations and the time of its solve")
     solve = row["seconds.solve"] * to / row["iterations"]
     return row | {
         "seconds.total": row["seconds.total"] - row["seconds.solve"] + solve,

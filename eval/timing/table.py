@@ -16,10 +16,8 @@ import pandas as pd
 
 from eval.publish.markdown import markdown_lines
 from eval.publish.plotting import save
-from eval.rows.experiment import rows_file
-from eval.rows.files import copy_file, write_text
+from eval.rows.files import PUBLISHED, copy_file, rows_file, write_text
 from eval.rows.frame import distinct, numbers, read_csv
-from eval.rows.store import PUBLISHED
 from eval.timing.drag import STEPS, TOLERANCE
 from eval.timing.scaling import FIT_FROM, draw_scaling, slopes
 from eval.timing.turns import DRAG, SCALING, WHOLE
@@ -129,9 +127,7 @@ def _check(rows: pd.DataFrame) -> None:
     same |= {c: f"versions of {c.removeprefix('env.version.')}" for c in rows if c.startswith("env.version.")}
     for column, what in same.items():
         if len(found := distinct(rows, column)) > 1:
-            raise InputError(
-                f"the rows come from {len(found)} {what} ({'; '.join(found)}), whose times do not compare"
-            )
+            raise InputError(f"times of {len(found)} {what} ({'; '.join(found)}) do not compare")
     hashes = rows.groupby("method.name")["method.hash"].nunique()
     if hashes.max() > 1:
         raise InputError(f"method {hashes.idxmax()!r} has rows of different parameters: give each a label")
@@ -229,9 +225,8 @@ def to_markdown(table: TimeTable) -> str:
     headings, body = cells(table.lines)
     left = [heading for heading, form in _COLUMNS.values() if form is str]
     notes = [f"- {note}" for note in table.notes]
-    return (
-        "\n".join([f"### {table.title}", "", *markdown_lines(headings, body, left=left), "", *notes]) + "\n"
-    )
+    lines = [f"### {table.title}", "", *markdown_lines(headings, body, left=left), "", *notes]
+    return "\n".join(lines) + "\n"
 
 
 def to_csv(table: TimeTable) -> str:
@@ -244,9 +239,7 @@ def require_free(name: str) -> None:
     """Raise InputError if an experiment has the name: the tables of times would replace its tables."""
     path = rows_file(name)
     if path.is_file():
-        raise InputError(
-            f"{name} is the name of an experiment in {path.parent}; give the times another --name"
-        )
+        raise InputError(f"{name} is the name of an experiment in {path.parent}; give another --name")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from time import perf_counter
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,8 +29,7 @@ FUNCTIONS = frozenset({"sshade.deform", "sshade.Deformer"})
 ATTEMPTS = 5
 
 
-@dataclass(frozen=True, eq=False)
-class Job:
+class Job(NamedTuple):
     """A call to time.
 
     Parameters
@@ -72,9 +71,8 @@ def take_turns(jobs: Sequence[Job], *, rounds: int) -> list[Row]:
     InputError
         When :data:`ATTEMPTS` consecutive repeats were rejected.
     """
-    functions = FUNCTIONS | {
-        value for job in jobs for name, value in job.facts.items() if name.endswith(".target")
-    }
+    targets = {value for job in jobs for name, value in job.facts.items() if name.endswith(".target")}
+    functions = FUNCTIONS | targets
     version = code_version(functions)
     rows: list[Row] = []
     short = []

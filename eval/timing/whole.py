@@ -87,8 +87,5 @@ def _call(arguments: list[str]) -> Row:
     if printed is None:
         raise RuntimeError(f"{command} printed no time: {done.stderr!r}")
     peak = re.search(r"^VmHWM:\s*(\d+) kB$", done.stdout, re.MULTILINE)
-    return {
-        "seconds.total": seconds,
-        "seconds.method": float(printed[1]),
-        "peak_mib": int(peak[1]) / 1024 if peak else None,
-    }
+    mib = int(peak[1]) / 1024 if peak else None
+    return {"seconds.total": seconds, "seconds.method": float(printed[1]), "peak_mib": mib}

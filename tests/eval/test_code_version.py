@@ -174,7 +174,7 @@ def test_the_projects_files_must_be_those_of_the_start(folder, monkeypatch):
 def test_an_edit_of_the_metrics_ends_the_runs(tmp_path, monkeypatch):
     path = tmp_path / "metric.py"
     path.write_text("X = 1\n")
-    monkeypatch.setitem(code.MEASURES, "eval/metrics/metric.py", code._read(path, "eval.metrics"))
+    monkeypatch.setitem(code.MEASURES, "eval/metrics/metric.py", code._read(path, "eval/metrics/metric.py"))
     code.require_unchanged([])
     path.write_text("X = 2\n")
     with pytest.raises(code.CodeChanged, match="eval/metrics/metric.py has changed"):

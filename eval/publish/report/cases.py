@@ -6,7 +6,7 @@ import base64
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,8 +26,7 @@ from sshade.task import TransferTask
 PANEL = 360
 
 
-@dataclass(frozen=True)
-class Shape:
+class Shape(NamedTuple):
     """A shape of a case: the rest shape (without an error), the ground truth, or a result."""
 
     name: str
@@ -110,15 +109,9 @@ def show_case(
     handles = getattr(task, "handles", None)
     case.handles = handles is not None
     for shape in shapes:
-        pixels = picture(
-            task.mesh,
-            shape.V,
-            view=view,
-            width=PANEL,
-            error=shape.error,
-            top=case.top,
-            handles=handles if shape.name == "rest" else None,
-        )
+        at_rest = handles if shape.name == "rest" else None
+        colours = {"error": shape.error, "top": case.top, "handles": at_rest}
+        pixels = picture(task.mesh, shape.V, view=view, width=PANEL, **colours)
         case.panels.append({"name": shape.name, "caption": shape.caption, "image": image_uri(pixels)})
     if turnable:
         try:

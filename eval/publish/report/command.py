@@ -12,8 +12,7 @@ from pathlib import Path
 from eval.publish.plotting import add_camera, camera
 from eval.publish.summary import MIXED_HELP
 from eval.rows.experiment import read_experiments
-from eval.rows.files import write_text
-from eval.rows.store import ROWS_HELP
+from eval.rows.files import ROWS_HELP, write_text
 from sshade.cli.console import progress_bar
 from sshade.figures import require_extra
 

@@ -58,10 +58,8 @@ def write_page(
     if unknown:
         raise InputError(f"there is no case {unknown[0]!r}; there are {', '.join(sorted(known))}")
     camera = {"towards": towards, "up": up}
-    sections = [
-        _section(experiment, cases=cases, mixed=mixed, camera=camera, progress=progress)
-        for experiment in experiments
-    ]
+    form = {"cases": cases, "mixed": mixed, "camera": camera, "progress": progress}
+    sections = [_section(experiment, **form) for experiment in experiments]
     views = [
         case.view | {"experiment": section["name"], "id": f"{section['slug']}-case-{i}"}
         for section in sections

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import gzip
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,8 +15,7 @@ from sshade.sampling.proxy import sample_proxy
 LIMIT, SAMPLES = 28_000, 20_000
 
 
-@dataclass(frozen=True)
-class Surface:
+class Surface(NamedTuple):
     """The part of a mesh that the 3D view shows.
 
     Parameters

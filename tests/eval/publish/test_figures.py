@@ -10,9 +10,10 @@ from eval.main import call
 from eval.publish import figures, panels
 from eval.publish.figures import read_cases, read_picture
 from eval.publish.plotting import new_figure, save, style
+from eval.rows.files import PUBLISHED
 from eval.rows.frame import read_csv
 from eval.rows.splits import HELD_OUT, TUNING, split_of
-from eval.rows.store import PUBLISHED, read_row, run_folders
+from eval.rows.store import read_row, run_folders
 from sshade.cli.configuration import CONFIGURATION
 from sshade.errors import InputError
 

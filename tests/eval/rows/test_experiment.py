@@ -3,7 +3,8 @@
 import pytest
 from eval_rows import frame, row
 
-from eval.rows.experiment import Experiment, load_rows, read_experiments, rows_file
+from eval.rows.experiment import Experiment, load_rows, read_experiments
+from eval.rows.files import rows_file
 from eval.rows.frame import write_csv
 from eval.rows.store import run_folder, write_run
 from sshade.errors import InputError

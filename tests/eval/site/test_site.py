@@ -7,8 +7,9 @@ from html import unescape
 import pytest
 
 from eval.main import main
+from eval.rows.files import PUBLISHED
 from eval.rows.frame import read_csv, to_frame
-from eval.rows.store import PUBLISHED, VALID, read_row, run_folders
+from eval.rows.store import VALID, read_row, run_folders
 from eval.site import pages
 from eval.site.pages import contest, write_site
 from eval.site.submission import Submission

@@ -108,7 +108,7 @@ ARAP, DRAG = f"speed --cases {CASE} --methods arap", f"drag --cases {CASE} --met
         ("whole --methods paper --sizes 9", "whole needs --cases"),
         (f"{ARAP} --extrapolate x", "none of the methods"),
         (f"{DRAG} '{ONE}' --extrapolate paper-1", "drag takes no --extrapolate"),
-        (f"speed --methods identity --cases {CASE} --extrapolate identity", "no max_iterations"),
+        (f"speed --methods identity --cases {CASE} --extrapolate identity", "needs max_iterations"),
         (f"{ARAP} --extrapolate arap --block 1000", "a block of 1000 iterations does not fit"),
         (f"{DRAG} arap", "sshade.Deformer binds the methods paper and fast"),
         (
