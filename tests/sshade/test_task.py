@@ -92,12 +92,6 @@ def test_two_groups_on_one_vertex_must_agree():
         Handles.from_positions(mesh, source, [[2, 0, 0], [3, 0, 0]], group=[0, 1])
 
 
-def test_positions_that_are_not_finite_are_refused():
-    for source, target in ((np.inf, 0.0), (0.0, np.nan)):
-        with pytest.raises(InputError, match="NaN or infinite"):
-            Handles.from_positions(tetrahedron(), [[source, 0, 0]], [[0, target, 0]])
-
-
 def test_tasks_refuse_shapes_that_do_not_correspond():
     mesh, handles = tetrahedron(), Handles([0], [[0, 0, 0]])
     with pytest.raises(InputError, match=r"guess has shape \(3, 3\)"):

@@ -37,15 +37,6 @@ def test_g_is_the_normalised_gradient_n_the_normal_and_w_their_product():
     assert not frames.degenerate.any()
 
 
-def test_best_takes_the_coordinate_of_largest_gradient_which_is_never_small():
-    lengths = np.stack([np.linalg.norm(igl_gradients(BODY, x), axis=1) for x in BODY.V.T], axis=1)
-    assert np.allclose((lengths**2).sum(axis=1), 2.0)
-    assert lengths.max(axis=1).min() >= np.sqrt(2 / 3) - 1e-12
-    chosen = frame_values(BODY, "best")
-    expected = BODY.V[BODY.F][np.arange(BODY.m), :, np.argmax(lengths, axis=1)]
-    assert np.array_equal(chosen, expected)
-
-
 @pytest.mark.parametrize(
     ("function", "axis", "second"), [("extent", 2, 1), ("z", 2, 1), ("x", 0, 2), ("y", 1, 2)]
 )

@@ -4,6 +4,7 @@ import json
 import re
 from pathlib import Path
 
+import igl
 import numpy as np
 import pytest
 
@@ -123,12 +124,13 @@ def test_every_tool_picks_what_it_goes_over_and_is_in_sight(page, session):
     shown = where(page, V, V)
     # By the eye: a vertex of a star-shaped body is in sight where the body turns to the camera.
     towards = np.array([0.5, 0.25, 1]) / np.linalg.norm([0.5, 0.25, 1])
-    normals = np.zeros_like(V)
-    for corner in session.mesh.F.T:
-        np.add.at(normals, corner, session.mesh.face_normals)
-    facing = normals @ towards / np.linalg.norm(normals, axis=1)
+    normals = igl.per_vertex_normals(V, np.array(session.mesh.F))
+    facing = normals @ towards
     middle = shown.mean(axis=0)
     near = np.linalg.norm(shown - middle, axis=1)
+
+    def found() -> np.ndarray:
+        return np.isin(np.arange(len(V)), session.state.selection)
 
     tool(page, "Click")
     front = np.flatnonzero(facing > 0.8)
@@ -140,19 +142,19 @@ def test_every_tool_picks_what_it_goes_over_and_is_in_sight(page, session):
     radius = 60
     stroke(page, middle - radius, middle + radius)
     inside = (np.abs(shown - middle) < radius).all(axis=1)
-    picked = np.isin(np.arange(len(V)), session.state.selection)
+    picked = found()
     assert not picked[~inside].any() and picked[inside & (facing > 0.4)].all()
     assert not picked[facing < -0.4].any() and picked.sum() > 20
 
     page.locator("#through").check()
     stroke(page, middle - radius, middle + radius)
-    picked = np.isin(np.arange(len(V)), session.state.selection)
+    picked = found()
     assert picked.sum() == inside.sum() and np.array_equal(picked, inside)
 
     tool(page, "Lasso")
     across, down = np.array([radius, 0]), np.array([0, radius])
     stroke(page, middle - across, middle - down, middle + across, middle + down, middle - across, steps=20)
-    picked = np.isin(np.arange(len(V)), session.state.selection)
+    picked = found()
     edge = np.abs(shown - middle).sum(axis=1) - radius
     assert picked[edge < -3].all() and not picked[edge > 3].any() and picked.sum() < inside.sum()
 
@@ -162,7 +164,7 @@ def test_every_tool_picks_what_it_goes_over_and_is_in_sight(page, session):
     before = picked
     stroke(page, middle - 2 * down, middle + 2 * down, steps=30)
     page.keyboard.up("Shift")
-    picked = np.isin(np.arange(len(V)), session.state.selection)
+    picked = found()
     stretch = np.clip(shown[:, 1] - middle[1], -2 * radius, 2 * radius)
     away = np.linalg.norm(shown - middle - np.stack([0 * stretch, stretch], axis=1), axis=1)
     assert picked[before].all() and picked[away < 19].all() and not picked[(away > 21) & ~before].any()

@@ -8,7 +8,7 @@ from threading import Barrier
 import pytest
 
 from sshade.errors import InputError
-from sshade.io.files import make_folder, replacing
+from sshade.io.files import replacing
 
 
 def test_the_file_appears_whole_on_success_under_its_name_alone(tmp_path):
@@ -54,13 +54,7 @@ def test_a_place_that_cannot_be_written_is_an_input_error(tmp_path):
     for path in (tmp_path / "nowhere" / "a.txt", tmp_path / "file" / "a.txt", Path("/dev/null/a.txt")):
         with pytest.raises(InputError, match=r"a\.txt: cannot be written \("), replacing(path) as temporary:
             temporary.write_text("new")
-    for path in (tmp_path / "file", tmp_path / "file" / "below", Path("/dev/null/below")):
-        with pytest.raises(InputError, match=f"{path}: the folder cannot be created"):
-            make_folder(path)
     assert (tmp_path / "file").read_text() == "old"
-    make_folder(tmp_path / "a" / "b")
-    make_folder(tmp_path / "a" / "b")
-    assert (tmp_path / "a" / "b").is_dir()
 
 
 def test_what_a_killed_process_left_is_removed_and_that_of_a_living_one_is_not(tmp_path):

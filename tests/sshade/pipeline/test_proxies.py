@@ -17,16 +17,13 @@ TASK = DeformationTask("body", BODY, end_handles(BODY.V, share=0.02, shift=[0, 0
 @pytest.mark.parametrize(
     ("asked", "n", "handles", "count"),
     [
-        (6000, 170_000, 300, 6000),
         (6000, 24_000, 300, 6000),
         (6000, 23_999, 300, 5999),
         (6000, 4802, 300, 1200),
         (6000, 1000, 300, 304),  # room for the handles
         (6000, 302, 300, 302),  # as far as there are vertices
-        (1000, 5000, 0, 1000),
         (6000, 4, 0, 4),
         (10, 5000, 300, 10),  # which the sampling refuses
-        (0, 5000, 3, 0),
     ],
 )
 def test_a_quarter_of_the_mesh_at_most_and_room_for_the_handles(asked, n, handles, count):

@@ -12,14 +12,9 @@ def positive(rng: np.random.Generator, size: int) -> np.ndarray:
 
 
 def problem(seed: int, n: int = N):
-    """A metric L (n, n), a Hessian A (3 n, 3 n), and what multiplies by L."""
+    """Random numbers, a metric L (n, n) and a Hessian A (3 n, 3 n)."""
     rng = np.random.default_rng(seed)
-    L, A = positive(rng, n), positive(rng, 3 * n)
-
-    def product(F: np.ndarray) -> np.ndarray:
-        return L @ F
-
-    return rng, L, A, product
+    return rng, positive(rng, n), positive(rng, 3 * n)
 
 
 def plain(u: np.ndarray, L: np.ndarray, A: np.ndarray) -> np.ndarray:
@@ -36,7 +31,7 @@ def updated(H: np.ndarray, s: np.ndarray, y: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(("single", "close"), [(False, 1e-8), (True, 1e-4)])
 @pytest.mark.parametrize("window", [1, 3, 20])
 def test_steps_are_those_of_the_bfgs_formula_from_the_metric_on(window, single, close):
-    rng, L, A, product = problem(window)
+    rng, L, A = problem(window)
     U, mixer = rng.normal(size=(9, N, 3)), QuasiNewton(N, window, unit=3.0, single=single)
     gradients = [A @ u.ravel() for u in U]
     for k in range(len(U)):
@@ -44,7 +39,7 @@ def test_steps_are_those_of_the_bfgs_formula_from_the_metric_on(window, single, 
         for i in range(max(0, k - window), k):
             H = updated(H, (U[i + 1] - U[i]).ravel(), gradients[i + 1] - gradients[i])
         u, g = U[k].copy(), plain(U[k], L, A)
-        assert mixer.advance(u, g.copy(), product(g - u)) == (k > 0)
+        assert mixer.advance(u, g.copy(), L @ (g - u)) == (k > 0)
         back = np.empty_like(g)
         mixer.fall_back(back)
         assert back == pytest.approx(g, rel=0, abs=1e-14 * np.abs(g).max())
@@ -56,14 +51,14 @@ def test_steps_are_those_of_the_bfgs_formula_from_the_metric_on(window, single, 
 
 @pytest.mark.parametrize("size", [1e-60, 1.0, 1e60])
 def test_positions_of_any_size(size):
-    rng, L, A, product = problem(3)
+    rng, L, A = problem(3)
     steps = []
     for scale in (1.0, size):
         u = scale * np.random.default_rng(0).normal(size=(N, 3))
         mixer = QuasiNewton(N, 5, unit=scale, single=True)
         for _ in range(6):
             g = plain(u, L, A)
-            mixer.advance(u, g, product(g - u))
+            mixer.advance(u, g, L @ (g - u))
         steps.append(u / scale)
     assert np.abs(steps[0] - steps[1]).max() < 1e-3 * np.abs(steps[0]).max()
 
@@ -79,10 +74,8 @@ def test_a_large_problem_goes_block_by_block():
 
 
 def test_where_the_energy_curves_down_nothing_is_learnt():
-    rng, L, A, product = problem(5)
+    rng, L, A = problem(5)
     mixer = QuasiNewton(N, 3)
     for u in rng.normal(size=(5, N, 3)):
         g, now = plain(u, L, -A), u.copy()
-        assert not mixer.advance(now, g.copy(), product(g - u)) and now == pytest.approx(
-            g, rel=1e-14, abs=1e-14
-        )
+        assert not mixer.advance(now, g.copy(), L @ (g - u)) and now == pytest.approx(g, rel=1e-14, abs=1e-14)
