@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.sides import faces_around_vertices
+from sshade.mesh.sides import sort_by_id
 from sshade.sampling.proxy import Sampling
 from sshade.threads import in_ranges
 
@@ -59,7 +59,8 @@ def project_to_fans(V: np.ndarray, proxy: Mesh, sampling: Sampling) -> Projectio
     sampling : Sampling
         The sampling that made N; only `cell` is used.
     """
-    start, fan = faces_around_vertices(proxy.F, proxy.n)
+    start, corner = sort_by_id(proxy.F.ravel(), proxy.n)
+    fan = corner // 3  # the faces at each vertex
     tie = TIE * float(np.abs(proxy.V).max())
     on = Projection(np.empty(len(V), dtype=np.int64), np.empty((len(V), 3)), np.empty(len(V)))
     arrays = V, sampling.cell, start, fan, proxy.V, proxy.F, tie, on.face, on.barycentric, on.distance

@@ -46,14 +46,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def command(options: argparse.Namespace) -> int:
     """Serve the editor until it is closed; return the exit code."""
     with announced_compilation():
-        session = Session(
-            options.mesh,
-            handles=options.handles,
-            output=options.output,
-            handles_output=options.handles_out,
-            settings=Settings(require_method(options.method, METHODS)),
-            carry_unconstrained=options.carry_unconstrained,
-        )
+        files = {"handles": options.handles, "output": options.output, "handles_output": options.handles_out}
+        settings, carry = Settings(require_method(options.method, METHODS)), options.carry_unconstrained
+        session = Session(options.mesh, **files, settings=settings, carry_unconstrained=carry)
     if not 0 <= options.port < 65536:
         raise InputError(f"a port is a number up to 65535, not {options.port}")
     try:

@@ -70,24 +70,6 @@ def sides_by_edge(F: np.ndarray, n: int) -> EdgeSides:
     return EdgeSides(np.stack([ends[0, first], ends[1, first]], axis=1), start, side)
 
 
-def faces_around_vertices(F: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """List the faces at each of n vertices.
-
-    Parameters
-    ----------
-    F : (m, 3) int
-    n : int
-
-    Returns
-    -------
-    start : (n + 1,) int64
-    face : (3m,) int32
-        Faces by vertex; in ascending order for each vertex.
-    """
-    start, corner = sort_by_id(F.ravel(), n)
-    return start, corner // 3
-
-
 def group_rows(rows: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Group equal rows of ids in linear time, without a combined key that could overflow.
 
