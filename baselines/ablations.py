@@ -10,9 +10,7 @@ scalable shape correspondence", 2024.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
-from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
@@ -37,17 +35,15 @@ from sshade.task import DeformationResult, DeformationTask, Handles
 FAR = 2.0
 
 #: Parts of `fast` that :func:`fast_without` may leave out, and the options that do so.
-LEFT_OUT: Mapping[str, Mapping[str, Any]] = MappingProxyType(
-    {
-        "nothing": {},
-        "blended_frames": {"frames": "triangle", "samplings": 5},
-        "constraints": {"volume": 0.0, "area": 0.0},
-        "softening": {"stiffness": 1.0},
-        "attachment": {"attachment": 0.0, "guide_attachment": PRESETS["fast"].guide_attachment},
-        "guide": {"guide_attachment": 0.0},
-        "attachment_and_guide": {"attachment": 0.0},
-    }
-)
+LEFT_OUT: dict[str, dict[str, Any]] = {
+    "nothing": {},
+    "blended_frames": {"frames": "triangle", "samplings": 5},
+    "constraints": {"volume": 0.0, "area": 0.0},
+    "softening": {"stiffness": 1.0},
+    "attachment": {"attachment": 0.0, "guide_attachment": PRESETS["fast"].guide_attachment},
+    "guide": {"guide_attachment": 0.0},
+    "attachment_and_guide": {"attachment": 0.0},
+}
 
 
 @takes_options(accepted("paper"))

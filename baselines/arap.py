@@ -12,13 +12,13 @@ from typing import Any, get_args
 
 import numpy as np
 
-from baselines.iteration import iterate, iterated
+from baselines.iteration import Plain, iterated
 from baselines.stopwatch import Stopwatch
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.options import ITERATION, Energy, Start, takes_options
 from sshade.progress import Progress, silent
-from sshade.solver.run import Stop
+from sshade.solver.run import Stop, run
 from sshade.solver.start import initial_guess
 from sshade.task import DeformationResult, DeformationTask
 
@@ -92,8 +92,8 @@ def libigl_arap(
     advance = libigl_iteration(mesh.V, mesh.F, handles.index, handles.target, energy=energy)
     watch.end("precompute")
     U = initial_guess(task, start)
-    stop = Stop(tolerance, max_iterations)
-    done = iterate(advance, U, stop, diagonal=mesh.diagonal, progress=progress, report_every=1)
+    state = Plain(advance, U, diagonal=mesh.diagonal)
+    done = run(state, Stop(tolerance, max_iterations), progress=progress, report_every=1)
     watch.end("solve")
     return iterated(U, done, watch.seconds)
 

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from sshade.progress import Progress
-from sshade.solver.run import REPORT_EVERY, Run, Stop, largest_move, run
+from sshade.handles import Handles
+from sshade.mesh.mesh import Mesh
+from sshade.solver.run import Run, largest_move
 from sshade.task import DeformationResult
 
 
@@ -42,29 +43,6 @@ class Plain:
         self.u[:] = self.g
 
 
-def iterate(
-    advance: Callable[[np.ndarray, np.ndarray], None],
-    u: np.ndarray,
-    stop: Stop,
-    *,
-    diagonal: float,
-    progress: Progress,
-    report_every: int = REPORT_EVERY,
-) -> Run:
-    """Repeat ``u <- g(u)`` in place until no vertex moves by more than a tolerance.
-
-    Parameters
-    ----------
-    advance, u, diagonal
-        As of :class:`Plain`.
-    stop : Stop
-    progress : Progress
-    report_every : int
-        Number of iterations between two calls of `progress`.
-    """
-    return run(Plain(advance, u, diagonal=diagonal), stop, progress=progress, report_every=report_every)
-
-
 def iterated(vertices: np.ndarray, done: Run, seconds: dict[str, float], **extra: Any) -> DeformationResult:
     """Return the result of an iterative method.
 
@@ -80,3 +58,8 @@ def iterated(vertices: np.ndarray, done: Run, seconds: dict[str, float], **extra
     """
     extra |= {"residual": done.residual, "residual_curve": done.residual_curve}
     return DeformationResult(vertices, done.iterations, done.converged, seconds, extra)
+
+
+def handle_error(mesh: Mesh, handles: Handles, V: np.ndarray) -> float:
+    """Return the mean distance of handles at positions V (n, 3) to their targets, divided by the diagonal."""
+    return float(np.linalg.norm(V[handles.index] - handles.target, axis=1).mean()) / mesh.diagonal

@@ -25,20 +25,19 @@ from __future__ import annotations
 from typing import get_args
 
 import numpy as np
-from scipy.sparse import csr_array, diags_array
+from scipy.sparse import csr_array, diags_array, eye_array
 
-from baselines.iteration import iterate, iterated
+from baselines.iteration import Plain, iterated
+from baselines.local_step import LocalStep, spokes
 from baselines.stopwatch import Stopwatch
 from sshade.errors import InputError
-from sshade.mesh.mesh import Mesh
 from sshade.options import Energy, Start
 from sshade.progress import Progress, silent
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
 from sshade.solver.linear import Factorised
-from sshade.solver.rotations import fit_rotations
-from sshade.solver.run import Stop
+from sshade.solver.run import Stop, run
 from sshade.solver.start import initial_guess
-from sshade.solver.terms.arap import Edges, Elements, Triangles, covariances, forces
+from sshade.solver.terms.arap import Elements, Triangles
 from sshade.task import DeformationResult, DeformationTask
 
 #: Least area of a vertex, as a fraction of the mean, because the method divides by areas.
@@ -100,36 +99,21 @@ def smooth_arap(
     h = half_cotangents(mesh)
     edges, weights = edge_weights(mesh, h)
     laplacian = laplacian_matrix(mesh.n, edges, weights)
-    blend = blending_matrix(mesh, laplacian, smoothness)
+    # l L A^-1 + (1 - l) I multiplies both sides of ARAP's global step.
+    area = np.maximum(mesh.vertex_areas / mesh.vertex_areas.mean(), LEAST_AREA)
+    blend = laplacian @ diags_array(smoothness / area) + (1 - smoothness) * eye_array(mesh.n)
     linear = Factorised(csr_array(blend @ laplacian), handles.index)
+    elements: Elements = Triangles(mesh.F.astype(np.uint32), mesh.V, h)
     if energy == "spokes":
-        i, j = edges.T
-        elements: Elements = Edges(
-            edges, (weights[:, None] * (mesh.V[i] - mesh.V[j]))[:, None], weights[:, None]
-        )
-    else:
-        elements = Triangles(mesh.F.astype(np.uint32), mesh.V, h)
+        elements = spokes(mesh.V, edges, weights)
+    local = LocalStep(elements, mesh.n)
     watch.end("precompute")
 
-    R, B = np.empty((mesh.n, 9)), np.empty((mesh.n, 3))
-    Q = np.tile([1.0, 0.0, 0.0, 0.0], (mesh.n, 1))
-
     def advance(u: np.ndarray, out: np.ndarray) -> None:
-        covariances(elements, u, R, 0, mesh.n)
-        fit_rotations(R, Q)
-        forces(elements, u, R, B, 0, mesh.n)
-        linear.solve(blend @ B, out)
+        linear.solve(blend @ local.forces(u), out)
         out += u
 
-    stop = Stop(tolerance, max_iterations)
-    done = iterate(advance, u, stop, diagonal=mesh.diagonal, progress=progress)
+    state = Plain(advance, u, diagonal=mesh.diagonal)
+    done = run(state, Stop(tolerance, max_iterations), progress=progress)
     watch.end("solve")
-    return iterated(u, done, watch.seconds, rotations=R.reshape(-1, 3, 3))
-
-
-def blending_matrix(mesh: Mesh, laplacian: csr_array, smoothness: float) -> csr_array:
-    """Return ``l L A^-1 + (1 - l) I`` (n, n), by which both sides of ARAP's global step are multiplied."""
-    area = mesh.vertex_areas
-    relative = np.maximum(area / area.mean(), LEAST_AREA)
-    identity = diags_array(np.full(mesh.n, 1 - smoothness), format="csr")
-    return csr_array(laplacian @ diags_array(smoothness / relative, format="csr") + identity)
+    return iterated(u, done, watch.seconds, rotations=local.R.reshape(-1, 3, 3))

@@ -132,12 +132,18 @@ def arap_sr(
 class _State(Plain):
     """Positions and rotations under local and global steps.
 
+    The acceleration mixes positions and quaternions as one vector. Rotations are unknowns too, because a
+    sweep fits them to the previous rotations as well as to the positions. A sweep does not decrease an energy
+    that could identify a bad iterate. The length of the step serves instead: if it grows by more than
+    :data:`LONGER`, the plain iterate is used and the history dropped.
+
     Attributes
     ----------
     Q : (n, 4) float64
     R : (n, 9) float64
         The rotations as unit quaternions and as matrices.
     restarts : int
+        Number of times that the acceleration dropped its history.
     """
 
     def __init__(
@@ -155,11 +161,8 @@ class _State(Plain):
         self.Q, self.R = np.tile([w, x, y, z], (len(u), 1)), np.tile(R0.ravel(), (len(u), 1))
         self._cells, self._linear = cells, linear
         self._before, self._B = self.Q.copy(), np.empty_like(u)
-        self._acceleration = _Acceleration(len(u), scale=diagonal) if accelerate else None
-
-    @property
-    def restarts(self) -> int:
-        return self._acceleration.restarts if self._acceleration else 0
+        self._mixer = Anderson(7 * len(u), WINDOW) if accelerate else None
+        self._last_step, self.restarts = np.inf, 0
 
     def _iterate(self, u: np.ndarray, out: np.ndarray) -> None:
         self._before[:] = self.Q
@@ -170,45 +173,24 @@ class _State(Plain):
 
     def step(self) -> float:
         """Return the residual: the largest move of a vertex, or of a rotation as a unit quaternion."""
-        return max(super().step(), float(largest_turn(self.Q, self._before)))
+        return max(super().step(), largest_turn(self.Q, self._before))
 
     def move(self, *, last: bool) -> None:
         """Go on to the plain iterate, or to an accelerated one, rotations included."""
-        if last or self._acceleration is None:
+        if last or self._mixer is None:
+            super().move(last=last)
+            return
+        n, diagonal = len(self.u), self._diagonal
+        x = np.concatenate([self.u.ravel() / diagonal, self._before.ravel()])
+        g = np.concatenate([self.g.ravel() / diagonal, self.Q.ravel()])
+        step = float(np.linalg.norm(g - x))
+        if step > LONGER * self._last_step:
+            self.restarts += 1
+            self._mixer = Anderson(7 * n, WINDOW)
             super().move(last=last)
         else:
-            self._acceleration.mix(self.u, self.g, before=self._before, Q=self.Q)
-            matrices(self.Q, self.R)
-
-
-class _Acceleration:
-    """Anderson acceleration of positions and quaternions as one vector.
-
-    Rotations are unknowns too, because a sweep fits them to the previous rotations as well as to the
-    positions. A sweep does not decrease an energy that could identify a bad iterate. The length of the step
-    serves instead: if it grows by more than :data:`LONGER`, the plain iterate is used and the history
-    dropped.
-    """
-
-    def __init__(self, n: int, *, scale: float) -> None:
-        self.restarts = 0
-        self._scale, self._last = scale, np.inf
-        self._x, self._g = np.empty(7 * n), np.empty(7 * n)
-        self._mixer = Anderson(7 * n, WINDOW)
-
-    def mix(self, u: np.ndarray, g: np.ndarray, *, before: np.ndarray, Q: np.ndarray) -> None:
-        """Replace u and Q by the next iterate, after a step from `u` and `before` to `g` and `Q`."""
-        n, x, out = len(u), self._x, self._g
-        for vector, positions, quaternions in ((x, u, before), (out, g, Q)):
-            np.divide(positions.ravel(), self._scale, out=vector[: 3 * n])
-            vector[3 * n :] = quaternions.ravel()
-        step = float(np.linalg.norm(out - x))
-        if step > LONGER * self._last:
-            self.restarts += 1
-            self._mixer = Anderson(len(x), WINDOW)
-            u[:] = g
-        else:
-            self._mixer.advance(x, out)
-            u[:] = self._scale * x[: 3 * n].reshape(n, 3)
-            Q[:] = x[3 * n :].reshape(n, 4)
-        self._last = step
+            self._mixer.advance(x, g)
+            self.u[:] = diagonal * x[: 3 * n].reshape(n, 3)
+            self.Q[:] = x[3 * n :].reshape(n, 4)
+        self._last_step = step
+        matrices(self.Q, self.R)

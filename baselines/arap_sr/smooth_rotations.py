@@ -14,10 +14,10 @@ from numba import njit
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from baselines.local_step import spokes
 from sshade.mesh.mesh import Mesh
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
 from sshade.solver.rotations import fit_rotations
-from sshade.solver.terms.arap import Edges
 
 
 def vertex_colours(mesh: Mesh) -> np.ndarray:
@@ -61,8 +61,7 @@ class Cells:
             h = np.maximum(h, 0.0)
         edges, weights = edge_weights(mesh, h)
         self.laplacian = laplacian_matrix(mesh.n, edges, weights)
-        Y = (weights[:, None] * (mesh.V[edges[:, 0]] - mesh.V[edges[:, 1]]))[:, None]
-        self.elements = Edges(edges.astype(np.int32), Y, weights[:, None])
+        self.elements = spokes(mesh.V, edges, weights)
         star = _symmetric(mesh, weights, edges=edges)
         degree = np.diff(star.indptr)
         centre = np.repeat(np.arange(mesh.n), degree)
@@ -142,14 +141,7 @@ def matrices(Q, R):
         R[i, 6], R[i, 7], R[i, 8] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
 
 
-@njit(cache=True, nogil=True)
-def largest_turn(Q, before):
+def largest_turn(Q: np.ndarray, before: np.ndarray) -> float:
     """Return ``max_i |Q_i - before_i|`` of unit quaternions up to their signs: half the angle, if small."""
-    largest = 0.0
-    for i in range(len(Q)):
-        minus = plus = 0.0
-        for c in range(4):
-            minus += (Q[i, c] - before[i, c]) ** 2
-            plus += (Q[i, c] + before[i, c]) ** 2
-        largest = max(largest, min(minus, plus))
-    return np.sqrt(largest)
+    minus, plus = (np.square(Q - other).sum(axis=1) for other in (before, -before))
+    return float(np.sqrt(np.minimum(minus, plus).max()))

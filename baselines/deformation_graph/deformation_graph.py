@@ -20,10 +20,10 @@ deformation for shape manipulation", 2007.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from baselines.deformation_graph.node_graph import NodeGraph, bind_to_nodes, node_graph
-from baselines.iteration import iterate, iterated
+from baselines.deformation_graph.node_graph import bind_to_nodes, node_graph
+from baselines.iteration import Plain, handle_error, iterated
+from baselines.local_step import LocalStep, blend, spokes
 from baselines.stopwatch import Stopwatch
 from sshade.errors import InputError
 from sshade.mesh.adjacency import vertex_graph
@@ -34,10 +34,8 @@ from sshade.progress import Progress, silent
 from sshade.sampling.fronts import farthest_point_sampling
 from sshade.solver.cotangents import laplacian_matrix
 from sshade.solver.linear import Factorised
-from sshade.solver.rotations import fit_rotations
-from sshade.solver.run import Stop
+from sshade.solver.run import Stop, run
 from sshade.solver.start import initial_guess
-from sshade.solver.terms.arap import Edges, covariances, forces
 from sshade.task import DeformationResult, DeformationTask
 
 
@@ -99,66 +97,28 @@ def deformation_graph(
     if regions.covered:
         return all_on_targets(task)
     fronts = farthest_point_sampling(regions.metric, nodes, first=regions.first)
-    handle = regions.number[fronts.samples]
-    fixed = np.flatnonzero(handle >= 0)
-    coarse = node_graph(mesh, fronts)
-    bound = bind_to_nodes(graph, fronts, edges=coarse.edges, blended=blended)
+    fixed = np.flatnonzero(regions.number[fronts.samples] >= 0)
+    P, edges = mesh.V[fronts.samples], node_graph(mesh, fronts)
+    phi = bind_to_nodes(graph, fronts, edges=edges, blended=blended)
     watch.end("precompute")
 
-    q = initial_guess(task, start)[fronts.samples]
-    solver = _NodeSolver(coarse, fixed=fixed)
-    stop = Stop(tolerance, max_iterations)
-    done = iterate(solver.advance, q, stop, diagonal=mesh.diagonal, progress=progress)
-    R = solver.rotations(q)
+    q, weights = initial_guess(task, start)[fronts.samples], np.ones(len(edges))
+    linear = Factorised(laplacian_matrix(len(P), edges, weights), fixed)
+    local = LocalStep(spokes(P, edges, weights), len(P))
+
+    def advance(q: np.ndarray, out: np.ndarray) -> None:
+        linear.solve(local.forces(q), out)
+        out += q
+
+    state = Plain(advance, q, diagonal=mesh.diagonal)
+    done = run(state, Stop(tolerance, max_iterations), progress=progress)
+    R = local.rotations(q)
     watch.end("solve")
 
-    V = np.empty((mesh.n, 3))
-    _blend(mesh.V, bound.node, bound.weight, coarse.P, q, R, V)
-    missed = np.linalg.norm(V[handles.index] - handles.target, axis=1)
+    V = blend(phi, mesh.V, rest=P, nodes=q, R=R)
+    before = handle_error(mesh, handles, V)
     V = regions.on_targets(V, handles)
     V[handles.index] = handles.target
     watch.end("carry")
-    facts = {
-        "handle_before": float(missed.mean()) / mesh.diagonal,
-        "nodes": len(q),
-        "edges": len(coarse.edges),
-    }
+    facts = {"handle_before": before, "nodes": len(q), "edges": len(edges)}
     return iterated(V, done, watch.seconds, **facts)
-
-
-class _NodeSolver:
-    """Local and global steps on a node graph."""
-
-    def __init__(self, coarse: NodeGraph, *, fixed: np.ndarray) -> None:
-        k, edges = len(coarse.P), coarse.edges
-        weights = np.ones(len(edges))
-        Y = np.ascontiguousarray((coarse.P[edges[:, 0]] - coarse.P[edges[:, 1]])[:, None])
-        self._elements = Edges(edges.astype(np.int32), Y, weights[:, None])
-        self._Q, self._R, self._B = np.tile([1.0, 0.0, 0.0, 0.0], (k, 1)), np.empty((k, 9)), np.empty((k, 3))
-        self._linear = Factorised(laplacian_matrix(k, edges, weights), fixed)
-
-    def rotations(self, q: np.ndarray) -> np.ndarray:
-        """Return the rotations (k, 9) of the local step at q."""
-        covariances(self._elements, q, self._R, 0, len(q))
-        fit_rotations(self._R, self._Q)
-        return self._R
-
-    def advance(self, q: np.ndarray, out: np.ndarray) -> None:
-        """Write the result of one local and one global step to `out`."""
-        forces(self._elements, q, self.rotations(q), self._B, 0, len(q))
-        self._linear.solve(self._B, out)
-        out += q
-
-
-@njit(cache=True, nogil=True)
-def _blend(V, node, weight, P, q, R, out):
-    for i in range(len(V)):
-        for r in range(3):
-            out[i, r] = 0.0
-        for c in range(node.shape[1]):
-            m, phi = node[i, c], weight[i, c]
-            if phi == 0.0:
-                continue
-            x, y, z = V[i, 0] - P[m, 0], V[i, 1] - P[m, 1], V[i, 2] - P[m, 2]
-            for r in range(3):
-                out[i, r] += phi * (R[m, 3 * r] * x + R[m, 3 * r + 1] * y + R[m, 3 * r + 2] * z + q[m, r])

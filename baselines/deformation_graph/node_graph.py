@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numba import njit
 from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import dijkstra
 
 from sshade.mesh.adjacency import VertexGraph
 from sshade.mesh.mesh import Mesh
@@ -18,44 +17,17 @@ COLLINEAR = 1e-6
 FEWEST_NEIGHBOURS = 3
 
 
-@dataclass(frozen=True, eq=False)
-class NodeGraph:
-    """Nodes on a mesh and the edges between them.
-
-    Parameters
-    ----------
-    P : (k, 3) float64
-        Rest positions.
-    edges : (e, 2) int64
-        Smaller id first, in lexicographic order.
-    """
-
-    P: np.ndarray
-    edges: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class NodeBinding:
-    """The nodes that move each vertex.
-
-    Parameters
-    ----------
-    node : (n, K) int32
-        Nearest first; -1 with weight 0 if there are fewer.
-    weight : (n, K) float64
-        phi; each row adds up to 1.
-    """
-
-    node: np.ndarray
-    weight: np.ndarray
-
-
-def node_graph(mesh: Mesh, fronts: Fronts) -> NodeGraph:
+def node_graph(mesh: Mesh, fronts: Fronts) -> np.ndarray:
     """Connect samples whose Voronoi cells share a mesh edge.
 
     Fewer than :data:`FEWEST_NEIGHBOURS` neighbours, or collinear neighbours, do not determine a node's
     rotation. Such a node is also connected to the next nodes along the graph until its neighbours determine
     the rotation, or no node of its component is left.
+
+    Returns
+    -------
+    (e, 2) int64
+        Smaller id first, in lexicographic order.
     """
     P, k = mesh.V[fronts.samples], len(fronts)
     ends = fronts.cell[mesh.edges].astype(np.int64)
@@ -66,40 +38,25 @@ def node_graph(mesh: Mesh, fronts: Fronts) -> NodeGraph:
     shortest = np.full(len(keys), np.inf)
     np.minimum.at(shortest, inverse.ravel(), length)
     edges = np.stack([keys // k, keys % k], axis=1)
-    added = _missing_edges(P, edges, shortest)
-    if added:
-        edges = np.unique(np.concatenate([edges, np.sort(added, axis=1)]), axis=0)
-    return NodeGraph(P, edges)
-
-
-def _missing_edges(P: np.ndarray, edges: np.ndarray, length: np.ndarray) -> list[tuple[int, int]]:
-    """Return the edges that are missing to determine the rotations of all nodes."""
-    from scipy.sparse.csgraph import dijkstra
-
-    k = len(P)
-    adjacency = coo_array((length, tuple(edges.T)), shape=(k, k)).tocsr()
-    star = _star(edges, k)
+    star = _star(edges, k, shortest)
     neighbours = np.split(star.indices, star.indptr[1:-1])
     poor = [node for node in range(k) if not _determines_rotation(P, node, neighbours[node])]
-    if not poor:
-        return []
     added = []
-    distance = dijkstra(adjacency, directed=False, indices=poor)
-    for row, node in enumerate(poor):
+    for node, distance in zip(poor, dijkstra(star, indices=poor), strict=True):
         connected = neighbours[node].tolist()
-        for other in np.argsort(distance[row], kind="stable"):
-            if _determines_rotation(P, node, connected) or not np.isfinite(distance[row, other]):
+        for other in np.argsort(distance, kind="stable"):
+            if _determines_rotation(P, node, connected) or not np.isfinite(distance[other]):
                 break
             if other != node and other not in connected:
                 connected.append(int(other))
-                added.append((node, int(other)))
-    return added
+                added.append(sorted((node, int(other))))
+    return np.unique(np.concatenate([edges, np.array(added, dtype=np.int64).reshape(-1, 2)]), axis=0)
 
 
-def _star(edges: np.ndarray, k: int) -> csr_array:
-    """Return the (k, k) adjacency matrix of the nodes."""
+def _star(edges: np.ndarray, k: int, length: np.ndarray) -> csr_array:
+    """Return the (k, k) matrix of the lengths of edges between nodes."""
     i, j = np.concatenate([edges, edges[:, ::-1]]).T
-    return coo_array((np.ones(len(i)), (i, j)), shape=(k, k)).tocsr()
+    return coo_array((np.tile(length, 2), (i, j)), shape=(k, k)).tocsr()
 
 
 def _determines_rotation(P: np.ndarray, node: int, neighbours: np.ndarray | list[int]) -> bool:
@@ -111,7 +68,7 @@ def _determines_rotation(P: np.ndarray, node: int, neighbours: np.ndarray | list
     return bool(moments[1] > COLLINEAR * moments[2])
 
 
-def bind_to_nodes(graph: VertexGraph, fronts: Fronts, *, edges: np.ndarray, blended: int) -> NodeBinding:
+def bind_to_nodes(graph: VertexGraph, fronts: Fronts, *, edges: np.ndarray, blended: int) -> csr_array:
     """Find the `blended` nodes nearest to each vertex, and their weights.
 
     Candidates are the node of the vertex's cell and the neighbours of this node in the graph. Paths stay
@@ -126,8 +83,13 @@ def bind_to_nodes(graph: VertexGraph, fronts: Fronts, *, edges: np.ndarray, blen
     edges : (e, 2) int64
     blended : int
         K.
+
+    Returns
+    -------
+    (n, k) sparse float64
+        phi, nearest nodes first; each row adds up to 1.
     """
-    star = _star(edges, len(fronts))
+    star = _star(edges, len(fronts), np.ones(len(edges)))
     node, distance = _nearest_nodes(
         graph.indptr,
         graph.indices,
@@ -146,9 +108,9 @@ def bind_to_nodes(graph: VertexGraph, fronts: Fronts, *, edges: np.ndarray, blen
     weight = np.where(used, (1.0 - ratio) ** 2, 0.0)
     level = weight.sum(axis=1) == 0.0
     weight[level] = used[level]
-    return NodeBinding(
-        np.ascontiguousarray(np.where(used, node[:, :-1], -1)), weight / weight.sum(axis=1, keepdims=True)
-    )
+    weight /= weight.sum(axis=1, keepdims=True)
+    first = np.concatenate([[0], np.cumsum(used.sum(axis=1))])
+    return csr_array((weight[used], node[:, :-1][used], first), shape=(len(node), len(fronts)))
 
 
 @njit(cache=True, nogil=True)

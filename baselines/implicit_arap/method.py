@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from baselines.iteration import handle_error
 from baselines.stopwatch import Stopwatch
 from sshade.mesh.mesh import Mesh
 from sshade.progress import Progress, silent
@@ -166,8 +167,7 @@ def implicit_arap(
     facts |= {"variant": variant, "sdf": sdf, "steps": steps}
     facts |= {"device": torch.cuda.get_device_name(place) if place.type == "cuda" else place.type}
     facts |= {"points": plan.points(len(handles)), "threads": torch.get_num_threads(), **_loss_facts(losses)}
-    missed = np.linalg.norm(vertices[handles.index] - handles.target, axis=1)
-    facts |= {"handle_error": float(missed.mean()) / mesh.diagonal, "loss_curve": losses}
+    facts |= {"handle_error": handle_error(mesh, handles, vertices), "loss_curve": losses}
     return DeformationResult(vertices, steps, converged=None, seconds=watch.seconds, extra=facts)
 
 

@@ -102,9 +102,8 @@ class Mlp(nn.Module):
             hidden.append(WeightNormLinear(weight, torch.zeros(after)))
         self.hidden = nn.ModuleList(hidden)
         end = width + (features if self.skip == layers - 1 else 0)
-        if (
-            last == "zero"
-        ):  # the field starts as the identity; torch's own initialisation would draw random numbers
+        if last == "zero":
+            # The field starts as the identity. torch's own initialisation would draw random numbers.
             self.last: nn.Module = nn.utils.skip_init(nn.Linear, end, outputs)
             for parameter in self.last.parameters():
                 nn.init.zeros_(parameter)
@@ -122,12 +121,6 @@ class Mlp(nn.Module):
             if number < len(self.hidden):
                 h = functional.softplus(h, beta=BETA)
         return h
-
-
-def sdf_network(*, width: int, layers: int, frequencies: int, generator: torch.Generator) -> Mlp:
-    """Return an MLP for the signed distance; the paper uses 8 layers of width 256."""
-    sizes = {"width": width, "layers": layers, "frequencies": frequencies}
-    return Mlp(3, 1, last="sphere", generator=generator, **sizes)
 
 
 def euler_rotation(angles: Tensor) -> Tensor:

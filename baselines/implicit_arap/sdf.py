@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from baselines.implicit_arap.networks import Mlp, sdf_network
+from baselines.implicit_arap.networks import Mlp
 from sshade.progress import Progress
 
 #: Width of the Gaussian that smooths the grid's gradient, in voxels.
@@ -178,7 +178,8 @@ def fit_network_sdf(
         Loss of the last step.
     """
     device = surface.corners.device
-    network = sdf_network(width=width, layers=layers, frequencies=frequencies, generator=weights).to(device)
+    sizes = {"width": width, "layers": layers, "frequencies": frequencies}
+    network = Mlp(3, 1, last="sphere", generator=weights, **sizes).to(device)
     adam = torch.optim.Adam(network.parameters(), lr=learning_rate)
     loss = torch.tensor(float("nan"))
     for step in range(steps):

@@ -15,8 +15,7 @@ import logging
 import signal
 import subprocess
 import sys
-from collections import OrderedDict
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -70,7 +69,8 @@ nodes, T = tetrahedralize(
 np.savez("filled.npz", nodes=nodes, T=T)
 """
 
-_cache: OrderedDict[tuple[object, ...], CoarseTetrahedra] = OrderedDict()
+#: Nodes and tetrahedra of a mesh moved and scaled to unit size, and fTetWild's time; latest use last.
+_cache: dict[tuple[object, ...], tuple[np.ndarray, np.ndarray, float]] = {}
 
 
 class TetrahedraOptions(TypedDict, total=False):
@@ -152,32 +152,22 @@ def coarse_tetrahedra(
     centre, scale = mesh.V.mean(axis=0), mesh.diagonal
     rounded = np.round((mesh.V - centre) / (scale * GRID)) * GRID + 0.0  # no negative zeros
     key = (hashlib.sha256(rounded.tobytes() + mesh.F.tobytes()).digest(), samples, edge, envelope)
-    if key in _cache:
-        _cache.move_to_end(key)
-    else:
-        _cache[key] = _unit_tetrahedra(Mesh(rounded, mesh.F), samples, edge=edge, envelope=envelope)
+    unit = _cache.pop(key, None)
+    if unit is None:
+        begin = perf_counter()
+        filled = _filled(*_sampled(Mesh(rounded, mesh.F), samples), edge=edge, envelope=envelope)
+        unit = (*filled, perf_counter() - begin)
+    _cache[key] = unit
     while len(_cache) > CACHED:
-        _cache.popitem(last=False)
-    unit = _cache[key]
-    return replace(
-        unit,
-        V=unit.V * scale + centre,
-        volumes=unit.volumes * scale**3,
-        carry=barycentric_coordinates(unit.V, unit.T, (mesh.V - centre) / scale),
-    )
-
-
-def _unit_tetrahedra(mesh: Mesh, samples: int, *, edge: float, envelope: float) -> CoarseTetrahedra:
-    """Fill a mesh that lies at the origin and has a diagonal of 1."""
-    begin = perf_counter()
-    V, T = _filled(*_sampled(mesh, samples), edge=edge, envelope=envelope)
+        del _cache[next(iter(_cache))]
+    V, T, seconds = unit
     return CoarseTetrahedra(
-        V=V,
+        V=V * scale + centre,
         T=T,
-        volumes=np.linalg.det(V[T[:, 1:]] - V[T[:, :1]]) / 6,
-        carry=csr_array((mesh.n, len(V))),
+        volumes=np.linalg.det(V[T[:, 1:]] - V[T[:, :1]]) / 6 * scale**3,
+        carry=barycentric_coordinates(V, T, (mesh.V - centre) / scale),
         component=_components(len(V), T),
-        seconds=perf_counter() - begin,
+        seconds=seconds,
     )
 
 

@@ -64,7 +64,7 @@ def lattice(mesh: Mesh, *, cells: int, filled: bool) -> Lattice:
     if filled:
         touched = np.concatenate([touched, _inside(mesh, origin, side, count)])
     own = _cells_of(mesh.V, origin, side)
-    cubes = np.unique(np.concatenate([touched, own]), axis=0)
+    cubes, number = np.unique(np.concatenate([touched, own]), axis=0, return_inverse=True)
     node, corners = np.unique((cubes[:, None] + CORNERS).reshape(-1, 3), axis=0, return_inverse=True)
     corners = corners.reshape(-1, 8)
     along = [(a, b) for a in range(8) for b in range(a + 1, 8) if np.abs(CORNERS[a] - CORNERS[b]).sum() == 1]
@@ -72,12 +72,15 @@ def lattice(mesh: Mesh, *, cells: int, filled: bool) -> Lattice:
     edges, sharing = np.unique(np.sort(ends, axis=1), axis=0, return_counts=True)
     shape = (len(node), len(node))
     graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=shape)
+    inside = (mesh.V - origin) / side - own
+    weights = np.where(CORNERS == 1, inside[:, None], 1 - inside[:, None]).prod(axis=2)
+    places = np.repeat(np.arange(mesh.n), 8), corners[number.ravel()[len(touched) :]].ravel()
     return Lattice(
         V=origin + side * node,
         cubes=corners,
         edges=edges,
         sharing=sharing,
-        carry=_trilinear(mesh.V, own, cubes, corners, origin, side, len(node)),
+        carry=coo_array((weights.ravel(), places), shape=(mesh.n, len(node))).tocsr(),
         component=connected_components(graph, directed=False)[1],
     )
 
@@ -111,22 +114,3 @@ def _inside(mesh: Mesh, origin: np.ndarray, side: float, count: np.ndarray) -> n
     centres = (cells + 0.5) * side + (origin - middle)
     winding = igl.fast_winding_number(mesh.V - middle, np.array(mesh.F), np.ascontiguousarray(centres))
     return cells[winding > 0.5]
-
-
-def _trilinear(
-    V: np.ndarray,
-    own: np.ndarray,
-    cubes: np.ndarray,
-    corners: np.ndarray,
-    origin: np.ndarray,
-    side: float,
-    nodes: int,
-) -> csr_array:
-    """Return the (n, p) trilinear weights of vertices in their cubes."""
-    size = cubes.max(axis=0) + 1
-    number = np.searchsorted(np.ravel_multi_index(cubes.T, size), np.ravel_multi_index(own.T, size))
-    inside = (V - origin) / side - own
-    along = np.where(CORNERS[None] == 1, inside[:, None], 1 - inside[:, None])
-    rows = np.repeat(np.arange(len(V)), 8)
-    entries = (along.prod(axis=2).ravel(), (rows, corners[number].ravel()))
-    return coo_array(entries, shape=(len(V), nodes)).tocsr()

@@ -21,7 +21,8 @@ from typing import Literal, get_args
 import numpy as np
 from scipy.sparse import csc_array
 
-from baselines.iteration import iterate, iterated
+from baselines.iteration import Plain, iterated
+from baselines.local_step import LocalStep, blend, spokes
 from baselines.start_motion import start_motion
 from baselines.stopwatch import Stopwatch
 from baselines.volumetric.lattice import lattice
@@ -31,9 +32,7 @@ from sshade.options import Start
 from sshade.progress import Progress, silent
 from sshade.solver.cotangents import laplacian_matrix
 from sshade.solver.factorisation import Factorisation
-from sshade.solver.rotations import fit_rotations
-from sshade.solver.run import Stop
-from sshade.solver.terms.arap import Edges, covariances, forces
+from sshade.solver.run import Stop, run
 from sshade.task import DeformationResult, DeformationTask
 
 Carry = Literal["trilinear", "motions"]
@@ -99,38 +98,23 @@ def lattice_arap(
     C, p = grid.carry[handles.index], len(grid.V)
     require_handles(grid.component, np.unique(C.indices))
     weights = grid.sharing / 4
-    i, j = grid.edges.T
-    elements = Edges(
-        grid.edges.astype(np.int32),
-        (weights[:, None] * (grid.V[i] - grid.V[j]))[:, None],
-        weights[:, None],
-    )
+    local = LocalStep(spokes(grid.V, grid.edges, weights), p)
     # Divide by the number of handles, so that w does not depend on how densely they are sampled.
     pull = handle_weight * weights.sum() / len(handles)
     factor = Factorisation(csc_array(laplacian_matrix(p, grid.edges, weights) + pull * (C.T @ C)))
     watch.end("precompute")
 
     q = grid.V @ R0.T + t0
-    R, Q, B = np.empty((p, 9)), np.tile([1.0, 0.0, 0.0, 0.0], (p, 1)), np.empty((p, 3))
 
     def advance(q: np.ndarray, out: np.ndarray) -> None:
-        covariances(elements, q, R, 0, p)
-        fit_rotations(R, Q)
-        forces(elements, q, R, B, 0, p)
-        out[:] = q + factor.solve(B + pull * (C.T @ (handles.target - C @ q)))
+        out[:] = q + factor.solve(local.forces(q) + pull * (C.T @ (handles.target - C @ q)))
 
-    stop = Stop(tolerance, max_iterations)
-    done = iterate(advance, q, stop, diagonal=mesh.diagonal, progress=progress)
+    state = Plain(advance, q, diagonal=mesh.diagonal)
+    done = run(state, Stop(tolerance, max_iterations), progress=progress)
     watch.end("solve")
     V = grid.carry @ q
     if carry == "motions":
-        covariances(elements, q, R, 0, p)
-        fit_rotations(R, Q)
-        turns = R.reshape(-1, 3, 3)
-        # sum_m phi_m (R_m (v - p_m) + q_m)
-        shifts = q - np.einsum("pij,pj->pi", turns, grid.V)
-        blended = (grid.carry @ R).reshape(-1, 3, 3)
-        V = np.einsum("vij,vj->vi", blended, mesh.V) + grid.carry @ shifts
+        V = blend(grid.carry, mesh.V, rest=grid.V, nodes=q, R=local.rotations(q))
     V, facts = on_targets(mesh, handles, V, nodes=p)
     watch.end("carry")
     return iterated(V, done, watch.seconds, **facts, nodes=p, cubes=len(grid.cubes))

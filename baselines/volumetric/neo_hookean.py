@@ -16,15 +16,16 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from typing import Any, NamedTuple, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 from scipy.sparse import csc_array, csr_array, eye_array, kron
 
+from baselines.iteration import handle_error
 from baselines.start_motion import start_motion
 from baselines.stopwatch import Stopwatch
 from baselines.volumetric.coarse_tetrahedra import CoarseTetrahedra, TetrahedraOptions, coarse_tetrahedra
-from baselines.volumetric.node_handles import handle_error, require_handles
+from baselines.volumetric.node_handles import require_handles
 from sshade.errors import InputError
 from sshade.options import Start
 from sshade.progress import Progress, silent
@@ -101,13 +102,13 @@ def neo_hookean(
     handles.require_hard("Neo-Hookean elasticity")
     R, t = start_motion(task, start)
     watch = Stopwatch()
-    material = _energies()
+    simkit = _simkit()
     tetrahedra = coarse_tetrahedra(mesh, **options)
     carry = tetrahedra.carry[handles.index]
     require_handles(tetrahedra.component, np.unique(carry.indices))
     centre, scale = mesh.V.mean(axis=0), mesh.diagonal
     problem = Elasticity(
-        tetrahedra, carry, material, centre=centre, scale=scale, poisson=poisson, weight=handle_weight
+        tetrahedra, carry, simkit, centre=centre, scale=scale, poisson=poisson, weight=handle_weight
     )
     x = (tetrahedra.V @ R.T + t - centre) / scale
     first, target = carry @ x, (handles.target - centre) / scale
@@ -143,30 +144,17 @@ def neo_hookean(
     )
 
 
-class _Energies(NamedTuple):
-    """simkit's functions of positions (p, 3), the Jacobian, mu, lambda and weights (t, 1)."""
-
-    jacobian: Callable[..., Any]
-    energy: Callable[..., Any]
-    gradient: Callable[..., Any]
-    hessian: Callable[..., Any]
-
-
-def _energies() -> _Energies:
+def _simkit() -> tuple[Callable[..., Any], Any]:
+    """Return simkit's deformation Jacobian and its module of stable Neo-Hookean energies."""
     try:
         with warnings.catch_warnings():
             # simkit warns about optional packages that are not installed.
             warnings.simplefilter("ignore", UserWarning)
             from simkit.deformation_jacobian import deformation_jacobian
-            from simkit.energies import stable_neo_hookean as snh
+            from simkit.energies import stable_neo_hookean
     except ImportError as error:
         raise ImportError("neo_hookean needs simkit; pip install 'sshade[neo_hookean]'") from error
-    return _Energies(
-        deformation_jacobian,
-        snh.stable_neo_hookean_energy_x,
-        snh.stable_neo_hookean_gradient_x,
-        snh.stable_neo_hookean_hessian_x,
-    )
+    return deformation_jacobian, stable_neo_hookean
 
 
 class Elasticity:
@@ -180,7 +168,8 @@ class Elasticity:
     tetrahedra : CoarseTetrahedra
     carry : (k, p) sparse float64
         C.
-    material : _Energies
+    simkit : tuple
+        See :func:`_simkit`.
     centre, scale
         Origin and unit of length of x.
     poisson : float
@@ -199,7 +188,7 @@ class Elasticity:
         self,
         tetrahedra: CoarseTetrahedra,
         carry: csr_array,
-        material: _Energies,
+        simkit: tuple[Callable[..., Any], Any],
         *,
         centre: np.ndarray,
         scale: float,
@@ -207,30 +196,33 @@ class Elasticity:
         weight: float,
     ) -> None:
         X, count = (tetrahedra.V - centre) / scale, len(tetrahedra.T)
-        self._carry, self._material = carry, material
+        jacobian, self._material = simkit
+        self._carry = carry
         self._stiffness = weight * count / carry.shape[0]
         self._pull = csc_array(kron(self._stiffness * (carry.T @ carry), eye_array(3)))
         weights = tetrahedra.volumes / tetrahedra.volumes.mean()
         mu, lam = lame(poisson)
-        constants = np.full((count, 1), mu), np.full((count, 1), lam), weights[:, None]
-        self._constants = (material.jacobian(X, tetrahedra.T), *constants)
+        self._constants = (
+            jacobian(X, tetrahedra.T),
+            *(np.full((count, 1), mu), np.full((count, 1), lam), weights[:, None]),
+        )
         self.target = carry @ X
         self.rest = self.energy(X)
 
     def energy(self, x: np.ndarray) -> float:
         gap = self._carry @ x - self.target
-        return self._material.energy(x, *self._constants) + 0.5 * self._stiffness * float((gap**2).sum())
+        elastic = self._material.stable_neo_hookean_energy_x(x, *self._constants)
+        return elastic + 0.5 * self._stiffness * float((gap**2).sum())
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
         """Return the gradient (p, 3) at x."""
         gap = self._carry @ x - self.target
-        return self._material.gradient(x, *self._constants).reshape(-1, 3) + self._stiffness * (
-            self._carry.T @ gap
-        )
+        elastic = self._material.stable_neo_hookean_gradient_x(x, *self._constants)
+        return elastic.reshape(-1, 3) + self._stiffness * (self._carry.T @ gap)
 
     def hessian(self, x: np.ndarray) -> csc_array:
         """Return the Hessian (3p, 3p) at x, made positive definite."""
-        return csc_array(self._material.hessian(x, *self._constants)) + self._pull
+        return csc_array(self._material.stable_neo_hookean_hessian_x(x, *self._constants)) + self._pull
 
 
 def lame(poisson: float) -> tuple[float, float]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from baselines.iteration import handle_error
 from baselines.volumetric.coarse_tetrahedra import CoarseTetrahedra
 from sshade.errors import InputError
 from sshade.handles import Handles
@@ -40,10 +41,6 @@ class RigidParts:
     R: np.ndarray
     t: np.ndarray
 
-    def moved(self, part: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Apply the motions of the parts `part` (q,) to points (q, 3)."""
-        return np.einsum("qij,qj->qi", self.R[part], points) + self.t[part]
-
 
 def rigid_parts(mesh: Mesh, handles: Handles) -> RigidParts:
     """Split handles into parts that move rigidly.
@@ -57,12 +54,7 @@ def rigid_parts(mesh: Mesh, handles: Handles) -> RigidParts:
     for group in np.unique(handles.group):
         left = np.flatnonzero(handles.group == group)
         while len(left):
-            motion = rigid_motion(source[left], handles.target[left])
-            moved = np.ones(len(left), dtype=bool)
-            if not _following(motion, source[left], handles.target[left], close).all():
-                largest = _largest_motion(source[left], handles.target[left], close)
-                if largest is not None:
-                    motion, moved = largest
+            motion, moved = _largest_motion(source[left], handles.target[left], close)
             part[left[moved]] = len(motions)
             motions.append(motion)
             left = left[~moved]
@@ -80,12 +72,18 @@ def _following(
 
 def _largest_motion(
     source: np.ndarray, target: np.ndarray, close: float
-) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray] | None:
-    """Return the motion that most handles follow and their mask; None if a trial gains no further handles."""
+) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+    """Return the motion that most handles follow, and their mask.
+
+    If the best motion of all handles takes all close, or no trial gains handles, all handles follow that one.
+    """
     from scipy.spatial import cKDTree
 
-    near = min(TRIAL_HANDLES, len(source))
-    tree, best, motion = cKDTree(source), np.zeros(len(source), dtype=bool), None
+    whole = rigid_motion(source, target)
+    near, everything = min(TRIAL_HANDLES, len(source)), np.ones(len(source), dtype=bool)
+    if _following(whole, source, target, close).all():
+        return whole, everything
+    tree, best, motion = cKDTree(source), ~everything, whole
     for seed in np.unique(np.linspace(0, len(source) - 1, TRIALS).astype(int)):
         _, around = tree.query(source[seed], k=near)
         trial = rigid_motion(source[np.atleast_1d(around)], target[np.atleast_1d(around)])
@@ -97,7 +95,7 @@ def _largest_motion(
         found = _following(trial, source, target, close)
         if found.sum() > best.sum():
             best, motion = found, trial
-    return None if motion is None or best.sum() < near else (motion, best)
+    return (motion, best) if best.sum() >= near else (whole, everything)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,16 +110,17 @@ class NodeHandles:
         Their positions after the motion of their parts.
     part : (h,) int
         Part of the nearest handle.
+    parts : RigidParts
+        Motions of the parts.
     """
 
     index: np.ndarray
     target: np.ndarray
     part: np.ndarray
+    parts: RigidParts
 
 
-def node_handles(
-    tetrahedra: CoarseTetrahedra, mesh: Mesh, handles: Handles, parts: RigidParts
-) -> NodeHandles:
+def node_handles(tetrahedra: CoarseTetrahedra, mesh: Mesh, handles: Handles) -> NodeHandles:
     """Return the nodes nearest to handles, without repetition.
 
     A node keeps its offset from the nearest handle, rotated by the rotation of the handle's part.
@@ -133,14 +132,14 @@ def node_handles(
     """
     from scipy.spatial import cKDTree
 
-    source = mesh.V[handles.index]
+    parts, source = rigid_parts(mesh, handles), mesh.V[handles.index]
     _, node = cKDTree(tetrahedra.V).query(source)
     index = np.unique(node)
     _, nearest = cKDTree(source).query(tetrahedra.V[index])
     part = parts.part[nearest]
     offset = np.einsum("qij,qj->qi", parts.R[part], tetrahedra.V[index] - source[nearest])
     require_handles(tetrahedra.component, index)
-    return NodeHandles(index, handles.target[nearest] + offset, part)
+    return NodeHandles(index, handles.target[nearest] + offset, part, parts)
 
 
 def require_handles(component: np.ndarray, nodes: np.ndarray) -> None:
@@ -149,11 +148,6 @@ def require_handles(component: np.ndarray, nodes: np.ndarray) -> None:
     without = count - len(np.unique(component[nodes]))
     if without:
         raise InputError(f"{without} of the {count} components of the coarse volume have no handle")
-
-
-def handle_error(mesh: Mesh, handles: Handles, V: np.ndarray) -> float:
-    """Return the mean distance of handles at positions V (n, 3) to their targets, divided by the diagonal."""
-    return float(np.linalg.norm(V[handles.index] - handles.target, axis=1).mean()) / mesh.diagonal
 
 
 def on_targets(

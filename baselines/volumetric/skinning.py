@@ -23,7 +23,7 @@ import numpy as np
 
 from baselines.stopwatch import Stopwatch
 from baselines.volumetric.coarse_tetrahedra import CoarseTetrahedra, TetrahedraOptions, coarse_tetrahedra
-from baselines.volumetric.node_handles import NodeHandles, RigidParts, node_handles, on_targets, rigid_parts
+from baselines.volumetric.node_handles import NodeHandles, node_handles, on_targets
 from sshade.errors import InputError
 from sshade.progress import Progress, silent
 from sshade.task import DeformationResult, DeformationTask
@@ -74,8 +74,8 @@ def bounded_biharmonic_weights(
     if qp_iterations < 1:
         raise InputError(f"{qp_iterations} steps of the active set were asked for; at least one is needed")
 
-    def prolong(tetrahedra: CoarseTetrahedra, parts: RigidParts, fixed: NodeHandles) -> np.ndarray:
-        W = _bounded_weights(tetrahedra, fixed, len(parts.t), qp_iterations)
+    def prolong(tetrahedra: CoarseTetrahedra, fixed: NodeHandles) -> np.ndarray:
+        W, parts = _bounded_weights(tetrahedra, fixed, qp_iterations), fixed.parts
         W = np.clip(tetrahedra.carry @ W, 0.0, 1.0)
         W /= W.sum(axis=1, keepdims=True)
         V = task.mesh.V
@@ -114,12 +114,12 @@ def biharmonic_coordinates(
         As :func:`bounded_biharmonic_weights` does.
     """
 
-    def prolong(tetrahedra: CoarseTetrahedra, parts: RigidParts, fixed: NodeHandles) -> np.ndarray:
+    def prolong(tetrahedra: CoarseTetrahedra, fixed: NodeHandles) -> np.ndarray:
         import igl
 
         # The equations mix positions with ones, and are well conditioned at the origin in unit size.
         centre, scale = task.mesh.V.mean(axis=0), task.mesh.diagonal
-        V = (tetrahedra.V - centre) / scale
+        V, parts = (tetrahedra.V - centre) / scale, fixed.parts
         selected: list[list[int]] = []
         controls: list[np.ndarray] = []
         for part in np.unique(fixed.part):
@@ -139,35 +139,28 @@ def biharmonic_coordinates(
 
 def _skinned(
     task: DeformationTask,
-    prolong: Callable[[CoarseTetrahedra, RigidParts, NodeHandles], np.ndarray],
+    prolong: Callable[[CoarseTetrahedra, NodeHandles], np.ndarray],
     options: TetrahedraOptions,
 ) -> DeformationResult:
     mesh, handles = task.mesh, task.handles
     handles.require_hard("skinning")
     watch = Stopwatch()
     tetrahedra = coarse_tetrahedra(mesh, **options)
-    parts = rigid_parts(mesh, handles)
-    fixed = node_handles(tetrahedra, mesh, handles, parts)
+    fixed = node_handles(tetrahedra, mesh, handles)
     watch.end("precompute")
-    V = prolong(tetrahedra, parts, fixed)
+    V = prolong(tetrahedra, fixed)
     watch.end("solve")
     V, facts = on_targets(mesh, handles, V, nodes=len(tetrahedra.V))
     watch.end("carry")
-    return DeformationResult(
-        vertices=V,
-        iterations=1,
-        converged=None,
-        seconds=watch.seconds,
-        extra={**tetrahedra.facts(), **facts, "bones": len(parts.t)},
-    )
+    extra = {**tetrahedra.facts(), **facts, "bones": len(fixed.parts.t)}
+    return DeformationResult(V, iterations=1, converged=None, seconds=watch.seconds, extra=extra)
 
 
-def _bounded_weights(
-    tetrahedra: CoarseTetrahedra, fixed: NodeHandles, bones: int, iterations: int
-) -> np.ndarray:
+def _bounded_weights(tetrahedra: CoarseTetrahedra, fixed: NodeHandles, iterations: int) -> np.ndarray:
     """Return the weights (p, bones) of the nodes; each row adds up to 1."""
     import igl
 
+    bones = len(fixed.parts.t)
     if bones == 1:
         return np.ones((len(tetrahedra.V), 1))
     values = np.zeros((len(fixed.index), bones))

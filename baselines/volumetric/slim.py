@@ -16,15 +16,15 @@ from typing import Unpack
 
 import numpy as np
 
-from baselines.iteration import iterate, iterated
+from baselines.iteration import Plain, handle_error, iterated
 from baselines.start_motion import start_motion
 from baselines.stopwatch import Stopwatch
 from baselines.volumetric.coarse_tetrahedra import TetrahedraOptions, coarse_tetrahedra
-from baselines.volumetric.node_handles import handle_error, node_handles, rigid_parts
+from baselines.volumetric.node_handles import node_handles
 from sshade.errors import InputError
 from sshade.options import Start
 from sshade.progress import Progress, silent
-from sshade.solver.run import Stop
+from sshade.solver.run import Stop, run
 from sshade.task import DeformationResult, DeformationTask
 
 
@@ -83,7 +83,7 @@ def slim(
     R, t = start_motion(task, start)
     watch = Stopwatch()
     tetrahedra = coarse_tetrahedra(mesh, **options)
-    fixed = node_handles(tetrahedra, mesh, handles, rigid_parts(mesh, handles))
+    fixed = node_handles(tetrahedra, mesh, handles)
     # libigl weights by volumes and adds its penalty for each node: solve around the origin in unit size.
     centre, scale = mesh.V.mean(axis=0), mesh.diagonal
     rest = (tetrahedra.V - centre) / scale
@@ -103,8 +103,8 @@ def slim(
     def advance(_: np.ndarray, out: np.ndarray) -> None:
         out[:] = igl.slim_solve(data, 1)
 
-    stop = Stop(tolerance, max_iterations)
-    done = iterate(advance, u, stop, diagonal=1.0, progress=progress)
+    state = Plain(advance, u, diagonal=1.0)
+    done = run(state, Stop(tolerance, max_iterations), progress=progress)
     watch.end("solve")
     nodes = u * scale + centre
     V = tetrahedra.carry @ nodes

@@ -15,14 +15,14 @@ from typing import Unpack
 import numpy as np
 
 from baselines.arap import libigl_iteration
-from baselines.iteration import iterate, iterated
+from baselines.iteration import Plain, iterated
 from baselines.start_motion import start_motion
 from baselines.stopwatch import Stopwatch
 from baselines.volumetric.coarse_tetrahedra import TetrahedraOptions, coarse_tetrahedra
-from baselines.volumetric.node_handles import node_handles, on_targets, rigid_parts
+from baselines.volumetric.node_handles import node_handles, on_targets
 from sshade.options import Start
 from sshade.progress import Progress, silent
-from sshade.solver.run import Stop
+from sshade.solver.run import Stop, run
 from sshade.task import DeformationResult, DeformationTask
 
 
@@ -71,14 +71,14 @@ def tetrahedral_arap(
     R, t = start_motion(task, start)
     watch = Stopwatch()
     tetrahedra = coarse_tetrahedra(mesh, **options)
-    fixed = node_handles(tetrahedra, mesh, handles, rigid_parts(mesh, handles))
+    fixed = node_handles(tetrahedra, mesh, handles)
     index = fixed.index.astype(np.int32)
     advance = libigl_iteration(tetrahedra.V, tetrahedra.T, index, fixed.target, energy="elements")
     watch.end("precompute")
     u = tetrahedra.V @ R.T + t
     u[fixed.index] = fixed.target
-    stop = Stop(tolerance, max_iterations)
-    done = iterate(advance, u, stop, diagonal=mesh.diagonal, progress=progress)
+    state = Plain(advance, u, diagonal=mesh.diagonal)
+    done = run(state, Stop(tolerance, max_iterations), progress=progress)
     watch.end("solve")
     V, facts = on_targets(mesh, handles, tetrahedra.carry @ u, nodes=len(u))
     watch.end("carry")

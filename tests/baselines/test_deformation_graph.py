@@ -38,7 +38,7 @@ def test_nodes_are_connected_where_their_regions_touch(name):
     _, fronts = sampled(mesh, 40)
     region = fronts.cell
     touching = {tuple(sorted((region[i], region[j]))) for i, j in mesh.edges if region[i] != region[j]}
-    edges = node_graph(mesh, fronts).edges
+    edges = node_graph(mesh, fronts)
     found = [tuple(edge) for edge in edges.tolist()]
     assert found == sorted(set(found)) and all(i < j for i, j in found)
     assert touching <= set(found)
@@ -52,21 +52,21 @@ def test_nodes_are_connected_where_their_regions_touch(name):
 def test_a_chain_of_nodes_gets_edges_until_every_rotation_is_determined():
     mesh = jittered(strip(60, 1), 0.05)
     _, fronts = sampled(mesh, 12)
-    coarse = node_graph(mesh, fronts)
+    P, edges = mesh.V[fronts.samples], node_graph(mesh, fronts)
     touching = {frozenset(pair) for pair in fronts.cell[mesh.edges].tolist() if pair[0] != pair[1]}
     assert any(sum(i in pair for pair in touching) < FEWEST_NEIGHBOURS for i in range(12))
-    for i, star in enumerate(neighbours_of(coarse.edges, 12)):
+    for i, star in enumerate(neighbours_of(edges, 12)):
         assert len(star) >= FEWEST_NEIGHBOURS
-        singular = np.linalg.svd(coarse.P[sorted(star)] - coarse.P[i], compute_uv=False)
+        singular = np.linalg.svd(P[sorted(star)] - P[i], compute_uv=False)
         assert singular[1] ** 2 > 1e-6 * singular[0] ** 2
 
 
 def test_nodes_on_one_line_take_all_others_and_give_up():
     mesh = strip(20, 1)
     _, fronts = sampled(mesh, 5, first=(0, 8, 16, 24, 32))  # all on one side of the strip
-    coarse = node_graph(mesh, fronts)
-    assert np.ptp(coarse.P[:, 1]) == 0
-    assert len(coarse.edges) == 5 * 4 / 2
+    edges = node_graph(mesh, fronts)
+    assert np.ptp(mesh.V[fronts.samples, 1]) == 0
+    assert len(edges) == 5 * 4 / 2
 
 
 @pytest.mark.parametrize("name", family())
@@ -74,7 +74,7 @@ def test_nodes_on_one_line_take_all_others_and_give_up():
 def test_binding_equals_plain_loops(name, blended):
     mesh = family()[name]
     graph, fronts = sampled(mesh, 30)
-    edges = node_graph(mesh, fronts).edges
+    edges = node_graph(mesh, fronts)
     bound = bind_to_nodes(graph, fronts, edges=edges, blended=blended)
     star = neighbours_of(edges, 30)
     i, j = mesh.edges.T
@@ -91,16 +91,16 @@ def test_binding_equals_plain_loops(name, blended):
         d_max = distance[v, order[len(used)]]
         phi = (1 - distance[v, used] / d_max) ** 2
         phi = phi / phi.sum() if phi.sum() > 0 else np.full(len(used), 1 / len(used))
-        assert bound.node[v].tolist()[: len(used)] == used
-        assert (bound.node[v, len(used) :] == -1).all() and (bound.weight[v, len(used) :] == 0).all()
-        np.testing.assert_allclose(bound.weight[v, : len(used)], phi, atol=1e-12)
+        own = slice(*bound.indptr[v : v + 2])
+        assert bound.indices[own].tolist() == used
+        np.testing.assert_allclose(bound.data[own], phi, atol=1e-12)
 
 
 def test_nodes_equally_far_count_the_same():
     mesh = strip(2, 2)  # the centre is one or sqrt(2) edges from the others
     graph, fronts = sampled(mesh, 4, first=(1, 3, 5, 7))
-    bound = bind_to_nodes(graph, fronts, edges=node_graph(mesh, fronts).edges, blended=3)
-    np.testing.assert_allclose(bound.weight[4], 1 / 3)
+    bound = bind_to_nodes(graph, fronts, edges=node_graph(mesh, fronts), blended=3)
+    np.testing.assert_allclose(bound.data[slice(*bound.indptr[4:6])], np.full(3, 1 / 3))
 
 
 def test_a_single_node_carries_everything():
@@ -114,9 +114,9 @@ def reference(task, *, nodes, iterations):
     """Local/global with dense matrices and LAPACK's SVD on the graph; the blend vertex by vertex."""
     mesh, h = task.mesh, len(task.handles)
     graph, fronts = sampled(mesh, nodes, first=task.handles.index)
-    coarse = node_graph(mesh, fronts)
-    bound = bind_to_nodes(graph, fronts, edges=coarse.edges, blended=4)
-    P, star = coarse.P, [sorted(s) for s in neighbours_of(coarse.edges, nodes)]
+    edges = node_graph(mesh, fronts)
+    bound = bind_to_nodes(graph, fronts, edges=edges, blended=4)
+    P, star = mesh.V[fronts.samples], [sorted(s) for s in neighbours_of(edges, nodes)]
     L = np.zeros((nodes, nodes))
     for i, s in enumerate(star):
         L[i, i], L[i, s] = len(s), -1
@@ -136,9 +136,9 @@ def reference(task, *, nodes, iterations):
     R = rotations(q)
     V = np.zeros_like(mesh.V)
     for v in range(mesh.n):
-        for m, phi in zip(bound.node[v], bound.weight[v], strict=True):
-            if phi > 0:
-                V[v] += phi * (R[m] @ (mesh.V[v] - P[m]) + q[m])
+        for p in range(*bound.indptr[v : v + 2]):
+            m = bound.indices[p]
+            V[v] += bound.data[p] * (R[m] @ (mesh.V[v] - P[m]) + q[m])
     return V
 
 

@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation  # noqa: E402
 
 from baselines.implicit_arap import implicit_arap  # noqa: E402
 from baselines.implicit_arap.networks import (  # noqa: E402
+    Mlp,
     MotionField,
     euler_rotation,
     fourier_features,
-    sdf_network,
 )
 from baselines.implicit_arap.patches import (  # noqa: E402
     patches_at,
@@ -90,7 +90,7 @@ def test_published_networks_have_the_published_sizes():
     # Seven hidden layers of 256 with weight norm; layer 4 gets the 39 features again.
     hidden = 256 * (39 + 6 * 256 + 39 + 7 + 7)
     assert count(MotionField(**sizes)) == hidden + 6 * 257
-    assert count(sdf_network(**sizes)) == hidden + 256 + 2
+    assert count(Mlp(3, 1, last="sphere", **sizes)) == hidden + 256 + 2
 
 
 # Distances

@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from baselines.iteration import iterate
-from sshade.progress import silent
-from sshade.solver.run import REPORT_EVERY, Stop
+from baselines.iteration import Plain
+from sshade.solver.run import REPORT_EVERY, Stop, run
 
 
 def iterated(advance, u, **changes):
     stop = Stop(changes.pop("tolerance", 1e-3), changes.pop("max_iterations", 50))
-    return iterate(advance, u, stop, **{"diagonal": 2.0, "progress": silent} | changes).residual_curve
+    return run(Plain(advance, u, diagonal=2.0), stop, **changes).residual_curve
 
 
 def halve(u, out):

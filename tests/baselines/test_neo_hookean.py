@@ -6,7 +6,7 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from baselines.volumetric.coarse_tetrahedra import coarse_tetrahedra
-from baselines.volumetric.neo_hookean import Elasticity, _energies, lame, newton
+from baselines.volumetric.neo_hookean import Elasticity, _simkit, lame, newton
 from tests.shapes import bent, bumpy, held_ends
 
 
@@ -17,7 +17,7 @@ def elasticity():
     made = coarse_tetrahedra(mesh, samples=10**6, edge=0.3)
     carry = made.carry[held_ends(mesh).handles.index]
     problem = Elasticity(
-        made, carry, _energies(), centre=np.zeros(3), scale=mesh.diagonal, poisson=0.4, weight=100.0
+        made, carry, _simkit(), centre=np.zeros(3), scale=mesh.diagonal, poisson=0.4, weight=100.0
     )
     return problem, made.V / mesh.diagonal
 

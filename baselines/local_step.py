@@ -1,0 +1,71 @@
+"""The local step of ARAP on any graph or mesh, and the blending of the rigid motions of nodes."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from sshade.solver.rotations import fit_rotations
+from sshade.solver.terms.arap import Edges, Elements, covariances, forces
+
+
+def spokes(V: np.ndarray, edges: np.ndarray, weights: np.ndarray) -> Edges:
+    """Return the elements of the spokes energy.
+
+    Parameters
+    ----------
+    V : (n, 3) float64
+        Rest positions.
+    edges : (e, 2) int
+    weights : (e,) float64
+    """
+    i, j = edges.T
+    return Edges(edges.astype(np.uint32), (weights[:, None] * (V[i] - V[j]))[:, None], weights[:, None])
+
+
+class LocalStep:
+    """The rotations of an ARAP energy, each fitted from its last value.
+
+    Parameters
+    ----------
+    elements : Edges or Triangles
+    n : int
+        Number of vertices.
+
+    Attributes
+    ----------
+    R : (n, 9) float64
+        The rotations; each call overwrites them.
+    """
+
+    def __init__(self, elements: Elements, n: int) -> None:
+        self._elements = elements
+        self._Q, self.R, self._B = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), np.empty((n, 9)), np.empty((n, 3))
+
+    def rotations(self, u: np.ndarray) -> np.ndarray:
+        """Fit the rotations to positions u (n, 3) and return them."""
+        covariances(self._elements, u, self.R, 0, len(u))
+        fit_rotations(self.R, self._Q)
+        return self.R
+
+    def forces(self, u: np.ndarray) -> np.ndarray:
+        """Fit the rotations, and return the forces (n, 3) of :func:`sshade.solver.terms.arap.forces`."""
+        forces(self._elements, u, self.rotations(u), self._B, 0, len(u))
+        return self._B
+
+
+def blend(phi: csr_array, V: np.ndarray, *, rest: np.ndarray, nodes: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """Move each vertex v to ``sum_m phi_m (R_m (v - p_m) + q_m)``.
+
+    Parameters
+    ----------
+    phi : (n, p) sparse float64
+        Each row adds up to 1.
+    V : (n, 3) float64
+    rest, nodes : (p, 3) float64
+        Positions p of the nodes at rest, and q deformed.
+    R : (p, 9) float64
+        Rotations of the nodes.
+    """
+    shifts = nodes - np.einsum("pij,pj->pi", R.reshape(-1, 3, 3), rest)
+    return np.einsum("vij,vj->vi", (phi @ R).reshape(-1, 3, 3), V) + phi @ shifts
