@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -14,14 +14,6 @@ from sshade.io.regions import rigidly_moved, vertices_in
 from sshade.mesh.adjacency import edge_graph
 
 STATIC, DYNAMIC, UNUSED = "static", "dynamic", "unused"
-
-
-class Displacement(NamedTuple):
-    """Sum over the handles (the paper's Delta), mean, and the resulting kind of the landmark."""
-
-    delta: float
-    delta_mean: float
-    kind: str
 
 
 def nearest_vertices(mesh: Mesh, vertex: int, *, count: int) -> np.ndarray:
@@ -94,8 +86,8 @@ def choose_handles(
 
 def displacement(
     source: np.ndarray, target: np.ndarray, *, diagonal: float, static_below: float
-) -> Displacement:
-    """Compute Delta_l, the sum over H_l of |v - pi(v)|, its mean, and the kind of the landmark.
+) -> dict[str, Any]:
+    """Compute the kind of a landmark, Delta_l = sum over H_l of |v - pi(v)| (``delta``), and ``delta_mean``.
 
     Parameters
     ----------
@@ -109,7 +101,8 @@ def displacement(
     """
     moved = np.linalg.norm(target - source, axis=1)
     mean = float(moved.mean())
-    return Displacement(float(moved.sum()), mean, STATIC if mean < static_below * diagonal else DYNAMIC)
+    kind = STATIC if mean < static_below * diagonal else DYNAMIC
+    return {"kind": kind, "delta": float(moved.sum()), "delta_mean": mean}
 
 
 def handle_records(
@@ -145,8 +138,8 @@ def handle_records(
     """
 
     def facts(landmark: str, source: np.ndarray, target: np.ndarray) -> dict[str, Any]:
-        d = displacement(source, target, diagonal=rest.diagonal, static_below=static_below)
-        return {"landmark": landmark, "kind": d.kind, "delta": d.delta, "delta_mean": d.delta_mean}
+        measured = displacement(source, target, diagonal=rest.diagonal, static_below=static_below)
+        return {"landmark": landmark} | measured
 
     records = {name: _unused(name) for name in regions}
     for region in pose.regions:
@@ -167,5 +160,5 @@ def handle_records(
 
 
 def _unused(landmark: str) -> dict[str, Any]:
-    facts = {"landmark": landmark, "kind": UNUSED, "delta": None, "delta_mean": None}
-    return facts | {"source": [], "target": []}
+    no_motion = {"kind": UNUSED, "delta": None, "delta_mean": None}
+    return {"landmark": landmark} | no_motion | {"source": [], "target": []}

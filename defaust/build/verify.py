@@ -112,10 +112,6 @@ def _read_listed(path: Path, entry: dict[str, Any], *, facts: dict[str, Any]) ->
     loops, components = facts.get("boundary_loops", 0), facts.get("components", 1)
     if facts.get("oriented_manifold", True):
         mesh.require_manifold()
-    if components == 1:
-        mesh.require_one_component()
-    if not loops and not mesh.is_closed:
-        raise InputError(f"not closed: {len(mesh.boundary_edges)} boundary edges")
     for counted, found, listed in (
         ("vertices", mesh.n, entry.get("vertices")),
         ("faces", mesh.m, entry.get("faces")),
@@ -131,7 +127,7 @@ def _check_handles(
     path: Path, document: dict[str, Any], *, rest: Mesh, posed: Mesh | None, high: Mesh
 ) -> None:
     """Raise InputError at the first fault in the handles of a pose."""
-    handles = read_record(path, POSE)["handles"]
+    handles, build = read_record(path, POSE)["handles"], document["build"]
     if [h["landmark"] for h in handles] != document["landmarks"]:
         raise InputError("its landmarks differ from those of the dataset")
     vertex = {tuple(p): i for i, p in enumerate(rest.V.tolist())}
@@ -143,23 +139,20 @@ def _check_handles(
                 target = rigidly_moved(rest.V[index], handle["rotation"], handle["translation"])
                 _take(vertices_in(high.V, handle["boxes"]), taken_high)
             else:
-                index, target = _positions(handle, document["build"], vertex=vertex)
+                index, target = _positions(handle, build, vertex=vertex)
             _take(index, taken)
             if len(index):
                 if posed is not None and not np.array_equal(posed.V[index], target):
                     raise InputError("a target is not its vertex of the registered pose")
-                d = displacement(
-                    rest.V[index],
-                    target,
-                    diagonal=rest.diagonal,
-                    static_below=document["build"]["static_below"],
+                found = displacement(
+                    rest.V[index], target, diagonal=rest.diagonal, static_below=build["static_below"]
                 )
-                for name, found in (("delta", d.delta), ("delta_mean", d.delta_mean)):
+                for name in ("delta", "delta_mean"):
                     listed = handle[name]
-                    if listed is None or abs(found - listed) > SAME * rest.diagonal * len(index):
-                        raise InputError(f"{name} is {listed}, and {found} when recomputed")
-                if d.kind != handle["kind"]:
-                    raise InputError(f"is listed as {handle['kind']}, and {d.kind} when recomputed")
+                    if listed is None or abs(found[name] - listed) > SAME * rest.diagonal * len(index):
+                        raise InputError(f"{name} is {listed}, and {found[name]} when recomputed")
+                if found["kind"] != handle["kind"]:
+                    raise InputError(f"is listed as {handle['kind']}, and {found['kind']} when recomputed")
         except InputError as error:
             raise InputError(f"landmark {handle['landmark']}: {error}") from error
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from importlib import resources
 from typing import Any
 
@@ -31,30 +31,27 @@ def render_card(document: dict[str, Any]) -> str:
         key: text.format(**facts) for key, text in phrases["regions" if regions else "landmarks"].items()
     }
     resolution = "registered" if not upsampled else "generated" if "formulas" in source else "upsampled"
-    head = ("subject", "pose", "name", "static landmarks", "dynamic landmarks")
     rows = [
-        [subject["subject"], *(pose[key] for key in ("pose", "name", "static", "dynamic"))]
+        {"subject": subject["subject"], "pose": pose["pose"], "name": pose["name"]}
+        | {f"{kind} landmarks": pose[kind] for kind in ("static", "dynamic")}
         for subject in subjects
         for pose in subject["poses"]
     ]
-    return (
-        data.joinpath("card.md")
-        .read_text(encoding="utf-8")
-        .format(
-            source=source,
-            build=build,
-            first=subjects[0],
-            n_subjects=len(subjects),
-            n_poses=len(rows),
-            subjects=subject_names(document),
-            files=_read_from(len(source.get("files", {}))),
-            resolution=phrases["resolution"][resolution].format(**build),
-            **texts,
-            tools=", ".join(f"{name} {version}" for name, version in document["tools"].items()),
-            facts=_facts(subjects),
-            poses=_table(head, rows),
-            limits="\n".join(f"- {limit}" for limit in _limits(document)),
-        )
+    template = data.joinpath("card.md").read_text(encoding="utf-8")
+    return template.format(
+        source=source,
+        build=build,
+        first=subjects[0],
+        n_subjects=len(subjects),
+        n_poses=len(rows),
+        subjects=subject_names(document),
+        files=_read_from(len(source.get("files", {}))),
+        resolution=phrases["resolution"][resolution].format(**build),
+        **texts,
+        tools=", ".join(f"{name} {version}" for name, version in document["tools"].items()),
+        facts=_facts(subjects),
+        poses=_table(rows),
+        limits="\n".join(f"- {limit}" for limit in _limits(document)),
     )
 
 
@@ -97,33 +94,24 @@ def _limits(document: dict[str, Any]) -> list[str]:
 
 
 def _facts(subjects: Sequence[dict[str, Any]]) -> str:
-    head = (
-        "subject",
-        "vertices",
-        "faces",
-        "LS3 steps",
-        "volume",
-        "area",
-        "self-intersecting",
-        "low vertices",
-    )
-    rows = [
-        [
-            subject["subject"],
-            f"{high['vertices']:,}",
-            f"{high['faces']:,}",
-            high["ls3_steps"],
-            "-" if high["volume"] is None else f"{high['volume']:.4g}",
-            f"{high['area']:.4g}",
-            high["self_intersecting_faces"],
-            f"{subject['low']['vertices']:,}",
-        ]
+    return _table(
+        {
+            "subject": subject["subject"],
+            "vertices": f"{high['vertices']:,}",
+            "faces": f"{high['faces']:,}",
+            "LS3 steps": high["ls3_steps"],
+            "volume": "-" if high["volume"] is None else f"{high['volume']:.4g}",
+            "area": f"{high['area']:.4g}",
+            "self-intersecting": high["self_intersecting_faces"],
+            "low vertices": f"{subject['low']['vertices']:,}",
+        }
         for subject in subjects
         for high in (subject["high"],)
-    ]
-    return _table(head, rows)
+    )
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
+def _table(rows: Iterable[dict[str, Any]]) -> str:
+    """Markdown of a table with at least one row; the keys are the head."""
+    rows = list(rows)
+    lines = [rows[0], ["---"] * len(rows[0]), *(row.values() for row in rows)]
     return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)

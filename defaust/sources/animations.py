@@ -35,11 +35,6 @@ class Counts(NamedTuple):
     vertices: int
     triangles: int
 
-    @property
-    def size(self) -> int:
-        """Size of the whole file in bytes."""
-        return _COUNTS + _TRIPLE * (self.frames * self.vertices + self.triangles)
-
 
 def read_counts(path: Path) -> Counts:
     """Read the counts of a file, and check the size of the file against them.
@@ -51,17 +46,17 @@ def read_counts(path: Path) -> Counts:
     """
     try:
         size = path.stat().st_size
-        with path.open("rb") as file:
-            counts = Counts(*np.frombuffer(file.read(_COUNTS), dtype="<i4").tolist())
-    except (OSError, ValueError, TypeError) as error:
+        counts = Counts(*np.fromfile(path, dtype="<i4", count=3).tolist())
+    except (OSError, TypeError) as error:
         raise InputError(f"{path}: not readable as {SUFFIX} ({' '.join(str(error).split())})") from error
     if min(counts) < 1:
         found = f"{counts.frames} frames, {counts.vertices} vertices and {counts.triangles} triangles"
         raise InputError(f"{path}: not a {SUFFIX} file, it would have {found}")
-    if size != counts.size:
+    expected = _COUNTS + _TRIPLE * (counts.frames * counts.vertices + counts.triangles)
+    if size != expected:
         raise InputError(
             f"{path}: has {size:,} bytes, but {counts.frames:,} frames of {counts.vertices:,} vertices with "
-            f"{counts.triangles:,} triangles take {counts.size:,}; it is cut off, or not a {SUFFIX} file"
+            f"{counts.triangles:,} triangles take {expected:,}; it is cut off, or not a {SUFFIX} file"
         )
     return counts
 

@@ -119,8 +119,9 @@ class Faust(OneTemplate):
         missing = [f"tr_reg_{k:03d}" for of in numbers.values() for k in of if k not in self._files]
         if missing:
             complete = [s for s, of in numbers.items() if self._files.keys() >= set(of)]
+            folder = self._files[min(self._files)].parent
             raise InputError(
-                f"{self._folder} lacks {shortened(missing)}; poses {shortened(poses)} are complete for "
+                f"{folder} lacks {shortened(missing)}; poses {shortened(poses)} are complete for "
                 f"the subjects [{','.join(map(str, complete))}]"
             )
         paths = [self._files[k] for of in numbers.values() for k in sorted(of)]
@@ -133,27 +134,27 @@ class Faust(OneTemplate):
         )
 
     def rest(self, subject: int) -> Mesh:
-        """Rest mesh, checked: closed, manifold, one component."""
-        return self._read(10 * subject + self.rest_pose, whole=True)
+        """Rest mesh."""
+        return self._read(10 * subject + self.rest_pose)
 
     def posed(self, subject: int, pose: SourcePose) -> Mesh:
         """Registered mesh in a target pose."""
         return self._read(10 * subject + int(pose.name.split("_", 1)[0]))
 
-    def _read(self, number: int, *, whole: bool = False) -> Mesh:
+    def _read(self, number: int) -> Mesh:
+        """Registration, checked: closed, manifold, one component, with the faces of the first one."""
         file = Shape(f"tr_reg_{number:03d}", self._files[number])
         V, F = file.arrays()
         first = min(self._files)
         with file.named():
             mesh = Mesh(V, F)
-            if whole:
-                mesh.require_manifold()
-                mesh.require_one_component()
+            mesh.require_manifold()
+            mesh.require_one_component()
             if (mesh.n, mesh.m) != (VERTICES, FACES):
                 raise InputError(
                     f"{mesh.n} vertices and {mesh.m} faces, but the registrations have {VERTICES} and {FACES}"
                 )
-            if whole and not mesh.is_closed:
+            if not mesh.is_closed:
                 raise InputError(f"{len(mesh.boundary_edges)} boundary edges; it must be closed")
             if number != first and not np.array_equal(mesh.F, self._faces):
                 raise InputError(
@@ -163,29 +164,22 @@ class Faust(OneTemplate):
         return mesh
 
     @cached_property
-    def _folder(self) -> Path:
+    def _files(self) -> dict[int, Path]:
+        """File of each registration by its number."""
         root = existing(self.root, option="source.root=MPI-FAUST")
         if root.is_file():
             raise InputError(f"{root} is a file; give a folder")
-        for inside in INSIDE:
-            if (root / inside).is_dir() and _registrations(root / inside):
-                return root / inside
+        for folder in (root / inside for inside in INSIDE):
+            files = mesh_files(folder, MESH_SUFFIXES) if folder.is_dir() else {}
+            names = [name for name in sorted(files) if re.fullmatch(r"tr_reg_0\d\d", name)]
+            if names:
+                return {int(name[-3:]): files[name] for name in names}
         raise InputError(
             f"{root} holds no registrations (tr_reg_NNN.ply, .off or .obj); set source.root to the folder "
             "MPI-FAUST, or to the training/registrations inside it"
         )
 
     @cached_property
-    def _files(self) -> dict[int, Path]:
-        return _registrations(self._folder)
-
-    @cached_property
     def _faces(self) -> np.ndarray:
         """Faces of the first registration, which all registrations share."""
         return self._read(min(self._files)).F
-
-
-def _registrations(folder: Path) -> dict[int, Path]:
-    """File of each registration by its number."""
-    files = mesh_files(folder, MESH_SUFFIXES)
-    return {int(name[-3:]): files[name] for name in sorted(files) if re.fullmatch(r"tr_reg_0\d\d", name)}

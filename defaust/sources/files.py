@@ -85,12 +85,9 @@ class Shape:
 
 def mesh_files(folder: Path, suffixes: Sequence[str] = SUFFIXES) -> dict[str, Path]:
     """Find the meshes in a folder by name without suffix; earlier `suffixes` take precedence."""
-    found: dict[str, Path] = {}
-    for suffix in reversed(suffixes):
-        for path in folder.iterdir():
-            if path.suffix.lower() == suffix and path.is_file() and not path.name.startswith("."):
-                found[path.stem] = path
-    return found
+    paths = [path for path in folder.iterdir() if path.suffix.lower() in suffixes and path.name[0] != "."]
+    paths.sort(key=lambda path: suffixes.index(path.suffix.lower()), reverse=True)
+    return {path.stem: path for path in paths if path.is_file()}
 
 
 def find_shapes(root: Path, *, layout: str) -> tuple[Classes, dict[str, str]]:

@@ -99,14 +99,21 @@ class Scans(Source):
         )
 
     def rest(self, subject: int) -> Mesh:
-        """The scan."""
+        """The scan; a file of the user must hold the mesh that the regions were chosen on."""
         name = NAMES[subject]
         if name in SHIPPED:
             return shipped(name)
         file = self._file(name)
         if file is None:
             raise InputError(f"{self.root}: no longer holds {name}.ply")
-        return _recognised(file, name)
+        mesh, wanted = read_mesh(file), SCANS[name]["identity"]
+        if identity(mesh) != wanted:
+            raise InputError(
+                f"{file}: has {mesh.n:,} vertices and is not the {name} with {wanted['vertices']:,} vertices "
+                "of https://github.com/odedstein/meshes; use that file, neither rotated nor renumbered, "
+                "because the regions fit no other mesh"
+            )
+        return mesh
 
     def posed(self, subject: int, pose: SourcePose) -> None:
         """None: only the regions are known."""
@@ -177,18 +184,6 @@ def identity(mesh: Mesh) -> dict[str, Any]:
         "faces_sha256": hashlib.sha256(mesh.F.astype("<i8").tobytes()).hexdigest(),
         "extremes": [*low.tolist(), *high.tolist()],
     }
-
-
-def _recognised(file: Path, name: str) -> Mesh:
-    """Read a file and check that it holds the mesh that the regions were chosen on."""
-    mesh, wanted = read_mesh(file), SCANS[name]["identity"]
-    if identity(mesh) != wanted:
-        raise InputError(
-            f"{file}: has {mesh.n:,} vertices and is not the {name} with {wanted['vertices']:,} vertices of "
-            "https://github.com/odedstein/meshes; use that file, neither rotated nor renumbered, because the "
-            "regions fit no other mesh"
-        )
-    return mesh
 
 
 def _regions(regions: Mapping[str, Any], pose: Mapping[str, Any], V: np.ndarray) -> tuple[Region, ...]:

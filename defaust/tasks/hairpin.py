@@ -34,9 +34,8 @@ def hairpin_task(*, gap: float = 0.02, angle: float = 40.0, around: int = 60) ->
     """
     mesh = hairpin(gap=gap, around=around)
     x, _, z = mesh.V.T
-    ends = [
-        np.flatnonzero((z < 1.5) & (np.sign(x) == side)) for side in (-1, 1)
-    ]  # slightly more than the round ends
+    # Slightly more than the round ends.
+    ends = [np.flatnonzero((z < 1.5) & (np.sign(x) == side)) for side in (-1, 1)]
     index = np.concatenate([end[np.linspace(0, len(end) - 1, HANDLES).astype(int)] for end in ends])
     dynamic = x[index] > 0
     centre = np.array([0.0, 0.0, 1.0 + SIDE_BY_SIDE + PARTING])

@@ -48,7 +48,16 @@ def list_tasks(
     InputError
         When the folder is not a dataset, or lacks a requested subject or pose.
     """
-    return _tasks(read_dataset(root), root, subjects=subjects, poses=poses)
+    subjects_of = read_dataset(root)["subjects"]
+    tasks = [TaskId(s["subject"], p["pose"]) for s in subjects_of for p in s["poses"]]
+    for kind, wanted in (("subject", subjects), ("pose", poses)):
+        if wanted is not None:
+            known = {getattr(task, kind) for task in tasks}
+            for number in wanted:
+                if number not in known:
+                    raise InputError(f"{root} has no {kind} {number}; it has {sorted(known)}")
+            tasks = [task for task in tasks if getattr(task, kind) in wanted]
+    return tasks
 
 
 def load_task(
@@ -114,7 +123,7 @@ def load_task(
     if resolution not in RESOLUTIONS:
         raise InputError(f"resolution {resolution!r} is unknown; use one of {', '.join(RESOLUTIONS)}")
     document = read_dataset(root)
-    _tasks(document, root, subjects=[subject], poses=[pose])
+    list_tasks(root, subjects=[subject], poses=[pose])
     built_from = document["source"]["name"]
     if source not in (None, built_from):
         raise InputError(f"{root} was built with source={built_from}, not source={source}")
@@ -186,24 +195,6 @@ def load_task(
             "raw": raw,
         },
     )
-
-
-def _tasks(
-    document: dict[str, Any],
-    root: str | os.PathLike[str],
-    *,
-    subjects: Sequence[int] | None,
-    poses: Sequence[int] | None,
-) -> list[TaskId]:
-    tasks = [TaskId(s["subject"], p["pose"]) for s in document["subjects"] for p in s["poses"]]
-    for kind, wanted in (("subject", subjects), ("pose", poses)):
-        if wanted is not None:
-            known = {getattr(task, kind) for task in tasks}
-            for number in wanted:
-                if number not in known:
-                    raise InputError(f"{root} has no {kind} {number}; it has {sorted(known)}")
-            tasks = [task for task in tasks if getattr(task, kind) in wanted]
-    return tasks
 
 
 def _transfer(

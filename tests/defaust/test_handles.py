@@ -45,9 +45,9 @@ def test_delta_by_hand():
     source = np.zeros((3, 3))
     target = np.array([[3.0, 4.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
     d = displacement(source, target, diagonal=39.0, static_below=0.05)
-    assert (d.delta, d.delta_mean, d.kind) == (6.0, 2.0, "dynamic")  # 2 >= 0.05 * 39 = 1.95
-    assert displacement(source, target, diagonal=41.0, static_below=0.05).kind == "static"  # 2 < 2.05
-    assert displacement(source, target, diagonal=41.0, static_below=0.04).kind == "dynamic"
+    assert d == {"delta": 6.0, "delta_mean": 2.0, "kind": "dynamic"}  # 2 >= 0.05 * 39 = 1.95
+    assert displacement(source, target, diagonal=41.0, static_below=0.05)["kind"] == "static"  # 2 < 2.05
+    assert displacement(source, target, diagonal=41.0, static_below=0.04)["kind"] == "dynamic"
 
 
 def test_records_of_a_pose(sheet):
