@@ -113,8 +113,7 @@ def arap_sr(
     colour = vertex_colours(mesh)
     # Sort vertices by colour, and within a colour so that neighbours are close in memory.
     order = np.lexsort((band_position(mesh), colour))
-    position = np.empty_like(order)
-    position[order] = np.arange(mesh.n)
+    position = np.argsort(order)
     cells = Cells(Mesh(mesh.V[order], position[mesh.F]), alpha=alpha, clamp=clamp, colour=colour[order])
     linear = Factorised(cells.laplacian, position[handles.index])
     watch.end("precompute")

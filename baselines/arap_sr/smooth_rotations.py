@@ -90,9 +90,7 @@ def _symmetric(mesh: Mesh, values: np.ndarray, *, edges: np.ndarray):
 def band_position(mesh: Mesh) -> np.ndarray:
     """Return the place (n,) of each vertex in an order that keeps neighbours close in memory."""
     adjacency = _symmetric(mesh, np.ones(len(mesh.edges)), edges=mesh.edges)
-    position = np.empty(mesh.n, dtype=np.int64)
-    position[reverse_cuthill_mckee(adjacency, symmetric_mode=True)] = np.arange(mesh.n)
-    return position
+    return np.argsort(reverse_cuthill_mckee(adjacency, symmetric_mode=True))
 
 
 @njit(cache=True, nogil=True)

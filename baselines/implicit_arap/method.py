@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -126,7 +125,7 @@ def implicit_arap(
             f"networks have {min(layers, sdf_layers)} layers and patches {patch_points} points; use at least "
             "two layers and three points"
         )
-    plan = Plan(**{field.name: options[field.name] for field in fields(Plan)})
+    plan = Plan(**{name: options[name] for name in Plan._fields})
     place = torch.device(("cuda" if torch.cuda.is_available() else "cpu") if device == "auto" else device)
     draws, weights = torch.Generator(place).manual_seed(seed), torch.Generator().manual_seed(seed)
     mesh, handles = task.mesh, task.handles

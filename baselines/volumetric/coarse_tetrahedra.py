@@ -15,12 +15,11 @@ import logging
 import signal
 import subprocess
 import sys
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
-from typing import TypedDict
+from typing import NamedTuple, TypedDict
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
@@ -92,8 +91,7 @@ class TetrahedraOptions(TypedDict, total=False):
     envelope: float
 
 
-@dataclass(frozen=True, eq=False)
-class CoarseTetrahedra:
+class CoarseTetrahedra(NamedTuple):
     """Tetrahedra that fill a mesh.
 
     Attributes

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +23,7 @@ TRIAL_HANDLES = 12
 TRIALS = 16
 
 
-@dataclass(frozen=True, eq=False)
-class RigidParts:
+class RigidParts(NamedTuple):
     """Handles, grouped by rigid motion.
 
     Attributes
@@ -98,8 +97,7 @@ def _largest_motion(
     return (motion, best) if best.sum() >= near else (whole, everything)
 
 
-@dataclass(frozen=True, eq=False)
-class NodeHandles:
+class NodeHandles(NamedTuple):
     """Nodes of the volume whose positions the handles of the surface determine.
 
     Attributes

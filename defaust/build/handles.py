@@ -107,12 +107,12 @@ def displacement(
 
 def handle_records(
     rest: Mesh,
-    posed: np.ndarray | None,
+    posed: Mesh | None,
     pose: SourcePose,
     *,
     regions: Sequence[str],
     chosen: Mapping[str, np.ndarray],
-    static_below: float,
+    options: BuildOptions,
 ) -> list[dict[str, Any]]:
     """Make the entries of a pose file: landmarks that are regions, then landmarks with handles.
 
@@ -120,16 +120,16 @@ def handle_records(
     ----------
     rest : Mesh
         Registered rest mesh, on which displacements are measured.
-    posed : (n, 3) float64, optional
-        Vertices of the registered target pose; None if only its regions are known.
+    posed : Mesh, optional
+        Registered target pose; None if only its regions are known.
     pose : SourcePose
         Its landmarks have handles; other landmarks are listed as unused.
     regions : sequence of str
         Landmarks that are regions, in the order of their ids.
     chosen : mapping
         Handles of the other landmarks; see :func:`choose_handles`.
-    static_below : float
-        See :func:`displacement`.
+    options : BuildOptions
+        `static_below`: see :func:`displacement`.
 
     Raises
     ------
@@ -138,8 +138,8 @@ def handle_records(
     """
 
     def facts(landmark: str, source: np.ndarray, target: np.ndarray) -> dict[str, Any]:
-        measured = displacement(source, target, diagonal=rest.diagonal, static_below=static_below)
-        return {"landmark": landmark} | measured
+        size, threshold = rest.diagonal, options.static_below
+        return {"landmark": landmark} | displacement(source, target, diagonal=size, static_below=threshold)
 
     records = {name: _unused(name) for name in regions}
     for region in pose.regions:
@@ -153,7 +153,7 @@ def handle_records(
     for name, index in chosen.items() if posed is not None else ():
         records[name] = _unused(name)
         if name in pose.landmarks:
-            source, target = rest.V[index], posed[index]
+            source, target = rest.V[index], posed.V[index]
             positions = {"source": source.tolist(), "target": target.tolist()}
             records[name] = facts(name, source, target) | positions
     return list(records.values())

@@ -92,23 +92,19 @@ def _content(
             posed = source.posed(subject, pose)
             if posed is not None and not np.array_equal(posed.F, rest.F):
                 raise InputError(f"pose {pose.name} has other faces than the rest pose")
-            handles = handle_records(
-                rest,
-                None if posed is None else posed.V,
-                pose,
-                regions=regions,
-                chosen=chosen,
-                static_below=options.static_below,
-            )
+            handles = handle_records(rest, posed, pose, regions=regions, chosen=chosen, options=options)
         except InputError as error:
             if strict:
                 raise
             left_out.append({"pose": k, "name": pose.name, "reason": str(error)})
             continue
+        measured: dict[str, Any] = {"volume": None, "registered": False}
         if posed is not None:
-            meshes[layout.pose_mesh(k)] = posed
+            meshes[layout.pose_mesh(k)], measured = posed, {"volume": _volume(posed)}
         texts[layout.pose_file(k)] = layout.dump({"source_pose": pose.name, "handles": handles}, indent=None)
-        facts.append({"pose": k, "name": pose.name} | _pose_facts(handles, posed))
+        kinds = [handle["kind"] for handle in handles]
+        counts = {kind: kinds.count(kind) for kind in (STATIC, DYNAMIC)}
+        facts.append({"pose": k, "name": pose.name} | counts | measured)
     if not facts:
         raise InputError(left_out[0]["reason"])
 
@@ -130,21 +126,11 @@ def _content(
     return meshes, texts, record
 
 
-def _pose_facts(handles: list[dict[str, Any]], posed: Mesh | None) -> dict[str, Any]:
-    kinds = [handle["kind"] for handle in handles]
-    return {
-        "static": kinds.count(STATIC),
-        "dynamic": kinds.count(DYNAMIC),
-        "volume": None if posed is None else _volume(posed),
-        **({"registered": False} if posed is None else {}),
-    }
-
-
 def _high_resolution(source: Source, rest: Mesh, *, subject: int, options: BuildOptions) -> Upsampled:
     """Generate the rest mesh at the target resolution, or upsample the registered mesh."""
     target, (least, most) = options.target_vertices, options.window
     mesh = None if target is None else source.generated(subject, vertices=target)
-    if target is None or mesh is None:
+    if mesh is None:
         return upsample(rest, options)
     if not least * target <= mesh.n <= most * target:
         raise InputError(

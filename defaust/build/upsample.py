@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,11 +16,10 @@ COUNT_BIAS = 0.97
 ATTEMPTS = 6
 
 
-@dataclass(frozen=True)
-class Upsampled:
+class Upsampled(NamedTuple):
     """A remeshed surface, and facts about the remeshing.
 
-    Parameters
+    Attributes
     ----------
     mesh : Mesh
     ls3_steps : int

@@ -111,7 +111,8 @@ def _facts(subjects: Sequence[dict[str, Any]]) -> str:
 
 
 def _table(rows: Iterable[dict[str, Any]]) -> str:
-    """Markdown of a table with at least one row; the keys are the head."""
+    """Markdown of a table; the keys of its rows are the head."""
     rows = list(rows)
-    lines = [rows[0], ["---"] * len(rows[0]), *(row.values() for row in rows)]
+    head = list(rows[0]) if rows else []
+    lines = [head, ["---"] * len(head), *(row.values() for row in rows)]
     return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)

@@ -123,14 +123,12 @@ class Source:
 def read_yaml(name: str) -> dict[str, Any]:
     """Read a YAML file of the package's folder data."""
     text = resources.files("defaust").joinpath(f"data/{name}.yaml").read_text(encoding="utf-8")
-    content: dict[str, Any] = yaml.safe_load(text)
-    return content
+    return yaml.safe_load(text)
 
 
 def provenance_texts(source: str) -> dict[str, Any]:
     """Texts of a source for the dataset card, from data/provenance.yaml."""
-    texts: dict[str, Any] = read_yaml("provenance")[source]
-    return texts
+    return read_yaml("provenance")[source]
 
 
 def read_asset(name: str, *, sha256: str) -> dict[str, np.ndarray]:

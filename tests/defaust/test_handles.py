@@ -7,7 +7,7 @@ from defaust.build.handles import choose_handles, displacement, handle_records, 
 from defaust.build.options import BuildOptions
 from defaust.sources.source import Region, SourcePose
 from defaust.sources.synthetic import SyntheticBodies
-from sshade import InputError
+from sshade import InputError, Mesh
 from tests.shapes import jittered, strip
 
 
@@ -55,7 +55,9 @@ def test_records_of_a_pose(sheet):
     posed[:, 2] += np.where(sheet.V[:, 0] > 2.5, 100.0, 0.0)
     chosen = {"still": np.array([0, 1]), "moving": np.array([134, 135]), "absent": np.array([12, 13])}
     pose = SourcePose("pose", ("still", "moving"))
-    still, moving, absent = handle_records(sheet, posed, pose, regions=(), chosen=chosen, static_below=0.05)
+    still, moving, absent = handle_records(
+        sheet, Mesh(posed, sheet.F), pose, regions=(), chosen=chosen, options=BuildOptions()
+    )
     assert (still["kind"], still["delta"]) == ("static", 0.0)
     assert (moving["kind"], moving["delta"], moving["delta_mean"]) == ("dynamic", 200.0, 100.0)
     np.testing.assert_array_equal(moving["source"], sheet.V[[134, 135]])
@@ -69,7 +71,7 @@ def test_regions_are_recorded_by_boxes_and_motion():
     box = ((-0.1, -0.1, -0.1), (0.1, 10.0, 0.1))  # five vertices
     regions = [Region("a", (box,)), Region("b", (box,), quarter, np.array([0.0, 0, 3]))]
     pose = SourcePose("pose", ("a", "b"), regions=tuple(regions))
-    fixed, moved = handle_records(sheet, None, pose, regions="ab", chosen={}, static_below=0.05)
+    fixed, moved = handle_records(sheet, None, pose, regions="ab", chosen={}, options=BuildOptions())
     assert (fixed["landmark"], fixed["kind"], fixed["delta"]) == ("a", "static", 0.0)
     assert (fixed["rotation"], fixed["translation"]) == (np.eye(3).tolist(), [0.0, 0.0, 0.0])
     assert (moved["kind"], moved["boxes"]) == ("dynamic", (box,))
