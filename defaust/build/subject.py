@@ -100,7 +100,8 @@ def _content(
             continue
         measured: dict[str, Any] = {"volume": None, "registered": False}
         if posed is not None:
-            meshes[layout.pose_mesh(k)], measured = posed, {"volume": _volume(posed)}
+            meshes[layout.pose_mesh(k)] = posed
+            measured = {"volume": _volume(posed)}
         texts[layout.pose_file(k)] = layout.dump({"source_pose": pose.name, "handles": handles}, indent=None)
         kinds = [handle["kind"] for handle in handles]
         counts = {kind: kinds.count(kind) for kind in (STATIC, DYNAMIC)}

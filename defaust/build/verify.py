@@ -113,10 +113,10 @@ def _read_listed(path: Path, entry: dict[str, Any], *, facts: dict[str, Any]) ->
     if facts.get("oriented_manifold", True):
         mesh.require_manifold()
     for counted, found, listed in (
-        ("vertices", mesh.n, entry.get("vertices")),
-        ("faces", mesh.m, entry.get("faces")),
         ("components", mesh.topology.components, components),
         ("boundary loops", mesh.topology.boundary_loops, loops),
+        ("vertices", mesh.n, entry.get("vertices")),
+        ("faces", mesh.m, entry.get("faces")),
     ):
         if found != listed:
             raise InputError(f"has {found} {counted}, not {listed}")
