@@ -2,22 +2,24 @@
 
 By default volume against stretch. Methods that are labelled by the value of a setting, such as ``fine-0.1``,
 form a curve; any other method is a point. Means are over the cases that all methods have. Tuning and held-out
-cases have separate lines of panels.
+cases have separate lines of panels. With ``--times speed``, the measures are drawn against the times of these
+rows of ``sshade-eval bench``.
 """
 
 from __future__ import annotations
 
 import argparse
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
 from eval.metrics import METRICS
-from eval.publish.plotting import FIGURES, axis_label, look, new_figure, plot_points, save, style
+from eval.publish.plotting import FIGURES, axis_label, look, name_points, new_figure, plot_points, save, style
 from eval.publish.summary import HALVES
-from eval.rows.files import ROWS_HELP, rows_file
-from eval.rows.frame import read_csv, split_label, valid
+from eval.rows.files import ROWS_HELP, TIMING, rows_file
+from eval.rows.frame import distinct, numbers, read_csv, split_label, valid
 from eval.rows.splits import TUNING, split_of
 from sshade.errors import InputError
 from sshade.figures import require_extra
@@ -25,6 +27,17 @@ from sshade.figures import require_extra
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+#: The measure of rows with times: :func:`with_times`.
+TIME = "time"
+#: Labels of axes; other measures have their names.
+LABELS = {
+    TIME: "time (s)",
+    "volume": "change of volume (%)",
+    "edge": "change of edge lengths, EL (%)",
+    "angle": "change of angles, FA (deg)",
+    "truth_distance": "distance to the true pose (%)",
+    "truth_normal": "angle to the true normals (deg)",
+}
 #: Default setting, and default measures: the first measure is the horizontal axis of all panels.
 KNOB, MEASURES = "volume", ("volume", "edge", "angle")
 
@@ -87,10 +100,43 @@ def _family(name: str, value: Any) -> str:
         return name
 
 
+def with_times(rows: pd.DataFrame, times: pd.DataFrame) -> tuple[pd.DataFrame, str]:
+    """Return the rows of timed methods, with the median time as a measure, and the machine of the times.
+
+    A method was timed if the times are of the same configuration.
+
+    Raises
+    ------
+    InputError
+        If the times come from several cases or machines, or from another version of the code than the rows.
+    """
+    for column in ("task.checksum", "env.machine", "env.machine_id"):
+        if len(distinct(times, column)) > 1:
+            raise InputError(f"the times differ in {column}, so one chart cannot show them")
+    versions = [distinct(frame, "env.version.code") for frame in (times, rows)]
+    if versions[0] != versions[1]:
+        raise InputError(f"the times are of version {versions[0]} of the code, the rows of {versions[1]}")
+    kept = times[times["kept"].eq(True)]
+    seconds = numbers(kept, "seconds.total").groupby(kept["method.hash"]).median()
+    rows = rows.assign(**{f"metric.{TIME}": rows["method.hash"].map(seconds)})
+    return rows[rows[f"metric.{TIME}"].notna()], distinct(times, "env.machine")[0]
+
+
 @style()
-def draw(points: dict[str | None, dict[str, list[Point]]], measures: tuple[str, ...] = MEASURES) -> Figure:
-    """Draw a line of panels for each half of the cases, with a panel for each measure but the first."""
+def draw(
+    points: dict[str | None, dict[str, list[Point]]],
+    measures: tuple[str, ...] = MEASURES,
+    *,
+    machine: str = "",
+) -> Figure:
+    """Draw a line of panels for each half of the cases, with a panel for each measure but the first.
+
+    A legend names curves; points have their names beside them. `machine` stands below a time.
+    """
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     first, *others = measures
+    single = []
     figure = new_figure(3.5 * len(others), 3.4 * len(points))
     lines = figure.subplots(len(points), len(others), squeeze=False)
     looks = look(dict.fromkeys(method for own in points.values() for method in own))
@@ -98,14 +144,30 @@ def draw(points: dict[str | None, dict[str, list[Point]]], measures: tuple[str, 
         for i, (name, axes) in enumerate(zip(others, panels, strict=True), start=1):
             curves = {method: [(point[0], point[i]) for point in own] for method, own in methods.items()}
             plot_points(axes, curves, looks)
-            axes.set_xlabel(axis_label(first, METRICS[first].unit))
-            axes.set_ylabel(axis_label(name, METRICS[name].unit))
-            axes.set_xlim(left=-0.02 * axes.get_xlim()[1])
-            axes.set_ylim(bottom=0)
+            axes.set(xlabel=_label(first), ylabel=_label(name))
+            axes.grid(alpha=0.3)
+            axes.set_ylim(0, 1.1 * axes.get_ylim()[1])
+            if first == TIME:
+                axes.set(xscale="log", xlabel="\n".join([_label(first), *textwrap.wrap(machine, 46)]))
+                axes.margins(x=0.15)
+                axes.xaxis.set_major_locator(LogLocator(subs=(1, 3)))
+                axes.xaxis.set_major_formatter("{x:g}")
+                axes.xaxis.set_minor_formatter(NullFormatter())
+            else:
+                axes.set_xlim(left=-0.02 * axes.get_xlim()[1])
             if len(points) > 1:
                 axes.set_title(HALVES[half])
-        panels[-1].legend()
+            if all(len(curve) == 1 for curve in curves.values()):
+                single.append((axes, curves))
+        if not single:
+            panels[-1].legend()
+    for axes, curves in single:
+        name_points(axes, curves, looks)
     return figure
+
+
+def _label(name: str) -> str:
+    return LABELS.get(name) or axis_label(name, METRICS[name].unit)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -116,21 +178,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = f"the others are drawn against the first; default: {' '.join(MEASURES)}"
     parser.add_argument("--measures", nargs="+", **measures, help=text)
     parser.add_argument("--leave-out", nargs="*", default=["identity"], metavar="METHOD", help="(identity)")
+    text = "draw all measures against the times in out/timing or results/timing, on a logarithmic axis"
+    parser.add_argument("--times", metavar="NAME", help=text)
     parser.add_argument("-o", "--out", type=Path, help="default: out/figures/<first experiment>.png")
 
 
 def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
     measures = tuple(options.measures)
-    if len(measures) < 2:
+    if len(measures) < 2 and not options.times:
         raise InputError(f"--measures needs at least two metrics, and {measures[0]} is the only one")
     require_extra("matplotlib")
     rows = pd.concat([read_csv(path) for path in options.rows], ignore_index=True)
+    machine = ""
+    if options.times:
+        rows, machine = with_times(rows, read_csv(rows_file(options.times, TIMING)))
+        measures = (TIME, *measures)
     halves = rows["task.name"].map(split_of)
     points = {
         half: front(own, knob=options.knob, measures=measures, leave_out=tuple(options.leave_out))
         for half in sorted(HALVES, key=lambda half: half != TUNING)
         if len(own := rows[halves.isna() if half is None else halves == half])
     }
-    save(draw(points, measures), options.out or FIGURES / f"{options.rows[0].stem}.png")
+    save(draw(points, measures, machine=machine), options.out or FIGURES / f"{options.rows[0].stem}.png")
     return 0

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import io
-from collections.abc import Iterable, Iterator, Mapping
+import itertools
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,6 +26,12 @@ PALETTE = (
     *("#56b4e9", "#8c6d31", "#6b6ecf", "#637939", "#7f7f7f"),
 )
 MARKERS = "osD^vPX*<>"
+
+#: Directions in which a name can stand from its point, to the right and up, and distances in points.
+SIDES = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1))
+DISTANCES = (6, 14, 24, 36, 50)
+#: Line from a name to its point.
+LINE = {"arrowstyle": "-", "color": "#999999", "linewidth": 0.5, "shrinkB": 3}
 
 #: Formats of figures, by suffix.
 SUFFIXES = (".svg", ".pdf", ".png")
@@ -83,6 +90,52 @@ def plot_points(
         x, y = zip(*own, strict=True)
         line = "-" if len(x) > 1 else "none"
         axes.plot(x, y, linestyle=line, linewidth=1.2, markersize=4, label=method, **looks[method])
+
+
+def name_points(
+    axes: Axes, points: Mapping[str, Sequence[tuple[float, float]]], looks: Mapping[str, dict[str, Any]]
+) -> None:
+    """Write the name of each method near its point, so that it covers no point and no other name.
+
+    Names without space go to a legend. Call this after everything else in the figure is drawn: the layout
+    decides where names fit.
+    """
+    from matplotlib.text import Text
+    from matplotlib.transforms import Bbox
+
+    axes.figure.draw_without_rendering()
+    inside = axes.get_window_extent()
+    left = []
+    taken = [Bbox([(x - 5, y - 5), (x + 5, y + 5)]) for x, y in _pixels(axes, points)]
+    for method, ((x, y), *_) in points.items():
+        for distance, (right, up) in itertools.product(DISTANCES, SIDES):
+            text = axes.annotate(
+                method,
+                (x, y),
+                (distance * right, distance * up),
+                textcoords="offset points",
+                ha=("right", "center", "left")[right + 1],
+                va=("top", "center", "bottom")[up + 1],
+                color=looks[method]["color"],
+                arrowprops=LINE if distance > DISTANCES[0] else None,
+                in_layout=False,
+            )
+            text.get_window_extent()  # updates the position
+            box = Text.get_window_extent(text)  # without the line
+            fits = inside.x0 <= box.x0 and box.x1 <= inside.x1 and inside.y0 <= box.y0 and box.y1 <= inside.y1
+            if fits and not any(box.overlaps(other) for other in taken):
+                break
+            text.remove()
+        else:
+            left.append(method)
+            continue
+        taken.append(box)
+    if left:
+        axes.legend([line for line in axes.lines if line.get_label() in left], left)
+
+
+def _pixels(axes: Axes, points: Mapping[str, Sequence[tuple[float, float]]]) -> np.ndarray:
+    return axes.transData.transform([own[0] for own in points.values()])
 
 
 def axis_label(name: str, unit: str) -> str:

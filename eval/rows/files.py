@@ -17,6 +17,8 @@ RUNS = Path("out/runs")
 PLANS = ".plan"
 #: Default folder of collected rows, with one CSV per experiment.
 ROWS = Path("out/rows")
+#: Folder of the rows of times: one CSV a name.
+TIMING = Path("out/timing")
 #: Folder of committed rows, tables and figures. Only `sshade-eval publish` writes there.
 PUBLISHED = Path("results")
 FOLDER_HELP = "name of an experiment in out/runs, or a folder of runs"

@@ -30,12 +30,13 @@ from __future__ import annotations
 import argparse
 import re
 
+from eval.rows.files import TIMING
 from eval.rows.frame import to_frame, write_csv
 from eval.timing.cases import read_cases, read_methods
 from eval.timing.drag import time_drags
 from eval.timing.scaling import SIZES, time_scaling
 from eval.timing.speed import time_methods
-from eval.timing.table import TIMING, require_free
+from eval.timing.table import require_free
 from eval.timing.turns import DRAG, SCALING, SPEED, WHOLE
 from eval.timing.whole import time_commands
 from sshade.errors import InputError

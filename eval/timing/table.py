@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import pandas as pd
 
 from eval.publish.markdown import markdown_lines
 from eval.publish.plotting import save
-from eval.rows.files import PUBLISHED, copy_file, rows_file, write_text
+from eval.rows.files import PUBLISHED, TIMING, copy_file, rows_file, write_text
 from eval.rows.frame import distinct, numbers, read_csv
 from eval.timing.drag import STEPS, TOLERANCE
 from eval.timing.scaling import FIT_FROM, draw_scaling, slopes
@@ -24,8 +23,6 @@ from eval.timing.turns import DRAG, SCALING, WHOLE
 from sshade.errors import InputError
 from sshade.pipeline.deformer import SETTLED
 
-#: Folder of the rows of times: one CSV a name.
-TIMING = Path("out/timing")
 #: Default method of the column "times faster".
 REFERENCE = "elastic"
 #: Columns ``env.*`` with numbers of threads.

@@ -4,7 +4,7 @@ import pytest
 from eval_rows import frame, lost, row
 
 from eval.main import call
-from eval.publish.front import front
+from eval.publish.front import draw, front, with_times
 from eval.rows.frame import write_csv
 from sshade.errors import InputError
 
@@ -73,3 +73,40 @@ def test_command_draws_rows_of_several_files(tmp_path, capsys):
     assert str(picture) in capsys.readouterr().out
     assert call("front", [*paths, "-o", str(picture), "--leave-out", "arap"]) == 0
     assert "<!-- arap -->" not in picture.read_text()
+
+
+def test_times_are_those_of_the_same_configuration_and_version():
+    rows = frame(weighted("fine"), weighted("slow", method__hash="s"), weighted("new", method__hash="n"))
+    timed = [
+        row(name, "x", method__hash=key, seconds__total=seconds, kept=kept)
+        for name, key, seconds, kept in (
+            *(("renamed", rows["method.hash"][0], seconds, True) for seconds in (1.0, 2.0, 9.0)),
+            ("slow", "s", 30.0, True),
+            ("slow", "s", 99.0, False),
+        )
+    ]
+    found, machine = with_times(rows, frame(*timed))
+    assert dict(zip(found["method.name"], found["metric.time"], strict=True)) == {"fine": 2.0, "slow": 30.0}
+    assert machine == rows["env.machine"][0]
+    with pytest.raises(InputError, match="differ in env.machine"):
+        with_times(rows, frame(*timed, timed[0] | {"env.machine": "another"}))
+    with pytest.raises(InputError, match="of version"):
+        with_times(rows, frame(*(one | {"env.version.code": "other"} for one in timed)))
+
+
+def test_names_of_points_overlap_no_point_and_no_name():
+    pytest.importorskip("matplotlib")
+    from matplotlib.text import Annotation, Text
+
+    close = {f"method_{k}": [(1.0 + 0.02 * k, 1.0)] for k in range(6)}
+    (axes,) = draw({None: close}, ("volume", "edge")).axes
+    names = [text for text in axes.texts if isinstance(text, Annotation)]
+    boxes = [Text.get_window_extent(text) for text in names]
+    assert [text.get_text() for text in names] == list(close)
+    assert not any(a.overlaps(b) for k, a in enumerate(boxes) for b in boxes[:k])
+    spots = axes.transData.transform([own[0] for own in close.values()])
+    assert not any(box.contains(*spot) for box in boxes for spot in spots)
+    many = {f"a_method_with_a_long_name_{k}": [(1.0, 1.0)] for k in range(60)}
+    (axes,) = draw({None: many}, ("volume", "edge")).axes
+    named = [text.get_text() for text in axes.texts]
+    assert sorted([*named, *(text.get_text() for text in axes.get_legend().texts)]) == sorted(many)
