@@ -2,14 +2,10 @@
 
 import re
 
-import numpy as np
 import pytest
-from PIL import Image
 
-from docs import beyond
-from docs.beyond import EXAMPLES, Example
+from docs.beyond import EXAMPLES
 from docs.pages import PAGES, ROOT, filled, filled_page
-from tests.shapes import bumpy, held_ends
 
 #: A link of a page that leads to a file of the repository or to a heading.
 LINK = re.compile(r"\]\((?!\w+://)([^)\s]+)\)")
@@ -77,17 +73,3 @@ def test_the_pictures_of_beyond_are_there_and_small():
     assert len(places) > 5 and len(set(places)) == len(places)
     assert [place for place in places if (page.parent / place).stat().st_size > 150_000] == []
     assert sorted(f"figures/beyond_{name}.png" for name in EXAMPLES) == sorted(places)
-
-
-def test_a_picture_shows_the_shapes_side_by_side(tmp_path, monkeypatch):
-    task = held_ends(bumpy(2))
-    V = task.mesh.V
-    example = Example(task, [V, 1.2 * V, V], top=10.0, handles=True)
-    monkeypatch.setattr(beyond, "EXAMPLES", {"three": lambda: example})
-    monkeypatch.setattr(beyond, "FIGURES", tmp_path)
-    beyond.draw("three")
-    pixels = np.asarray(Image.open(tmp_path / "beyond_three.png").convert("RGB")).astype(int)
-    assert pixels.shape[1] == 3 * beyond.WIDTH
-    left, middle, right = np.split(pixels, 3, axis=1)
-    assert np.abs(left - right).mean() < 1 < np.abs(left - middle).mean()
-    assert (left[..., 2] > left[..., 0] + 60).sum() > 20  # the handles

@@ -3,7 +3,6 @@
 import igl
 import numpy as np
 import pytest
-from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from baselines.ablations import (
@@ -22,8 +21,6 @@ from sshade.mesh.rigid import rigid_motion
 from sshade.pipeline.regions import HandleRegions
 from sshade.sampling.proxy import Sampling, proxy_mesh, sample_proxy
 from tests.shapes import bumpy, folded, held_ends
-
-ROUNDING = 1e-12
 
 
 @pytest.fixture(scope="module")
@@ -66,9 +63,7 @@ def test_cross_part_projections_are_those_that_land_on_the_other_layer(laid_back
     on_proxy = project_to_surface(mesh.V, proxy, result)
     far = cross_part(on_proxy, proxy, result)
     # By all shortest ways on the proxy.
-    i, j = proxy.edges.T
-    lengths = np.linalg.norm(proxy.V[i] - proxy.V[j], axis=1)
-    ways = dijkstra(coo_array((lengths, (i, j)), shape=(proxy.n, proxy.n)).tocsr(), directed=False)
+    ways = dijkstra(vertex_graph(proxy).matrix, directed=False)
     nearest = ways[result.cell[:, None], proxy.F[on_proxy.face]].min(axis=1)
     assert np.array_equal(far, nearest > FAR * result.distance.max())
     assert 50 < far.sum() < mesh.n / 2

@@ -1,9 +1,10 @@
-"""Rigid motions, soft handles and wrong options: the same promises of several baselines."""
+"""Rigid motions, collapsed faces, soft handles and wrong options: the same promises of several baselines."""
 
 import numpy as np
 import pytest
 
-from baselines.arap import libigl_arap
+from baselines.accelerated import accelerated_arap, accelerated_elastic
+from baselines.arap import arap, elastic, libigl_arap
 from baselines.arap_sr.arap_sr import arap_sr
 from baselines.deformation_fields import deformation_field
 from baselines.deformation_graph.deformation_graph import deformation_graph
@@ -13,8 +14,9 @@ from baselines.smooth_arap import smooth_arap
 from baselines.volumetric.lattice_arap import lattice_arap
 from baselines.volumetric.neo_hookean import neo_hookean
 from baselines.volumetric.skinning import bounded_biharmonic_weights
-from sshade import DeformationTask, Handles, InputError
+from sshade import DeformationTask, Handles, InputError, Mesh
 from tests.shapes import bumpy, held_ends, rotation
+from tests.sshade.pipeline.test_degenerate import check_collapsed
 
 ROUNDING = 1e-9
 #: libigl fits rotations in single precision.
@@ -78,6 +80,22 @@ def test_a_rigid_start_of_rigidly_moved_handles_is_the_answer(method, options, c
 def test_options_out_of_range_are_refused(method, options, message):
     with pytest.raises(InputError, match=message):
         called(method, held_ends(bumpy(1)), **options)
+
+
+@pytest.mark.parametrize("method", [accelerated_arap, accelerated_elastic, arap_sr, deformation_graph])
+def test_collapsed_faces_are_deformed_as_those_around_them(method):
+    flat, count = check_collapsed(method)
+    assert flat.converged and count >= 6
+
+
+@pytest.mark.parametrize("method", [arap, elastic, deformation_field])
+def test_a_triangle_without_area_is_refused(method):
+    task = held_ends(bumpy(1))
+    V = np.array(task.mesh.V)
+    face = task.mesh.F[0]
+    V[face[2]] = V[face[:2]].mean(axis=0)
+    with pytest.raises(InputError, match="1 triangles of the rest mesh have no area"):
+        method(DeformationTask("flat", Mesh(V, task.mesh.F), task.handles))
 
 
 @pytest.mark.parametrize("method", [implicit_arap, *{method: None for method, *_ in WRONG}])

@@ -5,10 +5,7 @@ import numpy as np
 import pytest
 
 from baselines.deformation_fields import deformation_field
-from sshade.errors import InputError
-from sshade.mesh.mesh import Mesh
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
-from sshade.task import DeformationTask
 from tests.shapes import bumpy, held_ends
 
 
@@ -26,12 +23,3 @@ def test_the_field_solves_its_equation(order):
     d[free] = np.linalg.solve(L[np.ix_(free, free)], -L[np.ix_(free, handles.index)] @ d[handles.index])
     result = deformation_field(task, order=order)
     assert np.abs(result.vertices - (mesh.V + d)).max() < 1e-10 * mesh.diagonal
-
-
-def test_triangles_without_area_are_refused():
-    task = held_ends(bumpy(1))
-    V = np.array(task.mesh.V)
-    face = task.mesh.F[0]
-    V[face[2]] = V[face[:2]].mean(axis=0)
-    with pytest.raises(InputError, match="1 triangles of the rest mesh have no area"):
-        deformation_field(DeformationTask("flat", Mesh(V, task.mesh.F), task.handles))

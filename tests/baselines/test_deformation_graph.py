@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from baselines.deformation_graph.deformation_graph import deformation_graph
@@ -26,10 +25,6 @@ def neighbours_of(edges, k):
         star[i].add(j)
         star[j].add(i)
     return star
-
-
-def lengths(mesh):
-    return np.linalg.norm(mesh.V[mesh.edges[:, 0]] - mesh.V[mesh.edges[:, 1]], axis=1)
 
 
 @pytest.mark.parametrize("name", family())
@@ -77,13 +72,11 @@ def test_binding_equals_plain_loops(name, blended):
     edges = node_graph(mesh, fronts)
     bound = bind_to_nodes(graph, fronts, edges=edges, blended=blended)
     star = neighbours_of(edges, 30)
-    i, j = mesh.edges.T
-    adjacency = coo_array((lengths(mesh), (i, j)), shape=(mesh.n, mesh.n)).tocsr()
     distance = np.full((mesh.n, 30), np.inf)
     for m in range(30):
         inside = np.flatnonzero(np.isin(fronts.cell, [m, *star[m]]))
         at = int(np.searchsorted(inside, fronts.samples[m]))
-        within = adjacency[inside][:, inside]
+        within = graph.matrix[inside][:, inside]
         distance[inside, m] = dijkstra(within, directed=False, indices=at)
     for v in range(mesh.n):
         order = [m for m in np.argsort(distance[v], kind="stable") if np.isfinite(distance[v, m])]

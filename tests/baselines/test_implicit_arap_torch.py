@@ -52,10 +52,6 @@ def points(count=200, seed=1):
     return 2 * torch.rand(count, 3, generator=generator(seed)) - 1
 
 
-def small_field(seed=0):
-    return MotionField(width=32, layers=3, frequencies=4, generator=generator(seed))
-
-
 def twist():
     """An icosphere with one cap held and the other turned by 40 degrees about z."""
     return held_ends(icosphere(3), share=0.1, turn=Rotation.from_euler("z", 40, degrees=True).as_matrix())

@@ -10,10 +10,7 @@ from baselines.volumetric import coarse_tetrahedra as tetrahedra_module
 from baselines.volumetric.coarse_tetrahedra import barycentric_coordinates, coarse_tetrahedra
 from baselines.volumetric.neo_hookean import neo_hookean
 from baselines.volumetric.node_handles import rigid_parts
-from baselines.volumetric.skinning import (
-    biharmonic_coordinates,
-    bounded_biharmonic_weights,
-)
+from baselines.volumetric.skinning import biharmonic_coordinates, bounded_biharmonic_weights
 from baselines.volumetric.slim import slim
 from baselines.volumetric.tetrahedral_arap import tetrahedral_arap
 from sshade.errors import InputError

@@ -6,10 +6,8 @@ import numpy as np
 
 from defaust.sources.source import read_asset
 from defaust.sources.synthetic import SHA256
-from tests.shapes import block, icosphere
 from tools.bake.__main__ import add_poses, without_reaches
 from tools.bake.morphs import AGES, BONES, BaseMesh, Shape, morph, read_base
-from tools.bake.template import fill, outer_skin, quantise_weights
 
 
 def write_target(folder, name, rows):
@@ -45,38 +43,6 @@ def test_base_mesh_is_split_along_the_shorter_diagonal(tmp_path):
     assert base.F.tolist() == [[0, 1, 3], [1, 2, 3]]
     np.testing.assert_array_equal(base.V[1], [1.0, 0, 0])
     assert base.groups["helper"].tolist() == [0, 1, 3, 4]
-
-
-def test_filled_values_are_harmonic():
-    ball = icosphere(2)
-    known = np.ones(ball.n, dtype=bool)
-    known[5:9] = False
-    values = np.where(known[:, None], ball.V, 7.0)
-    filled = fill(values, known, T=ball.V, TF=ball.F)
-    np.testing.assert_array_equal(filled[known], ball.V[known])
-    assert np.abs(filled[~known] - ball.V[~known]).max() < 0.1
-
-
-def test_pockets_of_the_head_are_no_skin():
-    # A block with a deep pit in its top.
-    solid = np.ones((5, 9, 5))
-    solid[2, 4:, 2] = 0
-    mesh = block(solid, cells=3)
-    skin = outer_skin(mesh.V, mesh.F)
-    centre = mesh.V[mesh.F].mean(axis=1) - mesh.V.min(axis=0)
-    inside = (np.abs(centre[:, [0, 2]] - 2.5) < 0.51).all(axis=1) & (centre[:, 1] > 3.5)
-    assert not skin[inside & (centre[:, 1] > 7.3) & (centre[:, 1] < 7.7)].any()
-    assert skin[~inside & (centre[:, 1] < 8.9)].all()
-
-
-def test_quantised_weights():
-    W = np.array([[0.5, 0.3, 0.1, 0.06, 0.04], [1.0, 0, 0, 0, 0], [0.2, 0.2, 0.2, 0.2, 0.2]])
-    bone, weight = quantise_weights(W)
-    assert bone.dtype == weight.dtype == np.uint8
-    assert (weight.astype(int).sum(axis=1) == 255).all()
-    assert bone[0].tolist() == [0, 1, 2, 3]
-    np.testing.assert_allclose(weight[0] / 255, W[0, :4] / 0.96, atol=1 / 255)
-    assert weight[1].tolist() == [255, 0, 0, 0]
 
 
 def test_the_shipped_poses_can_be_baked_again_from_the_shipped_bodies():

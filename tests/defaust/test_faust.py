@@ -55,14 +55,6 @@ def test_formats_and_other_files(tmp_path, copy):
 
 
 def test_poses_and_landmarks(folder):
-    source = faust(folder)
-    poses = source.poses(0)
-    names = ["1_hands_on_hips", "3_forearms_raised", "6_arms_forward", "8_walking"]
-    assert [(p.name, p.aligned) for p in poses] == list(zip(names, [True, True, True, False], strict=True))
-    assert [len(p.landmarks) for p in poses] == [7, 7, 7, 15]
-    assert list(source.landmark_vertices(0)) == list(poses[3].landmarks)
-    assert source.landmark_vertices(9)["toe_r"] == 6617 and source.landmarks["pelvis_front"] == 3143
-
     other = faust(
         folder,
         "source.rest_pose=3", "source.target_poses=[6,0]", "source.unaligned=[0]",
@@ -70,7 +62,7 @@ def test_poses_and_landmarks(folder):
     )  # fmt: skip
     assert [(p.name, p.aligned) for p in other.poses(0)] == [("6_arms_forward", True), ("0_standing", False)]
     assert other.landmark_vertices(0) == {"nose": 332, "tip": 7}
-    np.testing.assert_array_equal(other.posed(0, other.poses(0)[1]).V, source.rest(0).V)
+    np.testing.assert_array_equal(other.posed(0, other.poses(0)[1]).V, faust(folder).rest(0).V)
 
 
 def test_missing_files_are_named(folder, tmp_path):
@@ -128,7 +120,6 @@ def test_a_build_lists_its_files_without_paths(copy, tmp_path):
     assert str(tmp_path) not in (out / "dataset.json").read_text()
     tasks = [load_task(out, subject=0, pose=k) for k in range(1, 5)]
     assert [len(set(task.handles.group)) for task in tasks] == [7, 7, 7, 15]
-    assert [len(task.handles) for task in tasks] == [210, 210, 210, 450]
     assert all("poses 1, 3, 6, 8, the rest pose 0 and" in task.meta["note"] for task in tasks)
     with pytest.raises(InputError, match="source.landmark_vertices.nose was 332 and is now 333"):
         build(faust(copy, "source.landmarks.nose=333"), out, options=options, workers=1)

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial.transform import Rotation
 
@@ -10,24 +9,11 @@ from defaust.edits import Unedited
 from defaust.tasks import load_task
 from defaust.tasks.handle_kinds import FEW, REACH, of_kind
 from sshade import Handles, InputError, Mesh
-from tests.shapes import icosphere
+from sshade.mesh.adjacency import edge_graph
+from tests.shapes import end_handles, icosphere
 
 KINDS = ("points", "landmarks", "regions")
 TURN = Rotation.from_euler("xyz", [20, -70, 35], degrees=True).as_matrix()
-
-
-def scattered(mesh, *, reach, count=12):
-    """Handles about the highest vertex, which turn, and about the lowest, which stay."""
-    rng = np.random.default_rng(3)
-    index, target, dynamic, group = [], [], [], []
-    for number, (end, moves) in enumerate(((mesh.V[:, 1].argmax(), True), (mesh.V[:, 1].argmin(), False))):
-        near = np.flatnonzero(np.linalg.norm(mesh.V - mesh.V[end], axis=1) < reach * mesh.diagonal)
-        own = rng.choice(near, count, replace=False)
-        index.append(own)
-        target.append(mesh.V[own] @ TURN.T + [1.0, 2.0, 3.0] if moves else mesh.V[own])
-        dynamic.append(np.full(count, moves))
-        group.append(np.full(count, 4 - number))
-    return Handles(*map(np.concatenate, (index, target, dynamic, group)))
 
 
 @pytest.fixture(scope="module")
@@ -39,20 +25,20 @@ def ball():
 
 @pytest.fixture(scope="module")
 def handles(ball):
-    return scattered(ball, reach=0.04)
+    """A few about the lowest vertex, which stay, and about the highest, which turn."""
+    ends = end_handles(ball.V, axis=1, share=0.005, turn=TURN, shift=[1.0, 2.0, 3.0])
+    some = np.random.default_rng(3).permutation(len(ends))[::3]
+    return Handles(ends.index[some], ends.target[some], dynamic=ends.dynamic[some], group=ends.group[some])
 
 
 def distances(mesh, vertex):
     """Distances along the edges, by scipy."""
-    i, j = mesh.F.ravel(), mesh.F[:, [1, 2, 0]].ravel()
-    length = np.linalg.norm(mesh.V[i] - mesh.V[j], axis=1)
-    graph = coo_array((length, (i, j)), shape=(mesh.n, mesh.n)).tocsr()
-    return dijkstra(graph, directed=False, indices=vertex)
+    return dijkstra(edge_graph(mesh).matrix, directed=False, indices=vertex)
 
 
 def test_a_point_of_each_group_is_its_middle_and_goes_where_it_went(ball, handles):
     points = of_kind(ball, handles, "points")
-    assert points.group.tolist() == [3, 4] and points.dynamic.tolist() == [False, True]
+    assert points.group.tolist() == [0, 1] and points.dynamic.tolist() == [False, True]
     for index, target, group in zip(points.index, points.target, points.group, strict=True):
         own = handles.group == group
         off = np.linalg.norm(ball.V[handles.index[own]] - ball.V[handles.index[own]].mean(axis=0), axis=1)
@@ -77,7 +63,7 @@ def test_regions_are_rigid_discs_about_the_middles(ball, handles):
 def test_landmarks_of_regions_are_few_and_spread(ball, handles):
     assert of_kind(ball, handles, "landmarks") is handles
     few = of_kind(ball, handles, "landmarks", are_regions=True)
-    assert np.bincount(few.group).tolist() == [0, 0, 0, FEW, FEW]
+    assert np.bincount(few.group).tolist() == [FEW, FEW]
     places = {int(vertex): k for k, vertex in enumerate(handles.index)}
     where = [places[int(vertex)] for vertex in few.index]
     np.testing.assert_array_equal(few.target, handles.target[where])
@@ -85,10 +71,10 @@ def test_landmarks_of_regions_are_few_and_spread(ball, handles):
     tips = of_kind(ball, handles, "points", are_regions=True).index
     assert np.isin(tips, few.index).all()
     out = np.linalg.norm(ball.V - ball.V.mean(axis=0), axis=1)
-    for group, tip in zip((3, 4), tips, strict=True):
+    for group, tip in zip((0, 1), tips, strict=True):
         assert out[tip] == out[handles.index[handles.group == group]].max()
     # Farthest point sampling: no two samples are nearer than any other vertex is to its nearest sample.
-    for group in (3, 4):
+    for group in (0, 1):
         own, chosen = handles.index[handles.group == group], few.index[few.group == group]
         apart = np.array([distances(ball, vertex) for vertex in chosen])
         rest = np.setdiff1d(own, chosen)

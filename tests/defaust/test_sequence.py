@@ -258,8 +258,7 @@ def test_an_unusable_mesh_does_not_stop_the_build(tmp_path, caplog, refused):
     before = contents(out)
     assert main(["build", *command, f"out={out}"]) == 0 and contents(out) == before
     (root / "credits.ply").unlink()
-    for classes, file in (("cat,dog", "dog1.mat"), ("cat,pig", "pig0.mat")):
-        refused([*command, f"out={tmp_path / file}", f"source.classes=[{classes}]", "strict=true"], file)
+    refused([*command, f"out={tmp_path / 'b'}", "source.classes=[cat,pig]", "strict=true"], "pig0.mat")
 
 
 def test_a_source_without_a_usable_mesh_is_refused(tmp_path, refused):
@@ -315,10 +314,8 @@ def test_damaged_files_are_named(tmp_path, name, content, message):
         ("source.layout=free", "source.layout=free is unknown; use one of auto, tosca, sequence"),
         ("source.classes=[bear]", "source.classes: there is no 'bear'; choose from cat, dog"),
         ("source.landmarks={}", "source.landmarks is empty; give names and vertices"),
-        ("source.landmarks=all", "source.landmarks is 'all', not an object; give names"),
         ("source.landmarks={a:-1}", "the vertex of a is -1; give a number from 0 up"),
         ("source.landmarks={a:1,b:1}", "a shares vertex 1 with another landmark"),
-        ("source.poses_used=cat1", "source.poses_used is 'cat1', not a list"),
         ("source.landmarks=0", "source.landmarks is 0; it must be at least 1"),
         ("source.landmarks={a:1}", "there are the classes cat, dog; choose one with source.classes"),
         ("+source.facts.colour=red", "look at 'colour'"),

@@ -10,19 +10,11 @@ from scipy.spatial.transform import Rotation
 from defaust.build.upsample import self_intersecting
 from defaust.sources import source as sources
 from defaust.sources.skinning import apply_motions, blend_motions, bone_motions
-from defaust.sources.source import SourcePose
 from defaust.sources.synthetic import SyntheticBodies, load_bodies
 from sshade import InputError
 from tests.defaust.toy import flip_a_byte
 
 SUBJECTS = range(10)
-APART = ("arms_up", "leg_lift", "squat", "bend_twist")
-TOUCHING = ("hands_on_hips", "forearms_raised", "hands_together", "one_leg", "sitting", "arms_crossed")
-
-
-@pytest.fixture(scope="module")
-def faces():
-    return SyntheticBodies().rest(0).F
 
 
 def test_asset_with_a_flipped_byte_is_refused(tmp_path, monkeypatch):
@@ -36,7 +28,7 @@ def test_asset_with_a_flipped_byte_is_refused(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("subject", SUBJECTS)
-def test_bodies_are_closed_and_in_correspondence(faces, subject):
+def test_bodies_are_closed_and_in_correspondence(subject):
     source = SyntheticBodies()
     rest, *posed = [source.rest(subject), *(source.posed(subject, pose) for pose in source.poses(subject))]
     assert rest.V[:, 1].min() == pytest.approx(0.0, abs=2e-4)
@@ -50,7 +42,7 @@ def test_bodies_are_closed_and_in_correspondence(faces, subject):
         assert 0.04 < mesh.volume < 0.085
         assert abs(mesh.volume / rest.volume - 1) < 0.08
         assert mesh.face_areas.min() > 1e-8
-        np.testing.assert_array_equal(mesh.F, faces)
+        np.testing.assert_array_equal(mesh.F, SyntheticBodies().rest(0).F)
 
 
 def test_root_rotation_is_a_rigid_motion():
@@ -80,14 +72,3 @@ def test_skinning_does_not_collapse_under_twist():
     half = np.full((1, 2), 0.5)
     out = apply_motions(blend_motions(motions, bone=np.array([[0, 1]]), weight=half), V)
     np.testing.assert_allclose(out, [[0.5, 0.0, 1.0]], atol=1e-8)
-
-
-def test_poses_and_landmarks_of_the_source():
-    source = SyntheticBodies()
-    poses = source.poses(0)
-    assert tuple(p.name for p in poses) == APART + TOUCHING
-    assert [p.name for p in poses if not p.aligned] == ["bend_twist"]
-    assert all(p.landmarks == source.base_landmarks for p in poses if p.aligned)
-    assert tuple(source.landmark_vertices(4)) == source.landmark_names
-    assert poses[0] == SourcePose("arms_up", source.base_landmarks)
-    assert [p.name for p in SyntheticBodies(poses_used=["squat"]).poses(0)] == ["squat"]

@@ -4,6 +4,7 @@ from typing import Any
 
 import pandas as pd
 
+from eval.publish.summary import Table, make_table
 from eval.rows.frame import to_frame
 from eval.rows.store import Row
 
@@ -62,3 +63,8 @@ def planned(method: str, task: str = "t1", *, seed: int = 0) -> Row:
 def frame(*rows: Row) -> pd.DataFrame:
     """The rows as a table takes them."""
     return to_frame(rows)
+
+
+def table_of(*rows: Row, **options: Any) -> Table:
+    """The table of the rows, named t."""
+    return make_table(frame(*rows), title="t", **options)

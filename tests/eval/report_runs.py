@@ -23,6 +23,13 @@ METHODS = {
 ANGLES = (10.0, 40.0)
 
 
+def collected(root: Path) -> Path:
+    """The CSV of the rows of a folder of runs, two folders above."""
+    path = root.parents[1] / f"{root.name}.csv"
+    write_csv(path, collect(root))
+    return path
+
+
 def make_runs(folder: Path, *, name: str = "tiny") -> Path:
     """Run it; the CSV of its rows. The run folders lie in folder/runs/<name>."""
     root = folder / "runs" / name
@@ -30,9 +37,7 @@ def make_runs(folder: Path, *, name: str = "tiny") -> Path:
         task = bumpy_task(level=2, angle=angle)
         for method, config in METHODS.items():
             run(task, config, name=method, root=root, source={**SOURCE, "angle": angle})
-    path = folder / f"{name}.csv"
-    write_csv(path, collect(root))
-    return path
+    return collected(root)
 
 
 def transfer_task(edit: float) -> TransferTask:
@@ -53,6 +58,4 @@ def make_transfers(folder: Path) -> Path:
         source = {"_target_": "report_runs.transfer_task", "edit": edit}
         method = {"_target_": "eval_cases.stretching", "factor": -1.0}
         run(transfer_task(edit), method, name="mirror", root=root, source=source)
-    path = folder / "moved.csv"
-    write_csv(path, collect(root))
-    return path
+    return collected(root)

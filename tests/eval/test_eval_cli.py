@@ -101,13 +101,11 @@ def test_a_sweep_over_all_takes_the_cases_that_the_dataset_has(tmp_path):
     done = run_eval(tmp_path, *common, "pose=all")
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
-    assert [line.split(":")[0] for line in lines[:-1]] == [
-        f"stretching bumpy_{angle} seed 0" for angle in (1, 2, 11)
-    ]
+    runs = [f"stretching bumpy_{angle} seed 0" for angle in (1, 2, 11)]
+    assert [line.split(":")[0] for line in lines[:-1]] == runs
     assert lines[-1].startswith("3 runs: 3 new")
-    assert {name.split("/")[2] for name in files(tmp_path)} == {
-        "single_listed"
-    }  # apart, by the dataset's tag
+    # Apart, by the dataset's tag.
+    assert {name.split("/")[2] for name in files(tmp_path)} == {"single_listed"}
     for other in (["pose=2"], ["subject=1", "pose=all"]):
         assert run_eval(tmp_path, *common, *other).stdout.splitlines()[-1] == "1 runs: 0 new, 1 kept"
     missing = run_eval(tmp_path, *common, "pose=3")
@@ -131,9 +129,8 @@ def test_settings_of_a_sweep_are_held_against_the_method_of_each_run(tmp_path):
 
 
 def test_a_row_out_of_its_band_is_exit_code_1(tmp_path):
-    done = run_eval(
-        tmp_path, "dataset=bumpy", "method=stretching", "bands={stretching:{bumpy_30:{metric.volume:[0,5]}}}"
-    )
+    bands = "bands={stretching:{bumpy_30:{metric.volume:[0,5]}}}"
+    done = run_eval(tmp_path, "dataset=bumpy", "method=stretching", bands)
     assert done.returncode == 1
     assert "metric.volume is" in done.stderr
 

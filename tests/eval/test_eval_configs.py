@@ -109,10 +109,4 @@ def test_experiment_takes_other_data_by_its_name_and_folder(name, data):
 
 def test_every_method_of_the_ci_experiment_has_bands():
     config = composed("experiment=ci")
-    assert set(read_bands(config.bands)) == set(swept(config))
-
-
-def swept(config) -> list[str]:
-    """The methods that an experiment sweeps over, or its one."""
-    params = config.hydra.sweeper.params
-    return params.method.replace(" ", "").split(",") if "method" in params else [config.label]
+    assert set(read_bands(config.bands)) == set(map(str.strip, config.hydra.sweeper.params.method.split(",")))

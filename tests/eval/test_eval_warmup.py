@@ -11,12 +11,12 @@ from sshade.task import DeformationResult, DeformationTask, TransferTask
 #: Prints the kernels that a method compiles, or loads, after its warm-up: by two caps, then by two wide ones.
 COMPILED = """
 import sys
-import numpy as np
 from numba.core.dispatcher import Dispatcher
 from eval.configure.compose import read_choice, resolved
 from eval.run.targets import instantiate
 from eval.run.warmup import icosphere, warm_up
-from sshade.task import DeformationTask, Handles
+from sshade.task import DeformationTask
+from tests.shapes import end_handles
 
 method = resolved("method", read_choice(sys.argv[1]))
 call = instantiate(method)
@@ -31,11 +31,8 @@ def compile_told(kernel, signature):
 
 Dispatcher.compile = compile_told
 mesh = icosphere(5)
-height = mesh.V[:, 2]
-for cap in (0.9, 0.2):
-    index = np.flatnonzero(abs(height) > cap)
-    up = height[index] > 0
-    handles = Handles(index, mesh.V[index] + [0.1, 0, 0] * up[:, None], group=up.astype(int))
+for share in (0.05, 0.4):
+    handles = end_handles(mesh.V, share=share, shift=[0.1, 0, 0])
     call(DeformationTask("ball", mesh, handles), seed=0)
     print(*compiled)
     compiled.clear()

@@ -143,13 +143,7 @@ def _manifest_seeds() -> list[bytes]:
     out = Path(_scratch()) / "balls"
     build(Balls(subjects=(0,)), out, options=OPTIONS, workers=1)
     row = {"task.name": "t", "method.name": "m", "method.hash": "h", "seed": 0, "status": "ok", "key": "k"}
-    row |= {
-        "date": "2026-01-01",
-        "env.machine": "box",
-        "metric.edge": 1.5,
-        "seconds.total": 2.0,
-        "reason": "",
-    }
+    row |= {"date": "2026-01-01", "env.machine": "box", "metric.edge": 1.5, "seconds.total": 2.0}
     write_csv(out / "rows.csv", to_frame([row, row | {"seed": 1}]))
     contents = [(out / "dataset.json").read_bytes(), (out / "subject_00/pose_1.json").read_bytes()]
     contents += [json.dumps(row).encode(), (out / "rows.csv").read_bytes()]

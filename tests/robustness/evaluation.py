@@ -97,6 +97,9 @@ TABLE = {
 }
 OPTIONS = {
     "tables tiny -o body.ply": ("body.ply: the folder cannot be created",),
+    "tables tiny -o out/rows": ("holds the rows",),
+    "front tiny --measures edge": ("needs at least two metrics",),
+    "site": ("no track has published rows in results/rows: run this in a clone",),
     "tables tiny nosuch -o t": ("nosuch.csv: no such file",),
     "curves tiny --metric beauty": ("invalid choice: 'beauty'",),
     "curves tiny": ("label",),
@@ -128,6 +131,7 @@ METHODS = {
     "run.speed=1": ("speed",),
     "seed=-1": ("seed=-1",),
     "run.time_limit=0": ("run.time_limit=0",),
+    "run.split=half": ("it takes tuning, held_out, both or null",),
     "run.jobs=0": ("run.jobs=0",),
     "method._target_=baselines.arap.magic run.allow_targets=[baselines.]": ("no function 'magic'",),
     "method._target_=magic.magic run.allow_targets=[magic.]": ("no module 'magic'",),

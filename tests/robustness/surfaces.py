@@ -128,11 +128,9 @@ def _write_million() -> None:
     assert shape.n > 1_000_000
     write_mesh("body.ply", shape.V, shape.F)
     order = np.argsort(shape.V[:, 0])
-    held, lifted = order[:50], order[-50:]
-    handles(
-        {"vertices": held.tolist()},
-        {"vertices": lifted.tolist(), "target": (shape.V[lifted] + [0.2, 0, 0.1]).tolist()},
-    )()
+    target = shape.V[order[-50:]] + [0.2, 0, 0.1]
+    moved = {"vertices": order[-50:].tolist(), "target": target.tolist()}
+    handles({"vertices": order[:50].tolist()}, moved)()
 
 
 def _million_holds() -> None:

@@ -20,15 +20,7 @@ from baselines.accelerated import accelerated_arap
 from baselines.arap import arap
 from baselines.arap_sr.arap_sr import arap_sr
 from baselines.deformation_graph.deformation_graph import deformation_graph
-from sshade import (
-    DeformationTask,
-    Deformer,
-    Handles,
-    Mesh,
-    bind,
-    deform,
-    transfer_pose,
-)
+from sshade import DeformationTask, Deformer, Handles, Mesh, bind, deform, transfer_pose
 from sshade.carry.projection import _closest_in_triangle
 from sshade.io.meshes import read_file, write_file
 from sshade.mesh.adjacency import vertex_graph

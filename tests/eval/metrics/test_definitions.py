@@ -159,20 +159,12 @@ def change(of, before, after, F):
     return abs(of(after, F) - of(before, F))
 
 
-def diagonal(mesh):
-    return np.linalg.norm(mesh.V.max(axis=0) - mesh.V.min(axis=0))
-
-
 def area(V, F):
     return areas(V, F).sum()
 
 
 def places(task, V):
-    return (
-        100
-        * np.array([np.linalg.norm(v - t) for v, t in zip(V, task.truth, strict=True)])
-        / diagonal(task.mesh)
-    )
+    return 100 * np.linalg.norm(V - task.truth, axis=1) / np.linalg.norm(np.ptp(task.mesh.V, axis=0))
 
 
 DEFINITIONS = {
@@ -186,11 +178,7 @@ DEFINITIONS = {
         100 * (change(corner_angles, t.mesh.V, V, t.mesh.F) / corner_angles(t.mesh.V, t.mesh.F)).mean()
     ),
     "handle": lambda t, V: (
-        100
-        * np.mean(
-            [np.linalg.norm(V[i] - goal) for i, goal in zip(t.handles.index, t.handles.target, strict=True)]
-        )
-        / diagonal(t.mesh)
+        100 * np.linalg.norm(V[t.handles.index] - t.handles.target, axis=1).mean() / t.mesh.diagonal
     ),
     "distortion": lambda t, V: np.average(dirichlet(t, V)[0], weights=dirichlet(t, V)[1]),
     "distortion_95": lambda t, V: percentile_by_area(t, V, 95),

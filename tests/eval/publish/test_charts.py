@@ -67,9 +67,8 @@ def test_curves_of_the_runs_that_are_here(rows, tmp_path):
     write_run(run_folder(tmp_path, rows[0]), rows[0], curves={"loss_curve": losses})
     write_run(run_folder(tmp_path, rows[1]), rows[1], curves={"energy_curve": np.array([3.0, -1.0])})
     # Another run of the same key is not the row's.
-    write_run(
-        run_folder(tmp_path, rows[2]), rows[2] | {"date": "2020"}, curves={"energy_curve": losses[:, 0]}
-    )
+    older = rows[2] | {"date": "2020"}
+    write_run(run_folder(tmp_path, rows[2]), older, curves={"energy_curve": losses[:, 0]})
     found = convergence(Experiment("tiny", frame(*rows), (tmp_path,)))
     assert list(found) == ["energy_curve", "loss_curve_1", "loss_curve_2"]
     (line,) = found["loss_curve_2"].axes[0].lines
@@ -84,9 +83,8 @@ def test_curves_of_the_runs_that_are_here(rows, tmp_path):
 def test_command_writes_the_same_bytes_again(rows, tmp_path, capsys, suffix):
     write_csv(tmp_path / "tiny.csv", frame(*rows))
     for out in ("one", "two"):
-        assert (
-            call("charts", [str(tmp_path / "tiny.csv"), "--format", suffix, "-o", str(tmp_path / out)]) == 0
-        )
+        arguments = [str(tmp_path / "tiny.csv"), "--format", suffix, "-o", str(tmp_path / out)]
+        assert call("charts", arguments) == 0
     files = sorted(path.name for path in (tmp_path / "one" / "tiny").iterdir())
     assert files == sorted(f"{name}.{suffix}" for name in charts(Experiment("tiny", frame(*rows), ())))
     for name in files:

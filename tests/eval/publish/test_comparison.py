@@ -4,19 +4,15 @@ import re
 
 import numpy as np
 import pytest
-from eval_rows import frame, lost, planned, row
+from eval_rows import frame, lost, planned, row, table_of
 
 from eval.main import call
-from eval.publish.summary import make_table
+from eval.publish.summary import ranks
 from eval.publish.tables import to_csv, to_latex, to_markdown
 from eval.rows.frame import write_csv
 from sshade.errors import InputError
 
 BODIES = "defaust-synthetic/subject_0"
-
-
-def table_of(*rows, **options):
-    return make_table(frame(*rows), title="t", **options)
 
 
 def on(method, volumes, **changes):
@@ -69,6 +65,7 @@ def test_a_reference_neither_widens_nor_narrows_what_is_common():
     for cases, mean in (([5.0, 7.0, 9.0], 6.0), ([5.0, None, 9.0], -1)):
         table = table_of(*compared, *nothing(cases))
         assert table.means["volume"].fillna(-1).tolist() == [2.0, 2.0, mean]
+        assert not any("nothing" in ranks(table, column) for column in table.columns)
     assert table_of(*nothing([5.0, 7.0])).means.at["nothing", "volume"] == 6.0
 
 

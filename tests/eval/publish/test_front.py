@@ -52,18 +52,10 @@ def test_another_setting_and_other_measures():
     assert set(front(rows, measures=("edge", "bend_tail"))) == {"fine-0.1", "fine-0.3"}
 
 
-def test_one_measure_alone_is_refused(tmp_path):
-    write_csv(tmp_path / "rows.csv", frame(weighted("fine-1", weight=1)))
-    with pytest.raises(InputError, match="needs at least two metrics"):
-        call("front", [str(tmp_path / "rows.csv"), "--measures", "edge"])
-
-
 def test_command_draws_rows_of_several_files(tmp_path, capsys):
     pytest.importorskip("matplotlib")
-    write_csv(
-        tmp_path / "front.csv",
-        frame(weighted("fine-0.0", weight=0.0), weighted("fine-inf", weight=float("inf"), volume=0.5)),
-    )
+    knob = [weighted("fine-0.0", weight=0.0), weighted("fine-inf", weight=float("inf"), volume=0.5)]
+    write_csv(tmp_path / "front.csv", frame(*knob))
     write_csv(tmp_path / "others.csv", frame(weighted("arap", volume=2.0)))
     paths = [str(tmp_path / f"{name}.csv") for name in ("front", "others")]
     picture = tmp_path / "f.svg"

@@ -103,9 +103,8 @@ def test_another_version_replaces_the_published_one_only_if_asked(project, name)
 
 
 def test_rows_of_other_methods_keep_their_version(project):
-    write_csv(
-        "results/rows/tiny.csv", frame(*(clean(name, env__version__code="b") for name in ("arap", "early")))
-    )
+    earlier = [clean(name, env__version__code="b") for name in ("arap", "early")]
+    write_csv("results/rows/tiny.csv", frame(*earlier))
     with pytest.raises(InputError, match="--replace removes the published rows of arap$"):
         call("publish", ["tiny"])
     assert call("publish", ["tiny", "--replace"]) == 0

@@ -1,19 +1,12 @@
 """Tables: a small one by hand, what they mark and say, and what they refuse to mix."""
 
 import pytest
-from eval_rows import frame, lost, planned, row
+from eval_rows import lost, planned, row, table_of
 
-from eval.main import call
 from eval.metrics import METRICS
 from eval.publish.columns import COLUMNS, REACHED, TRANSFER_COLUMNS
-from eval.publish.summary import Table, make_table, ranks
 from eval.publish.tables import to_markdown
-from eval.rows.frame import read_csv, write_csv
 from sshade.errors import InputError
-
-
-def table_of(*rows, **options) -> Table:
-    return make_table(frame(*rows), title="t", **options)
 
 
 @pytest.fixture
@@ -64,34 +57,6 @@ def test_success_is_the_share_of_planned_runs_that_reach_their_handles():
     assert table_of(*rows).means["success"].tolist() == [20.0]
 
 
-def test_a_reference_takes_part_in_no_ranking():
-    best_of_all = {f"metric__{name}": 0.0 for name in ("volume", "area", "edge", "angle", "handle")}
-    reference = {"method__target": "baselines.identity.identity", **best_of_all}
-    tasks = ["t1", "t2", "t3", "t4"]
-    methods = [row(name, task, metric__volume=v) for name, v in (("arap", 2), ("x", 3)) for task in tasks]
-    alone = to_markdown(table_of(*methods))
-    table = table_of(*methods, *(row("nothing", task, **reference) for task in tasks))
-    text = to_markdown(table)
-    line = "| nothing | 4 | 0.00 | 0.00 | 0.00 | 0.000 | 0.000 | 10 (4/4) |\n"
-    success = "| nothing | 4 | 100.0 |\n"
-    note = next(note for note in table.notes if note.startswith("nothing: "))
-    # The rest of the tables, the worst cases and the contest are as without it.
-    assert "not ranked" in note and success in text
-    assert text.replace(line, "", 1).replace(success, "").replace(f"- {note}\n", "") == alone
-    assert "| arap | 4 | **2.00** |" in text and "cases won, of 4" in text
-    assert not any("nothing" in ranks(table, column) for column in table.columns)
-
-
-def test_an_optional_column_is_there_where_a_row_has_more_than_zero(rows):
-    for extra in (None, 0.0):
-        same = table_of(*({**one, "extra.far_share": extra} for one in rows))
-        assert to_markdown(same) == to_markdown(table_of(*rows))
-    far = [row("fan", extra__far_share=0.0), row("surface", extra__far_share=1.25), row("arap")]
-    table = table_of(*far)
-    assert table.means["far"].fillna(-1).tolist() == [-1, 0.0, 1.25]
-    assert "| far (%) |" in to_markdown(table) and "; far: vertices that follow" in table.notes[-1]
-
-
 def test_rows_of_two_datasets_are_refused_and_a_dataset_can_say_what_it_is():
     of = {name: row("a", f"{name}/pose", task__meta__dataset=name) for name in ("faust", "synthetic")}
     with pytest.raises(InputError, match="2 datasets .faust, synthetic.*run.experiment="):
@@ -122,26 +87,6 @@ def test_pose_transfers_by_class_and_edit():
     assert table_of(*two[:1]).parts == []
 
 
-def test_kinds_of_handles_are_tables_of_their_own():
-    """The others are not held to the cases of a method that takes one kind only, but in the whole."""
-    kinds = ("points", "regions")
-    rows = [
-        row(method, f"{task}/{kind}", **{"task.meta.handles": kind, "metric.edge": 1.0 + k})
-        for k, kind in enumerate(kinds)
-        for method in ("a", "b")
-        for task in ("t1", "t2")
-    ]
-    one = [row("c", f"{task}/regions", **{"task.meta.handles": "regions"}) for task in ("t1", "t2")]
-    other = [lost("c", f"{task}/points") | {"task.meta.handles": "points"} for task in ("t1", "t2")]
-    table = table_of(*rows, *one, *other)
-    assert table.lines["cases"].to_dict() == {"a": 2, "b": 2, "c": 2}
-    parts = {part.title: part for part in table.parts}
-    assert list(parts)[:2] == ["handles: points", "handles: regions"]
-    assert parts["handles: points"].means["EL"].dropna().to_dict() == {"a": 1.0, "b": 1.0}
-    assert parts["handles: regions"].means["EL"].to_dict() == {"a": 2.0, "b": 2.0, "c": 3.0}
-    assert not [part for part in table_of(*one).parts if part.title.startswith("handles")]
-
-
 def test_pose_transfers_without_a_truth_show_what_changed():
     unknown = {name: None for name in transfer_row("x") if name.startswith(("metric.hausd", "metric.ch"))}
     table = table_of(transfer_row("x") | unknown)
@@ -160,25 +105,3 @@ def test_two_rows_of_one_case_are_refused():
     with pytest.raises(InputError, match="several rows for t1, seed 0"):
         table_of(row("a"), row("a", "t2"), row("a"))
     table_of(row("a"), row("a", seed=1))
-
-
-def test_worst_cases_and_cases_won():
-    """b is better in the mean volume, a in more cases; equal printed numbers count for both."""
-    volumes = {"a": [1.0, 1.0, 1.0, 9.0], "b": [2.0, 2.0, 1.001, 2.0]}
-    rows = [
-        row(method, f"t{i}", metric__volume=volume, key=f"{method}{i}")
-        for method, own in volumes.items()
-        for i, volume in enumerate(own)
-    ]
-    worst, won = table_of(*rows).parts
-    assert worst.means["volume"].tolist() == [9.0, 2.0]
-    assert won.title == "cases won, of 4" and won.means["volume"].tolist() == [3, 2]
-    assert won.means["area"].tolist() == [4, 4] and "iterations" not in won.means
-    assert table_of(*rows[:3], *rows[4:7]).parts == []
-
-
-def test_tables_never_replace_their_rows(rows, tmp_path):
-    write_csv(tmp_path / "tiny.csv", frame(*rows))
-    with pytest.raises(InputError, match="holds the rows"):
-        call("tables", [str(tmp_path / "tiny.csv"), "-o", str(tmp_path)])
-    assert len(read_csv(tmp_path / "tiny.csv")) == len(rows)

@@ -1,17 +1,16 @@
-"""The load of other processes and jumps of the clock are seen; a busy process ends a benchmark."""
+"""The load of other processes and jumps of the clock are seen; a busy process is found."""
 
 import os
 import subprocess
 import sys
 from contextlib import suppress
 from math import ceil
-from pathlib import Path
 
 import psutil
 import pytest
 
 from eval.timing import quiet
-from eval.timing.quiet import OTHERS, Reading, between, read_machine
+from eval.timing.quiet import OTHERS, Reading, between, busiest_other, read_machine
 
 BURN = "import time\nend = time.time() + 60\nwhile time.time() < end: pass"
 
@@ -74,15 +73,6 @@ def busy():
             psutil.Process(pid).kill()
 
 
-def test_a_busy_process_ends_the_command_without_rows(busy, case):
-    command = [sys.executable, "-m", "eval", "bench", "speed", "--methods", "identity", "--cases", case]
-    root = Path(__file__).parents[3]
-    done = subprocess.run(
-        command, env={**os.environ, "PYTHONPATH": str(root)}, capture_output=True, text=True, timeout=120
-    )
-    assert done.returncode == 2
-    *lines, last = done.stderr.splitlines()
-    assert sum("rejected: other processes used" in line for line in lines) == 5
-    assert last.startswith("error: the machine is not quiet: 5 repeats of identity on rest/pose in a row")
-    assert "; the busiest is process " in last and last.endswith("nothing was written")
-    assert not Path("out").exists()
+def test_the_busiest_process_is_told(busy):
+    told = busiest_other()
+    assert any(f"process {pid} " in told for pid in busy)

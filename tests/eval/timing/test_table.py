@@ -1,6 +1,5 @@
 """Tables of times: medians and ranges, what is refused, and what may be published."""
 
-import re
 from pathlib import Path
 
 import pandas as pd
@@ -79,21 +78,6 @@ def test_mixtures_are_refused(facts, words):
 def folder(here):
     Path("results").mkdir()
     return here
-
-
-def test_the_files_of_a_table(folder):
-    write_csv("out/timing/speed.csv", rows())
-    assert call("timings", []) == 0
-    text = Path("out/tables/speed.md").read_text()
-    head, _, elastic, fast = [line for line in text.splitlines() if line.startswith("|")]
-    assert head.startswith("| method | case | vertices | median (s) | min | max | repeats | times faster |")
-    assert "| elastic | body | 170,931 | 200 | 190 | 220 | 3 | 1 | 3 | 100 | 1,000 | from 3 x 10" in elastic
-    assert re.search(
-        r"\| fast \| body \| 170,931 \| 0.41 \| 0.4 \| 0.5 \| 3 \| 488 \|  \| 0.205 \| 10 \|", fast
-    )
-    lines = pd.read_csv("out/tables/speed.csv")
-    assert lines["seconds.total"].tolist() == [200, 0.41] and lines["speed_up"].tolist() == [1, 487.805]
-    assert not any(Path("results").iterdir())
 
 
 def test_what_comes_from_a_commit_is_published(folder):
