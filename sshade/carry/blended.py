@@ -50,7 +50,7 @@ from sshade.carry.vertex_maps import VertexMaps
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.solver.rotations import fit_rotations, quaternions
-from sshade.threads import ThreadTeam, in_ranges
+from sshade.threads import ThreadTeam
 
 #: Largest deviation of R^T R from the identity for a prescribed rotation R.
 ORTHOGONAL = 1e-6
@@ -92,9 +92,8 @@ class BlendedFrames(Frames):
 
     def encode(self, V: np.ndarray, on: Projection) -> np.ndarray:
         """Return the offsets x - p; see :class:`sshade.carry.frames.Frames`."""
-        local, F, NV = np.empty_like(V), self.proxy.F, self.proxy.V
-        in_ranges(lambda first, end: _offsets(first, end, V, on.face, on.barycentric, NV, F, local), len(V))
-        return local
+        corners, weights = self.proxy.F[on.face], on.barycentric
+        return V - sum(weights[:, c, None] * self.proxy.V[corners[:, c]] for c in range(3))
 
     def posed(self, NV: np.ndarray, rotations: np.ndarray | None, team: ThreadTeam) -> tuple[Placer, int]:
         """Place points at o(w) + R(w) (x - p) or o(w) + R(w) S(w) (x - p).
@@ -140,15 +139,6 @@ def nearest_rotations(A: np.ndarray) -> np.ndarray:
     R = np.array(A.transpose(0, 2, 1), dtype=np.float64, order="C").reshape(-1, 9)
     fit_rotations(R, np.tile([1.0, 0.0, 0.0, 0.0], (len(A), 1)))
     return R.reshape(-1, 3, 3)
-
-
-@njit(cache=True, nogil=True)
-def _offsets(first, end, V, face, barycentric, NV, F, local):
-    for i in range(first, end):
-        a, b, c = F[face[i], 0], F[face[i], 1], F[face[i], 2]
-        for r in range(3):
-            p = barycentric[i, 0] * NV[a, r] + barycentric[i, 1] * NV[b, r] + barycentric[i, 2] * NV[c, r]
-            local[i, r] = V[i, r] - p
 
 
 @njit(cache=True, nogil=True)

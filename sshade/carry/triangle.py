@@ -135,7 +135,10 @@ class TriangleFrames(Frames):
 
     def encode(self, V: np.ndarray, on: Projection) -> np.ndarray:
         """Return the coordinates v_t = L_t^-1 (v - b_t); see :class:`sshade.carry.frames.Frames`."""
-        return _encode(V, on.face, self.L, self.origin)
+        local, arm = np.empty_like(V), V - self.origin[on.face]
+        inverse = np.ascontiguousarray(self.L.transpose(0, 2, 1))
+        place_on_triangles(0, len(V), arm, on.face, inverse, np.zeros_like(self.origin), local)
+        return local
 
     def posed(self, NV: np.ndarray, rotations: np.ndarray | None, team: ThreadTeam) -> tuple[Placer, int]:
         """Place points at L_t' v_t + b_t'; see :class:`sshade.carry.frames.Frames`."""
@@ -195,14 +198,3 @@ def _frames(V, F, values, zero_area):
             y, z = (x + 1) % 3, (x + 2) % 3
             L[t, x, 1] = L[t, y, 0] * L[t, z, 2] - L[t, z, 0] * L[t, y, 2]
     return L, origin, degenerate
-
-
-@njit(cache=True, nogil=True)
-def _encode(V, face, L, origin):
-    local = np.empty((V.shape[0], 3), dtype=np.float64)
-    for i in range(V.shape[0]):
-        t = face[i]
-        x, y, z = V[i, 0] - origin[t, 0], V[i, 1] - origin[t, 1], V[i, 2] - origin[t, 2]
-        for a in range(3):
-            local[i, a] = L[t, 0, a] * x + L[t, 1, a] * y + L[t, 2, a] * z
-    return local

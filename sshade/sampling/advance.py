@@ -104,10 +104,8 @@ def _advance(state, size):
     slab, confined_to = state.slab, state.confined_to
     distance, cell, queued, near, far = state.distance, state.cell, state.queued, state.near, state.far
     inside = confined_to != EVERYWHERE
-    one, mask = (
-        np.uint64(1),
-        np.uint64(near.shape[0] - 1),
-    )  # signed numbers would turn them into floats
+    # Signed numbers would turn these into floats.
+    one, mask = np.uint64(1), np.uint64(near.shape[0] - 1)
     head, tail, waiting, limit = np.uint64(0), np.uint64(size), np.uint64(0), state.width
     while head != tail:
         while head != tail:
@@ -179,13 +177,12 @@ def cover(state, vertices, first):
     """
     samples = np.empty(len(vertices), dtype=np.int64)
     count = 0
-    for part in range(2):
-        for v in first if part == 0 else vertices:
-            if part == 0 or state.cell[v] < 0:
-                samples[count] = v
-                _place(state, v, count, 0)
-                _advance(state, 1)
-                count += 1
+    for v in np.concatenate((first, vertices)):
+        if count < len(first) or state.cell[v] < 0:
+            samples[count] = v
+            _place(state, v, count, 0)
+            _advance(state, 1)
+            count += 1
     return samples[:count].copy()
 
 
@@ -229,25 +226,6 @@ def _place(state, vertex, sample, position):
 
 
 @njit(cache=True, nogil=True)
-def _largest(distance, vertices):
-    largest = 0.0
-    for v in vertices:
-        largest = max(largest, distance[v])
-    return largest
-
-
-@njit(cache=True, nogil=True)
-def _from(distance, vertices, low):
-    """Return the vertices whose distance is at least `low`."""
-    found, count = np.empty(len(vertices), dtype=np.int64), 0
-    for v in vertices:
-        if distance[v] >= low:
-            found[count] = v
-            count += 1
-    return found[:count].copy()
-
-
-@njit(cache=True, nogil=True)
 def insert_farthest(state, count, sample, among):
     """Insert `count` samples, each the vertex of `among` farthest from all samples before it.
 
@@ -263,12 +241,12 @@ def insert_farthest(state, count, sample, among):
     for i in range(count):
         while True:
             if len(heap) == 0:
-                gathered = _from(distance, gathered, lowest)
+                gathered = gathered[distance[gathered] >= lowest]
                 if len(gathered) == 0:
-                    lowest = _GATHERED * _largest(distance, among)
-                    gathered = _from(distance, among, lowest)
-                low = max(lowest, _QUEUED * _largest(distance, gathered))
-                heap = [(-distance[v], v) for v in _from(distance, gathered, low)]
+                    lowest = _GATHERED * distance[among].max()
+                    gathered = among[distance[among] >= lowest]
+                low = max(lowest, _QUEUED * distance[gathered].max())
+                heap = [(-distance[v], v) for v in gathered[distance[gathered] >= low]]
                 heapify(heap)
             key, v = heap[0]
             d = distance[v]

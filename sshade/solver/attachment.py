@@ -22,7 +22,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -214,27 +213,14 @@ class _Groups(NamedTuple):
 
 
 def _linked(graph: VertexGraph, fronts: Fronts, group: np.ndarray, link: float) -> np.ndarray:
-    """(k,) int32: the rigid group of each handle."""
-    edges = graph.indptr, graph.indices, graph.lengths
-    a, b = _joined(*edges, fronts.cell, fronts.distance, group, link).T
-    k = len(group)
-    return connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(k, k)))[1]
+    """(k,) int32: the rigid group of each handle.
 
-
-@njit(cache=True, nogil=True)
-def _joined(indptr, indices, lengths, region, distance, group, link):
-    """(j, 2) pairs of handles of one group that are joined by a path shorter than `link`.
-
-    Such a path crosses one edge between the Voronoi cells of both handles.
+    A group has the handles that are joined by paths shorter than `link`. Such a path crosses one edge between
+    the Voronoi cells of two handles.
     """
-    pairs = []
-    for i in range(len(region)):
-        for p in range(indptr[i], indptr[i + 1]):
-            a, b = region[i], region[indices[p]]
-            near = distance[i] + lengths[p] + distance[indices[p]] < link
-            if a != b and near and group[a] == group[b]:
-                pairs.append((a, b))
-    found = np.empty((len(pairs), 2), dtype=np.int32)
-    for k in range(len(pairs)):
-        found[k, 0], found[k, 1] = pairs[k]
-    return found
+    k, distance, end = len(group), fronts.distance, graph.indices
+    begin = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+    near = distance[begin] + graph.lengths + distance[end] < link
+    a, b = fronts.cell[begin[near]], fronts.cell[end[near]]
+    joined = group[a] == group[b]
+    return connected_components(coo_array((joined, (a, b)), shape=(k, k)))[1]

@@ -267,25 +267,54 @@ class Constraints:
         the step before predicts an error of at most :data:`CERTAIN`; the prediction is returned.
         """
         active = np.ones(len(self._kinds), dtype=bool) if active is None else active
-        compliance, kinds = 1.0 / (self._weight * self._area), np.array(self._kinds)
-        residual, step, last = np.zeros((3, len(kinds)))
-        error, G = math.inf, np.empty(0)
+        compliance, full_step = 1.0 / (self._weight * self._area), np.zeros(len(active))
+        best, G = math.inf, np.empty(0)
         for left in range(MOST_EVALUATIONS - 1, -1, -1):
-            value = self._surface.measure(P, self._team)[kinds]
-            now = _evaluate(value, self._scale, compliance, active, multiplier, residual)
-            slow = SLOW * error < now <= error
-            if slow:
-                G = G if len(G) else np.empty_like(self._Z)
-                self.write_gradients(P, G)
-                self._slope[:] = self._along(G)
-            state = compliance, residual, self._slope, multiplier, step, last, error
-            error, done = _take_step(slow, left == 0, now, active, *state)
+            value = self._surface.measure(P, self._team)[self._kinds]
+            residual = np.where(active, self._scale * value - 1.0 + compliance * multiplier, 0.0)
+            error = float(np.abs(residual).max())
+            stalled = best < ROUNDING and error > 0.5 * best
+            final, done = stalled or left == 0, stalled or error <= CLOSE
+            step = np.zeros(len(active))
+            if error > best:
+                fraction = 1.0 if final else 0.5
+                step = -fraction * full_step
+                full_step = full_step + step
+            else:
+                if error > SLOW * best:
+                    G = G if len(G) else np.empty_like(self._Z)
+                    self.write_gradients(P, G)
+                    self._slope[:] = self._along(G)
+                elif full_step.any():  # Broyden's update
+                    self._slope += np.outer(residual, full_step) / (full_step**2).sum()
+                predicted = error * error / best if best < math.inf else math.inf
+                best = error
+                if error > CLOSE and not final:
+                    step = full_step = newton_step(self._slope, active, compliance, residual)
+                    if predicted <= CERTAIN:
+                        best, done = predicted, True
+            multiplier += step
             if not step.any():
                 break
-            self._team.ranges(lambda *own: _shift(*own, P, self._Z, step), len(P))
+            self._team.ranges(lambda *own, step=step: _shift(*own, P, self._Z, step), len(P))
             if done:
                 break
-        return error
+        return best
+
+
+def newton_step(J: np.ndarray, active: np.ndarray, compliance: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Newton step ``(J + diag(compliance)) x = -r`` for one or two unknowns; 0 for inactive ones.
+
+    If the two gradients are parallel, it is the least-squares step.
+    """
+    A = J + np.diag(compliance)
+    slopes = np.diag(A)
+    if not active.all() or len(r) == 1:
+        return np.divide(-r, slopes, out=np.zeros(len(r)), where=active & (slopes != 0.0))
+    determinant, square = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0], (A**2).sum()
+    if PARALLEL * abs(determinant) > square:  # the condition is about square / determinant
+        return np.array([A[0, 1] * r[1] - A[1, 1] * r[0], A[1, 0] * r[0] - A[0, 0] * r[1]]) / determinant
+    return -(A.T @ r) / square if square > 0.0 else np.zeros(2)
 
 
 def _reason_for_no_volume(mesh: Mesh, rest: np.ndarray) -> str:
@@ -351,78 +380,6 @@ def add_gradients(F, P, volume, area, to_volume, to_area, first, end):
                 to_area[k, 0] += kx
                 to_area[k, 1] += ky
                 to_area[k, 2] += kz
-
-
-@njit(cache=True, nogil=True)
-def _evaluate(value, scale, compliance, active, multiplier, residual):
-    """Write the errors of the active equations to `residual` (q,); return the largest absolute value."""
-    for q in range(len(value)):
-        if active[q]:
-            residual[q] = scale[q] * value[q] - 1.0
-            residual[q] += compliance[q] * multiplier[q]
-    return np.abs(residual).max()
-
-
-@njit(cache=True, nogil=True)
-def _take_step(slow, out, now, active, compliance, residual, slope, multiplier, step, last, error):
-    """Write the next step to `step` (q,) and add it to the multipliers; return the error and if it is done.
-
-    `now` is the error at the present place, `error` the one at the best place so far. `slow`: the slopes
-    belong to the present place. `out`: this was the last evaluation.
-    """
-    step[:] = 0.0
-    certain = False
-    stalled = error < ROUNDING and now > 0.5 * error
-    final = stalled or out
-    if now > error:
-        fraction = 1.0 if final else 0.5
-        step[:] = -fraction * last
-        last *= 1.0 - fraction
-    else:
-        if not slow:
-            _broyden(slope, residual, last)
-        predicted = now * now / error if error < np.inf else np.inf
-        error = now
-        if now > CLOSE and not final:
-            newton_step(slope, active, compliance, residual, step)
-            last[:] = step
-            if predicted <= CERTAIN:
-                error, certain = predicted, True
-    multiplier += step
-    return error, stalled or certain or now <= CLOSE
-
-
-@njit(cache=True, nogil=True)
-def _broyden(J, left, step):
-    """Broyden's update of the slopes J (q, q) after a step with remaining errors `left`."""
-    square = 0.0
-    for p in range(len(step)):
-        square += step[p] * step[p]
-    if square > 0.0:
-        for q in range(len(left)):
-            for p in range(len(step)):
-                J[q, p] += left[q] * step[p] / square
-
-
-@njit(cache=True, nogil=True)
-def newton_step(J, active, compliance, r, x):
-    """Newton step ``(J + diag(compliance)) x = -r`` for one or two unknowns; 0 for inactive ones.
-
-    If the two gradients are parallel, it is the least-squares step.
-    """
-    x[:] = 0.0
-    if not active.all() or len(r) == 1:
-        for q in range(len(r)):
-            slope = J[q, q] + compliance[q]
-            if active[q] and slope != 0.0:
-                x[q] = -r[q] / slope
-        return
-    a, b, c, d = J[0, 0] + compliance[0], J[0, 1], J[1, 0], J[1, 1] + compliance[1]
-    determinant, square = a * d - b * c, a * a + b * b + c * c + d * d
-    if PARALLEL * abs(determinant) > square:  # the condition is about square / determinant
-        x[0], x[1] = (b * r[1] - d * r[0]) / determinant, (c * r[0] - a * r[1]) / determinant
-    elif square > 0.0:
-        x[0], x[1] = -(a * r[0] + c * r[1]) / square, -(b * r[0] + d * r[1]) / square
 
 
 @njit(cache=True, nogil=True)

@@ -107,8 +107,7 @@ class Descent:
         self.rejected = 0
 
     def _local_step(self) -> float:
-        value = self.energy.local_step(self.u)
-        return value + self._constraints.penalty(self.u) if self._constraints else value
+        return self.energy.local_step(self.u) + self._constraints.penalty(self.u)
 
     @cached_property
     def _linear(self) -> Linear:
@@ -154,7 +153,7 @@ class Descent:
 
     def restore(self) -> bool:
         """Project the iterate onto the exact constraints, along the present directions; False if missed."""
-        return self._constraints.restore(self.u) if self._constraints else True
+        return self._constraints.restore(self.u)
 
     def project(self) -> None:
         """Project the iterate onto the exact constraints, along new directions."""

@@ -71,7 +71,7 @@ class Following:
         targets, positions = solver.checked_positions(targets, positions)
         self.solver, self._options, team = solver, complete(energy, ENERGY), ThreadTeam(1)
         self._factorised = solver.factorised
-        self._to_handles = solver.matrix[solver.vertex][:, solver.index[solver.hard]]
+        self._to_handles = solver.matrix[:, solver.index[solver.hard]][solver.vertex]
         self._state = Descent(
             solver,
             self._options,

@@ -147,9 +147,9 @@ def _product(A: csr_array, B: csr_array, team: ThreadTeam) -> csr_array:
 def _prolongation(A: csr_array, fixed: np.ndarray, team: ThreadTeam) -> tuple[np.ndarray, csr_array]:
     """The inverse (n,) of the smoother's diagonal, 0 in fixed rows, and P (n, c)."""
     n = A.shape[0]
-    inverse, diagonal = np.empty((2, n))
-    _diagonals(A.indptr, A.indices, A.data, fixed, inverse, diagonal)
-    aggregate, count = _aggregates(A.indptr, A.indices, A.data, fixed, WEAK * np.sqrt(diagonal))
+    total = csr_array((np.abs(A.data), A.indices, A.indptr), shape=(n, n)) @ np.ones(n)
+    inverse = np.divide(1.0, total, out=np.zeros(n), where=(total > 0.0) & ~fixed)
+    aggregate, count = _aggregates(A.indptr, A.indices, A.data, fixed, WEAK * np.sqrt(A.diagonal()))
     start = np.concatenate([[0], np.cumsum(~fixed)]).astype(np.int32)
     T = csr_array((np.ones(start[-1]), aggregate[~fixed], start), shape=(n, count))
     smooth = _product(A, T, team)
@@ -173,8 +173,13 @@ class _Level:
 
     def begin(self, B: np.ndarray, scale: float, team: ThreadTeam) -> None:
         """Take the smoother's first step, from 0, for `scale` times B (n, 3)."""
-        inverse, b = self.matrix[-1], np.float32(SMOOTHER[0][1])
-        team.ranges(lambda *own: _begin(*own, inverse, b, scale, B, self._r, self._d, self.x), len(B))
+        weight = np.float32(SMOOTHER[0][1]) * self.matrix[-1][:, None]
+
+        def begin(first: int, end: int) -> None:
+            r = np.multiply(B[first:end], scale, out=self._r[first:end], casting="same_kind")
+            self.x[first:end] = np.multiply(weight[first:end], r, out=self._d[first:end])
+
+        team.ranges(begin, len(B))
 
     def step(self, a: float, b: float, team: ThreadTeam) -> None:
         """``r -= A d``, ``d = a d + b D^-1 r``, ``x += d``."""
@@ -191,34 +196,22 @@ class _Level:
 
     def prolong(self, X: np.ndarray, team: ThreadTeam) -> None:
         """``d = P X``, ``x += d``."""
-        team.ranges(lambda *own: _prolong(*own, *self._up, X, self._d, self.x), len(self.x))
+
+        def add(first: int, end: int) -> None:
+            multiply(first, end, *self._up, X, self._d)
+            self.x[first:end] += self._d[first:end]
+
+        team.ranges(add, len(self.x))
 
 
 def _single(A: csr_array) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    start, column, value = compressed_rows(A)
-    return start, column, value.astype(np.float32)
-
-
-def compressed_rows(A: csr_array) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return starts, columns and values of a sparse matrix for kernels.
+    """Starts, columns and float32 values of a sparse matrix for kernels.
 
     Indices are unsigned. A product then takes half the time, because numba need not test for negative
     indices, which count from the end.
     """
     start, column = (array.astype(np.int32, copy=False).view(np.uint32) for array in (A.indptr, A.indices))
-    return start, column, A.data
-
-
-@njit(cache=True, nogil=True)
-def _diagonals(start, column, value, fixed, inverse, diagonal):
-    """Write the diagonal, and 1 / the sum of each row's absolute values, 0 in fixed rows."""
-    for i in range(len(diagonal)):
-        total = diagonal[i] = 0.0
-        for k in range(start[i], start[i + 1]):
-            total += abs(value[k])
-            if column[k] == i:
-                diagonal[i] = value[k]
-        inverse[i] = 1.0 / total if total > 0.0 and not fixed[i] else 0.0
+    return start, column, A.data.astype(np.float32)
 
 
 @njit(cache=True, nogil=True)
@@ -262,16 +255,6 @@ def _aggregates(start, column, value, fixed, least):
 
 
 @njit(cache=True, nogil=True)
-def _begin(first, end, inverse, b, scale, B, r, d, X):
-    for i in range(first, end):
-        f = b * inverse[i]
-        for c in range(3):
-            r[i, c] = scale * B[i, c]
-            d[i, c] = f * r[i, c]
-            X[i, c] = d[i, c]
-
-
-@njit(cache=True, nogil=True)
 def _step(first, end, start, column, value, inverse, a, b, r, d, e, X):
     for i in range(first, end):
         x, y, z = _less(start, column, value, d, r, i)
@@ -295,16 +278,6 @@ def multiply(first, end, start, column, value, F, out):
     """Write rows of a sparse matrix times F to `out`."""
     for i in range(first, end):
         out[i, 0], out[i, 1], out[i, 2] = _row(start, column, value, F, i)
-
-
-@njit(cache=True, nogil=True)
-def _prolong(first, end, start, column, value, F, d, X):
-    for i in range(first, end):
-        x, y, z = _row(start, column, value, F, i)
-        d[i, 0], d[i, 1], d[i, 2] = x, y, z
-        X[i, 0] += x
-        X[i, 1] += y
-        X[i, 2] += z
 
 
 @njit(cache=True, nogil=True)

@@ -1,7 +1,7 @@
 """The solver's order of vertices: triangles, ranges for threads and sparse matrices in that order.
 
-Functions here need no more memory than their results. SciPy and NumPy would need ten times as much to build a
-Laplacian from its entries, or to permute it.
+Functions here need little more memory than their results. SciPy and NumPy would need ten times as much to
+build a Laplacian from its entries, or to permute it.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.sides import sort_by_id
 from sshade.threads import in_ranges
 
 #: Number of vertices in a range, which a thread works on at a time.
@@ -42,9 +43,9 @@ def faces_in_order(F: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.nda
     face : (m,) int32
         Number of each sorted face in F.
     """
-    corners, face = np.empty(F.shape, dtype=np.uint32), np.empty(len(F), dtype=np.int32)
-    _order_faces(F, place, corners, face)
-    return corners, face
+    corners = place[F].astype(np.uint32)
+    face = sort_by_id(np.minimum.reduce([*corners.T]), len(place))[1]
+    return corners[face], face
 
 
 def vertex_ranges(corners: np.ndarray, n: int) -> list[tuple[slice, int, int]]:
@@ -107,23 +108,6 @@ def weighted_laplacian(
     value, n = np.zeros(len(column)), len(start) - 1
     _add_weighted(start, column, corners, H, np.ones(len(corners)) if weight is None else weight, value)
     return csr_array((value, column, start), shape=(n, n))
-
-
-@njit(cache=True, nogil=True)
-def _order_faces(F, place, corners, face):
-    """Counting sort."""
-    start = np.zeros(len(place) + 1, dtype=np.int32)
-    for f in range(len(F)):
-        start[min(place[F[f, 0]], place[F[f, 1]], place[F[f, 2]]) + 1] += 1
-    for i in range(len(place)):
-        start[i + 1] += start[i]
-    for f in range(len(F)):
-        low = min(place[F[f, 0]], place[F[f, 1]], place[F[f, 2]])
-        t = start[low]
-        face[t] = f
-        for c in range(3):
-            corners[t, c] = place[F[f, c]]
-        start[low] += 1
 
 
 @njit(cache=True, nogil=True)

@@ -39,6 +39,9 @@ BLOCK, CHUNK = 1024, 96 * 1024
 class QuasiNewton:
     """Computes the next iterate from a plain one and the last steps.
 
+    Signs: in the code G is the force, minus the gradient, over the unit. So ``F = g - u`` is M G, the change
+    of the gradient is ``y = last_G - G``, and ``z = M y`` is ``last_F - F``.
+
     Parameters
     ----------
     n : int
@@ -116,13 +119,13 @@ class QuasiNewton:
         u, F and the product become the last ones.
         """
         last, window, new = (self._u, self._F, self._G), self._window, NONE
-        sums = self._sum(lambda own: _curvature(*own, self._per_unit, u, last[0], product, last[2]))
+        sums = sum(self._chunks(lambda *own: _curvature(*own, self._per_unit, u, last[0], product, last[2])))
         if self._begun and sums[0] > CURVED * np.sqrt(sums[1] * sums[2]):
             new = self._steps % window
             self._steps += 1
         self._pairs = (self._steps - 1 - np.arange(min(self._steps, window))) % window
         stored = self._S, self._Z, self._pairs, new
-        rows = self._sum(lambda own: _products(*own, self._per_unit, u, F, product, *last, *stored))
+        rows = sum(self._chunks(lambda *own: _products(*own, self._per_unit, u, F, product, *last, *stored)))
         if new != NONE:
             self._sy[self._pairs, new] = rows[:-1, 0]
             self._zy[self._pairs, new] = self._zy[new, self._pairs] = rows[:-1, 1]
@@ -137,14 +140,10 @@ class QuasiNewton:
         """Write the last iterate plus a fraction of the step to u."""
         step = self._F, self._S, self._Z, self._pairs, self._along_s, self._along_z
         flat = u.reshape(-1)
-        self._sum(lambda own: _add_step(*own, fraction, self._per_unit, self._u, *step, flat))
+        self._chunks(lambda *own: _add_step(*own, fraction, self._per_unit, self._u, *step, flat))
 
-    def _sum(self, part: Callable[[tuple[int, int]], Any]) -> Any:
-        """Sum the values that a kernel returns for all chunks."""
-        size = len(self._F)
-        bounds = [*range(0, size, CHUNK), size]
-        parts = self._team(lambda number: part((bounds[number], bounds[number + 1])), len(bounds) - 1)
-        return sum(parts[1:], start=parts[0])
+    def _chunks(self, kernel: Callable[[int, int], Any]) -> list[Any]:
+        return self._team.ranges(kernel, len(self._F), rows=CHUNK)
 
 
 @njit(cache=True, nogil=True)
@@ -237,7 +236,6 @@ def _add_step(first, end, fraction, per_unit, last_u, F, S, Z, pairs, along_s, a
         for k in range(len(pairs)):
             _add(fraction * along_s[k] / per_unit, S[pairs[k]][own], u[own])
             _add(fraction * along_z[k] / per_unit, Z[pairs[k]][own], u[own])
-    return 0
 
 
 @njit(cache=True, nogil=True)

@@ -25,12 +25,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.sparse import csr_array, diags_array
 
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.solver.multigrid import compressed_rows
 
 #: Sum of a vertex's absolute weights beyond which its energy fades. (L v)_i of slivers is no curvature.
 STEEP = 20.0
@@ -86,8 +84,8 @@ class Plate(NamedTuple):
 
     Attributes
     ----------
-    rows : tuple
-        Starts, columns and values of L; see :func:`sshade.solver.multigrid.compressed_rows`.
+    laplacian : (n, n) csr_array
+        L.
     stiffness : (n,) float64
         See :func:`bending_stiffness`.
     rest : (n, 3) float64
@@ -98,7 +96,7 @@ class Plate(NamedTuple):
         Energy of all vertices in one point; unit length^2.
     """
 
-    rows: tuple[np.ndarray, np.ndarray, np.ndarray]
+    laplacian: csr_array
     stiffness: np.ndarray
     rest: np.ndarray
     corners: int
@@ -109,7 +107,7 @@ class Plate(NamedTuple):
         """Prepare the energy for L (n, n) and rest positions V (n, 3)."""
         rest = np.asarray(laplacian @ V)
         rest_energy = corners * float(stiffness @ (rest**2).sum(axis=1))
-        return cls(compressed_rows(laplacian), stiffness, rest, corners, rest_energy)
+        return cls(laplacian, stiffness, rest, corners, rest_energy)
 
 
 class Bending:
@@ -123,73 +121,28 @@ class Bending:
     """
 
     def __init__(self, plate: Plate, ranges: list[tuple[slice, int, int]]) -> None:
-        self._plate, self._ranges = plate, ranges
+        self._corners = plate.corners
+        own = [slice(first, end) for _, first, end in ranges]
+        self._parts = [(i, plate.laplacian[i], plate.stiffness[i, None], plate.rest[i]) for i in own]
         #: L P after the local step, and D (R L v - L P) after the rotation fit.
         self._W = np.empty_like(plate.rest)
 
     def local(self, number: int, P: np.ndarray, S: np.ndarray) -> float:
-        plate, (_, first, end) = self._plate, self._ranges[number]
-        weights = plate.stiffness, plate.rest, float(plate.corners)
-        return _covariances(*plate.rows, *weights, P, S, self._W, first, end)
+        own, laplacian, stiffness, rest = self._parts[number]
+        W = self._W[own] = laplacian @ P
+        weight = self._corners * stiffness
+        S[own] += ((weight * rest)[:, :, None] * W[:, None]).reshape(-1, 9)
+        return float((weight * W**2).sum())
 
     def turn(self, number: int, R: np.ndarray) -> None:
-        _, first, end = self._ranges[number]
-        _turn(self._plate.stiffness, self._plate.rest, R, self._W, first, end)
+        own, _, stiffness, rest = self._parts[number]
+        turned = sum(R[own, c::3] * rest[:, c, None] for c in range(3))
+        self._W[own] = stiffness * (turned - self._W[own])
 
     def forces(self, number: int, P: np.ndarray, R: np.ndarray, B: np.ndarray) -> float:
-        plate, (_, first, end) = self._plate, self._ranges[number]
-        return plate.corners * _add_forces(*plate.rows, plate.stiffness, self._W, B, first, end)
-
-
-@njit(cache=True, nogil=True)
-def _covariances(start, column, value, stiffness, rest, weight, P, S, W, first, end):
-    """Add covariances to S and write L P to W; return ``weight sum stiffness |(L P)_i|^2``."""
-    energy = 0.0
-    for i in range(first, end):
-        if stiffness[i] == 0.0:
-            continue
-        x = y = z = 0.0
-        for k in range(start[i], start[i + 1]):
-            j, v = column[k], value[k]
-            x += v * P[j, 0]
-            y += v * P[j, 1]
-            z += v * P[j, 2]
-        W[i, 0], W[i, 1], W[i, 2] = x, y, z
-        w = weight * stiffness[i]
-        energy += w * (x * x + y * y + z * z)
-        for r in range(3):
-            S[i, 3 * r] += w * rest[i, r] * x
-            S[i, 3 * r + 1] += w * rest[i, r] * y
-            S[i, 3 * r + 2] += w * rest[i, r] * z
-    return energy
-
-
-@njit(cache=True, nogil=True)
-def _turn(stiffness, rest, R, W, first, end):
-    """Replace L P in W by ``stiffness (R rest - L P)``."""
-    for i in range(first, end):
-        for r in range(3):
-            if stiffness[i] == 0.0:
-                W[i, r] = 0.0
-                continue
-            x = R[i, 3 * r] * rest[i, 0] + R[i, 3 * r + 1] * rest[i, 1] + R[i, 3 * r + 2] * rest[i, 2]
-            W[i, r] = stiffness[i] * (x - W[i, r])
-
-
-@njit(cache=True, nogil=True)
-def _add_forces(start, column, value, stiffness, W, B, first, end):
-    """Add L W to rows of B; return the energy ``sum |W_i|^2 / stiffness_i``."""
-    energy = 0.0
-    for i in range(first, end):
-        x = y = z = 0.0
-        for k in range(start[i], start[i + 1]):
-            j, v = column[k], value[k]
-            x += v * W[j, 0]
-            y += v * W[j, 1]
-            z += v * W[j, 2]
-        B[i, 0] += x
-        B[i, 1] += y
-        B[i, 2] += z
-        if stiffness[i] > 0.0:
-            energy += (W[i, 0] * W[i, 0] + W[i, 1] * W[i, 1] + W[i, 2] * W[i, 2]) / stiffness[i]
-    return energy
+        own, laplacian, stiffness, _ = self._parts[number]
+        W = self._W[own]
+        B[own] += laplacian @ self._W
+        return self._corners * float(
+            np.divide(W**2, stiffness, out=np.zeros_like(W), where=stiffness > 0).sum()
+        )

@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.sparse import coo_array
 
 
@@ -57,40 +56,20 @@ class Pulls:
     def aim(self, targets: np.ndarray, fraction: np.ndarray | None) -> None:
         """Set targets (k, 3) and pull fractions (k,), 1 by default, of all handles."""
         handle = self._springs.handle
-        self._targets = targets[handle]
-        self._fraction = np.ones(len(handle)) if fraction is None else fraction[handle]
-
-    def _part(self, number: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        own, springs = self._parts[number], self._springs
-        return springs.place[own], springs.stiffness[own], self._fraction[own], self._targets[own]
+        self._targets, self._stiffness = targets[handle], self._springs.stiffness
+        if fraction is not None:
+            self._stiffness = fraction[handle] * self._stiffness
 
     def local(self, number: int, P: np.ndarray, S: np.ndarray) -> float:
-        return self._corners * _energy(*self._part(number), P)
+        own = self._parts[number]
+        gap = self._targets[own] - P[self._springs.place[own]]
+        return self._corners * float(np.einsum("i,ic,ic", self._stiffness[own], gap, gap))
 
     def turn(self, number: int, R: np.ndarray) -> None:
         pass
 
     def forces(self, number: int, P: np.ndarray, R: np.ndarray, B: np.ndarray) -> float:
-        part = self._part(number)
-        _add_forces(*part, P, B)
-        return self._corners * _energy(*part, P)
-
-
-@njit(cache=True, nogil=True)
-def _energy(place, stiffness, fraction, target, P):
-    """Return ``sum fraction_i stiffness_i |P_i - target_i|^2`` over the vertices at `place` (j,)."""
-    total = 0.0
-    for j in range(len(place)):
-        i = place[j]
-        x, y, z = P[i, 0] - target[j, 0], P[i, 1] - target[j, 1], P[i, 2] - target[j, 2]
-        total += fraction[j] * stiffness[j] * (x * x + y * y + z * z)
-    return total
-
-
-@njit(cache=True, nogil=True)
-def _add_forces(place, stiffness, fraction, target, P, B):
-    """Add ``fraction_i stiffness_i (target_i - P_i)`` to B (n, 3) for the vertices at `place` (j,)."""
-    for j in range(len(place)):
-        i, k = place[j], fraction[j] * stiffness[j]
-        for c in range(3):
-            B[i, c] += k * (target[j, c] - P[i, c])
+        own = self._parts[number]
+        place = self._springs.place[own]
+        B[place] += self._stiffness[own, None] * (self._targets[own] - P[place])
+        return self.local(number, P, R)
