@@ -94,14 +94,8 @@ def paper_with(
         counts.append(int(cross_part(found, proxy, sampling).sum()))
         return found
 
-    result = deform_task(
-        task,
-        method="paper",
-        sample=samplers[handle_mode],
-        projection=counted,
-        progress=progress,
-        **options,
-    )
+    hooks = {"sample": samplers[handle_mode], "projection": counted}
+    result = deform_task(task, method="paper", hooks=hooks, progress=progress, **options)
     far = float(np.mean(counts))
     facts = {"far_vertices": far, "far_share": 100 * far / task.mesh.n}
     return replace(result, extra={**result.extra, **facts})

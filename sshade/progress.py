@@ -13,3 +13,8 @@ class Progress(Protocol):
 
 def silent(stage: str, done: int, total: int, note: str = "") -> None:
     """Report nothing; the default progress callback."""
+
+
+def renamed(progress: Progress, stage: str) -> Progress:
+    """Return a callback that reports to `progress` under another name of the stage."""
+    return lambda _, done, total, note="": progress(stage, done, total, note)

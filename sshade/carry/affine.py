@@ -16,7 +16,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from sshade.carry.frames import ZERO_AREA, Frames, Placer, place_on_triangles
+from sshade.carry.frames import Frames, Placer, edges_and_normals, place_on_triangles
 from sshade.carry.neighbours import adjacent_triangles, fill_from_neighbours
 from sshade.carry.projection import Projection
 from sshade.mesh.mesh import Mesh
@@ -74,8 +74,8 @@ def affine_maps(rest: np.ndarray, deformed: np.ndarray, *, F: np.ndarray) -> tup
     known : (l,) bool
         False for triangles without area in N or N'.
     """
-    e1, e2, n, doubled = _edges_and_normals(rest, F)
-    d1, d2, m, deformed_doubled = _edges_and_normals(deformed, F)
+    e1, e2, n, doubled = edges_and_normals(rest, F)
+    d1, d2, m, deformed_doubled = edges_and_normals(deformed, F)
     known = (doubled > 0) & (deformed_doubled > 0)
     doubled = np.where(known, doubled, 1.0)
     # Rows of the inverse of [e1 e2 n]: e2 x n and n x e1 over the doubled area, and n.
@@ -83,13 +83,3 @@ def affine_maps(rest: np.ndarray, deformed: np.ndarray, *, F: np.ndarray) -> tup
     A = sum(d[:, :, None] * row[:, None] for d, row in zip((d1, d2, m), rows, strict=True))
     A[~known] = 0.0
     return A, known
-
-
-def _edges_and_normals(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return e1, e2, n (l, 3) and doubled areas (l,) of triangles; n and the area are 0 without a normal."""
-    a, b, c = (V[F[:, corner]] for corner in range(3))
-    e1, e2 = b - a, c - a
-    n = np.cross(e1, e2)
-    doubled = np.linalg.norm(n, axis=1)
-    doubled[doubled <= ZERO_AREA * ((e1**2).sum(axis=1) + (e2**2).sum(axis=1))] = 0.0
-    return e1, e2, np.divide(n, doubled[:, None], out=np.zeros_like(n), where=doubled[:, None] > 0), doubled

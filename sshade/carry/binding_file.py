@@ -17,25 +17,25 @@ from sshade.io.files import reason
 from sshade.mesh.mesh import Mesh
 from sshade.sampling.proxy import Sampling, proxy_mesh
 
+#: Fields of a sampling and of a projection, by their names in a file.
+SAMPLING = {"samples": "samples", "faces": "faces", "region": "cell", "distance": "distance"}
+PROJECTION = {"face": "face", "barycentric": "barycentric", "to_proxy": "distance"}
+
 
 def save_binding(path: str | os.PathLike[str], binding: Binding) -> None:
     """Write a binding as .npz, without the mesh itself; :func:`load_binding` reads it back."""
-    frames, sampling, on_proxy = binding.frames, binding.sampling, binding.projection
-    values: dict[str, Any] = {"values": frames.values} if isinstance(frames, TriangleFrames) else {}
+    frames = binding.frames
+    arrays = {name: getattr(binding.sampling, field) for name, field in SAMPLING.items()}
+    arrays |= {name: getattr(binding.projection, field) for name, field in PROJECTION.items()}
+    if isinstance(frames, TriangleFrames):
+        arrays["values"] = frames.values
     with open(path, "wb") as file:
         np.savez(
             file,
             vertices=len(binding.local),
             mesh=_digest(binding.mesh.F),
-            samples=sampling.samples,
-            faces=sampling.faces,
-            region=sampling.cell,
-            distance=sampling.distance,
-            face=on_proxy.face,
-            barycentric=on_proxy.barycentric,
-            to_proxy=on_proxy.distance,
             frames=frames.name,
-            **values,
+            **arrays,
         )
 
 
@@ -64,8 +64,8 @@ def load_binding(path: str | os.PathLike[str], mesh: Mesh, *, frames: FrameKind 
             )
         if str(arrays["mesh"]) != _digest(mesh.F):
             raise InputError("the map is of a mesh with other faces; remesh this one")
-        sampling = Sampling(*(arrays[name] for name in ("samples", "faces", "region", "distance")))
-        on_proxy = Projection(*(arrays[name] for name in ("face", "barycentric", "to_proxy")))
+        sampling = Sampling(**{field: arrays[name] for name, field in SAMPLING.items()})
+        on_proxy = Projection(**{field: arrays[name] for name, field in PROJECTION.items()})
         _require_fit(sampling, on_proxy, arrays.get("values"), mesh.n)
         proxy, saved = proxy_mesh(mesh, sampling), str(arrays["frames"])
         at_rest = frame_maker(saved, mesh)(proxy, sampling.samples)  # type: ignore[arg-type]
@@ -100,17 +100,21 @@ def _digest(F: np.ndarray) -> str:
 def _require_fit(sampling: Sampling, on_proxy: Projection, values: np.ndarray | None, n: int) -> None:
     """Raise ValueError unless the arrays of a map fit together; kernels would read out of bounds."""
     k, faces = len(sampling.samples), len(sampling.faces)
-    ids = (
+    expected = [
         (sampling.samples, (k,), n),
         (sampling.faces, (faces, 3), k),
         (sampling.cell, (n,), k),
+        (sampling.distance, (n,), None),
         (on_proxy.face, (n,), faces),
-    )
-    reals = [(sampling.distance, (n,)), (on_proxy.distance, (n,)), (on_proxy.barycentric, (n, 3))]
-    reals += [] if values is None else [(values, (faces, 3))]
-    fit = [
-        a.shape == shape and a.dtype.kind == "i" and a.min() >= 0 and a.max() < end for a, shape, end in ids
+        (on_proxy.distance, (n,), None),
+        (on_proxy.barycentric, (n, 3), None),
     ]
-    fit += [a.shape == s and a.dtype == np.float64 and np.isfinite(a).all() for a, s in reals]
-    if not all(fit):
-        raise ValueError("its arrays do not fit together")
+    if values is not None:
+        expected.append((values, (faces, 3), None))
+    for array, shape, end in expected:
+        if end is None:
+            valid = array.dtype == np.float64 and np.isfinite(array).all()
+        else:
+            valid = array.dtype.kind == "i" and array.min() >= 0 and array.max() < end
+        if array.shape != shape or not valid:
+            raise ValueError("its arrays do not fit together")

@@ -95,6 +95,19 @@ class Frames(ABC):
 FrameMaker = Callable[[Mesh, np.ndarray], Frames]
 
 
+def edges_and_normals(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return the edges from the first corner, the unit normals, and the doubled areas of triangles.
+
+    Shapes are (l, 3) and (l,). Normal and area are 0 up to :data:`ZERO_AREA`.
+    """
+    a, b, c = (V[F[:, corner]] for corner in range(3))
+    e1, e2 = b - a, c - a
+    n, longest = np.cross(e1, e2), np.max([(e**2).sum(axis=1) for e in (e1, e2, e1 - e2)], axis=0)
+    doubled = np.linalg.norm(n, axis=1)
+    doubled[doubled <= ZERO_AREA * longest] = 0.0
+    return e1, e2, np.divide(n, doubled[:, None], out=np.zeros_like(n), where=doubled[:, None] > 0), doubled
+
+
 @njit(cache=True, nogil=True)
 def place_on_triangles(first, end, local, face, A, origin, V):
     """Write V_i = A_t local_i + origin_t for points i in triangles t, with A (l, 3, 3) and origin (l, 3)."""

@@ -44,10 +44,14 @@ def fill_from_neighbours(
             flat[~known] = np.eye(3).ravel()
             return flat.reshape(-1, 3, 3)
         count = np.bincount(one[use], minlength=len(known))
-        total = [np.bincount(one[use], flat[two[use], r], len(known)) for r in range(9)]
-        mean = np.stack(total, axis=1)[ready] / count[ready, None]
+        mean = sums_by_index(one[use], flat[two[use]], len(known))[ready] / count[ready, None]
         flat[ready] = mean if onto is None else onto(mean.reshape(-1, 3, 3)).reshape(-1, 9)
         known[ready] = True
+
+
+def sums_by_index(index: np.ndarray, rows: np.ndarray, count: int) -> np.ndarray:
+    """Return the sums (count, r) of rows (m, r) with the same index (m,)."""
+    return np.stack([np.bincount(index, column, count) for column in rows.T], axis=1)
 
 
 def adjacent_triangles(F: np.ndarray) -> np.ndarray:

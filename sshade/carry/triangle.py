@@ -18,10 +18,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 
 from sshade.carry.blended import nearest_rotations
-from sshade.carry.frames import ZERO_AREA, Frames, Placer, place_on_triangles
+from sshade.carry.frames import Frames, Placer, edges_and_normals, place_on_triangles
 from sshade.carry.neighbours import adjacent_triangles, fill_from_neighbours
 from sshade.carry.projection import Projection
 from sshade.errors import InputError
@@ -78,19 +77,16 @@ def frame_values(proxy: Mesh, function: str | np.ndarray = "extent") -> np.ndarr
         if np.ptp(values) == 0:
             raise InputError("the frame function is constant; it needs a gradient")
         first, fallback = values[proxy.F] * (proxy.diagonal / np.ptp(values)), best
-    flat = _gradient_length(proxy, first) < FLAT
+    flat = np.linalg.norm(_gradients(proxy.V, proxy.F, first)[0], axis=1) < FLAT
     return np.where(flat[:, None], fallback, first)
 
 
-def _gradient_length(mesh: Mesh, values: np.ndarray) -> np.ndarray:
-    """Return the lengths (l,) of the tangential gradient; 0 on zero-area triangles."""
-    a, b, c = (mesh.V[mesh.F[:, i]] for i in range(3))
-    normal = np.cross(b - a, c - a)
-    gradient = (values[:, 1] - values[:, 0])[:, None] * np.cross(c - a, normal)
-    gradient += (values[:, 2] - values[:, 0])[:, None] * np.cross(normal, b - a)
-    squared = (normal**2).sum(axis=1)
-    length = np.linalg.norm(gradient, axis=1)
-    return np.divide(length, squared, out=np.zeros(len(squared)), where=squared > 0)
+def _gradients(V: np.ndarray, F: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the gradients of f on triangles, and unit normals, both (l, 3); 0 on zero-area triangles."""
+    e1, e2, normal, doubled = edges_and_normals(V, F)
+    change = values[:, 1:] - values[:, :1]
+    gradient = change[:, :1] * np.cross(e2, normal) + change[:, 1:] * np.cross(normal, e1)
+    return np.divide(gradient, doubled[:, None], out=gradient, where=doubled[:, None] > 0), normal
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +126,7 @@ class TriangleFrames(Frames):
     @classmethod
     def of_values(cls, proxy: Mesh, values: np.ndarray) -> TriangleFrames:
         """Return the frames of N at rest for the corner values (l, 3) of f."""
-        L, origin, degenerate = _frames(proxy.V, proxy.F, values, ZERO_AREA)
+        L, origin, degenerate = _frames(proxy.V, proxy.F, values)
         return cls(proxy.F, values, L, origin, degenerate)
 
     def encode(self, V: np.ndarray, on: Projection) -> np.ndarray:
@@ -142,7 +138,7 @@ class TriangleFrames(Frames):
 
     def posed(self, NV: np.ndarray, rotations: np.ndarray | None, team: ThreadTeam) -> tuple[Placer, int]:
         """Place points at L_t' v_t + b_t'; see :class:`sshade.carry.frames.Frames`."""
-        L, origin, degenerate = _frames(NV, self.F, self.values, ZERO_AREA)
+        L, origin, degenerate = _frames(NV, self.F, self.values)
         missing = degenerate | self.degenerate
         if missing.any():
             turns = fill_from_neighbours(
@@ -159,42 +155,12 @@ class TriangleFrames(Frames):
         return place, int(missing.sum())
 
 
-@njit(cache=True, nogil=True)
-def _frames(V, F, values, zero_area):
-    m = F.shape[0]
-    L = np.empty((m, 3, 3), dtype=np.float64)
-    origin = np.empty((m, 3), dtype=np.float64)
-    degenerate = np.zeros(m, dtype=np.bool_)
-    e1, e2, normal, g = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    for t in range(m):
-        a, b, c = F[t, 0], F[t, 1], F[t, 2]
-        for x in range(3):
-            origin[t, x] = (V[a, x] + V[b, x] + V[c, x]) / 3.0
-            e1[x], e2[x] = V[b, x] - V[a, x], V[c, x] - V[a, x]
-        for x in range(3):
-            normal[x] = e1[(x + 1) % 3] * e2[(x + 2) % 3] - e1[(x + 2) % 3] * e2[(x + 1) % 3]
-        l1, l2, l3 = 0.0, 0.0, 0.0
-        for x in range(3):
-            l1 += e1[x] * e1[x]
-            l2 += e2[x] * e2[x]
-            l3 += (e1[x] - e2[x]) ** 2
-        longest = max(l1, l2, l3)
-        doubled = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
-        df1, df2 = values[t, 1] - values[t, 0], values[t, 2] - values[t, 0]
-        # The gradient times the squared doubled area; only the direction matters.
-        for x in range(3):
-            y, z = (x + 1) % 3, (x + 2) % 3
-            g[x] = df1 * (e2[y] * normal[z] - e2[z] * normal[y])
-            g[x] += df2 * (normal[y] * e1[z] - normal[z] * e1[y])
-        length = np.sqrt(g[0] ** 2 + g[1] ** 2 + g[2] ** 2)
-        if doubled <= zero_area * longest or length == 0.0:
-            degenerate[t] = True
-            L[t] = np.eye(3)
-            continue
-        for x in range(3):
-            L[t, x, 0] = g[x] / length
-            L[t, x, 2] = normal[x] / doubled
-        for x in range(3):
-            y, z = (x + 1) % 3, (x + 2) % 3
-            L[t, x, 1] = L[t, y, 0] * L[t, z, 2] - L[t, z, 0] * L[t, y, 2]
-    return L, origin, degenerate
+def _frames(V: np.ndarray, F: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return L (l, 3, 3), the identity without a gradient, origins (l, 3), and where (l,) there is none."""
+    gradient, n = _gradients(V, F, values)
+    length = np.linalg.norm(gradient, axis=1)
+    known = length > 0
+    g = gradient / np.where(known, length, 1.0)[:, None]
+    L = np.stack([g, np.cross(g, n), n], axis=2)
+    L[~known] = np.eye(3)
+    return L, (V[F[:, 0]] + V[F[:, 1]] + V[F[:, 2]]) / 3.0, ~known

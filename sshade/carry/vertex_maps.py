@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sshade.carry.frames import ZERO_AREA
-from sshade.carry.neighbours import fill_from_neighbours
+from sshade.carry.neighbours import fill_from_neighbours, sums_by_index
 from sshade.mesh.mesh import Mesh
 
 #: Least length of an edge in its weight, as a fraction of the mean: coincident vertices have a finite weight.
@@ -79,7 +79,7 @@ class VertexMaps:
         of_normals = _normals(V, self.F)[:, :, None] * self.d[:, None, :]
         index = np.concatenate([np.arange(len(V)), self.edges.ravel()])
         terms = np.concatenate([of_normals.reshape(-1, 9), of_edges.reshape(-1, 9)])
-        A = _sums(index, terms, len(V)).reshape(-1, 3, 3)
+        A = sums_by_index(index, terms, len(V)).reshape(-1, 3, 3)
         # The cofactors of a map are the areas that it makes. A map of one dimension leaves only rounding.
         cofactors = np.cross(A[:, [1, 2, 0]], A[:, [2, 0, 1]])
         known = np.sqrt((cofactors**2).sum(axis=(1, 2))) > RANK_ONE * (A**2).sum(axis=(1, 2))
@@ -92,7 +92,7 @@ def _normals(V: np.ndarray, F: np.ndarray) -> np.ndarray:
     e1, e2 = b - a, c - a
     size = (e1**2).sum(axis=1) + (e2**2).sum(axis=1)
     faces = np.column_stack([np.cross(e1, e2), size])
-    total = _sums(F.ravel(), np.repeat(faces, 3, axis=0), len(V))
+    total = sums_by_index(F.ravel(), np.repeat(faces, 3, axis=0), len(V))
     normals = total[:, :3]
     length = np.linalg.norm(normals, axis=1)
     known = length > ZERO_AREA * total[:, 3]
@@ -107,7 +107,7 @@ def _dual(
     # The six entries of symmetric matrices, xx, xy, xz, yy, yz, zz.
     row, column = [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]
     products = weight[:, None] * (e[:, row] * e[:, column])
-    scatter = _sums(edges.ravel(), np.repeat(products, 2, axis=0), len(V))
+    scatter = sums_by_index(edges.ravel(), np.repeat(products, 2, axis=0), len(V))
     trace = scatter[:, 0] + scatter[:, 3] + scatter[:, 5]
     pull = 0.5 * trace[:, None] * normals
     M = (scatter + pull[:, row] * normals[:, column])[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
@@ -118,8 +118,3 @@ def _dual(
     ends = weight[:, None, None] * np.stack([e, -e], axis=1)
     c = (inverse[edges] * ends[:, :, None, :]).sum(axis=3)
     return c, (inverse * pull[:, None, :]).sum(axis=2)
-
-
-def _sums(index: np.ndarray, rows: np.ndarray, count: int) -> np.ndarray:
-    """Return the sums (count, r) of rows (m, r) with the same index (m,)."""
-    return np.stack([np.bincount(index, column, count) for column in rows.T], axis=1)

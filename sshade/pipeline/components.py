@@ -25,7 +25,7 @@ from sshade.mesh.surface import without_duplicates
 from sshade.options import Options
 from sshade.pipeline.proxies import joined, least_vertices, proxy_vertices
 from sshade.pipeline.regions import EDGE_SAMPLES
-from sshade.progress import Progress
+from sshade.progress import Progress, renamed
 from sshade.task import DeformationResult, DeformationTask, Handles
 
 #: Number of vertices of the nearest component whose motion a vertex of an unconstrained component follows.
@@ -99,7 +99,7 @@ def by_components(
             f"{len(handles)} handle vertices"
         )
     vertices = proxy_vertices(options.vertices, mesh.n, len(handles), coarser=options.coarser)
-    components = _Components(mesh, cut, task)
+    components = _Components(mesh, cut, task, deform, options)
     order = components.order()
     density = vertices / components.area[order].sum()
     seconds_left = options.polish_seconds
@@ -110,14 +110,7 @@ def by_components(
         if seconds_left is not None:
             portion = components.area[component] / components.area[order[number - 1 :]].sum()
             changes["polish_seconds"] = portion * seconds_left
-        result = components.deform(
-            component,
-            deform,
-            options,
-            changes,
-            name=f"{task.name} {stage}",
-            progress=_renamed(progress, stage),
-        )
+        result = components.deform(component, stage, changes, progress)
         if seconds_left is not None:
             seconds_left = max(0.0, seconds_left - result.seconds.get("polish", 0.0))
         results.append(result)
@@ -141,9 +134,17 @@ class _Components:
         Largest distance of a copy from the position of its vertex.
     """
 
-    def __init__(self, mesh: Mesh, cut: Cut, task: DeformationTask) -> None:
+    def __init__(
+        self, mesh: Mesh, cut: Cut, task: DeformationTask, deform: DeformComponent, options: Options
+    ) -> None:
         handles = task.handles
-        self._cut, self._handles, self._guess = cut, handles, task.guess
+        self._cut, self._handles, self._task, self._deform, self._options = (
+            cut,
+            handles,
+            task,
+            deform,
+            options,
+        )
         self._component, count = cut.mesh.component, cut.mesh.topology.components
         self._number = np.full(mesh.n, -1)
         self._number[handles.index] = np.arange(len(handles))
@@ -167,16 +168,10 @@ class _Components:
         return found
 
     def deform(
-        self,
-        component: int,
-        deform: DeformComponent,
-        options: Options,
-        changes: dict[str, Any],
-        *,
-        name: str,
-        progress: Progress,
+        self, component: int, stage: str, changes: dict[str, Any], progress: Progress
     ) -> DeformationResult:
         """Deform a component and take over its positions."""
+        options, guess = self._options, self._task.guess
         vertex = self._members[component]
         origin = self._cut.origin[vertex]
         F = np.searchsorted(vertex, self._cut.mesh.F[self._faces[component]])
@@ -186,9 +181,10 @@ class _Components:
         changes = {**changes, "vertices": vertices}
         if not isinstance(options.frame_function, str):
             changes["frame_function"] = self._values_of(options.frame_function)[origin]
-        guess = None if self._guess is None else self._guess[origin]
+        guess = None if guess is None else guess[origin]
+        part = DeformationTask(f"{self._task.name} {stage}", shape, handles, guess=guess)
         try:
-            result = deform(DeformationTask(name, shape, handles, guess=guess), progress=progress, **changes)
+            result = self._deform(part, progress=renamed(progress, stage), **changes)
         except InputError as error:
             raise InputError(
                 f"the component of {shape.n} vertices around vertex {origin[0]} cannot be deformed: {error}"
@@ -209,15 +205,14 @@ class _Components:
         with_handle = with_handle[np.argsort(number[with_handle], kind="stable")]
         seam = np.flatnonzero((number < 0) & self._done[origin])
         number = number[with_handle]
-        return Handles(
-            np.concatenate([with_handle, seam]),
-            np.concatenate([handles.target[number], self.positions[origin[seam]]]),
-            dynamic=np.concatenate([handles.dynamic[number], np.ones(len(seam), dtype=bool)]),
-            group=np.concatenate([handles.group[number], np.full(len(seam), handles.group.max() + 1)]),
-            weight=np.concatenate([handles.weight[number], np.full(len(seam), np.inf)]),
-            portion=_joined(handles.portion, number, np.ones(len(seam))),
-            rotation=_joined(handles.rotation, number, np.full((len(seam), 3, 3), np.nan)),
-        )
+        of_seam = {"dynamic": True, "group": handles.group.max() + 1, "weight": np.inf}
+        fields: dict[str, Any] = {"index": np.concatenate([with_handle, seam])}
+        fields["target"] = np.concatenate([handles.target[number], self.positions[origin[seam]]])
+        for name, value in {**of_seam, "portion": 1.0, "rotation": np.nan}.items():
+            if (values := getattr(handles, name)) is not None:
+                further = np.full((len(seam), *values.shape[1:]), value)
+                fields[name] = np.concatenate([values[number], further])
+        return Handles(**fields)
 
     def _take_over(self, origin: np.ndarray, V: np.ndarray) -> None:
         """Store the mean of the copies within a component; finished vertices stay."""
@@ -227,16 +222,6 @@ class _Components:
         self.positions[vertex] = mean
         self._done[vertex] = True
         self.gap = max(self.gap, float(np.linalg.norm(V - self.positions[origin], axis=1).max()))
-
-
-def _renamed(progress: Progress, stage: str) -> Progress:
-    """Report progress under another name of the stage."""
-    return lambda _, done, total, note="": progress(stage, done, total, note)
-
-
-def _joined(values: np.ndarray | None, number: np.ndarray, further: np.ndarray) -> np.ndarray | None:
-    """Rows `number` of optional values of handles, then `further` rows; None without values."""
-    return None if values is None else np.concatenate([values[number], further])
 
 
 def _move_rigidly(mesh: Mesh, positions: np.ndarray, unconstrained: np.ndarray) -> None:

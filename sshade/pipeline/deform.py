@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any, TypeVar, overload
 
 import numpy as np
 
-from sshade.carry.projection import Projector, project_to_fans
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.surface import surface
 from sshade.options import accepted, as_row, require_method, resolve, takes_options
 from sshade.pipeline.components import by_components
-from sshade.pipeline.engine import Sampler, deform_once, sample_with_handles
+from sshade.pipeline.engine import deform_once
 from sshade.pipeline.polish import polished
 from sshade.pipeline.regions import has_regions
 from sshade.progress import Progress, silent
@@ -29,8 +28,7 @@ def deform_task(
     *,
     method: str,
     progress: Progress = silent,
-    sample: Sampler = sample_with_handles,
-    projection: Projector = project_to_fans,
+    hooks: Mapping[str, Any] | None = None,
     **values: Any,
 ) -> DeformationResult:
     """Deform the mesh of a task, component by component.
@@ -41,9 +39,8 @@ def deform_task(
     method : str
         A key of :data:`sshade.options.PRESETS`.
     progress : Progress
-    sample, projection : callable
-        How proxies are sampled, and how M is projected onto them, for ablations: see
-        :class:`sshade.pipeline.engine.Engine`.
+    hooks : mapping, optional
+        For ablations: ``sample`` and ``projection`` of :class:`sshade.pipeline.engine.Engine`.
     **values
         Options, see :class:`sshade.options.Options`; None stands for the method's own value.
 
@@ -58,17 +55,16 @@ def deform_task(
         options = resolve(method, component_values)
         if regional := has_regions(task.mesh, task.handles.index, options):
             options = resolve(method, component_values, regions=True)
-        hooks: dict[str, Any] = {"sample": sample, "projection": projection}
-        run = partial(deform_once, task, options.of_proxy(), progress=progress, **hooks)
+        run = partial(deform_once, task, options.of_proxy(), progress=progress, **(hooks or {}))
         if options.polish:
             result = polished(task, options, deform=run, regional=regional, progress=progress)
         else:
             result = run()
-        totals = replace(options, vertices=asked.vertices, polish_seconds=asked.polish_seconds)
+        totals = replace(options, vertices=whole.vertices, polish_seconds=whole.polish_seconds)
         return replace(result, extra={**result.extra, "options": as_row(totals, method)})
 
-    asked = resolve(method, values)
-    return by_components(task, deform_component, asked, progress=progress)
+    whole = resolve(method, values)
+    return by_components(task, deform_component, whole, progress=progress)
 
 
 @overload

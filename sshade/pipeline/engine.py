@@ -24,7 +24,7 @@ from sshade.options import SOLVER, Options
 from sshade.pipeline.initialise import ROOM, Solve, initialised
 from sshade.pipeline.proxies import FACTS, Proxies
 from sshade.pipeline.regions import HandleRegions, all_on_targets
-from sshade.progress import Progress, silent
+from sshade.progress import Progress, renamed, silent
 from sshade.sampling.proxy import Sampling, proxy_mesh
 from sshade.solver.local_global import local_global
 from sshade.task import DeformationResult, DeformationTask, Handles
@@ -251,7 +251,7 @@ class BoundProxy:
         corrects = corrects_volume(options)
         error = VOLUME_ERROR * abs(regions.volume) if corrects else 0.0
         iterations, seconds = 0.0, {"solve": 0.0, "carry": 0.0}
-        best, smallest, was_exact = None, inf, False
+        best, smallest, was_exact, known = None, inf, False, dict[str, Any]()
         for _ in range(1 + VOLUME_ROUNDS if again else 1):
             begin = perf_counter()
             left = int(options.max_iterations - iterations)
@@ -267,8 +267,8 @@ class BoundProxy:
             seconds["carry"] += perf_counter() - begin
             if best is not None and (abs(deficit) > max(smallest, error) or (was_exact and not exact)):
                 break  # the last shape was better
-            facts = {**best[1], **solved.extra} if best is not None else dict(solved.extra)
-            best, smallest, was_exact = (V, facts, solved.converged, degenerate), abs(deficit), exact
+            known |= solved.extra
+            best, smallest, was_exact = (V, solved.converged, degenerate), abs(deficit), exact
             goal = self.volume_goal + (deficit / self.proxy.volume if deficit else 0.0)
             corrected = smallest <= error or not exact or goal <= 0
             if not corrected:
@@ -279,14 +279,15 @@ class BoundProxy:
             if (corrected and met) or iterations >= options.max_iterations:
                 break
         assert best is not None
-        V, known, converged, degenerate = best
+        V, converged, degenerate = best
         facts = {
             "proxy_vertices": self.proxy.n,
             "degenerate_frames": degenerate,
             "residual": known.get("residual", float("nan")),
             **{f"proxy_{name}": fact for name, fact in known.items() if f"proxy_{name}" in FACTS},
-            **({"energy": known["energy"]} if "energy" in known else {}),
         }
+        if "energy" in known:
+            facts["energy"] = known["energy"]
         return DeformationResult(V, iterations, converged, seconds, facts)
 
 
@@ -295,8 +296,7 @@ def deform_once(
     options: Options,
     *,
     progress: Progress = silent,
-    sample: Sampler = sample_with_handles,
-    projection: Projector = project_to_fans,
+    **hooks: Any,
 ) -> DeformationResult:
     """Deform a connected, oriented manifold through proxies that serve this deformation alone.
 
@@ -307,8 +307,8 @@ def deform_once(
     task : DeformationTask
     options : Options
     progress : Progress
-    sample, projection : callable
-        See :class:`Engine`.
+    **hooks
+        `sample` and `projection`, see :class:`Engine`.
 
     Returns
     -------
@@ -320,7 +320,7 @@ def deform_once(
     InputError
         On another mesh, or where it cannot be sampled or solved.
     """
-    engine = Engine(task.mesh, task.handles, options, sample=sample, projection=projection)
+    engine = Engine(task.mesh, task.handles, options, **hooks)
     if engine.regions.covered:
         return all_on_targets(task)
 
@@ -332,9 +332,7 @@ def deform_once(
                 options,
                 name=f"{task.name} proxy {number}",
                 guess=None if guess is None else guess[sampling.samples],
-                progress=lambda _, done, total, note="": progress(
-                    f"sampling {number + 1}", done, total, note
-                ),
+                progress=renamed(progress, f"sampling {number + 1}"),
             )
 
         with ThreadPoolExecutor(max_workers=1) as pool, ThreadTeam(engine.proxies.carriers) as team:

@@ -15,7 +15,7 @@ from sshade.memory import give_back
 from sshade.mesh.adjacency import vertex_graph
 from sshade.options import ENERGY, Options
 from sshade.pipeline.regions import HandleRegions, all_on_targets
-from sshade.progress import Progress
+from sshade.progress import Progress, renamed
 from sshade.sampling.fronts import Fronts
 from sshade.solver.attachment import Attachment
 from sshade.solver.local_global import LocalGlobal
@@ -72,7 +72,7 @@ def polished(
         solver, targets, precompute = solver_ready.result()
     ready = perf_counter()
     energy = {**options.subset(ENERGY), "workers": options.workers or available_cpus()}
-    energy["prescribed"] = _around(task, samples=proxy.extra["samples"])
+    energy["prescribed"] = _rotations_near_handles(task, samples=proxy.extra["samples"])
     start = [proxy.vertices]
     proxy = replace(proxy, vertices=np.empty((0, 3)))
     give_back()
@@ -83,7 +83,7 @@ def polished(
         max_iterations=options.polish_iterations,
         window=WINDOW,
         max_seconds=inf if options.polish_seconds is None else options.polish_seconds,
-        progress=lambda _, done, total, note="": progress("polish", done, total, note),
+        progress=renamed(progress, "polish"),
         **energy,
     )
     kept = ("samples", "proxy_vertices", "faces_without_area", "proxy_initialisation")
@@ -93,7 +93,7 @@ def polished(
         graph = vertex_graph(task.mesh)
         regions = HandleRegions(task.mesh, task.handles, vertices=facts["samples"], graph=graph)
         turned = regions.on_targets(solution.positions, task.handles)
-        solution = _moved(solver, solution, turned, targets, energy)
+        solution = _solution_at(solver, solution, turned, targets, energy)
     seconds = {
         "proxy": arrived - begin,
         "precompute": precompute,
@@ -118,7 +118,7 @@ def _bind(task: DeformationTask, weight: float) -> tuple[LocalGlobal, np.ndarray
     return solver, targets, perf_counter() - begin
 
 
-def _around(task: DeformationTask, *, samples: int) -> tuple[np.ndarray, np.ndarray] | None:
+def _rotations_near_handles(task: DeformationTask, *, samples: int) -> tuple[np.ndarray, np.ndarray] | None:
     """Prescribe the handles' rotations within the radius of a disc with a sample's area.
 
     On a proxy a vertex turns the surface of its cell. At full resolution the handle's vertex alone would turn
@@ -132,7 +132,7 @@ def _around(task: DeformationTask, *, samples: int) -> tuple[np.ndarray, np.ndar
     return near, R[fronts.cell[near]]
 
 
-def _moved(
+def _solution_at(
     solver: LocalGlobal, solution: Solution, V: np.ndarray, targets: np.ndarray, energy: dict[str, Any]
 ) -> Solution:
     """A solution at other positions, projected onto the constraints; the record of the iteration stays."""

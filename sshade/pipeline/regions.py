@@ -16,7 +16,7 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from numba import njit
+from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from sshade.carry.blended import nearest_rotations
@@ -149,7 +149,7 @@ class HandleRegions:
             return V
         moved = V.copy()
         moved[self._index] = handles.target[self._hard]
-        vertex, nearest, phi = self._beside
+        vertex, nearest, phi = self._margin
         R = self._rotations(moved, handles)
         rotated = np.isfinite(R[:, 0, 0])
         turns = rotated[nearest]
@@ -179,13 +179,13 @@ class HandleRegions:
             sums = sums + sums @ along
         angle = sums[0] / np.where(sums[1] > 0, sums[1], 1.0)
         weight = np.ones(self._mesh.n)
-        weight[self._edge] = _fall(np.maximum(angle - CREASE, 0.0) / (BEND - CREASE))
+        weight[self._edge] = _smooth_fall(np.maximum(angle - CREASE, 0.0) / (BEND - CREASE))
         return weight[e]
 
     def prepare(self) -> None:
         """Compute the rest-shape data of :meth:`on_targets`, in a thread that has time."""
         if self.regional and len(self._index):
-            self._beside, self._maps  # noqa: B018 - cached
+            self._margin, self._maps  # noqa: B018 - cached
 
     @cached_property
     def volume(self) -> float:
@@ -212,7 +212,7 @@ class HandleRegions:
         add_gradients(mesh.F.astype(np.uint32), V - mesh.origin, 1.0, 0.0, G, G, 0, mesh.n)
         length = np.linalg.norm(G, axis=1, keepdims=True)
         Z = np.divide(G, length, out=np.zeros((mesh.n, 3)), where=length > 0)
-        vertex, _, phi = self._beside
+        vertex, _, phi = self._margin
         Z[vertex] *= 1 - phi[:, None]
         Z[self._fixed] = 0.0
         slope, shift = float((G * Z).sum()), 0.0
@@ -265,7 +265,7 @@ class HandleRegions:
         return vertex, VertexMaps.at_rest(Mesh(self._mesh.V[vertex], F.reshape(-1, 3)))
 
     @cached_property
-    def _beside(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _margin(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Movable vertices beside the edges, the nearest vertex of an edge for each, and phi.
 
         phi is 0 half-way between two regions, where the nearest edge changes, and at soft handles, which the
@@ -278,14 +278,14 @@ class HandleRegions:
         distance, nearest = fronts.distance, self._edge[fronts.cell]
         width = WIDTH * np.sqrt(self._mesh.area) * (self.vertices**-0.5 + graph.n**-0.5)
         vertex = np.flatnonzero((distance < width) & ~self._fixed)
-        phi = _fall(distance[vertex] / width)
+        phi = _smooth_fall(distance[vertex] / width)
         nearest_region = self._region[nearest]
         owner = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
         between = np.unique(owner[nearest_region[owner] != nearest_region[graph.indices]])
         between = np.union1d(between, self._handles.index[~self._hard])
         if len(between):
             near, other = distance[vertex], Fronts(graph, between).distance[vertex]
-            phi = phi * (1 - _fall(other / np.maximum(near, other)))
+            phi = phi * (1 - _smooth_fall(other / np.maximum(near, other)))
         return vertex, nearest[vertex], phi
 
 
@@ -294,7 +294,9 @@ def edge_vertices(mesh: Mesh, index: np.ndarray) -> np.ndarray:
     handle = np.zeros(mesh.n, dtype=bool)
     handle[index] = True
     near = mesh.connectivity.neighbours
-    return index[_beside_others(index, handle, near.indptr, near.indices)]
+    pattern = np.ones(len(near.indices), dtype=bool)
+    beside_others = csr_array((pattern, near.indices, near.indptr), shape=(mesh.n, mesh.n)) @ ~handle
+    return index[beside_others[index]]
 
 
 def has_regions(mesh: Mesh, index: np.ndarray, options: Options) -> bool:
@@ -308,7 +310,7 @@ def _are_regions(edge: int, handles: int, vertices: int) -> bool:
     return 2 * edge < handles or 2 * handles > vertices
 
 
-def _fall(x: np.ndarray) -> np.ndarray:
+def _smooth_fall(x: np.ndarray) -> np.ndarray:
     """Fall from 1 at 0 to 0 from 1 on, with slope 0 at both ends."""
     x = np.minimum(x, 1.0)
     return 1 - x * x * (3 - 2 * x)
@@ -321,12 +323,3 @@ def all_on_targets(task: DeformationTask) -> DeformationResult:
     facts = {"samples": 0, "proxy_vertices": 0, "degenerate_frames": 0, "residual": 0.0}
     facts["faces_without_area"] = int(task.mesh.without_area.sum())
     return DeformationResult(V, 0, True, {}, facts)
-
-
-@njit(cache=True, nogil=True)
-def _beside_others(index, handle, indptr, indices):
-    found = np.zeros(len(index), dtype=np.bool_)
-    for h in range(len(index)):
-        for p in range(indptr[index[h]], indptr[index[h] + 1]):
-            found[h] = found[h] or not handle[indices[p]]
-    return found

@@ -182,11 +182,6 @@ class Constraints:
         self._lasting = self._weight = self._asked
         self._failures = 0
 
-    @property
-    def renews_directions(self) -> bool:
-        """Whether the next global step renews the directions."""
-        return self._steps % self._every == 0
-
     def penalty(self, P: np.ndarray) -> float:
         """Return the energy of the weighted constraints."""
         weight = np.where(np.isinf(self._weight), 0.0, self._weight)
@@ -231,22 +226,29 @@ class Constraints:
         """Add the gradients, times the changes of the multipliers in the last :meth:`project`, to B."""
         self._team.ranges(lambda *own: _shift(*own, B, self._G, self._grown), len(B))
 
-    def project(self, P: np.ndarray) -> None:
-        """Move P along the directions until the equations hold, and update the multipliers."""
+    def project(
+        self, P: np.ndarray, before: np.ndarray, solve: Callable[[np.ndarray, np.ndarray], None]
+    ) -> None:
+        """Move P along the directions until the equations hold, and update the multipliers.
+
+        Every few steps the directions are renewed at the positions `before` the step.
+        """
+        if self._steps % self._every == 0:
+            self.renew_directions(before, solve)
         self._steps += 1
         self._weight, multiplier = self._lasting, self._multiplier
         may_fail = self._kinds[-1] == AREA and math.isinf(self._weight[-1])
-        before = P.copy() if may_fail else P, multiplier.copy()
+        saved = P.copy() if may_fail else P, multiplier.copy()
         self._violation = self._newton(P, multiplier)
         failed = may_fail and self._violation > REACHED
         self._failures = self._failures + 1 if failed else 0
         if failed:
-            P[:], multiplier[:] = before
+            P[:], multiplier[:] = saved
             self._weight = np.append(self._weight[:-1], RELAXED)
             self._violation = self._newton(P, multiplier)
         if self._failures >= GIVE_UP:
             self._lasting = self._weight
-        self._grown = multiplier - before[1]
+        self._grown = multiplier - saved[1]
         if self._violation > REACHED:  # the multipliers would add up from step to step: start again from 0
             multiplier[:], self._steps = 0.0, 0
 

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from functools import cached_property
-from math import inf
 
 import numpy as np
 
-from sshade.errors import InputError
 from sshade.options import Options
 from sshade.solver.constraints import Constraints
 from sshade.solver.energy import Energy
@@ -93,8 +91,6 @@ class Descent:
         volume_goal: float,
     ) -> None:
         """Set the targets of a solve, as of :meth:`sshade.solver.local_global.LocalGlobal.solve`."""
-        if not 0 < volume_goal < inf:
-            raise InputError(f"the volume goal must be positive and finite, not {volume_goal}")
         self.energy.aim(targets - self._system.mesh.origin, prescribed, fraction)
         self.volume_goal = volume_goal
         self._constraints.aim(volume_goal)
@@ -121,9 +117,7 @@ class Descent:
         self._linear.solve(B, g)
         g += u
         if constraints:
-            if constraints.renews_directions:
-                constraints.renew_directions(u, self._linear.solve)
-            constraints.project(g)
+            constraints.project(g, u, self._linear.solve)
         return float(largest_move(g, u)) / self._system.mesh.diagonal
 
     def end_step(self, short: bool) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from sshade.errors import InputError
 from sshade.options import Options
 from sshade.solver.rotations import fit_rotations, quaternions
 from sshade.solver.system import System
@@ -74,14 +73,7 @@ class Energy:
 
     def begin_with(self, rotations: np.ndarray) -> None:
         """Begin the search for rotations at the rotations (n, 3, 3) of the mesh's vertices."""
-        n = self._system.mesh.n
-        rotations = np.ascontiguousarray(rotations, dtype=np.float64)
-        if rotations.shape != (n, 3, 3):
-            raise InputError(f"the rotations must have shape ({n}, 3, 3), not {rotations.shape}")
-        Q, error = quaternions(rotations)
-        if not error < 1e-6:
-            raise InputError("a matrix in the rotations to begin with is not a rotation")
-        self._Q[:] = Q[self._system.vertex]
+        self._Q[:] = quaternions(rotations)[0][self._system.vertex]
 
     def local_step(self, u: np.ndarray) -> float:
         """Fit the rotations to positions u (n, 3), and compute the forces there.

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from sshade.errors import InputError
 from sshade.options import ENERGY, complete
 from sshade.solver.descent import Descent
 from sshade.solver.local_global import LocalGlobal
@@ -50,7 +49,7 @@ class Following:
     Raises
     ------
     InputError
-        As :meth:`LocalGlobal.solve`, and if the solver has no factorisation.
+        As :meth:`LocalGlobal.solve`.
     """
 
     def __init__(
@@ -66,9 +65,7 @@ class Following:
         window: int = 10,
         **energy: Any,
     ) -> None:
-        if solver.matrix is None or solver.factorised is None:
-            raise InputError("a solver that follows moving targets needs a factorisation, not multigrid")
-        targets, positions = solver.checked_positions(targets, positions)
+        assert solver.matrix is not None and solver.factorised is not None
         self.solver, self._options, team = solver, complete(energy, ENERGY), ThreadTeam(1)
         self._factorised = solver.factorised
         self._to_handles = solver.matrix[:, solver.index[solver.hard]][solver.vertex]
@@ -100,7 +97,6 @@ class Following:
     ) -> Solution:
         """Solve from where the last solve ended; parameters as of :meth:`LocalGlobal.solve`."""
         state = self._state
-        targets, _ = self.solver.checked_positions(targets, None)
         state.aim(targets, prescribed, fraction, volume_goal)
         moved = not np.array_equal(targets, self._targets)
         if max_iterations > 0:

@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from sshade.errors import InputError
 from sshade.options import ENERGY, Energy, Options, complete
 from sshade.progress import Progress, silent
 from sshade.solver.attachment import Attachment
@@ -107,14 +106,12 @@ class LocalGlobal(System):
         Raises
         ------
         InputError
-            On an unknown option, a value out of its range, a wrong shape, or matrices that are no rotations.
+            On an unknown option or a value out of its range.
         FloatingPointError
             When an iterate is not finite.
         """
-        targets, start = self.checked_positions(targets, start)
-        if window < 1:
-            raise InputError(f"the acceleration window must be at least 1, not {window}")
-        options, u = complete(energy, ENERGY), self.to_system(start, targets)
+        options = complete(energy, ENERGY)
+        u = self.to_system(self.mesh.V if start is None else start, targets)
         del start  # which may be the caller's last reference to a large array
         with ThreadTeam(workers) as team:
             single = self.factorised is None
@@ -161,13 +158,8 @@ class LocalGlobal(System):
         Returns
         -------
         (n, 3) float64
-
-        Raises
-        ------
-        InputError
-            As :meth:`solve`.
         """
-        targets, positions = self.checked_positions(np.asarray(positions)[self.index], positions)
+        targets = positions[self.index]
         with ThreadTeam(workers) as team:
             u = self.to_system(positions, targets)
             state = Descent(self, Options(volume=volume, area=area), u, team=team)
@@ -186,21 +178,6 @@ class LocalGlobal(System):
         hard = self.hard
         positions[self.index[hard]] = targets[hard]
         return positions
-
-    def checked_positions(
-        self, targets: np.ndarray, start: np.ndarray | None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Check targets (k, 3) and a start (n, 3); a missing one is the rest shape."""
-        k, n = len(self.index), self.mesh.n
-        targets = np.asarray(targets, dtype=np.float64)
-        start = self.mesh.V if start is None else np.asarray(start, dtype=np.float64)
-        if targets.shape != (k, 3):
-            raise InputError(f"{k} handles need targets of shape ({k}, 3), not {targets.shape}")
-        if start.shape != (n, 3):
-            raise InputError(f"the start must have shape ({n}, 3), not {start.shape}")
-        if not (np.isfinite(targets).all() and np.isfinite(start).all()):
-            raise InputError("a target or a starting position is NaN or infinite")
-        return targets, start
 
 
 def local_global(

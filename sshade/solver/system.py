@@ -103,8 +103,8 @@ class System:
     Raises
     ------
     InputError
-        On an unknown energy, a bending length that is negative or infinite, handle vertices that are out of
-        range, repeated or missing in a component, or a Laplacian that is not positive definite to rounding.
+        On an unknown energy, bending with multigrid, handle vertices that are out of range or missing in a
+        component, or a Laplacian that is not positive definite to rounding.
     """
 
     def __init__(
@@ -139,10 +139,8 @@ class System:
         """Bind other handles of the same mesh and energy, by a new factorisation.
 
         Both systems stay usable, and share all data that do not depend on handles. Parameters and errors as
-        for the class; InputError also with multigrid.
+        for the class, without multigrid.
         """
-        if self._laplacian is None:
-            raise InputError("a system without a factorisation takes no other handles: bind it anew")
         other = copy(self)
         other._take_handles(index, stiffness)
         other._bind()
@@ -150,15 +148,8 @@ class System:
 
     def _take_handles(self, index: np.ndarray, stiffness: np.ndarray | None) -> None:
         index = np.array(index, dtype=np.int64)
-        if index.ndim != 1 or len(index) == 0:
-            raise InputError("at least one vertex needs a prescribed position")
         self.mesh.require_handles(index)
-        if np.bincount(index).max() > 1:
-            raise InputError("a handle vertex is given twice")
-        k = len(index)
-        stiffness = np.full(k, np.inf) if stiffness is None else np.asarray(stiffness, dtype=np.float64)
-        if stiffness.shape != (k,) or not (stiffness > 0).all():
-            raise InputError(f"{k} handles need as many stiffnesses above 0, not {stiffness.shape}")
+        stiffness = np.full(len(index), np.inf) if stiffness is None else stiffness
         self.index, self.hard, soft = index, np.flatnonzero(np.isinf(stiffness)), np.isfinite(stiffness)
         self.fixed = self.place[index[self.hard]]
         handle = np.flatnonzero(soft)

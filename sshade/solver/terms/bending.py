@@ -27,7 +27,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
-from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 
 #: Sum of a vertex's absolute weights beyond which its energy fades. (L v)_i of slivers is no curvature.
@@ -54,14 +53,7 @@ def bending_stiffness(mesh: Mesh, laplacian: csr_array, fixed: np.ndarray, lengt
     -------
     (n,) float64
         0 also on the boundary.
-
-    Raises
-    ------
-    InputError
-        On a length that is negative or not finite.
     """
-    if not 0 <= length < np.inf:
-        raise InputError(f"the length of bending must be at least 0 and finite, not {length}")
     size, movable = abs(laplacian), np.ones(mesh.n)
     movable[fixed] = 0.0
     area = np.maximum(mesh.vertex_areas, LEAST_AREA * mesh.area / mesh.n)

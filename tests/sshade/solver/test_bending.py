@@ -100,11 +100,6 @@ def test_faces_without_area_change_the_shape_little():
     assert np.abs(W[: mesh.n] - V).max() < 0.02 * mesh.diagonal
 
 
-def test_a_length_that_is_none_is_refused():
-    with pytest.raises(InputError, match="length of bending"):
-        LocalGlobal(TASKS["bar"].mesh, TASKS["bar"].handles.index, bending=-0.1)
-
-
 def test_it_needs_a_factorisation():
     task = TASKS["bar"]
     with pytest.raises(InputError, match="needs a factorisation"):

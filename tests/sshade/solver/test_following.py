@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sshade import Handles, InputError
+from sshade import Handles
 from sshade.solver.attachment import Attachment
 from sshade.solver.following import Following
 from sshade.solver.local_global import LocalGlobal
@@ -101,12 +101,6 @@ def test_a_fraction_of_a_pull_is_a_weaker_pull_in_the_same_system(solver, attach
     assert weaker_pull.energy == pytest.approx(expected.energy, rel=1e-9)
     assert np.abs(weaker_pull.positions - expected.positions).max() < 1e-6 * BAR.diagonal
     assert np.abs(weaker_pull.positions - full.positions).max() > 1e-4 * BAR.diagonal
-
-
-def test_without_a_factorisation_nothing_follows(attachment):
-    solver = LocalGlobal(BAR, attachment.vertex, stiffness=attachment.stiffness, multigrid=True)
-    with pytest.raises(InputError, match="needs a factorisation"):
-        begun(solver, attachment)
 
 
 def test_no_iterations_leave_the_shape(solver, attachment):
