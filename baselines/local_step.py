@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from sshade.solver.rotations import fit_rotations
-from sshade.solver.terms.arap import Edges, Elements, covariances, forces
+from sshade.solver.terms.arap import Edges, Elements
 
 
 def spokes(V: np.ndarray, edges: np.ndarray, weights: np.ndarray) -> Edges:
@@ -44,13 +44,13 @@ class LocalStep:
 
     def rotations(self, u: np.ndarray) -> np.ndarray:
         """Fit the rotations to positions u (n, 3) and return them."""
-        covariances(self._elements, u, self.R, 0, len(u))
+        self._elements.covariances(u, self.R, 0, len(u))
         fit_rotations(self.R, self._Q)
         return self.R
 
     def forces(self, u: np.ndarray) -> np.ndarray:
-        """Fit the rotations, and return the forces (n, 3) of :func:`sshade.solver.terms.arap.forces`."""
-        forces(self._elements, u, self.rotations(u), self._B, 0, len(u))
+        """Fit the rotations, and return the forces (n, 3) of :meth:`sshade.solver.terms.arap.Edges.forces`."""
+        self._elements.forces(u, self.rotations(u), self._B, 0, len(u))
         return self._B
 
 

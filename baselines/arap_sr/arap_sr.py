@@ -33,7 +33,6 @@ from sshade.progress import Progress, silent
 from sshade.solver.linear import Factorised
 from sshade.solver.run import Stop, run
 from sshade.solver.start import initial_guess
-from sshade.solver.terms.arap import forces
 from sshade.task import DeformationResult, DeformationTask
 
 #: Number of differences that the acceleration keeps.
@@ -166,7 +165,7 @@ class _State(Plain):
     def _iterate(self, u: np.ndarray, out: np.ndarray) -> None:
         self._before[:] = self.Q
         self._cells.fit(u, self.Q, self.R)
-        forces(self._cells.elements, u, self.R, self._B, 0, len(u))
+        self._cells.elements.forces(u, self.R, self._B, 0, len(u))
         self._linear.solve(self._B, out)
         out += u
 

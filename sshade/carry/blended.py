@@ -185,25 +185,16 @@ def _bulge(V, Q, i, j, out):
     return cosine
 
 
-@njit(cache=True, nogil=True)
-def _add_stretch(T, F, rest, Q, S):
+def _add_stretch(T: np.ndarray, F: np.ndarray, rest: np.ndarray, Q: np.ndarray, S: np.ndarray) -> None:
     """Add R (S_i - S_j) (v_j - v_i) / 2 to each b_ij, with R the blend of R_i and R_j in equal parts."""
-    q, g = np.empty(4), np.empty(3)
-    for t in range(len(F)):
-        for k in range(3):
-            i, j = F[t, (k + 1) % 3], F[t, (k + 2) % 3]
-            cosine = Q[i, 0] * Q[j, 0] + Q[i, 1] * Q[j, 1] + Q[i, 2] * Q[j, 2] + Q[i, 3] * Q[j, 3]
-            sign = 1.0 if cosine >= 0.0 else -1.0
-            for r in range(4):
-                q[r] = Q[i, r] + sign * Q[j, r]
-            for r in range(3):
-                g[r] = 0.0
-                for s in range(3):
-                    g[r] += 0.5 * (S[i, r, s] - S[j, r, s]) * (rest[j, s] - rest[i, s])
-            x, y, z = _turned(q[0], q[1], q[2], q[3], g[0], g[1], g[2])
-            T[t, BULGE + 3 * k] += x
-            T[t, BULGE + 3 * k + 1] += y
-            T[t, BULGE + 3 * k + 2] += z
+    from scipy.spatial.transform import Rotation
+
+    for k in range(3):
+        i, j = F[:, (k + 1) % 3], F[:, (k + 2) % 3]
+        sign = np.where((Q[i] * Q[j]).sum(axis=1) >= 0.0, 1.0, -1.0)
+        middle = Rotation.from_quat((Q[i] + sign[:, None] * Q[j])[:, [1, 2, 3, 0]])
+        change = 0.5 * np.einsum("trs,ts->tr", S[i] - S[j], rest[j] - rest[i])
+        T[:, BULGE + 3 * k : BULGE + 3 * k + 3] += middle.apply(change)
 
 
 @njit(cache=True, nogil=True)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from sshade.carry.neighbours import sums_by_index
 from sshade.mesh.mesh import Mesh
 from sshade.options import ENERGY, Options
 from sshade.pipeline.engine import solve_proxy
@@ -16,7 +17,6 @@ from sshade.snapping import snap_to_vertices
 from sshade.solver.attachment import Attachment
 from sshade.solver.following import Following
 from sshade.solver.local_global import LocalGlobal, local_global
-from sshade.solver.solution import Solution
 from sshade.solver.start import initial_guess
 from sshade.task import DeformationResult, DeformationTask, Handles
 
@@ -83,7 +83,7 @@ class Drag:
             R = result.extra["rotations"]
             self._following = Following(self._solver, result.vertices, R, targets, **pulls, **energy)
         else:
-            result = _result(self._following.solve(targets, **pulls, volume_goal=volume_goal, **stop))
+            result = self._following.solve(targets, **pulls, volume_goal=volume_goal, **stop).result()
         self._last = result.vertices, result.extra["rotations"]
         return result
 
@@ -98,7 +98,7 @@ class Drag:
             del context["seed"]
             stop: dict[str, Any] = {"tolerance": tolerance, "max_iterations": options.max_iterations}
             guess = initial_guess(task, options.start)
-            return _result(self._solver.solve(targets, start=guess, **pulls, **stop, **context, **energy))
+            return self._solver.solve(targets, start=guess, **pulls, **stop, **context, **energy).result()
 
         def coarser(task: DeformationTask, **context: Any) -> DeformationResult:
             solver = {**energy, **options.subset(("attachment", "bending", "max_iterations", "start"))}
@@ -106,12 +106,6 @@ class Drag:
 
         task = DeformationTask("drag", self._proxy, handles)
         return solve_proxy(task, options, solve=solve, seed=options.seed)
-
-
-def _result(solution: Solution) -> DeformationResult:
-    return DeformationResult(
-        solution.positions, solution.iterations, solution.converged, extra=solution.facts()
-    )
 
 
 class NearestPlacement:
@@ -157,8 +151,7 @@ class NearestPlacement:
         missed, number = handles.target - V[handles.index], self._stands_for
         missed[~handles.hard] = 0.0
         count = np.bincount(number)
-        for c in range(3):
-            self._shift[:, c] += np.bincount(number, missed[:, c]) / count
+        self._shift += sums_by_index(number, missed, len(count)) / count[:, None]
         length = np.linalg.norm(self._shift, axis=1)
         self._shift *= (np.minimum(length, self._farthest) / np.where(length > 0, length, 1.0))[:, None]
         return float(np.linalg.norm(missed, axis=1).max())

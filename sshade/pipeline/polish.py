@@ -100,13 +100,8 @@ def polished(
         "wait": ready - arrived,
         "polish": perf_counter() - ready,
     }
-    return DeformationResult(
-        vertices=solution.positions,
-        iterations=solution.iterations,
-        converged=solution.converged or None,
-        seconds=seconds,
-        extra={**solution.facts(), **facts},
-    )
+    facts = {**solution.facts(), **facts}
+    return replace(solution.result(seconds), converged=solution.converged or None, extra=facts)
 
 
 def _bind(task: DeformationTask, weight: float) -> tuple[LocalGlobal, np.ndarray, float]:

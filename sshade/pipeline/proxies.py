@@ -73,11 +73,10 @@ class Proxies:
 
     def __init__(self, mesh: Mesh, options: Options, *, handles: int = 0) -> None:
         self.frames = frame_maker(options.frames, mesh, frame_function=options.frame_function)
-        mesh.require_manifold()
-        mesh.require_one_component()
         begin = perf_counter()
         self.mesh, self.graph = mesh, vertex_graph(mesh)
         self._graph_seconds = perf_counter() - begin
+        mesh.require_one_component()
         self._without_area = int(mesh.without_area.sum())
         self.vertices = proxy_vertices(options.vertices, mesh.n, handles, coarser=options.coarser)
         self.samplings, self.workers, self.seed = options.samplings, options.workers, options.seed

@@ -65,9 +65,11 @@ class State(NamedTuple):
     def of(cls, graph: VertexGraph, *, width: float, distance: np.ndarray, cell: np.ndarray) -> State:
         """Return fronts that may go everywhere, with initial distances (n,) and cells (n,)."""
         ring = 1 << graph.n.bit_length()
+        rows = (graph.indptr, graph.indices)
+        indptr, indices = (ids.astype(np.int32, copy=False).view(np.uint32) for ids in rows)
         return cls(
-            indptr=_unsigned(graph.indptr),
-            indices=_unsigned(graph.indices),
+            indptr=indptr,
+            indices=indices,
             lengths=graph.lengths,
             width=width,
             distance=distance,
@@ -83,10 +85,6 @@ class State(NamedTuple):
         """Return this state with new queues, for fronts confined to a slab of `vertices` vertices."""
         near, far = np.empty((2, 1 << int(vertices).bit_length()), dtype=np.uint32)
         return self._replace(slab=slab, confined_to=confined_to, near=near, far=far)
-
-
-def _unsigned(ids: np.ndarray) -> np.ndarray:
-    return ids.astype(np.int32, copy=False).view(np.uint32)
 
 
 @njit(cache=True, nogil=True)

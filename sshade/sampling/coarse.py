@@ -88,7 +88,14 @@ def sample_coarsely(mesh: Mesh, graph: VertexGraph, count: int, *, first: np.nda
         sampled = farthest_point_sampling(coarse, coarse_count, first=state.cell[first])
         samples = np.concatenate(net)[sampled.samples]
         state = state._replace(width=band(graph))
-        _bound(state, sampled.distance)
+
+        def bound(begin: int, end: int) -> None:
+            """Turn distances to the net into upper bounds of distances to samples."""
+            state.distance[begin:end] += sampled.distance[state.cell[begin:end]]
+            state.distance[begin:end] *= _ROUNDING
+            state.cell[begin:end] = -1
+
+        in_ranges(bound, graph.n)
         _sweep(slabs, team, state, samples, borders)
     fronts = Fronts.advanced(graph, samples, state)
     fronts.insert_farthest(count - coarse_count)
@@ -185,20 +192,6 @@ def _coarse_graph(
     return VertexGraph(indptr, joined.indices, joined.data, np.zeros(len(indices), dtype=bool)), list(borders)
 
 
-def _bound(state: advance.State, coarse: np.ndarray) -> None:
-    """Turn distances to the net into upper bounds of distances to samples.
-
-    `coarse` holds the distance of each vertex of the net to its sample on the coarse graph.
-    """
-
-    def add(begin: int, end: int) -> None:
-        state.distance[begin:end] += coarse[state.cell[begin:end]]
-        state.distance[begin:end] *= _ROUNDING
-        state.cell[begin:end] = -1
-
-    in_ranges(add, len(state.distance))
-
-
 def _sweep(
     slabs: _Slabs, team: ThreadTeam, state: advance.State, samples: np.ndarray, borders: list[np.ndarray]
 ) -> None:
@@ -229,17 +222,12 @@ def _join(begin, member, indptr, indices, lengths, cell, distance, offset, cells
     """
     k, most = len(begin) - 1, 0
     border, beside = np.empty(len(member), dtype=np.int32), 0
-    for c in range(k):
-        row = 0
-        for q in range(begin[c], begin[c + 1]):
-            row += indptr[member[q] + 1] - indptr[member[q]]
-        most = max(most, row)
+    for u in member:
+        most += indptr[u + 1] - indptr[u]
     size, count = np.zeros(k, dtype=np.int64), 0
-    to, way = np.empty(most + 16 * k, dtype=np.int32), np.empty(most + 16 * k)
+    to, way = np.empty(most, dtype=np.int32), np.empty(most)
     place = np.full(cells, -1, dtype=np.int64)  # of each neighbouring cell, in the current or an earlier row
     for c in range(k):
-        if count + most > len(to):
-            to, way = np.concatenate((to, to)), np.concatenate((way, way))
         row = count
         for q in range(begin[c], begin[c + 1]):
             u, foreign = member[q], False

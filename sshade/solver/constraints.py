@@ -370,18 +370,12 @@ def add_gradients(F, P, volume, area, to_volume, to_area, first, end):
             # Each corner: the unit normal times the edge opposite. The three add up to nothing.
             jx, jy, jz = z * by - y * bz, x * bz - z * bx, y * bx - x * by
             kx, ky, kz = y * az - z * ay, z * ax - x * az, x * ay - y * ax
-            if first <= i < end:
-                to_area[i, 0] -= jx + kx
-                to_area[i, 1] -= jy + ky
-                to_area[i, 2] -= jz + kz
-            if first <= j < end:
-                to_area[j, 0] += jx
-                to_area[j, 1] += jy
-                to_area[j, 2] += jz
-            if first <= k < end:
-                to_area[k, 0] += kx
-                to_area[k, 1] += ky
-                to_area[k, 2] += kz
+            corners = (i, -jx - kx, -jy - ky, -jz - kz), (j, jx, jy, jz), (k, kx, ky, kz)
+            for corner, x, y, z in corners:
+                if first <= corner < end:
+                    to_area[corner, 0] += x
+                    to_area[corner, 1] += y
+                    to_area[corner, 2] += z
 
 
 @njit(cache=True, nogil=True)

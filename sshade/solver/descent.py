@@ -129,7 +129,7 @@ class Descent:
         self.value = self._local_step()
         if guess and self._quasi_newton and not (self.value <= before and fits):
             self.rejected += 1
-            self._quasi_newton.halve(self.u)
+            self._quasi_newton.move(self.u, 0.5)
             fits = self.restore()
             self.value = self._local_step()
             if not (self.value <= before and fits):

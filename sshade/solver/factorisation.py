@@ -76,24 +76,18 @@ class Factorisation:
         )
 
     def solve_ordered(self, X: np.ndarray) -> None:
-        """Replace right-hand sides X (n, c) float64 by solutions, both with their rows in `order`."""
-        for c in range(0, X.shape[1], 3):  # three columns at a time: mostly points or vectors
-            part = X[:, c : c + 3]
-            if X.shape[1] == 3 and X.flags.c_contiguous:
-                _substitute(*self.factors, X)
-                return
-            Y = np.zeros((len(X), 3))
-            Y[:, : part.shape[1]] = part
-            _substitute(*self.factors, Y)
-            part[:] = Y[:, : part.shape[1]]
+        """Replace X (n, 3) float64, C-contiguous, by the solutions, both with their rows in `order`."""
+        _substitute(*self.factors, X)
 
     def solve(self, B: np.ndarray) -> np.ndarray:
         """Solve ``Q X = B`` for B (n, c) float64; returns X (n, c)."""
-        X = np.ascontiguousarray(B[self.order], dtype=np.float64)
-        self.solve_ordered(X)
-        out = np.empty_like(X)
-        out[self.order] = X
-        return out
+        X, part = np.empty(B.shape), np.zeros((len(B), 3))
+        for first in range(0, B.shape[1], 3):  # three columns at a time: mostly points or vectors
+            count = min(3, B.shape[1] - first)
+            part[:, :count] = B[self.order, first : first + count]
+            self.solve_ordered(part)
+            X[self.order, first : first + count] = part[:, :count]
+        return X
 
 
 def _not_positive_definite() -> FloatingPointError:

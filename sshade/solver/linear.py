@@ -41,16 +41,17 @@ class Linear(Protocol):
         """Write M B to X. Rows of fixed vertices become 0 in both."""
 
     def end_step(self, short: bool) -> bool:
-        """Count a global step; return whether it proves convergence.
+        """Count a global step; return whether it proves convergence, as by default every short one.
 
         Parameters
         ----------
         short : bool
             The residual of the step is below the tolerance.
         """
+        return short
 
 
-class Factorised:
+class Factorised(Linear):
     """M is the inverse of a matrix without the rows and columns of fixed vertices.
 
     Any number of solves may use it at the same time.
@@ -95,11 +96,8 @@ class Factorised:
         self.factorisation.solve_ordered(solution[:-1])
         np.take(solution, self._solved, axis=0, out=X, mode="clip")
 
-    def end_step(self, short: bool) -> bool:
-        return short
 
-
-class VCycle:
+class VCycle(Linear):
     """M is one V-cycle.
 
     Parameters
@@ -116,9 +114,6 @@ class VCycle:
     def solve(self, B: np.ndarray, X: np.ndarray) -> None:
         B[self._fixed] = 0.0
         self._multigrid.apply(B, X, team=self._team)
-
-    def end_step(self, short: bool) -> bool:
-        return short
 
 
 class ConjugateGradients(VCycle):

@@ -257,10 +257,4 @@ def local_global(
         max_iterations=solver_options.max_iterations,
         **solver_options.subset(ENERGY),
     )
-    return DeformationResult(
-        vertices=solution.positions,
-        iterations=solution.iterations,
-        converged=solution.converged,
-        seconds={"precompute": precomputed - begin, "solve": perf_counter() - precomputed},
-        extra=solution.facts(),
-    )
+    return solution.result({"precompute": precomputed - begin, "solve": perf_counter() - precomputed})

@@ -96,7 +96,7 @@ class QuasiNewton:
         descends = self._directed(flat, F, product)
         self._begun = True
         if descends:
-            self._move(u, 1.0)
+            self.move(u, 1.0)
         else:
             self.fall_back(u)
         return descends
@@ -104,10 +104,6 @@ class QuasiNewton:
     def cut(self) -> None:
         """Store no pair of the last iterate and the next one, because the energy changes in between."""
         self._begun = False
-
-    def halve(self, u: np.ndarray) -> None:
-        """Replace u (n, 3) by the middle of the last quasi-Newton step."""
-        self._move(u, 0.5)
 
     def fall_back(self, u: np.ndarray) -> None:
         """Replace u (n, 3) by the last plain iterate."""
@@ -136,8 +132,8 @@ class QuasiNewton:
         self._steps *= descends
         return descends
 
-    def _move(self, u: np.ndarray, fraction: float) -> None:
-        """Write the last iterate plus a fraction of the step to u."""
+    def move(self, u: np.ndarray, fraction: float) -> None:
+        """Replace u (n, 3) by the last iterate plus a fraction of the last quasi-Newton step."""
         step = self._F, self._S, self._Z, self._pairs, self._along_s, self._along_z
         flat = u.reshape(-1)
         self._chunks(lambda *own: _add_step(*own, fraction, self._per_unit, self._u, *step, flat))

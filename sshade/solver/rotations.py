@@ -252,9 +252,7 @@ def _largest_eigenvector(C, q, A, E):
     A[1, 2] = A[2, 1] = C[1] + C[3]
     A[1, 3] = A[3, 1] = C[6] + C[2]
     A[2, 3] = A[3, 2] = C[5] + C[7]
-    E[:] = 0.0
-    for a in range(4):
-        E[a, a] = 1.0
+    E[:] = np.eye(4)
     for _ in range(JACOBI_SWEEPS):
         rotated = False
         for a in range(3):
@@ -262,9 +260,7 @@ def _largest_eigenvector(C, q, A, E):
                 rotated |= _jacobi(A, E, a, b)
         if not rotated:
             break
-    top, size = A[0, 0], 0.0
-    for a in range(4):
-        top, size = max(top, A[a, a]), max(size, abs(A[a, a]))
+    top, size = np.diag(A).max(), np.abs(np.diag(A)).max()
     # Project q onto the eigenspace of the largest eigenvalue; one dimension unless S is degenerate.
     px = py = pz = pw = 0.0
     for a in range(4):

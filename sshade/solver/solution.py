@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+
+from sshade.task import DeformationResult
 
 
 class Solution(NamedTuple):
@@ -47,6 +50,10 @@ class Solution(NamedTuple):
     area_error: float
     volume_constraint: str
     area_constraint: str
+
+    def result(self, seconds: Mapping[str, float] | None = None) -> DeformationResult:
+        """Return the result of a task, with the seconds of its stages."""
+        return DeformationResult(self.positions, self.iterations, self.converged, seconds or {}, self.facts())
 
     def facts(self) -> dict[str, Any]:
         """Return the fields for the `extra` of a result."""

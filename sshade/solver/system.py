@@ -169,8 +169,8 @@ class System:
             self.matrix = csr_array(self.matrix + bending_matrix(laplacian, stiffness))
             in_order = laplacian[self.vertex][:, self.vertex]
             in_order.sort_indices()
-            V = (self.mesh.V - self.mesh.origin)[self.vertex]
-            self.plate = Plate.of(in_order, stiffness[self.vertex], V, self.corners)
+            rest = in_order @ (self.mesh.V - self.mesh.origin)[self.vertex]
+            self.plate = Plate(in_order, stiffness[self.vertex], rest, self.corners)
         self.factorised = Factorised(self.matrix, fixed, self.place)
 
     def _list_elements(self, h: np.ndarray) -> None:

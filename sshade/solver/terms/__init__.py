@@ -23,7 +23,8 @@ class Term(Protocol):
         """Add covariances to S; return the energy ``E(P, R) + 2 tr(R S)``, which R does not change."""
 
     def turn(self, number: int, R: np.ndarray) -> None:
-        """Prepare the forces of the new rotations."""
+        """Prepare the forces of the new rotations; by default there is nothing to prepare."""
+        return None
 
     def forces(self, number: int, P: np.ndarray, R: np.ndarray, B: np.ndarray) -> float:
         """Add minus half of the energy's gradient, over the number of corners, to B; return the energy.

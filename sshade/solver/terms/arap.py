@@ -42,6 +42,7 @@ from numba import njit
 
 from sshade.errors import InputError
 from sshade.options import Options
+from sshade.solver.terms import Term
 
 #: Triangles that are worked on together; their intermediate values stay in the first-level cache.
 LANES = 128
@@ -70,6 +71,39 @@ class Edges(NamedTuple):
         """Return the edges of a slice."""
         return Edges(self.corners[own], self.Y[own], self.H[own])
 
+    def covariances(
+        self, P: np.ndarray, S: np.ndarray, first: int, end: int, weight: np.ndarray = UNWEIGHTED
+    ) -> float:
+        """Write the covariances of the vertices from `first` to `end` to S.
+
+        Calls for ranges that cover all vertices write the same bits as a single call, and may run at the
+        same time. The elements are at least the ones that touch the range.
+
+        Parameters
+        ----------
+        P : (n, 3) float64
+            Deformed positions.
+        S : (n, 9) float64
+            Row by row; only the rows of the range are written.
+        first, end : int
+        weight : (m,) float64, optional
+            Weights of triangles; edges have none.
+
+        Returns
+        -------
+        float
+            ``corners x sum_edges h |e'|^2`` of the elements whose lowest vertex is in the range, unweighted.
+        """
+        return _edge_covariances(*self, P, S, first, end)
+
+    def forces(self, P: np.ndarray, R: np.ndarray, B: np.ndarray, first: int, end: int) -> None:
+        """Write minus half of the energy's gradient, over the number of corners, to rows of B (n, 3).
+
+        This is ``b(R) - L P``, with the right-hand side b of the usual global step ``L p = b(R)``. Parameters
+        as of :meth:`covariances`; R (n, 9) are the rotation matrices.
+        """
+        _edge_forces(*self, P, R, B, first, end)
+
 
 class Triangles(NamedTuple):
     """Elements of the spokes-and-rims energy. Kernels compute y from rest positions, which saves memory.
@@ -91,11 +125,21 @@ class Triangles(NamedTuple):
         """Return the triangles of a slice."""
         return Triangles(self.corners[own], self.V, self.H[own])
 
+    def covariances(
+        self, P: np.ndarray, S: np.ndarray, first: int, end: int, weight: np.ndarray = UNWEIGHTED
+    ) -> float:
+        """Write covariances; see :meth:`Edges.covariances`."""
+        return _triangle_covariances(*self, weight, P, S, first, end)
+
+    def forces(self, P: np.ndarray, R: np.ndarray, B: np.ndarray, first: int, end: int) -> None:
+        """Write forces; see :meth:`Edges.forces`."""
+        _triangle_forces(*self, P, R, B, first, end)
+
 
 Elements = Edges | Triangles
 
 
-class Arap:
+class Arap(Term):
     """The edges or triangles of one solve; a :class:`sshade.solver.terms.Term`.
 
     Parameters
@@ -137,68 +181,24 @@ class Arap:
     def local(self, number: int, P: np.ndarray, S: np.ndarray) -> float:
         own, first, end = self._ranges[number]
         weight = UNWEIGHTED if self.weight is None else self.weight[own]
-        return covariances(self._elements.part(own), P, S, first, end, weight=weight)
-
-    def turn(self, number: int, R: np.ndarray) -> None:
-        pass
+        return self._elements.part(own).covariances(P, S, first, end, weight)
 
     def forces(self, number: int, P: np.ndarray, R: np.ndarray, B: np.ndarray) -> float:
         """Write forces to B and renew the strain weights, in one pass over the triangles."""
         own, first, end = self._ranges[number]
         part, options = self._elements.part(own), self._options
         if self.weight is None:
-            forces(part, P, R, B, first, end)
+            part.forces(P, R, B, first, end)
             return 0.0
         parameters = options.stiffness, options.strain**-2, options.strain_limit**-2
         return _weighted_forces(*part, self._rest[own], P, R, *parameters, self.weight[own], B, first, end)
 
 
-def covariances(
-    elements: Elements,
-    P: np.ndarray,
-    S: np.ndarray,
-    first: int,
-    end: int,
-    *,
-    weight: np.ndarray = UNWEIGHTED,
-) -> float:
-    """Write the covariances of the vertices from `first` to `end` to S.
-
-    Calls for ranges that cover all vertices write the same bits as a single call, and may run at the same
-    time.
-
-    Parameters
-    ----------
-    elements : Edges or Triangles
-        At least the ones that touch the vertices from `first` to `end`.
-    P : (n, 3) float64
-        Deformed positions.
-    S : (n, 9) float64
-        Row by row; only the rows of the range are written.
-    first, end : int
-    weight : (m,) float64, optional
-        Weights of triangles.
-
-    Returns
-    -------
-    float
-        ``corners x sum_edges h |e'|^2`` of the elements whose lowest vertex is in the range, unweighted.
-    """
-    if isinstance(elements, Triangles):
-        return _triangle_covariances(*elements, weight, P, S, first, end)
-    return _edge_covariances(*elements, P, S, first, end)
-
-
-def forces(elements: Elements, P: np.ndarray, R: np.ndarray, B: np.ndarray, first: int, end: int) -> None:
-    """Write minus half of the energy's gradient, over the number of corners, to rows `first` to `end` of B.
-
-    This is ``b(R) - L P``, with the right-hand side b of the usual global step ``L p = b(R)``. Parameters
-    as of :func:`covariances`; R (n, 9) are the rotation matrices, B is (n, 3) float64.
-    """
-    if isinstance(elements, Triangles):
-        _triangle_forces(*elements, P, R, B, first, end)
-    else:
-        _edge_forces(*elements, P, R, B, first, end)
+@njit(cache=True, nogil=True)
+def _first_two(V, i, j, k, r, h0, h1, h2):
+    """Coordinate r of y at the corners i and j of a triangle (i, j, k)."""
+    side = h0 * (V[i, r] - V[j, r])
+    return side + h2 * (V[i, r] - V[k, r]), h1 * (V[j, r] - V[k, r]) - side
 
 
 @njit(cache=True, nogil=True)
@@ -219,8 +219,7 @@ def _triangle_covariances(corners, V, H, weight, P, S, first, end):
                 + H[t, 2] * (ax * ax + ay * ay + az * az)
             )
         for r in range(3):
-            side = h0 * (V[i, r] - V[j, r])
-            y, z = side + h2 * (V[i, r] - V[k, r]), h1 * (V[j, r] - V[k, r]) - side
+            y, z = _first_two(V, i, j, k, r, h0, h1, h2)
             x0, x1, x2 = y * ax + z * bx, y * ay + z * by, y * az + z * bz
             for c in (i, j, k):
                 if first <= c < end:
@@ -256,13 +255,9 @@ def _triangle_forces(corners, V, H, P, R, B, first, end):
     for t in range(len(corners)):
         i, j, k = corners[t, 0], corners[t, 1], corners[t, 2]
         h0, h1, h2 = H[t, 0], H[t, 1], H[t, 2]
-        # The edges 01, 12, 20 at rest.
-        ux, uy, uz = V[i, 0] - V[j, 0], V[i, 1] - V[j, 1], V[i, 2] - V[j, 2]
-        vx, vy, vz = V[j, 0] - V[k, 0], V[j, 1] - V[k, 1], V[j, 2] - V[k, 2]
-        wx, wy, wz = V[k, 0] - V[i, 0], V[k, 1] - V[i, 1], V[k, 2] - V[i, 2]
-        ux, uy, uz = h0 * ux, h0 * uy, h0 * uz
-        yx, yy, yz = ux - h2 * wx, uy - h2 * wy, uz - h2 * wz
-        zx, zy, zz = h1 * vx - ux, h1 * vy - uy, h1 * vz - uz
+        yx, zx = _first_two(V, i, j, k, 0, h0, h1, h2)
+        yy, zy = _first_two(V, i, j, k, 1, h0, h1, h2)
+        yz, zz = _first_two(V, i, j, k, 2, h0, h1, h2)
         for r in range(3):
             a = third * (R[i, 3 * r] + R[j, 3 * r] + R[k, 3 * r])
             b = third * (R[i, 3 * r + 1] + R[j, 3 * r + 1] + R[k, 3 * r + 1])
@@ -270,12 +265,9 @@ def _triangle_forces(corners, V, H, P, R, B, first, end):
             ij, jk, ki = P[i, r] - P[j, r], P[j, r] - P[k, r], P[k, r] - P[i, r]
             at_i = a * yx + b * yy + c * yz - (h0 * ij - h2 * ki)
             at_j = a * zx + b * zy + c * zz - (h1 * jk - h0 * ij)
-            if first <= i < end:
-                B[i, r] += at_i
-            if first <= j < end:
-                B[j, r] += at_j
-            if first <= k < end:
-                B[k, r] -= at_i + at_j
+            for corner, force in ((i, at_i), (j, at_j), (k, -at_i - at_j)):
+                if first <= corner < end:
+                    B[corner, r] += force
 
 
 @njit(cache=True, nogil=True)
@@ -313,12 +305,9 @@ def _weighted_forces(corners, V, H, rest, P, R, stiffness, soft, stiff, weight, 
                 energy += rest[begin + t] * x[t] * ratio[t]
             for c in range(3):
                 at_i, at_j = w[t] * pull[t, c], w[t] * pull[t, 3 + c]
-                if first <= i < end:
-                    B[i, c] += at_i
-                if first <= j < end:
-                    B[j, c] += at_j
-                if first <= k < end:
-                    B[k, c] -= at_i + at_j
+                for corner, force in ((i, at_i), (j, at_j), (k, -at_i - at_j)):
+                    if first <= corner < end:
+                        B[corner, c] += force
     return energy
 
 
@@ -342,13 +331,9 @@ def _strain(corners, V, H, rest, P, R, x, pull):
     for t in range(len(corners)):
         i, j, k = corners[t, 0], corners[t, 1], corners[t, 2]
         h0, h1, h2 = H[t, 0], H[t, 1], H[t, 2]
-        # The edges 01, 12, 20 at rest, and y of the first two corners.
-        ux, uy, uz = V[i, 0] - V[j, 0], V[i, 1] - V[j, 1], V[i, 2] - V[j, 2]
-        vx, vy, vz = V[j, 0] - V[k, 0], V[j, 1] - V[k, 1], V[j, 2] - V[k, 2]
-        wx, wy, wz = V[k, 0] - V[i, 0], V[k, 1] - V[i, 1], V[k, 2] - V[i, 2]
-        ux, uy, uz = h0 * ux, h0 * uy, h0 * uz
-        yx, yy, yz = ux - h2 * wx, uy - h2 * wy, uz - h2 * wz
-        zx, zy, zz = h1 * vx - ux, h1 * vy - uy, h1 * vz - uz
+        yx, zx = _first_two(V, i, j, k, 0, h0, h1, h2)
+        yy, zy = _first_two(V, i, j, k, 1, h0, h1, h2)
+        yz, zz = _first_two(V, i, j, k, 2, h0, h1, h2)
         bends = 0.0
         strains = 0.0
         for r in range(3):

@@ -28,6 +28,7 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from sshade.mesh.mesh import Mesh
+from sshade.solver.terms import Term
 
 #: Sum of a vertex's absolute weights beyond which its energy fades. (L v)_i of slivers is no curvature.
 STEEP = 20.0
@@ -84,25 +85,20 @@ class Plate(NamedTuple):
         L v.
     corners : int
         Number of times that the as-rigid-as-possible energy counts each edge.
-    rest_energy : float
-        Energy of all vertices in one point; unit length^2.
     """
 
     laplacian: csr_array
     stiffness: np.ndarray
     rest: np.ndarray
     corners: int
-    rest_energy: float
 
-    @classmethod
-    def of(cls, laplacian: csr_array, stiffness: np.ndarray, V: np.ndarray, corners: int) -> Plate:
-        """Prepare the energy for L (n, n) and rest positions V (n, 3)."""
-        rest = np.asarray(laplacian @ V)
-        rest_energy = corners * float(stiffness @ (rest**2).sum(axis=1))
-        return cls(laplacian, stiffness, rest, corners, rest_energy)
+    @property
+    def rest_energy(self) -> float:
+        """Energy of all vertices in one point; unit length^2."""
+        return self.corners * float(self.stiffness @ (self.rest**2).sum(axis=1))
 
 
-class Bending:
+class Bending(Term):
     """The bending energy of one solve; a :class:`sshade.solver.terms.Term`.
 
     Parameters

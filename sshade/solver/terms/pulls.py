@@ -12,6 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import coo_array
 
+from sshade.solver.terms import Term
+
 
 class Springs(NamedTuple):
     """Pulled vertices of a bound problem.
@@ -37,7 +39,7 @@ class Springs(NamedTuple):
         return coo_array((self.stiffness, (self.vertex, self.vertex)), shape=(n, n))
 
 
-class Pulls:
+class Pulls(Term):
     """The pulls of one solve; a :class:`sshade.solver.terms.Term`.
 
     Parameters
@@ -64,9 +66,6 @@ class Pulls:
         own = self._parts[number]
         gap = self._targets[own] - P[self._springs.place[own]]
         return self._corners * float(np.einsum("i,ic,ic", self._stiffness[own], gap, gap))
-
-    def turn(self, number: int, R: np.ndarray) -> None:
-        pass
 
     def forces(self, number: int, P: np.ndarray, R: np.ndarray, B: np.ndarray) -> float:
         own = self._parts[number]

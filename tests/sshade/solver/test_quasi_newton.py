@@ -45,7 +45,7 @@ def test_steps_are_those_of_the_bfgs_formula_from_the_metric_on(window, single, 
         assert back == pytest.approx(g, rel=0, abs=1e-14 * np.abs(g).max())
         expected = U[k] - (H @ gradients[k]).reshape(N, 3)
         assert np.abs(u - expected).max() < close * np.abs(expected).max()
-    mixer.halve(u)
+    mixer.move(u, 0.5)
     assert u == pytest.approx((U[-1] + expected) / 2, rel=close, abs=close)
 
 
