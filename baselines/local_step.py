@@ -49,7 +49,7 @@ class LocalStep:
         return self.R
 
     def forces(self, u: np.ndarray) -> np.ndarray:
-        """Fit the rotations, and return the forces (n, 3) of :meth:`sshade.solver.terms.arap.Edges.forces`."""
+        """Fit the rotations, and return the forces (n, 3) of the elements."""
         self._elements.forces(u, self.rotations(u), self._B, 0, len(u))
         return self._B
 
