@@ -43,6 +43,7 @@ tables: $(READY) $(QUICK)/dataset.json
 	@echo "tables: out/tables; picture: out/figures; report with both: out/report.html"
 
 test: $(READY)
+	$(BIN)/python -m tools.compile_kernels
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
@@ -79,7 +80,7 @@ scaling: $(READY) $(FULL)/dataset.json data/bench/10000/dataset.json
 robustness: export COVERAGE_FILE := $(CURDIR)/.coverage
 robustness: $(READY)
 	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt \
-	  -e '.[fuzz,torch,neo-hookean,open3d]'
+	  -e '.[bench,fuzz,torch,neo-hookean,open3d]'
 	$(BIN)/coverage erase
 	$(BIN)/coverage run -m pytest -n 2 --dist loadfile
 	$(BIN)/coverage combine -q
@@ -105,7 +106,7 @@ transfers: $(READY) $(QUICK)/dataset.json $(FULL)/dataset.json
 	$(BIN)/sshade-eval figures pose_transfer --worst chamfer
 
 docs: $(READY) $(QUICK)/dataset.json
-	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[bench,docs]'
 	$(BIN)/python -m mkdocs build
 	$(BIN)/sshade-eval site -o out/site/leaderboard
 	@echo "the site is in out/site"
@@ -133,7 +134,8 @@ $(READY): pyproject.toml constraints.txt
 	@begin=$$(date +%s); \
 	  $(PYTHON) -m venv $(VENV) \
 	  && $(BIN)/python -m pip install -q --disable-pip-version-check --no-compile -c constraints.txt \
-	    -e '.[figures,test]' \
+	    -e '.[bench,figures,test]' \
+	  && $(BIN)/python -m tools.compile_kernels \
 	  && touch $@ && echo "installed into $(VENV) in $$(( $$(date +%s) - begin )) s"
 
 clean:

@@ -1,17 +1,39 @@
-"""The one build step that pyproject.toml cannot say: a wheel holds the folder ``conf`` as ``eval/conf``."""
+"""The build steps that pyproject.toml cannot say.
 
+A wheel holds the folder ``conf`` as ``eval/conf`` and compiled kernels in ``sshade/compiled``. Because of the
+kernels, it is for one Python and one platform.
+"""
+
+import subprocess
+import sys
 from pathlib import Path
 from shutil import copytree
 
-from setuptools import setup
+from setuptools import Distribution, setup
 from setuptools.command.build_py import build_py
 
 
-class BuildWithConfiguration(build_py):
+class BuildWhole(build_py):
     def run(self) -> None:
         super().run()
-        if not self.editable_mode:  # such an installation reads the folder of the clone
-            copytree("conf", Path(self.build_lib, "eval", "conf"), dirs_exist_ok=True)
+        if self.editable_mode:  # such an installation reads the folders of the clone
+            return
+        build = Path(self.build_lib).resolve()
+        copytree("conf", build / "eval" / "conf", dirs_exist_ok=True)
+        command = [
+            sys.executable,
+            "-m",
+            "tools.compile_kernels",
+            "--portable",
+            "--into",
+            build / "sshade/compiled",
+        ]
+        subprocess.run(command, check=True)
 
 
-setup(cmdclass={"build_py": BuildWithConfiguration})
+class PlatformDistribution(Distribution):
+    def has_ext_modules(self) -> bool:
+        return True
+
+
+setup(cmdclass={"build_py": BuildWhole}, distclass=PlatformDistribution)

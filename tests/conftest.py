@@ -2,17 +2,23 @@
 
 import gc
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from numba.core import event
 
+from sshade.kernels import Store, describe
 from sshade.mesh.mesh import Mesh
 from tests.browser import browser as browser
 from tests.shapes import bumpy
+from tools.compile_kernels import LIST
 
 # Functions of the tests' own that configurations and rows name; processes inherit it.
 os.environ["EVAL_ALLOW_TARGETS"] = "eval_cases.,report_runs.,test_"
+
+LISTED = set(LIST.read_text("utf-8").splitlines())
 
 settings.register_profile("reproducible", derandomize=True, deadline=None, database=None, max_examples=25)
 settings.register_profile("thorough", settings.get_profile("reproducible"), max_examples=600)
@@ -36,6 +42,27 @@ def here(tmp_path, monkeypatch) -> Path:
     """A new folder, which is the current one."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call() -> Iterator[None]:
+    """A test fails if it compiles a kernel that is not in the list, which users would wait for."""
+    unlisted = []
+
+    class Compilations(event.Listener):
+        def on_start(self, event):
+            store = event.data["dispatcher"]._cache
+            if isinstance(store, Store) and store.name.startswith(("sshade.", "baselines.")):
+                line = f"{store.name} {describe(event.data['args'])}"
+                if line not in LISTED:
+                    unlisted.append(line)
+
+        def on_end(self, event):
+            pass
+
+    with event.install_listener("numba:compile", Compilations()):
+        yield
+    assert not unlisted, "`python -m tools.compile_kernels --update` adds these to tools/kernels.txt"
 
 
 def pytest_collection_finish() -> None:

@@ -1,9 +1,10 @@
-"""No compiled function calls a compiled function of another file.
+"""No compiled function uses a compiled function or a constant of another file.
 
-numba's disk cache knows the source of the file that it compiles, and of no other: after
-an edit of the callee alone, users would go on with the old machine code of the caller.
+The store of machine code knows the source of the kernel's own file only. After an edit of the other file
+alone, users would go on with the old machine code.
 """
 
+import ast
 import importlib
 import sys
 from pathlib import Path
@@ -36,13 +37,28 @@ def calls_across(module: ModuleType) -> list[str]:
     return found
 
 
-def test_no_kernel_calls_one_of_another_file():
+def modules_with_kernels() -> list[ModuleType]:
     paths = [path for package in PACKAGES for path in (ROOT / package).rglob("*.py")]
-    compiled = [path for path in paths if "njit" in path.read_text(encoding="utf-8")]
+    compiled = [path for path in paths if "sshade.kernels import" in path.read_text(encoding="utf-8")]
     names = [".".join(path.relative_to(ROOT).with_suffix("").parts) for path in compiled]
-    modules = [importlib.import_module(name) for name in names]
+    return [importlib.import_module(name) for name in names]
+
+
+def test_no_kernel_calls_one_of_another_file():
+    modules = modules_with_kernels()
     assert sum(len(kernels(module)) for module in modules) > 50
     assert [call for module in modules for call in calls_across(module)] == []
+
+
+def test_constants_of_kernels_are_assigned_in_their_own_file():
+    for module in modules_with_kernels():
+        tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))
+        stored = [node for node in ast.walk(tree) if isinstance(getattr(node, "ctx", None), ast.Store)]
+        assigned = {node.id for node in stored if isinstance(node, ast.Name)}
+        for kernel in kernels(module):
+            scope, names = kernel.py_func.__globals__, kernel.py_func.__code__.co_names
+            used = {name for name in names if isinstance(scope.get(name), int | float | tuple)}
+            assert used <= assigned, kernel
 
 
 @pytest.mark.parametrize(

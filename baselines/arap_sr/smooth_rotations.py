@@ -10,11 +10,11 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from baselines.local_step import spokes
+from sshade.kernels import kernel
 from sshade.mesh.mesh import Mesh
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
 from sshade.solver.rotations import fit_rotations
@@ -93,7 +93,7 @@ def band_position(mesh: Mesh) -> np.ndarray:
     return np.argsort(reverse_cuthill_mckee(adjacency, symmetric_mode=True))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _greedy_colours(start, neighbour):
     n = len(start) - 1
     colour = np.full(n, -1, dtype=np.int64)
@@ -110,7 +110,7 @@ def _greedy_colours(start, neighbour):
     return colour
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _covariances(start, neighbour, edges, smooth, P, R, begin, end):
     """Replace the rotations of the vertices of a colour, from `begin` to `end`, by S~."""
     for i in range(begin, end):
@@ -126,7 +126,7 @@ def _covariances(start, neighbour, edges, smooth, P, R, begin, end):
                 S[3 * r + 2] += e * z + smooth[i] * R[j, 6 + r]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def matrices(Q, R):
     """Bring quaternions to unit length and write their matrices, row by row."""
     for i in range(len(Q)):

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 
+from sshade.kernels import kernel, subroutine
 from sshade.mesh.adjacency import VertexGraph
 from sshade.mesh.mesh import Mesh
 from sshade.sampling.fronts import Fronts
@@ -113,7 +113,7 @@ def bind_to_nodes(graph: VertexGraph, fronts: Fronts, *, edges: np.ndarray, blen
     return csr_array((weight[used], node[:, :-1][used], first), shape=(len(node), len(fronts)))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _nearest_nodes(indptr, indices, lengths, region, samples, star_start, star, count):
     """Return nodes and distances (n, count), nearest first; -1 and infinity if there are fewer."""
     n, k = len(region), len(samples)
@@ -150,7 +150,7 @@ def _nearest_nodes(indptr, indices, lengths, region, samples, star_start, star, 
     return nearest, nearest_distance
 
 
-@njit(cache=True, nogil=True)
+@subroutine
 def _insert(ids, distances, m, d):
     """Insert into a sorted row and drop the last entry. Equal distances keep their order."""
     place = len(ids)

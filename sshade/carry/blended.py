@@ -42,12 +42,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 
 from sshade.carry.frames import Frames, Placer
 from sshade.carry.projection import Projection
 from sshade.carry.vertex_maps import VertexMaps
 from sshade.errors import InputError
+from sshade.kernels import kernel, subroutine
 from sshade.mesh.mesh import Mesh
 from sshade.solver.rotations import fit_rotations, quaternions
 from sshade.threads import ThreadTeam
@@ -141,7 +141,7 @@ def nearest_rotations(A: np.ndarray) -> np.ndarray:
     return R.reshape(-1, 3, 3)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _triangles(first, end, F, V, Q, T):
     """Write rows of T (l, WIDTH), with quaternions whose signs agree.
 
@@ -168,7 +168,7 @@ def _triangles(first, end, F, V, Q, T):
             T[t, QUATERNION + 8 + r] = c_sign * Q[c, r]
 
 
-@njit(cache=True, nogil=True)
+@subroutine
 def _bulge(V, Q, i, j, out):
     """Write b_ij to `out`; return the product of the quaternions, the cosine of half their relative turn."""
     iw, ix, iy, iz = Q[i, 0], Q[i, 1], Q[i, 2], Q[i, 3]
@@ -197,7 +197,7 @@ def _add_stretch(T: np.ndarray, F: np.ndarray, rest: np.ndarray, Q: np.ndarray, 
         T[:, BULGE + 3 * k : BULGE + 3 * k + 3] += middle.apply(change)
 
 
-@njit(cache=True, nogil=True)
+@subroutine
 def _turned(w, x, y, z, u, v, s):
     """Rotate the vector (u, v, s) by the quaternion (w, x, y, z) of any length."""
     n = 2.0 / (w * w + x * x + y * y + z * z)
@@ -205,7 +205,7 @@ def _turned(w, x, y, z, u, v, s):
     return u + w * tx + y * tz - z * ty, v + w * ty + z * tx - x * tz, s + w * tz + x * ty - y * tx
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _stretch(first, end, local, face, barycentric, F, S, V):
     """Write the stretched offsets S(w) (x - p) to V."""
     for i in range(first, end):
@@ -219,7 +219,7 @@ def _stretch(first, end, local, face, barycentric, F, S, V):
             V[i, r] = u * x + v * y + w * z
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _decode(first, end, local, face, barycentric, T, V):
     for i in range(first, end):
         t, a, b, c = face[i], barycentric[i, 0], barycentric[i, 1], barycentric[i, 2]

@@ -6,9 +6,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 
 from sshade.carry.projection import Projection
+from sshade.kernels import kernel
 from sshade.mesh.mesh import Mesh
 from sshade.threads import ThreadTeam
 
@@ -108,7 +108,7 @@ def edges_and_normals(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, ...]:
     return e1, e2, np.divide(n, doubled[:, None], out=np.zeros_like(n), where=doubled[:, None] > 0), doubled
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def place_on_triangles(first, end, local, face, A, origin, V):
     """Write V_i = A_t local_i + origin_t for points i in triangles t, with A (l, 3, 3) and origin (l, 3)."""
     for i in range(first, end):

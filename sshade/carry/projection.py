@@ -10,8 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from sshade.kernels import kernel, subroutine
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.sides import sort_by_id
 from sshade.sampling.proxy import Sampling
@@ -68,7 +68,7 @@ def project_to_fans(V: np.ndarray, proxy: Mesh, sampling: Sampling) -> Projectio
     return on
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _project(first, end, V, cell, start, fan, NV, NF, tie, face, barycentric, distance):
     for i in range(first, end):
         x, s = _row(V, i), cell[i]
@@ -93,7 +93,7 @@ def _project(first, end, V, cell, start, fan, NV, NF, tie, face, barycentric, di
         distance[i] = np.sqrt(best)
 
 
-@njit(cache=True, nogil=True)
+@subroutine
 def _closest_in_triangle(x, a, b, c):
     """Find the point of triangle (a, b, c) nearest to x: the weights of b and c, and the squared distance.
 
@@ -135,7 +135,7 @@ def _closest_in_triangle(x, a, b, c):
     return v, w, _squared_gap(ax, ab, ac, v, w)
 
 
-@njit(cache=True, nogil=True)
+@subroutine
 def _squared_gap(ax, ab, ac, v, w):
     """|ax - v ab - w ac|^2."""
     dx = ax[0] - v * ab[0] - w * ac[0]
@@ -144,12 +144,12 @@ def _squared_gap(ax, ab, ac, v, w):
     return dx * dx + dy * dy + dz * dz
 
 
-@njit(cache=True, nogil=True)
+@subroutine
 def _fraction(part, whole):
     return min(max(part / whole, 0.0), 1.0) if whole > 0.0 else 0.0
 
 
-@njit(cache=True, nogil=True)
+@subroutine
 def _to_barycentre(x, a, b, c):
     """Return the squared distance from x to the barycentre of triangle (a, b, c)."""
     middle = (a[0] + b[0] + c[0]) / 3.0, (a[1] + b[1] + c[1]) / 3.0, (a[2] + b[2] + c[2]) / 3.0
@@ -157,21 +157,21 @@ def _to_barycentre(x, a, b, c):
     return _dot(gap, gap)
 
 
-@njit(cache=True, nogil=True)
+@subroutine
 def _row(A, i):
     return A[i, 0], A[i, 1], A[i, 2]
 
 
-@njit(cache=True, nogil=True)
+@subroutine
 def _minus(a, b):
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@njit(cache=True, nogil=True)
+@subroutine
 def _dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(cache=True, nogil=True)
+@subroutine
 def _cross(a, b):
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]

@@ -91,6 +91,8 @@ def announced_compilation() -> Iterator[None]:
     """Report on standard error when kernels are compiled, at their first use, and how long it took."""
     from numba.core import event
 
+    from sshade.kernels import why_compiled
+
     class Announcement(event.TimingListener):
         """Measure the time of compilations in all threads; nested compilations count once."""
 
@@ -98,7 +100,7 @@ def announced_compilation() -> Iterator[None]:
 
         def on_start(self, event: event.Event) -> None:
             if not self.announced:
-                say("compiling kernels, once for this installation ...")
+                say(f"compiling kernels once, for up to half a minute: {why_compiled()} ...")
             self.announced = True
             super().on_start(event)
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from sshade.kernels import kernel, subroutine
 from sshade.mesh.seams import same_rows
 
 
@@ -58,23 +58,23 @@ def vertex_turns(N: np.ndarray, F: np.ndarray, rest: np.ndarray, posed: np.ndarr
 # The helpers are inlined, because each call would count references to the arrays.
 
 
-@njit(inline="always")
+@subroutine(inline="always")
 def _unit(x, y, z):
     length = np.sqrt(x * x + y * y + z * z)
     return (x / length, y / length, z / length) if length > 0 else (0.0, 0.0, 0.0)
 
 
-@njit(inline="always")
+@subroutine(inline="always")
 def _cross(x, y):
     return x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]
 
 
-@njit(inline="always")
+@subroutine(inline="always")
 def _between(V, i, j):
     return V[j, 0] - V[i, 0], V[j, 1] - V[i, 1], V[j, 2] - V[i, 2]
 
 
-@njit(cache=True, nogil=True)
+@subroutine
 def _mean_normals(group, F, V, groups):
     """Return the sum (k, 3) of the area normals of each group, and its last corner of largest area."""
     normal, greatest = np.zeros((groups, 3)), np.full(groups, -1.0)
@@ -92,7 +92,7 @@ def _mean_normals(group, F, V, groups):
     return normal, largest
 
 
-@njit(cache=True, nogil=True)
+@subroutine
 def _frame(normal, F, V, corner, frame):
     """Write the orthonormal rows of a group to `frame`; return False if it has no normal or no median."""
     n = _unit(normal[0], normal[1], normal[2])
@@ -108,7 +108,7 @@ def _frame(normal, F, V, corner, frame):
     return (n[0] != 0 or n[1] != 0 or n[2] != 0) and (w[0] != 0 or w[1] != 0 or w[2] != 0)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _turns(group, F, rest, posed, groups):
     Q = np.zeros((groups, 3, 3))
     normal, largest = _mean_normals(group, F, rest, groups)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from scipy.sparse import csr_array
 
+from sshade.kernels import kernel
 from sshade.mesh.mesh import Mesh
 from sshade.threads import in_ranges
 
@@ -79,7 +79,7 @@ def edge_graph(mesh: Mesh) -> VertexGraph:
     return VertexGraph(near.indptr, near.indices, lengths, near.boundary)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _lengths(first, end, V, indptr, indices, lengths):
     for i in range(first, end):
         for p in range(indptr[i], indptr[i + 1]):

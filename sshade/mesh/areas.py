@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from sshade.kernels import kernel
 from sshade.threads import in_ranges
 
 #: Largest doubled area, over the squared longest edge, of a face that counts as one without area. Its
@@ -27,7 +27,7 @@ def face_areas(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return areas, without
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def vertex_areas(F, areas, n):
     """(n,) float64: a third of the areas (m,) of the triangles F (m, 3) around each of n vertices."""
     total = np.zeros(n)
@@ -38,7 +38,7 @@ def vertex_areas(F, areas, n):
     return total
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _areas(first, end, V, F, areas, without):
     for t in range(first, end):
         i, j, k = F[t, 0], F[t, 1], F[t, 2]

@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from sshade.errors import InputError
+from sshade.kernels import kernel, subroutine
 from sshade.threads import available_cpus, in_ranges, in_threads
 
 #: Least number of faces for a thread that sorts faces by vertex, and largest number of such threads. Each
@@ -134,14 +134,14 @@ def members(labels: np.ndarray, count: int) -> list[np.ndarray]:
     return np.split(order, np.cumsum(np.bincount(labels, minlength=count)))[:count]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _count(F, first, end, count):
     for f in range(first, end):
         for c in range(3):
             count[F[f, c]] += 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _places(place, start):
     """Turn the number of faces that each part has at each vertex into the place of its first face there."""
     p = 0
@@ -154,7 +154,7 @@ def _places(place, start):
     start[-1] = p
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _sort(F, first, end, place, around):
     """Write the next and the previous corner of each face at a vertex, face by face."""
     for f in range(first, end):
@@ -164,7 +164,7 @@ def _sort(F, first, end, place, around):
             place[F[f, c]] += 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _rows(first, end, start, around, size):
     """Replace the corners around vertices by their neighbours: j inside, ~j on the boundary.
 
@@ -214,7 +214,7 @@ def _rows(first, end, start, around, size):
     return crowded, oriented, split
 
 
-@njit(cache=True, nogil=True)
+@subroutine
 def _sort_row(row, size):
     if size > SHORT:
         row[:size].sort()
@@ -227,7 +227,7 @@ def _sort_row(row, size):
         row[q] = key
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _pack(first, end, start, around, indptr, indices, boundary):
     for i in range(first, end):
         row = 2 * np.int64(start[i])
@@ -237,7 +237,7 @@ def _pack(first, end, start, around, indptr, indices, boundary):
             indices[p], boundary[p] = max(j, ~j), j < 0
 
 
-@njit(cache=True, nogil=True)
+@subroutine
 def _root(parent, i):
     """Return the smallest member of i's set, and halve the paths on the way."""
     while parent[i] != i:
@@ -246,7 +246,7 @@ def _root(parent, i):
     return i
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _components(indptr, indices, boundary, along_boundary):
     """Return the component (n,) of each vertex, numbered by first vertex, and the number of components.
 

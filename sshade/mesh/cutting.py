@@ -9,11 +9,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from sshade.errors import InputError
+from sshade.kernels import kernel
 from sshade.mesh.mesh import Mesh, unit_rows
 from sshade.mesh.sides import EdgeSides, sides_by_edge
 
@@ -99,7 +99,7 @@ def faces_to_turn(mesh: Mesh, edges: EdgeSides) -> np.ndarray:
     return flipped ^ (area < 0)[sheet]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _turn_to_agree(twin, same):
     """Visit each sheet from its first face over `twin` (m, 3); reverse a face across `same` sides (m, 3)."""
     m = len(twin)

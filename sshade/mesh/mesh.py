@@ -7,9 +7,9 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from sshade.errors import InputError
+from sshade.kernels import kernel
 from sshade.mesh.areas import face_areas, vertex_areas
 from sshade.mesh.connectivity import Connectivity, connectivity
 from sshade.mesh.sides import EdgeSides, sides_by_edge
@@ -324,7 +324,7 @@ def bounds(V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.array([x.min() for x in columns]), np.array([x.max() for x in columns])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def check_faces(F, used):
     """Check faces (m, 3) int64 and mark the vertices that they use in `used` (n,) bool.
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from sshade.kernels import kernel
 from sshade.mesh.mesh import Mesh, repeats_vertex
 from sshade.mesh.sides import sides_by_edge
 
@@ -20,7 +20,7 @@ def same_rows(rows: np.ndarray) -> np.ndarray:
     return _same_rows(rows.view(np.uint64))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _same_rows(rows):
     """Number rows (k, d) of bits with a hash table that is at most half full."""
     size = 2

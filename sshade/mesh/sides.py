@@ -9,7 +9,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from sshade.kernels import kernel
 
 
 class EdgeSides(NamedTuple):
@@ -92,7 +93,7 @@ def group_rows(rows: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
     return order[start[:-1]], group
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def sort_by_id(ids, n):
     """Sort entries by their ids, stably, by counting.
 
@@ -120,7 +121,7 @@ def sort_by_id(ids, n):
     return start, order
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _grouped(columns, n):
     """Sort rows of ids lexicographically, given their columns (c, r).
 
@@ -142,7 +143,7 @@ def _grouped(columns, n):
     return order, start[: groups + 1].copy()
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _ends_of_sides(F):
     """Return the smaller and the larger end of each side, (2, 3m) int32."""
     ends = np.empty((2, 3 * len(F)), dtype=np.int32)

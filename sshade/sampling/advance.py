@@ -6,8 +6,8 @@ from heapq import heapify, heappop, heapreplace
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from sshade.kernels import kernel, subroutine
 from sshade.mesh.adjacency import VertexGraph
 
 #: Distances, as fractions of the largest, down to which vertices become candidates for the next farthest
@@ -87,7 +87,7 @@ class State(NamedTuple):
         return self._replace(slab=slab, confined_to=confined_to, near=near, far=far)
 
 
-@njit(cache=True, nogil=True)
+@subroutine
 def _advance(state, size):
     """Advance fronts from the first `size` entries of `near` to every vertex that is nearer to them.
 
@@ -151,7 +151,7 @@ def _advance(state, size):
         waiting = kept
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def start(state, first):
     """Insert samples (h,), numbered from 0, and advance their fronts together."""
     for s in range(first.shape[0]):
@@ -159,7 +159,7 @@ def start(state, first):
     _advance(state, first.shape[0])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def insert(state, vertices, sample):
     """Insert vertices as samples with the numbers `sample` (k,), and advance their fronts one by one."""
     for i in range(vertices.shape[0]):
@@ -167,7 +167,7 @@ def insert(state, vertices, sample):
         _advance(state, 1)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def cover(state, vertices, first):
     """Insert the vertices `first`, then each of `vertices` that no front has reached before its turn.
 
@@ -184,7 +184,7 @@ def cover(state, vertices, first):
     return samples[:count].copy()
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def from_outside(state, border):
     """Find the vertices of `border` that are nearer to a sample through a neighbour.
 
@@ -206,7 +206,7 @@ def from_outside(state, border):
     return found[:count].copy(), near[:count].copy(), sample[:count].copy()
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def resume(state, vertices, near, sample):
     """Advance fronts from vertices reached from outside, with distances `near` and cells `sample`."""
     for i in range(len(vertices)):
@@ -215,7 +215,7 @@ def resume(state, vertices, near, sample):
     _advance(state, len(vertices))
 
 
-@njit(cache=True, nogil=True)
+@subroutine
 def _place(state, vertex, sample, position):
     """Make a vertex a sample and put it into the queue, at `position`."""
     state.distance[vertex] = 0.0
@@ -223,7 +223,7 @@ def _place(state, vertex, sample, position):
     state.near[position] = vertex
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def insert_farthest(state, count, sample, among):
     """Insert `count` samples, each the vertex of `among` farthest from all samples before it.
 

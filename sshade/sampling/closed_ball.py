@@ -33,8 +33,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from sshade.kernels import kernel
 from sshade.mesh.sides import group_rows
 from sshade.sampling.fronts import Fronts
 from sshade.threads import in_ranges
@@ -208,7 +208,7 @@ def _farthest(vertices: np.ndarray, owner: np.ndarray, distance: np.ndarray, cou
     return found
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _count_edges(first, end, indptr, indices, boundary, cell, k):
     """Count vertices and edges of cells, for a range of vertices and their edges to larger vertices.
 
@@ -243,7 +243,7 @@ def _count_edges(first, end, indptr, indices, boundary, cell, k):
     return counts, ends[:count].copy(), inner[:count].copy(), joined[:count].copy()
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _count_triangles(first, end, F, cell, k):
     """Do the work of :func:`faces_of_three` for a range of triangles."""
     touching, three, count = np.zeros(k, dtype=np.int64), np.empty(end - first, dtype=np.int64), 0

@@ -23,9 +23,9 @@ multigrid method for curved surfaces", 2023.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from scipy.sparse import csr_array
 
+from sshade.kernels import kernel
 from sshade.mesh.adjacency import VertexGraph
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.sides import sort_by_id
@@ -213,7 +213,7 @@ def _sweep(
         team(resume, SLABS)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _join(begin, member, indptr, indices, lengths, cell, distance, offset, cells):
     """Build the rows of the coarse graph for the k cells of one slab, numbered from `offset` on.
 

@@ -22,9 +22,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from sshade.errors import InputError
+from sshade.kernels import kernel
 from sshade.mesh.mesh import Mesh
 from sshade.solver.order import faces_in_order, vertex_ranges
 from sshade.threads import ThreadTeam
@@ -328,7 +328,7 @@ def _reason_for_no_volume(mesh: Mesh, rest: np.ndarray) -> str:
     return "flat" if abs(rest[VOLUME]) <= FLAT * rest[AREA] ** 1.5 else ""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def volume_and_area(first, end, F, P, origin):
     """(2,) volume of the cones from an origin over a range of faces, and area of the faces."""
     x, y, z = origin[0], origin[1], origin[2]
@@ -343,7 +343,7 @@ def volume_and_area(first, end, F, P, origin):
     return np.array([volume / 6.0, 0.5 * area])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def add_gradients(F, P, volume, area, to_volume, to_area, first, end):
     """Add the gradients of volume and area, times the factors `volume` and `area`, to rows `first` to `end`.
 
@@ -378,7 +378,7 @@ def add_gradients(F, P, volume, area, to_volume, to_area, first, end):
                     to_area[corner, 2] += z
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _along(first, end, G, Z):
     slope = np.zeros((len(G), len(G)))
     for q in range(len(G)):
@@ -390,7 +390,7 @@ def _along(first, end, G, Z):
     return slope
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _shift(first, end, P, Z, move):
     """Add ``sum_q move_q Z_q`` to a range of P (n, 3)."""
     for q in range(len(Z)):

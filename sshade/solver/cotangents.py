@@ -7,9 +7,9 @@ conjugates", 1993.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from scipy.sparse import coo_array, csr_array
 
+from sshade.kernels import kernel
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.sides import sides_by_edge
 from sshade.threads import in_ranges
@@ -128,7 +128,7 @@ def laplacian_matrix(n: int, edges: np.ndarray, weights: np.ndarray) -> csr_arra
     return coo_array((values, (rows, columns)), shape=(n, n)).tocsr()
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _half_cotangents(first, end, V, F, area, h):
     for t in range(first, end):
         for c in range(3):

@@ -11,8 +11,9 @@ X. S. Li, "An overview of SuperLU", 2005; T. A. Davis, "Direct methods for spars
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from scipy.sparse import csc_array, csc_matrix, sparray, spmatrix
+
+from sshade.kernels import kernel
 
 
 class Factorisation:
@@ -97,7 +98,7 @@ def _not_positive_definite() -> FloatingPointError:
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _substitute(start, row, value, inverse_pivot, X):
     """Solve ``L D L^T X = X`` in place, for X (n, 3)."""
     n = len(X)

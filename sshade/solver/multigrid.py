@@ -30,9 +30,9 @@ T. V. Kolev, U. M. Yang, "Multigrid smoothers for ultraparallel computing", SIAM
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from scipy.sparse import csr_array, vstack
 
+from sshade.kernels import kernel, subroutine
 from sshade.solver.factorisation import Factorisation
 from sshade.threads import ThreadTeam
 
@@ -214,7 +214,7 @@ def _single(A: csr_array) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return start, column, A.data.astype(np.float32)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _aggregates(start, column, value, fixed, least):
     """Return the aggregate of each row, -1 in fixed rows, and the number of aggregates.
 
@@ -254,7 +254,7 @@ def _aggregates(start, column, value, fixed, least):
     return aggregate, count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _step(first, end, start, column, value, inverse, a, b, r, d, e, X):
     for i in range(first, end):
         x, y, z = _less(start, column, value, d, r, i)
@@ -267,20 +267,20 @@ def _step(first, end, start, column, value, inverse, a, b, r, d, e, X):
         X[i, 2] += z
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _subtract(first, end, start, column, value, inverse, d, r):
     for i in range(first, end):
         r[i, 0], r[i, 1], r[i, 2] = _less(start, column, value, d, r, i)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def multiply(first, end, start, column, value, F, out):
     """Write rows of a sparse matrix times F to `out`."""
     for i in range(first, end):
         out[i, 0], out[i, 1], out[i, 2] = _row(start, column, value, F, i)
 
 
-@njit(cache=True, nogil=True)
+@subroutine
 def _less(start, column, value, d, r, i):
     """Row i of ``r - A d``."""
     x, y, z = r[i, 0], r[i, 1], r[i, 2]
@@ -292,7 +292,7 @@ def _less(start, column, value, d, r, i):
     return x, y, z
 
 
-@njit(cache=True, nogil=True)
+@subroutine
 def _row(start, column, value, F, i):
     """Row i of A F."""
     x = y = z = F.dtype.type(0.0)

@@ -7,10 +7,10 @@ build a Laplacian from its entries, or to permute it.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from sshade.kernels import kernel
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.sides import sort_by_id
 from sshade.threads import in_ranges
@@ -110,7 +110,7 @@ def weighted_laplacian(
     return csr_array((value, column, start), shape=(n, n))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _rows_in_order(first, end, indptr, indices, vertex, place, start, column):
     for i in range(first, end):
         p = begin = start[i]
@@ -125,7 +125,7 @@ def _rows_in_order(first, end, indptr, indices, vertex, place, start, column):
             column[q] = j
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _add_weighted(start, column, corners, H, weight, value):
     """Add the Laplacian of elements, times weights (m,), to the values of a sparse matrix."""
     for t in range(len(corners)):

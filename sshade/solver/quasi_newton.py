@@ -24,8 +24,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from sshade.kernels import kernel, subroutine
 from sshade.threads import ThreadTeam
 
 #: Least cosine between a step and the change of the gradient along it for which the pair is stored.
@@ -142,7 +142,7 @@ class QuasiNewton:
         return self._team.ranges(kernel, len(self._F), rows=CHUNK)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _curvature(first, end, per_unit, u, last_u, product, last_G):
     """Products s.y, s.s, y.y of the step s and the change ``y = last_G - G`` of the gradient along it.
 
@@ -159,7 +159,7 @@ def _curvature(first, end, per_unit, u, last_u, product, last_G):
 
 # The compiler may reorder these sums, so that an addition need not wait for the last one. All sums are in
 # this function, because the compiler may inline other functions or not, with different orders.
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+@kernel(fastmath={"reassoc", "contract"})
 def _products(first, end, per_unit, u, F, product, last_u, last_F, last_G, S, Z, pairs, new):
     """Rows of s.y, z.y, s.G, z.G for each pair, with the y of the pair `new`, which is stored first.
 
@@ -196,7 +196,7 @@ def _products(first, end, per_unit, u, F, product, last_u, last_F, last_G, S, Z,
     return rows
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _two_loops(sy, zy, sG, zG, pairs, along_s, along_z):
     """Write the step's factors of each s and z; False if the step does not descend.
 
@@ -222,7 +222,7 @@ def _two_loops(sy, zy, sG, zG, pairs, along_s, along_z):
     return descent > 0.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _add_step(first, end, fraction, per_unit, last_u, F, S, Z, pairs, along_s, along_z, u):
     """Write ``last_u + fraction (F + sum_k along_s s_k + along_z z_k)`` to u."""
     for begin in range(first, end, BLOCK):
@@ -234,7 +234,7 @@ def _add_step(first, end, fraction, per_unit, last_u, F, S, Z, pairs, along_s, a
             _add(fraction * along_z[k] / per_unit, Z[pairs[k]][own], u[own])
 
 
-@njit(cache=True, nogil=True)
+@subroutine
 def _add(factor, a, b):
     for i in range(len(a)):
         b[i] += factor * a[i]

@@ -8,7 +8,8 @@ of each rotation, which the compiler vectorises.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from sshade.kernels import kernel, subroutine
 
 #: Number of rotations that are fitted together; their work array fits into the first-level cache.
 LANES = 128
@@ -26,7 +27,7 @@ JACOBI_SWEEPS = 30
 _PENDING, _FITTED, _UNCERTAIN = 0, 1, 2
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fit_rotations(S, Q):
     """Compute for each matrix S_i the rotation R_i that maximises tr(R_i S_i).
 
@@ -82,7 +83,7 @@ def fit_rotations(S, Q):
     return total
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def quaternions(R):
     """Convert rotation matrices to unit quaternions.
 
@@ -125,7 +126,7 @@ def quaternions(R):
 
 
 # Without numpy's error model, the test for a division by zero is a branch in the loop.
-@njit(cache=True, nogil=True, error_model="numpy")
+@subroutine(error_model="numpy")
 def _load(S, Q, C, q, size, state):
     """Write S, scaled to a largest entry of 1, to C, and Q to q; return the number of nonzero lanes."""
     pending, lanes = 0, len(S)
@@ -144,7 +145,7 @@ def _load(S, Q, C, q, size, state):
     return pending
 
 
-@njit(cache=True, nogil=True)
+@subroutine
 def _decide(q, step, Q, state):
     """Accept quaternions whose last step was short; return the number of lanes still pending."""
     pending = 0
@@ -161,7 +162,7 @@ def _decide(q, step, Q, state):
     return pending
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@subroutine(error_model="numpy")
 def _newton_steps(C, q, squared_step, lanes):
     """Improve the quaternions q, and write the squared steps: infinity for uncertain ones."""
     for i in range(lanes):
@@ -209,7 +210,7 @@ def _newton_steps(C, q, squared_step, lanes):
         squared_step[i] = step if certain else np.inf
 
 
-@njit(cache=True, nogil=True)
+@subroutine
 def _matrices(C, q, R, trace, lanes):
     """Write the matrices R of the quaternions q, and tr(R C)."""
     for i in range(lanes):
@@ -223,7 +224,7 @@ def _matrices(C, q, R, trace, lanes):
         trace[i] = total
 
 
-@njit(cache=True, nogil=True)
+@subroutine
 def _matrix(w, x, y, z):
     """The rotation matrix of a unit quaternion, row by row."""
     return (
@@ -239,7 +240,7 @@ def _matrix(w, x, y, z):
     )
 
 
-@njit(cache=True, nogil=True)
+@subroutine
 def _largest_eigenvector(C, q, A, E):
     """Replace q by the nearest maximiser of tr(R C), by cyclic Jacobi rotations of Horn's matrix."""
     A[0, 0] = C[0] + C[4] + C[8]
@@ -273,7 +274,7 @@ def _largest_eigenvector(C, q, A, E):
     q[0], q[1], q[2], q[3] = norm * pw, norm * px, norm * py, norm * pz
 
 
-@njit(cache=True, nogil=True)
+@subroutine
 def _jacobi(A, E, a, b):
     """Annihilate A[a, b] by one rotation; False if it is already negligible."""
     off = A[a, b]

@@ -7,8 +7,8 @@ from time import perf_counter
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numba import njit
 
+from sshade.kernels import kernel
 from sshade.progress import Progress, silent
 
 #: Iterations between two calls of the progress callback.
@@ -110,7 +110,7 @@ def run(state: State, stop: Stop, *, progress: Progress = silent, report_every: 
     return Run(np.array(residuals), converged)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def largest_move(A, B):
     """Return ``max_i |A_i - B_i|`` of two (n, 3) arrays; NaN if one has NaN."""
     largest = 0.0

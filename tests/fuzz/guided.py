@@ -14,7 +14,7 @@ COMPILED = [
     ".".join(path.relative_to(ROOT).with_suffix("").parts)
     for package in PACKAGES
     for path in (ROOT / package).rglob("*.py")
-    if "njit" in path.read_text(encoding="utf-8")
+    if "@kernel" in path.read_text(encoding="utf-8")
 ]
 
 with atheris.instrument_imports(include=[*PACKAGES, *PARSERS], exclude=COMPILED):

@@ -62,7 +62,7 @@ def test_the_same_bits_with_other_threads_and_caches(tmp_path):
     """Fresh processes: one compiles every kernel, the next loads them, others have so many threads."""
     expected = digests(SEEDS)
     command = [sys.executable, "-c", f"from {__name__} import digests; print(*digests({SEEDS}), sep='\\n')"]
-    cache = {"NUMBA_CACHE_DIR": str(tmp_path)}
+    cache = {"SSHADE_KERNELS": str(tmp_path)}
     for environment in (cache, cache, dict.fromkeys(THREADS, "1"), dict.fromkeys(THREADS, "2")):
         done = subprocess.run(command, env=os.environ | environment, check=True, stdout=-1, text=True)
         assert done.stdout.splitlines() == expected, environment

@@ -153,7 +153,7 @@ WORK: dict[str, Callable[[], np.ndarray]] = {
 def kernels() -> dict[CPUDispatcher, list[tuple[Any, str]]]:
     """Every compiled function, and the modules that name it."""
     for path in SOURCES:
-        if "@njit" in path.read_text(encoding="utf-8"):
+        if "@kernel" in path.read_text(encoding="utf-8"):
             importlib.import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
     found: dict[CPUDispatcher, list[tuple[Any, str]]] = {}
     for module in [

@@ -38,9 +38,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from sshade.errors import InputError
+from sshade.kernels import kernel, subroutine
 from sshade.options import Options
 from sshade.solver.terms import Term
 
@@ -194,14 +194,14 @@ class Arap(Term):
         return _weighted_forces(*part, self._rest[own], P, R, *parameters, self.weight[own], B, first, end)
 
 
-@njit(cache=True, nogil=True)
+@subroutine
 def _first_two(V, i, j, k, r, h0, h1, h2):
     """Coordinate r of y at the corners i and j of a triangle (i, j, k)."""
     side = h0 * (V[i, r] - V[j, r])
     return side + h2 * (V[i, r] - V[k, r]), h1 * (V[j, r] - V[k, r]) - side
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _triangle_covariances(corners, V, H, weight, P, S, first, end):
     S[first:end] = 0.0
     energy, weighted = 0.0, len(weight) > 0
@@ -229,7 +229,7 @@ def _triangle_covariances(corners, V, H, weight, P, S, first, end):
     return energy
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _edge_covariances(corners, Y, H, P, S, first, end):
     S[first:end] = 0.0
     energy = 0.0
@@ -248,7 +248,7 @@ def _edge_covariances(corners, Y, H, P, S, first, end):
     return energy
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _triangle_forces(corners, V, H, P, R, B, first, end):
     B[first:end] = 0.0
     third = 1.0 / 3.0
@@ -270,7 +270,7 @@ def _triangle_forces(corners, V, H, P, R, B, first, end):
                     B[corner, r] += force
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _edge_forces(corners, Y, H, P, R, B, first, end):
     B[first:end] = 0.0
     for t in range(len(corners)):
@@ -286,7 +286,7 @@ def _edge_forces(corners, Y, H, P, R, B, first, end):
                 B[j, r] -= at_i
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _weighted_forces(corners, V, H, rest, P, R, stiffness, soft, stiff, weight, B, first, end):
     """Write phi'(s^2) of each triangle to `weight`, and rows of B; return the energy ``sum rest phi(s^2)``.
 
@@ -312,7 +312,7 @@ def _weighted_forces(corners, V, H, rest, P, R, stiffness, soft, stiff, weight, 
 
 
 # Without numpy's error model, the test for a division by zero is a branch in the loop.
-@njit(cache=True, nogil=True, error_model="numpy")
+@subroutine(error_model="numpy")
 def _soften(stiffness, soft, stiff, x, weight, ratio):
     """Write phi'(x) to `weight`, and phi(x) / x to `ratio`."""
     for t in range(len(x)):
@@ -324,7 +324,7 @@ def _soften(stiffness, soft, stiff, x, weight, ratio):
         ratio[t] = stiffness + (1.0 - stiffness) * both
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@subroutine(error_model="numpy")
 def _strain(corners, V, H, rest, P, R, x, pull):
     """Write s^2 of triangles to x, and the unweighted forces on their first two corners to `pull`."""
     third = 1.0 / 3.0

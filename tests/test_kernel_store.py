@@ -1,0 +1,129 @@
+"""The store of compiled kernels: shipped code is loaded, and trouble with the store changes no result."""
+
+import errno
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from sshade import kernels
+from sshade.kernels import describe, kernel, portable_target
+from tools.compile_kernels import LIST, parse
+
+OURS = "from sshade.kernels import kernel\n\n\n@kernel\ndef total(x):\n    return x.sum()\n"
+OTHER = "import numba\n\n\n@numba.njit(cache=True)\ndef double(x):\n    return 2 * x\n"
+#: Prints the functions that are compiled by calls of both, and a setting of numba.
+CALLS = """
+import numba
+from numba.core import event
+from numba.core.dispatcher import Dispatcher
+
+class Names(event.Listener):
+    def on_start(self, event):
+        print(event.data["dispatcher"].py_func.__name__)
+    def on_end(self, event):
+        pass
+
+import other
+event.register("numba:compile", Names())
+import numpy as np
+import ours
+assert ours.total(np.ones(3)) == 3 and other.double(2) == 4
+print(numba.config.CPU_NAME)
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder with two modules, where the store is the folder `store`."""
+    (tmp_path / "ours.py").write_text(OURS)
+    (tmp_path / "other.py").write_text(OTHER)
+    monkeypatch.setenv("SSHADE_KERNELS", str(tmp_path / "store"))
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    return tmp_path
+
+
+def printed(folder, **environment):
+    done = subprocess.run(
+        [sys.executable, "-c", CALLS],
+        cwd=folder,
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0 and not done.stderr, done.stderr
+    return [line for line in done.stdout.split() if line in ("total", "double", "None", "x86-64-v3")]
+
+
+@pytest.mark.skipif(portable_target() is None, reason="no level of processors is known here")
+def test_shipped_kernels_are_loaded_and_other_packages_keep_their_own(folder):
+    """Kernels for the common level serve a process that has imported numba before."""
+    _, level, features = portable_target()
+    build = {"NUMBA_CPU_NAME": level, "NUMBA_CPU_FEATURES": features}
+    assert printed(folder, **build) == ["total", "double", level]
+    assert printed(folder) == ["double", "None"]
+    assert printed(folder) == ["None"]
+    assert [path.name.partition("-")[0] for path in (folder / "store").iterdir()] == ["ours.total"]
+    assert {path.name.partition("-")[0] for path in (folder / "__pycache__").glob("*.nb?")} == {
+        "other.double"
+    }
+
+
+def store_of_one(folder):
+    """Return a kernel that is compiled and kept in the store, and its file."""
+    found = kernel(lambda x: x + 1)
+    assert found(1.0) == 2.0
+    (path,) = (folder / "store").iterdir()
+    return found, path
+
+
+@pytest.mark.parametrize("damage", [lambda data: data[:-5], lambda data: b"", lambda data: data[:-1] + b"?"])
+def test_a_damaged_file_is_compiled_and_written_again(folder, damage):
+    found, path = store_of_one(folder)
+    sound = path.read_bytes()
+    path.write_bytes(damage(sound))
+    again = kernel(found.py_func)
+    assert again(1.0) == 2.0 and not again.stats.cache_hits
+    assert len(path.read_bytes()) == pytest.approx(len(sound), rel=0.1)
+    last = kernel(found.py_func)
+    assert last(1.0) == 2.0 and last.stats.cache_hits
+
+
+def test_an_edit_of_the_source_makes_the_machine_code_old(folder):
+    assert printed(folder)[0] == "total"
+    (folder / "ours.py").write_text(OURS.replace("return x.sum()", "return x.sum() + 0 * x[0]"))
+    assert printed(folder) == ["total", "None"]
+
+
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EROFS])
+def test_a_store_that_cannot_be_written_costs_a_warning(folder, monkeypatch, code):
+    def fails(path, content):
+        raise OSError(code, os.strerror(code))
+
+    monkeypatch.setattr(kernels, "_replace", fails)
+    with pytest.warns(UserWarning, match=f"compiles again.*{os.strerror(code)}"):
+        assert kernel(lambda x: x + 2)(1.0) == 3.0
+
+
+def test_processors_without_the_level_compile_for_themselves(monkeypatch):
+    monkeypatch.setattr(kernels.llvm, "get_host_cpu_features", dict)
+    assert portable_target.__wrapped__() is None
+
+
+def test_the_list_of_signatures_is_read_as_it_is_written():
+    for line in LIST.read_text("utf-8").splitlines():
+        module, function, *words = line.split()
+        imported = kernels.sys.modules.get(module) or __import__(module, fromlist=["_"])
+        assert isinstance(vars(imported)[function]._cache, kernels.Store)
+        assert describe(tuple(parse(iter(words), imported))) == " ".join(words)
+
+
+def test_read_only_arrays_are_described():
+    frozen = np.zeros((2, 2))
+    frozen.flags.writeable = False
+    assert (
+        describe((kernels.numba.typeof(frozen), kernels.numba.typeof((1, 2.0))))
+        == "float64:2Cr ( int64 float64 )"
+    )

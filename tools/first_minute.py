@@ -1,0 +1,99 @@
+"""Measure what a newcomer waits for: ``python tools/first_minute.py``.
+
+The command builds the wheel, downloads the wheels that it needs, installs them in a fresh environment, and
+deforms a mesh of 20,000 vertices twice. Then it does the other work that compiled kernels are for, and
+counts how often numba compiles. It prints a table in Markdown, and ends with exit code 1 if anything was
+compiled. Run it with the Python that the wheel is for.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter
+
+ROOT = Path(__file__).parents[1]
+
+
+def main() -> int:
+    """Run the command; return the exit code."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--wheel", type=Path, help="wheel to install (default: built from this clone)")
+    args = parser.parse_args()
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        table: dict[str, str] = {}
+        pip = [sys.executable, "-m", "pip", "--disable-pip-version-check"]
+        wheel = args.wheel
+        if wheel is None:
+            seconds = timed([*pip, "wheel", "-q", "--no-deps", "-w", folder, ROOT], folder)
+            (wheel,) = folder.glob("*.whl")
+            table["building the wheel"] = f"{seconds:.1f} s"
+        timed([*pip, "download", "-q", "-d", folder / "wheels", wheel], folder)
+        sizes = {path.name: path.stat().st_size for path in (folder / "wheels").iterdir()}
+        table["wheels to download"] = f"{sum(sizes.values()) / 1e6:.1f} MB in {len(sizes)} files"
+        table["our wheel"] = f"{wheel.stat().st_size / 1e6:.1f} MB"
+        timed([sys.executable, "-m", "venv", folder / "venv"], folder)
+        python = folder / "venv" / ("Scripts" if os.name == "nt" else "bin") / "python"
+        install = [python, "-m", "pip", "--disable-pip-version-check", "install", "-q", "--no-index"]
+        table["installing"] = (
+            f"{timed([*install, '--find-links', folder / 'wheels', 'sshade'], folder):.1f} s"
+        )
+        torus(folder / "torus.off", folder / "handles.json")
+        deform = [python, "-m", "sshade", "deform", "torus.off", "handles.json", "-o", "posed.ply"]
+        for which in ("first", "second"):
+            table[f"the {which} `sshade deform` of 20,000 vertices"] = f"{timed(deform, folder):.1f} s"
+        actions = [python, ROOT / "tools" / "first_actions.py", "torus.off", "handles.json"]
+        done = subprocess.run(list(map(str, actions)), cwd=folder, stdout=-1, text=True, check=True)
+        table |= {name: f"{number} compilations" for name, number in json.loads(done.stdout).items()}
+    print(f"Python {sys.version.split()[0]}, {sys.platform}\n\n| | |\n| --- | ---: |")
+    print("\n".join(f"| {name} | {value} |" for name, value in table.items()))
+    return int(any(value.endswith("compilations") and value[0] != "0" for value in table.values()))
+
+
+def timed(command: Sequence[object], folder: Path) -> float:
+    """Run a command in a folder without the variables of this project; return its time in seconds."""
+    environment = {
+        name: text for name, text in os.environ.items() if name not in ("PYTHONPATH", "SSHADE_KERNELS")
+    }
+    begin = perf_counter()
+    subprocess.run([str(word) for word in command], cwd=folder, env=environment, check=True)
+    return perf_counter() - begin
+
+
+def torus(mesh: Path, handles: Path, rings: int = 200, around: int = 100) -> None:
+    """Write a torus of 20,000 vertices, with one side fixed and the other one lifted and turned."""
+    angles = [
+        (2 * math.pi * i / rings, 2 * math.pi * j / around) for i in range(rings) for j in range(around)
+    ]
+    points = [
+        ((2 + math.cos(b)) * math.cos(a), (2 + math.cos(b)) * math.sin(a), math.sin(b)) for a, b in angles
+    ]
+    corner = [[(i % rings) * around + j % around for j in range(around + 1)] for i in range(rings + 1)]
+    faces = []
+    for i in range(rings):
+        for j in range(around):
+            a, b, c, d = corner[i][j], corner[i + 1][j], corner[i + 1][j + 1], corner[i][j + 1]
+            faces += [(a, b, c), (a, c, d)]
+    rows = [f"{x} {y} {z}" for x, y, z in points] + [f"3 {a} {b} {c}" for a, b, c in faces]
+    mesh.write_text("\n".join(["OFF", f"{len(points)} {len(faces)} 0", *rows, ""]))
+    near, far = points[:around:5], points[rings // 2 * around : (rings // 2 + 1) * around : 5]
+    lifted = [(x, y, z + 1) for x, y, z in far]
+    groups = [
+        {"landmark": "near", "kind": "static", "source": near, "target": near},
+        {"landmark": "far", "kind": "dynamic", "source": far, "target": lifted},
+    ]
+    handles.write_text(json.dumps({"handles": groups}))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
