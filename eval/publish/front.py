@@ -103,23 +103,24 @@ def _family(name: str, value: Any) -> str:
 def with_times(rows: pd.DataFrame, times: pd.DataFrame) -> tuple[pd.DataFrame, str]:
     """Return the rows of timed methods, with the median time as a measure, and the machine of the times.
 
-    A method was timed if the times are of the same configuration.
+    A method was timed if there are times of its configuration and of the version of the code of its rows.
 
     Raises
     ------
     InputError
-        If the times come from several cases or machines, or from another version of the code than the rows.
+        If the times come from several cases, machines or versions of the code, or no method was timed.
     """
-    for column in ("task.checksum", "env.machine", "env.machine_id"):
+    for column in ("task.checksum", "env.machine", "env.machine_id", "env.version.code"):
         if len(distinct(times, column)) > 1:
             raise InputError(f"the times differ in {column}, so one chart cannot show them")
-    versions = [distinct(frame, "env.version.code") for frame in (times, rows)]
-    if versions[0] != versions[1]:
-        raise InputError(f"the times are of version {versions[0]} of the code, the rows of {versions[1]}")
     kept = times[times["kept"].eq(True)]
     seconds = numbers(kept, "seconds.total").groupby(kept["method.hash"]).median()
+    rows = rows[rows["env.version.code"].isin(distinct(times, "env.version.code"))]
     rows = rows.assign(**{f"metric.{TIME}": rows["method.hash"].map(seconds)})
-    return rows[rows[f"metric.{TIME}"].notna()], distinct(times, "env.machine")[0]
+    timed = rows[rows[f"metric.{TIME}"].notna()]
+    if timed.empty:
+        raise InputError("no method was timed with the configuration and version of these rows")
+    return timed, distinct(times, "env.machine")[0]
 
 
 @style()

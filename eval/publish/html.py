@@ -12,6 +12,7 @@ from typing import Any
 import pandas as pd
 
 from eval.publish.columns import Column
+from eval.publish.notes import definitions, legend
 from eval.publish.plotting import to_svg
 from eval.publish.tables import cells
 from eval.rows.frame import distinct, records
@@ -38,6 +39,7 @@ def render(template: str, **names: Any) -> str:
     pages = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, **blocks)
     marks = {0: "{}", 1: '<b title="best">{}</b>', 2: '<u title="second best">{}</u>'}
     pages.globals["cells"] = partial(cells, marks=marks, not_available="n/a", escape=html.escape)
+    pages.globals |= {"legend": legend, "definitions": definitions}
     return pages.get_template(template).render(**names)
 
 

@@ -141,14 +141,24 @@ def common_notes(rows: pd.DataFrame, *, columns: Sequence[Column]) -> list[str]:
     marks = "Best in bold, second best underlined."
     if any(column.source == "iterations" for column in columns):
         marks += " In brackets after the iterations: converged runs; the other runs stopped at the cutoff."
-    defined = DEFINITIONS | {f"metric.{name}": metric.equation for name, metric in METRICS.items()}
-    legend = "; ".join(f"{c.heading}: {defined[c.source]}" for c in columns if c.source in defined)
+    return [*notes, marks, legend(columns)]
+
+
+def legend(columns: Sequence[Column]) -> str:
+    """Return the definitions of the columns in one note, and which numbers are better."""
     end = "Lower is better"
     if not any(column.ranked for column in columns):
         end = "The pose itself changes these measures; without ground truth its part is unknown"
     elif any(column.source == SUCCESS for column in columns):
         end += ", except for success"
-    return [*notes, marks, f"{legend}. {end}."]
+    defined = "; ".join(f"{heading}: {text}" for heading, text in definitions(columns))
+    return f"{defined}. {end}."
+
+
+def definitions(columns: Sequence[Column]) -> list[tuple[str, str]]:
+    """Return the heading and the definition of each column that has one."""
+    defined = DEFINITIONS | {f"metric.{name}": metric.equation for name, metric in METRICS.items()}
+    return [(c.heading, defined[c.source]) for c in columns if c.source in defined]
 
 
 def _method_notes(rows: pd.DataFrame) -> list[str]:

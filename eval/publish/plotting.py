@@ -129,7 +129,7 @@ def name_points(
         else:
             left.append(method)
             continue
-        taken.append(box)
+        taken.append(box.padded(2))
     if left:
         axes.legend([line for line in axes.lines if line.get_label() in left], left)
 

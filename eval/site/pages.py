@@ -7,23 +7,24 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 import pandas as pd
 
-from eval.publish.columns import SUCCESS, Column
+from eval.publish.columns import SUCCESS
+from eval.publish.front import TIME, draw, with_times
 from eval.publish.html import charts, configuration, facts, render, texts
-from eval.publish.plotting import look, new_figure, plot_points
-from eval.publish.plotting import style as drawing
 from eval.publish.summary import Table, make_table
 from eval.rows.files import PUBLISHED, write_text
 from eval.rows.frame import distinct, method_names, read_csv, records, to_frame, valid, write_csv
 from eval.rows.splits import HELD_OUT, split_of
+from eval.site.ranking import rankings
 from eval.site.submission import Submission
 from eval.site.tracks import Track
 from eval.timing.table import cells, make_time_table
 
 #: Headings of the measures that are drawn against time.
 DRAWN = ("EL", "truth", "FA", "normal")
+#: Largest rank that the page of all tracks shows.
+SHOWN = 5
 
 
 class Contest(NamedTuple):
@@ -63,12 +64,14 @@ def write_site(
     every = to_frame([row for own in contests for row in records(own.rows)])
     methods = method_names(every)
     shared = {"tracks": [own.track for own in contests], "methods": methods}
-    pages = {"index": render("site/index.html", contests=[_front(own) for own in contests], **shared)}
+    pages, ranked = {"index": ""}, []
     for own in contests:
         name = own.track.name
+        seconds, machine, told = _seconds(own, results)
+        ranked.append(_ranked(own, seconds, told))
         write_csv(out / f"{name}.csv", own.rows)
         page = {"track": own.track, "table": own.table, "facts": facts(valid(own.rows))}
-        page["charts"] = charts(_charts(own, results))
+        page |= {"ranked": ranked[-1], "charts": charts(_charts(own, seconds, machine))}
         picture = results / "figures" / f"{name}.png"
         page["picture"] = base64.b64encode(picture.read_bytes()).decode() if picture.is_file() else None
         pages[name] = render("site/track.html", **page, **shared)
@@ -80,26 +83,17 @@ def write_site(
         page["times"] = _times(contests, method, results)
         page["notes"] = distinct(rows, "method.note")
         pages[f"method_{method}"] = render("site/method.html", **page, **shared)
+    pages["index"] = render("site/index.html", contests=ranked, shown=SHOWN, **shared)
     for name, text in pages.items():
         write_text(out / f"{name}.html", text)
     return [out / f"{name}.html" for name in pages]
 
 
-def _front(own: Contest) -> dict[str, Any]:
-    """Return the entry of a track on the page of all tracks: the best methods in each column."""
-    means = own.table.means[own.table.lines["competes"].astype(bool)]
-    best = [_least(column, means[column.heading]) for column in own.table.columns if column.ranked]
+def _ranked(own: Contest, seconds: dict[str, float], told: str) -> dict[str, Any]:
+    """Return the rankings of a track, and what is to be known about them."""
     counts = {"cases": own.rows["task.name"].nunique(), "methods": own.rows["method.name"].nunique()}
-    return {"track": own.track, "best": [line for line in best if line], **counts}
-
-
-def _least(column: Column, means: pd.Series) -> dict[str, Any] | None:
-    """Return the methods with the smallest printed number of a column; None if all numbers are equal."""
-    printed = means.dropna().map(column.text)
-    if printed.nunique() < 2:
-        return None
-    least = printed[means.idxmin()]
-    return {"label": column.label, "value": least, "methods": list(printed.index[printed == least])}
+    found = rankings(own.table, seconds)
+    return {"track": own.track, "rankings": found, "by": found[0].columns[0].label, "told": told, **counts}
 
 
 def _cases(own: Contest, method: str) -> dict[str, Any]:
@@ -125,35 +119,27 @@ def _times(contests: list[Contest], method: str, results: Path) -> list[dict[str
     return found
 
 
-@drawing()
-def _charts(own: Contest, results: Path) -> dict[str, Any]:
+def _charts(own: Contest, seconds: dict[str, float], machine: str) -> dict[str, Any]:
     """Draw measures against times, of the methods that were timed at a similar size."""
-    if own.track.timing is None:
-        return {}
-    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
-
-    path = results / "timing" / f"{own.track.timing}.csv"
-    lines = make_time_table(read_csv(path), title=own.track.timing).lines
-    seconds = lines.drop_duplicates("method").set_index("method")["seconds.total"]
     drawn = {}
     for column in own.table.columns:
-        means = own.table.means[column.heading] if column.heading in DRAWN else pd.Series(dtype=float)
-        points = {
-            method: [(seconds[method], means[method])]
-            for method in own.table.lines.index
-            if method in seconds and np.isfinite(means.get(method, np.nan))
-        }
-        if points:
-            figure = new_figure(3.6, 2.8)
-            axes = figure.add_subplot()
-            plot_points(axes, points, look(own.table.lines.index))
-            axes.set(xscale="log", xlabel="time (s)", ylabel=column.label)
-            axes.set_ylim(0, 1.1 * max(value for ((_, value),) in points.values()) or 1)
-            axes.xaxis.set(
-                major_locator=LogLocator(subs=(1, 2, 5)),
-                major_formatter=StrMethodFormatter("{x:g}"),
-                minor_formatter=NullFormatter(),
-            )
-            axes.legend()
-            drawn[f"{column.heading} against time"] = figure
+        if column.heading in DRAWN:
+            means = own.table.means[column.heading].dropna()
+            points = {
+                method: [(seconds[method], means[method])] for method in means.index if method in seconds
+            }
+            if points:
+                measures = (TIME, column.source.removeprefix("metric."))
+                drawn[f"{column.heading} against time"] = draw({None: points}, measures, machine=machine)
     return drawn
+
+
+def _seconds(own: Contest, results: Path) -> tuple[dict[str, float], str, str]:
+    """Return the times of the methods of a track, their machine, and a sentence about the times."""
+    if own.track.timing is None:
+        return {}, "", "No times were measured on cases of this size."
+    times = read_csv(results / "timing" / f"{own.track.timing}.csv")
+    timed, machine = with_times(own.rows, times)
+    seconds = timed.drop_duplicates("method.name").set_index("method.name")[f"metric.{TIME}"]
+    case = f"one case of {times['task.vertices'].iloc[0]:,} vertices"
+    return seconds.to_dict(), machine, f"The times are of {case}, on a quiet machine: {machine}."

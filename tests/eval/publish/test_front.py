@@ -82,7 +82,7 @@ def test_times_are_those_of_the_same_configuration_and_version():
     assert machine == rows["env.machine"][0]
     with pytest.raises(InputError, match="differ in env.machine"):
         with_times(rows, frame(*timed, timed[0] | {"env.machine": "another"}))
-    with pytest.raises(InputError, match="of version"):
+    with pytest.raises(InputError, match="no method was timed"):
         with_times(rows, frame(*(one | {"env.version.code": "other"} for one in timed)))
 
 

@@ -68,16 +68,16 @@ def page(text):
 def test_tables_of_the_experiment_and_of_each_case(page, tiny):
     rows = read_csv(tiny)
     numbers = rows.set_index(["method.name", "task.name"])["metric.volume"]
-    assert page.tables[0][0][:3] == ["method", "runs", "volume (%)"]
-    lines = {line[0]: line[1:] for line in page.tables[0][1:]}
+    assert page.tables[2][0][:3] == ["method", "runs", "volume (%)"]
+    lines = {line[0]: line[1:] for line in page.tables[2][1:]}
     assert lines["failing"][:2] == ["0/2", "failed"] and lines["missing"][:2] == ["0/2", "skipped"]
     assert lines["arap"][:2] == ["2", f"{numbers['arap'].astype(float).mean():.2f}"]
     assert '<b title="best">' in page.text and '<u title="second best">' in page.text
     assert "Machine: " in page.told("ul", "notes")
-    assert page.tables[1][0][:3] == ["method", "runs", "D"] and page.tables[1][0][-1] == "success (%)"
-    assert {line[0]: line[-1] for line in page.tables[1][1:]}["failing"] == "0.0"
+    assert page.tables[3][0][:3] == ["method", "runs", "D"] and page.tables[3][0][-1] == "success (%)"
+    assert {line[0]: line[-1] for line in page.tables[3][1:]}["failing"] == "0.0"
     assert "<h3>tiny: further measures</h3>" in page.text
-    of_case = page.tables[3]
+    of_case = page.tables[0]
     assert [line[0] for line in of_case[1:]] == ["arap", "learned", "stretching"]
     assert of_case[1][1] == f"{numbers['arap', 'bumpy_10']:.2f}"
 
@@ -91,9 +91,15 @@ def test_every_case_has_pictures(page):
     assert "loss curve 1 of each method" in page.images and "volume of each method" in page.images
 
 
+def test_pictures_come_before_the_view_tables_and_charts(text):
+    order = ["<h3>Pictures", 'id="turn"', "<h3>tiny: further measures", "<h4>Definitions", ">Distributions<"]
+    places = [text.index(part) for part in order]
+    assert places == sorted(places)
+
+
 def test_convergence_failures_and_facts(page, tiny):
-    assert page.tables[2][0] == ["method", "converged", "iterations", "last residual"]  # no energies
-    convergence = {line[0]: line[1:] for line in page.tables[2][1:]}
+    assert page.tables[4][0] == ["method", "converged", "iterations", "last residual"]  # no energies
+    convergence = {line[0]: line[1:] for line in page.tables[4][1:]}
     assert convergence["arap"][:2] == ["0/2", "5 / 5 / 5"]
     failures = [line for table in page.tables for line in table if line[1:2] == ["bumpy_40"]]
     torch = "ImportError: torch is not installed; pip install sshade[torch]"
@@ -171,10 +177,10 @@ def test_pose_transfers_are_held_against_the_truth(tmp_path):
     assert "distance to the ground truth (% of the diagonal)" in page.told("div", "scale")
     assert "fixed" not in page.told("div", "scale")  # there are no handles
     assert "edit: wider_0.1" in page.told("summary") and "edit: wider_0.3" in page.told("summary")
-    # The whole, two edits, two cases: each has the numbers of its own runs.
+    # Two cases, the whole, two edits: each has the numbers of its own runs.
     at = "distance (%)"
     distances = [table[1][table[0].index(at)] for table in page.tables if at in table[0]]
-    assert distances[1:3] == distances[3:5] and len(set(distances)) == 3
+    assert distances[:2] == distances[3:5] and len(set(distances)) == 3
     case = json.loads(re.search(r'id="turn-cases"[^>]*>(.*?)</script>', (tmp_path / "r.html").read_text())[1])
     assert case["cases"][0]["handles"] == case["cases"][0]["targets"] == []
 

@@ -92,7 +92,7 @@ def test_the_view_switches_shapes_errors_handles_and_cases(page):
     assert np.ptp(plain, axis=2).max() > 100  # the handles keep their colours
     page.get_by_label("handles").uncheck()
     assert np.ptp(stage(page), axis=2).max() < 60
-    page.get_by_text("rest", exact=True).last.click()
+    page.locator("#turn-shapes").get_by_text("rest", exact=True).click()
     assert page.locator("#turn-stage").get_attribute("data-shape") == "rest"
     assert changed(plain, stage(page)) > 0.02  # half as large
     page.locator("#turn-case").select_option("1")
