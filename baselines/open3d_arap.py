@@ -59,10 +59,8 @@ def open3d_arap(
     FloatingPointError
         If the result is not finite.
     """
-    try:
-        import open3d
-    except ImportError as error:
-        raise ImportError("open3d_arap needs Open3D; pip install 'sshade[open3d]'") from error
+    import open3d
+
     if energy not in get_args(Kind) or iterations < 1:
         raise InputError(
             f"energy={energy!r} and iterations={iterations!r}: the first must be 'spokes' or 'smoothed', the "

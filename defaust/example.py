@@ -54,13 +54,11 @@ def write_example(folder: Path, *, subdivisions: int = 2) -> Mesh:
     for number in POSES:
         pose, shift = source.poses(SUBJECT)[number - 1], bodies.shifts[SUBJECT, number - 1]
         motions = bodies.motions(SUBJECT, rotations=bodies.rotations[SUBJECT, number - 1])
-        truth = apply_motions(loop @ motions, rest.V) + shift
-        records = handle_records(
-            rest, truth, pose, regions=(), chosen=chosen, static_below=options.static_below
-        )
+        truth = Mesh(apply_motions(loop @ motions, rest.V) + shift, rest.F)
+        records = handle_records(rest, truth, pose, regions=(), chosen=chosen, options=options)
         text = dump({"source_pose": pose.name, "handles": records}, indent=None)
         write_text(folder / pose_file(number), text)
-        write_mesh(folder / f"pose_{number}_true.ply", truth, rest.F)
+        write_mesh(folder / f"pose_{number}_true.ply", truth.V, truth.F)
     return rest
 
 

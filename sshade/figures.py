@@ -240,12 +240,3 @@ def _add_handles(plotter: Any, V: np.ndarray, handles: Handles, *, size: float, 
         balls(handles.target[moving], DYNAMIC, opacity=0.45)
         ends = np.stack([V[handles.index[moving]], handles.target[moving]], axis=1).reshape(-1, 3)
         plotter.add_mesh(pyvista.line_segments_from_points(ends), color=PATH, line_width=1)
-
-
-def require_extra(*libraries: str) -> None:
-    """Raise InputError if a library is missing. Without names, matplotlib and pyvista are required."""
-    from importlib.util import find_spec
-
-    for library in libraries or ("matplotlib", "pyvista"):
-        if find_spec(library) is None:
-            raise InputError(f"{library} is not installed; pip install 'sshade[figures]'")

@@ -112,10 +112,8 @@ def implicit_arap(
     Deformation of High-Resolution Meshes and Neural Fields via Local Patch Meshing", 2024.
     """
     options = dict(locals())
-    try:
-        import torch
-    except ModuleNotFoundError as error:
-        raise ImportError("implicit_arap needs PyTorch; pip install 'sshade[torch]'") from error
+    import torch
+
     from baselines.implicit_arap.networks import MotionField
     from baselines.implicit_arap.sdf import Sdf, Surface, fit_network_sdf, grid_sdf
     from baselines.implicit_arap.training import Constraints, Plan, displacements, train

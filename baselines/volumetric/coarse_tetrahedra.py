@@ -191,7 +191,7 @@ def _sampled(mesh: Mesh, samples: int) -> tuple[np.ndarray, np.ndarray]:
 def _filled(V: np.ndarray, F: np.ndarray, *, edge: float, envelope: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the nodes and the tetrahedra of positive volume from fTetWild."""
     if find_spec("pytetwild") is None:
-        raise ImportError("tetrahedra need pytetwild; pip install 'sshade[tet]'")
+        raise ModuleNotFoundError("No module named 'pytetwild'", name="pytetwild")
     if resource is None:
         log.warning("this system cannot limit processor time: fTetWild runs without a time limit")
     with TemporaryDirectory() as folder:

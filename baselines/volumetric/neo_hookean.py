@@ -146,14 +146,11 @@ def neo_hookean(
 
 def _simkit() -> tuple[Callable[..., Any], Any]:
     """Return simkit's deformation Jacobian and its module of stable Neo-Hookean energies."""
-    try:
-        with warnings.catch_warnings():
-            # simkit warns about optional packages that are not installed.
-            warnings.simplefilter("ignore", UserWarning)
-            from simkit.deformation_jacobian import deformation_jacobian
-            from simkit.energies import stable_neo_hookean
-    except ImportError as error:
-        raise ImportError("neo_hookean needs simkit; pip install 'sshade[neo_hookean]'") from error
+    with warnings.catch_warnings():
+        # simkit warns about optional packages that are not installed.
+        warnings.simplefilter("ignore", UserWarning)
+        from simkit.deformation_jacobian import deformation_jacobian
+        from simkit.energies import stable_neo_hookean
     return deformation_jacobian, stable_neo_hookean
 
 

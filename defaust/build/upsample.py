@@ -135,9 +135,11 @@ def _checked(V: np.ndarray, F: np.ndarray, *, original: Mesh) -> Mesh:
 
 
 def _mesh_set(mesh: Mesh) -> tuple[ModuleType, Any]:
-    """pymeshlab and its copy of a mesh; InputError if it cannot be loaded, e.g. for lack of a library."""
+    """Return pymeshlab and its copy of a mesh; raise InputError if pymeshlab lacks a system library."""
     try:
         import pymeshlab
+    except ModuleNotFoundError:
+        raise
     except ImportError as error:
         raise InputError(
             f"pymeshlab, which refines meshes, cannot be loaded ({error}); on Debian and Ubuntu install "

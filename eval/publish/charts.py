@@ -19,7 +19,6 @@ from eval.publish.plotting import FIGURES, SUFFIXES, axis_label, look, new_figur
 from eval.rows.experiment import Experiment, read_experiments
 from eval.rows.files import ROWS_HELP
 from eval.rows.frame import method_names, numbers, records, split_label, valid
-from sshade.figures import require_extra
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -160,7 +159,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
-    require_extra("matplotlib")
     for experiment in read_experiments(options.rows):
         for name, figure in charts(experiment).items():
             save(figure, options.out / experiment.name / f"{name}.{options.format}")

@@ -18,7 +18,6 @@ from eval.publish.plotting import FIGURES, axis_label, look, new_figure, plot_po
 from eval.rows.files import ROWS_HELP, rows_file
 from eval.rows.frame import read_csv, split_label, valid
 from sshade.errors import InputError
-from sshade.figures import require_extra
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -82,7 +81,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
-    require_extra("matplotlib")
     rows = read_csv(options.rows)
     panels = {metric: curves(rows, metric, over=options.over) for metric in options.metric}
     save(draw(panels, over=options.over), options.out or FIGURES / f"{options.rows.stem}.png")

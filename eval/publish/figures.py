@@ -28,7 +28,7 @@ from eval.rows.store import VALID, Row
 from eval.run.recall import load_task
 from sshade.cli.configuration import CONFIGURATION
 from sshade.errors import InputError
-from sshade.figures import colour_range, require_extra
+from sshade.figures import colour_range
 
 
 class Case(NamedTuple):
@@ -114,7 +114,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
-    require_extra()
+    import matplotlib  # noqa: F401 - refused before the results are read
+    import pyvista  # noqa: F401
+
     folder = experiment_folder(options.folder)
     entry = read_picture(folder.name)
     names, methods = options.cases, options.methods or entry.get("methods", [])

@@ -22,7 +22,6 @@ from eval.rows.files import ROWS_HELP, TIMING, rows_file
 from eval.rows.frame import distinct, numbers, read_csv, split_label, valid
 from eval.rows.splits import TUNING, split_of
 from sshade.errors import InputError
-from sshade.figures import require_extra
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -189,7 +188,6 @@ def command(options: argparse.Namespace) -> int:
     measures = tuple(options.measures)
     if len(measures) < 2 and not options.times:
         raise InputError(f"--measures needs at least two metrics, and {measures[0]} is the only one")
-    require_extra("matplotlib")
     rows = pd.concat([read_csv(path) for path in options.rows], ignore_index=True)
     machine = ""
     if options.times:

@@ -25,6 +25,7 @@ from eval.run.code import CodeChanged, loaded_code, require_unchanged
 from eval.run.provenance import process_memory
 from eval.run.targets import flat, instantiate, settings, target_functions
 from eval.run.warmup import warm_up
+from sshade.cli.console import missing_library
 from sshade.processes import end_with_parent
 from sshade.progress import Progress, silent
 from sshade.task import DeformationResult
@@ -241,5 +242,5 @@ def _plain(value: Any) -> Any:
 
 def _sentence(error: BaseException) -> str:
     """Return the type and the message of an error in one line."""
-    text = " ".join(str(error).split())
+    text = " ".join((missing_library(error) or str(error)).split())
     return f"{type(error).__name__}: {text}" if text else type(error).__name__

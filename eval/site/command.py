@@ -16,7 +16,6 @@ from eval.site.submission import Submission, check, read_facts
 from eval.site.submit import SUBMISSIONS
 from eval.site.tracks import WHERE, is_published, published, read_tracks
 from sshade.errors import InputError
-from sshade.figures import require_extra
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,7 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
-    require_extra("matplotlib", "jinja2")
+    import jinja2  # noqa: F401 - refused before the rows are read
+    import matplotlib  # noqa: F401
+
     known = read_tracks()
     tracks = {name: track for name, track in known.items() if is_published(track)}
     if not tracks:

@@ -25,7 +25,7 @@ from sshade.carry.binding import Binding
 from sshade.carry.blended import nearest_rotations
 from sshade.carry.neighbours import adjacent_triangles
 from sshade.errors import InputError
-from sshade.figures import UP, View, require_extra
+from sshade.figures import UP, View
 from sshade.io.handles import read_task
 from sshade.mesh.mesh import Mesh
 from sshade.pipeline.deform import deform
@@ -181,7 +181,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
     if options.out is not None:
-        require_extra()
+        import matplotlib  # noqa: F401 - refused before the deformations
+        import pyvista  # noqa: F401
     task = read_task(options.mesh, handles=options.handles)
     results = compare(task, vertices=options.vertices, seed=options.seed)
     print(f"{task.name}: angles between neighbouring triangles' rotations, in degrees\n")  # noqa: T201

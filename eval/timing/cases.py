@@ -14,6 +14,7 @@ from eval.configure.sweep import check_root, source_of
 from eval.metrics import Task
 from eval.run.targets import instantiate, require_kind, settings
 from eval.run.warmup import warm_up
+from sshade.cli.console import missing_library
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.task import DeformationResult, DeformationTask
@@ -51,7 +52,9 @@ class TimedMethod(NamedTuple):
         try:
             call = instantiate({**self.config, "_partial_": True})
         except ImportError as error:
-            raise InputError(f"{self.label} cannot be timed: {' '.join(str(error).split())}") from error
+            raise InputError(
+                f"{self.label} cannot be timed: {missing_library(error) or ' '.join(str(error).split())}"
+            ) from error
         require_kind(call, task, target=self.config["_target_"])
         shrunk = self.config.get("warm_up", {})
         if shrunk is not None:

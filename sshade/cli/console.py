@@ -17,6 +17,13 @@ if TYPE_CHECKING:
     from rich.progress import Progress as Bars
 
 
+#: Extra of the package that brings a library, by the module that is imported.
+EXTRAS = {
+    **dict.fromkeys(("igl", "pymeshlab", "trimesh", "pandas", "hydra", "omegaconf"), "bench"),
+    **dict.fromkeys(("pyvista", "vtkmodules", "matplotlib", "jinja2", "PIL"), "figures"),
+    **{"torch": "torch", "open3d": "open3d", "pytetwild": "tet", "simkit": "neo-hookean"},
+}
+
 #: Number of characters above which a message names no choices; the help lists them.
 LONGEST_MESSAGE = 300
 
@@ -111,12 +118,19 @@ def announced_compilation() -> Iterator[None]:
         say(f"compiled in {listener.duration:.1f} s; later calls start at once")
 
 
+def missing_library(error: BaseException) -> str | None:
+    """Return what to install, if a library of :data:`EXTRAS` is missing; None for any other error."""
+    library = (error.name or "").partition(".")[0] if isinstance(error, ModuleNotFoundError) else ""
+    extra = EXTRAS.get(library)
+    return f"{library} is not installed; pip install 'sshade[{extra}]'" if extra else None
+
+
 def run_command(main: Callable[[], int]) -> int:
     """Call `main`; report a mistake in one line on standard error and return exit code 2.
 
     Mistakes are an InputError; a FloatingPointError, when numbers fail on a mesh, for example with
-    zero-area triangles; an OSError; and a MemoryError. If the reader of standard output has ended, as
-    after ``| head``, the command ends silently.
+    zero-area triangles; an OSError; a MemoryError; and a library of :data:`EXTRAS` that is not installed. If
+    the reader of standard output has ended, as after ``| head``, the command ends silently.
     """
     try:
         code = main()
@@ -132,6 +146,10 @@ def run_command(main: Callable[[], int]) -> int:
         mistake = f"{error.filename}: {reason(error)}" if error.filename else reason(error)
     except MemoryError as error:
         mistake = f"there is not enough memory ({' '.join(str(error).split()) or 'out of memory'})"
+    except ModuleNotFoundError as error:
+        if (missing := missing_library(error)) is None:
+            raise
+        mistake = missing
     except KeyboardInterrupt:
         say("interrupted")
         return 130

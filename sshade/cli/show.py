@@ -22,7 +22,7 @@ import numpy as np
 from sshade.cli.arguments import add_mesh_and_handles
 from sshade.cli.console import say
 from sshade.errors import InputError
-from sshade.figures import TOWARDS, UP, View, colour_range, edge_error, new_plotter, panel, require_extra
+from sshade.figures import TOWARDS, UP, View, colour_range, edge_error, new_plotter, panel
 from sshade.io.files import check_output, replacing
 from sshade.io.handles import read_handles
 from sshade.io.meshes import read_arrays, read_mesh
@@ -51,7 +51,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Show the shapes, or write the picture; return the exit code."""
-    require_extra()
     path = options.output
     if path is None and not has_display():
         raise InputError("there is no display for a window; write a picture with -o, such as -o picture.png")

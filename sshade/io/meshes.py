@@ -14,7 +14,7 @@ from sshade.io.gltf import read_gltf, write_gltf
 from sshade.io.obj import read_obj
 from sshade.io.off import read_off
 from sshade.io.ply import read_ply, write_ply
-from sshade.io.stl import read_stl
+from sshade.io.stl import read_stl, write_stl
 from sshade.io.words import rows_of
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.surface import cleaned, without_duplicates
@@ -144,9 +144,7 @@ def write_mesh(path: str | os.PathLike[str], V: np.ndarray, F: np.ndarray) -> No
         elif suffix in (".glb", ".gltf"):
             write_gltf(temporary, V, F)
         elif suffix == ".stl":
-            import trimesh
-
-            temporary.write_bytes(trimesh.Trimesh(V, F, process=False).export(file_type="stl"))
+            write_stl(temporary, V, F)
         elif suffix == ".obj":
             temporary.write_bytes(rows_of("v ", V) + rows_of("f ", F + 1))
         else:

@@ -1,4 +1,4 @@
-"""STL files, text or binary: positions and facet normals change, all other bytes stay."""
+"""Read STL files, text or binary, and write binary ones. Where positions change, all other bytes stay."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from sshade.errors import InputError
 from sshade.io.document import MeshFile, present
 from sshade.io.normals import turns
 from sshade.io.words import Numbers, Text, edited, key_of
+from sshade.mesh.mesh import unit_rows
 
 #: A facet of a binary STL file.
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -52,6 +53,22 @@ def read_stl(path: Path) -> MeshFile:
     if len(V) == 0:
         raise InputError(f"{path}: the file holds no triangles")
     return MeshFile(V, np.arange(len(V)).reshape(-1, 3), holds, (".stl",), content)
+
+
+def write_stl(path: Path, V: np.ndarray, F: np.ndarray) -> None:
+    """Write triangles as binary STL, with unit normals; faces without area have zeros.
+
+    Parameters
+    ----------
+    path : path
+    V : (n, 3) float64
+        Written as float32.
+    F : (m, 3) int
+    """
+    facets = np.zeros(len(F), _FACET)
+    facets["corners"] = corners = V[F]
+    facets["normal"] = unit_rows(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    path.write_bytes(bytes(80) + len(F).to_bytes(4, "little") + facets.tobytes())
 
 
 def _solid(text: Text, path: Path) -> tuple[Numbers, Numbers]:

@@ -134,9 +134,3 @@ def test_with_nothing_to_draw_with_the_libraries_are_told(files, tmp_path, monke
     assert main(["show", str(files[0]), "-o", str(tmp_path / "shape.png")]) == 2
     assert "apt install libegl1 libgl1-mesa-dri" in capsys.readouterr().err
     assert not (tmp_path / "shape.png").exists()
-
-
-def test_without_the_extra_its_name_is_told(files, monkeypatch, capsys):
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    assert main(["show", str(files[0]), "-o", "shape.png"]) == 2
-    assert "pip install 'sshade[figures]'" in capsys.readouterr().err

@@ -14,7 +14,6 @@ from eval.publish.summary import MIXED_HELP
 from eval.rows.experiment import read_experiments
 from eval.rows.files import ROWS_HELP, write_text
 from sshade.cli.console import progress_bar
-from sshade.figures import require_extra
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,7 +30,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
-    require_extra("matplotlib", "pyvista", "jinja2")
+    import jinja2  # noqa: F401 - refused before the rows are read
+    import matplotlib  # noqa: F401
+    import pyvista  # noqa: F401
+
     from eval.publish.report.page import write_page
 
     experiments = read_experiments(options.rows, runs=options.runs)

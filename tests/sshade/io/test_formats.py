@@ -4,6 +4,7 @@ import struct
 
 import numpy as np
 import pytest
+import trimesh
 
 from sshade import InputError
 from sshade.io.meshes import read_arrays, read_file, write_mesh
@@ -13,13 +14,25 @@ SPHERE = icosphere(1)
 
 
 def test_they_agree_with_another_reader(tmp_path):
-    trimesh = pytest.importorskip("trimesh")
     shape = trimesh.Trimesh(SPHERE.V / 3, SPHERE.F, process=False)
     for name, options in {"a.off": {"digits": 17}, "a.stl": {}, "b.stl": {"file_type": "stl_ascii"}}.items():
         shape.export(tmp_path / name, **options)
         V, F = read_arrays(tmp_path / name)
         other = trimesh.load(tmp_path / name, process=False, maintain_order=True)
         assert np.array_equal(V, other.vertices) and np.array_equal(F, other.faces), name
+
+
+def test_another_reader_agrees_with_what_is_written_as_stl(tmp_path):
+    V = np.concatenate([SPHERE.V / 3, [[0.5, 0, 0]]])
+    F = np.concatenate([SPHERE.F, [[0, 0, SPHERE.n]]])  # a face without area
+    write_mesh(tmp_path / "a.stl", V, F)
+    with (tmp_path / "a.stl").open("rb") as file:
+        found = trimesh.exchange.stl.load_stl_binary(file)
+    corners = V.astype("f4")[F]
+    assert np.array_equal(found["vertices"][found["faces"]], corners)
+    expected = trimesh.Trimesh(V, SPHERE.F, process=False).face_normals
+    assert np.allclose(found["face_normals"][:-1], expected, rtol=0, atol=1e-6)
+    assert not found["face_normals"][-1].any()
 
 
 OFF = """\

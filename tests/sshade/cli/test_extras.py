@@ -1,0 +1,80 @@
+"""Commands without the libraries of the extras: they work, or name the extra to install."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from sshade.cli.console import EXTRAS, run_command
+
+ROOT = Path(__file__).parents[3]
+#: A Python in which no library of an extra can be imported.
+REFUSE = f"""\
+import sys
+class Refused:
+    @staticmethod
+    def find_spec(name, path=None, target=None):
+        if name.partition(".")[0] in {set(EXTRAS)}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+sys.meta_path.insert(0, Refused)
+"""
+
+
+def run(program: str, *arguments: str) -> subprocess.CompletedProcess:
+    line = [sys.executable, "-c", f"{REFUSE}from {program} import main; sys.exit(main())", *arguments]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.run(line, capture_output=True, text=True, env=environment)
+
+
+@pytest.fixture(scope="module")
+def example(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("example")
+    assert run("defaust.cli", "example", str(folder), "--subdivisions", "0").returncode == 0
+    return folder
+
+
+@pytest.mark.parametrize("program", ["sshade.cli.main", "defaust.cli", "eval.main"])
+def test_help_needs_no_extra(program):
+    assert run(program, "--help").returncode == 0
+
+
+def test_deforming_needs_no_extra_in_any_format(example):
+    for suffix in (".ply", ".obj", ".off", ".stl", ".glb", ".gltf"):
+        output = example / f"posed{suffix}"
+        files = str(example / "rest.ply"), str(example / "pose_6.json")
+        done = run("sshade.cli.main", "deform", *files, "-o", str(output), "--vertices", "400")
+        assert done.returncode == 0 and output.is_file(), done.stderr
+
+
+@pytest.mark.parametrize(
+    ("program", "arguments", "missing"),
+    [
+        ("sshade.cli.main", "show {0}/rest.ply -o {0}/a.png", "pyvista is not installed; {1}[figures]'"),
+        (
+            "sshade.cli.main",
+            "deform {0}/rest.ply {0}/arap.yaml -o {0}/a.ply",
+            "igl is not installed; {1}[bench]'",
+        ),
+        ("defaust.cli", "build out={0}/data", "hydra is not installed; {1}[bench]'"),
+        ("eval.main", "run method=fast", "is not installed; {1}[bench]'"),
+        ("eval.main", "collect", "pandas is not installed; {1}[bench]'"),
+        ("eval.main", "report", "is not installed; {1}[bench]'"),
+    ],
+)
+def test_the_extra_is_named_in_one_sentence(example, program, arguments, missing):
+    for folder in ("parts", "transforms"):
+        (example / folder).mkdir(exist_ok=True)
+    (example / "parts" / "hand.txt").write_text("0 0 0\n1 0 0\n0 1 0\n")
+    (example / "arap.yaml").write_text(json.dumps({"handles": {"static": {"positions": ["hand"]}}}))
+    done = run(program, *arguments.format(example).split())
+    assert done.returncode == 2 and done.stdout == "", done.stderr
+    assert done.stderr.startswith("error: ") and done.stderr.count("\n") == 1
+    assert missing.format("", "pip install 'sshade") in done.stderr
+
+
+def test_another_missing_module_is_an_error_of_the_program():
+    with pytest.raises(ModuleNotFoundError, match="no_such_library"):
+        run_command(lambda: __import__("no_such_library"))
