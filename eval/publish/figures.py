@@ -3,16 +3,17 @@
 A row of panels shows a case: the rest shape with its handles (blue: fixed, yellow: moved), then the result of
 each method, coloured by the change of edge lengths at a vertex, or the reason why there is no result. Pose
 transfers have a second row with the place of the largest error. Pictures are made from run folders.
-``conf/pictures.yaml`` holds the cases, methods and camera of some experiments; options override it.
+``conf/pictures.yaml`` holds the cases, methods and camera of some experiments; options override it. With
+captions, a row shows one case and its ground truth, coloured by the distance to it, above values of rows.
 """
 
 from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import yaml
@@ -30,12 +31,16 @@ from sshade.cli.configuration import CONFIGURATION
 from sshade.errors import InputError
 from sshade.figures import colour_range
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 
 class Case(NamedTuple):
-    """A task with the vertices (n, 3) of each method, or the reason why there are none."""
+    """A task with the vertices (n, 3) of each method, or the reason why there are none, and the rows."""
 
     task: Task
     results: dict[str, np.ndarray | str]
+    rows: dict[str, Row]
 
 
 def read_cases(
@@ -93,7 +98,7 @@ def _case(experiment: Experiment, rows: Sequence[Row], methods: Sequence[str]) -
         results[method] = re.sub(r"^\w+Error: ", "", row["reason"] or row["status"]) if V is None else V
     if all(isinstance(result, str) for result in results.values()):
         raise InputError(f"{folder}: case {name!r} has no result of {', '.join(methods)}")
-    return Case(load_task(next(row for row in rows if row["found"])), results)
+    return Case(load_task(next(row for row in rows if row["found"])), results, runs)
 
 
 def read_picture(name: str, path: Path = CONFIGURATION / "pictures.yaml") -> dict[str, Any]:
@@ -124,11 +129,32 @@ def command(options: argparse.Namespace) -> int:
         names = entry.get("tasks", [])
     cases = read_cases(folder, names=names, methods=methods, worst=options.worst)
     view = camera(options, entry)
+    out = options.out or FIGURES / f"{folder.name}.png"
+    if "captions" in entry:
+        save(captioned(cases[0], entry, view), out, small=True)
+        return 0
     rows = [row for case in cases for row in panels.rows_of(case.task, case.results, **view)]
     found = ((case.task, V) for case in cases for V in case.results.values() if isinstance(V, np.ndarray))
     top = colour_range(panels.error_of(task, V) for task, V in found)
     label = panels.error_label(cases[0].task)
     legend = "  (handles: blue stay, yellow move)" if any(row.handles for row in rows) else ""
     figure = panels.draw(rows, title=entry.get("title", folder.name) + legend, top=top, label=label)
-    save(figure, options.out or FIGURES / f"{folder.name}.png", small=True)
+    save(figure, out, small=True)
     return 0
+
+
+def captioned(case: Case, entry: Mapping[str, Any], view: Mapping[str, np.ndarray]) -> Figure:
+    """Return the picture of a case with the titles and captions of an entry of ``conf/pictures.yaml``.
+
+    Raises
+    ------
+    InputError
+        If the case has no ground truth, or a method no result.
+    """
+    if case.task.truth is None or any(isinstance(result, str) for result in case.results.values()):
+        raise InputError(f"{case.task.name}: captions need the ground truth and a result of each method")
+    captions = {"rest": f"{case.task.mesh.n:,} vertices\nblue handles stay,\nyellow handles move"} | {
+        name: "\n".join(form.format(row[column]) for column, form in entry["captions"].items())
+        for name, row in case.rows.items()
+    }
+    return panels.draw_captioned(case.task, case.results, titles=entry["titles"], captions=captions, **view)

@@ -18,9 +18,9 @@ from scipy.sparse.csgraph import connected_components
 
 from eval.metrics import Task
 from eval.publish.plotting import new_figure, style
-from sshade.figures import COLOURS, View, edge_error, picture
+from sshade.figures import COLOURS, View, colour_range, edge_error, picture
 from sshade.mesh.mesh import Mesh
-from sshade.task import Handles, TransferTask
+from sshade.task import DeformationTask, Handles, TransferTask
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,6 +30,8 @@ CLOSE_UP = 0.06
 #: Width of a panel, largest width of all panels, and largest mean height of a row, in inches; pixels of a
 #: panel.
 INCHES, WIDEST, TALLEST, PIXELS = 2.1, 12.0, 2.8, 600
+#: Colour map of distances to the ground truth above captions; its pale colours keep shapes visible.
+DISTANCES = "OrRd"
 #: Largest number of characters of the text in an empty panel.
 REASON = 125
 _MIDDLE = {"ha": "center", "va": "center", "fontsize": 6, "color": "#7f7f7f"}
@@ -174,4 +176,73 @@ def draw(rows: Sequence[Panels], *, title: str, top: float, label: str, pixels: 
     bar.set_label(label)
     bar.ax.tick_params(labelsize=7)
     figure.suptitle(title, fontsize=10)
+    return figure
+
+
+@style()
+def draw_captioned(
+    task: DeformationTask,
+    results: Mapping[str, np.ndarray],
+    *,
+    titles: Mapping[str, str],
+    captions: Mapping[str, str],
+    towards: np.ndarray,
+    up: np.ndarray,
+) -> Figure:
+    """Draw the rest shape with its handles, the results and the ground truth, with a text below each.
+
+    Colour shows the distance of a result to the ground truth, % of the diagonal. Panels have one scale and
+    the width of their shapes.
+
+    Parameters
+    ----------
+    task : DeformationTask
+        It has a ground truth.
+    results : mapping
+        Method -> shape (n, 3).
+    titles, captions : mapping
+        Texts by panel: `rest`, a method, or `truth`.
+    towards, up : (3,) float64
+        See :func:`rows_of`.
+    """
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    shapes = {"rest": task.mesh.V, **results, "truth": task.truth}
+    errors = {
+        name: 100 * np.linalg.norm(results.get(name, task.truth) - task.truth, axis=1) for name in shapes
+    }
+    errors = {name: error / task.mesh.diagonal for name, error in errors.items()}
+    top = colour_range(errors[name] for name in results)
+    whole = View.of(shapes.values(), towards=towards, up=up)
+    right = whole.axes[0]
+    views = {}
+    for name, V in shapes.items():
+        own = View.of([V], towards=towards, up=up)
+        centre = whole.centre + (own.centre - whole.centre) @ right * right
+        views[name] = replace(whole, centre=centre, size=np.array([own.size[0], *whole.size[1:]]))
+    widths = [view.size[0] for view in views.values()]
+    inches = WIDEST / sum(widths)
+    figure = new_figure(WIDEST + 0.5, inches * whole.size[1] + 1.5)
+    axes = figure.subplots(1, len(shapes), width_ratios=widths)
+    below = {"ha": "center", "va": "top", "fontsize": 12, "linespacing": 1.4}
+    for panel, (name, view) in zip(axes, views.items(), strict=True):
+        panel.set_axis_off()
+        pixels = picture(
+            task.mesh,
+            shapes[name],
+            view=view,
+            width=round(PIXELS / INCHES * inches * view.size[0]),
+            error=errors[name],
+            top=top,
+            colours=DISTANCES,
+            handles=task.handles if name == "rest" else None,
+        )
+        panel.imshow(pixels)
+        panel.set_title(titles.get(name, name), fontsize=13, fontweight="bold")
+        panel.text(0.5, -0.01, captions.get(name, ""), transform=panel.transAxes, **below)
+    scale = ScalarMappable(Normalize(0, top), DISTANCES)
+    bar = figure.colorbar(scale, ax=axes, location="bottom", shrink=0.4, aspect=40, extend="max")
+    bar.set_label("distance to the true pose (% of the bounding-box diagonal)", fontsize=11)
+    bar.ax.tick_params(labelsize=10)
     return figure
