@@ -1,6 +1,6 @@
 """Do the work that the kernels of ``sshade`` are for, and count the compilations of each part.
 
-``python tools/first_actions.py MESH HANDLES`` prints a JSON object. :mod:`tools.first_minute` calls it with
+``python tools/first_actions.py MESH HANDLES`` writes ``compilations.json``. :mod:`tools.first_minute` calls it with
 the Python of a fresh environment.
 """
 
@@ -37,7 +37,7 @@ class Compilations(event.Listener):
 
 
 def main(mesh: str, handles: str) -> None:
-    """Do the work and print the numbers."""
+    """Do the work and write the numbers."""
     counter, numbers = Compilations(), {}
     event.register("numba:compile", counter)
     actions: dict[str, Callable[[], Any]] = {
@@ -54,7 +54,7 @@ def main(mesh: str, handles: str) -> None:
         before = counter.number
         action()
         numbers[name] = counter.number - before
-    print(json.dumps(numbers))
+    Path("compilations.json").write_text(json.dumps(numbers))
 
 
 def command(*arguments: str) -> None:

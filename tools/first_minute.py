@@ -29,35 +29,42 @@ def main() -> int:
     )
     parser.add_argument("--wheel", type=Path, help="wheel to install (default: built from this clone)")
     args = parser.parse_args()
-    with TemporaryDirectory() as name:
-        folder = Path(name)
-        table: dict[str, str] = {}
-        pip = [sys.executable, "-m", "pip", "--disable-pip-version-check"]
-        wheel = args.wheel
-        if wheel is None:
-            seconds = timed([*pip, "wheel", "-q", "--no-deps", "-w", folder, ROOT], folder)
-            (wheel,) = folder.glob("*.whl")
-            table["building the wheel"] = f"{seconds:.1f} s"
-        timed([*pip, "download", "-q", "-d", folder / "wheels", wheel], folder)
-        sizes = {path.name: path.stat().st_size for path in (folder / "wheels").iterdir()}
-        table["wheels to download"] = f"{sum(sizes.values()) / 1e6:.1f} MB in {len(sizes)} files"
-        table["our wheel"] = f"{wheel.stat().st_size / 1e6:.1f} MB"
-        timed([sys.executable, "-m", "venv", folder / "venv"], folder)
-        python = folder / "venv" / ("Scripts" if os.name == "nt" else "bin") / "python"
-        install = [python, "-m", "pip", "--disable-pip-version-check", "install", "-q", "--no-index"]
-        table["installing"] = (
-            f"{timed([*install, '--find-links', folder / 'wheels', 'sshade'], folder):.1f} s"
-        )
-        torus(folder / "torus.off", folder / "handles.json")
-        deform = [python, "-m", "sshade", "deform", "torus.off", "handles.json", "-o", "posed.ply"]
-        for which in ("first", "second"):
-            table[f"the {which} `sshade deform` of 20,000 vertices"] = f"{timed(deform, folder):.1f} s"
-        actions = [python, ROOT / "tools" / "first_actions.py", "torus.off", "handles.json"]
-        done = subprocess.run(list(map(str, actions)), cwd=folder, stdout=-1, text=True, check=True)
-        table |= {name: f"{number} compilations" for name, number in json.loads(done.stdout).items()}
     print(f"Python {sys.version.split()[0]}, {sys.platform}\n\n| | |\n| --- | ---: |")
-    print("\n".join(f"| {name} | {value} |" for name, value in table.items()))
-    return int(any(value.endswith("compilations") and value[0] != "0" for value in table.values()))
+    with TemporaryDirectory() as folder:
+        return measure(Path(folder), args.wheel)
+
+
+def measure(folder: Path, wheel: Path | None) -> int:
+    """Print the table; return 1 if kernels were compiled in the fresh environment, 0 otherwise."""
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check"]
+    if wheel is None:
+        row(
+            "building the wheel",
+            f"{timed([*pip, 'wheel', '-q', '--no-deps', '-w', folder, ROOT], folder):.1f} s",
+        )
+        (wheel,) = folder.glob("*.whl")
+    timed([*pip, "download", "-q", "-d", folder / "wheels", wheel.resolve()], folder)
+    sizes = [path.stat().st_size for path in (folder / "wheels").iterdir()]
+    row("wheels to download", f"{sum(sizes) / 1e6:.1f} MB in {len(sizes)} files")
+    row("our wheel", f"{wheel.stat().st_size / 1e6:.1f} MB")
+    timed([sys.executable, "-m", "venv", folder / "venv"], folder)
+    python = folder / "venv" / ("Scripts" if os.name == "nt" else "bin") / "python"
+    install = [python, *pip[1:], "install", "-q", "--no-index", "--find-links", folder / "wheels", "sshade"]
+    row("installing", f"{timed(install, folder):.1f} s")
+    torus(folder / "torus.off", folder / "handles.json")
+    deform = [python, "-m", "sshade", "deform", "torus.off", "handles.json", "-o", "posed.ply"]
+    for which in ("first", "second"):
+        row(f"the {which} `sshade deform` of 20,000 vertices", f"{timed(deform, folder):.1f} s")
+    timed([python, ROOT / "tools" / "first_actions.py", "torus.off", "handles.json"], folder)
+    compilations = json.loads((folder / "compilations.json").read_text())
+    for name, number in compilations.items():
+        row(f"compilations of {name}", str(number))
+    return int(any(compilations.values()))
+
+
+def row(name: str, value: str) -> None:
+    """Print a row of the table."""
+    print(f"| {name} | {value} |", flush=True)
 
 
 def timed(command: Sequence[object], folder: Path) -> float:
