@@ -1,7 +1,7 @@
 """Do the work that the kernels of ``sshade`` are for, and count the compilations of each part.
 
-``python tools/first_actions.py MESH HANDLES`` writes ``compilations.json``. :mod:`tools.first_minute` calls it with
-the Python of a fresh environment.
+``python tools/first_actions.py MESH HANDLES`` writes ``compilations.json``. :mod:`tools.first_minute` calls
+it with the Python of a fresh environment.
 """
 
 from __future__ import annotations
