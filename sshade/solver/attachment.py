@@ -221,6 +221,6 @@ def _linked(graph: VertexGraph, fronts: Fronts, group: np.ndarray, link: float) 
     k, distance, end = len(group), fronts.distance, graph.indices
     begin = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
     near = distance[begin] + graph.lengths + distance[end] < link
-    a, b = fronts.cell[begin[near]], fronts.cell[end[near]]
-    joined = group[a] == group[b]
-    return connected_components(coo_array((joined, (a, b)), shape=(k, k)))[1]
+    cells = np.stack([fronts.cell[begin[near]], fronts.cell[end[near]]])
+    a, b = cells[:, group[cells[0]] == group[cells[1]]]
+    return connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(k, k)))[1]

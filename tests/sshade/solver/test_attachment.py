@@ -133,6 +133,15 @@ def test_handles_of_one_group_that_are_far_apart_move_apart():
     assert np.array_equal(again.vertex, pulled.vertex) and np.array_equal(again.target, pulled.target)
 
 
+def test_groups_that_touch_move_apart():
+    held = patch(BAR, [0, 1, 0], 24)
+    group = (BAR.V[held, 2] > np.median(BAR.V[held, 2])).astype(int)
+    shift = np.outer(group, [0.1, 0.2, 0.3])
+    pulled = attached(BAR, Handles(held, BAR.V[held] + shift, group=group), 0.1)
+    moved = np.round(pulled.target - BAR.V[pulled.vertex], 9)
+    assert np.unique(moved[len(held) :], axis=0).tolist() == [[0.0, 0.0, 0.0], [0.1, 0.2, 0.3]]
+
+
 def test_what_is_near_a_turned_patch_turns_with_it():
     """A patch at the end of a bar nods: the end nods along, where without attachment only the patch does."""
     turn = Rotation.from_rotvec([0.7, 0.0, 0.0]).as_matrix()
