@@ -109,17 +109,17 @@ def _check_subject(root: Path, document: dict[str, Any], *, subject: dict[str, A
 def _read_listed(path: Path, entry: dict[str, Any], *, facts: dict[str, Any]) -> Mesh:
     """Read a mesh; raise InputError if it differs from its listed counts and topology."""
     mesh = read_mesh(path)
-    loops, components = facts.get("boundary_loops", 0), facts.get("components", 1)
     if facts.get("oriented_manifold", True):
         mesh.require_manifold()
+    loops = f"boundary loops ({mesh.connectivity.boundary_edges} boundary edges)"
     for counted, found, listed in (
-        ("components", mesh.topology.components, components),
-        ("boundary loops", mesh.topology.boundary_loops, loops),
+        ("components", mesh.topology.components, facts.get("components", 1)),
+        (loops, mesh.topology.boundary_loops, facts.get("boundary_loops", 0)),
         ("vertices", mesh.n, entry.get("vertices")),
         ("faces", mesh.m, entry.get("faces")),
     ):
         if found != listed:
-            raise InputError(f"has {found} {counted}, not {listed}")
+            raise InputError(f"number of {counted}: {found}, not {listed}")
     return mesh
 
 

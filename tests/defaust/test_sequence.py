@@ -212,10 +212,10 @@ def test_surfaces_with_holes_or_components_or_not_manifold_are_built(tmp_path, r
     (out / "dataset.json").write_text(json.dumps(document))
     faults = dict(verify(out))
     texts = (
-        "0 boundary loops, not 1",
+        "boundary loops (0 boundary edges): 0, not 1",
         "is not manifold: edge (",
-        "has 1 boundary loops, not 0",
-        "2 components, not 3",
+        " boundary edges): 1, not 0",
+        "number of components: 2, not 3",
     )
     for subject, text in enumerate(texts):
         assert text in faults[f"subject_0{subject}/rest_low.ply"]

@@ -54,10 +54,10 @@ def test_wrong_meshes(dataset):
     )
     (dataset / "subject_02/pose_1_low.ply").write_bytes(b"not a mesh")
     expected = {
-        "subject_00/rest.ply": "has 642 vertices, not",
+        "subject_00/rest.ply": "number of vertices: 642, not ",
         "subject_01/pose_1_low.ply": "its faces differ from those of rest_low.ply",
-        "subject_01/pose_2_low.ply": "has 1 boundary loops, not 0",
-        "subject_02/rest.ply": "2 components",
+        "subject_01/pose_2_low.ply": "number of boundary loops (3 boundary edges): 1, not 0",
+        "subject_02/rest.ply": "number of components: 2, not 1",
         "subject_02/pose_1_low.ply": "",
     }
     for name in expected:
