@@ -17,7 +17,7 @@ import eval.run.attempt as attempt_module
 import eval.run.run as run_module
 from eval.metrics import METRICS
 from eval.rows.frame import read_csv, to_frame, write_csv
-from eval.rows.store import read_curves, read_row
+from eval.rows.store import read_curves, read_row, run_folders, write_run
 from eval.run import code, provenance
 from eval.run.run import run
 from sshade.errors import InputError
@@ -224,6 +224,12 @@ def test_curves_are_kept_with_the_run(tmp_path, fresh):
     assert not any("curve" in column or "rotations" in column for column in done.row)
     method["_target_"] = "baselines.identity.identity"
     assert read_curves(run(bumpy_task(), method, name="identity", root=tmp_path).folder) == {}
+
+
+def test_a_write_that_fails_leaves_no_row(tmp_path):
+    with pytest.raises(ValueError, match="could not convert"):
+        write_run(tmp_path / "run", {"status": "ok"}, vertices=[["none"]])
+    assert (tmp_path / "run").is_dir() and run_folders(tmp_path) == []
 
 
 def test_a_tree_is_modified_by_files_that_can_change_numbers(tmp_path, monkeypatch):
