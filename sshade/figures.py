@@ -9,14 +9,16 @@ from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sshade.errors import InputError
-from sshade.mesh.mesh import Mesh
-from sshade.task import Handles
+
+if TYPE_CHECKING:
+    from sshade.mesh.mesh import Mesh
+    from sshade.task import Handles
 
 STATIC, DYNAMIC, BODY, PATH = "#2166ac", "#f2c200", "#d9d5cf", "#8c8c8c"
 

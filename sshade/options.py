@@ -164,6 +164,8 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
 }
 #: Options of functions that sample proxies.
 PROXIES = GROUPS["Proxy"]
+#: Number of samplings of a transfer by default, as in the paper.
+TRANSFER_SAMPLINGS = 10
 #: Options for where an iteration starts and when it stops.
 ITERATION = ("tolerance", "max_iterations", "start")
 #: Options of the energy that may change without a new factorisation. ``attachment`` and ``bending`` change

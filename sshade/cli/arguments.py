@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from sshade.cli.console import say
-from sshade.io.document import MeshFile
-from sshade.io.meshes import SUFFIXES, read_file
+from sshade.io.document import SUFFIXES, MeshFile
 from sshade.options import described, help_text
 
 #: Formats of meshes, for `--help`.
@@ -63,6 +62,8 @@ def _number(text: str) -> float:
 
 def read(path: Path, output: Path) -> MeshFile:
     """Read a mesh file, and report contents that the format of `output` cannot hold."""
+    from sshade.io.meshes import read_file
+
     file = read_file(path)
     if lost := file.lost(output):
         say(f"note: {output} loses the {' and '.join(lost)} of {path}, because it has another format")

@@ -9,15 +9,11 @@ from __future__ import annotations
 
 import argparse
 
-import numpy as np
-
-from sshade.carry.binding_file import load_binding
 from sshade.cli.arguments import add_files, add_options, read
 from sshade.cli.console import announced_compilation, say
 from sshade.errors import InputError
+from sshade.io.document import SUFFIXES, check_input
 from sshade.io.files import check_output
-from sshade.io.meshes import SUFFIXES, mesh_of, read_arrays, write_file
-from sshade.mesh.seams import join_seams
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,16 +23,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_options(parser, ("frames",), frames="triangle")
 
 
-@announced_compilation()
 def command(options: argparse.Namespace) -> int:
     """Write the output; return the exit code."""
     check_output(options.output, SUFFIXES)
-    file = read(options.mesh, options.output)
-    mesh, vertex = join_seams(mesh_of(file, options.mesh))
-    binding = load_binding(options.map, mesh, frames=options.frames)
+    check_input(options.mesh, SUFFIXES)
+    check_input(options.map, (".npz",))
+    check_input(options.edited, SUFFIXES)
+    return _carry(options)
+
+
+@announced_compilation()
+def _carry(options: argparse.Namespace) -> int:
+    """Do what was checked: read the files, carry the mesh, and write the output."""
+    import numpy as np
+
+    from sshade.carry.binding_file import load_binding
+    from sshade.io.meshes import mesh_of, read_arrays, write_file
+    from sshade.mesh.seams import join_seams
+
     edited, _ = read_arrays(options.edited)
     if not np.isfinite(edited).all():
         raise InputError(f"{options.edited}: a vertex has a NaN or infinite coordinate")
+    file = read(options.mesh, options.output)
+    mesh, vertex = join_seams(mesh_of(file, options.mesh))
+    binding = load_binding(options.map, mesh, frames=options.frames)
     V, degenerate = binding.carry(edited)
     write_file(options.output, file, V[vertex])
     say(f"{options.output}: {len(vertex)} vertices carried by {binding.proxy.n}")

@@ -36,19 +36,18 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
 from sshade.cli.arguments import CARRY, HANDLES, REST, add_files, add_flags, add_options, read
 from sshade.cli.console import announced_compilation, progress_bar, say
 from sshade.cli.notes import notes
+from sshade.errors import InputError
+from sshade.io.document import SUFFIXES, check_input
+from sshade.io.entries import HandleFile, read_handle_file
 from sshade.io.files import check_output, naming
-from sshade.io.handles import read_handles
-from sshade.io.meshes import SUFFIXES, repair, write_file
-from sshade.mesh.surface import Surface, surface
 from sshade.options import GROUPS, PAPER, require_method, resolve
-from sshade.pipeline.deform import deform
-from sshade.task import DeformationTask
 
 #: Options of the methods that the command line can give.
 OPTIONS = [name for names in GROUPS.values() for name in names if name != "coarse"]
@@ -72,7 +71,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_flags(parser, {**flags, "--carry-unconstrained": CARRY})
 
 
-@announced_compilation()
 def command(options: argparse.Namespace) -> int:
     """Write the output; return the exit code."""
     check_output(options.output, SUFFIXES)
@@ -80,12 +78,28 @@ def command(options: argparse.Namespace) -> int:
     if require_method(options.method) in PAPER:
         values.setdefault("start", "rigid")  # from rest, handles that turn far may end in folds
     asked = resolve(options.method, values).vertices
+    if options.weight is not None and not options.weight > 0:
+        raise InputError(f"--weight takes a number above 0, not {options.weight:g}")
+    check_input(options.mesh, SUFFIXES)
+    return _deform(options, values, asked, read_handle_file(options.handles, raw=options.raw))
+
+
+@announced_compilation()
+def _deform(options: argparse.Namespace, values: dict[str, Any], asked: int, given: HandleFile) -> int:
+    """Do what was checked: read the mesh, deform it, and write the output."""
+    from sshade.io.handles import on_mesh
+    from sshade.io.meshes import repair, write_file
+    from sshade.mesh.surface import Surface, surface
+    from sshade.pipeline.deform import deform
+    from sshade.task import DeformationTask
+
     file = read(options.mesh, options.output)
     V = file.V
     with naming(options.mesh):
         whole = Surface(*repair(V, file.F), {}) if options.repair else surface(V, file.F)
     mesh = whole.mesh
-    handles = read_handles(options.handles, mesh, raw=options.raw, vertex=whole.vertex)
+    with naming(options.handles):
+        handles = on_mesh(given, mesh, vertex=whole.vertex)
     if options.weight is not None:
         handles = replace(handles, weight=np.where(handles.hard, options.weight, handles.weight))
     task = DeformationTask(options.mesh.stem, mesh, handles, carry_unconstrained=options.carry_unconstrained)

@@ -21,11 +21,10 @@ from pathlib import Path
 
 from sshade.cli.arguments import CARRY, add_flags, add_mesh_and_handles
 from sshade.cli.console import announced_compilation, say
-from sshade.edit.server import Server
-from sshade.edit.session import Session
-from sshade.edit.state import METHODS, Settings
 from sshade.errors import InputError
-from sshade.io.files import reason
+from sshade.io.document import SUFFIXES, check_input
+from sshade.io.entries import read_handle_file
+from sshade.io.files import check_output, reason
 from sshade.options import require_method
 
 
@@ -35,9 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_mesh_and_handles(parser, output="OUT", text=output)
     saved = "handle file to write (default: MESH's name, _handles.json)"
     parser.add_argument("--handles-out", type=Path, metavar="JSON", help=saved)
-    usual = Settings().method
-    method = f"{', '.join(METHODS)}: method of the converged shape; the page can change it (default: {usual})"
-    parser.add_argument("--method", default=usual, metavar="METHOD", help=method)
+    method = "fast (default), fine or paper: method of the converged shape; the page can change it"
+    parser.add_argument("--method", default="fast", metavar="METHOD", help=method)
     parser.add_argument("--port", type=int, default=0, metavar="P", help="port (default: any free port)")
     browser = "do not open a browser, only print the address"
     add_flags(parser, {"--carry-unconstrained": CARRY, "--no-browser": browser})
@@ -45,12 +43,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Serve the editor until it is closed; return the exit code."""
-    with announced_compilation():
-        files = {"handles": options.handles, "output": options.output, "handles_output": options.handles_out}
-        settings, carry = Settings(require_method(options.method, METHODS)), options.carry_unconstrained
-        session = Session(options.mesh, **files, settings=settings, carry_unconstrained=carry)
     if not 0 <= options.port < 65536:
         raise InputError(f"a port is a number up to 65535, not {options.port}")
+    require_method(options.method)
+    check_input(options.mesh, SUFFIXES)
+    if options.handles is not None:
+        read_handle_file(options.handles)
+    for path, suffixes in ((options.output, SUFFIXES), (options.handles_out, (".json",))):
+        if path is not None:
+            check_output(path, suffixes)
+    return _edit(options)
+
+
+def _edit(options: argparse.Namespace) -> int:
+    """Do what was checked: read the files, and serve the editor."""
+    from sshade.edit.server import Server
+    from sshade.edit.session import Session
+    from sshade.edit.state import METHODS, Settings
+
+    settings = Settings(require_method(options.method, METHODS))
+    files = {"handles": options.handles, "output": options.output, "handles_output": options.handles_out}
+    with announced_compilation():
+        carry = options.carry_unconstrained
+        session = Session(options.mesh, **files, settings=settings, carry_unconstrained=carry)
     try:
         server = Server(session, port=options.port)
     except OSError as error:

@@ -10,28 +10,39 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from sshade.carry.binding_file import save_binding
 from sshade.cli.arguments import FORMATS, add_files, add_options
 from sshade.cli.console import announced_compilation, say
+from sshade.io.document import SUFFIXES, check_input
 from sshade.io.files import check_output, replacing
-from sshade.io.meshes import SUFFIXES, read_mesh, write_mesh
-from sshade.mesh.seams import join_seams
-from sshade.options import Options
-from sshade.pipeline.proxies import bind
+from sshade.options import PROXIES, Options, checked
+
+OPTIONS = ("vertices", "seed")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_files(parser, output="N", mesh=f"mesh to sample ({FORMATS})")
     parser.add_argument("--map", type=Path, required=True, metavar="MAP", help=".npz map to write")
-    add_options(parser, ("vertices", "seed"), vertices=Options.vertices, seed=0)
+    add_options(parser, OPTIONS, vertices=Options.vertices, seed=0)
 
 
-@announced_compilation()
 def command(options: argparse.Namespace) -> int:
     """Write the output; return the exit code."""
     check_output(options.output, SUFFIXES)
     check_output(options.map, (".npz",))
+    checked({name: getattr(options, name) for name in OPTIONS}, PROXIES, subject="remesh")
+    check_input(options.mesh, SUFFIXES)
+    return _remesh(options)
+
+
+@announced_compilation()
+def _remesh(options: argparse.Namespace) -> int:
+    """Do what was checked: read the mesh, and write the proxy and the map."""
+    from sshade.carry.binding_file import save_binding
+    from sshade.io.meshes import read_mesh, write_mesh
+    from sshade.mesh.seams import join_seams
+    from sshade.pipeline.proxies import bind
+
     mesh, _ = join_seams(read_mesh(options.mesh))
     binding = bind(mesh, options.vertices, seed=options.seed)
     with replacing(options.map) as temporary:

@@ -15,7 +15,7 @@ import argparse
 import os
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,11 +23,13 @@ from sshade.cli.arguments import add_mesh_and_handles
 from sshade.cli.console import say
 from sshade.errors import InputError
 from sshade.figures import TOWARDS, UP, View, colour_range, edge_error, new_plotter, panel
-from sshade.io.files import check_output, replacing
-from sshade.io.handles import read_handles
-from sshade.io.meshes import read_arrays, read_mesh
-from sshade.mesh.mesh import Mesh
-from sshade.task import Handles
+from sshade.io.document import SUFFIXES, check_input
+from sshade.io.entries import read_handle_file
+from sshade.io.files import check_output, naming, replacing
+
+if TYPE_CHECKING:
+    from sshade.mesh.mesh import Mesh
+    from sshade.task import Handles
 
 #: Suffixes of pictures.
 PICTURES = (".png", ".jpg", ".jpeg")
@@ -56,8 +58,16 @@ def command(options: argparse.Namespace) -> int:
         raise InputError("there is no display for a window; write a picture with -o, such as -o picture.png")
     if path is not None:
         check_output(path, PICTURES)
+    check_input(options.mesh, SUFFIXES)
+    if options.deformed is not None:
+        check_input(options.deformed, SUFFIXES)
+    given = None if options.handles is None else read_handle_file(options.handles)
+    from sshade.io.handles import on_mesh
+    from sshade.io.meshes import read_arrays, read_mesh
+
     mesh = read_mesh(options.mesh)
-    handles = None if options.handles is None else read_handles(options.handles, mesh)
+    with naming(options.handles):
+        handles = None if given is None else on_mesh(given, mesh)
     deformed = None
     if options.deformed is not None:
         deformed = mesh.checked(read_arrays(options.deformed)[0], f"file {options.deformed}")

@@ -16,16 +16,15 @@ import numpy as np
 
 from sshade.cli.arguments import REST, add_files, add_flags, add_options, read
 from sshade.cli.console import announced_compilation, progress_bar, say
+from sshade.io.document import SUFFIXES, check_input
 from sshade.io.files import check_output
-from sshade.io.meshes import SUFFIXES, mesh_of, read_arrays, write_file
-from sshade.options import Options
-from sshade.pipeline.transfer import SAMPLINGS, transfer_pose
+from sshade.options import PROXIES, TRANSFER_SAMPLINGS, Options, checked
 
 POSED = "the same vertices in a pose"
 #: Options of sampling and frames, with their defaults.
 DEFAULTS: dict[str, Any] = {
     "vertices": Options.vertices,
-    "samplings": SAMPLINGS,
+    "samplings": TRANSFER_SAMPLINGS,
     "frames": "triangle",
     "seed": 0,
 }
@@ -40,23 +39,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_options(parser, OPTIONS, **DEFAULTS)
 
 
-@announced_compilation()
 def command(options: argparse.Namespace) -> int:
     """Transfer the pose to the edited shape, or to the rest shape if `options` have no edited shape."""
     check_output(options.output, SUFFIXES)
+    sampling = checked({name: getattr(options, name) for name in OPTIONS}, PROXIES, subject="transfer")
+    for name in ("mesh", "posed", "edited"):
+        if name in options:
+            check_input(getattr(options, name), SUFFIXES)
+    return _transfer(options, sampling)
+
+
+@announced_compilation()
+def _transfer(options: argparse.Namespace, sampling: dict[str, Any]) -> int:
+    """Do what was checked: read the shapes, transfer the pose, and write the output."""
+    from sshade.io.meshes import mesh_of, read_arrays, write_file
+    from sshade.pipeline.transfer import transfer_pose
+
     file = read(options.mesh, options.output)
-    mesh = mesh_of(file, options.mesh)
     posed, _ = read_arrays(options.posed)
-    edited = read_arrays(options.edited)[0] if "edited" in options else mesh.V
+    edited = read_arrays(options.edited)[0] if "edited" in options else None
+    mesh = mesh_of(file, options.mesh)
     begin = perf_counter()
     with progress_bar() as progress:
-        sampling = {name: getattr(options, name) for name in OPTIONS}
         residual = options.residual
         result = transfer_pose(mesh, posed, edited, residual=residual, progress=progress, **sampling)
     seconds = perf_counter() - begin
     write_file(options.output, file, result.vertices)
     say(f"{options.output}: {mesh.n} vertices, {options.samplings} proxies, {seconds:.2f} s")
-    if edited is mesh.V:
+    if edited is None:
         error = np.linalg.norm(result.vertices - posed, axis=1) / mesh.diagonal
         say(
             f"distance to {options.posed}: {100 * error.mean():.2g} % of the diagonal in the mean, "

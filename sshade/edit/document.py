@@ -12,8 +12,9 @@ import numpy as np
 from sshade.edit.state import Group, Settings, State, groups_of
 from sshade.errors import InputError
 from sshade.handles import Handles
+from sshade.io.entries import parsed_handle_file
 from sshade.io.files import check_output, naming
-from sshade.io.handles import parsed_handles, read_handles, write_handles
+from sshade.io.handles import on_mesh, read_handles, write_handles
 from sshade.io.meshes import SUFFIXES, read_file, write_file
 from sshade.mesh.surface import surface
 from sshade.task import DeformationTask
@@ -99,7 +100,7 @@ class Document:
     def received_groups(self, content: bytes, name: str, *, first: int) -> tuple[Group, ...]:
         """Read the groups of a handle file in this project's JSON; messages call it `name`."""
         with naming(name):
-            handles = parsed_handles(content, self.mesh, vertex=self._surface.vertex)
+            handles = on_mesh(parsed_handle_file(content), self.mesh, vertex=self._surface.vertex)
         return self._groups(handles, content, first)
 
     def _groups(self, handles: Handles, content: bytes, first: int) -> tuple[Group, ...]:

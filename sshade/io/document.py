@@ -3,12 +3,25 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
 
 import numpy as np
+
+from sshade.errors import InputError
+from sshade.io.files import check_suffix
+
+#: Suffixes of the formats of meshes that are read and written.
+SUFFIXES = (".ply", ".obj", ".off", ".stl", ".glb", ".gltf")
+
+
+def check_input(path: Path, suffixes: Collection[str]) -> None:
+    """Raise InputError unless `path` is a file with one of the suffixes."""
+    check_suffix(path, suffixes)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file")
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,24 +36,16 @@ from typing import Any
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.handles import NO_HANDLES, Handles, require_rotations
-from sshade.io.files import check_suffix, naming, replacing
-from sshade.io.implicit_arap import implicit_arap_frame, read_implicit_arap
+from sshade.handles import Handles
+from sshade.io.entries import NO_ROTATION, Entry, HandleFile, read_handle_file
+from sshade.io.files import naming, replacing
+from sshade.io.implicit_arap import implicit_arap_frame
 from sshade.io.meshes import read_file
-from sshade.io.points import as_array, as_points, columns
+from sshade.io.points import columns
 from sshade.io.regions import rigidly_moved, vertices_in
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.surface import surface
 from sshade.task import DeformationTask
-
-#: Keys that give the handles of an entry.
-WAYS = ("vertices", "source", "boxes")
-#: Keys that give the motion of a region.
-MOTION = {"rotation", "translation"}
-#: Greatest accepted difference between the length of a quaternion and 1; files round to a few digits.
-UNIT = 1e-3
-#: Value for handles without a prescribed rotation.
-NO_ROTATION = np.full((3, 3), np.nan)
 
 
 def read_handles(
@@ -77,29 +69,50 @@ def read_handles(
     InputError
         When the file is missing, of another format, inconsistent, or does not fit the mesh.
     """
-    path = Path(path)
-    check_suffix(path, (".json", ".yaml", ".yml"))
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
+    file = read_handle_file(path, raw=raw)
     with naming(path):
-        if path.suffix.lower() == ".json":
-            return parsed_handles(path.read_bytes(), mesh, raw=raw, vertex=vertex)
-        source, target, dynamic, group = read_implicit_arap(path)
-        to_mesh = implicit_arap_frame(source, mesh)
-        source, target = to_mesh(source), to_mesh(target)
-        return Handles.from_positions(mesh, source, target, dynamic=dynamic, group=group, raw=raw)
+        return on_mesh(file, mesh, vertex=vertex)
 
 
-def parsed_handles(
-    content: bytes, mesh: Mesh, *, raw: bool = False, vertex: np.ndarray | None = None
-) -> Handles:
-    """Read handles from this project's JSON. Parameters and errors are those of :func:`read_handles`."""
-    try:
-        data = json.loads(content)
-    except (ValueError, RecursionError) as error:
-        why = "nested too deeply" if isinstance(error, RecursionError) else error
-        raise InputError(f"not readable as JSON ({why})") from error
-    return _from_json(data, mesh, raw=raw, vertex=np.arange(mesh.n) if vertex is None else vertex)
+def on_mesh(file: HandleFile, mesh: Mesh, *, vertex: np.ndarray | None = None) -> Handles:
+    """Place the handles of a file on a mesh.
+
+    Parameters
+    ----------
+    file : HandleFile
+    mesh, vertex
+        See :func:`read_handles`.
+
+    Raises
+    ------
+    InputError
+        When the handles do not fit the mesh.
+    """
+    vertex = np.arange(mesh.n) if vertex is None else vertex
+    # Rows of handles by id, and rows of positions, which are snapped at once with one search tree.
+    rows: tuple[list[tuple[np.ndarray, ...]], ...] = ([], [])
+    for entry in file.entries:
+        with naming(f"entry {entry.number}"):
+            place, target = _places_and_targets(entry, mesh, vertex)
+        k = len(place)
+        values = np.full(k, entry.dynamic), np.full(k, entry.number), np.full(k, entry.weight)
+        rotation = NO_ROTATION if entry.way == "boxes" else entry.rotation
+        row = place, target, *values, np.broadcast_to(rotation, (k, 3, 3))
+        rows[entry.way == "source"].append(row)
+    parts, snapped = [], partial(Handles.from_positions, mesh, raw=file.raw)
+    for create, some in (Handles, rows[0]), (snapped, rows[1]):
+        if some:
+            at, target, dynamic, group, weight, R = columns(some)
+            if file.implicit_arap:
+                to_mesh = implicit_arap_frame(at, mesh)
+                at, target = to_mesh(at), to_mesh(target)
+            parts.append(create(at, target, dynamic=dynamic, group=group, weight=weight, rotation=R))
+    order = np.argsort(np.concatenate([part.group for part in parts]), kind="stable")
+    names = ("index", "target", "dynamic", "group", "snap_distance", "weight", "rotation")
+    joined = {name: np.concatenate([getattr(part, name) for part in parts])[order] for name in names}
+    if np.isnan(joined["rotation"]).all():
+        del joined["rotation"]
+    return Handles(**joined, merged=sum(part.merged for part in parts))
 
 
 def read_task(
@@ -177,108 +190,21 @@ def write_handles(
         temporary.write_text(content + "\n", encoding="utf-8")
 
 
-def _from_json(data: Any, mesh: Mesh, *, raw: bool, vertex: np.ndarray) -> Handles:
-    if not isinstance(data, dict) or not isinstance(data.get("handles"), list):
-        raise InputError('expected an object with a list "handles"')
-    # Rows of handles by id, and rows of positions, which are snapped at once with one search tree.
-    rows: tuple[list[tuple[np.ndarray, ...]], ...] = ([], [])
-    for number, entry in enumerate(data["handles"]):
-        with naming(f"entry {number}"):
-            kind = _kind(entry)
-            if kind == "unused":
-                continue
-            place, target = _group(entry, mesh, moves=raw or kind == "dynamic", vertex=vertex)
-            rotation = _rotation(entry) if "rotation" in entry and "boxes" not in entry else NO_ROTATION
-            k = len(place)
-            values = np.full(k, kind == "dynamic"), np.full(k, number), np.full(k, _weight(entry))
-        row = place, target, *values, np.broadcast_to(rotation, (k, 3, 3))
-        rows["source" in entry].append(row)
-    parts, snapped = [], partial(Handles.from_positions, mesh, raw=raw)
-    for create, some in (Handles, rows[0]), (snapped, rows[1]):
-        if some:
-            at, target, dynamic, group, weight, R = columns(some)
-            parts.append(create(at, target, dynamic=dynamic, group=group, weight=weight, rotation=R))
-    if not parts:
-        raise InputError(NO_HANDLES)
-    order = np.argsort(np.concatenate([part.group for part in parts]), kind="stable")
-    names = ("index", "target", "dynamic", "group", "snap_distance", "weight", "rotation")
-    joined = {name: np.concatenate([getattr(part, name) for part in parts])[order] for name in names}
-    if np.isnan(joined["rotation"]).all():
-        del joined["rotation"]
-    return Handles(**joined, merged=sum(part.merged for part in parts))
-
-
-def _group(
-    entry: dict[str, Any], mesh: Mesh, *, moves: bool, vertex: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _places_and_targets(entry: Entry, mesh: Mesh, vertex: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the vertices of an entry, or the positions that are to be snapped, and their targets."""
-    if "boxes" in entry:
-        boxes = as_array(entry["boxes"], '"boxes"', (None, 2, 3), "a list of pairs of points")
-        at = vertices_in(mesh.V, boxes)
-        moves = moves and set(entry) >= MOTION
-        if not moves:
-            return at, mesh.V[at]
-        translation = as_array(entry["translation"], '"translation"', (3,), "three numbers")
-        return at, rigidly_moved(mesh.V[at], _rotation(entry), translation)
-    by_id = "vertices" in entry
-    at = _ids(entry["vertices"], vertex) if by_id else as_points(entry["source"], '"source"')
-    target = mesh.V[at] if by_id else at
-    if "target" in entry and (moves or not by_id):
-        target = as_points(entry["target"], '"target"')
-    if len(target) != len(at):
-        raise InputError(f"{len(at)} handles have {len(target)} targets; each needs one")
-    return at, target
+    if entry.way == "source":
+        return entry.place, entry.place if entry.target is None else entry.target
+    if entry.way == "vertices":
+        at = _vertices(entry.place, vertex)
+        return at, mesh.V[at] if entry.target is None else entry.target
+    at = vertices_in(mesh.V, entry.place)
+    if entry.translation is None:
+        return at, mesh.V[at]
+    return at, rigidly_moved(mesh.V[at], entry.rotation, entry.translation)
 
 
-def _rotation(entry: dict[str, Any]) -> np.ndarray:
-    """Return the rotation (3, 3) of an entry, given as a matrix or a quaternion."""
-    from scipy.spatial.transform import Rotation
-
-    form = "three rows of three numbers, or a quaternion [x, y, z, w]"
-    if isinstance(entry["rotation"], list) and len(entry["rotation"]) == 4:
-        quaternion = as_array(entry["rotation"], '"rotation"', (4,), form)
-        if abs(np.linalg.norm(quaternion) - 1) > UNIT:
-            raise InputError('"rotation" is no rotation: a quaternion has length 1')
-        return Rotation.from_quat(quaternion).as_matrix()
-    R = as_array(entry["rotation"], '"rotation"', (3, 3), form)
-    with naming('"rotation" is no rotation'):
-        require_rotations(R[None])
-    return R
-
-
-def _weight(entry: dict[str, Any]) -> float:
-    """Return the weight of an entry: inf for hard handles."""
-    weight = entry.get("weight", np.inf)
-    number = isinstance(weight, int | float) and not isinstance(weight, bool)
-    if not number or not weight > 0:
-        raise InputError('"weight" must be a number above 0; leave it out for hard handles')
-    return float(weight)
-
-
-def _kind(entry: Any) -> str:
-    """Return "static", "dynamic" or "unused", and check that the entry has the keys of that kind."""
-    if not isinstance(entry, dict):
-        raise InputError("it is no JSON object")
-    moves = "target" in entry or ("boxes" in entry and MOTION & set(entry))
-    kind = entry.get("kind", "dynamic" if moves else "static")
-    if kind not in ("static", "dynamic", "unused"):
-        raise InputError(f"unknown kind {kind!r}; use static, dynamic or unused")
-    if kind != "unused" and sum(key in entry for key in WAYS) != 1:
-        raise InputError('give its handles either as "vertices", as "source" or as "boxes"')
-    needed = MOTION if "boxes" in entry else {"target"}
-    if kind == "dynamic" and not needed <= set(entry):
-        raise InputError(f'it is dynamic and has no "{min(needed - set(entry))}"')
-    return kind
-
-
-def _ids(values: Any, vertex: np.ndarray) -> np.ndarray:
+def _vertices(index: np.ndarray, vertex: np.ndarray) -> np.ndarray:
     """Return the vertices of the mesh for ids of the file."""
-    try:
-        index = np.asarray(values)
-    except ValueError:  # lists of several lengths
-        index = np.zeros(0)
-    if index.ndim != 1 or not np.issubdtype(index.dtype, np.integer):
-        raise InputError('"vertices" must be a list of integers, at least one')
     outside = index[(index < 0) | (index >= len(vertex))]
     if len(outside):
         raise InputError(f"vertex ids must lie in 0..{len(vertex) - 1}, not {outside[0]}")

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.io.points import as_points, columns
-from sshade.mesh.mesh import Mesh
-from sshade.mesh.rigid import rigid_motion
+from sshade.io.points import as_points
+
+if TYPE_CHECKING:
+    from sshade.mesh.mesh import Mesh
 
 #: Largest coordinate of a mesh in the coordinates of Implicit-ARAP.
 HALF_EXTENT = 0.8
@@ -17,8 +19,8 @@ HALF_EXTENT = 0.8
 ON_SURFACE = 0.01
 
 
-def read_implicit_arap(path: Path) -> list[np.ndarray]:
-    """Return points, targets, dynamic flags and part numbers, in the coordinates of the file.
+def read_implicit_arap(path: Path) -> list[tuple[np.ndarray, np.ndarray, bool]]:
+    """Return the points, the targets and whether the part moves, for each part, in the file's coordinates.
 
     D. Baieri, F. Maggioli, Z. Laehner, S. Melzi, E. Rodola, "Implicit-ARAP", 2024.
     """
@@ -40,14 +42,13 @@ def read_implicit_arap(path: Path) -> list[np.ndarray]:
     parts: list[tuple[str, str | None]] = [(name, None) for name in static]
     parts += zip(moving, transforms, strict=True)
     rows = []
-    for number, (name, transform) in enumerate(parts):
+    for name, transform in parts:
         points = _read_points(path.parent / "parts", name)
         moved = points if transform is None else _read_points(path.parent / "transforms", transform)
         if len(points) != len(moved):
             raise InputError(f"part {name} has {len(points)} points, its transform {transform} {len(moved)}")
-        k = len(points)
-        rows.append((points, moved, np.full(k, transform is not None), np.full(k, number)))
-    return columns(rows)
+        rows.append((points, moved, transform is not None))
+    return rows
 
 
 def _names(handles: dict, kind: str, key: str) -> list[str]:
@@ -87,6 +88,8 @@ def implicit_arap_frame(points: np.ndarray, mesh: Mesh):
     """
     import igl
     from scipy.spatial.transform import Rotation
+
+    from sshade.mesh.rigid import rigid_motion
 
     barycentres = mesh.V[mesh.F].mean(axis=1)
     centre = (barycentres * mesh.face_areas[:, None]).sum(axis=0) / mesh.area

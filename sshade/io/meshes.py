@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.io.document import MeshFile
-from sshade.io.files import check_output, check_suffix, naming, replacing
+from sshade.io.document import SUFFIXES, MeshFile, check_input
+from sshade.io.files import check_output, naming, replacing
 from sshade.io.gltf import read_gltf, write_gltf
 from sshade.io.obj import read_obj
 from sshade.io.off import read_off
@@ -19,16 +19,7 @@ from sshade.io.words import rows_of
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.surface import cleaned, without_duplicates
 
-_READERS = {
-    ".ply": read_ply,
-    ".obj": read_obj,
-    ".off": read_off,
-    ".stl": read_stl,
-    ".glb": read_gltf,
-    ".gltf": read_gltf,
-}
-#: Suffixes of the formats that are read and written.
-SUFFIXES = tuple(_READERS)
+_READERS = dict(zip(SUFFIXES, (read_ply, read_obj, read_off, read_stl, read_gltf, read_gltf), strict=True))
 
 
 def read_mesh(path: str | os.PathLike[str]) -> Mesh:
@@ -76,9 +67,7 @@ def read_file(path: str | os.PathLike[str]) -> MeshFile:
         When the file is missing, unreadable, empty, or of another format.
     """
     path = Path(path)
-    check_suffix(path, SUFFIXES)
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
+    check_input(path, SUFFIXES)
     if path.stat().st_size == 0:
         raise InputError(f"{path}: the file is empty")
     try:

@@ -8,13 +8,10 @@ from typing import Any
 import numpy as np
 
 from sshade.mesh.mesh import Mesh
-from sshade.options import PROXIES, Options, checked, takes_options
+from sshade.options import PROXIES, TRANSFER_SAMPLINGS, Options, checked, takes_options
 from sshade.pipeline.proxies import Proxies, bind
 from sshade.progress import Progress, silent
 from sshade.task import DeformationResult, TransferTask
-
-#: Number of samplings by default, as in the paper.
-SAMPLINGS = 10
 
 
 @takes_options(PROXIES)
@@ -58,7 +55,7 @@ def transfer(
     deformation via local representations", the sections on isometric and pose transfer.
     """
     posed, edited = np.asarray(task.posed, dtype=np.float64), task.mesh.V
-    resolved = Options(**{"samplings": SAMPLINGS, **checked(options, PROXIES, subject="transfer")})
+    resolved = Options(**{"samplings": TRANSFER_SAMPLINGS, **checked(options, PROXIES, subject="transfer")})
     proxies = Proxies(task.rest, resolved)
 
     def one_sampling(number: int) -> DeformationResult:

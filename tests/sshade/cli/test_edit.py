@@ -76,8 +76,8 @@ def test_a_browser_is_opened_at_the_address(monkeypatch, capsys):
     opened = []
 
     monkeypatch.setattr("sshade.cli.edit.webbrowser.open", lambda address: opened.append(address) or False)
-    monkeypatch.setattr("sshade.cli.edit.Server.serve_forever", lambda self, **_: None)
-    monkeypatch.setattr("sshade.cli.edit.Server.close", lambda self: None)
+    monkeypatch.setattr("sshade.edit.server.Server.serve_forever", lambda self, **_: None)
+    monkeypatch.setattr("sshade.edit.server.Server.close", lambda self: None)
     assert main(["edit", "body.ply"]) == 0
     out, err = capsys.readouterr()
     assert opened == [out.strip()] and "no browser could be opened" in err

@@ -1,0 +1,99 @@
+"""Mistakes are refused before a kernel is compiled, and before heavy libraries are imported."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from sshade.io.meshes import write_mesh
+from tests.shapes import bumpy
+
+ROOT = Path(__file__).parents[3]
+BODY = bumpy(1)
+#: Runs each command line of a file, and prints its exit code, its error, and what it imported and compiled.
+CODE = """\
+import contextlib, io, json, sys
+from sshade.cli.main import main
+if "--count" in sys.argv:
+    from numba.core import event
+    listener = event.RecordingListener()
+    event.register("numba:compile", listener)
+for line in json.load(open("lines.json")):
+    with contextlib.redirect_stderr(io.StringIO()) as err:
+        code = main(line.split())
+    compiled = len(listener.buffer) if "--count" in sys.argv else "numba" in sys.modules
+    print(json.dumps([code, err.getvalue(), compiled]))
+"""
+HANDLES = {
+    "syntax.json": '{"handles": [',
+    "no_list.json": '{"handle": []}',
+    "none.json": '{"handles": [{"kind": "unused"}]}',
+    "kind.json": {"kind": "fixed", "vertices": [1]},
+    "ids.json": {"vertices": [1.5]},
+    "target.json": {"vertices": [1, 2], "target": [[0, 0, 0]]},
+    "weight.json": {"vertices": [1], "weight": -1},
+    "box.json": {"boxes": [[0, 0, 0]]},
+    "parts.yaml": "handles: {static: {positions: [gone]}}",
+}
+#: Command lines, and words of their errors.
+LIGHT = {
+    "deform gone.ply pose.json -o a.ply": "gone.ply: no such file",
+    "deform body.ply gone.json -o a.ply": "gone.json: no such file",
+    "deform body.ply body.ply -o a.ply": "unknown format '.ply'",
+    "deform body.ply syntax.json -o a.ply": "not readable as JSON",
+    "deform body.ply no_list.json -o a.ply": 'expected an object with a list "handles"',
+    "deform body.ply kind.json -o a.ply": "entry 0: unknown kind 'fixed'",
+    "deform body.ply ids.json -o a.ply": 'entry 0: "vertices" must be a list of integers',
+    "deform body.ply target.json -o a.ply": "entry 0: 2 handles have 1 targets",
+    "deform body.ply weight.json -o a.ply": 'entry 0: "weight" must be a number above 0',
+    "deform body.ply box.json -o a.ply": 'entry 0: "boxes" must be a list of pairs',
+    "deform body.ply parts.yaml -o a.ply": "no such file: parts/gone.txt",
+    "deform body.ply pose.json -o no/a.ply": "the folder no does not exist",
+    "deform body.ply pose.json -o a.ply --method quick": "there is no method 'quick'",
+    "deform body.ply pose.json -o a.ply --vertices 0": "vertices must be",
+    "deform body.ply pose.json -o a.ply --weight -2": "--weight takes a number above 0, not -2",
+    "reconstruct body.ply gone.ply -o a.ply": "gone.ply: no such file",
+    "reconstruct body.ply body.ply -o a.ply --samplings 0": "samplings must be",
+    "transfer-pose body.ply body.ply gone.ply -o a.ply": "gone.ply: no such file",
+    "carry body.ply gone.npz body.ply -o a.ply": "gone.npz: no such file",
+    "carry body.ply map.npz gone.ply -o a.ply": "gone.ply: no such file",
+    "remesh gone.ply -o a.ply --map m.npz": "gone.ply: no such file",
+    "remesh body.ply -o a.ply --map m.npz --vertices 0": "vertices must be",
+    "edit gone.ply": "gone.ply: no such file",
+    "edit body.ply target.json": "entry 0: 2 handles have 1 targets",
+    "edit body.ply --handles-out a.ply": "unknown format '.ply'",
+    "show gone.ply -o a.png": "gone.ply: no such file",
+    "show body.ply --deformed gone.ply -o a.png": "gone.ply: no such file",
+}
+#: Mistakes whose check imports more.
+HEAVIER = {
+    "deform body.ply none.json -o a.ply": "there are no handles",
+    "deform damaged.ply pose.json -o a.ply": "damaged.ply: not a readable PLY file",
+    "edit body.ply --method paper_plain": "there is no method 'paper_plain' here",
+    "transfer-pose body.ply body.ply damaged.ply -o a.ply": "damaged.ply: not a readable PLY file",
+}
+
+
+def refused(lines: dict[str, str], *flags: str) -> None:
+    """Assert that the commands are refused in one sentence each, and import and compile nothing."""
+    Path("lines.json").write_text(json.dumps(list(lines)))
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "SSHADE_KERNELS": os.path.abspath("kernels")}
+    command = [sys.executable, "-c", CODE, *flags]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stderr
+    found = [json.loads(line) for line in done.stdout.splitlines()]
+    for (code, error, compiled), (line, words) in zip(found, lines.items(), strict=True):
+        assert code == 2 and words in error and error.count("\n") == 1, (line, error)
+        assert not compiled, line
+
+
+def test_mistakes_are_refused_before_anything_is_imported_or_compiled(here):
+    write_mesh("body.ply", BODY.V, BODY.F)
+    Path("damaged.ply").write_text("ply\n")
+    Path("map.npz").write_bytes(b"")
+    for name, content in {**HANDLES, "pose.json": {"vertices": [1]}}.items():
+        text = content if isinstance(content, str) else json.dumps({"handles": [content]})
+        Path(name).write_text(text)
+    refused(LIGHT)
+    refused(HEAVIER, "--count")
