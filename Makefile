@@ -29,18 +29,30 @@ ABLATIONS := $(addprefix ablation_,samplings vertices projection touching handle
 CURVES    := --metric volume area edge angle
 TRANSFERS := isometric_quick pose_transfer_quick isometric pose_transfer
 
+# Runs of small experiments, one on each CPU. Their tables print no times.
+AT_ONCE := hydra/launcher=joblib
+
+# Whether a library of the system is there. Only Linux can lack one.
+has = $(or $(wildcard $(BIN)/python),$(PYTHON)) -c 'import ctypes, sys; sys.platform != "linux" or ctypes.CDLL("$(1)")' 2>/dev/null
+
 # With this variable, each of the hundreds of test processes would compile every module again.
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: tables test ci-benchmark bench scaling robustness ablations transfers docs clean
+.PHONY: quick-figures quick-report system
 
 tables: $(READY) $(QUICK)/dataset.json
-	$(BIN)/sshade-eval run -m experiment=quick dataset.root=$(QUICK)
+	$(BIN)/sshade-eval run -m experiment=quick dataset.root=$(QUICK) $(AT_ONCE)
 	$(BIN)/sshade-eval collect quick
 	$(BIN)/sshade-eval tables quick
-	$(BIN)/sshade-eval figures quick
-	$(BIN)/sshade-eval report quick
+	$(MAKE) --no-print-directory -j2 quick-figures quick-report
 	@echo "tables: out/tables; picture: out/figures; report with both: out/report.html"
+
+quick-figures:
+	@! $(call has,libEGL.so.1) || $(BIN)/sshade-eval figures quick
+
+quick-report:
+	$(BIN)/sshade-eval report quick
 
 test: $(READY)
 	$(BIN)/python -m tools.compile_kernels
@@ -52,7 +64,7 @@ test: $(READY)
 	$(MAKE) --no-print-directory ci-benchmark
 
 ci-benchmark: $(READY) $(CI)/dataset.json
-	$(BIN)/sshade-eval run -m experiment=ci dataset.root=$(CI)
+	$(BIN)/sshade-eval run -m experiment=ci dataset.root=$(CI) $(AT_ONCE)
 
 # Needs a quiet machine: `sshade-eval bench` ends without a result if other programs run.
 bench: $(READY) $(FULL)/dataset.json $(BASES:%=%/dataset.json)
@@ -124,19 +136,21 @@ $(CI)/dataset.json: $(READY)
 	$(BIN)/defaust build source=synthetic out=$(CI) subjects=[0] target_vertices=5000
 
 # Without compilation by pip, installation takes half the time: imports compile the few modules that are used.
-$(READY): pyproject.toml constraints.txt
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
-	  || { echo "Python 3.11 or newer is needed: make PYTHON=/path/to/python3.11 ..."; exit 2; }
-	@$(PYTHON) -c 'import ctypes; ctypes.CDLL("libGL.so.1")' 2>/dev/null \
-	  || { echo "pymeshlab needs the system library libGL.so.1 (Debian, Ubuntu: apt install libgl1)"; exit 2; }
-	@$(PYTHON) -c 'import ctypes; ctypes.CDLL("libEGL.so.1")' 2>/dev/null \
-	  || { echo "pictures need the system library libEGL.so.1 (Debian, Ubuntu: apt install libegl1 libgl1-mesa-dri)"; exit 2; }
+$(READY): pyproject.toml constraints.txt | system
 	@begin=$$(date +%s); \
 	  $(PYTHON) -m venv $(VENV) \
 	  && $(BIN)/python -m pip install -q --disable-pip-version-check --no-compile -c constraints.txt \
 	    -e '.[bench,figures,test]' \
 	  && $(BIN)/python -m tools.compile_kernels \
 	  && touch $@ && echo "installed into $(VENV) in $$(( $$(date +%s) - begin )) s"
+
+system:
+	@test -e $(READY) || $(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+	  || { echo "Python 3.11 or newer is needed: make PYTHON=/path/to/python3.11 ..."; exit 2; }
+	@$(call has,libGL.so.1) \
+	  || { echo "pymeshlab needs the system library libGL.so.1 (Debian, Ubuntu: apt install libgl1)"; exit 2; }
+	@$(call has,libEGL.so.1) || echo "there will be no pictures: they need the system library libEGL.so.1" \
+	  "(Debian, Ubuntu: apt install libegl1 libgl1-mesa-dri)"
 
 clean:
 	rm -rf $(VENV) data out

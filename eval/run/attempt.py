@@ -8,9 +8,11 @@ from __future__ import annotations
 import logging
 import math
 import multiprocessing
+import os
 import signal
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from threading import Lock
@@ -18,6 +20,7 @@ from time import perf_counter, process_time
 from typing import Any, NamedTuple
 
 import numpy as np
+import psutil
 
 from eval.metrics import Task
 from eval.rows.store import Row
@@ -131,14 +134,8 @@ def attempt_fresh(
     ours, theirs = context.Pipe()
     process = context.Process(target=_child, args=(theirs, progress is not silent), daemon=False)
     try:
-        # Otherwise `start` starts the tracker, which unblocks the signals.
-        resource_tracker.ensure_running()
-        # The process inherits the mask. Ctrl-C reaches this process alone, which ends the other process.
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
+        with _no_interrupts() if os.name == "posix" else nullcontext():
             process.start()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         theirs.close()
         # As arguments, these values could block `start` for ever if the process ended before reading them.
         ours.send((method, task, seed, begun_with))
@@ -151,6 +148,18 @@ def attempt_fresh(
             process.kill()
             process.join()
         ours.close()
+
+
+@contextmanager
+def _no_interrupts() -> Iterator[None]:
+    """Block Ctrl-C here and in processes that start meanwhile; this process ends them."""
+    # Otherwise the start of a process starts the tracker, which unblocks the signals.
+    resource_tracker.ensure_running()
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
 def _answer(connection: Connection, time_limit: float | None, progress: Progress) -> Attempt:
@@ -173,7 +182,7 @@ def _answer(connection: Connection, time_limit: float | None, progress: Progress
 def _end(code: int) -> str:
     """Describe how a process without an answer ended."""
     if code < 0:
-        why = "; the system does this when memory runs out" if -code == signal.SIGKILL else ""
+        why = "; the system does this when memory runs out" if -code == getattr(signal, "SIGKILL", 0) else ""
         return f"the process was killed by signal {-code}{why}"
     return f"the process ended with exit code {code}"
 
@@ -207,6 +216,8 @@ def _peak_mib() -> float:
     high_water = process_memory("VmHWM")
     if high_water is not None:
         return high_water / 2**20
+    if sys.platform == "win32":
+        return psutil.Process().memory_info().peak_wset / 2**20
     import resource
 
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 
 from eval.run.code import digest, imported_libraries
 from eval.run.targets import flat, settings, target_functions
@@ -125,7 +126,7 @@ def _machine() -> dict[str, Any]:
     facts = {
         "cpu": _entry("cpuinfo", "model name") or platform.processor() or "unknown CPU",
         "cores": available_cpus(),
-        "ram_gib": round(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**30),
+        "ram_gib": round(psutil.virtual_memory().total / 2**30),
         "os": platform.system(),
         "arch": platform.machine(),
     }

@@ -53,23 +53,15 @@ def _temporary_affixes(path: Path) -> tuple[str, str]:
 
 def _remove_leftovers(path: Path) -> None:
     """Remove temporary files for `path` that belong to processes of this machine that have ended."""
+    import psutil  # here, so that `import sshade` does not load it
+
     beginning, end = _temporary_affixes(path)
     with suppress(OSError):
         for name in os.listdir(path.parent):
             if name.startswith(beginning) and name.endswith(end):
                 process, _, _ = name[len(beginning) : -len(end)].partition("-")
-                if process.isdecimal() and not _is_running(int(process)):
+                if process.isdecimal() and not psutil.pid_exists(int(process)):
                     (path.parent / name).unlink(missing_ok=True)
-
-
-def _is_running(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:  # the process belongs to another user
-        pass
-    return True
 
 
 @contextmanager

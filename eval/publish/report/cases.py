@@ -108,11 +108,14 @@ def show_case(
     view = View.of([shape.V for shape in shapes], towards=towards, up=up)
     handles = getattr(task, "handles", None)
     case.handles = handles is not None
-    for shape in shapes:
-        at_rest = handles if shape.name == "rest" else None
-        colours = {"error": shape.error, "top": case.top, "handles": at_rest}
-        pixels = picture(task.mesh, shape.V, view=view, width=PANEL, **colours)
-        case.panels.append({"name": shape.name, "caption": shape.caption, "image": image_uri(pixels)})
+    try:
+        for shape in shapes:
+            at_rest = handles if shape.name == "rest" else None
+            colours = {"error": shape.error, "top": case.top, "handles": at_rest}
+            pixels = picture(task.mesh, shape.V, view=view, width=PANEL, **colours)
+            case.panels.append({"name": shape.name, "caption": shape.caption, "image": image_uri(pixels)})
+    except InputError as error:  # the system cannot draw
+        case.missing.append(f"No pictures: {error}.")
     if turnable:
         try:
             case.view = _packed(case, task, shapes)

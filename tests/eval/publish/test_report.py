@@ -13,6 +13,7 @@ from report_runs import METHODS, make_transfers
 
 from eval.main import call
 from eval.rows.frame import read_csv, records
+from sshade.errors import InputError
 from tests.shapes import bumpy
 
 pytest.importorskip("matplotlib")
@@ -167,6 +168,19 @@ def test_a_changed_dataset_is_told(tiny, tmp_path, monkeypatch, tiny_runs):
     monkeypatch.setattr("eval.run.recall.task_checksum", lambda task: "other")
     page = Page(report(tiny, tmp_path / "r.html", "--runs", str(tiny_runs)))
     assert "No pictures: the dataset of bumpy_10 has changed since the run" in page.told("p", "warning")
+
+
+@pytest.mark.usefixtures("without_charts")
+def test_a_system_that_cannot_draw_gets_a_report_without_pictures(
+    tiny, text, tmp_path, monkeypatch, tiny_runs
+):
+    def missing():
+        raise InputError("pictures need libEGL")
+
+    monkeypatch.setattr("sshade.figures._require_renderer", missing)
+    page, complete = Page(report(tiny, tmp_path / "r.html", "--runs", str(tiny_runs))), Page(text)
+    assert page.told("p", "warning").count("No pictures: pictures need libEGL.") == 2
+    assert "rest" not in page.images and ' id="turn"' in page.text and page.tables == complete.tables
 
 
 @pytest.mark.usefixtures("without_charts")
