@@ -68,13 +68,17 @@ def row(name: str, value: str) -> None:
 
 
 def timed(command: Sequence[object], folder: Path) -> float:
-    """Run a command in a folder without the variables of this project; return its time in seconds."""
+    """Run a command in a folder without variables that would change it; return its time in seconds."""
     environment = {
-        name: text for name, text in os.environ.items() if name not in ("PYTHONPATH", "SSHADE_KERNELS")
+        key: text for key, text in os.environ.items() if key not in ("PYTHONPATH", "SSHADE_KERNELS")
     }
+    words = [str(word) for word in command]
     begin = perf_counter()
-    subprocess.run([str(word) for word in command], cwd=folder, env=environment, check=True)
-    return perf_counter() - begin
+    done = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True)
+    seconds = perf_counter() - begin
+    if done.returncode:
+        raise SystemExit(f"{' '.join(words)}\n{done.stdout}{done.stderr}")
+    return seconds
 
 
 def torus(mesh: Path, handles: Path, rings: int = 200, around: int = 100) -> None:
