@@ -112,6 +112,16 @@ def test_processors_without_the_level_compile_for_themselves(monkeypatch):
     assert portable_target.__wrapped__() is None
 
 
+def test_the_reason_for_a_compilation_names_what_the_package_came_with(folder):
+    assert kernels.why_compiled() == "it came without compiled kernels"
+    (folder / "store").mkdir()
+    (folder / "store" / kernels.MADE_FOR).write_text("cpython-310, numba 0.1 and x86-64-v3 processors")
+    assert (
+        f"for cpython-310, numba 0.1 and x86-64-v3 processors, this is {sys.implementation.cache_tag}"
+        in kernels.why_compiled()
+    )
+
+
 def test_the_list_of_signatures_is_read_as_it_is_written():
     for line in LIST.read_text("utf-8").splitlines():
         module, function, *words = line.split()
