@@ -90,7 +90,7 @@ def write_site(
 
 
 def _ranked(own: Contest, seconds: dict[str, float], told: str) -> dict[str, Any]:
-    """Return the rankings of a track, and what is to be known about them."""
+    """Return the rankings of a track, and the sentences above them."""
     counts = {"cases": own.rows["task.name"].nunique(), "methods": own.rows["method.name"].nunique()}
     found = rankings(own.table, seconds)
     return {"track": own.track, "rankings": found, "by": found[0].columns[0].label, "told": told, **counts}
