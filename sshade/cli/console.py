@@ -24,6 +24,9 @@ EXTRAS = {
     **{"torch": "torch", "open3d": "open3d", "pytetwild": "tet", "simkit": "neo-hookean"},
 }
 
+#: Number of stages that are shown after their end, so that a screen has room for the stages that run.
+ENDED = 5
+
 #: Number of characters above which a message names no choices; the help lists them.
 LONGEST_MESSAGE = 300
 
@@ -72,7 +75,7 @@ def stage_bars(*, remaining: str = "", **options: Any) -> Bars:
             return Text("left ") + super().render(task) if task.description == remaining else Text()
 
     columns = (
-        *(rich.TextColumn("{task.description:<24}"), rich.BarColumn(), rich.MofNCompleteColumn()),
+        *(rich.TextColumn("{task.description:<26}"), rich.BarColumn(), rich.MofNCompleteColumn()),
         *(rich.TimeElapsedColumn(), Remaining(), rich.TextColumn("{task.fields[note]}")),
     )
     # Print above the bars if standard output is the same terminal.
@@ -82,13 +85,21 @@ def stage_bars(*, remaining: str = "", **options: Any) -> Bars:
 
 
 def stage_progress(bars: Bars) -> Progress:
-    """Return a callback that draws one bar for each stage."""
+    """Return a callback that draws one bar for each stage, and hides stages that ended long ago."""
     tasks: dict[str, Any] = {}
+    ended: list[str] = []
 
     def progress(stage: str, done: int, total: int, note: str = "") -> None:
         if stage not in tasks:
             tasks[stage] = bars.add_task(stage, total=total, note=note)
-        bars.update(tasks[stage], completed=done, total=total, note=note)
+        if stage in ended and done < total:  # another pass, such as a correction of the volume
+            ended.remove(stage)
+            bars.reset(tasks[stage], completed=done, total=total, note=note)
+        bars.update(tasks[stage], completed=done, total=total, note=note, visible=True)
+        if done >= total and stage not in ended:
+            ended.append(stage)
+            for earlier in ended[:-ENDED]:
+                bars.update(tasks[earlier], visible=False)
 
     return progress
 

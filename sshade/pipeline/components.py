@@ -105,7 +105,7 @@ def by_components(
     seconds_left = options.polish_seconds
     results = []
     for number, component in enumerate(order, start=1):
-        stage = f"component {number} of {len(order)}"
+        stage = f"component {number}/{len(order)}"
         changes: dict[str, Any] = {"vertices": round(density * components.area[component])}
         if seconds_left is not None:
             portion = components.area[component] / components.area[order[number - 1 :]].sum()
@@ -184,7 +184,7 @@ class _Components:
         guess = None if guess is None else guess[origin]
         part = DeformationTask(f"{self._task.name} {stage}", shape, handles, guess=guess)
         try:
-            result = self._deform(part, progress=renamed(progress, stage), **changes)
+            result = self._deform(part, progress=renamed(progress, stage, within=True), **changes)
         except InputError as error:
             raise InputError(
                 f"the component of {shape.n} vertices around vertex {origin[0]} cannot be deformed: {error}"

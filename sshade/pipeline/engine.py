@@ -62,7 +62,12 @@ def sample_with_handles(mesh: Mesh, regions: HandleRegions, seed: tuple[int, int
 
 
 def solve_proxy(
-    task: DeformationTask, options: Options, *, solve: Solve | None = None, **context: Any
+    task: DeformationTask,
+    options: Options,
+    *,
+    solve: Solve | None = None,
+    coarser_progress: Progress = silent,
+    **context: Any,
 ) -> DeformationResult:
     """Solve the task of a proxy, initialised on a coarser proxy where the options say so.
 
@@ -72,6 +77,8 @@ def solve_proxy(
     options : Options
     solve : callable, optional
         Takes the place of :func:`sshade.solver.local_global.local_global`.
+    coarser_progress : Progress
+        Of the solve on the coarser proxy.
     **context
         ``volume_goal``, ``seed`` and ``progress`` of the solve.
     """
@@ -86,18 +93,18 @@ def solve_proxy(
         stiff = {"attachment": options.guide_attachment, "stiffness": 1.0}
         area = min(options.area, GUIDE_AREA)
         guide = partial(local_global, **{**energy, **stiff, "area": area})
-    coarsely = partial(deform_coarsely, seed=options.seed)
+    coarsely = partial(deform_coarsely, seed=options.seed, progress=coarser_progress)
     return initialised(
         task, solve=solve, guide=guide, deform_coarsely=coarsely, tolerance=tolerance, **context
     )
 
 
 def deform_coarsely(
-    task: DeformationTask, vertices: int, coarse: Solve, *, seed: int = 0
+    task: DeformationTask, vertices: int, coarse: Solve, *, seed: int = 0, progress: Progress = silent
 ) -> DeformationResult:
     """Deform N through a coarser proxy, which the method `coarse` deforms."""
     sampling: dict[str, Any] = {"vertices": vertices, "coarser": ROOM, "samplings": 1, "seed": seed}
-    return deform_once(task, Options(**sampling, frames="blended", coarse=coarse))
+    return deform_once(task, Options(**sampling, frames="blended", coarse=coarse), progress=progress)
 
 
 class Engine:
@@ -324,7 +331,12 @@ def deform_once(
     if engine.regions.covered:
         return all_on_targets(task)
 
+    def stage(number: int) -> str:
+        return "proxy" if options.samplings == 1 else f"proxy {number + 1}"
+
     def deform(number: int) -> DeformationResult:
+        progress(stage(number), 0, options.max_iterations)
+
         def solver_of(proxy: Mesh, sampling: Sampling, place: Place) -> SolveProxy:
             guess = first.result().vertices if first is not None and number else task.guess
             return _single_solver(
@@ -332,7 +344,8 @@ def deform_once(
                 options,
                 name=f"{task.name} proxy {number}",
                 guess=None if guess is None else guess[sampling.samples],
-                progress=renamed(progress, f"sampling {number + 1}"),
+                progress=progress,
+                stage=stage(number),
             )
 
         with ThreadPoolExecutor(max_workers=1) as pool, ThreadTeam(engine.proxies.carriers) as team:
@@ -353,17 +366,19 @@ def deform_once(
 
 
 def _single_solver(
-    proxy: Mesh, options: Options, *, name: str, guess: np.ndarray | None, progress: Progress
+    proxy: Mesh, options: Options, *, name: str, guess: np.ndarray | None, progress: Progress, stage: str
 ) -> SolveProxy:
     """Return a solver of a proxy for targets that are known from the beginning; it starts at the guess."""
-    context: dict[str, Any] = {"seed": options.seed, "progress": progress}
+    context: dict[str, Any] = {"seed": options.seed, "progress": renamed(progress, stage)}
+    coarser = renamed(progress, f"coarser {stage}")
 
     def solve(handles: Handles, *, volume_goal: float, **stop: Any) -> DeformationResult:
         nonlocal guess
         task = DeformationTask(name, proxy, handles, guess=guess)
         if options.coarse is not None:
             return options.coarse(task, **context)
-        result = solve_proxy(task, replace(options, **stop), volume_goal=volume_goal, **context)
+        own = replace(options, **stop)
+        result = solve_proxy(task, own, volume_goal=volume_goal, coarser_progress=coarser, **context)
         guess = result.vertices
         return result
 

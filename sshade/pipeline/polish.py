@@ -69,6 +69,7 @@ def polished(
         solver_ready = pool.submit(_bind, task, options.attachment)
         proxy = deform()
         arrived = perf_counter()
+        progress("polish", 0, options.polish_iterations, "preparing")
         solver, targets, precompute = solver_ready.result()
     ready = perf_counter()
     energy = {**options.subset(ENERGY), "workers": options.workers or available_cpus()}
@@ -90,10 +91,12 @@ def polished(
     facts: dict[str, Any] = {"proxy_iterations": proxy.iterations}
     facts |= {name: proxy.extra[name] for name in kept if name in proxy.extra}
     if regional:
+        progress("regions", 0, 1)
         graph = vertex_graph(task.mesh)
         regions = HandleRegions(task.mesh, task.handles, vertices=facts["samples"], graph=graph)
         turned = regions.on_targets(solution.positions, task.handles)
         solution = _solution_at(solver, solution, turned, targets, energy)
+        progress("regions", 1, 1)
     seconds = {
         "proxy": arrived - begin,
         "precompute": precompute,

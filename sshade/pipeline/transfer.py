@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import count
 from time import perf_counter
 from typing import Any
 
@@ -56,7 +57,7 @@ def transfer(
     """
     posed, edited = np.asarray(task.posed, dtype=np.float64), task.mesh.V
     resolved = Options(**{"samplings": TRANSFER_SAMPLINGS, **checked(options, PROXIES, subject="transfer")})
-    proxies = Proxies(task.rest, resolved)
+    proxies, done = Proxies(task.rest, resolved), count(1)
 
     def one_sampling(number: int) -> DeformationResult:
         binding = bind(
@@ -73,10 +74,11 @@ def transfer(
         V, degenerate = binding.frames.decode(local, NV, on=on)
         if residual:
             V = V + (posed - binding.frames.decode(binding.local, NV, on=on)[0])
-        progress("samplings", number + 1, proxies.samplings)
+        progress("samplings", next(done), proxies.samplings)
         seconds = {**binding.seconds, "carry": perf_counter() - begin}
         return DeformationResult(V, 0, None, seconds, {"degenerate_frames": degenerate})
 
+    progress("samplings", 0, proxies.samplings)
     return proxies.average(one_sampling)
 
 

@@ -96,6 +96,7 @@ def run(state: State, stop: Stop, *, progress: Progress = silent, report_every: 
     """
     residuals: list[float] = []
     deadline, residual, converged = perf_counter() + stop.max_seconds, inf, False
+    progress("iterations", 0, stop.max_iterations)
     while not converged and len(residuals) < stop.max_iterations and perf_counter() < deadline:
         residual = state.step()
         residuals.append(residual)
@@ -106,7 +107,7 @@ def run(state: State, stop: Stop, *, progress: Progress = silent, report_every: 
         state.move(last=converged or iterations == stop.max_iterations)
         if iterations % report_every == 0:
             progress("iterations", iterations, stop.max_iterations, f"residual {residual:.1e}")
-    progress("iterations", len(residuals), stop.max_iterations, f"residual {residual:.1e}")
+    progress("iterations", len(residuals), len(residuals), f"residual {residual:.1e}")
     return Run(np.array(residuals), converged)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sshade import DeformationTask, Handles, InputError, Mesh, deform
-from sshade.cli.console import progress_bar, run_command
+from sshade.cli.console import ENDED, progress_bar, run_command, stage_bars, stage_progress
 from sshade.cli.main import PROGRAM, main
 from sshade.io.handles import read_handles, write_handles
 from sshade.io.meshes import read_arrays, read_mesh, write_mesh
@@ -199,3 +199,21 @@ def test_progress_draws_a_bar_on_a_terminal_and_nothing_elsewhere(capsys, monkey
         progress("sampling 1", 2, 2, "residual 1e-6")
     out, err = capsys.readouterr()
     assert out == "" and "sampling 1" in err and "residual 1e-6" in err
+
+
+def test_a_stage_that_ended_is_done_starts_anew_and_leaves_the_screen_to_later_stages():
+    bars = stage_bars(disable=True)
+    progress = stage_progress(bars)
+    for done, total in ((0, 1000), (60, 1000), (66, 66)):
+        progress("proxy", done, total)
+    (proxy,) = bars.tasks
+    assert proxy.finished and (proxy.completed, proxy.total) == (66, 66)
+    progress("proxy", 10, 900)
+    assert not proxy.finished and (proxy.completed, proxy.total) == (10, 900)
+    progress("proxy", 20, 20)
+    for number in range(ENDED):
+        assert proxy.visible
+        progress(f"stage {number}", 1, 1)
+    assert [task.visible for task in bars.tasks] == [False, *[True] * ENDED]
+    progress("proxy", 0, 1000)
+    assert proxy.visible

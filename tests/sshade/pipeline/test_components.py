@@ -63,7 +63,7 @@ def test_two_spheres_are_each_as_alone():
         seed=1,
         progress=lambda stage, *_: stages.add(stage),
     )
-    assert stages == {"component 1 of 2", "component 2 of 2"}
+    assert stages == {f"component {c}/2, proxy {p}" for c in (1, 2) for p in (1, 2)}
     for mesh, own, share, part in (
         (small, own_small, 20, result.vertices[: BODY.n]),
         (large, own_large, 40, result.vertices[BODY.n :]),

@@ -77,3 +77,16 @@ def test_what_a_proxy_refuses_is_refused_before_the_set_up(task, monkeypatch):
     for options, words in (({"workers": 0}, "workers must be"), ({"volume": -1.0}, "volume must be")):
         with pytest.raises(InputError, match=words):
             fine(task, **options)
+
+
+@pytest.mark.parametrize("seconds", [None, 0.0])
+def test_stages_are_reported_in_order_each_to_its_end(task, seconds):
+    stages: dict[str, tuple[int, int]] = {}
+    fine(
+        task,
+        vertices=600,
+        polish_seconds=seconds,
+        progress=lambda stage, done, total, _="": stages.update({stage: (done, total)}),
+    )
+    assert list(stages) == ["proxy", "polish", "regions"]
+    assert all(done == total for done, total in stages.values())

@@ -107,7 +107,8 @@ def test_the_coarse_method_gets_the_proxy_as_a_task(body_task):
         for name in ("target", "dynamic", "group"):
             assert np.array_equal(getattr(task.handles, name), getattr(handles, name))
     assert len(seen) == 2
-    assert reported == [("sampling 1", 1, 2, "note"), ("sampling 2", 1, 2, "note")]
+    assert reported[::2] == [("proxy 1", 0, 1000), ("proxy 2", 0, 1000)]
+    assert reported[1::2] == [("proxy 1", 1, 2, "note"), ("proxy 2", 1, 2, "note")]
 
 
 def test_convergence_is_unknown_if_one_sampling_does_not_say(body_task):

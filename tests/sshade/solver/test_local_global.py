@@ -145,7 +145,10 @@ def test_no_iteration_returns_the_start_with_its_rotations(task):
 def test_result_and_progress_of_the_method(task):
     calls = []
     result = local_global(task, tolerance=0, max_iterations=25, progress=lambda *call: calls.append(call))
-    assert [call[1] for call in calls] == [10, 20, 25] and calls[0][0] == "iterations"
+    assert [call[1] for call in calls] == [0, 10, 20, 25] and calls[0][0] == "iterations"
+    calls.clear()
+    converged = local_global(task, tolerance=0.1, progress=lambda *call: calls.append(call))
+    assert converged.iterations < 1000 and calls[-1][1:3] == (converged.iterations, converged.iterations)
     curve = result.extra["residual_curve"]
     assert len(curve) == 25 and curve[-1] == result.extra["residual"] and (curve > 0).all()
     assert result.iterations == 25 and result.converged is False
