@@ -1,18 +1,31 @@
-"""The Python of README.md runs, and docs/experiments.md lists every experiment."""
+"""README.md and docs/start.md run word for word, and docs/experiments.md lists every experiment."""
 
+import os
 import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
+from urllib.request import urlopen
 
 import numpy as np
+import pytest
 
 import sshade
 from docs.pages import BLOCK
 from eval.rows.splits import read_splits
 from sshade.cli.configuration import CONFIGURATION
-from tests.shapes import bumpy
 
 ROOT = Path(__file__).parents[1]
-README, LIST = ((ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/experiments.md"))
+README, START, LIST, MAKEFILE, PROJECT = (
+    (ROOT / name).read_text(encoding="utf-8")
+    for name in ("README.md", "docs/start.md", "docs/experiments.md", "Makefile", "pyproject.toml")
+)
+PAGES = (README, START)
+EXTRAS = {*tomllib.loads(PROJECT)["project"]["optional-dependencies"]}
 
 
 def test_the_page_lists_every_experiment_with_its_split():
@@ -31,14 +44,54 @@ def test_the_page_lists_every_experiment_with_its_split():
     assert set(listed.values()) <= {*read_splits(), "both"}
 
 
-def test_the_python_runs(here):
-    body = bumpy(3)
-    sshade.write("body.ply", body)
-    names: dict = {}
-    blocks = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
-    assert blocks
-    for block in blocks:
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder in which the commands of both pages have run, in their order and once each."""
+    path = tmp_path_factory.mktemp("pages")
+    programs = {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+    for line in dict.fromkeys("".join("".join(blocks(page)) for page in PAGES).splitlines()):
+        program, *arguments = shlex.split(line)
+        if program == "pip":
+            assert set(re.findall(r"[\w-]+", arguments[-1])) <= EXTRAS
+        elif program == "make":
+            assert re.search(rf"^{arguments[0]}:", MAKEFILE, re.M)
+        elif "edit" in arguments:
+            edit(line, cwd=path, env=os.environ | programs)
+        elif "show" not in arguments or find_spec("pyvista"):
+            subprocess.run(line, shell=True, cwd=path, env=os.environ | programs, check=True)
+    return path
+
+
+def blocks(page: str, language: str = "") -> list[str]:
+    """The contents of a page's blocks in a language; commands have none."""
+    found = re.findall(r"^```(\w*)\n(.*?)^```$", page, re.M | re.S)
+    return [content for name, content in found if name == language]
+
+
+def edit(line: str, **options: Any) -> None:
+    """Start the editor and end it when its page answers."""
+    with subprocess.Popen(
+        shlex.split(f"{line} --no-browser"), stdout=subprocess.PIPE, text=True, **options
+    ) as run:
+        with urlopen(run.stdout.readline().strip()) as answer:
+            assert b"<title>sshade" in answer.read()
+        run.terminate()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=["README.md", "docs/start.md"])
+def test_the_python_of_a_page_runs_after_its_commands(page, folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    names: dict[str, Any] = {}
+    for block in blocks(page, "python"):
         exec(block, names)
     leaning = sshade.read("leaning.ply").V
     assert np.abs(leaning[names["b"]] - names["bc"]).max() < 1e-6
-    assert np.abs(names["shape"] - leaning).max() < 0.1 * body.diagonal
+    assert len(names["feet"]) > 100 < len(names["head"])
+    assert all(0 < float(distance) < 1 for distance in capsys.readouterr().out.split())
+
+
+def test_the_commands_of_the_pages_leave_the_files_that_the_pages_name(folder):
+    named = {"posed.ply", "example/rest.ply", *(f"example/pose_{k}.json" for k in (1, 6, 8))}
+    assert [name for name in named if not (folder / name).is_file()] == []
+    assert sshade.read(folder / "example/rest.ply").V.shape == (110_210, 3)
+    assert max(len(page.splitlines()) for page in PAGES) <= 100
