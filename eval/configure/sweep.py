@@ -61,7 +61,7 @@ class PlannedSweeper(_Basic):
         """List the runs, write their plan, and launch them with the folder of the record."""
         global monitor
         runs = self._runs(arguments)
-        code = _keep_plans(self._compose(runs))
+        code, folders = _keep_plans(self._compose(runs))
         folder = Path(self.config.hydra.sweep.dir)
         for other in unfinished(folder):
             say(
@@ -70,7 +70,7 @@ class PlannedSweeper(_Basic):
             )
         launcher = self.config.hydra.runtime.choices["hydra/launcher"]
         record = SweepRecord.create(folder, Sweep(datetime.now(UTC), runs, launcher, code=code))
-        monitor = Monitor(record, watch=launcher != "basic")
+        monitor = Monitor(record, folders, watch=launcher != "basic")
         place = str(record.folder).replace("\\", "\\\\").replace("'", "\\'")
         common = f"run.sweep={{record:'{place}',runs:{len(runs)}}}"
         texts = [[*_texts(run), common] for run in runs]
@@ -179,8 +179,15 @@ def runs_folder(plain: dict[str, Any]) -> Path:
     return Path(plain["paths"]["runs"], plain["run"]["folder"])
 
 
-def _keep_plans(configs: Iterable[dict[str, Any]]) -> dict[str, str]:
-    """Check that all cases exist and write the plan of each experiment; return the hashes of the code.
+def _keep_plans(configs: Iterable[dict[str, Any]]) -> tuple[dict[str, str], list[Path]]:
+    """Check that all cases exist and write the plan of each experiment.
+
+    Returns
+    -------
+    code : dict
+        Hashes of the code.
+    folders : list of path
+        Of the runs.
 
     Raises
     ------
@@ -213,7 +220,7 @@ def _keep_plans(configs: Iterable[dict[str, Any]]) -> dict[str, str]:
         plans.setdefault(runs_folder(plain), []).append(planned)
     for folder, runs in plans.items():
         write_plan(folder, runs)
-    return loaded_code(functions)
+    return loaded_code(functions), list(plans)
 
 
 def _numbers(name: str, values: list[str]) -> list[int] | None:
@@ -235,7 +242,7 @@ def close_sweep() -> str:
         monitor.record.complete()
     elif sweep.launcher not in QUEUES:  # runs in a queue continue without this process
         monitor.record.remove()
-    return summary(sweep, ended)
+    return f"{summary(sweep, ended)}; in {', '.join(map(str, monitor.folders))}"
 
 
 def in_queue() -> bool:

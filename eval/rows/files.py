@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
+from sshade.cli.configuration import CONFIGURATION
 from sshade.errors import InputError
 from sshade.io.files import make_folder, replacing
 
@@ -21,7 +24,7 @@ ROWS = Path("out/rows")
 TIMING = Path("out/timing")
 #: Folder of committed rows, tables and figures. Only `sshade-eval publish` writes there.
 PUBLISHED = Path("results")
-FOLDER_HELP = "name of an experiment in out/runs, or a folder of runs"
+FOLDER_HELP = "name of an experiment in out/runs, such as mine or mine_mesh, or a folder of runs"
 ROWS_HELP = "CSV of rows, or name of an experiment in out/rows or else results/rows"
 
 
@@ -33,11 +36,44 @@ def experiment_folder(name: Path) -> Path:
     InputError
         When there is no such folder.
     """
-    for folder in (name, RUNS / name):
+    for folder in (name, of_dataset(RUNS / name)):
         # A folder such as "quick" in the current folder may hold anything; skip it unless it holds runs.
         if (folder / PLANS).is_dir() or next(folder.rglob("row.json"), None) is not None:
             return folder
-    raise InputError(f"no runs in {name} or {RUNS / name}; `sshade-eval run -m experiment=...` makes them")
+    here = ", ".join(sorted(path.name for path in RUNS.glob("*") if _holds_something(path)))
+    others = f"; {RUNS} has {here}" if here else "; `sshade-eval run -m experiment=...` makes them"
+    raise InputError(f"no runs in {name} or {RUNS / name}{others}")
+
+
+def of_dataset(path: Path) -> Path:
+    """Return a path, or the one path that has the tag of a dataset behind the name of the experiment.
+
+    ``run.experiment=mine dataset=mesh`` writes to ``mine_mesh``, which is found as ``mine``.
+
+    Raises
+    ------
+    InputError
+        When several datasets have such a path.
+    """
+    if _holds_something(path):
+        return path
+    tagged = [path.with_name(f"{path.stem}{tag}{path.suffix}") for tag in _tags()]
+    found = [other for other in tagged if _holds_something(other)]
+    if len(found) > 1:
+        raise InputError(f"there is no {path}; name one of {', '.join(other.stem for other in found)}")
+    return found[0] if found else path
+
+
+def _holds_something(path: Path) -> bool:
+    """Whether a path is a file, or a folder that is not empty, as refused runs leave it."""
+    return path.is_file() or (path.is_dir() and any(path.iterdir()))
+
+
+@cache
+def _tags() -> list[str]:
+    """Return the tags of the datasets in ``conf``."""
+    texts = (path.read_text(encoding="utf-8") for path in sorted(CONFIGURATION.glob("dataset/*.yaml")))
+    return [tag for text in texts for tag in re.findall(r"^tag: (\w+)", text, re.MULTILINE)]
 
 
 def rows_file(name: str | os.PathLike[str], folder: Path = ROWS) -> Path:
@@ -45,6 +81,9 @@ def rows_file(name: str | os.PathLike[str], folder: Path = ROWS) -> Path:
     if Path(name).suffix == ".csv":
         return Path(name)
     own, published = folder / f"{name}.csv", PUBLISHED / folder.name / f"{name}.csv"
+    if own.is_file() or published.is_file():
+        return own if own.is_file() else published
+    own, published = of_dataset(own), of_dataset(published)
     return published if published.is_file() and not own.is_file() else own
 
 

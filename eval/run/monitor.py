@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from threading import Event, Lock, Thread
 from typing import Any
 
@@ -25,13 +26,15 @@ class Monitor:
     Parameters
     ----------
     record : SweepRecord
+    folders : sequence of path
+        Folders that the runs are written to.
     watch : bool
         Read the record every second, for runs in other processes. Otherwise, call :meth:`update` after each
         run.
     """
 
-    def __init__(self, record: SweepRecord, *, watch: bool) -> None:
-        self.record = record
+    def __init__(self, record: SweepRecord, folders: Sequence[Path] = (), *, watch: bool) -> None:
+        self.record, self.folders = record, folders
         self.sweep = record.sweep()
         self._told = 0
         self._lock = Lock()

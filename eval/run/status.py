@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from eval.rows.files import FOLDER_HELP, RUNS
+from eval.rows.files import FOLDER_HELP, RUNS, of_dataset
 from eval.rows.plan import forget_plans
 from eval.run.record import SweepRecord, counts, records
 from sshade.errors import InputError
@@ -37,7 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
-    folders = [name if name.is_dir() else RUNS / name for name in options.folders] or sorted(RUNS.glob("*"))
+    folders = [name if name.is_dir() else of_dataset(RUNS / name) for name in options.folders] or sorted(
+        RUNS.glob("*")
+    )
     missing = [folder for folder in folders if not folder.is_dir()]
     if missing:
         raise InputError(f"there is no folder {missing[0]}; `sshade-eval run -m experiment=...` makes it")

@@ -49,12 +49,12 @@ def test_a_sweep_goes_on_after_a_failure_and_is_resumed(tmp_path):
     assert "this method always fails" in lines[0] and "[1 done, 1 failed, 5 remaining]" in lines[0]
     assert "sshade[torch]" in lines[2]
     assert "[6 done, 2 failed, 0 remaining]" in lines[5]
-    assert lines[6] == "6 runs: 6 new (2 failed, 2 not_converged, 2 skipped), 0 kept"
+    assert lines[6] == "6 runs: 6 new (2 failed, 2 not_converged, 2 skipped), 0 kept; in out/runs/single"
     assert "Traceback" not in first.stderr
     assert not list(tmp_path.rglob("sweep.json"))
     again = run_eval(tmp_path, "-m", *overrides)
     assert again.returncode == 1
-    assert again.stdout.splitlines()[6] == "6 runs: 4 new (2 failed, 2 skipped), 2 kept"
+    assert again.stdout.splitlines()[6] == "6 runs: 4 new (2 failed, 2 skipped), 2 kept; in out/runs/single"
     overrides[2] = "method=stretching"
     (experiment,) = (tmp_path / "out/runs").iterdir()
     SweepRecord.create(experiment, Sweep(datetime.now(UTC), [], host="elsewhere"))
@@ -107,7 +107,8 @@ def test_a_sweep_over_all_takes_the_cases_that_the_dataset_has(tmp_path):
     # Apart, by the dataset's tag.
     assert {name.split("/")[2] for name in files(tmp_path)} == {"single_listed"}
     for other in (["pose=2"], ["subject=1", "pose=all"]):
-        assert run_eval(tmp_path, *common, *other).stdout.splitlines()[-1] == "1 runs: 0 new, 1 kept"
+        last = run_eval(tmp_path, *common, *other).stdout.splitlines()[-1]
+        assert last == "1 runs: 0 new, 1 kept; in out/runs/single_listed"
     missing = run_eval(tmp_path, *common, "pose=3")
     assert missing.returncode == 2 and missing.stderr == "error: there is no pose 3\n"
 

@@ -77,7 +77,7 @@ def test_ctrl_c_leaves_complete_rows_and_the_same_command_goes_on(tmp_path, fres
             out, err = process.communicate(timeout=60)
         assert process.returncode == 130
         counts = f"{new} new{' (1 not_converged)' * new}, {kept} kept"
-        assert (out, err) == (f"2 runs: {counts}, 1 not done\n", f"{INTERRUPTED}\n")
+        assert (out, err) == (f"2 runs: {counts}, 1 not done; in out/runs/single\n", f"{INTERRUPTED}\n")
         wait_for(lambda group=process.pid: not alive(group))
         assert len(list(tmp_path.rglob("row.json"))) == 1
         assert not list(tmp_path.rglob("sweep.json")) and not list(tmp_path.rglob("*.partial*"))

@@ -56,7 +56,7 @@ def test_another_launcher_gives_the_same_rows(tmp_path, basic, launcher, options
     lines, lines_of_basic = (text.splitlines() for text in (done.stdout, basic[0].stdout))
     assert {line.split(":")[0] for line in lines} == {line.split(":")[0] for line in lines_of_basic}
     assert "[2 done, 1 failed, 0 remaining]" in lines[1]
-    assert lines[2] == lines_of_basic[2] == "2 runs: 2 new (1 failed, 1 ok), 0 kept"
+    assert lines[2] == lines_of_basic[2] == "2 runs: 2 new (1 failed, 1 ok), 0 kept; in out/runs/single"
     assert differences(rows, basic[1]) == []
     assert rows["env.jobs"].tolist() == [2, 2]
     assert not list(tmp_path.rglob("sweep.json"))
@@ -82,7 +82,7 @@ def test_a_lost_worker_is_told(tmp_path):
     pytest.importorskip(NEEDS["joblib"], reason="the extra joblib is not installed")
     done = run_program(tmp_path, "-m", "dataset=bumpy", "method=dying", "seed=0,1", *JOBLIB)
     assert done.returncode == 1
-    assert done.stdout == "2 runs: 0 new, 0 kept, 2 not done\n"
+    assert done.stdout == "2 runs: 0 new, 0 kept, 2 not done; in out/runs/single\n"
     told = "failed: a worker was lost (TerminatedWorkerError); the same command goes on from there"
     assert told in done.stderr.splitlines()
     assert "Traceback" not in done.stderr

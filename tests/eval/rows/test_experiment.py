@@ -1,10 +1,13 @@
 """Experiments found by name: one's own rows, published ones, folders of runs."""
 
+from pathlib import Path
+
 import pytest
 from eval_rows import frame, row
 
+from eval.main import main
 from eval.rows.experiment import Experiment, load_rows, read_experiments
-from eval.rows.files import rows_file
+from eval.rows.files import experiment_folder, rows_file
 from eval.rows.frame import write_csv
 from eval.rows.store import run_folder, write_run
 from sshade.errors import InputError
@@ -48,5 +51,21 @@ def test_published_rows_are_read_where_there_are_none_of_ones_own(here):
 def test_runs_that_were_not_collected_are_rows_too(here):
     write_run(run_folder("out/runs/new", row()), row())
     assert len(load_rows("new")) == len(load_rows("out/runs/new")) == 1
-    with pytest.raises(InputError, match="no runs in older"):
+    with pytest.raises(InputError, match="no runs in older or out/runs/older; out/runs has new$"):
         load_rows("older")
+
+
+def test_an_experiment_on_another_dataset_is_found_by_its_name_alone(here):
+    (here / "out/runs/mine").mkdir(parents=True)  # of a refused run
+    write_run(run_folder("out/runs/mine_mesh", row()), row())
+    write_run(run_folder("out/runs/mine_lowres", row()), row())  # no tag of a dataset
+    assert experiment_folder(Path("mine")) == Path("out/runs/mine_mesh")
+    assert main(["collect", "mine"]) == 0
+    assert rows_file("mine") == Path("out/rows/mine_mesh.csv") and len(load_rows("mine")) == 1
+    write_csv("results/rows/mine.csv", frame(row(), row("b")))
+    assert rows_file("mine") == Path("results/rows/mine.csv")
+    write_run(run_folder("out/runs/mine_faust", row()), row())
+    with pytest.raises(InputError, match="no out/runs/mine; name one of mine_faust, mine_mesh"):
+        experiment_folder(Path("mine"))
+    write_run(run_folder("out/runs/mine", row()), row())
+    assert experiment_folder(Path("mine")) == Path("out/runs/mine")
