@@ -10,6 +10,7 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.io.document import MeshFile
 from sshade.io.meshes import read_arrays, read_file, write_file, write_mesh
+from sshade.io.objects import opened
 
 
 class Arrays(NamedTuple):
@@ -68,8 +69,7 @@ def write(
     path : path
         The suffix selects the format. STL, GLB and glTF hold positions as float32.
     mesh : (n, 3) float64, or an object
-        Positions, or an object with ``V`` and ``F`` (:class:`sshade.Mesh`) or with ``vertices`` and
-        ``faces`` (trimesh).
+        Positions, or a mesh as :func:`sshade.deform` takes it: of this package, of trimesh or of pyvista.
     F : (m, 3) int, optional
         Faces. Needed with positions, unless `like` is given.
     like : path or MeshFile, optional
@@ -82,9 +82,10 @@ def write(
         another number of vertices, or contents that the format of `path` cannot hold. On an unknown
         suffix, or a folder that does not exist or is not writable.
     """
-    V = np.asarray(getattr(mesh, "V", getattr(mesh, "vertices", mesh)), dtype=np.float64)
+    shape = opened(mesh)
+    V = np.asarray(getattr(mesh, "V", mesh) if shape is None else shape.V, dtype=np.float64)
     if like is None:
-        F = getattr(mesh, "F", getattr(mesh, "faces", F))
+        F = getattr(mesh, "F", F) if shape is None else shape.F
         if F is None:
             raise InputError("there are no faces to write; pass F, or a file that has faces as like=")
         F = np.asarray(F)

@@ -1,4 +1,4 @@
-"""Deform arrays, meshes of this package or of trimesh, and tasks."""
+"""Deform arrays, meshes of this package, of trimesh or of pyvista, and tasks."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, TypeVar, overload
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.mesh.mesh import Mesh
+from sshade.io.objects import opened
 from sshade.mesh.surface import surface
 from sshade.options import accepted, as_row, require_method, resolve, takes_options
 from sshade.pipeline.components import by_components
@@ -103,9 +103,10 @@ def deform(
         Rest positions, in any unit of length.
     F : (m, 3) int
         Triangles, counter-clockwise seen from outside.
-    mesh : Mesh or trimesh.Trimesh
+    mesh : Mesh, trimesh.Trimesh, trimesh.Scene or pyvista.PolyData
         A trimesh, or another object with ``vertices``, ``faces`` and ``copy``, is copied with its texture,
-        colours and metadata.
+        colours and metadata. A scene, as ``trimesh.load`` makes it from a .glb, has one mesh; `bc` and the
+        deformation are in the coordinates of the scene. A PolyData has triangles; its normals are dropped.
     task : DeformationTask
     b : (k,) int
         Handle vertices.
@@ -166,12 +167,9 @@ def deform(
         if weight is not None or rotations is not None or carry_unconstrained:
             raise TypeError("a task has weights, rotations and carry_unconstrained itself")
         return run(shape, **options)
-    if isinstance(shape, Mesh):
+    if (mesh := opened(shape)) is not None:
         b, bc = _expect(arrays, "a mesh", 2)
-        V, F = shape.V, shape.F
-    elif all(hasattr(shape, name) for name in ("vertices", "faces", "copy")):
-        b, bc = _expect(arrays, "a mesh", 2)
-        V, F = np.asarray(shape.vertices, dtype=np.float64), np.asarray(shape.faces)
+        V, F = mesh.V, mesh.F
     else:
         F, b, bc = _expect(arrays, "vertices", 3)
         V = np.asarray(shape, dtype=np.float64)
@@ -182,13 +180,7 @@ def deform(
     handles = _on(whole.vertex, handles)
     task = DeformationTask("mesh", whole.mesh, handles, carry_unconstrained=carry_unconstrained)
     moved = whole.placed(V, run(task, **options).vertices)
-    if isinstance(shape, Mesh):
-        return Mesh(moved, F)
-    if not hasattr(shape, "vertices"):
-        return moved
-    copy = shape.copy()
-    copy.vertices = moved
-    return copy
+    return moved if mesh is None else mesh.moved(moved)
 
 
 def _expect(arrays: tuple[Any, ...], what: str, count: int) -> tuple[Any, ...]:

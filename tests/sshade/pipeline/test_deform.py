@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+import pyvista
 import trimesh
 
 import sshade
@@ -52,6 +53,65 @@ def test_a_trimesh_keeps_its_colours_texture_and_metadata():
     colours = np.arange(4 * BODY.n, dtype=np.uint8).reshape(-1, 4)
     coloured = trimesh.Trimesh(BODY.V, BODY.F, process=False, vertex_colors=colours)
     assert np.array_equal(deform(coloured, B, BC, vertices=60).visual.vertex_colors, colours)
+
+
+def in_scene(*bodies: trimesh.Trimesh, transform: np.ndarray) -> trimesh.Scene:
+    scene = trimesh.Scene()
+    for number, body in enumerate(bodies):
+        scene.add_geometry(body, geom_name=f"body {number}", transform=transform)
+    return scene
+
+
+@pytest.mark.parametrize("placed", [False, True])
+def test_a_scene_of_a_glb_is_deformed_where_its_node_puts_the_mesh(tmp_path, placed):
+    transform = np.eye(4)
+    if placed:
+        transform[:3] = np.column_stack([3 * rotation(4), [5, -2, 1]])
+    R, t = transform[:3, :3], transform[:3, 3]
+    body = trimesh.Trimesh(BODY.V, BODY.F, process=False)
+    in_scene(body, transform=transform).export(tmp_path / "body.glb")
+    scene = trimesh.load(tmp_path / "body.glb", process=False)
+    rest = scene.dump()[0].vertices.copy()
+    result = deform(scene, B, BC @ R.T + t, vertices=60)
+    assert type(result) is trimesh.Scene and result is not scene
+    assert np.array_equal(scene.dump()[0].vertices, rest)
+    expected = deform(rest, BODY.F, B, BC @ R.T + t, vertices=60)
+    np.testing.assert_allclose(result.dump()[0].vertices, expected, rtol=0, atol=1e-9)
+    (name,) = result.geometry
+    assert np.array_equal(
+        result.graph[result.graph.nodes_geometry[0]][0], scene.graph[scene.graph.nodes_geometry[0]][0]
+    )
+    np.testing.assert_allclose(result.geometry[name].vertices[B], BC, rtol=0, atol=1e-5)
+    sshade.write(tmp_path / "out.ply", result)
+    np.testing.assert_allclose(sshade.read(tmp_path / "out.ply").V, expected, rtol=0, atol=1e-9)
+
+
+def test_a_scene_of_several_meshes_or_of_none_is_refused():
+    body = trimesh.Trimesh(BODY.V, BODY.F, process=False)
+    scene = in_scene(body, body, transform=np.eye(4))
+    with pytest.raises(InputError, match=r"has 2 meshes; pass scene.to_mesh\(\), .* scene.dump\(\)"):
+        deform(scene, B, BC)
+    assert len(deform(scene.to_mesh(), [*B, *(B + BODY.n)], [*BC, *BC], vertices=60).vertices) == 2 * BODY.n
+    with pytest.raises(InputError, match="has 0 meshes"):
+        deform(trimesh.Scene(), B, BC)
+    with pytest.raises(InputError, match="is no triangle mesh"):
+        deform(in_scene(trimesh.PointCloud(BODY.V), transform=np.eye(4)), B, BC)
+
+
+def test_a_polydata_of_triangles_keeps_its_arrays_without_old_normals(tmp_path):
+    given = pyvista.PolyData.from_regular_faces(BODY.V, BODY.F)
+    given["number"] = np.arange(BODY.n)
+    given = given.compute_normals(split_vertices=False, consistent_normals=False, auto_orient_normals=False)
+    before = given.points.copy()
+    result = deform(given, B, BC, vertices=60)
+    assert type(result) is pyvista.PolyData and np.array_equal(given.points, before)
+    assert np.array_equal(result.points, deform(before, BODY.F, B, BC, vertices=60))
+    assert np.array_equal(result["number"], np.arange(BODY.n))
+    assert "Normals" in given.array_names and "Normals" not in result.array_names
+    sshade.write(tmp_path / "out.ply", result)
+    assert np.array_equal(sshade.read(tmp_path / "out.ply").V, result.points)
+    with pytest.raises(InputError, match=r"pass its .triangulate\(\)"):
+        deform(pyvista.Cube(), [0], [[0, 0, 0]])
 
 
 def unclean() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
