@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sshade.cli.console import CommandParser, progress_bar, run_command
-from sshade.cli.programs import version_of
+from sshade.cli.programs import add_completion, version_of
 from sshade.errors import InputError
 
 if TYPE_CHECKING:
@@ -53,6 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=version_of("defaust"))
+    add_completion(parser)
     parser.add_argument("-v", "--verbose", action="store_true", help="report every step")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     example = commands.add_parser(

@@ -10,7 +10,8 @@ import argparse
 import sys
 from collections.abc import Mapping, Sequence
 from importlib import import_module
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 
 def version_of(program: str) -> str:
@@ -18,6 +19,36 @@ def version_of(program: str) -> str:
     from importlib.metadata import version
 
     return f"{program} {version('sshade')}"
+
+
+class PrintCompletion(argparse.Action):
+    """Print a script that completes the arguments of a parser and its sub-parsers in a shell, and exit."""
+
+    def __call__(self, parser: argparse.ArgumentParser, _: Any, shell: Any, __: Any = None) -> None:
+        import shtab
+
+        _prepare(parser, shtab.FILE)
+        print(shtab.complete(parser, shell))  # noqa: T201
+        parser.exit()
+
+
+def _prepare(parser: argparse.ArgumentParser, file: Any) -> None:
+    """Have values of type Path completed as files, and choices in a form that shtab reads."""
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for sub_parser in action.choices.values():
+                _prepare(sub_parser, file)
+        elif action.choices is not None:
+            action.choices = list(action.choices)
+        elif action.type is Path:
+            action.complete = file  # type: ignore[attr-defined]
+
+
+def add_completion(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--print-completion``."""
+    text = "print a script that completes arguments in this shell"
+    shells = ("bash", "zsh", "tcsh")
+    parser.add_argument("--print-completion", action=PrintCompletion, choices=shells, help=text)
 
 
 class Program(NamedTuple):
@@ -45,6 +76,8 @@ class Program(NamedTuple):
         try:
             from sshade.cli.console import run_command
 
+            if name == "--print-completion":
+                return run_command(lambda: self.complete(arguments))
             return run_command(lambda: self.call(name, arguments))
         except KeyboardInterrupt:  # while libraries are imported
             print("interrupted", file=sys.stderr)  # noqa: T201
@@ -56,6 +89,20 @@ class Program(NamedTuple):
         width = max(map(len, self.commands))
         lines = (f"  {name:<{width}} {summary}" for name, (_, summary) in self.commands.items())
         return self.text.format(commands="\n".join(lines))
+
+    def complete(self, arguments: Sequence[str]) -> int:
+        """Print the script of ``--print-completion SHELL``. This imports the modules of all sub-commands."""
+        from sshade.cli.console import CommandParser
+
+        parser = CommandParser(prog=self.name)
+        add_completion(parser)
+        commands = parser.add_subparsers()
+        for name, (module_name, summary) in self.commands.items():
+            command, module = commands.add_parser(name, help=summary), import_module(module_name)
+            if hasattr(module, "add_arguments"):
+                module.add_arguments(command)
+        parser.parse_args(["--print-completion", *arguments])
+        return 0
 
     def call(self, name: str, arguments: Sequence[str]) -> int:
         """Run a sub-command.
