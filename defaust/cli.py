@@ -163,6 +163,9 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, dict[s
 
 
 def _verify(args: argparse.Namespace) -> int:
+    from defaust.folder.record import read_dataset
+
+    read_dataset(args.folder, intact=False)  # refuses another folder before the next import, which is slow
     from defaust.build.verify import verify
 
     with progress_bar() as progress:

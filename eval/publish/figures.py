@@ -119,10 +119,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
+    folder = experiment_folder(options.folder)
     import matplotlib  # noqa: F401 - refused before the results are read
     import pyvista  # noqa: F401
 
-    folder = experiment_folder(options.folder)
     entry = read_picture(folder.name)
     names, methods = options.cases, options.methods or entry.get("methods", [])
     if not names and not options.worst:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,6 +21,10 @@ FORMATS = (".json", ".yaml", ".yml")
 WAYS = ("vertices", "source", "boxes")
 #: Keys that give the motion of a region.
 MOTION = {"rotation", "translation"}
+#: All keys of an entry. Other keys are ignored, unless they are nearly one of these.
+KEYS = ("landmark", "kind", *WAYS, "target", *sorted(MOTION), "weight")
+#: Likeness of two keys, in the measure of difflib, from which on one is taken for a misspelling.
+ALIKE = 0.8
 #: Greatest accepted difference between the length of a quaternion and 1; files round to a few digits.
 UNIT = 1e-3
 #: Value for handles without a prescribed rotation.
@@ -170,11 +175,16 @@ def _kind(entry: Any) -> str:
     """Return "static", "dynamic" or "unused", and check that the entry has the keys of that kind."""
     if not isinstance(entry, dict):
         raise InputError("it is no JSON object")
+    if entry.get("kind") == "unused":
+        return "unused"
+    for key in entry.keys() - set(KEYS):
+        if near := get_close_matches(key, KEYS, n=1, cutoff=ALIKE):
+            raise InputError(f'there is no key "{key}"; did you mean "{near[0]}"?')
     moves = "target" in entry or ("boxes" in entry and MOTION & set(entry))
     kind = entry.get("kind", "dynamic" if moves else "static")
-    if kind not in ("static", "dynamic", "unused"):
+    if kind not in ("static", "dynamic"):
         raise InputError(f"unknown kind {kind!r}; use static, dynamic or unused")
-    if kind != "unused" and sum(key in entry for key in WAYS) != 1:
+    if sum(key in entry for key in WAYS) != 1:
         raise InputError('give its handles either as "vertices", as "source" or as "boxes"')
     needed = MOTION if "boxes" in entry else {"target"}
     if kind == "dynamic" and not needed <= set(entry):
