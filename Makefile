@@ -5,6 +5,7 @@
 # make robustness   tests of bad inputs, kills, fuzzing, reproducibility and coverage at full strength (an hour)
 # make ablations    one change at a time, on two small bodies (a quarter of an hour)
 # make transfers    poses rebuilt and transferred, at 20k and at 170k vertices (half an hour)
+# make cover        the picture of the README, by methods at full size (ten minutes)
 # make docs         the documentation as a site, out/site; all its examples run (five minutes)
 # The first use makes .venv and installs. PYTHON=... chooses another interpreter. bench and scaling need a quiet
 # machine.
@@ -38,7 +39,7 @@ has = $(or $(wildcard $(BIN)/python),$(PYTHON)) -c 'import ctypes, sys; sys.plat
 # With this variable, each of the hundreds of test processes would compile every module again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: tables test ci-benchmark bench scaling robustness ablations transfers docs clean
+.PHONY: tables test ci-benchmark bench scaling robustness ablations transfers cover docs clean
 .PHONY: quick-figures quick-report system
 
 tables: $(READY) $(QUICK)/dataset.json
@@ -117,6 +118,11 @@ transfers: $(READY) $(QUICK)/dataset.json $(FULL)/dataset.json
 	  --methods triangle-1 triangle-10 blended_affine-1 blended_affine-10
 	$(BIN)/sshade-eval figures pose_transfer --worst chamfer
 
+cover: $(READY) data/cover/dataset.json
+	$(BIN)/sshade-eval run -m experiment=cover dataset.root=data/cover
+	$(BIN)/sshade-eval collect cover
+	$(BIN)/sshade-eval figures cover
+
 docs: $(READY) $(QUICK)/dataset.json
 	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[bench,docs]'
 	$(BIN)/python -m mkdocs build
@@ -128,6 +134,9 @@ $(FULL)/dataset.json: $(READY)
 
 data/bench/%/dataset.json: $(READY)
 	$(BIN)/defaust build source=synthetic out=data/bench/$* subjects=[0] target_vertices=$*
+
+data/cover/dataset.json: $(READY)
+	$(BIN)/defaust build source=synthetic out=data/cover subjects=[6]
 
 $(QUICK)/dataset.json: $(READY)
 	$(BIN)/defaust build source=synthetic out=$(QUICK) subjects=[0,1] target_vertices=20000
