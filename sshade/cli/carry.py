@@ -34,7 +34,7 @@ def command(options: argparse.Namespace) -> int:
 
 @announced_compilation()
 def _carry(options: argparse.Namespace) -> int:
-    """Do what was checked: read the files, carry the mesh, and write the output."""
+    """Read the files, carry the mesh, and write the output."""
     import numpy as np
 
     from sshade.carry.binding_file import load_binding

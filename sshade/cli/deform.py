@@ -86,7 +86,7 @@ def command(options: argparse.Namespace) -> int:
 
 @announced_compilation()
 def _deform(options: argparse.Namespace, values: dict[str, Any], asked: int, given: HandleFile) -> int:
-    """Do what was checked: read the mesh, deform it, and write the output."""
+    """Read the mesh, deform it, and write the output."""
     from sshade.io.handles import on_mesh
     from sshade.io.meshes import repair, write_file
     from sshade.mesh.surface import Surface, surface

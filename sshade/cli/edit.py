@@ -56,7 +56,7 @@ def command(options: argparse.Namespace) -> int:
 
 
 def _edit(options: argparse.Namespace) -> int:
-    """Do what was checked: read the files, and serve the editor."""
+    """Read the files, and serve the editor."""
     from sshade.edit.server import Server
     from sshade.edit.session import Session
     from sshade.edit.state import METHODS, Settings

@@ -37,7 +37,7 @@ def command(options: argparse.Namespace) -> int:
 
 @announced_compilation()
 def _remesh(options: argparse.Namespace) -> int:
-    """Do what was checked: read the mesh, and write the proxy and the map."""
+    """Read the mesh, and write the proxy and the map."""
     from sshade.carry.binding_file import save_binding
     from sshade.io.meshes import read_mesh, write_mesh
     from sshade.mesh.seams import join_seams

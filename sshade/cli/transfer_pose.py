@@ -51,7 +51,7 @@ def command(options: argparse.Namespace) -> int:
 
 @announced_compilation()
 def _transfer(options: argparse.Namespace, sampling: dict[str, Any]) -> int:
-    """Do what was checked: read the shapes, transfer the pose, and write the output."""
+    """Read the shapes, transfer the pose, and write the output."""
     from sshade.io.meshes import mesh_of, read_arrays, write_file
     from sshade.pipeline.transfer import transfer_pose
 

@@ -21,9 +21,9 @@ FORMATS = (".json", ".yaml", ".yml")
 WAYS = ("vertices", "source", "boxes")
 #: Keys that give the motion of a region.
 MOTION = {"rotation", "translation"}
-#: All keys of an entry. Other keys are ignored, unless they are nearly one of these.
+#: All keys of an entry. Other keys are ignored, but not misspelt keys.
 KEYS = ("landmark", "kind", *WAYS, "target", *sorted(MOTION), "weight")
-#: Likeness of two keys, in the measure of difflib, from which on one is taken for a misspelling.
+#: Ratio of difflib from which on a key counts as a misspelling of another key.
 ALIKE = 0.8
 #: Greatest accepted difference between the length of a quaternion and 1; files round to a few digits.
 UNIT = 1e-3

@@ -21,8 +21,8 @@ Each entry is a group of handles, given in one of three ways:
 ``kind`` is ``static`` (the handles stay at rest and need no target), ``dynamic`` or ``unused`` (the entry
 is skipped). A group with a ``weight`` is soft: it is pulled to its targets (:class:`sshade.Handles`).
 Without ``boxes``, ``rotation`` prescribes the rotation of the surface at the handles. A rotation is a
-matrix of three rows, or a unit quaternion [x, y, z, w], as in glTF. A key that is nearly one of these is
-refused; other keys are ignored.
+matrix of three rows, or a unit quaternion [x, y, z, w], as in glTF. Misspelt keys are
+refused, and further keys are ignored.
 """
 
 from __future__ import annotations
