@@ -20,14 +20,10 @@ class BuildWhole(build_py):
             return
         build = Path(self.build_lib).resolve()
         copytree("conf", build / "eval" / "conf", dirs_exist_ok=True)
-        command = [
-            sys.executable,
-            "-m",
-            "tools.compile_kernels",
-            "--portable",
-            "--into",
-            build / "sshade/compiled",
-        ]
+        kernels = build / "sshade" / "compiled"
+        if Path("sshade/compiled").is_dir():  # the command compiles those that are missing
+            copytree("sshade/compiled", kernels, dirs_exist_ok=True)
+        command = [sys.executable, "-m", "tools.compile_kernels", "--wheel", "--into", kernels]
         subprocess.run(command, check=True)
 
 

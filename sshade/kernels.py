@@ -69,11 +69,14 @@ class Store(NullCache):
         self.name = f"{function.__module__} {function.__qualname__}"
         self.source = Path(function.__code__.co_filename)
 
+    def path(self, sig: Any, target_context: Any) -> Path:
+        """Return the file of a signature for the processor of this process."""
+        return folders()[0] / self._file(sig, target_context.codegen().magic_tuple())
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         target_context.refresh()
-        processor = target_context.codegen().magic_tuple()
         for folder in folders():
-            for target in (processor, portable_target()):
+            for target in (portable_target(), target_context.codegen().magic_tuple()):
                 code = self._read(folder / self._file(sig, target)) if target else None
                 if code is not None:
                     return CompileResult._rebuild(target_context, *pickle.loads(code))

@@ -1,14 +1,17 @@
 """Compile the kernels that ``kernels.txt`` lists: ``python -m tools.compile_kernels``.
 
-In a checkout, ``make`` calls it once after installing. The build of a wheel calls it with ``--portable
---into FOLDER``. With ``--update``, it writes the list anew from the kernels in the store. Do so after a run
-of all tests that began with an empty store.
+In a checkout, ``make`` calls it. The build of a wheel calls it with ``--wheel --into FOLDER``. The machine
+code is for the common level of this kind of processor, so a wheel takes the kernels that the checkout has.
+
+With ``--update``, the command writes the list anew from the kernels in the store. Do so after a run of all
+tests that began with an empty store.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import shutil
 import sys
 import time
 from collections import defaultdict
@@ -32,7 +35,7 @@ def main() -> None:
     """Run the command."""
     parser = argparse.ArgumentParser(prog="python -m tools.compile_kernels", description=__doc__)
     parser.add_argument("--into", metavar="FOLDER", default=str(SHIPPED), help="folder of the kernels")
-    parser.add_argument("--portable", action="store_true", help="for the common level of these processors")
+    parser.add_argument("--wheel", action="store_true", help="keep nothing else; skip unknown processors")
     parser.add_argument(
         "--update", action="store_true", help="write the list from the store, and compile nothing"
     )
@@ -40,37 +43,44 @@ def main() -> None:
     os.environ["SSHADE_KERNELS"] = args.into
     if args.update:
         return update()
-    if args.portable:
-        target = portable_target()
-        if target is None:
-            print("no level of processors is known for this machine: no kernels are shipped")
-            return None
+    target = portable_target()
+    if target:
         os.environ |= {"NUMBA_CPU_NAME": target[1], "NUMBA_CPU_FEATURES": target[2]}
+    elif args.wheel:
+        shutil.rmtree(args.into, ignore_errors=True)
+        print("no common level is known for the processors of this machine: the wheel has no kernels")
+        return None
     begin = time.perf_counter()
-    number = compile_all()
-    print(f"compiled {number} kernels in {time.perf_counter() - begin:.0f} s")
+    files = compile_all()
+    if args.wheel:
+        for path in set(folders()[0].glob("*-*")) - files:
+            path.unlink()
+    print(f"{len(files)} kernels are compiled after {time.perf_counter() - begin:.0f} s")
     return None
 
 
-def compile_all() -> int:
-    """Compile each listed signature in two processes; return the number of signatures."""
+def compile_all() -> set[Path]:
+    """Compile each listed signature in two processes, unless the store has it; return the files."""
     listed = defaultdict(list)
     for line in LIST.read_text("utf-8").splitlines():
         module, function, *words = line.split()
         listed[module].append((function, words))
     modules = sorted(listed, key=lambda module: -len(listed[module]))
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
-        list(pool.map(compile_module, modules, [listed[module] for module in modules]))
+        files = pool.map(compile_module, modules, [listed[module] for module in modules])
         made = pool.submit(made_for).result()
-    (folders()[0] / MADE_FOR).write_text(made, "utf-8")
-    return sum(map(len, listed.values()))
+        (folders()[0] / MADE_FOR).write_text(made, "utf-8")
+        return {path for found in files for path in found}
 
 
-def compile_module(name: str, signatures: list[tuple[str, list[str]]]) -> None:
-    """Compile the signatures of a module's kernels, or load them from the store."""
-    module = import_module(name)
+def compile_module(name: str, signatures: list[tuple[str, list[str]]]) -> list[Path]:
+    """Compile the signatures of a module's kernels, or load them from the store; return the files."""
+    module, files = import_module(name), []
     for function, words in signatures:
-        vars(module)[function].compile(tuple(parse(iter(words), module)))
+        kernel, types_of_arguments = vars(module)[function], tuple(parse(iter(words), module))
+        kernel.compile(types_of_arguments)
+        files.append(kernel._cache.path(types_of_arguments, kernel.targetctx))
+    return files
 
 
 def parse(words: Iterator[str], module: ModuleType) -> list[Any]:

@@ -68,10 +68,11 @@ def test_a_folder_with_folders_of_the_same_names(own_folder, options):
 
 def test_a_wheel_has_what_the_commands_need_and_nothing_else(tmp_path, own_folder):
     source, target = tmp_path / "source", tmp_path / "installed"
-    left_out = (".*", "*.egg-info", "__pycache__")
+    left_out = (".*", "*.egg-info", "__pycache__", "compiled")
     copytree(ROOT, source, ignore=ignore_patterns(*left_out, "data", "out", "build"))
     for name in ("defaust/data", "defaust/build"):
         copytree(ROOT / name, source / name, ignore=ignore_patterns(*left_out))
+    copytree(ROOT / "sshade" / "compiled", source / "sshade" / "compiled")
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check"]
     made = run(tmp_path, *pip, "wheel", "--no-deps", "--no-build-isolation", "-w", tmp_path, source)
     assert made.returncode == 0, made.stderr
@@ -81,8 +82,10 @@ def test_a_wheel_has_what_the_commands_need_and_nothing_else(tmp_path, own_folde
     assert {name.split("/")[0] for name in names} == set(PACKAGES)
     assert {Path(name).suffix for name in names if name.startswith("eval/conf/")} == {".yaml"}
     assert "eval/conf/splits.yaml" in names
+    kernels = {path for path in names if path.startswith("sshade/compiled/sshade.")}
+    assert len(kernels) > 50
     files = [path for name in PACKAGES for path in (source / name).rglob("*") if path.is_file()]
-    data = {str(path.relative_to(source)) for path in files if path.suffix != ".py"}
+    data = {str(path.relative_to(source)) for path in files if path.suffix != ".py" and "-" not in path.name}
     assert len(data) > 5 and data <= set(names)
     installed = run(tmp_path, *pip, "install", "--no-deps", "--no-index", "--target", target, wheel)
     assert installed.returncode == 0, installed.stderr
