@@ -87,12 +87,12 @@ def slim(
     # libigl weights by volumes and adds its penalty for each node: solve around the origin in unit size.
     centre, scale = mesh.V.mean(axis=0), mesh.diagonal
     rest = (tetrahedra.V - centre) / scale
-    u = np.asfortranarray((tetrahedra.V @ R.T + t - centre) / scale)
+    u = (tetrahedra.V @ R.T + t - centre) / scale
     volume = float(tetrahedra.volumes.sum()) / scale**3
     data = igl.slim_precompute(
         np.asfortranarray(rest),
         np.asfortranarray(tetrahedra.T, dtype=np.int32),
-        u,
+        np.asfortranarray(u),
         igl.MappingEnergyType.SYMMETRIC_DIRICHLET,
         fixed.index.astype(np.int32),
         np.asfortranarray((fixed.target - centre) / scale),

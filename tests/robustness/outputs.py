@@ -60,7 +60,7 @@ def _member(offset: int, value: int) -> Given:
 
 NOT_A_MAP = "not a map written by `sshade remesh`"
 MAPS = {
-    "no map": (mesh(np.eye(3), [[0, 1, 2]], "proxy.ply"), "map.npz", NOT_A_MAP),
+    "no map": (mesh(np.eye(3), [[0, 1, 2]], "proxy.ply"), "map.npz: no such file"),
     "binary garbage for a map": (both(remeshed, garbage("map.npz")), NOT_A_MAP),
     "a cut map": (both(remeshed, cut("map.npz", 0.5)), NOT_A_MAP),
     "a map that is a pickle": (both(remeshed, data("map.npz", pickle.dumps([1]))), NOT_A_MAP),
