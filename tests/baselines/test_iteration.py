@@ -29,7 +29,8 @@ def test_the_loop_stops_at_the_cutoff_and_reports():
     residuals = iterated(halve, np.ones((1, 3)), progress=lambda *report: seen.append(report[:3]), **options)
     iterations = len(residuals)
     assert iterations == 2 * REPORT_EVERY + 1 and residuals.all()
-    assert seen == [("iterations", done, iterations) for done in (REPORT_EVERY, 2 * REPORT_EVERY, iterations)]
+    reports = (0, REPORT_EVERY, 2 * REPORT_EVERY, iterations)
+    assert seen == [("iterations", done, iterations) for done in reports]
 
 
 def test_no_iterations_leave_the_start():
