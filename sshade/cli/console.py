@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -123,8 +124,10 @@ def announced_compilation() -> Iterator[None]:
             super().on_start(event)
 
     listener = Announcement()
-    with event.install_listener("numba:compile", listener):
+    with event.install_listener("numba:compile", listener), warnings.catch_warnings(record=True) as found:
         yield
+    for warning in found:
+        say(f"note: {warning.message}")
     if listener.done:
         say(f"compiled in {listener.duration:.1f} s; later calls start at once")
 
