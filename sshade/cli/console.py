@@ -126,10 +126,10 @@ def announced_compilation() -> Iterator[None]:
     listener = Announcement()
     with event.install_listener("numba:compile", listener), warnings.catch_warnings(record=True) as found:
         yield
+    if listener.done:
+        say(f"compiled in {listener.duration:.1f} s" + ("" if found else "; later calls start at once"))
     for warning in found:
         say(f"note: {warning.message}")
-    if listener.done:
-        say(f"compiled in {listener.duration:.1f} s; later calls start at once")
 
 
 def missing_library(error: BaseException) -> str | None:
