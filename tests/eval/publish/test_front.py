@@ -98,7 +98,7 @@ def test_names_of_points_overlap_no_point_and_no_name():
     assert not any(a.overlaps(b) for k, a in enumerate(boxes) for b in boxes[:k])
     spots = axes.transData.transform([own[0] for own in close.values()])
     assert not any(box.contains(*spot) for box in boxes for spot in spots)
-    many = {f"a_method_with_a_long_name_{k}": [(1.0, 1.0)] for k in range(60)}
+    many = {f"a_method_with_a_long_name_{k}": [(1.0, 1.0)] for k in range(20)}
     (axes,) = draw({None: many}, ("volume", "edge")).axes
     named = [text.get_text() for text in axes.texts]
     assert sorted([*named, *(text.get_text() for text in axes.get_legend().texts)]) == sorted(many)
