@@ -48,8 +48,8 @@ def by_components(
     """Extend a method for connected, oriented manifolds to all meshes.
 
     A connected, oriented manifold is passed to `deform`. Other meshes are cut, and each component is deformed
-    with its handles. Unconstrained components move rigidly with the
-    :data:`NEAREST` vertices of the nearest component.
+    with its handles. Unconstrained components move rigidly with the :data:`NEAREST` vertices of the nearest
+    component.
 
     Parameters
     ----------

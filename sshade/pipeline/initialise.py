@@ -26,7 +26,8 @@ log = logging.getLogger(__name__)
 
 #: Number of vertices below which a coarser proxy saves no time.
 SMALLEST = 3000
-#: Ratio of a mesh's vertices to its coarser proxy's, and smallest ratio of that proxy's vertices to handles.
+#: Ratio of a proxy's vertices to its coarser proxy's, and smallest ratio of the coarser proxy's vertices to
+#: handles. ROOM is also the smallest ratio of vertices where many handles enlarge the coarser proxy.
 RATIO, ROOM = 6, 2
 #: Tolerance on the coarser proxy, as a multiple of the tolerance asked for.
 ROUGH = 10.0

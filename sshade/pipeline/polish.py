@@ -64,7 +64,7 @@ def polished(
     if task.handles.hard.sum() == task.mesh.n:
         return all_on_targets(task)
     begin = perf_counter()
-    give_back()  # memory of earlier work, before this needs the most
+    give_back()  # frees memory of earlier work before the stage that needs most
     with ThreadPoolExecutor(max_workers=1) as pool:
         solver_ready = pool.submit(_bind, task, options.attachment)
         proxy = deform()

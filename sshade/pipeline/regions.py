@@ -89,19 +89,22 @@ class HandleRegions:
         self.number = np.full(mesh.n, -1)
         self.number[index] = np.arange(len(index))
         handle = self.number >= 0
-        self._index = index[self._hard]
+        # Hard handle vertices: `_hard_index` has all ids, `_fixed` (n,) marks them, and `_edge` has the ids
+        # on the edges of regions.
+        self._hard_index = index[self._hard]
         self._fixed = np.zeros(mesh.n, dtype=bool)
-        self._fixed[self._index] = True
-        self.covered = len(self._index) == mesh.n
+        self._fixed[self._hard_index] = True
+        self.covered = len(self._hard_index) == mesh.n
         edge = edge_vertices(mesh, index)
         self.regional = _are_regions(len(edge), len(index), vertices)
         self.metric, self.first = graph, index
-        self._edge = edge if self._hard.all() else edge_vertices(mesh, self._index)
+        self._edge = edge if self._hard.all() else edge_vertices(mesh, self._hard_index)
         if self.regional and not self.covered:
             owner = np.repeat(np.arange(mesh.n), np.diff(graph.indptr))
             inside = handle[owner] & handle[graph.indices]
             self.metric = replace(graph, lengths=np.where(inside, INSIDE, 1.0) * graph.lengths)
-            # A hard handle among soft ones may lie on no edge of the whole, but moves them.
+            # A hard handle between soft handles may lie on no edge of all handles. It moves the soft handles,
+            # and is therefore sampled.
             edge = np.concatenate([edge, np.setdiff1d(self._edge, edge)])
             edge = thinned(graph, edge, max(vertices // EDGE_RATIO, EDGE_SAMPLES))
             self.first = np.concatenate([edge, self._one_of_each(edge)])
@@ -145,10 +148,10 @@ class HandleRegions:
             Beside handles without a rotation, v' moves by the harmonic function that is ``t_e - v_e'`` at the
             handles and 0 where phi ends. Soft handles there follow.
         """
-        if not self.regional or len(self._index) == 0:
+        if not self.regional or len(self._hard_index) == 0:
             return V
         moved = V.copy()
-        moved[self._index] = handles.target[self._hard]
+        moved[self._hard_index] = handles.target[self._hard]
         vertex, nearest, phi = self._margin
         R = self._rotations(moved, handles)
         rotated = np.isfinite(R[:, 0, 0])
@@ -184,7 +187,7 @@ class HandleRegions:
 
     def prepare(self) -> None:
         """Compute the rest-shape data of :meth:`on_targets`, in a thread that has time."""
-        if self.regional and len(self._index):
+        if self.regional and len(self._hard_index):
             self._margin, self._maps  # noqa: B018 - cached
 
     @cached_property
@@ -255,7 +258,9 @@ class HandleRegions:
         """
         at_edge, region = np.zeros(self._mesh.n, dtype=bool), self._region
         at_edge[self._edge] = True
-        size, edge = (np.bincount(region[i], minlength=region.max() + 1) for i in (self._index, self._edge))
+        size, edge = (
+            np.bincount(region[i], minlength=region.max() + 1) for i in (self._hard_index, self._edge)
+        )
         F = self._mesh.F[at_edge[self._mesh.F].any(axis=1)]
         F = F[self._fixed[F].all(axis=1)]
         F = F[(size - edge >= SURROUNDED * size)[region[F[:, 0]]]]

@@ -23,14 +23,15 @@ def transfer(
     progress: Progress = silent,
     **options: Any,
 ) -> DeformationResult:
-    """Express S in the frames of proxies of M, and read it back in the frames of their poses.
+    """Transfer a pose: move an edited shape S as M moves to its pose M'.
 
-    A proxy N is sampled on M, and its posed positions N' are read off M'.
+    A proxy N is sampled on M, and its posed positions N' are read off M'. The vertices of S get coordinates
+    in the frames of N, and positions from the frames of N'. Nothing is solved.
 
     Parameters
     ----------
     task : TransferTask
-        Its rest shape M must be manifold, oriented and of one component.
+        `mesh` is S, `rest` is M and `posed` is M'. M must be manifold, oriented and of one component.
     residual : bool
         Add to each vertex the difference between M' and its reconstruction from the proxy.
         Vertices that were not edited then end exactly on M'. This reads M' at every vertex, and is not in the

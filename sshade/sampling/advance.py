@@ -22,7 +22,7 @@ EVERYWHERE = -1
 
 
 class State(NamedTuple):
-    """The graph, the current Voronoi cells, and the queues of the fronts that change them.
+    """The graph, the current Voronoi cells, and the queues of the fronts that change the cells.
 
     Vertex ids are unsigned. Numba then omits its test for negative indices, and fronts take two thirds of
     the time.
@@ -44,7 +44,7 @@ class State(NamedTuple):
     far : (r,) uint32
         Vertices in later bands.
     slab : (n,) uint8
-        Slab of each vertex.
+        Slab of each vertex, see :mod:`sshade.sampling.coarse`; empty if fronts may go everywhere.
     confined_to : int
         Slab that fronts stay in, or :data:`EVERYWHERE`.
     """

@@ -24,8 +24,8 @@ edge between them has two triangles, or one on the boundary. Hence
 
 The sum leaves out the boundary of M, where each vertex cancels with an edge. It would accept a cell that
 crosses a strip and has two arcs on the boundary. On a mesh with boundary, two conditions are added: the trace
-of a cell on the boundary is one arc (boundary vertices minus boundary edges inside the cell equals 1), and no
-more than one boundary edge joins two cells.
+of a cell on the boundary is one arc (boundary vertices minus boundary edges inside the cell equals 1), and at
+most one boundary edge joins two cells.
 """
 
 from __future__ import annotations

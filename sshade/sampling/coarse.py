@@ -10,7 +10,8 @@ Here they sweep a coarse graph instead:
 3. Advance fronts from these samples on the mesh. Distances on the coarse graph bound how far each front goes.
 4. Choose the other half on the mesh, each the vertex farthest from all samples.
 
-Cells and distances are exact. So are the distances that choose the second half, which determines the spacing.
+Cells and distances are exact. The distances that choose the second half are exact as well, and the second
+half determines the spacing. Only the choice of the first half is approximate.
 
 Threads divide the mesh into slabs along its longest axis. Fronts advance within slabs; then each slab takes
 over vertices that are nearer through an edge from another slab, until none changes. The result is the unique

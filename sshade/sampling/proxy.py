@@ -33,7 +33,7 @@ class Sampling:
     Parameters
     ----------
     samples : (k,) int64
-        Vertices of M that are the vertices of N; prescribed samples come first.
+        Vertices of M that are the vertices of N; vertices that must be samples come first.
     faces : (l, 3) int64
         Faces of N, oriented like M, the smallest id of each face first.
     cell : (n,) int32

@@ -1,13 +1,13 @@
 """Constraints on the volume and the area of a shape, exact or weighted, during local/global iterations.
 
 The global step of the unconstrained problem solves ``L u = b``. Let C_q be the volume and the area of the
-shape, divided by their values at rest. With constraints the step solves ``L u = b + sum_q lambda_q grad
-C_q(u)`` for the multipliers lambda_q of the step before. Newton's method then changes the multipliers and
-moves the shape along the directions ``z_q = L^-1 grad C_q`` until ``C_q - goal_q + s_q lambda_q = 0``. An
-exact constraint has s = 0. A weighted constraint is the penalty ``weight / 2 x rest energy x (C_q -
-goal_q)^2``, for which ``s = 1 / (weight x rest area)``. The multipliers are constant at convergence, so the
-directions may belong to an earlier shape. They are renewed every few steps only, because each direction
-takes a linear solve.
+shape, divided by their goals, which are the values at rest or a given multiple. With constraints the step
+solves ``L u = b + sum_q lambda_q grad C_q(u)`` for the multipliers lambda_q of the step before. Newton's
+method then changes the multipliers and moves the shape along the directions ``z_q = L^-1 grad C_q`` until
+``C_q - 1 + s_q lambda_q = 0``. An exact constraint has s = 0. A weighted constraint is the penalty
+``weight / 2 x rest energy x (C_q - 1)^2``, for which ``s = 1 / (weight x rest area)``. The multipliers are
+constant at convergence, so the directions may belong to an earlier shape. They are renewed every few steps
+only, because each direction takes a linear solve.
 
 The volume's derivative with respect to vertex i is a third of the vector area of the triangles at i. This
 form depends on edges alone, unlike the one with cross products of positions, and loses no digits far from
@@ -59,6 +59,8 @@ FACES = 65_536
 
 class Surface:
     """The faces of a mesh in the solver's order, with their volume and area at rest.
+
+    This is not :class:`sshade.mesh.surface.Surface`, which relates a mesh to the arrays it was made from.
 
     Parameters
     ----------

@@ -22,8 +22,8 @@ ENERGY_ROUNDING = 1e-14
 class Descent:
     """The state of local/global iterations; a :class:`sshade.solver.run.State`.
 
-    It may go from solve to solve as targets move: positions, rotations, strain weights, multipliers of
-    constraints and quasi-Newton pairs are those where the last solve ended.
+    One object may serve several solves in a row, as targets move. Each solve begins with the positions,
+    rotations, strain weights, multipliers of constraints and quasi-Newton pairs of the end of the last solve.
 
     The safeguard compares energies after local steps. If an accelerated iterate has a higher energy than
     the iterate before, or cannot be projected onto the exact constraints, half of its step is tried. The last
@@ -33,14 +33,14 @@ class Descent:
     ----------
     system : System
     options : Options
-        Weights of the constraints, and strain weights.
+        `volume` and `area`, the weights of the constraints; `stiffness`, `strain` and `strain_limit`.
     u : (n, 3) float64
         First iterate, in the solver's order; hard handles are on their targets.
     team : ThreadTeam
     window : int
         Number of stored quasi-Newton steps; 0 for plain iterations.
     single : bool
-        Store them in single precision.
+        Store the quasi-Newton steps in single precision.
     accelerate_last : bool
         Take a quasi-Newton step also from the last plain iterate, if another solve follows.
 
@@ -124,10 +124,10 @@ class Descent:
         return self._linear.end_step(short)
 
     def move(self, *, last: bool) -> None:
-        before, guess = self.value + self._slack, self._advance(last)
-        fits = self.restore() if guess else True
+        before, accelerated = self.value + self._slack, self._advance(last)
+        fits = self.restore() if accelerated else True
         self.value = self._local_step()
-        if guess and self._quasi_newton and not (self.value <= before and fits):
+        if accelerated and self._quasi_newton and not (self.value <= before and fits):
             self.rejected += 1
             self._quasi_newton.move(self.u, 0.5)
             fits = self.restore()
@@ -137,7 +137,7 @@ class Descent:
                 self.value = self._local_step()
 
     def _advance(self, last: bool) -> bool:
-        """Go on to the next iterate; False if it is the plain one."""
+        """Replace u by the next iterate; return whether it is accelerated."""
         if not self._quasi_newton or (last and not self._accelerate_last):
             self.u[:] = self._g
             return False

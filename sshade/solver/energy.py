@@ -15,7 +15,9 @@ from sshade.threads import ThreadTeam
 
 
 class Energy:
-    """The energy of a bound system under given targets.
+    """The energy of a bound system under given targets: the sum of its terms.
+
+    The name of its first term, "spokes" or "spokes_and_rims", is a :data:`sshade.options.Energy`.
 
     Parameters
     ----------
@@ -29,8 +31,8 @@ class Energy:
     R : (n, 9) float64
         Rotation matrices of the last local step, row by row, in the solver's order.
     forces : (n, 3) float64
-        Minus half of the gradient at the last local step, over the number of corners. Global steps may
-        overwrite it.
+        Minus half of the gradient at the last local step, divided by
+        :attr:`sshade.solver.system.System.corners`. Global steps may overwrite it.
     """
 
     def __init__(self, system: System, options: Options, *, team: ThreadTeam) -> None:
@@ -64,6 +66,7 @@ class Energy:
         prescribed : ((j,) int, (j, 3, 3) float64), optional
             Vertices of the mesh, each once, and their rotations.
         fraction : (k,) float64, optional
+            Fraction of the stiffness of each soft handle, in [0, 1]; 1 if missing.
         """
         self._pulls.aim(targets, fraction)
         vertex, rotations = prescribed or (np.empty(0, dtype=np.int64), np.empty((0, 3, 3)))
@@ -81,7 +84,7 @@ class Energy:
         Returns
         -------
         float
-            The energy minus the rest energy.
+            The energy minus :attr:`sshade.solver.system.System.rest_energy`.
         """
 
         def fit(number: int) -> float:
@@ -94,6 +97,8 @@ class Energy:
         def force(number: int) -> float:
             return sum(term.forces(number, u, self.R, self.forces) for term in self._terms)
 
+        # The sum of the fits is the quadratic energy without a constant, the rest energy. With strain weights
+        # the energy is known only after the forces.
         quadratic = sum(self._team(fit, len(self._ranges)))
         total = sum(self._team(force, len(self._ranges)))
         return quadratic if self.weight is None else total - self._system.rest_energy

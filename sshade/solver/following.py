@@ -40,7 +40,7 @@ class Following:
     targets : (k, 3) float64
         Positions of the handle vertices there.
     prescribed, fraction, volume_goal
-        Their values there; as of :meth:`LocalGlobal.solve`.
+        Values for the targets; as of :meth:`LocalGlobal.solve`.
     window : int
         Number of stored quasi-Newton steps.
     **energy
@@ -110,16 +110,16 @@ class Following:
         solver, state, u = self.solver, self._state, self._state.u
         last, move = self._targets - self._last_targets, targets - self._targets
         square = float((last * last).sum())
-        part = float(np.clip((move * last).sum() / square, -1.0, 1.0)) if square > 0 else 0.0
+        repeated = float(np.clip((move * last).sum() / square, -1.0, 1.0)) if square > 0 else 0.0
         step = u - self._last_u
         self._last_u[:] = u
         self._last_targets, self._targets = self._targets, targets
-        if part:
-            u += part * step
+        if repeated:
+            u += repeated * step
         springs, fixed = solver.springs, targets[solver.hard] - solver.mesh.origin
         stiffness = springs.stiffness if fraction is None else springs.stiffness * fraction[springs.handle]
         B = -(self._to_handles @ (fixed - u[solver.fixed]))
-        B[springs.place] += stiffness[:, None] * (move - part * last)[springs.handle]
+        B[springs.place] += stiffness[:, None] * (move - repeated * last)[springs.handle]
         self._factorised.solve(B, step)
         u += step
         u[solver.fixed] = fixed

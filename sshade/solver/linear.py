@@ -1,16 +1,17 @@
 """The linear solve of the global step: a factorisation, V-cycles, or conjugate gradients.
 
-The forces B at positions u are minus half of the energy's gradient, over the number of corners. The global
-step is ``u + M B`` with a symmetric positive definite M. A factorisation has ``M = L^-1`` for the Laplacian L
-of the rest shape, and the step ends in the minimum for the present rotations. A V-cycle
-(:mod:`sshade.solver.multigrid`) approximates L^-1, and the step descends in its metric. The directions of
-constraints are M times their gradients. So the whole step, constraints included, is M times a vector, which
-is all that quasi-Newton steps require.
+The forces B at positions u are minus half of the energy's gradient, divided by the number of corners of an
+element. The global step is ``u + M B``. M is a symmetric positive definite matrix here, not the mesh. A
+factorisation has ``M = L^-1`` for the Laplacian L of the rest shape, and the step ends in the minimum for the
+present rotations. A V-cycle (:mod:`sshade.solver.multigrid`) approximates L^-1, and the step descends in its
+metric. The directions of constraints are M times their gradients. The whole step, constraints included, is
+therefore M times a vector, as quasi-Newton steps require.
 
-The V-cycle belongs to a Laplacian with strain weights, as they are where a solve begins, because the energy
-lies below the quadratic with the present weights. The better metric outweighs the error of the V-cycle: a
-polish of bodies of 25,000 and 170,000 vertices reaches lower energies in as many steps than with L^-1.
-Directions solved exactly are no better than one V-cycle each, and two V-cycles a step hardly pay.
+The V-cycle approximates the inverse of the Laplacian with the strain weights at the start of a solve. Its
+steps still descend, because the energy lies below the quadratic energy with the present weights. The better
+metric outweighs the error of the V-cycle: after the same number of steps, a polish of bodies of 25,000 and
+170,000 vertices has a lower energy than with L^-1. One V-cycle for each direction of a constraint is as good
+as an exact solve, and a second V-cycle for each step hardly pays.
 
 M. R. Hestenes, E. Stiefel, "Methods of conjugate gradients for solving linear systems", Journal of Research
 of the National Bureau of Standards 49, 1952.
@@ -41,7 +42,7 @@ class Linear(Protocol):
         """Write M B to X. Rows of fixed vertices become 0 in both."""
 
     def end_step(self, short: bool) -> bool:
-        """Count a global step; return whether it proves convergence, as by default every short one.
+        """Count a global step, and return whether it proves convergence. By default every short step does.
 
         Parameters
         ----------
@@ -142,6 +143,7 @@ class ConjugateGradients(VCycle):
 
     def end_step(self, short: bool) -> bool:
         converged = short and self._steps > 0
+        # After a short V-cycle one nearly exact step follows, which may prove convergence.
         self._steps = max(self._steps - 1, int(short and not converged))
         return converged
 

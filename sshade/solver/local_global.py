@@ -97,7 +97,8 @@ class LocalGlobal(System):
             Threads that share each iteration, useful from 20,000 vertices on; no influence on the result.
         progress : Progress
         **energy
-            Constraints and strain weights, see :data:`sshade.options.ENERGY`; none by default.
+            Weights of the constraints, and softening: the options :data:`sshade.options.ENERGY` of
+            :class:`sshade.options.Options`. By default neither.
 
         Returns
         -------
@@ -112,7 +113,7 @@ class LocalGlobal(System):
         """
         options = complete(energy, ENERGY)
         u = self.to_system(self.mesh.V if start is None else start, targets)
-        del start  # which may be the caller's last reference to a large array
+        del start  # frees a large array if this is the last reference
         with ThreadTeam(workers) as team:
             single = self.factorised is None
             window = window if accelerate else 0
@@ -199,6 +200,7 @@ def local_global(
     task : DeformationTask
         Constraints on volume or area need a connected mesh.
     energy : {"spokes", "spokes_and_rims"}
+        See :class:`sshade.solver.system.System`.
     accelerate : bool
         Take quasi-Newton steps (L-BFGS, window 5), to the same minimum in a fraction of the steps.
     factorised : bool, optional

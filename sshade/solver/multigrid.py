@@ -90,7 +90,7 @@ class Multigrid:
     ) -> None:
         team = team or ThreadTeam(1)
         self._levels: list[_Level] = []
-        self._finest = SMOOTHER[:degree]
+        self._finest_smoother = SMOOTHER[:degree]
         while A.shape[0] > coarsest:
             inverse, P = _prolongation(A, fixed, team)
             if P.shape[1] > LITTLE * A.shape[0]:
@@ -123,11 +123,12 @@ class Multigrid:
         return self._levels[0].matrix[:3] if self._levels else None
 
     def _cycle(self, depth: int, B: np.ndarray, scale: float, team: ThreadTeam) -> np.ndarray:
+        """Return the V-cycle of `scale` times B on a level and all coarser levels."""
         if depth == len(self._levels):
             X = np.zeros(B.shape, dtype=np.float32)
             X[self._movable] = self._coarsest.solve(B[self._movable])
             return X
-        level, smoother = self._levels[depth], SMOOTHER if depth else self._finest
+        level, smoother = self._levels[depth], SMOOTHER if depth else self._finest_smoother
         level.begin(B, scale, team)
         for a, b in smoother[1:]:
             level.step(a, b, team)

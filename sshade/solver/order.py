@@ -101,7 +101,7 @@ def weighted_laplacian(
     start, column
         From :func:`pattern_in_order`.
     corners, H
-        As of :class:`sshade.solver.terms.arap.Edges`, or triangles.
+        As of :class:`sshade.solver.terms.arap.Edges` or :class:`sshade.solver.terms.arap.Triangles`.
     weight : (m,) float64, optional
         Weights of the elements; 1 if missing.
     """

@@ -32,14 +32,15 @@ from sshade.threads import ThreadTeam
 CURVED = 1e-10
 #: Number that stands for "no pair".
 NONE = -1
-#: Numbers that a kernel works on at a time, and that a thread does.
+#: Number of coordinates that a kernel works on at a time, and number that a thread takes at a time.
 BLOCK, CHUNK = 1024, 96 * 1024
 
 
 class QuasiNewton:
     """Computes the next iterate from a plain one and the last steps.
 
-    Signs: in the code G is the force, minus the gradient, over the unit. So ``F = g - u`` is M G, the change
+    Signs: in the text above, G is the gradient. In the code, G is minus the gradient, divided by the unit,
+    and `product` is minus the gradient in the mesh's unit. So ``F = g - u`` is M times `product`, the change
     of the gradient is ``y = last_G - G``, and ``z = M y`` is ``last_F - F``.
 
     Parameters
@@ -84,7 +85,7 @@ class QuasiNewton:
         g : (n, 3) float64
             Plain iterate from u; overwritten.
         force : (n, 3) float64
-            ``M^-1 (g - u)``.
+            ``M^-1 (g - u)``, minus the gradient at u up to a factor.
 
         Returns
         -------
@@ -110,9 +111,9 @@ class QuasiNewton:
         np.add(self._u, self._F, out=u.reshape(-1))
 
     def _directed(self, u: np.ndarray, F: np.ndarray, product: np.ndarray) -> bool:
-        """Store the new pair if the energy curves upwards along it, and find the step; False without one.
+        """Store the new pair if the energy curves upwards along it, and find the step; False without a step.
 
-        u, F and the product become the last ones.
+        u, F and `product` become the last iterate, plain move and force.
         """
         last, window, new = (self._u, self._F, self._G), self._window, NONE
         sums = sum(self._chunks(lambda *own: _curvature(*own, self._per_unit, u, last[0], product, last[2])))

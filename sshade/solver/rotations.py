@@ -15,15 +15,16 @@ from sshade.kernels import kernel, subroutine
 LANES = 128
 #: Length of a Newton step (radians) whose error, its cube, is below rounding.
 LAST_STEP = 1e-6
-#: Longest Newton step (radians), and largest number of steps. Beyond, the warm start is of no use.
+#: Longest Newton step (radians), and largest number of steps. Beyond them the eigenvector decides.
 LONGEST_STEP = 0.5
 MOST_STEPS = 6
-#: Smallest accepted det H / (tr H)^3; below it the maximum is nearly undetermined.
+#: Smallest accepted det H / (tr H)^3 of H = tr T - sym T, the matrix of a Newton step. Below it the rotation
+#: is nearly undetermined.
 SMALLEST_DETERMINANT = 1e-10
 #: Relative distance from the largest eigenvalue up to which an eigenvalue counts as equal.
 SAME_EIGENVALUE = 1e-13
 JACOBI_SWEEPS = 30
-#: State of a lane.
+#: How far the fit of a lane is.
 _PENDING, _FITTED, _UNCERTAIN = 0, 1, 2
 
 
@@ -97,7 +98,7 @@ def quaternions(R):
         (w, x, y, z).
     error : float
         Largest sum of absolute differences between a matrix and its quaternion's rotation. It is far from 0
-        if a matrix is no rotation, and NaN if one has NaN.
+        if a matrix is no rotation, and NaN if a matrix has NaN.
     """
     Q = np.empty((len(R), 4))
     error = 0.0

@@ -16,16 +16,16 @@ REPORT_EVERY = 10
 
 
 class State(Protocol):
-    """Unknowns of an iteration, and the steps that change them."""
+    """The unknowns u of an iteration, and the steps that change them."""
 
     def step(self) -> float:
-        """Compute the plain iterate g(u) from the present one u.
+        """Compute the plain iterate g(u) from the present iterate u.
 
         Returns
         -------
         float
-            The residual: the largest move ``max_i |g(u)_i - u_i|`` over the rest shape's bounding-box
-            diagonal, or a larger move of another unknown.
+            The residual: the largest move ``max_i |g(u)_i - u_i|``, divided by the rest shape's bounding-box
+            diagonal; or a larger move of another unknown.
         """
 
     def end_step(self, short: bool) -> bool:
@@ -38,7 +38,13 @@ class State(Protocol):
         """
 
     def move(self, *, last: bool) -> None:
-        """Go on to g(u), or unless it is the last iterate to an accelerated one."""
+        """Replace u by g(u) or by an accelerated iterate.
+
+        Parameters
+        ----------
+        last : bool
+            No step follows in this run. The iterate is then g(u), unless another run continues from it.
+        """
 
 
 class Stop(NamedTuple):

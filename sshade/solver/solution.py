@@ -22,7 +22,7 @@ class Solution(NamedTuple):
     iterations : int
         Global steps.
     residual : float
-        Largest move of a vertex in the last plain iteration / bounding-box diagonal.
+        Largest move of a vertex in the last plain iteration, as a fraction of the bounding-box diagonal.
     residual_curve : (iterations,) float64
         Residual of each iteration.
     energy, energy_initial : float

@@ -1,8 +1,8 @@
 """The bound system of an energy: everything that depends on the mesh and the handle vertices alone.
 
-All arrays of vertices are in the solver's own order, a band ordering. The elimination order of a
-factorisation scatters neighbours over memory; loops over triangles run five times faster in the band
-ordering, where neighbours stay in cache (at 150,000 vertices).
+Arrays with a row for each vertex are in the solver's own order, a band ordering, unless they say otherwise.
+The elimination order of a factorisation scatters neighbours over memory. Loops over triangles run five times
+faster in the band ordering, where neighbours stay in cache (at 150,000 vertices).
 """
 
 from __future__ import annotations
@@ -35,8 +35,9 @@ from sshade.solver.terms.bending import Plate, bending_matrix, bending_stiffness
 from sshade.solver.terms.pulls import Springs
 from sshade.threads import ThreadTeam
 
-#: Least weight of a triangle in the metric of a V-cycle. Weights rise where strain moves to, and a step is
-#: safe while they are under twice the metric's. Smaller values save little (tried: 0.1 to 0.5).
+#: Least strain weight of a triangle in the metric of a V-cycle. Weights change during a solve, because strain
+#: moves. A step descends while each weight is less than twice its value in the metric. Smaller values save
+#: little time; values from 0.1 to 0.5 were tried.
 LEAST_WEIGHT = 0.25
 #: Degree of the finest level's smoother without exact steps. A polish reaches the same energy as with degree
 #: 3 in 3 to 26 % less time (six bodies), because a step takes less time.
@@ -59,6 +60,7 @@ class System:
         |e'_kl - R_i e_kl|^2``. The first can be negative if angles are obtuse.
     stiffness : (k,) float64, optional
         Stiffness of soft handles, see :attr:`sshade.Handles.stiffness`; inf, the default, for hard handles.
+        The option `stiffness` of a solve is something else: the residual stiffness of strained triangles.
     multigrid : bool
         Use a V-cycle, which is set up in each solve, in place of a factorisation. Time and memory are linear
         in the size of the mesh, and low energies are reached sooner if triangles soften. Choose it beyond
@@ -82,9 +84,12 @@ class System:
     hard : (h,) int64
         Numbers of the hard handles in `index`.
     fixed : (h,) int
-        Their places.
+        Places of the hard handles.
     springs : Springs
         The soft handles and attached vertices.
+    corners : int
+        Number of corners of an element: 2 for edges, 3 for triangles. All terms of the energy have this
+        factor, because the as-rigid-as-possible terms count each element once for each corner.
     elements : Edges or Triangles
         In the order of their lowest vertices.
     ranges : list of (slice, int, int)
@@ -189,11 +194,11 @@ class System:
             self.elements = Triangles(corners, mesh.V[self.vertex], h[face])
             self.rest = rest_energies(mesh, h)[face]
         self.ranges = vertex_ranges(self.elements.corners, mesh.n)
-        self._stretch = float(self.rest.sum())
+        self._elements_rest_energy = float(self.rest.sum())
 
     @property
     def rest_energy(self) -> float:
-        return self._stretch + (self.plate.rest_energy if self.plate else 0.0)
+        return self._elements_rest_energy + (self.plate.rest_energy if self.plate else 0.0)
 
     @cached_property
     def surface(self) -> Surface:
@@ -201,7 +206,7 @@ class System:
         return Surface(self.mesh, self.place, self.elements.corners if self.corners == 3 else None)
 
     def metric(self, weight: np.ndarray | None = None) -> csr_array:
-        """Assemble the Laplacian with weights (m,) of triangles and the stiffness of pulls, in this order."""
+        """Assemble the matrix of a V-cycle: the Laplacian with weights (m,) of triangles, and pulls."""
         pattern = pattern_in_order(self.mesh, self.vertex, self.place)
         L = weighted_laplacian(*pattern, self.elements.corners, self.elements.H, weight)
         if len(self.springs.place):
@@ -219,7 +224,7 @@ class System:
         weighted = None if weight is None or self.exact_steps else np.maximum(weight, LEAST_WEIGHT)
         degree = len(SMOOTHER) if self.exact_steps else POLISH_DEGREE
         try:
-            # No name for the matrix: the finest level lets go of it while coarser ones are made.
+            # The matrix has no name here, so that its memory is freed while coarser levels are made.
             multigrid = Multigrid(self.metric(weighted), fixed, degree=degree, team=team)
         except FloatingPointError as error:
             raise not_positive_definite() from error

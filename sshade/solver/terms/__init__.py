@@ -14,20 +14,25 @@ import numpy as np
 class Term(Protocol):
     """A term of the energy of one solve, for one range of vertices at a time.
 
-    Ranges are those of :func:`sshade.solver.order.vertex_ranges`; several may be worked on at once, and all
-    ranges finish a method before the first one begins the next. P and B are (n, 3), R and S (n, 9) float64,
-    in the solver's order of vertices.
+    The parameter `number` is the position of a range in :func:`sshade.solver.order.vertex_ranges`. Threads
+    work on several ranges at once. All ranges finish a method before the next method begins. P and B are
+    (n, 3), R and S (n, 9) float64, in the solver's order of vertices. The first term of an energy overwrites
+    S and B, and further terms add to them.
     """
 
     def local(self, number: int, P: np.ndarray, S: np.ndarray) -> float:
-        """Add covariances to S; return the energy ``E(P, R) + 2 tr(R S)``, which R does not change."""
+        """Add covariances to S; return ``E(P, R) + 2 tr(R S)``, which R does not change.
+
+        E is the energy of the term without a constant, its rest energy.
+        """
 
     def turn(self, number: int, R: np.ndarray) -> None:
         """Prepare the forces of the new rotations; by default there is nothing to prepare."""
         return None
 
     def forces(self, number: int, P: np.ndarray, R: np.ndarray, B: np.ndarray) -> float:
-        """Add minus half of the energy's gradient, over the number of corners, to B; return the energy.
+        """Add minus half of the energy's gradient, divided by the number of corners, to B; return the energy.
 
-        The energy counts only where strain weights are renewed; otherwise :meth:`local` gives it.
+        The returned energy is used only with strain weights, which this method renews. Without them
+        :meth:`local` has returned the energy.
         """

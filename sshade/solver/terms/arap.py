@@ -1,12 +1,13 @@
 """The as-rigid-as-possible terms: edges (spokes) or triangles (spokes and rims), and their strain weights.
 
-An element is a small set of corners c with vectors y_c that add up to zero:
+An element has two or three corners i at rest positions v_i and present positions p_i. It has a vector y_i for
+each corner, and the vectors add up to zero:
 
-- spokes: an edge (i, j) with y_i = w_ij (p_i - p_j);
-- spokes and rims: a triangle with y_k = sum over its edges kl of h_kl (p_k - p_l).
+- spokes: an edge (i, j) with y_i = w_ij (v_i - v_j);
+- spokes and rims: a triangle with y_i = sum over its edges ij of h_ij (v_i - v_j).
 
-It adds ``sum_c y_c q_c^T`` to the covariance S of each corner, and ``M y_c`` minus its Laplacian of the
-present positions to the force on corner c. M is the mean rotation of the corners.
+An element adds ``sum_i y_i p_i^T`` to the covariance S of each corner. To the force on corner i it adds the
+mean rotation of its corners times y_i, minus y_i computed from present positions.
 
 Strain weights. Quadratic energies spread the strain of a bend over a large region. A triangle of rest area A
 with strain weights costs
@@ -77,7 +78,7 @@ class Edges(NamedTuple):
         """Write the covariances of the vertices from `first` to `end` to S.
 
         Calls for ranges that cover all vertices write the same bits as a single call, and may run at the
-        same time. The elements are at least the ones that touch the range.
+        same time. The elements must include all that touch the range.
 
         Parameters
         ----------
@@ -97,7 +98,7 @@ class Edges(NamedTuple):
         return _edge_covariances(*self, P, S, first, end)
 
     def forces(self, P: np.ndarray, R: np.ndarray, B: np.ndarray, first: int, end: int) -> None:
-        """Write minus half of the energy's gradient, over the number of corners, to rows of B (n, 3).
+        """Write minus half of the energy's gradient, divided by the number of corners, to rows of B (n, 3).
 
         This is ``b(R) - L P``, with the right-hand side b of the usual global step ``L p = b(R)``. Parameters
         as of :meth:`covariances`; R (n, 9) are the rotation matrices.

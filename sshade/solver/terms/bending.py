@@ -111,24 +111,25 @@ class Bending(Term):
     def __init__(self, plate: Plate, ranges: list[tuple[slice, int, int]]) -> None:
         self._corners = plate.corners
         own = [slice(first, end) for _, first, end in ranges]
-        self._parts = [(i, plate.laplacian[i], plate.stiffness[i, None], plate.rest[i]) for i in own]
+        #: Vertices of each range, with their rows of L, stiffness and L v.
+        self._of_range = [(i, plate.laplacian[i], plate.stiffness[i, None], plate.rest[i]) for i in own]
         #: L P after the local step, and D (R L v - L P) after the rotation fit.
         self._W = np.empty_like(plate.rest)
 
     def local(self, number: int, P: np.ndarray, S: np.ndarray) -> float:
-        own, laplacian, stiffness, rest = self._parts[number]
+        own, laplacian, stiffness, rest = self._of_range[number]
         W = self._W[own] = laplacian @ P
         weight = self._corners * stiffness
         S[own] += ((weight * rest)[:, :, None] * W[:, None]).reshape(-1, 9)
         return float((weight * W**2).sum())
 
     def turn(self, number: int, R: np.ndarray) -> None:
-        own, _, stiffness, rest = self._parts[number]
+        own, _, stiffness, rest = self._of_range[number]
         turned = sum(R[own, c::3] * rest[:, c, None] for c in range(3))
         self._W[own] = stiffness * (turned - self._W[own])
 
     def forces(self, number: int, P: np.ndarray, R: np.ndarray, B: np.ndarray) -> float:
-        own, laplacian, stiffness, _ = self._parts[number]
+        own, laplacian, stiffness, _ = self._of_range[number]
         W = self._W[own]
         B[own] += laplacian @ self._W
         return self._corners * float(

@@ -53,7 +53,7 @@ class Pulls(Term):
 
     def __init__(self, springs: Springs, ranges: list[tuple[slice, int, int]], *, corners: int) -> None:
         self._springs, self._corners = springs, corners
-        self._parts = [slice(*np.searchsorted(springs.place, own[1:])) for own in ranges]
+        self._of_range = [slice(*np.searchsorted(springs.place, own[1:])) for own in ranges]
 
     def aim(self, targets: np.ndarray, fraction: np.ndarray | None) -> None:
         """Set targets (k, 3) and pull fractions (k,), 1 by default, of all handles."""
@@ -63,12 +63,12 @@ class Pulls(Term):
             self._stiffness = fraction[handle] * self._stiffness
 
     def local(self, number: int, P: np.ndarray, S: np.ndarray) -> float:
-        own = self._parts[number]
+        own = self._of_range[number]
         gap = self._targets[own] - P[self._springs.place[own]]
         return self._corners * float(np.einsum("i,ic,ic", self._stiffness[own], gap, gap))
 
     def forces(self, number: int, P: np.ndarray, R: np.ndarray, B: np.ndarray) -> float:
-        own = self._parts[number]
+        own = self._of_range[number]
         place = self._springs.place[own]
         B[place] += self._stiffness[own, None] * (self._targets[own] - P[place])
         return self.local(number, P, R)
