@@ -5,9 +5,9 @@
   sshade deform body.ply pose.json -o posed.ply
   sshade show body.ply pose.json --deformed posed.ply -o posed.png
 
-`sshade COMMAND --help` describes a command, and `sshade --print-completion bash` prints a script that completes
-arguments in bash; zsh and tcsh are possible, too. Exit codes: 0 on success; 2 for a mistake in the arguments or the
-files, reported in one sentence.
+`sshade COMMAND --help` describes a command, and `sshade --print-completion bash` prints a script that
+completes arguments in bash; zsh and tcsh are possible, too. Exit codes: 0 on success; 2 for a mistake in the
+arguments or the files, reported in one sentence.
 """
 
 from __future__ import annotations
