@@ -1,4 +1,4 @@
-"""Bind once, deform many times: new targets only solve the proxies and carry the mesh."""
+"""Bind once, deform many times: new targets need only proxy solves and the prolongation to the mesh."""
 
 from __future__ import annotations
 
@@ -274,9 +274,11 @@ class Deformer:
         return replace(solved, seconds={"solve": perf_counter() - begin})
 
     def _resolved(self) -> Options:
+        """Return the method's options with the values of the user."""
         return resolve(self._method, self._values, regions=self._regional)
 
     def _stopping(self, tolerance: float | None, max_iterations: int | None) -> Options:
+        """Return the options with another stopping rule; None keeps the option's value."""
         names = {"tolerance": tolerance, "max_iterations": max_iterations}
         return replace(self._options, **checked(names, names, subject="Deformer"))
 

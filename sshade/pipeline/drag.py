@@ -24,7 +24,8 @@ from sshade.task import DeformationResult, DeformationTask, Handles
 class Drag:
     """Solve a proxy from where its last solve ended, with one factorisation for all targets.
 
-    The first solve starts as the method does.
+    The first solve starts as the method does. After a change of the energy or of the handles, the next solve
+    starts from the last shape.
 
     Parameters
     ----------
@@ -37,6 +38,7 @@ class Drag:
 
     def __init__(self, proxy: Mesh, handles: Handles, options: Options) -> None:
         self._proxy, self._options = proxy, options
+        #: Handles whose rotations the attachment knows. A new one needs another attachment.
         self._rotated = np.zeros(len(handles), dtype=bool)
         self._attachment = Attachment(proxy, handles, options.attachment)
         self._solver = LocalGlobal(
@@ -46,11 +48,11 @@ class Drag:
 
     @property
     def at_start(self) -> bool:
-        """Whether the next solve does not continue the last one."""
+        """Whether no solve has run yet with the present handles and energy."""
         return self._following is None
 
     def reset(self) -> None:
-        """Forget the last solve."""
+        """Forget the last solve, its shape and rotations."""
         self._following: Following | None = None
         self._last: tuple[np.ndarray, np.ndarray] | None = None
 
@@ -118,6 +120,11 @@ class NearestPlacement:
     rest : Handles
         Of M, at rest.
 
+    Attributes
+    ----------
+    rest : Handles
+        Of N, at rest. One handle of N may stand for several handles of M.
+
     Raises
     ------
     InputError
@@ -130,6 +137,7 @@ class NearestPlacement:
         _, nearest = snap_to_vertices(proxy, mesh.V[rest.index], rest.group)
         number = np.full(proxy.n, -1)
         number[self.rest.index] = np.arange(len(self.rest))
+        #: The handle of N that stands for each handle of M, and corrections of the targets of N's handles.
         self._stands_for, self._shift = number[nearest], np.zeros((len(self.rest), 3))
         self._farthest = 2 * self.rest.snap_distance
 

@@ -1,4 +1,4 @@
-"""The engine: sample proxies of a mesh, bind it to them, solve, carry the mesh, correct, and average.
+"""The engine: sample proxies of a mesh, bind the mesh to them, solve, prolong, correct, and average.
 
 F. Maggioli, D. Baieri, Z. Laehner, S. Melzi, "SShaDe: scalable shape
 deformation via local representations", algorithm 1.
@@ -249,16 +249,16 @@ class BoundProxy:
         options : Options
             `max_iterations` limits all solves together.
         again : bool
-            Solve again at once where M' needs a correction, and not only in the next call.
+            Solve again at once where M' needs a correction. Without it, the next call makes the correction.
         team : ThreadTeam
-            Carries M.
+            Threads that prolong N' to M'.
         out : (n, 3) float64, C-contiguous, optional
-            Takes the carried positions.
+            Takes the prolonged positions.
         """
         corrects = corrects_volume(options)
         error = VOLUME_ERROR * abs(regions.volume) if corrects else 0.0
         iterations, seconds = 0.0, {"solve": 0.0, "carry": 0.0}
-        best, smallest, was_exact, known = None, inf, False, dict[str, Any]()
+        best, smallest, was_exact, solver_facts = None, inf, False, dict[str, Any]()
         for _ in range(1 + VOLUME_ROUNDS if again else 1):
             begin = perf_counter()
             left = int(options.max_iterations - iterations)
@@ -274,7 +274,7 @@ class BoundProxy:
             seconds["carry"] += perf_counter() - begin
             if best is not None and (abs(deficit) > max(smallest, error) or (was_exact and not exact)):
                 break  # the last shape was better
-            known |= solved.extra
+            solver_facts |= solved.extra
             best, smallest, was_exact = (V, solved.converged, degenerate), abs(deficit), exact
             goal = self.volume_goal + (deficit / self.proxy.volume if deficit else 0.0)
             corrected = smallest <= error or not exact or goal <= 0
@@ -290,11 +290,11 @@ class BoundProxy:
         facts = {
             "proxy_vertices": self.proxy.n,
             "degenerate_frames": degenerate,
-            "residual": known.get("residual", float("nan")),
-            **{f"proxy_{name}": fact for name, fact in known.items() if f"proxy_{name}" in FACTS},
+            "residual": solver_facts.get("residual", float("nan")),
+            **{f"proxy_{name}": fact for name, fact in solver_facts.items() if f"proxy_{name}" in FACTS},
         }
-        if "energy" in known:
-            facts["energy"] = known["energy"]
+        if "energy" in solver_facts:
+            facts["energy"] = solver_facts["energy"]
         return DeformationResult(V, iterations, converged, seconds, facts)
 
 

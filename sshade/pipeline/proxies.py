@@ -24,7 +24,7 @@ from sshade.threads import available_cpus, in_threads
 SPARE = 4
 #: Number of handles that always find room on a proxy; more handles are thinned.
 HANDLES = 1500
-#: Number of mesh vertices from which on several threads carry the mesh.
+#: Number of mesh vertices from which on several threads prolong N' to M'.
 LARGE = 50_000
 
 
@@ -83,7 +83,7 @@ class Proxies:
 
     @property
     def carriers(self) -> int:
-        """Number of threads that carry M with each proxy: one if samplings share the CPUs, or M is small."""
+        """Number of threads that prolong each N' to M': one if samplings share the CPUs, or M is small."""
         return available_cpus() if self.samplings == 1 and self.mesh.n >= LARGE else 1
 
     def average(self, deform: Callable[[int], DeformationResult]) -> DeformationResult:

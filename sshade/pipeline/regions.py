@@ -2,8 +2,8 @@
 
 A handle vertex whose neighbours are all handles tells the surface outside nothing. Where most handles are of
 this kind, the sampling counts a third of each distance between handle vertices. The inside of a region then
-keeps one sample for every nine outside. The samples inside carry the region's motion, rotation and volume.
-Samples that are handle vertices are the proxy's handles; up to a quarter of all samples lie on edges.
+keeps one sample for every nine outside. The samples inside determine the motion, rotation and volume of the
+region. Samples that are handle vertices are the proxy's handles; up to a quarter of all samples lie on edges.
 
 In the end every hard handle vertex goes to its target. The surface beside an edge turns with its region,
 because it would crease where it is clamped. Handles without an inside, such as single vertices or lines, have
@@ -135,7 +135,7 @@ class HandleRegions:
         Parameters
         ----------
         V : (n, 3) float64
-            M' as carried.
+            M', prolonged from the proxy.
         handles : Handles
             At their targets, with their rotations.
 

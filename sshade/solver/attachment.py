@@ -58,7 +58,7 @@ class Attachment:
         Without `fold`, only the vertices, groups and weights matter, and which handles have a prescribed
         rotation.
     weight : float
-        Strength of the pull, without unit. Larger values carry the surface along more rigidly; 0
+        Strength of the pull, without unit. Larger values keep the surface near a group more rigid; 0
         attaches nothing.
     fold : bool
         Multiply the stiffness by the pull fractions at the handles' present targets, and drop vertices

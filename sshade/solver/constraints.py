@@ -166,9 +166,11 @@ class Constraints:
             raise InputError("constraints on volume and area need a connected mesh: solve for each component")
         self._surface, self._team, self._corners = surface, team, corners
         weights, self._area = np.array([volume, area]), surface.rest[AREA] or 1.0
+        #: Weights asked for. `_lasting` has the weights from now on, and `_weight` the weights of this step.
         self._asked, self._every = weights[self._kinds], EVERY_OF_BOTH if np.isinf(weights).all() else EVERY
         count, n = len(self._kinds), surface.ranges[-1][2]
         self._G, self._Z = np.zeros((2, count, n, 3), dtype=np.float32 if single else np.float64)
+        #: Derivatives of each quantity along each direction, the multipliers, and their last change.
         self._slope, self._multiplier, self._grown = np.empty((count, count)), *np.zeros((2, count))
         self._violation, self._steps = 0.0, 0
         self.aim(1.0)

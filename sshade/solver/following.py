@@ -68,6 +68,7 @@ class Following:
         assert solver.matrix is not None and solver.factorised is not None
         self.solver, self._options, team = solver, complete(energy, ENERGY), ThreadTeam(1)
         self._factorised = solver.factorised
+        #: Columns of the matrix for the hard handles: how their moves pull on all vertices.
         self._to_handles = solver.matrix[:, solver.index[solver.hard]][solver.vertex]
         self._state = Descent(
             solver,
@@ -83,6 +84,7 @@ class Following:
         self._state.begin()
         self._last_u = self._state.u.copy()
         self._targets = self._last_targets = targets
+        #: Whether the constraints have directions from an earlier solve.
         self._has_directions = False
 
     def solve(
@@ -106,7 +108,7 @@ class Following:
         return self.solver.solution(state, run(state, stop), targets, self._options)
 
     def _predict(self, targets: np.ndarray, fraction: np.ndarray | None) -> None:
-        """Repeat the last move, or a part of it, or undo it, and go on to the targets."""
+        """Repeat a fraction of the last move of the shape, from -1 to 1, and go on to the targets."""
         solver, state, u = self.solver, self._state, self._state.u
         last, move = self._targets - self._last_targets, targets - self._targets
         square = float((last * last).sum())
