@@ -3,6 +3,6 @@
 Read in this order: `local_global` (the solver and the method), `system` (all that depends on mesh and handle
 vertices), `energy` with its `terms`, `linear` (the solve of the global step) with `factorisation` and
 `multigrid`, `constraints` (volume and area), `descent` (one iteration) with `quasi_newton`, `run` (the loop),
-and `following` (solves in a row). `attachment` decides which vertices are pulled along with handle groups,
-and `start` where iterations begin. `order`, `cotangents` and `rotations` are shared.
+`solution` (the result), and `following` (solves in a row). `attachment` decides which vertices handle groups
+pull, and `start` where iterations begin. `order`, `cotangents` and `rotations` are shared.
 """
