@@ -38,7 +38,7 @@ from eval.run.record import SweepRecord, status_text
 from eval.run.run import Outcome, run
 from eval.run.targets import instantiate, target_functions
 from sshade.cli.configuration import CONFIGURATION, PACKAGES, one_sentence, unreadable_override
-from sshade.cli.console import progress_bar
+from sshade.cli.console import how_to_install, progress_bar
 from sshade.errors import InputError
 from sshade.progress import Progress, silent
 from sshade.task import DeformationTask
@@ -295,5 +295,5 @@ def _one_line(error: Exception) -> str:
     if isinstance(error.__cause__, OmegaConfBaseException):
         text = f"{text.split('Config search path')[0]} {error.__cause__}"
     plugin = re.search(r"hydra/launcher/(?:submitit_)?(joblib|slurm|ray)\b", text)
-    hint = f" It needs: pip install 'sshade[{plugin[1]}]'." if plugin else ""
+    hint = f" To use it, {how_to_install(plugin[1])}." if plugin else ""
     return one_sentence(re.sub(r"(full_key|object_type|reference_type)[:=].*", "", text)) + hint

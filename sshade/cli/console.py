@@ -119,7 +119,7 @@ def announced_compilation() -> Iterator[None]:
 
         def on_start(self, event: event.Event) -> None:
             if not self.announced:
-                say(f"compiling kernels once, for up to half a minute: {why_compiled()} ...")
+                say(f"compiling kernels of sshade once, for up to half a minute: {why_compiled()} ...")
             self.announced = True
             super().on_start(event)
 
@@ -136,7 +136,12 @@ def missing_library(error: BaseException) -> str | None:
     """Return what to install, if a library of :data:`EXTRAS` is missing; None for any other error."""
     library = (error.name or "").partition(".")[0] if isinstance(error, ModuleNotFoundError) else ""
     extra = EXTRAS.get(library)
-    return f"{library} is not installed; pip install 'sshade[{extra}]'" if extra else None
+    return f"{library} is not installed; {how_to_install(extra)}" if extra else None
+
+
+def how_to_install(extra: str) -> str:
+    """Return what to do if an extra of the package is not installed."""
+    return f"install the extra {extra}, for example with pip install '.[{extra}]' in a clone"
 
 
 def run_command(main: Callable[[], int]) -> int:

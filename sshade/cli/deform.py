@@ -21,7 +21,7 @@ deformed separately, each with its handles. A mesh that is not manifold is cut, 
 
 methods:
   fast         one proxy with volume and area constraints (default)
-  fine         fast with a polish at full resolution, about ten times slower
+  fine         fast with a polish at full resolution, about five times slower
   fine_free    fine without constraints
   paper        the published method, the mean of five proxies
   paper_plain  paper with the published iterations

@@ -6,7 +6,7 @@ a second shape beside the mesh, coloured by the change of edge length at each ve
 example:
   sshade show body.ply pose.json --deformed posed.ply -o posed.png
 
-Needs pyvista: pip install 'sshade[figures]'.
+Pictures need the extra figures, for example by pip install '.[figures]' in a clone.
 """
 
 from __future__ import annotations

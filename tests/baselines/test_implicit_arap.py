@@ -35,7 +35,7 @@ def test_without_torch_the_error_names_the_extra_and_the_row_is_skipped(no_torch
     method = {"_target_": "baselines.implicit_arap.implicit_arap", "_partial_": True}
     done = attempt(method, held_ends(bumpy(2)), seed=0)
     assert done.facts["status"] == "skipped"
-    assert "sshade[torch]" in done.facts["reason"]
+    assert "install the extra torch" in done.facts["reason"]
     assert done.vertices is None
 
 

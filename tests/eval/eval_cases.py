@@ -92,7 +92,7 @@ def failing(task, *, seed: int, progress=silent) -> DeformationResult:
 
 def missing_extra(task, *, seed: int, progress=silent) -> DeformationResult:
     """A method whose extra is not installed."""
-    raise ImportError("torch is not installed; pip install sshade[torch]")
+    raise ImportError("torch is not installed; install the extra torch")
 
 
 def stretching(task, *, factor: float = 2.0, seed: int, progress=silent) -> DeformationResult:

@@ -47,7 +47,7 @@ def test_a_sweep_goes_on_after_a_failure_and_is_resumed(tmp_path):
     lines = first.stdout.splitlines()
     assert len(lines) == 7
     assert "this method always fails" in lines[0] and "[1 done, 1 failed, 5 remaining]" in lines[0]
-    assert "sshade[torch]" in lines[2]
+    assert "install the extra torch" in lines[2]
     assert "[6 done, 2 failed, 0 remaining]" in lines[5]
     assert lines[6] == "6 runs: 6 new (2 failed, 2 not_converged, 2 skipped), 0 kept; in out/runs/single"
     assert "Traceback" not in first.stderr

@@ -79,7 +79,7 @@ def test_the_clock_runs_around_the_method_only(task, tmp_path, monkeypatch):
     ("method", "fresh", "reason"),
     [
         ("failing", False, "ArithmeticError: this method always fails"),
-        ("missing_extra", False, "ImportError: torch is not installed; pip install sshade[torch]"),
+        ("missing_extra", False, "ImportError: torch is not installed; install the extra torch"),
         ("dying", True, "the process ended with exit code 3"),
     ],
 )

@@ -52,16 +52,16 @@ def test_deforming_needs_no_extra_in_any_format(example):
 @pytest.mark.parametrize(
     ("program", "arguments", "missing"),
     [
-        ("sshade.cli.main", "show {0}/rest.ply -o {0}/a.png", "pyvista is not installed; {1}[figures]'"),
+        ("sshade.cli.main", "show {0}/rest.ply -o {0}/a.png", "pyvista is not installed; {1}figures,"),
         (
             "sshade.cli.main",
             "deform {0}/rest.ply {0}/arap.yaml -o {0}/a.ply",
-            "igl is not installed; {1}[bench]'",
+            "igl is not installed; {1}bench,",
         ),
-        ("defaust.cli", "build out={0}/data", "hydra is not installed; {1}[bench]'"),
-        ("eval.main", "run method=fast", "is not installed; {1}[bench]'"),
-        ("eval.main", "collect", "pandas is not installed; {1}[bench]'"),
-        ("eval.main", "report", "is not installed; {1}[bench]'"),
+        ("defaust.cli", "build out={0}/data", "hydra is not installed; {1}bench,"),
+        ("eval.main", "run method=fast", "is not installed; {1}bench,"),
+        ("eval.main", "collect", "pandas is not installed; {1}bench,"),
+        ("eval.main", "report", "is not installed; {1}bench,"),
     ],
 )
 def test_the_extra_is_named_in_one_sentence(example, program, arguments, missing):
@@ -72,7 +72,7 @@ def test_the_extra_is_named_in_one_sentence(example, program, arguments, missing
     done = run(program, *arguments.format(example).split())
     assert done.returncode == 2 and done.stdout == "", done.stderr
     assert done.stderr.startswith("error: ") and done.stderr.count("\n") == 1
-    assert missing.format("", "pip install 'sshade") in done.stderr
+    assert missing.format("", "install the extra ") in done.stderr
 
 
 def test_another_missing_module_is_an_error_of_the_program():
