@@ -50,7 +50,7 @@ from sshade.errors import InputError
 from sshade.kernels import kernel, subroutine
 from sshade.mesh.mesh import Mesh
 from sshade.solver.rotations import fit_rotations, quaternions
-from sshade.threads import ThreadTeam
+from sshade.threads import ThreadTeam, in_ranges
 
 #: Largest deviation of R^T R from the identity for a prescribed rotation R.
 ORTHOGONAL = 1e-6
@@ -92,8 +92,9 @@ class BlendedFrames(Frames):
 
     def encode(self, V: np.ndarray, on: Projection) -> np.ndarray:
         """Return the offsets x - p; see :class:`sshade.carry.frames.Frames`."""
-        corners, weights = self.proxy.F[on.face], on.barycentric
-        return V - sum(weights[:, c, None] * self.proxy.V[corners[:, c]] for c in range(3))
+        local, F, NV = np.empty_like(V), self.proxy.F, self.proxy.V
+        in_ranges(lambda first, end: _offsets(first, end, V, on.face, on.barycentric, NV, F, local), len(V))
+        return local
 
     def posed(self, NV: np.ndarray, rotations: np.ndarray | None, team: ThreadTeam) -> tuple[Placer, int]:
         """Place points at o(w) + R(w) (x - p) or o(w) + R(w) S(w) (x - p).
@@ -142,6 +143,15 @@ def nearest_rotations(A: np.ndarray) -> np.ndarray:
 
 
 @kernel
+def _offsets(first, end, V, face, barycentric, NV, F, local):
+    for i in range(first, end):
+        a, b, c = F[face[i], 0], F[face[i], 1], F[face[i], 2]
+        for r in range(3):
+            p = barycentric[i, 0] * NV[a, r] + barycentric[i, 1] * NV[b, r] + barycentric[i, 2] * NV[c, r]
+            local[i, r] = V[i, r] - p
+
+
+@kernel
 def _triangles(first, end, F, V, Q, T):
     """Write rows of T (l, WIDTH), with quaternions whose signs agree.
 
@@ -185,16 +195,25 @@ def _bulge(V, Q, i, j, out):
     return cosine
 
 
-def _add_stretch(T: np.ndarray, F: np.ndarray, rest: np.ndarray, Q: np.ndarray, S: np.ndarray) -> None:
+@kernel
+def _add_stretch(T, F, rest, Q, S):
     """Add R (S_i - S_j) (v_j - v_i) / 2 to each b_ij, with R the blend of R_i and R_j in equal parts."""
-    from scipy.spatial.transform import Rotation
-
-    for k in range(3):
-        i, j = F[:, (k + 1) % 3], F[:, (k + 2) % 3]
-        sign = np.where((Q[i] * Q[j]).sum(axis=1) >= 0.0, 1.0, -1.0)
-        middle = Rotation.from_quat((Q[i] + sign[:, None] * Q[j])[:, [1, 2, 3, 0]])
-        change = 0.5 * np.einsum("trs,ts->tr", S[i] - S[j], rest[j] - rest[i])
-        T[:, BULGE + 3 * k : BULGE + 3 * k + 3] += middle.apply(change)
+    q, g = np.empty(4), np.empty(3)
+    for t in range(len(F)):
+        for k in range(3):
+            i, j = F[t, (k + 1) % 3], F[t, (k + 2) % 3]
+            cosine = Q[i, 0] * Q[j, 0] + Q[i, 1] * Q[j, 1] + Q[i, 2] * Q[j, 2] + Q[i, 3] * Q[j, 3]
+            sign = 1.0 if cosine >= 0.0 else -1.0
+            for r in range(4):
+                q[r] = Q[i, r] + sign * Q[j, r]
+            for r in range(3):
+                g[r] = 0.0
+                for s in range(3):
+                    g[r] += 0.5 * (S[i, r, s] - S[j, r, s]) * (rest[j, s] - rest[i, s])
+            x, y, z = _turned(q[0], q[1], q[2], q[3], g[0], g[1], g[2])
+            T[t, BULGE + 3 * k] += x
+            T[t, BULGE + 3 * k + 1] += y
+            T[t, BULGE + 3 * k + 2] += z
 
 
 @subroutine

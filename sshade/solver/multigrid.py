@@ -174,13 +174,8 @@ class _Level:
 
     def begin(self, B: np.ndarray, scale: float, team: ThreadTeam) -> None:
         """Take the smoother's first step, from 0, for `scale` times B (n, 3)."""
-        weight = np.float32(SMOOTHER[0][1]) * self.matrix[-1][:, None]
-
-        def begin(first: int, end: int) -> None:
-            r = np.multiply(B[first:end], scale, out=self._r[first:end], casting="same_kind")
-            self.x[first:end] = np.multiply(weight[first:end], r, out=self._d[first:end])
-
-        team.ranges(begin, len(B))
+        inverse, b = self.matrix[-1], np.float32(SMOOTHER[0][1])
+        team.ranges(lambda *own: _begin(*own, inverse, b, scale, B, self._r, self._d, self.x), len(B))
 
     def step(self, a: float, b: float, team: ThreadTeam) -> None:
         """``r -= A d``, ``d = a d + b D^-1 r``, ``x += d``."""
@@ -197,22 +192,22 @@ class _Level:
 
     def prolong(self, X: np.ndarray, team: ThreadTeam) -> None:
         """``d = P X``, ``x += d``."""
-
-        def add(first: int, end: int) -> None:
-            multiply(first, end, *self._up, X, self._d)
-            self.x[first:end] += self._d[first:end]
-
-        team.ranges(add, len(self.x))
+        team.ranges(lambda *own: _prolong(*own, *self._up, X, self._d, self.x), len(self.x))
 
 
 def _single(A: csr_array) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Starts, columns and float32 values of a sparse matrix for kernels.
+    start, column, value = compressed_rows(A)
+    return start, column, value.astype(np.float32)
+
+
+def compressed_rows(A: csr_array) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return starts, columns and values of a sparse matrix for kernels.
 
     Indices are unsigned. A product then takes half the time, because numba need not test for negative
     indices, which count from the end.
     """
     start, column = (array.astype(np.int32, copy=False).view(np.uint32) for array in (A.indptr, A.indices))
-    return start, column, A.data.astype(np.float32)
+    return start, column, A.data
 
 
 @kernel
@@ -303,3 +298,23 @@ def _row(start, column, value, F, i):
         y += v * F[j, 1]
         z += v * F[j, 2]
     return x, y, z
+
+
+@kernel
+def _begin(first, end, inverse, b, scale, B, r, d, X):
+    for i in range(first, end):
+        f = b * inverse[i]
+        for c in range(3):
+            r[i, c] = scale * B[i, c]
+            d[i, c] = f * r[i, c]
+            X[i, c] = d[i, c]
+
+
+@kernel
+def _prolong(first, end, start, column, value, F, d, X):
+    for i in range(first, end):
+        x, y, z = _row(start, column, value, F, i)
+        d[i, 0], d[i, 1], d[i, 2] = x, y, z
+        X[i, 0] += x
+        X[i, 1] += y
+        X[i, 2] += z

@@ -27,7 +27,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
+from sshade.kernels import kernel
 from sshade.mesh.mesh import Mesh
+from sshade.solver.multigrid import compressed_rows
 from sshade.solver.terms import Term
 
 #: Sum of a vertex's absolute weights beyond which its energy fades. (L v)_i of slivers is no curvature.
@@ -95,7 +97,8 @@ class Plate(NamedTuple):
     @property
     def rest_energy(self) -> float:
         """Energy of all vertices in one point; unit length^2."""
-        return self.corners * float(self.stiffness @ (self.rest**2).sum(axis=1))
+        # No dot product: BLAS would start threads that spin for a while beside ours.
+        return self.corners * float((self.stiffness[:, None] * self.rest**2).sum())
 
 
 class Bending(Term):
@@ -109,29 +112,74 @@ class Bending(Term):
     """
 
     def __init__(self, plate: Plate, ranges: list[tuple[slice, int, int]]) -> None:
-        self._corners = plate.corners
-        own = [slice(first, end) for _, first, end in ranges]
-        #: Vertices of each range, with their rows of L, stiffness and L v.
-        self._of_range = [(i, plate.laplacian[i], plate.stiffness[i, None], plate.rest[i]) for i in own]
+        self._plate, self._ranges = plate, ranges
+        self._rows = compressed_rows(plate.laplacian)
         #: L P after the local step, and D (R L v - L P) after the rotation fit.
         self._W = np.empty_like(plate.rest)
 
     def local(self, number: int, P: np.ndarray, S: np.ndarray) -> float:
-        own, laplacian, stiffness, rest = self._of_range[number]
-        W = self._W[own] = laplacian @ P
-        weight = self._corners * stiffness
-        S[own] += ((weight * rest)[:, :, None] * W[:, None]).reshape(-1, 9)
-        return float((weight * W**2).sum())
+        plate, (_, first, end) = self._plate, self._ranges[number]
+        weights = plate.stiffness, plate.rest, float(plate.corners)
+        return _covariances(*self._rows, *weights, P, S, self._W, first, end)
 
     def turn(self, number: int, R: np.ndarray) -> None:
-        own, _, stiffness, rest = self._of_range[number]
-        turned = sum(R[own, c::3] * rest[:, c, None] for c in range(3))
-        self._W[own] = stiffness * (turned - self._W[own])
+        _, first, end = self._ranges[number]
+        _turn(self._plate.stiffness, self._plate.rest, R, self._W, first, end)
 
     def forces(self, number: int, P: np.ndarray, R: np.ndarray, B: np.ndarray) -> float:
-        own, laplacian, stiffness, _ = self._of_range[number]
-        W = self._W[own]
-        B[own] += laplacian @ self._W
-        return self._corners * float(
-            np.divide(W**2, stiffness, out=np.zeros_like(W), where=stiffness > 0).sum()
-        )
+        plate, (_, first, end) = self._plate, self._ranges[number]
+        return plate.corners * _add_forces(*self._rows, plate.stiffness, self._W, B, first, end)
+
+
+@kernel
+def _covariances(start, column, value, stiffness, rest, weight, P, S, W, first, end):
+    """Add covariances to S and write L P to W; return ``weight sum stiffness |(L P)_i|^2``."""
+    energy = 0.0
+    for i in range(first, end):
+        if stiffness[i] == 0.0:
+            continue
+        x = y = z = 0.0
+        for k in range(start[i], start[i + 1]):
+            j, v = column[k], value[k]
+            x += v * P[j, 0]
+            y += v * P[j, 1]
+            z += v * P[j, 2]
+        W[i, 0], W[i, 1], W[i, 2] = x, y, z
+        w = weight * stiffness[i]
+        energy += w * (x * x + y * y + z * z)
+        for r in range(3):
+            S[i, 3 * r] += w * rest[i, r] * x
+            S[i, 3 * r + 1] += w * rest[i, r] * y
+            S[i, 3 * r + 2] += w * rest[i, r] * z
+    return energy
+
+
+@kernel
+def _turn(stiffness, rest, R, W, first, end):
+    """Replace L P in W by ``stiffness (R rest - L P)``."""
+    for i in range(first, end):
+        for r in range(3):
+            if stiffness[i] == 0.0:
+                W[i, r] = 0.0
+                continue
+            x = R[i, 3 * r] * rest[i, 0] + R[i, 3 * r + 1] * rest[i, 1] + R[i, 3 * r + 2] * rest[i, 2]
+            W[i, r] = stiffness[i] * (x - W[i, r])
+
+
+@kernel
+def _add_forces(start, column, value, stiffness, W, B, first, end):
+    """Add L W to rows of B; return the energy ``sum |W_i|^2 / stiffness_i``."""
+    energy = 0.0
+    for i in range(first, end):
+        x = y = z = 0.0
+        for k in range(start[i], start[i + 1]):
+            j, v = column[k], value[k]
+            x += v * W[j, 0]
+            y += v * W[j, 1]
+            z += v * W[j, 2]
+        B[i, 0] += x
+        B[i, 1] += y
+        B[i, 2] += z
+        if stiffness[i] > 0.0:
+            energy += (W[i, 0] * W[i, 0] + W[i, 1] * W[i, 1] + W[i, 2] * W[i, 2]) / stiffness[i]
+    return energy

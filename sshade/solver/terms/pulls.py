@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import coo_array
 
+from sshade.kernels import kernel
 from sshade.solver.terms import Term
 
 
@@ -64,11 +65,28 @@ class Pulls(Term):
 
     def local(self, number: int, P: np.ndarray, S: np.ndarray) -> float:
         own = self._of_range[number]
-        gap = self._targets[own] - P[self._springs.place[own]]
-        return self._corners * float(np.einsum("i,ic,ic", self._stiffness[own], gap, gap))
+        return self._corners * _energy(self._springs.place[own], self._stiffness[own], self._targets[own], P)
 
     def forces(self, number: int, P: np.ndarray, R: np.ndarray, B: np.ndarray) -> float:
         own = self._of_range[number]
-        place = self._springs.place[own]
-        B[place] += self._stiffness[own, None] * (self._targets[own] - P[place])
+        _add_forces(self._springs.place[own], self._stiffness[own], self._targets[own], P, B)
         return self.local(number, P, R)
+
+
+@kernel
+def _energy(place, stiffness, target, P):
+    """Return ``sum stiffness_j |P_i - target_j|^2`` with i = place_j."""
+    total = 0.0
+    for j in range(len(place)):
+        i = place[j]
+        x, y, z = P[i, 0] - target[j, 0], P[i, 1] - target[j, 1], P[i, 2] - target[j, 2]
+        total += stiffness[j] * (x * x + y * y + z * z)
+    return total
+
+
+@kernel
+def _add_forces(place, stiffness, target, P, B):
+    """Add ``stiffness_j (target_j - P_i)`` to B_i with i = place_j."""
+    for j in range(len(place)):
+        for c in range(3):
+            B[place[j], c] += stiffness[j] * (target[j, c] - P[place[j], c])
