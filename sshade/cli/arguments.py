@@ -60,11 +60,13 @@ def _number(text: str) -> float:
     return int(text) if text.lstrip("-").isdigit() else float(text)
 
 
-def read(path: Path, output: Path) -> MeshFile:
-    """Read a mesh file, and report contents that the format of `output` cannot hold."""
+def read(path: Path, output: Path | None = None) -> MeshFile:
+    """Read a mesh file, and report its oddities and contents that the format of `output` cannot hold."""
     from sshade.io.meshes import read_file
 
     file = read_file(path)
-    if lost := file.lost(output):
+    for note in file.notes:
+        say(f"note: {path}: {note}")
+    if output is not None and (lost := file.lost(output)):
         say(f"note: {output} loses the {' and '.join(lost)} of {path}, because it has another format")
     return file

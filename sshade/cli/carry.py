@@ -38,10 +38,10 @@ def _carry(options: argparse.Namespace) -> int:
     import numpy as np
 
     from sshade.carry.binding_file import load_binding
-    from sshade.io.meshes import mesh_of, read_arrays, write_file
+    from sshade.io.meshes import mesh_of, write_file
     from sshade.mesh.seams import join_seams
 
-    edited, _ = read_arrays(options.edited)
+    edited = read(options.edited).V
     if not np.isfinite(edited).all():
         raise InputError(f"{options.edited}: a vertex has a NaN or infinite coordinate")
     file = read(options.mesh, options.output)

@@ -66,6 +66,8 @@ def _edit(options: argparse.Namespace) -> int:
     with announced_compilation():
         carry = options.carry_unconstrained
         session = Session(options.mesh, **files, settings=settings, carry_unconstrained=carry)
+    for note in session.document.notes:
+        say(f"note: {options.mesh}: {note}")
     try:
         server = Server(session, port=options.port)
     except OSError as error:

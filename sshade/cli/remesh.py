@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from sshade.cli.arguments import FORMATS, add_files, add_options
+from sshade.cli.arguments import FORMATS, add_files, add_options, read
 from sshade.cli.console import announced_compilation, say
 from sshade.io.document import SUFFIXES, check_input
 from sshade.io.files import check_output, replacing
@@ -39,11 +39,11 @@ def command(options: argparse.Namespace) -> int:
 def _remesh(options: argparse.Namespace) -> int:
     """Read the mesh, and write the proxy and the map."""
     from sshade.carry.binding_file import save_binding
-    from sshade.io.meshes import read_mesh, write_mesh
+    from sshade.io.meshes import mesh_of, write_mesh
     from sshade.mesh.seams import join_seams
     from sshade.pipeline.proxies import bind
 
-    mesh, _ = join_seams(read_mesh(options.mesh))
+    mesh, _ = join_seams(mesh_of(read(options.mesh), options.mesh))
     binding = bind(mesh, options.vertices, seed=options.seed)
     with replacing(options.map) as temporary:
         save_binding(temporary, binding)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sshade.cli.arguments import add_mesh_and_handles
+from sshade.cli.arguments import add_mesh_and_handles, read
 from sshade.cli.console import say
 from sshade.errors import InputError
 from sshade.figures import TOWARDS, UP, View, colour_range, edge_error, new_plotter, panel
@@ -63,14 +63,14 @@ def command(options: argparse.Namespace) -> int:
         check_input(options.deformed, SUFFIXES)
     given = None if options.handles is None else read_handle_file(options.handles)
     from sshade.io.handles import on_mesh
-    from sshade.io.meshes import read_arrays, read_mesh
+    from sshade.io.meshes import mesh_of
 
-    mesh = read_mesh(options.mesh)
+    mesh = mesh_of(read(options.mesh), options.mesh)
     with naming(options.handles):
         handles = None if given is None else on_mesh(given, mesh)
     deformed = None
     if options.deformed is not None:
-        deformed = mesh.checked(read_arrays(options.deformed)[0], f"file {options.deformed}")
+        deformed = mesh.checked(read(options.deformed).V, f"file {options.deformed}")
     look = {"towards": options.towards, "up": options.up}
     plotter = draw(mesh, handles, deformed=deformed, window=path is None, **look)
     if path is None:

@@ -52,12 +52,12 @@ def command(options: argparse.Namespace) -> int:
 @announced_compilation()
 def _transfer(options: argparse.Namespace, sampling: dict[str, Any]) -> int:
     """Read the shapes, transfer the pose, and write the output."""
-    from sshade.io.meshes import mesh_of, read_arrays, write_file
+    from sshade.io.meshes import mesh_of, write_file
     from sshade.pipeline.transfer import transfer_pose
 
     file = read(options.mesh, options.output)
-    posed, _ = read_arrays(options.posed)
-    edited = read_arrays(options.edited)[0] if "edited" in options else None
+    posed = read(options.posed).V
+    edited = read(options.edited).V if "edited" in options else None
     mesh = mesh_of(file, options.mesh)
     begin = perf_counter()
     with progress_bar() as progress:

@@ -49,6 +49,8 @@ class Document:
     name : str
     outputs : dict
         Path of the file that is proposed for the next save, by content: "handles" and "mesh".
+    notes : tuple of str
+        Oddities of the mesh file.
 
     Raises
     ------
@@ -67,6 +69,7 @@ class Document:
                 self._check(content, given)
                 self._propose(content, given)
         self._carry, self._file = carry, read_file(path)
+        self.notes = self._file.notes
         with naming(path):
             self._surface = surface(self._file.V, self._file.F)
         self.mesh = self._surface.mesh

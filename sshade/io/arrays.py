@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+import warnings
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from sshade.errors import InputError
 from sshade.io.document import MeshFile
-from sshade.io.meshes import read_arrays, read_file, write_file, write_mesh
+from sshade.io.meshes import read_file, write_file, write_mesh
 from sshade.io.objects import opened
 
 
@@ -47,8 +48,16 @@ def read(path: str | os.PathLike[str]) -> Arrays:
     ------
     InputError
         When the file is missing, unreadable, empty, or of another format.
+
+    Warns
+    -----
+    UserWarning
+        When the file has oddities, such as values that its header does not declare.
     """
-    return Arrays(*read_arrays(path))
+    file = read_file(path)
+    for note in file.notes:
+        warnings.warn(f"{path}: {note}", stacklevel=2)
+    return Arrays(np.array(file.V), np.array(file.F))
 
 
 def write(

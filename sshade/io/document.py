@@ -42,6 +42,9 @@ class MeshFile:
         ``content(V, path)`` returns the bytes of the file with positions `V` (n, 3), to be written to `path`.
         Normals and tangents turn with the surface, and references to other files are relative to `path`.
         Everything else stays as it is. Numbers keep their type.
+    notes : tuple of str
+        Oddities of the file, such as values that its header does not declare: one clause each, to be
+        printed behind the name of the file.
     """
 
     V: np.ndarray
@@ -49,6 +52,7 @@ class MeshFile:
     holds: tuple[str, ...]
     suffixes: tuple[str, ...]
     content: Callable[[np.ndarray, Path], bytes | bytearray]
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for array in (self.V, self.F):  # so that Mesh need not copy them
