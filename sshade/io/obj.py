@@ -14,7 +14,7 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.io.document import MeshFile, fanned, moved_reference, present
 from sshade.io.normals import turns
-from sshade.io.words import Edits, Numbers, Text, edited, key_of
+from sshade.io.words import Edits, Numbers, Text, edited, key_of, without_comments
 from sshade.mesh.seams import same_rows
 
 #: Decimal places of written normals.
@@ -27,19 +27,18 @@ class _Corners(NamedTuple):
     Attributes
     ----------
     vertex, normal : int64
-        Ids from 0; -1 for a corner without a normal.
+        Ids from 0; -1 for a corner without a normal, or whose normal the file does not declare.
     begin, end : int64
         Places where the number of the corner's normal begins and ends.
-    base : int64
-        What is added to the number in the file: the normals above the face if the number counts backwards
-        from the face, otherwise -1.
+    number : int64
+        Number of the normal in the file, from 1, or from -1 backwards from the face; 0 for no number.
     """
 
     vertex: np.ndarray
     normal: np.ndarray
     begin: np.ndarray
     end: np.ndarray
-    base: np.ndarray
+    number: np.ndarray
 
 
 class _Obj(NamedTuple):
@@ -78,8 +77,9 @@ def read_obj(path: Path) -> MeshFile:
         When there are no triangles.
     """
     data = path.read_bytes()
-    # A line that ends with a backslash goes on in the next line.
-    joined = data.replace(b"\\\r\n", b"   ").replace(b"\\\n", b"  ") if b"\\" in data else data
+    joined = without_comments(data)
+    if b"\\" in joined:  # a line that ends with a backslash goes on in the next line
+        joined = joined.replace(b"\\\r\n", b"   ").replace(b"\\\n", b"  ")
     text = Text(joined)
     key = text.keys()
     vertices, shading, polygons, libraries = (
@@ -87,14 +87,18 @@ def read_obj(path: Path) -> MeshFile:
     )
     positions = text.vectors(vertices, 1, "a vertex")
     normals = text.vectors(shading, 1, "a normal")
-    corners, triangles = _faces(text, polygons, vertices, shading)
+    corners, triangles, textured = _faces(text, polygons, vertices, shading)
     if not len(positions.value) or not len(triangles):
         raise InputError(f"{path}: the file holds no triangles")
-    if corners.normal.max() >= len(normals.value):
-        raise ValueError(f"a face refers to a normal outside 1..{len(normals.value)}")
     keys = set(np.unique(key).tolist())
-    known = (b"vt", b"mtllib", b"usemtl", b"g", b"o", b"s", b"l", b"p")
+    known = (b"vt", b"mtllib", b"usemtl", b"g", b"o", b"s", b"l", b"p", b"vp", b"curv", b"curv2", b"surf")
     there = {name for name in known if key_of(name) in keys}
+    undeclared = int(((corners.number != 0) & (corners.normal < 0)).sum())
+    stay = "that it does not declare stay as they are"
+    notes = {
+        f"references of faces to normals {stay}: {undeclared}": undeclared,
+        f"references of faces to texture coordinates {stay}: {textured}": textured and b"vt" not in there,
+    }
     holds = present(
         texture_coordinates=b"vt" in there,
         normals=len(normals.value),
@@ -104,18 +108,30 @@ def read_obj(path: Path) -> MeshFile:
         smoothing_groups=b"s" in there,
         polygons=(text.size[polygons] > 4).any(),
         lines_and_points=there & {b"l", b"p"},
-        comments=any(key & 0xFF == ord("#") for key in keys),
+        free_form_curves_and_surfaces=there & {b"vp", b"curv", b"curv2", b"surf"},
+        comments=b"#" in data,
     )
     places = np.stack(text.line_ends(libraries))
     obj = _Obj(data, positions, normals, text.line_ends(shading)[0], corners, triangles, places)
-    F = corners.vertex[triangles]
-    return MeshFile(positions.value, F, holds, (".obj",), partial(_content, obj, path))
+    F, content = corners.vertex[triangles], partial(_content, obj, path)
+    return MeshFile(
+        positions.value, F, holds, (".obj",), content, tuple(n for n, there in notes.items() if there)
+    )
 
 
 def _faces(
     text: Text, faces: np.ndarray, vertex_lines: np.ndarray, normal_lines: np.ndarray
-) -> tuple[_Corners, np.ndarray]:
-    """Read the faces from their lines; return their corners, and triangles (m, 3) as numbers of corners."""
+) -> tuple[_Corners, np.ndarray, int]:
+    """Read the faces from their lines.
+
+    Returns
+    -------
+    corners : _Corners
+    triangles : (m, 3) int64
+        Numbers of corners.
+    textured : int
+        Number of corners that refer to texture coordinates.
+    """
 
     def require(wrong: np.ndarray, lines: np.ndarray, message: str) -> None:
         if wrong.any():
@@ -134,17 +150,18 @@ def _faces(
     slashes = np.append(np.flatnonzero(np.frombuffer(text.data, np.uint8) == ord("/")), [len(text.data)] * 3)
     slash = np.searchsorted(slashes, begin)
     vertex = text.integers(begin, np.minimum(slashes[slash], end))
+    textured = int((slashes[slash] + 1 < np.minimum(slashes[slash + 1], end)).sum())
     begin, end = np.minimum(slashes[slash + 1] + 1, end), np.minimum(slashes[slash + 2], end)
     shaded = begin < end
-    normal = np.zeros(len(begin), dtype=np.int64)
-    normal[shaded] = text.integers(begin[shaded], end[shaded])
-    require((vertex == 0) | (shaded & (normal == 0)), line, incomplete)
-    vertex += np.where(vertex > 0, -1, np.searchsorted(vertex_lines, faces)[face])
-    base = np.where(normal < 0, np.searchsorted(normal_lines, faces)[face], -1)
-    normal += base
-    require(shaded & (normal < 0), line, "a face refers to more normals than there are above it")
-    normal[~shaded] = -1
-    return _Corners(vertex, normal, begin, end, base), fanned(polygons, of_size)[0]
+    number = np.zeros(len(begin), dtype=np.int64)
+    number[shaded] = text.integers(begin[shaded], end[shaded])
+    require((vertex == 0) | (shaded & (number == 0)), line, incomplete)
+    above = np.searchsorted(vertex_lines, faces)[face]
+    require(vertex < -above, line, "a face refers to more vertices than there are above it")
+    vertex += np.where(vertex > 0, -1, above)
+    normal = number + np.where(number < 0, np.searchsorted(normal_lines, faces)[face], -1)
+    normal[(normal < 0) | (normal >= len(normal_lines))] = -1
+    return _Corners(vertex, normal, begin, end, number), fanned(polygons, of_size)[0], textured
 
 
 def _content(obj: _Obj, source: Path, V: np.ndarray, path: Path) -> bytes:
@@ -198,10 +215,14 @@ def _turned_normals(obj: _Obj, V: np.ndarray) -> list[Edits]:
         rank = np.arange(len(order)) - np.searchsorted(line_of, line_of)
         place = np.empty(len(order), dtype=np.int64)
         place[order] = above[line_of] + rank
-        # Numbers that count backwards from the face keep doing so.
-        begin, end, base = (column[shaded] for column in corners[2:])
-        numbers = Numbers(begin, end, corners.normal[shaded] - base)
-        edits.append(numbers.edits(place[variant[pair_of]] - np.where(base < 0, -1, above[base])))
+        # Numbers that count backwards from the face keep doing so. Numbers without a normal stay without one.
+        number = corners.number
+        new = number + np.sign(number) * (above[-1] - len(N))
+        base = (corners.normal - number)[shaded]  # the normals above the face, or -1
+        new[shaded] = place[variant[pair_of]] - np.where(base < 0, -1, above[base])
+        numbered = number != 0
+        numbers = Numbers(corners.begin[numbered], corners.end[numbered], number[numbered])
+        edits.append(numbers.edits(new[numbered]))
     return edits
 
 

@@ -10,11 +10,11 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.io.document import MeshFile, fanned, present
 from sshade.io.normals import vertex_turns
-from sshade.io.words import Text, edited
+from sshade.io.words import Text, edited, without_comments
 
-#: The first word: letters for texture coordinates, colours and normals of vertices. A small n means
-#: something else: the number of coordinates.
-_KEYWORD = re.compile(rb"(ST|st)?([Cc])?(N)?(?:OFF|off)$")
+#: The first word: letters for texture coordinates, colours and normals of vertices, in any order. A small n
+#: means something else: the number of coordinates.
+_KEYWORD = re.compile(rb"((?:ST|st|[Cc]|N)*)(?:OFF|off)$")
 
 
 def read_off(path: Path) -> MeshFile:
@@ -28,11 +28,13 @@ def read_off(path: Path) -> MeshFile:
         When there are no triangles.
     """
     data = path.read_bytes()
-    text = Text(re.sub(rb"#[^\r\n]*", lambda comment: b" " * len(comment[0]), data))
+    text = Text(without_comments(data))
     head = [text.words(line) for line in range(min(2, len(text.first)))]
     keyword = _KEYWORD.match(head[0][0]) if head else None
     if keyword is None:
         raise ValueError("it does not begin with OFF, or its vertices do not have three coordinates each")
+    if b"BINARY" in head[0]:
+        raise InputError(f"{path}: it is a binary OFF file; write it as text, or in another format")
     if len(head) < 2:
         raise ValueError("it ends after its first line")
     counts, begun = (head[0][1:], 1) if len(head[0]) > 1 else (head[1], 2)
@@ -47,11 +49,17 @@ def read_off(path: Path) -> MeshFile:
     if not n or not len(F):
         raise InputError(f"{path}: the file holds no triangles")
     positions = text.vectors(vertices, 0, "a vertex")
-    normals = text.vectors(vertices, 3, "a normal") if keyword[3] else None
+    letters, size = keyword[1].upper(), text.size[vertices]
+    textured, coloured, at = b"ST" in letters, b"C" in letters, 3
+    if letters.startswith(b"NC"):  # MeshLab writes the normals behind the colours, Geomview (CN) before them
+        at = int(size[0]) - (5 if textured else 3)
+        if at < 6 or (size != size[0]).any():
+            raise ValueError("its vertices do not all have a colour and a normal")
+    normals = text.vectors(vertices, at, "a normal") if b"N" in letters else None
     holds = present(
-        texture_coordinates=keyword[1],
-        normals=keyword[3],
-        vertex_colours=keyword[2] or not keyword[1] and (text.size[vertices] > (6 if normals else 3)).any(),
+        texture_coordinates=textured,
+        normals=normals,
+        vertex_colours=coloured or not textured and (size > (6 if normals else 3)).any(),
         face_colours=face_colours,
         polygons=polygons,
         comments=b"#" in data,

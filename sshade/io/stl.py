@@ -9,7 +9,7 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.io.document import MeshFile, present
 from sshade.io.normals import turns
-from sshade.io.words import Numbers, Text, edited, key_of
+from sshade.io.words import BOM, Numbers, Text, edited, key_of
 from sshade.mesh.mesh import unit_rows
 
 #: A facet of a binary STL file.
@@ -26,9 +26,9 @@ def read_stl(path: Path) -> MeshFile:
     ValueError
         When the file is no STL file, or ends early.
     InputError
-        When there are no triangles, or several solids.
+        When there are no triangles.
     """
-    data = path.read_bytes()
+    data, notes = path.read_bytes(), ()
     count = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
     if len(data) == 84 + _FACET.itemsize * count:
         facets = np.frombuffer(data, _FACET, count, 84)
@@ -41,18 +41,20 @@ def read_stl(path: Path) -> MeshFile:
             return data[:84] + changed.tobytes()
 
         holds = present(facet_attributes=facets["attribute"].any())
-    elif data.lstrip()[:5].lower() == b"solid":
-        normals, corners = _solid(Text(data), path)
-        V, holds = corners.value, ()
+    elif data.removeprefix(BOM).lstrip()[:5].lower() == b"solid" and b"\0" not in data:
+        normals, corners, solids, notes = _solids(Text(data))
+        V, holds = corners.value, present(solids=solids > 1)
 
         def content(posed: np.ndarray, path: Path) -> bytes:
             return edited(data, [normals.edits(_turned(normals.value, V, posed)), corners.edits(posed)])
 
     else:
-        raise ValueError("it is neither a text that begins with solid, nor as long as its header says")
+        raise ValueError(
+            "it is neither a text that begins with solid, nor as long as the header of a binary file says"
+        )
     if len(V) == 0:
         raise InputError(f"{path}: the file holds no triangles")
-    return MeshFile(V, np.arange(len(V)).reshape(-1, 3), holds, (".stl",), content)
+    return MeshFile(V, np.arange(len(V)).reshape(-1, 3), holds, (".stl",), content, notes)
 
 
 def write_stl(path: Path, V: np.ndarray, F: np.ndarray) -> None:
@@ -71,12 +73,14 @@ def write_stl(path: Path, V: np.ndarray, F: np.ndarray) -> None:
     path.write_bytes(bytes(80) + len(F).to_bytes(4, "little") + facets.tobytes())
 
 
-def _solid(text: Text, path: Path) -> tuple[Numbers, Numbers]:
-    """Read the normals (m, 3) and corners (3m, 3) of a text with one solid."""
+def _solids(text: Text) -> tuple[Numbers, Numbers, int, tuple[str, ...]]:
+    """Return the normals (m, 3), the corners (3m, 3), the number of solids, and notes for the user."""
     key = text.keys(fold=True)
-    solid, facet, vertex = (key == key_of(word) for word in (b"solid", b"facet", b"vertex"))
-    inside = np.cumsum(solid) > np.cumsum(key == key_of(b"endsolid"))
-    known = solid | (key == key_of(b"endsolid")) | inside & np.isin(key, [key_of(word) for word in _WORDS])
+    solid, end, facet, vertex = (key == key_of(word) for word in (b"solid", b"endsolid", b"facet", b"vertex"))
+    last = np.maximum.accumulate(np.where(solid | end, np.arange(len(key)), -1))
+    inside = (last >= 0) & solid[last]
+    before = np.append(False, inside[:-1])
+    known = solid | before & (end | np.isin(key, [key_of(word) for word in _WORDS]))
 
     def require(wrong: np.ndarray, message: str) -> None:
         if len(wrong):
@@ -91,11 +95,13 @@ def _solid(text: Text, path: Path) -> tuple[Numbers, Numbers]:
     loops = np.flatnonzero(key == key_of(b"endloop"))
     uneven = np.cumsum(vertex)[loops] != 3 * np.cumsum(facet)[loops]
     require(loops[uneven], " ends a facet that does not have three vertices")
-    if inside[-1] or len(corners.value) != 3 * len(normals.value):
-        raise ValueError("it ends within a solid")
-    if solid.sum() > 1:
-        raise InputError(f"{path}: the file holds {solid.sum()} meshes; write each mesh to a file of its own")
-    return normals, corners
+    open_facets = np.cumsum(facet) > np.cumsum(key == key_of(b"endfacet"))
+    require(np.flatnonzero((solid | end) & open_facets), " stands within a facet")
+    if open_facets[-1] or len(corners.value) != 3 * len(normals.value):
+        raise ValueError("it ends within a facet")
+    unended = int(solid.sum() - end.sum())
+    note = f"solids without a line endsolid: {unended} of {solid.sum()}; check that the file is complete"
+    return normals, corners, int(solid.sum()), (note,) * (unended > 0)
 
 
 def _turned(N: np.ndarray, rest: np.ndarray, V: np.ndarray) -> np.ndarray:

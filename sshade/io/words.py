@@ -12,6 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+#: The byte-order mark of UTF-8, with which programs of Windows begin a text.
+BOM = b"\xef\xbb\xbf"
 _NEWLINE, _RETURN, _BLANK = 10, 13, 32
 _INTEGER = re.compile(rb"[+-]?[0-9]{1,18}")
 
@@ -40,6 +42,8 @@ class Numbers(NamedTuple):
 class Text:
     r"""Words of a text, line by line. Lines end in ``\n``, ``\r`` or ``\r\n``; empty lines do not count.
 
+    A byte-order mark at the beginning belongs to no word.
+
     Attributes
     ----------
     data : bytes
@@ -55,6 +59,8 @@ class Text:
         space = np.ones(len(data) + 2, dtype=bool)
         # 9 to 13 are tab, line ends and form feed; smaller numbers wrap around.
         space[1:-1] = (self._bytes - np.uint8(9) < 5) | (self._bytes == _BLANK)
+        if data.startswith(BOM):
+            space[1:4] = True
         edges = np.flatnonzero(space[1:] != space[:-1])
         self.begin, self.end = edges[::2], edges[1::2]
         breaks = np.flatnonzero((self._bytes == _NEWLINE) | (self._bytes == _RETURN))
@@ -169,6 +175,11 @@ def edited(data: bytes, edits: list[Edits]) -> bytes:
     pieces[1::2] = replacements
     pieces[::2] = [text[a:b] for a, b in zip([0, *end.tolist()], [*begin.tolist(), len(text)], strict=True)]
     return "".join(pieces).encode("latin-1")
+
+
+def without_comments(data: bytes) -> bytes:
+    """Return a text in which blanks replace the comments, from ``#`` to the end of the line."""
+    return re.sub(rb"#[^\r\n]*", lambda comment: b" " * len(comment[0]), data) if b"#" in data else data
 
 
 def rows_of(prefix: str, values: np.ndarray) -> bytes:

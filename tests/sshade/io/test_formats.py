@@ -7,7 +7,8 @@ import pytest
 import trimesh
 
 from sshade import InputError
-from sshade.io.meshes import read_arrays, read_file, write_mesh
+from sshade.io.document import MeshFile
+from sshade.io.meshes import read_arrays, read_file, write_file, write_mesh
 from tests.shapes import icosphere
 
 SPHERE = icosphere(1)
@@ -59,6 +60,23 @@ def test_off_with_comments_colours_and_polygons(tmp_path):
         assert F.tolist() == [[0, 1, 2], [0, 2, 3], [1, 4, 2], [0, 2, 3]]
 
 
+def test_off_of_meshlab_with_normals_behind_colours(tmp_path):
+    """MeshLab writes NCSTOFF, and colours, normals and texture coordinates in this order."""
+    path = tmp_path / "a.off"
+    row = "{} 255 0 0 255 0 0 1 0.5 0.25 \n"
+    points = "".join(row.format(p) for p in ("0 0 0", "1 0 0", "0 1 0"))
+    path.write_text(f"NCSTOFF\n3 1 0\n{points}3 0 1 2 9 9 9\n")
+    file = read_file(path)
+    assert file.holds == ("texture coordinates", "normals", "vertex colours", "face colours")
+    write_file(tmp_path / "b.off", file, file.V[:, [1, 2, 0]])  # z to y
+    written = read_file(tmp_path / "b.off")
+    assert np.array_equal(written.V, file.V[:, [1, 2, 0]])
+    lines = (tmp_path / "b.off").read_text().splitlines()
+    assert [line.split()[3:] for line in lines[2:5]] == [
+        ["255", "0", "0", "255", "0", "1.0", "0.0", "0.5", "0.25"]
+    ] * 3
+
+
 STL = """\
 solid two
   facet normal 0 0 1
@@ -87,15 +105,116 @@ def test_stl_as_text(tmp_path, text):
     assert F.tolist() == [[0, 1, 2], [3, 4, 5]]
 
 
-def test_a_text_that_ends_anywhere_but_at_its_end_is_refused(tmp_path):
-    whole = STL.rstrip()
-    for end in range(6, len(whole) - len("endsolid two") + 1, 3):
+def test_a_text_that_ends_behind_a_facet_gives_a_note_and_elsewhere_it_is_refused(tmp_path):
+    whole, noted = STL.rstrip(), 0
+    for end in range(6, len(whole) - len("endsolid two") + 1):
         (tmp_path / "a.stl").write_text(whole[:end])
-        with pytest.raises(InputError, match="not a readable STL file"):
-            read_file(tmp_path / "a.stl")
+        if whole[:end].rstrip().endswith("endfacet"):
+            (note,) = read_file(tmp_path / "a.stl").notes
+            assert note.startswith("solids without a line endsolid: 1 of 1;")
+            noted += 1
+        else:
+            with pytest.raises(InputError, match="not a readable STL file|no triangles"):
+                read_file(tmp_path / "a.stl")
+    assert noted
+
+
+def test_several_solids_of_an_stl(tmp_path):
+    """The second solid has no name, the third has no facets, and the fourth has no end."""
+    path, lines = tmp_path / "a.stl", STL.splitlines(keepends=True)
+    shifted = STL.replace("vertex 0 0 0", "vertex 0 0 7").replace(" two", "")
+    text = f"{STL}\n{shifted}solid three\nendsolid three\n" + "".join(lines[:8])
+    for variant in (text, text.upper(), text.replace("\n", "\r\n"), "\ufeff" + text.replace("  ", "\t")):
+        path.write_bytes(variant.encode())
+        file = read_file(path)
+        assert file.F.tolist() == np.arange(15).reshape(5, 3).tolist()
+        assert file.V[:, 2].tolist() == [0] * 6 + [7] + [0] * 8
+        assert file.notes == ("solids without a line endsolid: 1 of 4; check that the file is complete",)
+        assert file.lost(tmp_path / "a.ply") == ("solids",)
+        write_file(tmp_path / "b.stl", file, file.V)
+        assert (tmp_path / "b.stl").read_bytes() == path.read_bytes()
+        write_file(tmp_path / "b.stl", file, file.V[:, [1, 2, 0]])  # the facets turn from z to y
+        written = (tmp_path / "b.stl").read_bytes().decode().lower().replace("\r\n", "\n")
+        assert written.count("normal 0 1.0 0.0\n") >= 4 and written.count("normal") == 5
+        names = [line for line in written.splitlines() if "solid" in line]
+        assert names == [line for line in variant.lower().splitlines() if "solid" in line]
 
 
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1//1 2//1 3//1\n"
+
+
+def obj(text: str, tmp_path) -> MeshFile:
+    """Read an OBJ file, and check that it is written as it is if nothing moves."""
+    (tmp_path / "a.obj").write_bytes(text.encode())
+    file = read_file(tmp_path / "a.obj")
+    write_file(tmp_path / "b.obj", file, file.V)
+    assert (tmp_path / "b.obj").read_bytes() == text.encode()
+    return file
+
+
+@pytest.mark.parametrize("normal", ["1", "-1"])
+def test_references_of_an_obj_to_normals_and_textures_that_it_does_not_declare(tmp_path, normal):
+    text = f"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1//{normal} 2/ 3/4/{normal}\n"
+    file = obj(text, tmp_path)
+    assert file.F.tolist() == [[0, 1, 2]]
+    assert file.notes == (
+        "references of faces to normals that it does not declare stay as they are: 2",
+        "references of faces to texture coordinates that it does not declare stay as they are: 1",
+    )
+    write_file(tmp_path / "b.obj", file, file.V[:, [1, 2, 0]])
+    assert (tmp_path / "b.obj").read_text().endswith(text.splitlines(keepends=True)[-1])
+
+
+def test_references_beyond_the_normals_of_an_obj_stay_beyond_where_normals_are_added(tmp_path):
+    """Two triangles share a normal, and turn apart; the corners of a third refer to no normal."""
+    text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 5 0 0\nv 6 0 0\nv 5 1 0\nvn 0 0 1\n"
+    text += "f 1//1 2//1 3//1\nf 4//-1 5//-1 6//-1\nf 1//2 2//-2 4//7\n"
+    file = obj(text, tmp_path)
+    assert [note.rpartition(" ")[2] for note in file.notes] == ["3"]
+    V = file.V.copy()
+    V[3:] = V[3:, [1, 2, 0]]
+    write_file(tmp_path / "b.obj", file, V)
+    faces = [line for line in (tmp_path / "b.obj").read_text().splitlines() if line[0] == "f"]
+    assert sorted(faces[:2]) == ["f 1//1 2//1 3//1", "f 4//-1 5//-1 6//-1"] or faces[:2] == [
+        "f 1//2 2//2 3//2",
+        "f 4//-2 5//-2 6//-2",
+    ]
+    assert faces[2] == "f 1//3 2//-3 4//8"
+    assert [note.rpartition(" ")[2] for note in read_file(tmp_path / "b.obj").notes] == ["3"]
+
+
+def test_an_obj_with_all_that_tools_write(tmp_path):
+    """Faces before vertices, comments behind numbers and in paths, weights, colours, and unknown lines."""
+    text = """\
+\ufeffv 0 0 0 # the first vertex
+# exported to C:\\meshes\\
+v 1 0 0 1.0
+o Part#1
+g one two
+f -2 -1 3 # a face whose last vertex follows
+v 0 1 0 0.5 0.25 1
+vt 0.5 0.5
+vp 0.25
+usemtl Red#2
+f 1/1/ 2/1 \\
+ 3/
+p 1
+l 1 2 3
+cstype bezier
+curv 0 1 1 2 3
+end
+"""
+    file = obj(text, tmp_path)
+    assert file.V.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+    assert file.F.tolist() == [[0, 1, 2], [0, 1, 2]] and file.notes == ()
+    assert "free form curves and surfaces" in file.holds
+    write_file(tmp_path / "b.obj", file, file.V + [0, 0, 2])
+    old, new = (text.splitlines(), (tmp_path / "b.obj").read_text().splitlines())
+    assert [(a, b) for a, b in zip(old, new, strict=True) if a != b] == [
+        ("\ufeffv 0 0 0 # the first vertex", "\ufeffv 0 0 2.0 # the first vertex"),
+        ("v 1 0 0 1.0", "v 1 0 2.0 1.0"),
+        ("v 0 1 0 0.5 0.25 1", "v 0 1 2.0 0.5 0.25 1"),
+    ]
 
 
 @pytest.mark.parametrize(
@@ -115,15 +234,22 @@ OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1//1 2//1 3//1\n"
         (".obj", OBJ, "1 0 0", "1 0", "line 2: a vertex needs three"),
         (".obj", OBJ, " 3//1", "", "line 5: a face needs three"),
         (".obj", OBJ, " 3//1", " 3//0", "line 5: .*counted from 1"),
-        (".obj", OBJ, " 3//1", " 3//2", "a normal outside 1..1"),
-        (".obj", OBJ, " 3//1", " 3//-2", "line 5: .*more normals than there are above it"),
-        (".stl", STL, "endsolid two", "endsolid\n" + STL, "2 meshes; write each mesh"),
+        (".obj", OBJ, "f 1//1", "f -4//1", "line 5: .*more vertices than there are above it"),
+        (".off", OFF, "CNOFF # with colours\n", "OFF BINARY\n", "binary OFF file; write it as text"),
+        (
+            ".off",
+            OFF.replace("255 0 0 255", "255"),
+            "CNOFF",
+            "NCOFF",
+            "do not all have a colour and a normal",
+        ),
         (".stl", STL, STL[STL.index("\n") :], "\nendsolid", "no triangles"),
         (".stl", STL, "vertex 1 1e0 0", "vertex 1 1e0", "line 12: a vertex needs three"),
         (".stl", STL, "vertex 1 1e0 0", "vertex 1 1 1 1", "line 12 has more than three"),
         (".stl", STL, "vertex 1 1e0 0", "vertex 1 1e0 z", "could not convert"),
         (".stl", STL, "      vertex 1 1e0 0\n", "", "line 13 ends a facet .* not have three vertices"),
-        (".stl", STL, "endsolid two", "", "ends within a solid"),
+        (".stl", STL, "  endfacet\nendsolid two", "", "ends within a facet"),
+        (".stl", STL, "  endfacet\nendsolid two", "endsolid", "line 15 stands within a facet"),
         (".stl", STL, "  endfacet\n  facet", "  endfaces\n  facet", "line 8 is not understood: 'endfaces'"),
         (".stl", STL, "endsolid two", "endsolid\nvertex 1 2 3", "line 17 is not understood"),
         (".stl", STL, STL, "<html>", "neither a text that begins with solid, nor"),
