@@ -41,6 +41,17 @@ def add_flags(parser: argparse.ArgumentParser, flags: Mapping[str, str]) -> None
         parser.add_argument(flag, action="store_true", help=text)
 
 
+def add_repair(parser: argparse.ArgumentParser) -> None:
+    """Declare --weld and --repair, which change how the surface is made from the mesh."""
+    text = "largest distance of a copy of a vertex from its place, as a fraction of the diagonal; "
+    text += "copies along a seam move as one (default: 1e-9, or two rounding steps of a file in single "
+    text += "precision; 0 for exact copies alone)"
+    parser.add_argument("--weld", type=float, default=1e-9, metavar="W", help=text)
+    text = "weld all copies of a vertex, along seams or not, and drop faces that are there twice; the output "
+    text += "still has all vertices of the input"
+    add_flags(parser, {"--repair": text})
+
+
 def add_options(parser: argparse.ArgumentParser, names: Iterable[str], **defaults: Any) -> None:
     """Declare an argument for each option; `defaults` replace the defaults of the methods."""
     for name in names:

@@ -38,18 +38,17 @@ def _carry(options: argparse.Namespace) -> int:
     import numpy as np
 
     from sshade.carry.binding_file import load_binding
-    from sshade.io.meshes import mesh_of, write_file
-    from sshade.mesh.seams import join_seams
+    from sshade.io.meshes import surface_of, write_file
 
     edited = read(options.edited).V
     if not np.isfinite(edited).all():
         raise InputError(f"{options.edited}: a vertex has a NaN or infinite coordinate")
     file = read(options.mesh, options.output)
-    mesh, vertex = join_seams(mesh_of(file, options.mesh))
-    binding = load_binding(options.map, mesh, frames=options.frames)
+    whole = surface_of(file, options.mesh)
+    binding = load_binding(options.map, whole.mesh, frames=options.frames)
     V, degenerate = binding.carry(edited)
-    write_file(options.output, file, V[vertex])
-    say(f"{options.output}: {len(vertex)} vertices carried by {binding.proxy.n}")
+    write_file(options.output, file, whole.placed(file.V, V))
+    say(f"{options.output}: {len(file.V)} vertices carried by {binding.proxy.n}")
     if degenerate:
         say(f"note: {degenerate} frames of the proxy have no area; they rotate with their neighbours")
     return 0

@@ -40,7 +40,7 @@ from typing import Any
 
 import numpy as np
 
-from sshade.cli.arguments import CARRY, HANDLES, REST, add_files, add_flags, add_options, read
+from sshade.cli.arguments import CARRY, HANDLES, REST, add_files, add_flags, add_options, add_repair, read
 from sshade.cli.console import announced_compilation, progress_bar, say
 from sshade.cli.notes import notes
 from sshade.errors import InputError
@@ -65,10 +65,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     flags = {
         "--raw": "keep the targets of the file; by default the target of a handle that is snapped to a "
         "vertex is corrected by the snap, rotated with its group",
-        "--repair": "weld coincident vertices and drop unused vertices before deforming; the output still "
-        "has all vertices of the input",
     }
     add_flags(parser, {**flags, "--carry-unconstrained": CARRY})
+    add_repair(parser)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -88,15 +87,13 @@ def command(options: argparse.Namespace) -> int:
 def _deform(options: argparse.Namespace, values: dict[str, Any], asked: int, given: HandleFile) -> int:
     """Read the mesh, deform it, and write the output."""
     from sshade.io.handles import on_mesh
-    from sshade.io.meshes import repair, write_file
-    from sshade.mesh.surface import Surface, surface
+    from sshade.io.meshes import surface_of, write_file
     from sshade.pipeline.deform import deform
     from sshade.task import DeformationTask
 
     file = read(options.mesh, options.output)
     V = file.V
-    with naming(options.mesh):
-        whole = Surface(*repair(V, file.F), {}) if options.repair else surface(V, file.F)
+    whole = surface_of(file, options.mesh, weld=options.weld, repair=options.repair)
     mesh = whole.mesh
     with naming(options.handles):
         handles = on_mesh(given, mesh, vertex=whole.vertex)

@@ -17,10 +17,13 @@ def notes(facts: Mapping[str, Any]) -> list[str]:
     """
     doubled, unused, flat = facts.get("doubled", 0), facts.get("unused", 0), facts["faces_without_area"]
     dropped = facts.get("duplicates", 0) + facts.get("collapsed", 0)
+    near = facts.get("near", 0)
     turned, copies = facts.get("turned", 0), facts.get("copies", 0)
     components, unconstrained = facts.get("components", 1), facts.get("unconstrained", 0)
     found = {
-        f"{doubled} vertices share their place with another vertex along a seam, and move with it": doubled,
+        f"{doubled} vertices share their place with another vertex, and move with it": doubled,
+        f"{near} vertices lie near another vertex, within rounding, and move with it (at most "
+        f"{facts.get('tolerance', 0):.2g} of the diagonal from their common place)": near,
         f"handles given by position were snapped by at most {facts['snap']:.3g}, "
         f"{100 * facts['snap'] / facts['diagonal']:.2g} % of the diagonal": facts["snap"] > 0,
         f"the proxy has {facts['samples']} vertices instead of {facts['asked']}: at most a quarter of the "

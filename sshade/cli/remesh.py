@@ -39,12 +39,11 @@ def command(options: argparse.Namespace) -> int:
 def _remesh(options: argparse.Namespace) -> int:
     """Read the mesh, and write the proxy and the map."""
     from sshade.carry.binding_file import save_binding
-    from sshade.io.meshes import mesh_of, write_mesh
-    from sshade.mesh.seams import join_seams
+    from sshade.io.meshes import surface_of, write_mesh
     from sshade.pipeline.proxies import bind
 
-    mesh, _ = join_seams(mesh_of(read(options.mesh), options.mesh))
-    binding = bind(mesh, options.vertices, seed=options.seed)
+    whole = surface_of(read(options.mesh), options.mesh)
+    binding = bind(whole.mesh, options.vertices, seed=options.seed)
     with replacing(options.map) as temporary:
         save_binding(temporary, binding)
         write_mesh(options.output, binding.proxy.V, binding.proxy.F)  # if this fails, no map is written

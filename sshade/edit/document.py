@@ -15,8 +15,7 @@ from sshade.handles import Handles
 from sshade.io.entries import parsed_handle_file
 from sshade.io.files import check_output, naming
 from sshade.io.handles import on_mesh, read_handles, write_handles
-from sshade.io.meshes import SUFFIXES, read_file, write_file
-from sshade.mesh.surface import surface
+from sshade.io.meshes import SUFFIXES, read_file, surface_of, write_file
 from sshade.task import DeformationTask
 
 #: Suffixes of the files that are saved, by content.
@@ -70,8 +69,7 @@ class Document:
                 self._propose(content, given)
         self._carry, self._file = carry, read_file(path)
         self.notes = self._file.notes
-        with naming(path):
-            self._surface = surface(self._file.V, self._file.F)
+        self._surface = surface_of(self._file, path)
         self.mesh = self._surface.mesh
         used = np.flatnonzero(self._surface.vertex >= 0)
         # Handle files name the first of the vertices at one place.

@@ -45,6 +45,9 @@ class MeshFile:
     notes : tuple of str
         Oddities of the file, such as values that its header does not declare: one clause each, to be
         printed behind the name of the file.
+    rounding : (3,) float64, optional
+        Rounding steps of the coordinates. None if the numbers of the file tell: see
+        :func:`sshade.mesh.surface.surface`.
     """
 
     V: np.ndarray
@@ -53,6 +56,7 @@ class MeshFile:
     suffixes: tuple[str, ...]
     content: Callable[[np.ndarray, Path], bytes | bytearray]
     notes: tuple[str, ...] = ()
+    rounding: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         for array in (self.V, self.F):  # so that Mesh need not copy them

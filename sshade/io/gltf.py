@@ -30,6 +30,7 @@ from sshade.io.gltf_scene import (
 )
 from sshade.io.normals import vertex_turns
 from sshade.mesh.mesh import unit_rows
+from sshade.mesh.surface import single_steps
 
 #: Greatest error of written positions, as a fraction of the largest extent of the mesh, unless the
 #: positions of the file were already rounded more coarsely.
@@ -85,7 +86,7 @@ def read_gltf(path: Path) -> MeshFile:
     matrices = mesh_matrices(gltf.tree, path)
     parts: dict[tuple, _Part] = {}
     V, F = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)]
-    count = 0
+    count, rounding = 0, np.zeros(3)
     for number, mesh in enumerate(gltf.tree.get("meshes", [])):
         if number not in matrices:
             continue  # no node shows it
@@ -96,6 +97,7 @@ def read_gltf(path: Path) -> MeshFile:
             if key not in parts:
                 P = array_of(gltf.tree, gltf.buffers, position).astype(np.float64)
                 V.append(P if (np.eye(4) == M).all() else P @ M[:3, :3].T + M[:3, 3])
+                rounding = np.maximum(rounding, np.abs(M[:3, :3]) @ single_steps(P))
                 parts[key] = _Part(position, *shading, count, M)
                 count += len(P)
             part = parts[key]
@@ -109,7 +111,7 @@ def read_gltf(path: Path) -> MeshFile:
     require_apart(gltf.tree, gltf.buffers, path)
     rest, triangles = np.concatenate(V), np.concatenate(F)
     content = partial(_content, gltf, list(parts.values()), rest, triangles)
-    return MeshFile(rest, triangles, _holds(gltf.tree), (".glb", ".gltf"), content)
+    return MeshFile(rest, triangles, _holds(gltf.tree), (".glb", ".gltf"), content, rounding=rounding)
 
 
 def _parsed(path: Path) -> _Gltf:

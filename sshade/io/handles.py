@@ -41,11 +41,10 @@ from sshade.handles import Handles
 from sshade.io.entries import NO_ROTATION, Entry, HandleFile, read_handle_file
 from sshade.io.files import naming, replacing
 from sshade.io.implicit_arap import implicit_arap_frame
-from sshade.io.meshes import read_file
+from sshade.io.meshes import read_surface
 from sshade.io.points import columns
 from sshade.io.regions import rigidly_moved, vertices_in
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.surface import surface
 from sshade.task import DeformationTask
 
 
@@ -63,7 +62,7 @@ def read_handles(
         Keep the targets of the file as they are; see :meth:`sshade.Handles.from_positions`.
     vertex : (k,) int, optional
         Needed if `mesh` is a repaired copy of the mesh that the vertex ids refer to: the vertex of `mesh`
-        for each id, or -1; see :func:`sshade.io.meshes.repair`.
+        for each id, or -1; see :class:`sshade.mesh.surface.Surface`.
 
     Raises
     ------
@@ -135,12 +134,10 @@ def read_task(
     Raises
     ------
     InputError
-        See :func:`sshade.io.meshes.read_file`, :func:`sshade.mesh.surface.surface`, :func:`read_handles` and
+        See :func:`sshade.io.meshes.read_surface`, :func:`read_handles` and
         :class:`sshade.DeformationTask`.
     """
-    file = read_file(mesh)
-    with naming(mesh):
-        rest = surface(file.V, file.F)
+    _, rest = read_surface(mesh)
     name = f"{Path(mesh).stem}/{Path(handles).stem}"
     own = read_handles(handles, rest.mesh, raw=raw, vertex=rest.vertex)
     meta, carry = {"raw": raw}, carry_unconstrained

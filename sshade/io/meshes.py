@@ -17,7 +17,7 @@ from sshade.io.ply import read_ply, write_ply
 from sshade.io.stl import read_stl, write_stl
 from sshade.io.words import rows_of
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.surface import cleaned, without_duplicates
+from sshade.mesh.surface import NEAR, Surface, surface
 
 _READERS = dict(zip(SUFFIXES, (read_ply, read_obj, read_off, read_stl, read_gltf, read_gltf), strict=True))
 
@@ -38,6 +38,34 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
         :class:`Mesh`.
     """
     return mesh_of(read_file(path), path)
+
+
+def read_surface(
+    path: str | os.PathLike[str], *, weld: float = NEAR, repair: bool = False
+) -> tuple[MeshFile, Surface]:
+    """Read a mesh file, and the surface in it that can be deformed.
+
+    Raises
+    ------
+    InputError
+        See :func:`read_file` and :func:`surface_of`.
+    """
+    file = read_file(path)
+    return file, surface_of(file, path, weld=weld, repair=repair)
+
+
+def surface_of(
+    file: MeshFile, path: str | os.PathLike[str], *, weld: float = NEAR, repair: bool = False
+) -> Surface:
+    """Return the surface of a file that was read from `path`; see :func:`sshade.mesh.surface.surface`.
+
+    Raises
+    ------
+    InputError
+        When the file holds no surface. The message names `path`.
+    """
+    with naming(path):
+        return surface(file.V, file.F, weld=weld, rounding=file.rounding, repair=repair)
 
 
 def mesh_of(file: MeshFile, path: str | os.PathLike[str]) -> Mesh:
@@ -139,24 +167,3 @@ def write_mesh(path: str | os.PathLike[str], V: np.ndarray, F: np.ndarray) -> No
         else:
             head = f"OFF\n{len(V)} {len(F)} 0\n".encode()
             temporary.write_bytes(head + rows_of("", V) + rows_of("3 ", F))
-
-
-def repair(V: np.ndarray, F: np.ndarray) -> tuple[Mesh, np.ndarray]:
-    """Weld coincident vertices and drop useless faces and vertices.
-
-    Vertices at exactly the same position become one, so that an unwelded soup becomes a surface. Then
-    faces that repeat a vertex, duplicate faces, and vertices without a face are dropped.
-
-    Returns
-    -------
-    mesh : Mesh
-    vertex : (n,) int
-        Vertex of `mesh` for each input vertex; -1 for dropped vertices.
-    """
-    V, F = np.asarray(V, dtype=np.float64), np.asarray(F, dtype=np.int64)
-    if len(F) and (F.min() < 0 or F.max() >= len(V)):
-        raise InputError(f"faces refer to vertices outside 0..{len(V) - 1}; no repair can mend this")
-    _, first, weld = np.unique(V, axis=0, return_index=True, return_inverse=True)
-    weld = first[weld.ravel()]
-    welded = cleaned(V, weld[F])
-    return without_duplicates(welded.mesh), welded.vertex[weld]

@@ -18,6 +18,7 @@ from sshade.io.document import MeshFile, fanned, moved_reference, present
 from sshade.io.normals import turns, vertex_turns
 from sshade.io.ply_elements import Element, read_header, take
 from sshade.io.words import Numbers, Text, edited
+from sshade.mesh.surface import single_steps
 
 _CORNERS = ("vertex_indices", "vertex_index")
 _NORMAL = ["nx", "ny", "nz"]
@@ -67,7 +68,9 @@ def read_ply(path: Path) -> MeshFile:
     # Integer positions or normals cannot be written back after a deformation.
     whole = any(p.kind.kind != "f" for p in properties if p.name in _CHANGED)
     suffixes = () if whole else (".ply",)
-    return MeshFile(V, F, _holds(ply, len(F)), suffixes, partial(_content, ply, V, F, face, path))
+    single = len(V) and all(p.kind == np.float32 for p in vertices.properties if p.name in ("x", "y", "z"))
+    content, rounding = partial(_content, ply, V, F, face, path), single_steps(V) if single else None
+    return MeshFile(V, F, _holds(ply, len(F)), suffixes, content, rounding=rounding)
 
 
 def _parsed(data: bytes) -> _Ply:

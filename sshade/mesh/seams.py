@@ -7,8 +7,16 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from sshade.kernels import kernel
-from sshade.mesh.mesh import Mesh, repeats_vertex
+from sshade.mesh.mesh import Mesh, repeats_vertex, unit_rows
 from sshade.mesh.sides import sides_by_edge
+
+#: Largest width of a group of near positions, as a multiple of the tolerance. A wider chain of positions is
+#: no vertex, but an edge with vertices closer together than the tolerance.
+WIDEST = 4.0
+#: Largest mean number of positions near a position. In a denser mesh, near positions are no copies.
+CROWD = 64
+#: Cosine above which two faces at one edge lie upon each other, and do not continue each other.
+UPON = 0.999
 
 
 def same_rows(rows: np.ndarray) -> np.ndarray:
@@ -44,22 +52,63 @@ def _same_rows(rows):
     return ids
 
 
-def join_seams(mesh: Mesh) -> tuple[Mesh, np.ndarray]:
-    """Merge vertices at exactly the same position along matching boundary edges.
+def same_places(P: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
+    """Return (k,) int64 ids of positions P (k, 3), such that copies of one place have the same id.
 
-    Two boundary edges match if they join the same two positions and run in opposite directions, like the
-    two sides of a cut. The two ends of a boundary edge of length zero, as around the pole of a globe made
-    of squares, are merged too. Other vertices at one position, as of parts that touch in a point, stay
-    apart. Faces that repeat a vertex after merging have no area and are left out.
+    Copies differ from their place by at most the tolerance (3,) on each axis. Without a tolerance, copies are
+    equal. Chains of near positions that are wider than :data:`WIDEST` tolerances are no copies.
+    """
+    ids = same_rows(P)
+    if not (len(P) and tolerance.all()):
+        return ids
+    from scipy.spatial import cKDTree
+
+    _, first = np.unique(ids, return_index=True)
+    Q = (P[first] - P.min(axis=0)) / tolerance
+    tree, radius = cKDTree(Q), 2 * (1 + 1e-6)  # two copies on different sides of their place; and rounding
+    if tree.count_neighbors(tree, radius, p=np.inf) > CROWD * len(Q):
+        return ids
+    pairs = tree.query_pairs(radius, p=np.inf, output_type="ndarray")
+    if not len(pairs):
+        return ids
+    group = _groups(len(Q), pairs[:, 0], pairs[:, 1])
+    low, high = np.full((2, len(Q), 3), [[[np.inf]], [[-np.inf]]])
+    np.minimum.at(low, group, Q)
+    np.maximum.at(high, group, Q)
+    wide = (high[group] - low[group] > WIDEST * (1 + 1e-6)).any(axis=1)
+    group[wide] = np.flatnonzero(wide)
+    return group[ids]
+
+
+def _groups(n: int, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return (n,) int64: the least number of each group that pairs `one` (k,) and `other` (k,) link."""
+    graph = coo_array((np.ones(len(one), dtype=bool), (one, other)), shape=(n, n))
+    _, group = connected_components(graph, directed=False)
+    _, first, group = np.unique(group, return_index=True, return_inverse=True)
+    return first[group.ravel()]
+
+
+def seams(mesh: Mesh, tolerance: np.ndarray) -> np.ndarray:
+    """Find vertices at one place that matching boundary edges join.
+
+    Two boundary edges match if they join the same two places and run in opposite directions, like the two
+    sides of a cut. Without a third boundary edge between the places, the two edges may run in the same
+    direction, as where a file has turned some faces, unless the two faces lie upon each other. The two ends
+    of a boundary edge at one place, as around the pole of a globe made of squares, are joined too. Other
+    vertices at one place, as of parts that touch in a point, stay apart.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    tolerance : (3,) float64
+        See :func:`same_places`.
 
     Returns
     -------
-    joined : Mesh
-        `mesh` itself if it has no seam.
-    vertex : (n,) int64
-        Vertex of `joined` for each vertex of `mesh`.
+    (n,) int64
+        The first of the vertices that are joined with each vertex, often the vertex itself.
     """
-    unchanged = mesh, np.arange(mesh.n)
+    unchanged = np.arange(mesh.n)
     if mesh.is_closed:
         return unchanged
     # Faces with two corners on the boundary include all faces at boundary edges.
@@ -68,25 +117,51 @@ def join_seams(mesh: Mesh) -> tuple[Mesh, np.ndarray]:
     F = mesh.F[on_boundary[mesh.F].sum(axis=1) >= 2]
     edges = sides_by_edge(F, mesh.n)
     side = edges.side[edges.start[:-1][edges.faces == 1]].astype(np.int64)
-    begin, end = F.ravel()[side], F[side // 3, (side + 1) % 3]
+    begin, end, third = (F[side // 3, (side + k) % 3] for k in range(3))
     place, rim = np.full(mesh.n, -1), np.unique(begin)
-    place[rim] = same_rows(mesh.V[rim]) if len(rim) else 0
+    place[rim] = same_places(mesh.V[rim], tolerance)
     forward = place[begin] < place[end]
     low, high = np.where(forward, begin, end), np.where(forward, end, begin)
     _, first, edge = np.unique(place[low] * mesh.n + place[high], return_index=True, return_inverse=True)
     edge = edge.ravel()
     count, ahead = np.bincount(edge), np.bincount(edge, forward)
     point = place[low] == place[high]
-    matched = ((ahead > 0) & (ahead < count))[edge] & ~point
+    matches = (ahead > 0) & (ahead < count)
+    turned = np.flatnonzero((count == 2) & ~matches & ~point[first])
+    if len(turned):
+        two = np.argsort(edge, kind="stable")[np.cumsum(count)[turned, None] - [2, 1]]
+        matches[turned] = ~_upon(mesh.V, begin[two], end[two], third[two], tolerance)
+    matched = matches[edge] & ~point
     if not (matched | point).any():
         return unchanged
     twin = first[edge[matched]]
     one = np.concatenate([low[matched], high[matched], low[point]])
     other = np.concatenate([low[twin], high[twin], high[point]])
-    graph = coo_array((np.ones(len(one), dtype=bool), (one, other)), shape=(mesh.n, mesh.n))
-    _, group = connected_components(graph, directed=False)
-    _, first, group = np.unique(group, return_index=True, return_inverse=True)
-    kept = np.sort(first)
-    vertex = np.searchsorted(kept, first[group.ravel()])
-    F = vertex[mesh.F]
-    return Mesh(mesh.V[kept], F[~repeats_vertex(F)]), vertex
+    return _with_faces(mesh, _groups(mesh.n, one, other))
+
+
+def _with_faces(mesh: Mesh, first: np.ndarray) -> np.ndarray:
+    """Leave out groups of vertices (n,) whose merging takes the last face of a vertex, as of a sliver."""
+    first = first.copy()
+    while True:
+        F = first[mesh.F]
+        alive = np.zeros(mesh.n, dtype=bool)
+        alive[F[~repeats_vertex(F)]] = True
+        lost = ~alive[F]
+        if not lost.any():
+            return first
+        undone = np.zeros(mesh.n, dtype=bool)
+        undone[F[lost.any(axis=1)]] = True
+        apart = np.flatnonzero(undone[first])
+        first[apart] = apart
+
+
+def _upon(
+    V: np.ndarray, begin: np.ndarray, end: np.ndarray, third: np.ndarray, tolerance: np.ndarray
+) -> np.ndarray:
+    """Return (k,) bool: pairs of faces at one edge that lie upon each other; corners are (k, 2)."""
+    along = unit_rows(V[end[:, 0]] - V[begin[:, 0]])
+    away = [V[third[:, i]] - V[begin[:, i]] for i in range(2)]
+    away = [unit_rows(x - np.einsum("ki,ki->k", x, along)[:, None] * along) for x in away]
+    same = (np.abs(V[third[:, 0]] - V[third[:, 1]]) <= 2 * tolerance).all(axis=1)
+    return same | (np.einsum("ki,ki->k", *away) > UPON)

@@ -8,7 +8,15 @@ import numpy as np
 
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh, check_faces, repeats_vertex
-from sshade.mesh.seams import join_seams
+from sshade.mesh.seams import same_places, seams
+
+#: Largest distance of a copy of a vertex from its place, on each axis, as a fraction of the bounding-box
+#: diagonal.
+NEAR = 1e-9
+#: Largest value of this option.
+NEAREST_MOST = 1e-3
+#: The same distance in rounding steps of the largest coordinate, where positions are stored as float32.
+STEPS = 2
 
 
 class Surface(NamedTuple):
@@ -20,40 +28,97 @@ class Surface(NamedTuple):
     vertex : (n,) int64
         Vertex of `mesh` for each original vertex; -1 where it has none.
     facts : mapping
-        Counts: vertices that no face uses (``unused``), vertices merged along seams (``doubled``), and
-        faces that repeat a vertex (``collapsed``).
+        Counts: vertices that no face uses (``unused``), vertices merged with another at exactly their place
+        (``doubled``) or near it (``near``), faces that repeat a vertex (``collapsed``), and, of a repair,
+        faces there twice (``duplicates``). ``tolerance`` is the largest distance of a copy from its place, as
+        a fraction of the diagonal.
     """
 
     mesh: Mesh
     vertex: np.ndarray
-    facts: dict[str, int]
+    facts: dict[str, float]
 
     def placed(self, V: np.ndarray, moved: np.ndarray) -> np.ndarray:
         """Return the original vertices V (n, 3), with the vertices of the mesh placed at `moved` (k, 3)."""
         return np.where((self.vertex >= 0)[:, None], moved[self.vertex], V)
 
+    def merged(self, first: np.ndarray) -> Surface:
+        """Merge each vertex of the mesh with the vertex `first` (k,) of its group; facts stay."""
+        if (first == np.arange(len(first))).all():
+            return self
+        mesh, vertex, _ = cleaned(self.mesh.V, first[self.mesh.F])
+        return Surface(mesh, np.where(self.vertex >= 0, vertex[first[self.vertex]], -1), self.facts)
 
-def surface(V: np.ndarray, F: np.ndarray) -> Surface:
+
+def surface(
+    V: np.ndarray,
+    F: np.ndarray,
+    *,
+    weld: float = NEAR,
+    rounding: np.ndarray | None = None,
+    repair: bool = False,
+) -> Surface:
     """Leave out whatever is not part of a surface, and join seams.
 
     Drops faces that repeat a vertex, then vertices that no face uses (:func:`cleaned`), and merges
-    vertices along seams (:func:`sshade.mesh.seams.join_seams`). Everything else keeps its position and
+    vertices along seams (:func:`sshade.mesh.seams.seams`). Everything else keeps its position and
     its order.
 
     Parameters
     ----------
-    V : (n, 3) float64
+    V : (n, 3) float
     F : (m, 3) int
+    weld : float
+        Largest distance of a copy of a vertex from its place, as a fraction of the bounding-box diagonal.
+        Raise it if a file has gaps along seams; 0 merges exact copies alone.
+    rounding : (3,) float64, optional
+        Rounding steps of the coordinates. Copies may be :data:`STEPS` steps from their place, if `weld` is
+        not 0. By default, the steps of float32 where all coordinates are float32 numbers, or else 0.
+    repair : bool
+        Merge all vertices at one place, along seams or not, and drop faces that are there twice.
 
     Raises
     ------
     InputError
-        As :class:`sshade.Mesh`; also when every face repeats a vertex.
+        As :class:`sshade.Mesh`; also when every face repeats a vertex, and if `weld` is out of range.
     """
+    if not 0 <= weld <= NEAREST_MOST:
+        raise InputError(f"weld is a fraction of the diagonal from 0 to {NEAREST_MOST:g}, not {weld}")
     whole = cleaned(V, F)
-    mesh, joined = join_seams(whole.mesh)
-    vertex = np.where(whole.vertex >= 0, joined[whole.vertex], -1)
-    return Surface(mesh, vertex, {**whole.facts, "doubled": whole.mesh.n - mesh.n})
+    tolerance = np.zeros(3)
+    if weld > 0:
+        if rounding is None:
+            rounding = single_steps(whole.mesh.V) if is_single(whole.mesh.V) else np.zeros(3)
+        tolerance = np.maximum(weld * whole.mesh.diagonal, STEPS * rounding)
+    facts = {**whole.facts, "tolerance": tolerance.max() / (whole.mesh.diagonal or 1.0)}
+    result = whole
+    if repair:
+        ids = same_places(whole.mesh.V, tolerance)
+        _, first = np.unique(ids, return_index=True)
+        result = whole.merged(first[np.unique(ids, return_inverse=True)[1].ravel()])
+        once = without_duplicates(result.mesh)
+        facts["collapsed"] += whole.mesh.m - result.mesh.m
+        facts["duplicates"] = result.mesh.m - once.m
+        result = result._replace(mesh=once)
+    else:
+        for within in (np.zeros(3), tolerance):
+            result = result.merged(seams(result.mesh, within))
+    there = result.vertex >= 0
+    moved = (result.mesh.V[result.vertex] != np.asarray(V))[there].any(axis=1).sum()
+    facts["near"] = int(moved)
+    facts["doubled"] = int(there.sum()) - result.mesh.n - facts["near"]
+    return result._replace(facts=facts)
+
+
+def single_steps(V: np.ndarray) -> np.ndarray:
+    """Return the rounding steps (3,) float64 of the largest coordinates of positions (n, 3) in float32."""
+    return np.spacing(np.abs(V).max(axis=0).astype(np.float32)).astype(np.float64)
+
+
+def is_single(V: np.ndarray) -> bool:
+    """Whether all coordinates are float32 numbers."""
+    with np.errstate(over="ignore"):
+        return bool((V.astype(np.float32) == V).all())
 
 
 def cleaned(V: np.ndarray, F: np.ndarray) -> Surface:
@@ -73,7 +138,8 @@ def cleaned(V: np.ndarray, F: np.ndarray) -> Surface:
     if repeating:
         F, used = F[~repeats_vertex(F)], np.zeros(len(V), dtype=bool)
         used[F] = True
-    vertex, facts = np.arange(len(V)), {"unused": int((~used).sum()), "collapsed": int(repeating)}
+    vertex = np.arange(len(V))
+    facts: dict[str, float] = {"unused": int((~used).sum()), "collapsed": int(repeating)}
     if not used.all():
         vertex = np.where(used, np.cumsum(used) - 1, -1)
         V, F = V[used], vertex[F]

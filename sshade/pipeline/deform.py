@@ -11,7 +11,7 @@ import numpy as np
 
 from sshade.errors import InputError
 from sshade.io.objects import opened
-from sshade.mesh.surface import surface
+from sshade.mesh.surface import NEAR, surface
 from sshade.options import accepted, as_row, require_method, resolve, takes_options
 from sshade.pipeline.components import by_components
 from sshade.pipeline.engine import deform_once
@@ -84,6 +84,8 @@ def deform(
     weight: np.ndarray | float | None = None,
     rotations: np.ndarray | None = None,
     carry_unconstrained: bool = False,
+    weld: float = NEAR,
+    repair: bool = False,
     **options: Any,
 ) -> Any:
     """Deform a surface so that some of its vertices, the handles, reach given positions.
@@ -127,6 +129,12 @@ def deform(
     carry_unconstrained : bool
         Move components without a handle rigidly with the nearest component, instead of refusing them. A task
         has weights, rotations and this flag itself.
+    weld : float
+        Largest distance of a copy of a vertex from its place, as a fraction of the bounding-box diagonal; two
+        rounding steps if all coordinates are float32 numbers, and two steps are larger. Copies along a seam
+        move as one. 0 joins exact copies alone.
+    repair : bool
+        Weld all copies of a vertex, along seams or not.
     **options
         The options of the method, ``seed`` and ``workers`` among them: see :class:`sshade.options.Options`;
         and ``progress``, a :class:`sshade.progress.Progress`.
@@ -164,8 +172,10 @@ def deform(
     run = method if callable(method) else partial(deform_task, method=require_method(method))
     if isinstance(shape, DeformationTask):
         _expect(arrays, "a task", 0)
-        if weight is not None or rotations is not None or carry_unconstrained:
-            raise TypeError("a task has weights, rotations and carry_unconstrained itself")
+        if weight is not None or rotations is not None or carry_unconstrained or repair:
+            raise TypeError(
+                "a task has weights, rotations and carry_unconstrained itself, and its mesh is not welded"
+            )
         return run(shape, **options)
     if (mesh := opened(shape)) is not None:
         b, bc = _expect(arrays, "a mesh", 2)
@@ -173,7 +183,7 @@ def deform(
     else:
         F, b, bc = _expect(arrays, "vertices", 3)
         V = np.asarray(shape, dtype=np.float64)
-    whole = surface(V, F)
+    whole = surface(V, F, weld=weld, repair=repair)
     if rotations is not None and np.ndim(rotations) == 2:
         rotations = np.broadcast_to(rotations, (len(b), *np.shape(rotations)))
     handles = Handles(b, bc, weight=weight, rotation=rotations)  # type: ignore[arg-type]

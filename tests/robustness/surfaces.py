@@ -53,8 +53,6 @@ REFUSED_BY_REMESH = {
     "a fin": (mesh(t_fin().V, t_fin().F), "not manifold: edge", "3 faces"),
     "two fans at a vertex": (mesh(*_touching()), "more than one fan"),
     "two components": (mesh(*_two()), "2 components", "--repair"),
-    "a repeated index in a face": (mesh(V, [*F, [4, 4, 7]]), "1 faces repeat", "--repair"),
-    "unreferenced vertices": (mesh([*V, [9, 9, 9]], F), "1 vertices belong to no face", "--repair"),
 }
 
 
@@ -150,7 +148,12 @@ MILLION = Case(
 )
 CASES = [
     *refused(DEFORM, REFUSED),
-    Case("--repair: a face out of range", REPAIR, _at((3, 2), 999, of="F"), says=("no repair",)),
+    Case(
+        "--repair: a face out of range",
+        REPAIR,
+        _at((3, 2), 999, of="F"),
+        says=("face 3", "the ids go from 0 to 161"),
+    ),
     *refused(REMESH, REFUSED_BY_REMESH, prefix="remesh: "),
     *(_taken(name, given, holds) for name, (given, holds) in TAKEN.items()),
     MILLION,

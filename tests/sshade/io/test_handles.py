@@ -6,7 +6,8 @@ import pytest
 
 from sshade import Handles, InputError, Mesh, deform
 from sshade.io.handles import read_handles, read_task, write_handles
-from sshade.io.meshes import repair, write_mesh
+from sshade.io.meshes import write_mesh
+from sshade.mesh.surface import surface
 from tests.shapes import bumpy, rotation, tetrahedron
 
 
@@ -127,7 +128,7 @@ def test_unused_groups_are_skipped_and_group_numbers_count_entries(write, body):
 def test_ids_count_the_vertices_of_the_file_where_the_mesh_is_a_repaired_copy(write):
     mesh = tetrahedron()
     soup = np.concatenate([[[9.0, 9, 9]], mesh.V[mesh.F].reshape(-1, 3)])
-    repaired, vertex = repair(soup, 1 + np.arange(12).reshape(-1, 3))
+    repaired, vertex, _ = surface(soup, 1 + np.arange(12).reshape(-1, 3), repair=True)
     entries = [{"vertices": [12]}, {"vertices": [1], "target": [[5, 5, 5]]}]
     handles = read_handles(write(entries), repaired, vertex=vertex)
     assert np.array_equal(repaired.V[handles.index], soup[[12, 1]])

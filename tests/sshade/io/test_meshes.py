@@ -5,7 +5,8 @@ import pytest
 
 from sshade import InputError, Mesh
 from sshade.io import meshes as meshio
-from sshade.io.meshes import SUFFIXES, read_arrays, read_mesh, repair, write_mesh
+from sshade.io.meshes import SUFFIXES, read_arrays, read_mesh, read_surface, write_mesh
+from sshade.mesh.surface import surface
 from tests.shapes import icosphere
 
 ORDERED = [suffix for suffix in SUFFIXES if suffix != ".stl"]
@@ -49,11 +50,15 @@ def test_a_folder_that_cannot_take_the_output_is_refused(tmp_path, monkeypatch):
     assert not os.listdir(tmp_path)
 
 
+def _repaired(path):
+    return read_surface(path, repair=True)[1]
+
+
 def test_repair_welds_a_soup_into_the_surface_and_keeps_maps(tmp_path):
     mesh = icosphere(2)
     write_mesh(tmp_path / "soup.stl", mesh.V, mesh.F)
-    V, F = read_arrays(tmp_path / "soup.stl")
-    repaired, vertex = repair(V, F)
+    (V, F), (repaired, vertex, facts) = (read(tmp_path / "soup.stl") for read in (read_arrays, _repaired))
+    assert facts["doubled"] == len(V) - mesh.n and facts["near"] == 0
     repaired.require_manifold()
     assert repaired.n == mesh.n and repaired.m == mesh.m and repaired.topology == mesh.topology
     assert vertex.shape == (len(V),) and vertex.min() == 0
@@ -64,7 +69,8 @@ def test_repair_welds_a_soup_into_the_surface_and_keeps_maps(tmp_path):
 def test_repair_drops_unused_vertices_repeated_and_duplicate_faces():
     V = np.array([[9.0, 9, 9], [0, 0, 0], [1, 0, 0], [0, 1, 0], [-0.0, 0, 0], [1, 1, 0]])
     F = np.array([[1, 2, 3], [1, 2, 2], [4, 2, 3], [1, 4, 3], [2, 5, 3]])
-    mesh, vertex = repair(V, F)
+    mesh, vertex, facts = surface(V, F, repair=True)
+    assert (facts["unused"], facts["collapsed"], facts["duplicates"], facts["doubled"]) == (1, 2, 1, 1)
     assert mesh.F.tolist() == [[0, 1, 2], [1, 3, 2]]
     assert vertex.tolist() == [-1, 0, 1, 2, 0, 3]
     assert np.array_equal(mesh.V, V[[1, 2, 3, 5]])

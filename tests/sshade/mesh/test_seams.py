@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from sshade import Mesh
-from sshade.mesh.seams import join_seams, same_rows
+from sshade.mesh.seams import same_rows
+from sshade.mesh.surface import surface
 from tests.shapes import beside, icosphere
 
 SPHERE = icosphere(2)
@@ -25,19 +26,19 @@ HALF = SPHERE.V[SPHERE.F].mean(axis=1)[:, 0] > 0
     "parts", [SOUP, split(SPHERE, HALF), split(SPHERE, np.random.default_rng(1).random(SPHERE.m) < 0.3)]
 )
 def test_a_surface_cut_anywhere_becomes_whole_again(parts):
-    joined, vertex = join_seams(parts)
+    joined, vertex, _ = surface(parts.V, parts.F)
     assert parts.n > SPHERE.n == joined.n and joined.m == SPHERE.m
     assert np.array_equal(joined.V[vertex], parts.V) and np.array_equal(joined.F, vertex[parts.F])
     assert joined.topology == SPHERE.topology
 
 
-def test_without_a_seam_it_is_the_same_object():
+def test_without_a_seam_arrays_are_not_even_copied():
     strip = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0], [-1, 0, 0], [0, -1, 0]], [[0, 1, 2], [3, 4, 5]])
     twice = beside(SPHERE, SPHERE)
     parallel = Mesh(np.concatenate([strip.V[:3]] * 2), [[0, 1, 2], [3, 4, 5]])  # both run the same way
     for mesh in (SPHERE, strip, twice, parallel):
-        joined, vertex = join_seams(mesh)
-        assert joined is mesh and np.array_equal(vertex, np.arange(mesh.n))
+        joined, vertex, _ = surface(mesh.V, mesh.F)
+        assert joined.V is mesh.V and joined.F is mesh.F and np.array_equal(vertex, np.arange(mesh.n))
 
 
 def test_vertices_at_one_place_apart_from_a_seam_stay_apart():
@@ -46,7 +47,7 @@ def test_vertices_at_one_place_apart_from_a_seam_stay_apart():
         np.concatenate([parts.V, [SPHERE.V[0]], SPHERE.V[0] + np.eye(3)[:2]]),
         np.concatenate([parts.F, [parts.n + np.arange(3)]]),
     )
-    joined, vertex = join_seams(inner)
+    joined, vertex, _ = surface(inner.V, inner.F)
     assert joined.n == SPHERE.n + 3 and (vertex == vertex[parts.n]).sum() == 1
 
 
@@ -61,7 +62,7 @@ def test_a_pole_of_many_vertices_with_faces_without_area_closes():
     lower, upper = np.column_stack([i, i + 1, i + k + 1]), np.column_stack([i + 1, i + k + 2, i + k + 1])
     up = np.concatenate([lower, upper])
     F = np.concatenate([up, up[:, ::-1] + 2 * (k + 1)])
-    joined, vertex = join_seams(Mesh(V, F))
+    joined, vertex, _ = surface(V, F)
     assert joined.n == k + 2 and joined.is_closed and joined.topology.euler == 2
     assert np.array_equal(joined.V[vertex], V)
 
