@@ -72,35 +72,6 @@ def present(**found: object) -> tuple[str, ...]:
     return tuple(name.replace("_", " ") for name, there in found.items() if there)
 
 
-def fanned(polygons: list[np.ndarray], numbers: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Fan polygons into triangles from their first corners.
-
-    Parameters
-    ----------
-    polygons : list of (p, k) int64
-        Corners of the polygons with k corners, for each k.
-    numbers : list of (p,) int64
-        Numbers of these polygons in the file.
-
-    Returns
-    -------
-    F : (m, 3) int64
-        Triangles in the order of the file.
-    face : (m,) int64
-        Number of the polygon of each triangle.
-    """
-    if len(polygons) == 1 and polygons[0].shape[1] == 3:
-        return polygons[0], numbers[0]
-    F, face = [np.zeros((0, 3), dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
-    for ids, polygon in zip(polygons, numbers, strict=True):
-        k = ids.shape[1]
-        first = np.repeat(ids[:, :1], k - 2, axis=1)
-        F.append(np.stack([first, ids[:, 1:-1], ids[:, 2:]], axis=2).reshape(-1, 3))
-        face.append(np.repeat(polygon, k - 2))
-    order = np.argsort(np.concatenate(face), kind="stable")
-    return np.concatenate(F)[order], np.concatenate(face)[order]
-
-
 def moved_reference(name: str, source: Path, path: Path) -> str:
     """Convert a file name in `source` so that it is valid in `path`; absolute names and URLs stay."""
     here, there = source.resolve().parent, path.resolve().parent

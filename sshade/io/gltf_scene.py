@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.mesh.mesh import repeats_vertex
+from sshade.io.triangles import strip_triangles
 
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
@@ -146,10 +146,7 @@ def triangles_of(
         return ids.reshape(-1, 3)
     if mode == _FAN:
         return np.column_stack([ids[1:-1], ids[2:], np.full(max(len(ids) - 2, 0), ids[0])])
-    F = np.column_stack([ids[:-2], ids[1:-1], ids[2:]])
-    F[1::2] = F[1::2, ::-1]
-    # Strips are joined by triangles that repeat a vertex.
-    return F[~repeats_vertex(F)]
+    return strip_triangles(ids)
 
 
 def mesh_matrices(tree: dict[str, Any], path: Path) -> dict[int, np.ndarray]:

@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.io.document import MeshFile, fanned, moved_reference, present
+from sshade.io.document import MeshFile, moved_reference, present
 from sshade.io.normals import turns
+from sshade.io.triangles import fanned
 from sshade.io.words import Edits, Numbers, Text, edited, key_of, without_comments
 from sshade.mesh.seams import same_rows
 

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.io.document import MeshFile, fanned, present
+from sshade.io.document import MeshFile, present
 from sshade.io.normals import vertex_turns
+from sshade.io.triangles import fanned
 from sshade.io.words import Text, edited, without_comments
 
 #: The first word: letters for texture coordinates, colours and normals of vertices, in any order. A small n

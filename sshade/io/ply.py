@@ -14,9 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sshade.io.document import MeshFile, fanned, moved_reference, present
+from sshade.io.document import MeshFile, moved_reference, present
 from sshade.io.normals import turns, vertex_turns
-from sshade.io.ply_elements import Element, read_header, take
+from sshade.io.ply_elements import Element, declared_words, read_header, take
+from sshade.io.triangles import fanned, strip_triangles
 from sshade.io.words import Numbers, Text, edited
 from sshade.mesh.surface import single_steps
 
@@ -38,7 +39,8 @@ class _Ply(NamedTuple):
     elements : dict
         Elements by name. In a text, places of rows count eight bytes for each word.
     words : Numbers, optional
-        All numbers of a text; places count from `body`.
+        All declared numbers of a text; places count from `body`.
+    notes : tuple of str
     """
 
     data: bytes
@@ -46,6 +48,7 @@ class _Ply(NamedTuple):
     order: str
     elements: dict[str, Element]
     words: Numbers | None
+    notes: tuple[str, ...]
 
 
 def read_ply(path: Path) -> MeshFile:
@@ -64,35 +67,50 @@ def read_ply(path: Path) -> MeshFile:
         raise ValueError("its vertices have no x, y and z")
     V = vertices.columns(vertices.numbers("x y z"))
     F, face = _triangles(faces) if faces else fanned([], [])
+    if "tristrips" in ply.elements:
+        F = np.concatenate([F, _strips(ply.elements["tristrips"])])
+        face = np.concatenate([face, np.full(len(F) - len(face), -1)])
     properties = vertices.properties + (faces.properties if faces else [])
     # Integer positions or normals cannot be written back after a deformation.
     whole = any(p.kind.kind != "f" for p in properties if p.name in _CHANGED)
     suffixes = () if whole else (".ply",)
     single = len(V) and all(p.kind == np.float32 for p in vertices.properties if p.name in ("x", "y", "z"))
     content, rounding = partial(_content, ply, V, F, face, path), single_steps(V) if single else None
-    return MeshFile(V, F, _holds(ply, len(F)), suffixes, content, rounding=rounding)
+    holds = _holds(ply, int((face >= 0).sum()))
+    return MeshFile(V, F, holds, suffixes, content, ply.notes, rounding)
 
 
 def _parsed(data: bytes) -> _Ply:
     order, elements, body = read_header(data)
     numbers, at, words = data, body, None
+    notes: tuple[str, ...] = ()
     if order == "":
-        words = Text(data[body:]).numbers(slice(None))
+        text = Text(data[body:])
+        declared: np.ndarray | slice = slice(None)
+        if len(text.first) == sum(element.size for element in elements if element.properties):
+            declared, notes = declared_words(text, elements, data[:body].count(b"\n"))
+        words = text.numbers(declared)
         numbers, at = words.value.astype("<f8").tobytes(), 0
     for element in elements:
         element.rows, at = take(numbers, at, element, order)
     if at != len(numbers):
         raise ValueError("more numbers follow after the last announced row")
-    return _Ply(data, body, order, {element.name: element for element in elements}, words)
+    return _Ply(data, body, order, {element.name: element for element in elements}, words, notes)
 
 
 def _triangles(faces: Element) -> tuple[np.ndarray, np.ndarray]:
     """Return the triangles (m, 3) of the element "face", and the number of the face (m,) of each."""
-    corners = [i for i, p in enumerate(faces.properties) if p.name in _CORNERS and p.length is not None]
-    if faces.size and len(corners) != 1:
-        raise ValueError("its faces have no list vertex_indices")
-    polygons = [_vertex_ids(rows.values[f"p{corners[0]}"]) for rows in faces.rows]
+    polygons = _vertex_ids(faces)
+    small = min((ids.shape[1] for ids in polygons), default=3)
+    if small < 3:
+        raise ValueError(f"a face has {small} corners")
     return fanned(polygons, [np.arange(faces.size)[rows.selection] for rows in faces.rows])
+
+
+def _strips(element: Element) -> np.ndarray:
+    """Return the triangles (m, 3) of the element "tristrips", as scans of Stanford have."""
+    rows = [np.insert(ids, ids.shape[1], -1, axis=1).ravel() for ids in _vertex_ids(element)]
+    return strip_triangles(np.concatenate([np.zeros(0, dtype=np.int64), *rows]))
 
 
 #: Properties of vertices and faces by their meaning.
@@ -109,7 +127,7 @@ def _holds(ply: _Ply, triangles: int) -> tuple[str, ...]:
     found = []
     for element in ply.elements.values():
         if element.name not in ("vertex", "face"):
-            found.append(f"element {element.name}")
+            found.append("triangle strips" if element.name == "tristrips" else f"element {element.name}")
             continue
         for name in [p.name for p in element.properties]:
             if name not in ("x", "y", "z", *_CORNERS):
@@ -205,13 +223,13 @@ def write_ply(path: Path, V: np.ndarray, F: np.ndarray) -> None:
         file.write(faces.tobytes())
 
 
-def _vertex_ids(polygons: np.ndarray) -> np.ndarray:
-    """Convert the corners (m, k) of polygons to int64."""
-    if polygons.shape[1] < 3:
-        raise ValueError(f"a face has {polygons.shape[1]} corners")
-    is_whole = (
-        polygons.dtype.kind != "f" or ((np.abs(polygons) < 2**53) & (np.trunc(polygons) == polygons)).all()
-    )
-    if not is_whole:
-        raise ValueError("a corner of a face is no whole number, or too large")
-    return polygons.astype(np.int64)
+def _vertex_ids(element: Element) -> list[np.ndarray]:
+    """Return the lists of vertices (r, k) int64 of an element, for each group of rows of one length."""
+    corners = [i for i, p in enumerate(element.properties) if p.name in _CORNERS and p.length is not None]
+    if element.size and len(corners) != 1:
+        raise ValueError(f"its element {element.name} has no list vertex_indices")
+    found = [rows.values[f"p{corners[0]}"] for rows in element.rows]
+    for ids in found:
+        if ids.dtype.kind == "f" and not ((np.abs(ids) < 2**53) & (np.trunc(ids) == ids)).all():
+            raise ValueError("a corner of a face is no whole number, or too large")
+    return [ids.astype(np.int64) for ids in found]

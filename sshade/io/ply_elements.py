@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sshade.io.words import Text
+
 _OLD_NAMES = ["char", "uchar", "short", "ushort", "int", "uint", "float", "double"]
 _NEW_NAMES = ["int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64"]
 _TYPES = {name: np.dtype(new) for old, new in zip(_OLD_NAMES, _NEW_NAMES, strict=True) for name in (old, new)}
@@ -137,6 +139,63 @@ def take(data: bytes, at: int, element: Element, order: str) -> tuple[list[Rows]
         taken = every[begin[:, None] + np.arange(layout.itemsize)]
         groups.append(Rows(which, begin, taken.view(layout)[:, 0]))
     return groups, at
+
+
+def declared_words(text: Text, elements: list[Element], above: int) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Select the words that the header declares, of a text with one row on each line.
+
+    Parameters
+    ----------
+    text : Text
+        The rows of the elements.
+    elements : list of Element
+    above : int
+        Number of lines of the header.
+
+    Returns
+    -------
+    words : (w,) int64
+        Numbers of the declared words.
+    notes : tuple of str
+        A note for the user if lines have further words behind them, as older versions of MeshLab write.
+
+    Raises
+    ------
+    ValueError
+        When a line has fewer words than declared.
+    """
+    declared, begin = np.zeros(len(text.first), dtype=np.int64), 0
+    for element in elements:
+        lines = slice(begin, begin + element.size * bool(element.properties))
+        first, size, width = text.first[lines], text.size[lines], declared[lines]
+        for one in element.properties:
+            if one.length is not None:
+                there = width < size
+                width[there] += _list_lengths(text, (first + width)[there], element.name)
+            width += 1
+        begin = lines.stop
+    short = np.flatnonzero(text.size < declared)
+    if len(short):
+        line, number = short[0], above + text.line_number(short[0])
+        raise ValueError(f"line {number} has {text.size[line]} values; its header declares {declared[line]}")
+    within = np.arange(len(text.begin)) - np.repeat(text.first, text.size)
+    words = np.flatnonzero(within < np.repeat(declared, text.size))
+    longer = np.flatnonzero(text.size > declared)
+    if not len(longer):
+        return words, ()
+    count, number = len(longer), above + text.line_number(longer[0])
+    return words, (
+        f"further values than the header declares stay as they are: {count} lines, from line {number}",
+    )
+
+
+def _list_lengths(text: Text, words: np.ndarray, name: str) -> np.ndarray:
+    """Read the lengths of lists from some words."""
+    lengths = text.numbers(words).value
+    wrong = lengths[(lengths < 0) | (lengths != np.trunc(lengths)) | ~(lengths < 2**31)]
+    if len(wrong):
+        raise ValueError(f"a list of its element {name} has a length of {wrong[0]}")
+    return lengths.astype(np.int64)
 
 
 def _code(kind: np.dtype, order: str) -> str:

@@ -28,7 +28,8 @@ def read_stl(path: Path) -> MeshFile:
     InputError
         When there are no triangles.
     """
-    data, notes = path.read_bytes(), ()
+    data = path.read_bytes()
+    notes: tuple[str, ...] = ()
     count = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
     if len(data) == 84 + _FACET.itemsize * count:
         facets = np.frombuffer(data, _FACET, count, 84)

@@ -36,8 +36,6 @@ def _announcing(n: object, m: object, points: str = "0 0 0\n1 0 0\n0 1 0\n") -> 
     return text("body.ply", f"{header}{points}3 0 1 2\n" if m else header + points)
 
 
-SOLID = "solid {0}\nfacet normal 0 0 1\nouter loop\nvertex 0 0 {0}\nvertex 1 0 {0}\nvertex 0 1 {0}\nendloop\n"
-SOLID += "endfacet\nendsolid {0}\n"
 PLY = {
     "announces 10^12 vertices": (_announcing(10**12, 1), "body.ply", "not a readable"),
     "announces 10^12 faces": (_announcing(3, 10**12), "body.ply", "not a readable"),

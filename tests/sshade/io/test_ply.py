@@ -4,7 +4,9 @@ import struct
 
 import numpy as np
 import pytest
+import trimesh
 
+from sshade.io.meshes import read_file, write_file
 from sshade.io.ply import read_ply
 
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 3]])
@@ -109,3 +111,98 @@ def test_what_is_wrong_is_said(tmp_path, old, new, words):
     (tmp_path / "a.ply").write_bytes(sound.replace(old, new))
     with pytest.raises(ValueError, match=words):
         read_ply(tmp_path / "a.ply")
+
+
+#: Older versions of MeshLab write texture coordinates and flags that their header does not declare.
+OLD_MESHLAB = """\
+ply
+format ascii 1.0
+comment VCGLIB generated
+element vertex 5
+property float x
+property float y
+property float z
+element face 3
+property list uchar int vertex_indices
+end_header
+0 0 0
+1 0 0 0.5
+1 1 0 0 0 1
+
+0 1 0
+2 0 3
+3 0 1 2 6 0.599829 0.25 0.5 0.5 0.75 1
+4 0 1 4 3 0
+3 2 3 4
+"""
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_further_values_on_lines_of_a_text_stay(tmp_path, end):
+    path, text = tmp_path / "a.ply", OLD_MESHLAB.replace("\n", end)
+    path.write_bytes(text.encode())
+    file = read_file(path)
+    assert np.array_equal(file.V, SQUARE)
+    assert file.F.tolist() == [[0, 1, 2], [0, 1, 4], [0, 4, 3], [2, 3, 4]]
+    note = "further values than the header declares stay as they are: 4 lines, from line 12"
+    assert file.notes == (note,)
+    write_file(tmp_path / "b.ply", file, file.V)
+    assert (tmp_path / "b.ply").read_bytes() == path.read_bytes()
+    write_file(tmp_path / "b.ply", file, file.V + [0, 0, 2])
+    written = (tmp_path / "b.ply").read_bytes().decode()
+    assert written.count(end) == text.count(end)
+    assert np.array_equal(read_file(tmp_path / "b.ply").V, SQUARE + [0, 0, 2])
+    assert "1 0 2.0 0.5\n" in written.replace(end, "\n")
+    assert written.partition("2 0 5.0")[2] == text.partition("2 0 3")[2]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("0 1 0\n", "0 1\n", "line 15 has 2 values; its header declares 3"),
+        ("3 2 3 4\n", "3 2 3\n", "line 19 has 3 values; its header declares 4"),
+        ("4 0 1 4 3 0\n", "-4 0 1 4 3 0\n", "its element face has a length of -4.0"),
+        ("4 0 1 4 3 0\n", "1e30 0 1 4 3 0\n", "its element face has a length of 1e[+]30"),
+    ],
+)
+def test_lines_with_fewer_values_are_refused_with_their_number(tmp_path, old, new, words):
+    assert OLD_MESHLAB.count(old) == 1
+    (tmp_path / "a.ply").write_text(OLD_MESHLAB.replace(old, new))
+    with pytest.raises(ValueError, match=words):
+        read_ply(tmp_path / "a.ply")
+
+
+def test_rows_of_a_text_may_go_on_in_the_next_line(tmp_path):
+    (tmp_path / "a.ply").write_bytes(
+        b"end_header\n".join(
+            part.replace(b" ", b"\n") if i else part
+            for i, part in enumerate(ply("ascii").split(b"end_header\n"))
+        )
+    )
+    assert read_ply(tmp_path / "a.ply").F.tolist() == FANNED
+
+
+@pytest.mark.parametrize("order", ["ascii", "binary_big_endian"])
+def test_triangle_strips_of_scans(tmp_path, order):
+    """Two strips in a row, the first with a repeated vertex, behind a face that has a normal."""
+    path, ids = tmp_path / "a.ply", [0, 1, 3, 2, 2, 4, -1, 4, 1, 0]
+    header = f"ply\nformat {order} 1.0\nelement vertex 5\n" + "".join(f"property float {c}\n" for c in "xyz")
+    header += "element face 1\nproperty list uchar int vertex_indices\n"
+    header += "".join(f"property float n{c}\n" for c in "xyz")
+    header += "element tristrips 1\nproperty list int int vertex_indices\nend_header\n"
+    rows = [("f" * 3, tuple(point)) for point in SQUARE]
+    rows += [("Biiifff", (3, 0, 1, 2, 0, 0, 1)), ("i" * 11, (len(ids), *ids))]
+    if order == "ascii":
+        body = "".join(" ".join(map(str, values)) + "\n" for _, values in rows).encode()
+    else:
+        body = b"".join(struct.pack(">" + form, *values) for form, values in rows)
+    path.write_bytes(header.encode() + body)
+    file = read_file(path)
+    assert file.F.tolist() == [[0, 1, 2], [0, 1, 3], [2, 3, 1], [4, 1, 0]]
+    assert file.holds == ("face normals", "triangle strips")
+    write_file(tmp_path / "b.ply", file, file.V)
+    assert (tmp_path / "b.ply").read_bytes() == path.read_bytes()
+    write_file(tmp_path / "b.ply", file, file.V[:, [1, 2, 0]])
+    assert np.array_equal(read_file(tmp_path / "b.ply").F, file.F)
+    found = trimesh.load(tmp_path / "b.ply", process=False)
+    assert np.array_equal(found.vertices, file.V[:, [1, 2, 0]])
