@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import InitVar, dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.rigid import rigid_motion
-from sshade.snapping import snap_to_vertices
+from sshade.snapping import EXPLAINED, corrected_targets, merged_by_vertex, snap_to_vertices
 
-#: Largest difference between two equal targets of one vertex, as a fraction of the extent of all targets.
-SAME_TARGET = 1e-9
+#: Largest difference between two equal targets of one vertex, as a fraction of the diagonal.
+SAME_TARGET = 1e-6
 
 #: Least area of a soft handle's vertex, as a fraction of the mean vertex area of the mesh.
 LEAST_AREA = 1e-3
@@ -59,6 +58,11 @@ class Handles:
         hard handle region turns; there, prescribed rotations affect the surface beside the border.
     merged : int
         Number of handles dropped because another handle of their group has the same vertex.
+    merge_distance : float
+        Largest distance between the target of a merged handle and the target of its vertex.
+    extent : float, optional
+        Diagonal of the mesh. Targets of one vertex are equal if they differ by less than
+        :data:`SAME_TARGET` times this length; by default the diagonal of the bounding box of all targets.
 
     Raises
     ------
@@ -77,8 +81,10 @@ class Handles:
     portion: np.ndarray | None = None
     rotation: np.ndarray | None = None
     merged: int = 0
+    merge_distance: float = 0.0
+    extent: InitVar[float | None] = None
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, extent: float | None) -> None:
         index = np.asarray(self.index)
         if index.ndim != 1 or (index.size and not np.issubdtype(index.dtype, np.integer)):
             raise InputError(f"handle ids must be integers (k,), not {index.dtype} of shape {index.shape}")
@@ -98,7 +104,7 @@ class Handles:
             "portion": _per_handle(self.portion, None, np.float64, k, "portion"),
             "rotation": _checked_rotation(self.rotation, k),
         }
-        first = _first_of_each(index, target, fields["weight"])
+        first = _first_of_each(index, target, fields["weight"], extent)
         self._set({name: None if values is None else values[first] for name, values in fields.items()})
 
     def _set(self, fields: Mapping[str, np.ndarray | None]) -> None:
@@ -221,6 +227,7 @@ class Handles:
         weight: np.ndarray | float | None = None,
         rotation: np.ndarray | None = None,
         raw: bool = False,
+        strict: bool = True,
     ) -> Handles:
         """Snap handles given by position to the nearest vertices of a mesh.
 
@@ -242,12 +249,16 @@ class Handles:
             As for :class:`Handles`.
         raw : bool
             Keep the stored targets without correction.
+        strict : bool
+            Refuse to merge targets that contradict each other: a target farther from their mean than
+            :data:`sshade.snapping.EXPLAINED` times the largest distance of the positions from the vertex.
 
         Raises
         ------
         InputError
             If counts differ, a position is not finite, a source is too far from the mesh
-            (:data:`sshade.snapping.FARTHEST_SNAP`), or one vertex gets different targets from two groups.
+            (:data:`sshade.snapping.FARTHEST_SNAP`), one vertex gets different targets from two groups, or
+            handles that are merged contradict each other.
         """
         source = np.asarray(source, dtype=np.float64).reshape(-1, 3)
         target = np.asarray(target, dtype=np.float64).reshape(-1, 3)
@@ -264,34 +275,27 @@ class Handles:
         rotation = _checked_rotation(rotation, k)
 
         distance, index = snap_to_vertices(mesh, source, group)
-        moved = target.copy()
+        moved = target
         if not raw:
-            offset = mesh.V[index] - source
-            moved[~dynamic] = mesh.V[index[~dynamic]]
-            turned = np.zeros(k, dtype=bool)
-            if rotation is not None:
-                turned = dynamic & np.isfinite(rotation).all(axis=(1, 2))
-                moved[turned] += np.einsum("iab,ib->ia", rotation[turned], offset[turned])
-            for g in np.unique(group[dynamic & ~turned]):
-                rows = dynamic & ~turned & (group == g)
-                R, _ = rigid_motion(source[rows], target[rows])
-                moved[rows] += offset[rows] @ R.T
-
-        # One row for each group and vertex. The constructor compares groups on one vertex.
-        rows = np.stack([group, index], axis=1)
-        pairs, first, inverse = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-        inverse, count = inverse.ravel(), np.bincount(inverse.ravel())
-        mean = np.stack([np.bincount(inverse, moved[:, c]) for c in range(3)], axis=1) / count[:, None]
-        order, begin = np.argsort(inverse, kind="stable"), np.cumsum(count) - count
+            moved = corrected_targets(
+                mesh, index, source, target, dynamic=dynamic, group=group, rotation=rotation
+            )
+        one = merged_by_vertex(index, group, moved)
+        largest = one.largest(distance)
+        if strict:
+            limit = SAME_TARGET * mesh.diagonal + EXPLAINED * largest[one.number]
+            one.require_agreement(limit)
         return cls(
-            index=pairs[:, 1],
-            target=mean,
-            dynamic=np.logical_or.reduceat(dynamic[order], begin),
-            group=pairs[:, 0],
-            snap_distance=np.maximum.reduceat(distance[order], begin),
-            weight=np.maximum.reduceat(weight[order], begin),
-            rotation=None if rotation is None else rotation[first],
-            merged=k - len(pairs),
+            index=index[one.first],
+            target=one.target,
+            dynamic=one.largest(dynamic),
+            group=group[one.first],
+            snap_distance=largest,
+            weight=one.largest(weight),
+            rotation=None if rotation is None else rotation[one.first],
+            merged=k - len(one.first),
+            merge_distance=float(one.distance.max()),
+            extent=mesh.diagonal,
         )
 
 
@@ -343,13 +347,16 @@ def require_rotations(R: np.ndarray) -> None:
         raise InputError(f"matrix {bad} is no rotation: its rows must be orthonormal and right-handed")
 
 
-def _first_of_each(index: np.ndarray, target: np.ndarray, weight: np.ndarray) -> np.ndarray:
+def _first_of_each(
+    index: np.ndarray, target: np.ndarray, weight: np.ndarray, extent: float | None
+) -> np.ndarray:
     """Return where each id first occurs, in input order; all its targets and weights must agree."""
     _, first, inverse = np.unique(index, return_index=True, return_inverse=True)
     if len(first) < len(index):
         earlier = first[inverse]
         gap = np.linalg.norm(target - target[earlier], axis=1)
-        if (gap > SAME_TARGET * np.linalg.norm(np.ptp(target, axis=0))).any():
+        extent = float(np.linalg.norm(np.ptp(target, axis=0))) if extent is None else extent
+        if (gap > SAME_TARGET * extent).any():
             bad = int(np.argmax(gap))
             vertex, apart = index[bad], f"{gap[bad]:.3g}"
             raise InputError(f"vertex {vertex} has contradictory targets, {apart} apart; give it one target")

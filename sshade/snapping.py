@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh, bounds
+from sshade.mesh.rigid import rigid_motion
 from sshade.threads import in_ranges
 
 #: Largest distance of a position from its vertex, as a fraction of the bounding-box diagonal. Positions
 #: farther away belong to another mesh, unless they are within a mean edge length.
 FARTHEST_SNAP = 0.05
+
+#: Greatest distance of a target from the mean of all targets of its vertex, as a multiple of the largest
+#: distance of their positions from the vertex. A surface that is stretched threefold stays below.
+EXPLAINED = 3.0
 
 #: Ratios of units of length that files are written in: millimetres, centimetres, inches, feet, metres.
 UNITS = (1000.0, 100.0, 1000.0 / 25.4, 1.0 / 0.3048, 25.4, 12.0, 10.0)
@@ -46,6 +53,86 @@ def snap_to_vertices(mesh: Mesh, source: np.ndarray, group: np.ndarray) -> tuple
     if distance.max() > FARTHEST_SNAP * mesh.diagonal:
         _refuse_far(source, distance, group, mesh)
     return distance, near[place]
+
+
+def corrected_targets(
+    mesh: Mesh,
+    index: np.ndarray,
+    source: np.ndarray,
+    target: np.ndarray,
+    *,
+    dynamic: np.ndarray,
+    group: np.ndarray,
+    rotation: np.ndarray | None,
+) -> np.ndarray:
+    """Return targets (k, 3) of vertices `index` for targets of the positions `source` beside them.
+
+    See :meth:`sshade.Handles.from_positions`.
+    """
+    moved, offset = target.copy(), mesh.V[index] - source
+    moved[~dynamic] = mesh.V[index[~dynamic]]
+    turned = np.zeros(len(index), dtype=bool)
+    if rotation is not None:
+        turned = dynamic & np.isfinite(rotation).all(axis=(1, 2))
+        moved[turned] += np.einsum("iab,ib->ia", rotation[turned], offset[turned])
+    for g in np.unique(group[dynamic & ~turned]):
+        rows = dynamic & ~turned & (group == g)
+        R, _ = rigid_motion(source[rows], target[rows])
+        moved[rows] += offset[rows] @ R.T
+    return moved
+
+
+class MergedHandles(NamedTuple):
+    """Handles of a group at one vertex as one handle, m of k.
+
+    Attributes
+    ----------
+    first : (m,) int64
+        First handle of each merged handle.
+    number : (k,) int64
+        Merged handle of each handle.
+    target : (m, 3) float64
+        Mean targets.
+    distance : (k,) float64
+        Distance of each handle's target from the mean.
+    vertex, group : (k,) int64
+        Vertex and group of each handle.
+    """
+
+    first: np.ndarray
+    number: np.ndarray
+    target: np.ndarray
+    distance: np.ndarray
+    vertex: np.ndarray
+    group: np.ndarray
+
+    def largest(self, values: np.ndarray) -> np.ndarray:
+        """Return the largest of the values (k,) of each merged handle."""
+        begin = np.searchsorted(np.sort(self.number), np.arange(len(self.first)))
+        return np.maximum.reduceat(values[np.argsort(self.number, kind="stable")], begin)
+
+    def require_agreement(self, limit: np.ndarray) -> None:
+        """Raise InputError if the target of a handle is farther than `limit` (k,) from the mean."""
+        if (self.distance > limit).any():
+            bad = int(np.argmax(self.distance - limit))
+            count = int((self.number == self.number[bad]).sum())
+            raise InputError(
+                f"{count} positions of group {self.group[bad]} have the same nearest vertex, "
+                f"{self.vertex[bad]}, and contradictory targets, {self.distance[bad]:.3g} from their mean; "
+                "give the vertex one target"
+            )
+
+
+def merged_by_vertex(index: np.ndarray, group: np.ndarray, target: np.ndarray) -> MergedHandles:
+    """Merge handles of a group at one vertex, sorted by group and vertex."""
+    _, first, number, count = np.unique(
+        np.stack([group, index], axis=1), axis=0, return_index=True, return_inverse=True, return_counts=True
+    )
+    number = number.ravel()
+    sums = np.stack([np.bincount(number, target[:, c]) for c in range(3)], axis=1)
+    mean = sums / count[:, None]
+    distance = np.linalg.norm(target - mean[number], axis=1)
+    return MergedHandles(first, number, mean, distance, index, group)
 
 
 def _vertices_around(V: np.ndarray, source: np.ndarray) -> np.ndarray:

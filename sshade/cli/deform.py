@@ -86,7 +86,7 @@ def command(options: argparse.Namespace) -> int:
 @announced_compilation()
 def _deform(options: argparse.Namespace, values: dict[str, Any], asked: int, given: HandleFile) -> int:
     """Read the mesh, deform it, and write the output."""
-    from sshade.io.handles import on_mesh
+    from sshade.io.handles import handle_notes, on_mesh
     from sshade.io.meshes import surface_of, write_file
     from sshade.pipeline.deform import deform
     from sshade.task import DeformationTask
@@ -113,7 +113,7 @@ def _deform(options: argparse.Namespace, values: dict[str, Any], asked: int, giv
         f"the diagonal, {proxies} of {result.extra['proxy_vertices']:.0f} vertices, {seconds:.2f} s"
     )
     facts = {"asked": asked, "snap": float(handles.snap_distance.max()), "diagonal": mesh.diagonal}
-    for note in notes({**result.extra, **whole.facts, **facts}):
+    for note in [*handle_notes(given, handles, mesh), *notes({**result.extra, **whole.facts, **facts})]:
         say(f"note: {note}")
     if result.converged is False:
         say(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 from dataclasses import replace
 from pathlib import Path
@@ -11,10 +10,9 @@ import numpy as np
 
 from sshade.edit.state import Group, Settings, State, groups_of
 from sshade.errors import InputError
-from sshade.handles import Handles
-from sshade.io.entries import parsed_handle_file
+from sshade.io.entries import HandleFile, parsed_handle_file, read_handle_file
 from sshade.io.files import check_output, naming
-from sshade.io.handles import on_mesh, read_handles, write_handles
+from sshade.io.handles import on_mesh, write_handles
 from sshade.io.meshes import SUFFIXES, read_file, surface_of, write_file
 from sshade.task import DeformationTask
 
@@ -95,19 +93,18 @@ class Document:
         InputError
             See :func:`sshade.io.handles.read_handles`.
         """
-        handles = read_handles(path, self.mesh, vertex=self._surface.vertex)
-        return self._groups(handles, path.read_bytes() if path.suffix.lower() == ".json" else b"", first)
+        file = read_handle_file(path)
+        with naming(path):
+            return self._groups(file, first)
 
     def received_groups(self, content: bytes, name: str, *, first: int) -> tuple[Group, ...]:
         """Read the groups of a handle file in this project's JSON; messages call it `name`."""
         with naming(name):
-            handles = on_mesh(parsed_handle_file(content), self.mesh, vertex=self._surface.vertex)
-        return self._groups(handles, content, first)
+            return self._groups(parsed_handle_file(content), first)
 
-    def _groups(self, handles: Handles, content: bytes, first: int) -> tuple[Group, ...]:
-        """Return the groups of handles, which JSON may name; `content` of other files is empty."""
-        entries = json.loads(content)["handles"] if content else []
-        names = {i: str(entry["landmark"]) for i, entry in enumerate(entries) if "landmark" in entry}
+    def _groups(self, file: HandleFile, first: int) -> tuple[Group, ...]:
+        handles = on_mesh(file, self.mesh, vertex=self._surface.vertex)
+        names = {entry.number: entry.name for entry in file.entries}
         return groups_of(handles, names, first=first)
 
     def choose(self, content: str, name: str, *, over: bool = False) -> Path:
@@ -156,7 +153,7 @@ class Document:
         handles = replace(handles, index=self._id[handles.index])
         names = {number: group.name for number, group in enumerate(state.groups)}
         made = {"method": state.settings.method, **state.settings.constraints}
-        write_handles(path, handles, names=names, about={"made": made})
+        write_handles(path, handles, names=names, about={"made": made}, static_at_rest=True)
         self._propose("handles", path)
 
     def write_mesh(self, V: np.ndarray, path: Path) -> tuple[str, ...]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,18 +12,21 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.io.document import check_input
 from sshade.io.files import naming
-from sshade.io.points import as_array, as_points
+from sshade.io.keys import LONGEST, require_known
+from sshade.io.points import as_array, as_ids, as_points
+from sshade.io.regions import RigidMotion
+from sshade.io.text import decoded
 
 #: Suffixes of handle files.
 FORMATS = (".json", ".yaml", ".yml")
 #: Keys that give the handles of an entry.
 WAYS = ("vertices", "source", "boxes")
-#: Keys that give the motion of a region.
+#: Keys that give the motion of a group without targets.
 MOTION = {"rotation", "translation"}
-#: All keys of an entry. Other keys are ignored, but not misspelt keys.
-KEYS = ("landmark", "kind", *WAYS, "target", *sorted(MOTION), "weight")
-#: Ratio of difflib from which on a key counts as a misspelling of another key.
-ALIKE = 0.8
+#: Keys of an entry.
+KEYS = ("landmark", "kind", *WAYS, "target", *sorted(MOTION), "center", "weight")
+#: Keys that this project writes into entries and files, and that readers of handles ignore.
+RECORDS, FILE_RECORDS = ("delta", "delta_mean"), ("source_pose", "made")
 #: Greatest accepted difference between the length of a quaternion and 1; files round to a few digits.
 UNIT = 1e-3
 #: Value for handles without a prescribed rotation.
@@ -38,28 +40,31 @@ class Entry(NamedTuple):
     ----------
     number : int
         Place of the entry in the file.
+    name : str
+        Its landmark; empty if it has none.
     way : str
         Key of :data:`WAYS` that gives the handles.
     place : (k,) int64, (k, 3) float64 or (b, 2, 3) float64
         Vertex ids, positions, or the lowest and highest corners of boxes.
     dynamic : bool
     target : (k, 3) float64, optional
-        None for handles that stay, and for regions.
+        None for handles that stay, and for groups that move rigidly.
     rotation : (3, 3) float64
-        Rotation of a region, or prescribed rotation of the surface; NaN without one.
-    translation : (3,) float64, optional
-        Of a region; None if the region stays.
+        Prescribed rotation of the surface; NaN without one.
+    motion : RigidMotion, optional
+        Motion of a group that moves rigidly.
     weight : float
         inf for hard handles.
     """
 
     number: int
+    name: str
     way: str
     place: np.ndarray
     dynamic: bool
     target: np.ndarray | None = None
     rotation: np.ndarray = NO_ROTATION
-    translation: np.ndarray | None = None
+    motion: RigidMotion | None = None
     weight: float = np.inf
 
 
@@ -97,7 +102,7 @@ def read_handle_file(path: str | os.PathLike[str], *, raw: bool = False) -> Hand
         from sshade.io.implicit_arap import read_implicit_arap
 
         entries = [
-            Entry(number, "source", points, dynamic, moved)
+            Entry(number, "", "source", points, dynamic, moved)
             for number, (points, moved, dynamic) in enumerate(read_implicit_arap(path))
         ]
         return HandleFile(entries, raw, implicit_arap=True)
@@ -106,12 +111,13 @@ def read_handle_file(path: str | os.PathLike[str], *, raw: bool = False) -> Hand
 def parsed_handle_file(content: bytes, *, raw: bool = False) -> HandleFile:
     """Check this project's JSON as :func:`read_handle_file` does."""
     try:
-        data = json.loads(content)
-    except (ValueError, RecursionError) as error:
+        data = json.loads(decoded(content), object_pairs_hook=_object)
+    except (ValueError, RecursionError, InputError) as error:
         why = "nested too deeply" if isinstance(error, RecursionError) else error
         raise InputError(f"not readable as JSON ({why})") from error
     if not isinstance(data, dict) or not isinstance(data.get("handles"), list):
         raise InputError('expected an object with a list "handles"')
+    require_known(data, ("handles",), FILE_RECORDS)
     entries = []
     for number, entry in enumerate(data["handles"]):
         with naming(f"entry {number}"):
@@ -125,23 +131,68 @@ def parsed_handle_file(content: bytes, *, raw: bool = False) -> HandleFile:
     return HandleFile(entries, raw)
 
 
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return a JSON object whose keys differ."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise InputError(f"the key {json.dumps(twice[:LONGEST])} occurs twice in one object")
+    return found
+
+
 def _entry(number: int, entry: dict[str, Any], dynamic: bool, *, moves: bool) -> Entry:
     """Check an entry. Targets and motions of handles that do not move are ignored."""
-    weight = _weight(entry)
-    if "boxes" in entry:
-        boxes = as_array(entry["boxes"], '"boxes"', (None, 2, 3), "a list of pairs of points")
-        if not (moves and set(entry) >= MOTION):
-            return Entry(number, "boxes", boxes, dynamic, weight=weight)
-        translation = as_array(entry["translation"], '"translation"', (3,), "three numbers")
-        return Entry(number, "boxes", boxes, dynamic, None, _rotation(entry), translation, weight)
-    by_id, target = "vertices" in entry, None
-    place = _ids(entry["vertices"]) if by_id else as_points(entry["source"], '"source"')
-    if "target" in entry and (moves or not by_id):
+    name = entry.get("landmark", "")
+    if isinstance(name, bool) or not isinstance(name, str | int):
+        raise InputError('"landmark" must be a name')
+    way = next(key for key in WAYS if key in entry)
+    place, target, motion, rotation = _place(entry, way), None, None, NO_ROTATION
+    if "target" in entry and (moves or way != "vertices"):
         target = as_points(entry["target"], '"target"')
         if len(target) != len(place):
             raise InputError(f"{len(place)} handles have {len(target)} targets; each needs one")
-    rotation = _rotation(entry) if "rotation" in entry else NO_ROTATION
-    return Entry(number, "vertices" if by_id else "source", place, dynamic, target, rotation, None, weight)
+    if moves and _moves_rigidly(entry, dynamic):
+        motion = _motion(entry)
+    elif "rotation" in entry and way != "boxes":
+        rotation = _rotation(entry)
+    return Entry(number, str(name), way, place, dynamic, target, rotation, motion, _weight(entry))
+
+
+def _place(entry: dict[str, Any], way: str) -> np.ndarray:
+    """Return the vertex ids, positions or boxes of an entry."""
+    if way == "vertices":
+        return as_ids(entry[way], '"vertices"')
+    if way == "source":
+        return as_points(entry[way], '"source"')
+    boxes = as_array(entry[way], '"boxes"', (None, 2, 3), "a list of pairs of points")
+    swapped = np.argwhere(boxes[:, 0] > boxes[:, 1])
+    if len(swapped):
+        number, axis = swapped[0]
+        low, high = boxes[number, :, axis]
+        raise InputError(
+            f'box {number} of "boxes" has its corners swapped on axis {"xyz"[axis]}: {low:g} comes before '
+            f"{high:g}; the lowest corner comes first"
+        )
+    return boxes
+
+
+def _moves_rigidly(entry: dict[str, Any], dynamic: bool) -> bool:
+    """Whether a rotation or a translation is the motion of the group, and no prescribed rotation."""
+    if "target" in entry or not MOTION & set(entry):
+        return False
+    return dynamic or "boxes" in entry or "translation" in entry or "center" in entry
+
+
+def _motion(entry: dict[str, Any]) -> RigidMotion:
+    """Return the motion of a group without targets."""
+    rotation = _rotation(entry) if "rotation" in entry else np.eye(3)
+    translation, center = np.zeros(3), entry.get("center")
+    if "translation" in entry:
+        translation = as_array(entry["translation"], '"translation"', (3,), "three numbers")
+    if "center" in entry and center != "centroid":
+        center = as_array(center, '"center"', (3,), 'three numbers or "centroid"')
+    return RigidMotion(rotation, translation, center)
 
 
 def _rotation(entry: dict[str, Any]) -> np.ndarray:
@@ -166,7 +217,7 @@ def _weight(entry: dict[str, Any]) -> float:
     """Return the weight of an entry: inf for hard handles."""
     weight = entry.get("weight", np.inf)
     number = isinstance(weight, int | float) and not isinstance(weight, bool)
-    if not number or not weight > 0:
+    if not number or not weight > 0 or (isinstance(weight, int) and weight > 2**1000):
         raise InputError('"weight" must be a number above 0; leave it out for hard handles')
     return float(weight)
 
@@ -175,29 +226,29 @@ def _kind(entry: Any) -> str:
     """Return "static", "dynamic" or "unused", and check that the entry has the keys of that kind."""
     if not isinstance(entry, dict):
         raise InputError("it is no JSON object")
+    require_known(entry, KEYS, RECORDS)
     if entry.get("kind") == "unused":
         return "unused"
-    for key in entry.keys() - set(KEYS):
-        if near := get_close_matches(key, KEYS, n=1, cutoff=ALIKE):
-            raise InputError(f'there is no key "{key}"; did you mean "{near[0]}"?')
-    moves = "target" in entry or ("boxes" in entry and MOTION & set(entry))
+    moves = "target" in entry or "translation" in entry
+    moves = moves or ("rotation" in entry and ("boxes" in entry or "center" in entry))
     kind = entry.get("kind", "dynamic" if moves else "static")
     if kind not in ("static", "dynamic"):
-        raise InputError(f"unknown kind {kind!r}; use static, dynamic or unused")
+        raise InputError(f"unknown kind {ascii(kind)[:LONGEST]}; use static, dynamic or unused")
     if sum(key in entry for key in WAYS) != 1:
         raise InputError('give its handles either as "vertices", as "source" or as "boxes"')
-    needed = MOTION if "boxes" in entry else {"target"}
-    if kind == "dynamic" and not needed <= set(entry):
-        raise InputError(f'it is dynamic and has no "{min(needed - set(entry))}"')
+    _check_motion(entry, kind)
     return kind
 
 
-def _ids(values: Any) -> np.ndarray:
-    """Return vertex ids (k,) of the file."""
-    try:
-        index = np.asarray(values)
-    except ValueError:  # lists of several lengths
-        index = np.zeros(0)
-    if index.ndim != 1 or not np.issubdtype(index.dtype, np.integer):
-        raise InputError('"vertices" must be a list of integers, at least one')
-    return index
+def _check_motion(entry: dict[str, Any], kind: str) -> None:
+    """Raise InputError unless the entry gives one motion, or none."""
+    needed = ["rotation", "translation"] if "boxes" in entry else ["target", "rotation", "translation"]
+    if "boxes" in entry and "target" in entry:
+        raise InputError('"boxes" have no "target"; give a "rotation" or a "translation"')
+    for key in ("translation", "center"):
+        if key in entry and "target" in entry:
+            raise InputError(f'give the motion either as "target" or as "{key}"')
+    if "center" in entry and "rotation" not in entry:
+        raise InputError('"center" needs a "rotation"')
+    if kind == "dynamic" and not any(key in entry for key in needed):
+        raise InputError(f"it is dynamic and has no {' or '.join(map(json.dumps, needed))}")

@@ -4,10 +4,9 @@ JSON::
 
     {"handles": [
         {"landmark": "left foot", "kind": "static", "vertices": [12, 13, 14]},
-        {"landmark": "right hand", "kind": "dynamic",
-         "source": [[x, y, z], ...], "target": [[x, y, z], ...]},
-        {"landmark": "head", "kind": "dynamic", "boxes": [[[x, y, z], [x, y, z]], ...],
-         "rotation": [[...], [...], [...]], "translation": [x, y, z]},
+        {"landmark": "right hand", "source": [[x, y, z], ...], "target": [[x, y, z], ...]},
+        {"landmark": "head", "boxes": [[[x, y, z], [x, y, z]], ...],
+         "rotation": [[...], [...], [...]], "translation": [x, y, z], "center": "centroid"},
         {"landmark": "tail", "vertices": [99], "target": [[x, y, z]], "weight": 5, "rotation": [x, y, z, w]}
     ]}
 
@@ -15,14 +14,21 @@ Each entry is a group of handles, given in one of three ways:
 
 - ``vertices``: ids of vertices of the mesh.
 - ``source``: positions, which are snapped to the nearest vertices.
-- ``boxes``: a region of all vertices v in some axis-aligned boxes, each with its lowest and highest
-  corner. The vertices move to R v + t, with ``rotation`` R and ``translation`` t.
+- ``boxes``: all vertices in some axis-aligned boxes, each with its lowest and its highest corner.
 
 ``kind`` is ``static`` (the handles stay at rest and need no target), ``dynamic`` or ``unused`` (the entry
-is skipped). A group with a ``weight`` is soft: it is pulled to its targets (:class:`sshade.Handles`).
-Without ``boxes``, ``rotation`` prescribes the rotation of the surface at the handles. A rotation is a
-matrix of three rows, or a unit quaternion [x, y, z, w], as in glTF. Misspelt keys are
-refused, and further keys are ignored.
+is skipped). Without a ``kind``, an entry with a motion is dynamic. A motion is given in one of two ways:
+
+- ``target``: the position of each handle.
+- ``translation`` t and ``rotation`` R, or one of the two: a vertex v moves to R (v - c) + c + t. The
+  ``center`` c is a point or ``"centroid"``, the mean of the vertices; by default it is the origin.
+
+A ``rotation`` beside ``vertices`` or ``source`` that have a ``target``, or neither a motion nor the kind
+``dynamic``, prescribes the rotation of the surface at the handles. A rotation is a matrix of three rows, or
+a unit quaternion [x, y, z, w], as in glTF. A group with a ``weight`` is soft: it is pulled to its targets
+(:class:`sshade.Handles`). Long lists of numbers may have a compact form: see :mod:`sshade.io.packed`.
+
+Unknown keys are refused. Keys that begin with ``_`` are ignored, as are keys that this project records.
 """
 
 from __future__ import annotations
@@ -30,21 +36,22 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.handles import Handles
-from sshade.io.entries import NO_ROTATION, Entry, HandleFile, read_handle_file
+from sshade.handles import SAME_TARGET, Handles
+from sshade.io.entries import Entry, HandleFile, read_handle_file
 from sshade.io.files import naming, replacing
 from sshade.io.implicit_arap import implicit_arap_frame
 from sshade.io.meshes import read_surface
+from sshade.io.packed import packed
 from sshade.io.points import columns
-from sshade.io.regions import rigidly_moved, vertices_in
+from sshade.io.regions import vertices_in
 from sshade.mesh.mesh import Mesh
+from sshade.snapping import snap_to_vertices
 from sshade.task import DeformationTask
 
 
@@ -89,30 +96,60 @@ def on_mesh(file: HandleFile, mesh: Mesh, *, vertex: np.ndarray | None = None) -
         When the handles do not fit the mesh.
     """
     vertex = np.arange(mesh.n) if vertex is None else vertex
-    # Rows of handles by id, and rows of positions, which are snapped at once with one search tree.
+    # Handles at vertices, and positions, which are snapped at once with one search tree.
     rows: tuple[list[tuple[np.ndarray, ...]], ...] = ([], [])
     for entry in file.entries:
+        by_position = entry.way == "source" and entry.motion is None
         with naming(f"entry {entry.number}"):
-            place, target = _places_and_targets(entry, mesh, vertex)
+            place, target, distance = _placed(entry, mesh, vertex)
         k = len(place)
         values = np.full(k, entry.dynamic), np.full(k, entry.number), np.full(k, entry.weight)
-        rotation = NO_ROTATION if entry.way == "boxes" else entry.rotation
-        row = place, target, *values, np.broadcast_to(rotation, (k, 3, 3))
-        rows[entry.way == "source"].append(row)
-    parts, snapped = [], partial(Handles.from_positions, mesh, raw=file.raw)
-    for create, some in (Handles, rows[0]), (snapped, rows[1]):
-        if some:
-            at, target, dynamic, group, weight, R = columns(some)
-            if file.implicit_arap:
-                to_mesh = implicit_arap_frame(at, mesh)
-                at, target = to_mesh(at), to_mesh(target)
-            parts.append(create(at, target, dynamic=dynamic, group=group, weight=weight, rotation=R))
+        rotation = np.broadcast_to(entry.rotation, (k, 3, 3))
+        rows[by_position].append((place, target, distance, *values, rotation))
+    parts = []
+    if rows[0]:
+        at, target, snap, dynamic, group, weight, R = columns(rows[0])
+        extent = mesh.diagonal
+        parts.append(Handles(at, target, dynamic, group, snap, weight, rotation=R, extent=extent))
+    if rows[1]:
+        at, target, _, dynamic, group, weight, R = columns(rows[1])
+        if file.implicit_arap:
+            to_mesh = implicit_arap_frame(at, mesh)
+            at, target = to_mesh(at), to_mesh(target)
+        given = {"dynamic": dynamic, "group": group, "weight": weight, "rotation": R}
+        parts.append(Handles.from_positions(mesh, at, target, **given, raw=file.raw))  # type: ignore[arg-type]
     order = np.argsort(np.concatenate([part.group for part in parts]), kind="stable")
     names = ("index", "target", "dynamic", "group", "snap_distance", "weight", "rotation")
     joined = {name: np.concatenate([getattr(part, name) for part in parts])[order] for name in names}
     if np.isnan(joined["rotation"]).all():
         del joined["rotation"]
-    return Handles(**joined, merged=sum(part.merged for part in parts))
+    merged, farthest = sum(part.merged for part in parts), max(part.merge_distance for part in parts)
+    return Handles(**joined, merged=merged, merge_distance=farthest, extent=mesh.diagonal)
+
+
+def handle_notes(file: HandleFile, handles: Handles, mesh: Mesh) -> list[str]:
+    """Return a sentence for each unusual fact about the handles of a file on a mesh."""
+    found = []
+    if handles.merge_distance > SAME_TARGET * mesh.diagonal:
+        merged = "1 position was" if handles.merged == 1 else f"{handles.merged} positions were"
+        found.append(
+            f"{merged} merged with another position of the group at the same vertex; the vertex goes to the "
+            "mean of their targets, at most "
+            f"{100 * handles.merge_distance / mesh.diagonal:.2g} % of the diagonal from each target"
+        )
+    turned = []
+    for entry in file.entries:
+        if entry.motion is not None and entry.motion.center is None and entry.motion.turns:
+            points = mesh.V[handles.index[handles.group == entry.number]]
+            if len(points) and not ((points.min(axis=0) <= 0) & (points.max(axis=0) >= 0)).all():
+                turned.append(str(entry.number))
+    if turned:
+        entries = "entry" if len(turned) == 1 else "entries"
+        found.append(
+            f"the rotation of {entries} {', '.join(turned)} is about the origin, which lies outside of the "
+            'bounding box of its vertices; "center": "centroid" turns them about their mean'
+        )
+    return found
 
 
 def read_task(
@@ -150,8 +187,9 @@ def write_handles(
     *,
     names: Mapping[int, str] | None = None,
     about: Mapping[str, Any] | None = None,
+    static_at_rest: bool = False,
 ) -> None:
-    """Write handles as this project's JSON, by vertex ids.
+    """Write handles as this project's JSON, by vertex ids. The same handles are read back, bit by bit.
 
     Parameters
     ----------
@@ -161,6 +199,8 @@ def write_handles(
         Names of groups. Other groups are named by their number.
     about : mapping, optional
         Further keys of the file, which readers ignore.
+    static_at_rest : bool
+        The targets of static handles are their positions at rest, and are left out of the file.
 
     Raises
     ------
@@ -175,30 +215,48 @@ def write_handles(
         entry: dict[str, Any] = {
             "landmark": (names or {}).get(group, group),
             "kind": "dynamic" if row[1] else "static",
-            "vertices": handles.index[members].tolist(),
-            "target": handles.target[members].tolist(),
+            "vertices": packed(handles.index[members]),
         }
+        if row[1] or not static_at_rest:
+            entry["target"] = packed(handles.target[members])
         if np.isfinite(row[2]):
             entry["weight"] = row[2]
         if row[3:].any():
             entry["rotation"] = row[3:].reshape(3, 3).tolist()
-        entries.append(entry)
+        entries.append(_lines({key: json.dumps(value) for key, value in entry.items()}, "  "))
+    texts = {key: json.dumps(value) for key, value in (about or {}).items()}
+    texts["handles"] = "[\n  " + ",\n  ".join(entries) + "\n ]"
     with replacing(path) as temporary:
-        content = json.dumps({**(about or {}), "handles": entries}, indent=1)
-        temporary.write_text(content + "\n", encoding="utf-8")
+        temporary.write_text(_lines(texts, "") + "\n", encoding="utf-8")
 
 
-def _places_and_targets(entry: Entry, mesh: Mesh, vertex: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the vertices of an entry, or the positions that are to be snapped, and their targets."""
+def _lines(texts: Mapping[str, str], indent: str) -> str:
+    """Return the text of a JSON object with a line for each key."""
+    lines = ",\n".join(f"{indent} {json.dumps(key)}: {text}" for key, text in texts.items())
+    return f"{{\n{lines}\n{indent}}}"
+
+
+def _placed(entry: Entry, mesh: Mesh, vertex: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the vertices of an entry, their targets and their snap distances.
+
+    If the positions of an entry have targets, which are corrected by the snap, they are returned in place
+    of vertices.
+    """
+    target, distance = entry.target, np.zeros(len(entry.place))
+    if entry.way == "source" and entry.motion is None:
+        return entry.place, entry.place if target is None else target, distance
     if entry.way == "source":
-        return entry.place, entry.place if entry.target is None else entry.target
-    if entry.way == "vertices":
+        distance, at = snap_to_vertices(mesh, entry.place, np.full(len(entry.place), entry.number))
+    elif entry.way == "vertices":
         at = _vertices(entry.place, vertex)
-        return at, mesh.V[at] if entry.target is None else entry.target
-    at = vertices_in(mesh.V, entry.place)
-    if entry.translation is None:
-        return at, mesh.V[at]
-    return at, rigidly_moved(mesh.V[at], entry.rotation, entry.translation)
+    else:
+        at = vertices_in(mesh.V, entry.place)
+        distance = np.zeros(len(at))
+    if entry.motion is None:
+        return at, mesh.V[at] if target is None else target, distance
+    _, first = np.unique(at, return_index=True)  # each vertex counts once in the centroid
+    at = at[np.sort(first)]
+    return at, entry.motion(mesh.V[at]), distance[np.sort(first)]
 
 
 def _vertices(index: np.ndarray, vertex: np.ndarray) -> np.ndarray:

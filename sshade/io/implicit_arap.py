@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sshade.errors import InputError
+from sshade.io.files import naming
+from sshade.io.keys import require_known
 from sshade.io.points import as_points
+from sshade.io.text import decoded
 
 if TYPE_CHECKING:
     from sshade.mesh.mesh import Mesh
@@ -27,11 +30,12 @@ def read_implicit_arap(path: Path) -> list[tuple[np.ndarray, np.ndarray, bool]]:
     import yaml
 
     try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
+        data = yaml.safe_load(decoded(path.read_bytes()))
+    except (yaml.YAMLError, InputError, RecursionError) as error:
         raise InputError(f"not readable as YAML ({str(error).splitlines()[0]})") from error
     if not isinstance(data, dict) or not isinstance(data.get("handles"), dict):
         raise InputError("expected a mapping `handles` with `static` and `moving`")
+    _check_keys(data["handles"])
     static = _names(data["handles"], "static", "positions")
     moving = _names(data["handles"], "moving", "positions")
     transforms = _names(data["handles"], "moving", "transform")
@@ -51,6 +55,16 @@ def read_implicit_arap(path: Path) -> list[tuple[np.ndarray, np.ndarray, bool]]:
     return rows
 
 
+def _check_keys(handles: dict[str, Any]) -> None:
+    """Raise InputError if a key of the handles is unknown. Implicit-ARAP may read other keys of the file."""
+    with naming("`handles`"):
+        require_known(handles, ("static", "moving"))
+    for kind, known in {"static": ("positions",), "moving": ("positions", "transform")}.items():
+        if isinstance(handles.get(kind), dict):
+            with naming(f"`handles.{kind}`"):
+                require_known(handles[kind], known)
+
+
 def _names(handles: dict, kind: str, key: str) -> list[str]:
     parts = handles.get(kind) or {}
     names = (parts.get(key) or []) if isinstance(parts, dict) else None
@@ -66,9 +80,9 @@ def _read_points(folder: Path, name: str) -> np.ndarray:
     if not path.is_file():
         raise InputError(f"no such file: {path}")
     try:
-        rows = [line.split() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
+        rows = [line.split() for line in decoded(path.read_bytes()).splitlines() if line.strip()]
         values = [[float(word) for word in row] for row in rows]
-    except ValueError as error:
+    except (ValueError, InputError) as error:
         raise InputError(f"{path}: each line needs three numbers ({error})") from error
     return as_points(values, str(path))
 

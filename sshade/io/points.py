@@ -8,11 +8,32 @@ from typing import Any
 import numpy as np
 
 from sshade.errors import InputError
+from sshade.io.packed import require_numbers, unpacked
 
 
 def columns(rows: Sequence[tuple[np.ndarray, ...]]) -> list[np.ndarray]:
     """Concatenate the first entries of all rows, the second entries, and so on."""
     return [np.concatenate(column) for column in zip(*rows, strict=True)]
+
+
+def as_ids(values: Any, name: str) -> np.ndarray:
+    """Convert a list of vertex ids, or its compact form, to a (k,) int64 array.
+
+    Raises
+    ------
+    InputError
+        When it is no list of integers, or empty.
+    """
+    values = unpacked(values, name)
+    if not isinstance(values, np.ndarray):
+        require_numbers(values, name, 1)
+    try:
+        ids = np.asarray(values)
+    except (ValueError, OverflowError):  # lists of several lengths, and integers of many digits
+        ids = np.zeros(0)
+    if ids.ndim != 1 or ids.size == 0 or ids.dtype.kind not in "iu":
+        raise InputError(f"{name} must be a list of integers, at least one")
+    return ids.astype(np.int64)
 
 
 def as_points(values: Any, name: str) -> np.ndarray:
@@ -25,7 +46,8 @@ def as_array(values: Any, name: str, shape: tuple[int | None, ...], form: str) -
 
     Parameters
     ----------
-    values : list
+    values : list or dict
+        Lists, or their compact form; see :mod:`sshade.io.packed`.
     name, form : str
         Name of the list and its form, for messages.
     shape : tuple
@@ -36,8 +58,13 @@ def as_array(values: Any, name: str, shape: tuple[int | None, ...], form: str) -
     InputError
         When the numbers have another shape or are not finite.
     """
+    values = unpacked(values, name)
+    if not isinstance(values, np.ndarray):
+        require_numbers(values, name, len(shape))
     try:
         array = np.asarray(values, dtype=np.float64)
+    except OverflowError as error:
+        raise InputError(f"{name} has a number that is too large") from error
     except (TypeError, ValueError):
         array = np.zeros(0)
     fits = array.ndim == len(shape) and all(a in (None, b) for a, b in zip(shape, array.shape, strict=True))

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sshade.errors import InputError
+
+#: Greatest difference of a matrix from the identity that counts as no rotation.
+IDENTITY = 1e-12
 
 
 def vertices_in(V: np.ndarray, boxes: ArrayLike) -> np.ndarray:
@@ -32,6 +37,36 @@ def vertices_in(V: np.ndarray, boxes: ArrayLike) -> np.ndarray:
     if not inside.any():
         raise InputError("no vertex lies in its boxes")
     return np.flatnonzero(inside)
+
+
+class RigidMotion(NamedTuple):
+    """Rigid motion of a group: points p move to ``R (p - c) + c + t``.
+
+    Attributes
+    ----------
+    rotation : (3, 3) float64
+        R.
+    translation : (3,) float64
+        t.
+    center : (3,) float64 or "centroid", optional
+        c, or the mean of the points. None stands for the origin.
+    """
+
+    rotation: np.ndarray
+    translation: np.ndarray
+    center: np.ndarray | str | None = None
+
+    @property
+    def turns(self) -> bool:
+        """Whether the rotation differs from the identity."""
+        return bool(np.abs(self.rotation - np.eye(3)).max() > IDENTITY)
+
+    def __call__(self, points: np.ndarray) -> np.ndarray:
+        """Move points (k, 3)."""
+        if self.center is None or not self.turns:  # a translation is exact
+            return rigidly_moved(points, self.rotation, self.translation)
+        center = points.mean(axis=0) if isinstance(self.center, str) else self.center
+        return rigidly_moved(points - center, self.rotation, center + self.translation)
 
 
 def rigidly_moved(points: np.ndarray, rotation: ArrayLike, translation: ArrayLike) -> np.ndarray:

@@ -186,8 +186,9 @@ def deform(
     whole = surface(V, F, weld=weld, repair=repair)
     if rotations is not None and np.ndim(rotations) == 2:
         rotations = np.broadcast_to(rotations, (len(b), *np.shape(rotations)))
-    handles = Handles(b, bc, weight=weight, rotation=rotations)  # type: ignore[arg-type]
-    handles = _on(whole.vertex, handles)
+    extent = whole.mesh.diagonal
+    handles = Handles(b, bc, weight=weight, rotation=rotations, extent=extent)  # type: ignore[arg-type]
+    handles = replace(handles, index=_on(whole.vertex, handles.index), extent=extent)
     task = DeformationTask("mesh", whole.mesh, handles, carry_unconstrained=carry_unconstrained)
     moved = whole.placed(V, run(task, **options).vertices)
     return moved if mesh is None else mesh.moved(moved)
@@ -202,12 +203,12 @@ def _expect(arrays: tuple[Any, ...], what: str, count: int) -> tuple[Any, ...]:
     return arrays
 
 
-def _on(vertex: np.ndarray, handles: Handles) -> Handles:
-    """Handles on the vertices of a surface: `vertex` (n,) is the surface vertex of each vertex, or -1."""
-    outside = handles.index[handles.index >= len(vertex)]
+def _on(vertex: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Vertices of a surface for handle ids: `vertex` (n,) is the surface vertex of each vertex, or -1."""
+    outside = b[b >= len(vertex)]
     if len(outside):
         raise InputError(f"handle id {outside[0]} is out of range: the mesh has {len(vertex)} vertices")
-    index = vertex[handles.index]
+    index = vertex[b]
     if (index < 0).any():
-        raise InputError(f"handle vertex {handles.index[np.argmin(index)]} belongs to no face")
-    return replace(handles, index=index)
+        raise InputError(f"handle vertex {b[np.argmin(index)]} belongs to no face")
+    return index

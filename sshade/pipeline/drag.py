@@ -172,4 +172,5 @@ class NearestPlacement:
             group=handles.group,
             weight=handles.weight,
             rotation=handles.rotation,
+            strict=False,  # a sample of the proxy stands for many vertices
         ).with_portions(self._proxy)

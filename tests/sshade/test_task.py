@@ -81,8 +81,11 @@ def test_handles_of_a_group_on_one_vertex_are_merged_to_their_mean():
     assert handles.index.tolist() == [1, 2] and handles.merged == 1
     assert np.allclose(handles.target, [[1, 0, 2], [0, 1, 2]], rtol=0, atol=1e-14)
     assert handles.snap_distance == pytest.approx([0.05, 0.0])
-    raw = Handles.from_positions(mesh, source, [[1, 0, 0], [3, 0, 0], [0, 0, 9]], raw=True)
-    assert raw.target.tolist() == [[2, 0, 0], [0, 0, 9]]
+    target = [[1, 0, 0], [3, 0, 0], [0, 0, 9]]
+    raw = Handles.from_positions(mesh, source, target, raw=True, strict=False)
+    assert raw.target.tolist() == [[2, 0, 0], [0, 0, 9]] and raw.merge_distance == 1
+    with pytest.raises(InputError, match="2 positions of group 0 .* vertex, 1, and contradictory targets"):
+        Handles.from_positions(mesh, source, target, raw=True)
 
 
 def test_two_groups_on_one_vertex_must_agree():

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from sshade import Handles, InputError, Mesh, deform
-from sshade.io.handles import read_handles, read_task, write_handles
+from sshade.io.entries import read_handle_file
+from sshade.io.handles import handle_notes, on_mesh, read_handles, read_task, write_handles
 from sshade.io.meshes import write_mesh
 from sshade.mesh.surface import surface
 from tests.shapes import bumpy, rotation, tetrahedron
@@ -104,8 +105,18 @@ def test_a_region_is_all_vertices_in_its_boxes_and_moves_rigidly(write, body):
         ({"rotation": [[2, 0, 0], [0, 1, 0], [0, 0, 1]]}, '"rotation" is no rotation'),
         ({"translation": [[0, 0, 0]]}, '"translation" must be three numbers'),
         ({"vertices": [1]}, 'either as "vertices", as "source" or as "boxes"'),
-        ({"rotation": ...}, 'entry 0: it is dynamic and has no "rotation"'),
-        ({"translation": ...}, 'entry 0: it is dynamic and has no "translation"'),
+        ({"target": [[0, 0, 0]]}, '"boxes" have no "target"'),
+        ({"center": [0, 0]}, '"center" must be three numbers or "centroid"'),
+        ({"center": "middle"}, '"center" has a text in place of a number'),
+        ({"rotation": ..., "center": "centroid"}, '"center" needs a "rotation"'),
+        (
+            {"rotation": ..., "translation": ..., "kind": "dynamic"},
+            'entry 0: it is dynamic and has no "rotation" or "translation"',
+        ),
+        (
+            {"boxes": [[[-9, -9, -9], [9, 9, 9]], [[0, 3, 0], [1, 2, 1]]]},
+            'entry 0: box 1 of "boxes" has its corners swapped on axis y: 3 comes before 2',
+        ),
     ],
 )
 def test_a_wrong_region_is_refused(write, body, change, message):
@@ -116,10 +127,185 @@ def test_a_wrong_region_is_refused(write, body, change, message):
         read_handles(write([changed]), body)
 
 
+def test_groups_of_every_kind_move_rigidly_and_a_missing_part_is_the_identity(write, body):
+    R, t, some = rotation(4), [1.0, 2.0, 3.0], [5, 6, 7, 6]
+    turn = {"rotation": R.tolist(), "kind": "dynamic"}
+    V = body.V
+    box = [(V[5] - 1e-9).tolist(), (V[5] + 1e-9).tolist()]
+    for place, ids in (
+        ({"vertices": some}, [5, 6, 7]),
+        ({"source": (V[some] + 1e-3).tolist()}, [5, 6, 7]),
+        ({"boxes": [box]}, [5]),
+    ):
+        at = V[ids]
+        mean = at.mean(axis=0)
+        for motion, target in (
+            ({"translation": t}, at + t),
+            (turn, at @ R.T),
+            ({**turn, "translation": t}, at @ R.T + t),
+            ({**turn, "center": t}, (at - t) @ R.T + t),
+            ({**turn, "center": "centroid", "translation": t}, (at - mean) @ R.T + mean + t),
+        ):
+            handles = read_handles(write([{**place, **motion}]), body)
+            assert handles.index.tolist() == ids and handles.dynamic.all() and handles.rotation is None
+            assert np.allclose(handles.target, target, rtol=0, atol=1e-14), motion
+            still = read_handles(write([{**place, **motion, "kind": "static"}]), body)
+            assert np.array_equal(still.target, at) and not still.dynamic.any()
+        moved = read_handles(write([{**place, "translation": t}]), body)
+        assert np.array_equal(moved.target, at + t)  # exact
+
+
+def test_a_rotation_alone_beside_vertices_still_prescribes_the_rotation_of_the_surface(write, body):
+    R = rotation(4)
+    for kind in ({}, {"kind": "static"}):
+        handles = read_handles(write([{"vertices": [5], "rotation": R.tolist(), **kind}]), body)
+        assert np.array_equal(handles.rotation, R[None]) and np.array_equal(handles.target, body.V[[5]])
+
+
+def test_a_rotation_about_the_origin_outside_of_a_group_is_noted(write, body):
+    top = np.argsort(body.V[:, 2])[-4:].tolist()
+    turn = {"vertices": top, "rotation": rotation(1).tolist(), "kind": "dynamic"}
+    everywhere = {**turn, "vertices": list(range(body.n))}
+    shift = {"vertices": top, "translation": [0, 0, 1]}
+    for entries, words in (
+        ([{"vertices": [0]}, turn], ["rotation of entry 1 is about the origin"]),
+        ([everywhere], []),
+        ([shift], []),
+        ([{**turn, "center": "centroid"}], []),
+        ([{**turn, "kind": "static"}], []),
+    ):
+        file = read_handle_file(write(entries))
+        notes = handle_notes(file, on_mesh(file, body), body)
+        assert len(notes) == len(words) and all(a in b for a, b in zip(words, notes, strict=True)), notes
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({"handles": [{"vertices": [1], "wieght": 5}]}, 'entry 0: .* "wieght"; did you mean "weight"'),
+        (
+            {"handles": [{"vertices": [1], "trnslation": 5}]},
+            'no key "trnslation"; did you mean "translation"',
+        ),
+        ({"handles": [{"vertices": [1]}, {"comment": 5}]}, 'pose.json: entry 1: .*"comment"; did you mean "'),
+        ({"handles": [{"kind": "unused", "vertces": [1]}]}, 'no key "vertces"; did you mean "vertices"'),
+        ({"handles": [{"vertices": [1]}], "handels": 3}, 'pose.json: .* "handels"; did you mean "handles"'),
+        ('{"handles": [{"vertices": [1], "vertices": [2]}]}', 'the key "vertices" occurs twice'),
+        ({"handles": [{"vertices": [1], "k\n\ud800" + 999 * "k": 1}]}, r'no key "k\\n\\ud800k+";'),
+        ({"handles": [{"vertices": [1], "translation": [1, 0, 0], "target": [[0, 0, 0]]}]}, "either as"),
+        ({"handles": [{"vertices": {"run": [[1, 2]]}}]}, '"vertices" is no list'),
+        ({"handles": [{"vertices": {"runs": [[1, 0]]}}]}, '"runs" of "vertices" must be a list of pairs'),
+        ({"handles": [{"vertices": {"runs": [[0, 10**12]]}}]}, "stand for more than 100,000,000 ids"),
+    ],
+)
+def test_unknown_keys_are_refused_with_the_nearest_key(write, body, content, message):
+    text = content if isinstance(content, str) else json.dumps(content)
+    with pytest.raises(InputError, match=message):
+        read_handles(write(text), body)
+
+
+def test_keys_of_the_project_and_keys_that_begin_with_an_underscore_are_free(write, body):
+    entry = {"landmark": "a", "vertices": [4], "delta": 0.1, "delta_mean": None, "_mine": 3}
+    content = {"handles": [entry], "source_pose": "sit", "made": {"method": "fast"}, "_by": "me"}
+    assert read_handles(write(json.dumps(content)), body).index.tolist() == [4]
+
+
+HUGE = 10**400
+ODD = [None, True, "1", "", [], {}, [[]], [[[]]], [None], [True], ["1"], [[1, "2", 3]], [[1, 2]], -1, HUGE]
+ODD += [float("nan"), [float("inf")], [HUGE], [[HUGE, 0, 0]], [[0, 0, HUGE]] * 3, {"runs": []}, {"runs": [1]}]
+ODD += [{"base64": "A", "dtype": "<i4", "shape": [1]}, {"base64": "AAA=", "dtype": "<f8", "shape": [-1, 3]}]
+ODD += [{"base64": 3, "dtype": "O", "shape": 1}, {"base64": "AAAA", "dtype": "<i4", "shape": [10**30]}]
+VALID = {
+    "vertices": {"landmark": "a", "vertices": [1], "target": [[0, 0, 0]], "weight": 2},
+    "source": {"source": bumpy(3).V[:1].tolist(), "target": [[0, 0, 0]], "rotation": np.eye(3).tolist()},
+    "boxes": {
+        "boxes": [[[-9, -9, -9], [9, 9, 9]]],
+        "kind": "dynamic",
+        "rotation": rotation(1).tolist(),
+        "translation": [0, 0, 0],
+        "center": "centroid",
+    },
+}
+
+
+@pytest.mark.parametrize("way", VALID)
+def test_odd_values_are_refused_in_one_sentence(write, body, way):
+    entry = VALID[way]
+    assert len(read_handles(write([entry]), body)) > 0
+    for key in entry:
+        for value in ODD:
+            if key == "landmark" and type(value) in (str, int):
+                continue
+            with pytest.raises(InputError, match="entry 0: ") as found:
+                read_handles(write([{**entry, key: value}]), body)
+            message = str(found.value)
+            assert "\n" not in message and len(message) < 300, (key, value)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32"])
+def test_files_of_other_systems_are_read(tmp_path, body, far_body, encoding):
+    def put(path: Path, text: str) -> Path:
+        mark = "\ufeff" if encoding.endswith("e") else ""  # Python itself writes the marks of others
+        path.write_bytes((mark + text).encode(encoding))
+        return path
+
+    path = put(tmp_path / "a.json", '{"handles": [{"landmark": "Fu\u00df", "vertices": [7]}]}')
+    assert read_handle_file(path).entries[0].name == "Fu\u00df"
+    assert read_handles(path, body).index.tolist() == [7]
+    experiment = Experiment(tmp_path / "x", far_body, AXES[0])
+    expected = read_handles(experiment.path, far_body)
+    for part in experiment.folder.rglob("*.*"):
+        put(part, part.read_text())
+    again = read_handles(experiment.path, far_body)
+    assert np.array_equal(again.index, expected.index) and np.array_equal(again.target, expected.target)
+
+
+def test_text_in_no_encoding_is_refused(tmp_path, body):
+    (tmp_path / "a.json").write_bytes(b'{"handles": "\xff\xff"}')
+    with pytest.raises(InputError, match="not readable as JSON .it is neither UTF-8 nor UTF-16 text"):
+        read_handles(tmp_path / "a.json", body)
+
+
+def test_targets_of_one_vertex_may_differ_by_a_millionth_of_the_diagonal(write, body):
+    at = body.V[5]
+    for by in ("vertices", "source"):
+        for groups in (1, 2):
+
+            def entries(gap: float, by=by, groups=groups) -> list[dict]:
+                target = [at.tolist(), (at + [gap * body.diagonal, 0, 0]).tolist()]
+                place = [5, 5] if by == "vertices" else [at.tolist()] * 2
+                if groups == 1:
+                    return [{by: place, "target": target}]
+                return [{by: place[:1], "target": target[i : i + 1]} for i in (0, 1)]
+
+            assert len(read_handles(write(entries(9e-7)), body)) == 1
+            with pytest.raises(InputError, match="contradictory targets"):
+                read_handles(write(entries(2.2e-6)), body)
+    with pytest.raises(InputError, match="vertex 5 has contradictory targets"):
+        deform(body.V, body.F, [5, 5], [at, at + 2e-6 * body.diagonal])
+
+
+def test_positions_that_share_a_vertex_are_merged_as_far_as_their_distances_explain(write, body):
+    at, aside = body.V[5], np.array([1e-3, 0, 0])
+    source = [at - aside, at + aside, *body.V[100:104]]
+    for way, words in ((0.0, 0), (2.5e-3, 1)):
+        target = np.array(source) + [0, 0, 1]
+        target[1, 1] += 2 * way
+        file = read_handle_file(write([{"source": np.array(source).tolist(), "target": target.tolist()}]))
+        handles = on_mesh(file, body)
+        notes = handle_notes(file, handles, body)
+        assert handles.merged == 1 and len(notes) == words
+        assert handles.merge_distance == pytest.approx(way, rel=0.1, abs=1e-12)
+        assert not words or notes[0].startswith("1 position was merged with another")
+    target[1, 1] += 5e-3
+    with pytest.raises(InputError, match="2 positions of group 0 have the same nearest vertex, 5"):
+        read_handles(write([{"source": np.array(source).tolist(), "target": target.tolist()}]), body)
+
+
 def test_unused_groups_are_skipped_and_group_numbers_count_entries(write, body):
     entries = [
         {"kind": "unused", "vertices": [10**9], "source": "nonsense"},
-        {"kind": "static", "vertices": [4], "delta": 0.1, "anything": None},
+        {"kind": "static", "vertices": [4]},
     ]
     handles = read_handles(write(entries), body)
     assert handles.index.tolist() == [4] and handles.group.tolist() == [1]
@@ -153,6 +339,32 @@ def test_written_handles_read_back_the_same(tmp_path, body):
     pairs = set(zip(handles.group[a] * 2 + handles.dynamic[a], back.group[b], strict=True))
     assert len(pairs) == len({p[0] for p in pairs}) == len({p[1] for p in pairs})
     assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
+
+
+def test_large_groups_are_written_compactly_and_small_groups_as_lists(tmp_path, body):
+    """Same bits, in fewer lines and bytes than as lists of one number a line; that form is read, too."""
+    rng = np.random.default_rng(4)
+    groups = [rng.permutation(300)[:200], np.r_[300:400, 420:500], np.arange(600, 608)]
+    index, group = np.concatenate(groups), np.repeat([0, 1, 2], [200, 180, 8])
+    target = body.V[index] @ rotation(3).T + rng.normal(size=3)
+    target[group == 1] = body.V[index[group == 1]]
+    handles = Handles(index, target, dynamic=group != 1, group=group)
+    write_handles(tmp_path / "new.json", handles, static_at_rest=True)
+    entries = json.loads((tmp_path / "new.json").read_text())["handles"]
+    assert set(entries[0]["vertices"]) == {"base64", "dtype", "shape"} == set(entries[0]["target"])
+    assert entries[1]["vertices"] == {"runs": [[300, 100], [420, 80]]} and "target" not in entries[1]
+    assert entries[2]["vertices"] == list(range(600, 608))
+    old = [
+        {"kind": kind, "vertices": index[group == g].tolist(), "target": target[group == g].tolist()}
+        for g, kind in enumerate(["dynamic", "static", "dynamic"])
+    ]
+    (tmp_path / "old.json").write_text(json.dumps({"handles": old}, indent=1))
+    sizes = [(tmp_path / name).stat().st_size for name in ("new.json", "old.json")]
+    assert sizes[0] < 0.3 * sizes[1] and len((tmp_path / "new.json").read_text().splitlines()) < 30
+    for name in ("new.json", "old.json"):
+        back = read_handles(tmp_path / name, body)
+        for field in ("index", "target", "dynamic", "group"):
+            assert np.array_equal(getattr(back, field), getattr(handles, field)), (name, field)
 
 
 AXES = [
@@ -247,6 +459,26 @@ def test_a_little_rigid_motion_of_another_copy_is_found_by_icp(tmp_path, far_bod
     target = far_body.V + up @ experiment.axes / experiment.scale
     gap = np.linalg.norm(handles.target - target[handles.index], axis=1)
     assert np.max(gap) < 0.75 * np.linalg.norm(shift) / experiment.scale
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (
+            "handles: {statc: {positions: [foot]}}",
+            '`handles`: .*"statc"; did you mean "static"',
+        ),
+        ("handles: {static: {position: [foot]}}", '`handles.static`: .*"position"; did you mean "positions"'),
+        ("handles: {moving: {positions: [hand], transforms: [a]}}", '"transforms"; did you mean "transform"'),
+    ],
+)
+def test_unknown_keys_of_implicit_arap_are_refused(tmp_path, far_body, content, message):
+    path = Experiment(tmp_path / "x", far_body, AXES[0]).path
+    path.write_text(content)
+    with pytest.raises(InputError, match=message):
+        read_handles(path, far_body)
+    path.write_text("mesh: hand.ply\n" + POSE)
+    assert len(read_handles(path, far_body))
 
 
 def test_static_or_moving_parts_may_be_missing(tmp_path, far_body):

@@ -1,0 +1,25 @@
+"""Refuse unknown keys of files that people write by hand."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from difflib import get_close_matches
+from typing import Any
+
+from sshade.errors import InputError
+
+#: Users' own keys begin with this character, and are ignored.
+OWN = "_"
+#: Greatest length of a key in a message.
+LONGEST = 40
+
+
+def require_known(keys: Iterable[Any], known: tuple[str, ...], ignored: tuple[str, ...] = ()) -> None:
+    """Raise InputError if a key is neither known nor ignored, nor begins with :data:`OWN`."""
+    for key in keys:
+        if key not in known and key not in ignored and not str(key).startswith(OWN):
+            short = str(key)[:LONGEST]
+            near = get_close_matches(short, known, n=1, cutoff=0.0)[0]
+            meant = f'did you mean "{near}"? Keys of your own begin with {OWN}'
+            raise InputError(f"there is no key {json.dumps(short)}; {meant}")
