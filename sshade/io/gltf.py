@@ -1,7 +1,8 @@
 """glTF 2.0 files, .glb and .gltf: positions, normals and tangents change, all other bytes stay.
 
 The vertices of all triangle primitives are read in the order of the meshes of the file, at the places where
-the nodes of the scene put them. Libraries would lay out the buffers anew.
+the nodes of the scene put them. Where several nodes show a mesh, each node but the first gets a mesh of its
+own behind the meshes of the file. Libraries would lay out the buffers anew.
 
 Khronos Group, "glTF 2.0 specification", 2021.
 """
@@ -20,14 +21,8 @@ import numpy as np
 
 from sshade.errors import InputError
 from sshade.io.document import MeshFile, moved_reference, present
-from sshade.io.gltf_scene import (
-    accessor_bytes,
-    array_of,
-    mesh_matrices,
-    require_apart,
-    require_plain,
-    triangles_of,
-)
+from sshade.io.gltf_own import with_own_numbers
+from sshade.io.gltf_scene import accessor_bytes, array_of, mesh_matrices, require_plain, triangles_of
 from sshade.io.normals import vertex_turns
 from sshade.mesh.mesh import unit_rows
 from sshade.mesh.surface import single_steps
@@ -79,11 +74,13 @@ def read_gltf(path: Path) -> MeshFile:
         When the file is no glTF 2.0 file, or refers to missing entries.
     InputError
         When there are no triangles, or contents that cannot be deformed: skins, morph targets,
-        compressed or quantised buffers, instances of one mesh.
+        compressed buffers, instances without nodes.
     """
     gltf = _parsed(path)
     require_plain(gltf.tree, path)
-    matrices = mesh_matrices(gltf.tree, path)
+    tree, buffers, notes = with_own_numbers(gltf.tree, gltf.buffers)
+    gltf = gltf._replace(tree=tree, buffers=buffers)
+    matrices = mesh_matrices(tree)
     parts: dict[tuple, _Part] = {}
     V, F = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)]
     count, rounding = 0, np.zeros(3)
@@ -100,18 +97,16 @@ def read_gltf(path: Path) -> MeshFile:
                 rounding = np.maximum(rounding, np.abs(M[:3, :3]) @ single_steps(P))
                 parts[key] = _Part(position, *shading, count, M)
                 count += len(P)
-            part = parts[key]
-            if (part.matrix != M).any() or part[1:3] != shading:
-                raise InputError(f"{path}: two of its meshes share positions but not their place or normals")
             size = gltf.tree["accessors"][position]["count"]
             corners = triangles_of(gltf.tree, gltf.buffers, primitive, size)
-            F.append(part.first + corners)
+            if np.linalg.det(M[:3, :3]) < 0:  # a mirror turns faces around
+                corners = corners[:, ::-1]
+            F.append(parts[key].first + corners)
     if not sum(map(len, F)):
         raise InputError(f"{path}: the file holds no triangles")
-    require_apart(gltf.tree, gltf.buffers, path)
     rest, triangles = np.concatenate(V), np.concatenate(F)
     content = partial(_content, gltf, list(parts.values()), rest, triangles)
-    return MeshFile(rest, triangles, _holds(gltf.tree), (".glb", ".gltf"), content, rounding=rounding)
+    return MeshFile(rest, triangles, _holds(gltf.tree), (".glb", ".gltf"), content, notes, rounding)
 
 
 def _parsed(path: Path) -> _Gltf:

@@ -1,0 +1,137 @@
+"""Give each mesh that a glTF scene shows positions, normals and tangents of its own.
+
+Files save space: several nodes show one mesh, meshes share accessors, and numbers are sparse or quantised.
+Vertices that move apart need numbers of their own. New accessors hold them as float32, at the end of the
+first buffer. Everything that already has numbers of its own stays where it is.
+"""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+
+from sshade.io.gltf_scene import CHANGED, FLOAT, accessor_bytes, array_of, dense, mesh_matrices
+
+
+class _Copies:
+    """New accessors of a file, and their bytes behind its first buffer."""
+
+    def __init__(self, tree: dict[str, Any], buffers: list[bytes]) -> None:
+        self._tree, self._buffers = tree, buffers
+        self._bytes = bytearray()
+
+    def add(self, number: int) -> int:
+        """Copy an accessor; return the number of the copy."""
+        accessors, views, buffer = (self._tree[name] for name in ("accessors", "bufferViews", "buffers"))
+        values = _floats(accessors[number], dense(self._tree, self._buffers, number))
+        begin = buffer[0]["byteLength"] + -buffer[0]["byteLength"] % 4 + len(self._bytes)
+        views.append({"buffer": 0, "byteOffset": begin, "byteLength": values.nbytes, "target": 34962})
+        self._bytes += values.tobytes()
+        left_out = ("bufferView", "byteOffset", "normalized", "sparse")
+        new = {key: value for key, value in accessors[number].items() if key not in left_out}
+        new |= {"bufferView": len(views) - 1, "componentType": FLOAT}
+        for name in new.keys() & {"min", "max"}:
+            new[name] = getattr(values, name)(axis=0).astype(np.float64).tolist()
+        accessors.append(new)
+        return len(accessors) - 1
+
+    def buffers(self) -> list[bytes]:
+        """Return the buffers with the new bytes, and update the length of the first buffer."""
+        if not self._bytes:
+            return self._buffers
+        first = self._tree["buffers"][0]
+        data = self._buffers[0][: first["byteLength"]]
+        data += bytes(-len(data) % 4) + self._bytes
+        first.pop("uri", None)  # the file there lacks the new bytes
+        first["byteLength"] = len(data)
+        return [data, *self._buffers[1:]]
+
+
+def _floats(accessor: dict[str, Any], values: np.ndarray) -> np.ndarray:
+    """Convert numbers of an accessor to float32; normalised whole numbers lie in [-1, 1]."""
+    floats = values.astype("<f4")
+    if values.dtype.kind != "f" and accessor.get("normalized"):
+        floats = np.maximum(floats / np.float32(np.iinfo(values.dtype).max), np.float32(-1))
+    return floats
+
+
+def with_own_numbers(
+    tree: dict[str, Any], buffers: list[bytes]
+) -> tuple[dict[str, Any], list[bytes], tuple[str, ...]]:
+    """Rewrite a file such that each primitive of a mesh may move alone; the scene looks the same.
+
+    Returns
+    -------
+    tree : dict
+    buffers : list of bytes
+    notes : tuple of str
+        What was rewritten, for the user.
+    """
+    tree = copy.deepcopy(tree)
+    instances = _split_instances(tree)
+    matrices = mesh_matrices(tree)
+    shared, owner = _overlapping(tree, buffers), dict[tuple, tuple]()
+    copies, made, converted = _Copies(tree, buffers), dict[tuple, dict[str, int]](), 0
+    # Meshes that no node shows come last: only others would change their numbers.
+    for number in sorted(range(len(tree.get("meshes", []))), key=lambda i: i not in matrices):
+        shown = number in matrices
+        place = matrices[number].tobytes() if shown else b""
+        for primitive in tree["meshes"][number]["primitives"]:
+            attributes = primitive["attributes"]
+            here = {name: attributes[name] for name in CHANGED if name in attributes}
+            keys = {name: accessor_bytes(tree, i) for name, i in here.items()}
+            use = (place, *keys.items())
+            mine = {key: (name, use) for name, key in keys.items()}
+            plain = all(_is_plain(tree["accessors"][i]) for i in here.values())
+            own = all(owner.get(key, value) == value for key, value in mine.items())
+            if own and not (shown and (not plain or len(mine) < len(keys) or shared & mine.keys())):
+                owner |= mine
+                continue
+            if use not in made:
+                made[use] = {name: copies.add(i) for name, i in here.items()}
+                converted += not plain
+            attributes |= made[use]
+    notes = {
+        f"{instances} nodes show a mesh that another node shows; each gets a mesh of its own": instances,
+        f"sparse or quantised positions and normals of {converted} primitives become float32": converted,
+    }
+    return tree, copies.buffers(), tuple(note for note, there in notes.items() if there)
+
+
+def _split_instances(tree: dict[str, Any]) -> int:
+    """Give each node a mesh of its own, behind the meshes of the file; return the number of new meshes."""
+    shown, instances = set[int](), 0
+    for node in tree.get("nodes", []):
+        if "mesh" not in node:
+            continue
+        if node["mesh"] in shown:
+            tree["meshes"].append(copy.deepcopy(tree["meshes"][node["mesh"]]))
+            node["mesh"], instances = len(tree["meshes"]) - 1, instances + 1
+        shown.add(node["mesh"])
+    return instances
+
+
+def _is_plain(accessor: dict[str, Any]) -> bool:
+    return accessor["componentType"] == FLOAT and "sparse" not in accessor
+
+
+def _overlapping(tree: dict[str, Any], buffers: list[bytes]) -> set[tuple]:
+    """Return the bytes of accessors that overlap the bytes of other accessors or of images."""
+    uses = [np.zeros(len(data), dtype=np.uint8) for data in buffers]  # of each byte, counted up to 3
+    numbers: dict[tuple, int] = {}
+    views = [image.get("bufferView") for image in tree.get("images", [])]
+    for number, accessor in enumerate(tree["accessors"]):
+        if "sparse" in accessor:
+            views += [accessor["sparse"][part]["bufferView"] for part in ("indices", "values")]
+        if "bufferView" in accessor:
+            numbers[accessor_bytes(tree, number)] = number
+    for number in numbers.values():
+        here = array_of(tree, uses, number).view(np.uint8)
+        here += here < 2
+    there = range(len(tree["bufferViews"]))
+    for view in (tree["bufferViews"][number] for number in views if number in there):
+        begin = view.get("byteOffset", 0)
+        uses[view["buffer"]][begin : begin + view["byteLength"]] |= 2
+    return {key for key, number in numbers.items() if (array_of(tree, uses, number).view(np.uint8) > 1).any()}
