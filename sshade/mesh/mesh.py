@@ -80,12 +80,12 @@ class Mesh:
         if repeated >= 0:
             raise InputError(
                 f"{repeating} faces repeat a vertex (the first is face {repeated}: {F[repeated].tolist()}); "
-                "remove them, or pass --repair"
+                "remove them; sshade.deform leaves them out by itself"
             )
         if not used.all():
             raise InputError(
                 f"{int((~used).sum())} vertices belong to no face (the first is {int(np.argmin(used))}); "
-                "remove them, or pass --repair"
+                "remove them; sshade.deform leaves them out by itself"
             )
         object.__setattr__(self, "V", _read_only(V, self.V))
         object.__setattr__(self, "F", _read_only(F, self.F))
@@ -240,12 +240,18 @@ class Mesh:
         free = np.flatnonzero(~handled)
         if everywhere and len(free):
             sizes, first = np.bincount(self.component), np.argmax(self.component == free[0])
+            weld = "weld coincident vertices with --repair, " if self._has_copies else ""
             raise InputError(
                 f"{len(free)} of the mesh's {len(sizes)} components have no handle (the first has "
-                f"{sizes[free[0]]} vertices, one of them {first}); give each one, weld coincident "
-                "vertices with --repair, or move them with the nearest component: --carry-unconstrained, "
+                f"{sizes[free[0]]} vertices, one of them {first}); give each one, {weld}"
+                "or move them with the nearest component: --carry-unconstrained, "
                 "in Python carry_unconstrained=True"
             )
+
+    @property
+    def _has_copies(self) -> bool:
+        """Some vertices are at exactly one place, so that welding may join components."""
+        return len(np.unique(self.V, axis=0)) < self.n
 
     def require_manifold(self) -> None:
         """Raise InputError unless the mesh is manifold and consistently oriented."""
@@ -254,7 +260,7 @@ class Mesh:
             i, j, faces = facts.crowded_edge
             raise InputError(
                 f"the mesh is not manifold: edge ({i}, {j}) has {faces} faces, and at most two are supported"
-                "; split the mesh there, or drop faces that are there twice with --repair"
+                "; split the mesh there, or drop faces that are there twice"
             )
         if facts.split_vertex != -1:
             raise InputError(
@@ -272,9 +278,10 @@ class Mesh:
         count = self.topology.components
         if count > 1:
             sizes = np.sort(np.bincount(self.component))[::-1]
+            weld = ", or weld coincident vertices with --repair" if self._has_copies else ""
             raise InputError(
                 f"the mesh has {count} components (the largest have {sizes[:3].tolist()} vertices); "
-                "only one is supported: deform them one by one, or weld coincident vertices with --repair"
+                f"only one is supported: deform them one by one{weld}"
             )
 
 

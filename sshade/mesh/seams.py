@@ -118,7 +118,7 @@ def seams(mesh: Mesh, tolerance: np.ndarray) -> np.ndarray:
     edges = sides_by_edge(F, mesh.n)
     side = edges.side[edges.start[:-1][edges.faces == 1]].astype(np.int64)
     begin, end, third = (F[side // 3, (side + k) % 3] for k in range(3))
-    place, rim = np.full(mesh.n, -1), np.unique(begin)
+    place, rim = np.full(mesh.n, -1), np.unique([begin, end])
     place[rim] = same_places(mesh.V[rim], tolerance)
     forward = place[begin] < place[end]
     low, high = np.where(forward, begin, end), np.where(forward, end, begin)

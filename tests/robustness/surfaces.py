@@ -48,11 +48,11 @@ REFUSED = {
     "all vertices in one place": (mesh(np.ones_like(V), F), "coincide"),
 }
 REFUSED_BY_REMESH = {
-    "a face twice": (mesh(V, [*F, F[0]]), "has 3 faces", "--repair"),
+    "a face twice": (mesh(V, [*F, F[0]]), "has 3 faces"),
     "one face turned": (_at(11, F[11, ::-1], of="F"), "not consistently oriented"),
     "a fin": (mesh(t_fin().V, t_fin().F), "not manifold: edge", "3 faces"),
     "two fans at a vertex": (mesh(*_touching()), "more than one fan"),
-    "two components": (mesh(*_two()), "2 components", "--repair"),
+    "two components": (mesh(*_two()), "2 components"),
 }
 
 

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from sshade import Mesh
+from sshade import InputError, Mesh
 from sshade.mesh.seams import same_rows
 from sshade.mesh.surface import surface
-from tests.shapes import beside, icosphere
+from tests.shapes import beside, icosphere, jittered, shifted, strip
+from tests.sshade.mesh.test_cutting import moebius
 
 SPHERE = icosphere(2)
 
@@ -73,3 +74,66 @@ def test_equal_rows_have_equal_ids():
     ids = same_rows(rows)
     assert np.array_equal(ids[:, None] == ids, (rows[:, None] == rows).all(axis=2))
     assert set(ids) == set(range(ids.max() + 1))
+
+
+def soup(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
+    return mesh.V[mesh.F].reshape(-1, 3), np.arange(3 * mesh.m).reshape(-1, 3)
+
+
+@pytest.mark.parametrize("mesh", [SPHERE, moebius(20)])
+def test_a_soup_whose_triangles_disagree_about_their_direction_becomes_whole(mesh):
+    V, F = soup(mesh)
+    turned = np.random.default_rng(0).random(len(F)) < 0.3
+    joined, vertex, _ = surface(V, np.where(turned[:, None], F[:, ::-1], F))
+    assert joined.n == mesh.n and joined.topology == mesh.topology and np.array_equal(joined.V[vertex], V)
+
+
+@pytest.mark.parametrize("repair", [False, True])
+@pytest.mark.parametrize("single", [False, True])
+def test_sheets_that_nearly_touch_stay_apart(single, repair):
+    sheet, lift = jittered(strip(9, 7), 0.2), np.array([0, 0, 1e-6])
+    two = beside(sheet, shifted(sheet, lift * sheet.diagonal))
+    V = two.V.astype(np.float32) if single else two.V
+    assert surface(V, two.F, repair=repair).mesh.n == two.n
+
+
+def test_sheets_upon_each_other_stay_two_unless_repaired():
+    sheet = jittered(strip(9, 7), 0.2)
+    other = Mesh(sheet.V, sheet.F[:, [1, 2, 0]])
+    for noise in (0.0, 1e-10):
+        two = beside(sheet, shifted(other, noise * sheet.diagonal))
+        assert surface(two.V, two.F).mesh.n == two.n
+        assert surface(two.V, two.F, repair=True).mesh.topology == sheet.topology
+
+
+def test_a_rim_that_is_finer_than_the_tolerance_is_no_seam():
+    """Heights in metres, far from the origin in single precision: neighbours are three steps apart."""
+    land = strip(30, 20)
+    V = (0.1 * land.V + [5e5, 4e5, 0]).astype(np.float32)
+    assert surface(V, land.F).mesh.n == land.n
+
+
+def test_merging_takes_no_vertex_its_last_face():
+    """A sliver of no width: the two ends of its short side are one vertex, and the third is another."""
+    V, F = (
+        np.array([[0.0, 0, 0], [0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 2, 0], [1, 2, 0]]),
+        [[0, 1, 2], [3, 4, 5]],
+    )
+    joined, vertex, facts = surface(V, np.array(F))
+    assert joined.n == 6 and facts["doubled"] == 0 and (vertex >= 0).all()
+
+
+@pytest.mark.parametrize("weld", [-1e-9, 0.1, np.nan])
+def test_a_tolerance_out_of_range_is_refused(weld):
+    with pytest.raises(InputError, match="weld is a fraction of the diagonal"):
+        surface(SPHERE.V, SPHERE.F, weld=weld)
+
+
+def test_the_tolerance_decides_which_gaps_close():
+    parts = split(SPHERE, HALF)
+    V = np.array(parts.V)
+    V[parts.n // 2 :] += 1e-7
+    assert not surface(V, parts.F).mesh.is_closed
+    whole = surface(V, parts.F, weld=1e-6)
+    assert whole.mesh.topology == SPHERE.topology and whole.facts["near"] > 0
+    assert not surface(parts.V + np.where(parts.V == V, 0, 1e-14), parts.F, weld=0).mesh.is_closed

@@ -1,0 +1,108 @@
+"""Closed meshes whose files store vertices several times, with rounding noise, stay closed."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import pyvista
+import trimesh
+
+from sshade import Mesh, deform
+from sshade.cli.main import main
+from sshade.io.meshes import read_arrays, write_mesh
+from sshade.io.objects import opened
+from tests.shapes import beside, block, bumpy, double_torus, icosphere, shifted, torus
+
+SHAPES = {
+    "sphere": bumpy(2),
+    "torus": torus(16, 8),
+    "cube": block(np.ones((1, 1, 1), dtype=bool), cells=4),
+    "two": beside(icosphere(2), shifted(icosphere(1), [0.2, 4.0, 0.5])),
+    "genus 2": double_torus(cells=1),
+    "far": shifted(bumpy(2), [40.0, -3.0, 1.0]),
+    "tiny": Mesh(1e-5 * torus(12, 6).V, torus(12, 6).F),
+}
+FILES = ("soup.stl", "float.ply", "double.ply", "mesh.obj", "mesh.glb")
+
+
+def noisy(mesh: Mesh, *, soup: bool, single: bool, rng) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Vertices, faces, and the vertex of `mesh` for each vertex: split, with noise, shuffled, turned."""
+    own = np.ones(mesh.m, dtype=bool) if soup else rng.random(mesh.m) < rng.choice([0.1, 0.5, 0.9])
+    corners = np.where(own[:, None], mesh.n + np.arange(3 * mesh.m).reshape(-1, 3), mesh.F)
+    used, corners = np.unique(corners, return_inverse=True)
+    origin = np.concatenate([np.arange(mesh.n), mesh.F.ravel()])[used]
+    order = np.arange(len(used)) if soup else rng.permutation(len(used))
+    V, F = np.empty((len(used), 3)), order[corners.reshape(-1, 3)]
+    V[order] = mesh.V[origin]
+    place = np.empty(len(used), dtype=np.int64)
+    place[order] = origin
+    if single:
+        steps = np.spacing(np.abs(V).max(axis=0).astype(np.float32))
+        V = V.astype(np.float32) + steps * rng.integers(-2, 3, V.shape).astype(np.float32)
+    else:
+        V = V + rng.uniform(-1e-9, 1e-9, V.shape) * mesh.diagonal
+    if not soup:
+        F = np.array(
+            [np.roll(f, k) for f, k in zip(rng.permutation(F), rng.integers(0, 3, len(F)), strict=True)]
+        )
+    turned = rng.random(mesh.m) < rng.choice([0.0, 0.3])
+    F = np.where(turned[:, None], F[:, ::-1], F)
+    return np.asarray(V, dtype=np.float64), F, place
+
+
+def write_float_ply(path: Path, V: np.ndarray, F: np.ndarray) -> None:
+    names = "".join(f"property float {name}\n" for name in "xyz")
+    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(V)}\n{names}"
+    header += f"element face {len(F)}\nproperty list uchar int vertex_indices\nend_header\n"
+    faces = np.empty(len(F), dtype=[("n", "u1"), ("ids", "<i4", 3)])
+    faces["n"], faces["ids"] = 3, F
+    path.write_bytes(header.encode() + V.astype("<f4").tobytes() + faces.tobytes())
+
+
+@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_split_and_noisy_vertices_stay_together(here, shape, name):
+    mesh, single = SHAPES[shape], name in ("soup.stl", "float.ply", "mesh.glb")
+    rng = np.random.default_rng(sum(map(ord, shape + name)))
+    V, F, origin = noisy(mesh, soup=name.endswith(".stl"), single=single, rng=rng)
+    (write_float_ply if name == "float.ply" else write_mesh)(Path(name), V, F)
+    low, high = mesh.V.min(axis=0) - 0.01 * mesh.diagonal, mesh.V.max(axis=0) + 0.01 * mesh.diagonal
+    third, up = (high[1] - low[1]) / 3, {"kind": "dynamic", "rotation": np.eye(3).tolist()}
+    down = {"kind": "static", "boxes": [[low.tolist(), [high[0], low[1] + third, high[2]]]]}
+    up |= {"boxes": [[[low[0], high[1] - third, low[2]], high.tolist()]]}
+    up |= {"translation": (0.1 * (high - low)).tolist()}
+    Path("pose.json").write_text(json.dumps({"handles": [down, up]}))
+    rest = read_arrays(name)[0]
+    origin = origin[F.ravel()] if name.endswith(".stl") else origin
+    assert len(V) > mesh.n and np.ptp([rest[origin == i][[0, -1]] for i in range(mesh.n)], axis=1).any()
+    for options in ("fast --repair", "fast", "fine", "paper"):
+        out = "out" + Path(name).suffix
+        command = f"deform {name} pose.json -o {out} --carry-unconstrained --vertices 120 --method {options}"
+        assert main(command.split()) == 0
+        moved = read_arrays(out)[0]
+        assert_together(moved, origin)
+        assert np.abs(moved - rest).max() > 0.05 * np.ptp(mesh.V[:, 1])
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda V, F: (V, F),
+        lambda V, F: (trimesh.Trimesh(V, F, process=False),),
+        lambda V, F: (pyvista.PolyData.from_regular_faces(V, F),),
+    ],
+)
+def test_python_joins_the_copies_too(made):
+    mesh = SHAPES["sphere"]
+    V, F, origin = noisy(mesh, soup=True, single=True, rng=np.random.default_rng(5))
+    b = np.array([np.argmax(V[:, 2]), np.argmin(V[:, 2])])
+    moved = deform(*made(V.astype(np.float32), F), b, V[b] * 1.2, vertices=60)
+    assert_together(np.asarray(opened(moved).V if opened(moved) else moved), origin)
+
+
+def assert_together(moved: np.ndarray, origin: np.ndarray) -> None:
+    """All copies of a vertex, whose number is `origin` (n,), are exactly at one place."""
+    place = np.full((origin.max() + 1, 3), np.nan)
+    place[origin] = moved
+    assert np.array_equal(moved, place[origin]), "copies of a vertex come apart"
