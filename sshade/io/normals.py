@@ -37,6 +37,12 @@ def turns(
     return _turns(group, F, *arrays, groups)
 
 
+def turned(Q: np.ndarray, N: np.ndarray) -> np.ndarray:
+    """Turn normals (k, 3) by rotations (k, 3, 3). Numbers that stay keep their bits, such as -0.0 and NaN."""
+    new = np.einsum("kij,kj->ki", Q, N)
+    return np.where((new == N) | np.isnan(N).any(axis=1, keepdims=True), N, new)
+
+
 def vertex_turns(N: np.ndarray, F: np.ndarray, rest: np.ndarray, posed: np.ndarray) -> np.ndarray:
     """Compute the rotation of the surface at each vertex; both sides of a smooth seam turn alike.
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from sshade.errors import InputError
 from sshade.io.document import MeshFile, present
-from sshade.io.normals import vertex_turns
+from sshade.io.normals import turned, vertex_turns
 from sshade.io.triangles import fanned
 from sshade.io.words import Text, edited, without_comments
 
@@ -69,10 +69,8 @@ def read_off(path: Path) -> MeshFile:
     def content(V: np.ndarray, path: Path) -> bytes:
         edits = [positions.edits(V)]
         if normals is not None:
-            turned = np.einsum(
-                "kij,kj->ki", vertex_turns(normals.value, F, positions.value, V), normals.value
-            )
-            edits.append(normals.edits(turned))
+            Q = vertex_turns(normals.value, F, positions.value, V)
+            edits.append(normals.edits(turned(Q, normals.value)))
         return edited(data, edits)
 
     return MeshFile(positions.value, F, holds, (".off",), content)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sshade.io.document import MeshFile, moved_reference, present
-from sshade.io.normals import turns, vertex_turns
+from sshade.io.normals import turned, turns, vertex_turns
 from sshade.io.ply_elements import Element, declared_words, read_header, take
 from sshade.io.triangles import fanned, strip_triangles
 from sshade.io.words import Numbers, Text, edited
@@ -152,13 +152,13 @@ def _content(
     normals = vertices.numbers(" ".join(_NORMAL))
     if normals:
         N = vertices.columns(normals)
-        changes.append((vertices, normals, N, np.einsum("kij,kj->ki", vertex_turns(N, F, rest, V), N)))
+        changes.append((vertices, normals, N, turned(vertex_turns(N, F, rest, V), N)))
     faces = ply.elements.get("face")
     normals = faces.numbers(" ".join(_NORMAL)) if faces and len(F) else []
     if faces and normals:
         N = faces.columns(normals)
         Q = turns(np.repeat(face[:, None], 3, axis=1), F, rest, V)  # one rotation per face
-        changes.append((faces, normals, N, np.einsum("kij,kj->ki", Q, N)))
+        changes.append((faces, normals, N, turned(Q, N)))
     header = _header_at(ply.data[: ply.body], source, path)
     return header + _patched_text(ply, ply.words, changes) if ply.words else _patched(ply, changes, header)
 

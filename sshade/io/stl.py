@@ -8,7 +8,7 @@ import numpy as np
 
 from sshade.errors import InputError
 from sshade.io.document import MeshFile, present
-from sshade.io.normals import turns
+from sshade.io.normals import turned, turns
 from sshade.io.words import BOM, Numbers, Text, edited, key_of
 from sshade.mesh.mesh import unit_rows
 
@@ -108,4 +108,4 @@ def _solids(text: Text) -> tuple[Numbers, Numbers, int, tuple[str, ...]]:
 def _turned(N: np.ndarray, rest: np.ndarray, V: np.ndarray) -> np.ndarray:
     """Turn facet normals (m, 3) with the surface; the zeros that many programs write stay zeros."""
     F = np.arange(len(rest)).reshape(-1, 3)
-    return np.einsum("kij,kj->ki", turns(np.repeat(np.arange(len(N))[:, None], 3, axis=1), F, rest, V), N)
+    return turned(turns(np.repeat(np.arange(len(N))[:, None], 3, axis=1), F, rest, V), N)

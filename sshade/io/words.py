@@ -16,6 +16,8 @@ import numpy as np
 BOM = b"\xef\xbb\xbf"
 _NEWLINE, _RETURN, _BLANK = 10, 13, 32
 _INTEGER = re.compile(rb"[+-]?[0-9]{1,18}")
+#: How programs of Windows write a number that is none, such as the normal of a face without area.
+_NAN = re.compile(rb"[+-]?(nan\([a-z]*\)|1\.#(ind|qnan|snan)[0-9]*)", re.IGNORECASE)
 
 
 class Edits(NamedTuple):
@@ -35,7 +37,7 @@ class Numbers(NamedTuple):
 
     def edits(self, new: np.ndarray) -> Edits:
         """Return the edits that write `new`; numbers that stay keep their bytes."""
-        changed = self.value != new
+        changed = (self.value != new) & ~(np.isnan(self.value) & np.isnan(new))
         return Edits(self.begin[changed], self.end[changed], list(map(repr, new[changed].tolist())))
 
 
@@ -113,7 +115,9 @@ class Text:
         begin, end = self.begin[words], self.end[words]
         value = self._parsed(begin, end, np.float64)
         if value is None:  # Python also reads 1_000, and its error names the word
-            value = np.array([float(word) for word in self._slices(begin, end)]).reshape(begin.shape)
+            words = self._slices(begin, end)
+            value = np.array([np.nan if _NAN.fullmatch(word) else float(word) for word in words])
+            value = value.reshape(begin.shape)
         return Numbers(begin, end, value)
 
     def integers(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
