@@ -115,8 +115,8 @@ class Text:
         begin, end = self.begin[words], self.end[words]
         value = self._parsed(begin, end, np.float64)
         if value is None:  # Python also reads 1_000, and its error names the word
-            words = self._slices(begin, end)
-            value = np.array([np.nan if _NAN.fullmatch(word) else float(word) for word in words])
+            parts = self._slices(begin, end)
+            value = np.array([np.nan if _NAN.fullmatch(word) else float(word) for word in parts])
             value = value.reshape(begin.shape)
         return Numbers(begin, end, value)
 

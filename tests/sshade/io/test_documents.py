@@ -5,8 +5,12 @@ import struct
 import numpy as np
 import pytest
 
+import sshade
+from sshade.cli.main import main
+from sshade.edit.document import Document
+from sshade.io.handles import write_handles
 from sshade.io.meshes import read_arrays, read_file, write_file, write_mesh
-from tests.shapes import icosphere
+from tests.shapes import bumpy, end_handles, icosphere
 from tests.sshade.io.test_formats import OFF, STL
 from tests.sshade.io.test_ply import SQUARE, ply
 
@@ -292,3 +296,29 @@ def test_what_another_format_loses_is_named(tmp_path):
     }
     write_mesh(tmp_path / "plain.ply", np.eye(3), np.array([[0, 1, 2]]))
     assert read_file(tmp_path / "plain.ply").lost("a.stl") == ()
+
+
+def test_all_commands_print_the_notes_of_a_file_once(here, capsys):
+    """Each line of a vertex has a value more than the header declares."""
+    body, note = bumpy(1), "further values than the header declares stay as they are: {} lines, from line 10"
+    lines = ["ply", "format ascii 1.0", f"element vertex {body.n}"]
+    lines += [f"property double {c}" for c in "xyz"]
+    lines += [f"element face {body.m}", "property list uchar int vertex_indices", "end_header"]
+    lines += [f"{x!r} {y!r} {z!r} 1" for x, y, z in body.V.tolist()]
+    lines += [f"3 {a} {b} {c}" for a, b, c in body.F.tolist()]
+    (here / "a.ply").write_text("\n".join(lines))
+    write_handles("a.json", end_handles(body.V))
+    for command in (
+        ["deform", "a.ply", "a.json", "-o", "b.ply", "--vertices", "30"],
+        ["remesh", "a.ply", "-o", "proxy.ply", "--map", "map.npz", "--vertices", "30"],
+        ["carry", "a.ply", "map.npz", "proxy.ply", "-o", "c.ply"],
+        ["reconstruct", "a.ply", "b.ply", "-o", "d.ply", "--vertices", "30", "--samplings", "1"],
+    ):
+        assert main(command) == 0
+        said = capsys.readouterr().err
+        assert said.count(f"note: a.ply: {note.format(body.n)}\n") == 1
+    with pytest.warns(UserWarning, match=f"a.ply: {note.format(body.n)}"):
+        V, F = sshade.read("a.ply")
+    assert np.array_equal(V, body.V) and np.array_equal(F, body.F)
+    document = Document(here / "a.ply", output=None, handles=None, carry=False)
+    assert document.notes == (note.format(body.n),)
