@@ -4,16 +4,17 @@ HANDLES is a .json file of this project or a .yaml file of Implicit-ARAP. In JSO
 
   {"handles": [
     {"landmark": "foot", "kind": "static",  "vertices": [12, 13, 14]},
-    {"landmark": "hand", "kind": "dynamic", "source": [[x, y, z], ...],
-                                            "target": [[x, y, z], ...]},
-    {"landmark": "head", "kind": "dynamic", "boxes": [[[x, y, z], [x, y, z]], ...],
-                                            "rotation": [[..], [..], [..]], "translation": [x, y, z]},
+    {"landmark": "hand", "source": [[x, y, z], ...], "target": [[x, y, z], ...]},
+    {"landmark": "head", "boxes": [[[x, y, z], [x, y, z]], ...],
+     "rotation": [[..], [..], [..]], "translation": [x, y, z], "center": "centroid"},
     {"landmark": "tail", "vertices": [99], "target": [[x, y, z]], "weight": 5, "rotation": [x, y, z, w]}]}
 
-Handles are vertex ids, positions on the mesh (snapped to the nearest vertices), or regions: all vertices v in
-some boxes (lowest and highest corner), which move to R v + t. Groups with a weight are soft: they are pulled
-to their targets, with weight 1 about as strongly as the surface resists. Without boxes, a rotation prescribes
-the rotation of the surface at the handles. Rotations are matrices, or quaternions [x, y, z, w] as in glTF.
+Handles are vertex ids, positions on the mesh (snapped to the nearest vertices), or all vertices in some boxes
+(lowest and highest corner). They move to a target each, or together by a rotation R, a translation t, or both:
+v moves to R (v - c) + c + t. The center c is a point or "centroid"; by default it is the origin. Groups with a
+weight are soft: they are pulled to their targets, with weight 1 about as strongly as the surface resists.
+Beside targets, a rotation prescribes the rotation of the surface at the handles. Rotations are matrices, or
+quaternions [x, y, z, w] as in glTF. Keys of your own begin with _; other unknown keys are refused.
 
 If OUT has the format of MESH, only positions and normals change: texture coordinates, colours, materials,
 groups, polygons and all other contents stay. Vertices at one place along a seam move as one. Components are

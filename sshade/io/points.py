@@ -31,7 +31,7 @@ def as_ids(values: Any, name: str) -> np.ndarray:
         ids = np.asarray(values)
     except (ValueError, OverflowError):  # lists of several lengths, and integers of many digits
         ids = np.zeros(0)
-    if ids.ndim != 1 or ids.size == 0 or ids.dtype.kind not in "iu":
+    if ids.ndim != 1 or ids.size == 0 or ids.dtype.kind != "i":
         raise InputError(f"{name} must be a list of integers, at least one")
     return ids.astype(np.int64)
 
