@@ -13,7 +13,7 @@ import numpy as np
 
 from sshade.errors import InputError
 from sshade.io.document import MeshFile, moved_reference, present
-from sshade.io.normals import turns
+from sshade.io.normals import turned, turns
 from sshade.io.triangles import fanned
 from sshade.io.words import Edits, Numbers, Text, edited, key_of, without_comments
 from sshade.mesh.seams import same_rows
@@ -202,8 +202,8 @@ def _turned_normals(obj: _Obj, V: np.ndarray) -> list[Edits]:
     group = np.full(len(corners.vertex), -1)
     group[shaded] = alike[pair_of]
     Q = turns(group[obj.triangles], corners.vertex[obj.triangles], rest, V)
-    new = np.einsum("kij,kj->ki", Q[alike], N[normal])
-    unchanged = (new == N[normal]).all(axis=1)
+    new = turned(Q[alike], N[normal])
+    unchanged = ((new == N[normal]) | np.isnan(new)).all(axis=1)
     new = np.where(unchanged[:, None], N[normal], np.round(new, DECIMALS) + 0.0)
     variant = same_rows(np.column_stack([normal, new]))
     _, one = np.unique(variant, return_index=True)

@@ -182,8 +182,13 @@ def edited(data: bytes, edits: list[Edits]) -> bytes:
 
 
 def without_comments(data: bytes) -> bytes:
-    """Return a text in which blanks replace the comments, from ``#`` to the end of the line."""
-    return re.sub(rb"#[^\r\n]*", lambda comment: b" " * len(comment[0]), data) if b"#" in data else data
+    """Return a text in which blanks replace the comments, from ``#`` to the end of the line.
+
+    The number ``1.#IND`` is no comment.
+    """
+    return (
+        re.sub(rb"(?<!\.)#[^\r\n]*", lambda comment: b" " * len(comment[0]), data) if b"#" in data else data
+    )
 
 
 def rows_of(prefix: str, values: np.ndarray) -> bytes:

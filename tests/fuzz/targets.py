@@ -22,7 +22,8 @@ from sshade.io.meshes import SUFFIXES, read_mesh, write_mesh
 from tests.defaust.test_animations import packed
 from tests.shapes import bumpy, icosphere, tetrahedron
 from tests.sshade.io.test_formats import OBJ, OFF, STL
-from tests.sshade.io.test_ply import ply
+from tests.sshade.io.test_gltf import glb, instanced
+from tests.sshade.io.test_ply import OLD_MESHLAB, ply
 
 #: A sound mesh for handles and maps.
 BODY = bumpy(1)
@@ -78,7 +79,8 @@ def _mesh_seeds() -> list[bytes]:
         seeds.append(bytes([number]) + (folder / f"seed{suffix}").read_bytes())
     orders = ("ascii", "binary_little_endian", "binary_big_endian")
     contents = [(".ply", ply(order)) for order in orders]
-    contents += [(".obj", OBJ.encode()), (".off", OFF.encode()), (".stl", STL.encode())]
+    contents += [(".obj", OBJ.encode()), (".off", OFF.encode()), (".stl", (STL + STL).encode())]
+    contents += [(".ply", OLD_MESHLAB.encode()), (".glb", glb(*instanced()))]
     seeds += [bytes([SUFFIXES.index(suffix)]) + content for suffix, content in contents]
     return seeds
 

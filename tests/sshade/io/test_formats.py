@@ -152,6 +152,17 @@ def obj(text: str, tmp_path) -> MeshFile:
     return file
 
 
+@pytest.mark.parametrize("nan", ["nan", "-nan(ind)", "-1.#IND"])
+def test_normals_that_are_no_numbers_stay(tmp_path, nan):
+    file = obj(OBJ.replace("vn 0 0 1", f"vn 0 {nan} 1"), tmp_path)
+    write_file(tmp_path / "b.obj", file, file.V[:, [1, 2, 0]])
+    assert f"vn 0 {nan} 1\n" in (tmp_path / "b.obj").read_text()
+    (tmp_path / "a.stl").write_text(STL.replace("normal 0 0 1", f"normal 0 {nan} 1"))
+    file = read_file(tmp_path / "a.stl")
+    write_file(tmp_path / "b.stl", file, file.V[:, [1, 2, 0]])
+    assert (tmp_path / "b.stl").read_text().count(f"normal 0 {nan} 1\n") == 2
+
+
 @pytest.mark.parametrize("normal", ["1", "-1"])
 def test_references_of_an_obj_to_normals_and_textures_that_it_does_not_declare(tmp_path, normal):
     text = f"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1//{normal} 2/ 3/4/{normal}\n"
